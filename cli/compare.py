@@ -17,8 +17,14 @@ from .console import print_json, print_line, print_table
 @click.option(
     "--all", "whole", is_flag=True, help="Compare every figure; without it those that matter, and what is over a limit."
 )
+@click.option(
+    "--hand",
+    "sides",
+    type=click.Choice(["right", "left", "right,left", "left,right"]),
+    help="Which hand of results of two; with a comma that of A and that of B.",
+)
 @options.json
-def command(base: Path, head: Path, whole: bool, as_json: bool) -> None:
+def command(base: Path, head: Path, whole: bool, sides: str | None, as_json: bool) -> None:
     """Set the figures of two results side by side.
 
     A and B are files that hhsim replay or hhsim live wrote. First stands what differs in input and options; figures of
@@ -34,9 +40,10 @@ def command(base: Path, head: Path, whole: bool, as_json: bool) -> None:
     from hhsim.replay.summary import stored_times
     from hhsim.replay.summary_table import short_table, whole_table
     from hhsim.replay.verdict import checked_figures, read_ticks, verdict
-    from hhsim.result.reader import load_result
+    from hhsim.result.reader import load_hand
 
-    results = [load_result(path) for path in (base, head)]
+    of_a, _, of_b = (sides or "").partition(",")
+    results = [load_hand(base, of_a), load_hand(head, of_b or of_a)]
     found = compare(*results)
     found_tables = [checked_figures(result, read_ticks(result)) for result in results]
     tables = [table.rows for table in found_tables]

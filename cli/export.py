@@ -28,9 +28,15 @@ from .console import print_json, progress
     help="Datasets of /tick, such as time,force/total, and of a session live/tick/latency; all for every one. Default: "
     "the usual.",
 )
+@options.one_hand
 @options.Printing.argument("printing")
 def command(
-    result: Path, out: Path, form: str | None, columns: tuple[str, ...] | None, printing: options.Printing
+    result: Path,
+    out: Path,
+    form: str | None,
+    columns: tuple[str, ...] | None,
+    side: str | None,
+    printing: options.Printing,
 ) -> None:
     """Write the ticks of a result, or its hand as a recording.
 
@@ -47,9 +53,9 @@ def command(
       hhsim export grasp.h5 grasp.npz --as keypoints
     """
     from hhsim.result.csv_export import export_ticks
-    from hhsim.result.reader import load_result
+    from hhsim.result.reader import load_hand
 
-    loaded = load_result(result)
+    loaded = load_hand(result, side or "")
     if form is not None:
         from hhsim.repair.result_recording import export_recording
 

@@ -131,19 +131,19 @@ def command(target: Path | None, comparison: Comparison, output: GateOutput) -> 
 def _judge_result(path: Path, comparison: Comparison) -> "GateReport":
     from hhsim.gate.gate import GateReport, gate_result, load_baseline
     from hhsim.gate.suite import load_suite
-    from hhsim.result.reader import hand_paths, load_result
+    from hhsim.result.reader import load_result
 
     suite = None if comparison.suite is None else load_suite(comparison.suite)
-    heads, named = hand_paths(path), comparison.baseline
+    heads, named = list(load_result(path).hands.values()), comparison.baseline
     bases: list[Result | Baseline | None] = [None] * len(heads)
     if named is not None and names_a_result(named):
-        found = [load_result(one) for one in hand_paths(named)]
+        found = list(load_result(named).hands.values())
         if len(found) != len(heads):
-            raise InputError(f"{path} and {named} are not of as many hands: name one hand, such as {path}/right")
+            raise InputError(f"{path} and {named} are not of as many hands")
         bases = list(found)
     elif named is not None:
         bases = [load_baseline(named)] * len(heads)
-    reports = [gate_result(load_result(one), suite, base, timed=comparison.time) for one, base in zip(heads, bases)]
+    reports = [gate_result(one, suite, base, timed=comparison.time) for one, base in zip(heads, bases)]
     rows, notes = (tuple(one for report in reports for one in getattr(report, name)) for name in ("rows", "notes"))
     return GateReport(str(path), str(named or ""), rows, notes) if len(reports) > 1 else reports[0]
 

@@ -24,6 +24,8 @@ from .import_ import HandData
 from .run_again import names_a_result, run_again
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from hhsim.replay.summary import ReplaySummary
     from hhsim.scene.described_scene import SceneWords
     from hhsim.scene.motion_catalogue import Motion
@@ -139,15 +141,17 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
 
         UsageError, HhsimError for options that do not go with it, no such motion, or a file that cannot be read.
         """
-        from hhsim.scene.motion_catalogue import is_imported, resolve_trajectory
+        from hhsim.scene.motion_catalogue import is_imported
 
         if reading and not is_imported(Path(trajectory)):
             raise click.UsageError(f"{', '.join(reading)}: of a recording that is imported, and '{trajectory}' is not")
 
-        if self.side != "both":
-            return [self._motion(resolve_trajectory(trajectory, reading), trajectory)]
-        from hhsim.scene.described_scene import two_handed_motions
+        from hhsim.scene.described_scene import motion_of_side, two_handed_motions
 
+        if self.side != "both":
+            # Of a recording of both hands `resolve_trajectory` takes one.
+            side = "" if is_imported(Path(trajectory)) else self.side or ""
+            return [self._motion(motion_of_side(trajectory, side, reading), trajectory)]
         return [self._motion(motion, trajectory) for motion in two_handed_motions(trajectory, reading)]
 
     def _motion(self, motion: "Motion", trajectory: str) -> "Motion":
@@ -332,7 +336,7 @@ def command(
         placement = {"placement": placed.to_json()} if placed.placement else {}
         print_json({**document, **placement, **repeated, "notes": [*remarks, *document["notes"]]})
     elif not output.quiet:
-        _print(summary, whole=output.whole)
+        _print({scene.hands[0].model.side: summary}, whole=output.whole)
         if output.repeat > 1:
             print()
             columns = words("", "row.label"), number("mean ± σ", "shown"), words("unit", "row.unit")
@@ -354,7 +358,7 @@ def _replay_both(
     notes: list[str],
     report: "Progress",
 ) -> int:
-    """Replay two hands, print a table of each, and return the exit code."""
+    """Replay two hands, print their table, and return the exit code."""
     from hhsim.replay.replay import replay_two_hands
 
     both = replay_two_hands(scene, solver_options, path, command=("hhsim", *sys.argv[1:]), progress=report)
@@ -363,10 +367,7 @@ def _replay_both(
     if output.as_json:
         print_json({**both.to_json(), "notes": notes})
     elif not output.quiet:
-        for side, summary in zip(HANDS, both.hands):
-            print_line(f"{side} hand")
-            _print(summary, whole=output.whole)
-            print()
+        _print(dict(zip(HANDS, both.hands)), whole=output.whole)
         for note in dict.fromkeys([*notes, *(note for summary in both.hands for note in summary.notes)]):
             print_line(f"note: {note}")
         print_line(f"every tick is in {both.path}")
@@ -375,18 +376,24 @@ def _replay_both(
     return int(bool(stuck))
 
 
-def _print(summary: "ReplaySummary", *, whole: bool) -> None:
-    """Print the verdict and the table."""
-    from hhsim.replay.summary_table import figure_table, short_table, whole_table
+def _print(hands: "Mapping[str, ReplaySummary]", *, whole: bool) -> None:
+    """Print the verdict on each hand and the table of all."""
+    from hhsim.replay.summary_table import figure_table, hands_table, short_table, whole_table
 
-    found = summary.verdict
+    summary, several = next(iter(hands.values())), len(hands) > 1
     touched = "" if summary.surface == "spheres" else f", {summary.surface}"
     print_line(
         f"{summary.object_name}, {summary.motion_name}, {summary.method}{touched}: {counted(summary.ticks, 'tick')}"
     )
-    print_line(found.line)
+    for name, of in hands.items():
+        print_line(f"{name} hand: {of.verdict.line}" if several else of.verdict.line)
     print()
-    rows = whole_table(summary.rows) if whole else short_table(summary.rows, found.missed)
-    print_table(figure_table(rows, promises=summary.promises), optional=("paper",))
+    missed = [figure for of in hands.values() for figure in of.verdict.missed]
+    tables = {name: whole_table(of.rows) if whole else short_table(of.rows, missed) for name, of in hands.items()}
+    rows = next(iter(tables.values()))
+    if several:
+        print_table(hands_table(tables, summary.promises))
+    else:
+        print_table(figure_table(rows, promises=summary.promises), optional=("paper",))
     if not whole:
         print_line(f"{len(rows)} of {len(whole_table(summary.rows))} figures: --all prints all")

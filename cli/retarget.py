@@ -38,8 +38,9 @@ def read_map(context: click.Context, parameter: click.Parameter, value: str | No
     metavar="FINGER=LINK,...",
     help="Link or site of each fingertip. Default: the last links, where their names tell the finger.",
 )
+@options.one_hand
 @options.Output.argument("output")
-def command(result: Path, robot: str, fingers: dict[str, str] | None, output: options.Output) -> None:
+def command(result: Path, robot: str, fingers: dict[str, str] | None, side: str | None, output: options.Output) -> None:
     """Write joint angles of a robot's hand for a result.
 
     RESULT is a file that hhsim replay or hhsim live wrote; each of its ticks is a row of the output, .npz or .csv. The
@@ -56,10 +57,10 @@ def command(result: Path, robot: str, fingers: dict[str, str] | None, output: op
     """
     from hhsim.repair.retarget import check_motion_path, motion_bytes, robot_motion
     from hhsim.repair.robot_hand import RobotHand, find_robot
-    from hhsim.result.reader import load_result
+    from hhsim.result.reader import load_hand
     from hhsim.system.atomic_write import write_atomically
 
-    loaded = load_result(result)
+    loaded = load_hand(result, side or "")
     out = output.path(f"{result.stem}-{Path(robot).stem}", ".npz")
     check_motion_path(out)
     hand = RobotHand(find_robot(robot, loaded.scene["hand"]["side"]), fingers)

@@ -19,10 +19,10 @@ TAKEN = ("object_", "as_json", "quiet")
 
 
 def names_a_result(name: str | Path) -> bool:
-    """Return whether an argument is a result, or one hand of it, and not an object, a suite or a baseline."""
-    from hhsim.result.schema import SUFFIXES, is_one_of_two
+    """Return whether an argument is a result, and not an object, a suite or a baseline."""
+    from hhsim.result.schema import SUFFIXES
 
-    return Path(name).suffix.lower() in SUFFIXES or is_one_of_two(Path(name))
+    return Path(name).suffix.lower() in SUFFIXES
 
 
 def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool) -> int:
@@ -40,19 +40,17 @@ def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool)
             f"give an object first: hhsim replay OBJECT {path}"
         )
     from hhsim.replay.repeat import run_again as run
-    from hhsim.result.reader import hand_paths, load_result
+    from hhsim.result.reader import load_result
 
     with progress(quiet=quiet) as report:
-        runs = [run(load_result(hand), progress=report) for hand in hand_paths(path)]
+        again = run(load_result(path), progress=report)
     if as_json:
-        documents = [again.to_json() for again in runs]
-        print_json(documents[0] if len(documents) == 1 else {"result": str(path), "hands": documents})
-    for again in () if as_json else runs:
-        if not quiet:
-            _print(again)
-        elif not again.identical:
-            print_notes([f"{again.path} is run again: {again.sentence}"], prefix="note" if again.same else "missed")
-    return 0 if all(again.same for again in runs) else 1
+        print_json(again.to_json())
+    elif not quiet:
+        _print(again)
+    elif not again.identical:
+        print_notes([f"{again.path} is run again: {again.sentence}"], prefix="note" if again.same else "missed")
+    return 0 if again.same else 1
 
 
 def _print(again: "RunAgain") -> None:

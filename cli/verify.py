@@ -56,30 +56,30 @@ def command(result: Path, every: int | None, again: bool, why: bool, printing: o
       hhsim verify grasp.h5 --again
       hhsim verify session.h5 --every 100 --json
     """
-    from hhsim.result.reader import hand_paths, load_result
+    from hhsim.result.reader import load_result
     from hhsim.verify.verify import verify
 
     begin = time.perf_counter()
-    results = [load_result(path) for path in hand_paths(result)]
+    results = list(load_result(result).hands.values())
     with progress(quiet=printing.quiet) as report:
         all_found = [verify(one, every=every, again=again, progress=report) for one in results]
     if printing.as_json:
-        documents = [{"result": str(one.path), **found.to_json()} for one, found in zip(results, all_found)]
-        whole = documents[0] if len(documents) == 1 else {"result": str(result), "hands": documents}
+        documents = {one.name: found.to_json() for one, found in zip(results, all_found)}
+        whole = {"result": str(result), **(documents[results[0].name] if len(results) == 1 else {"hands": documents})}
         print_json({**whole, "seconds": time.perf_counter() - begin})
     elif not printing.quiet:
         for one, found in zip(results, all_found):
-            _print(one.path, found, why=why)
+            _print(one.label, found, why=why)
     return 0 if all(found.passed for found in all_found) else 1
 
 
-def _print(path: Path, found: "Verification", *, why: bool) -> None:
+def _print(label: str, found: "Verification", *, why: bool) -> None:
     from hhsim.verify.claim import NOT_JUDGED
 
     # What failed first, and with its reason, whether that was asked for or not.
     failed, others = ([claim for claim in found.claims if claim.failed is wanted] for wanted in (True, False))
     columns = (*SHOWN, WHY) if why else SHOWN
-    print_table(Table(columns, [*failed, *others], str(path)), optional=("looked at",))
+    print_table(Table(columns, [*failed, *others], label), optional=("looked at",))
     for claim in failed if not why else ():
         print_line(f"FALSE: {claim.name}: {WHY.shown(claim)}")
     spheres, mesh = 1e6 * found.sphere_penetration, 1e6 * found.mesh_penetration

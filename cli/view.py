@@ -76,7 +76,7 @@ def command(
     """
     if video is None and (slow is not None or pixels is not None):
         raise click.UsageError("--slow and --pixels are of a film: name its file with --video")
-    from hhsim.result.reader import hand_paths
+    from hhsim.result.reader import load_result
     from hhsim.view.gallery import file_kind
 
     kinds = [file_kind(path) for path in files]
@@ -92,7 +92,7 @@ def command(
         target = parse_target("spawn")
         check_target(target)
     if target is not None:
-        if kinds == ["result"] and len(hand_paths(files[0])) == 1:
+        if kinds == ["result"] and load_result(files[0]).name:
             document |= _view_result(files[0], target, every, printing, spheres=spheres)
         else:
             document |= _view_files(files, target, every, unit or "m", printing, spheres=spheres)
@@ -101,11 +101,11 @@ def command(
 
 
 def _make_video(path: Path, video: Path, slow: float, pixels: int, printing: options.Printing) -> dict[str, object]:
-    from hhsim.result.reader import hand_paths, load_result
+    from hhsim.result.reader import load_result
     from hhsim.view.film import FPS, check_video_path, write_video
 
     check_video_path(video)
-    result, *others = (load_result(one) for one in hand_paths(path))
+    result, *others = load_result(path).hands.values()
     with progress(quiet=printing.quiet or printing.as_json) as report:
         frames = write_video(result, video, slow, pixels, report, *others)
     if not printing.quiet and not printing.as_json:

@@ -37,7 +37,23 @@ def of_scene(name: str, change: Callable[[dict[str, Any]], object]) -> Fault:
     return with_name(name, lambda file: forge_scene(file, change))
 
 
+def of_properties(name: str, change: Callable[[dict[str, Any]], object]) -> Fault:
+    """Change the physical properties of the first body."""
+    return with_name(name, lambda file: forge_properties(file, change))
+
+
+def forge_properties(file: h5py.File, change: Callable[[dict[str, Any]], object]) -> None:
+    body = file["bodies"][json.loads(file["bodies"].attrs["names"])[0]]
+    properties = json.loads(body.attrs["properties"])
+    change(properties)
+    body.attrs["properties"] = json.dumps(properties)
+
+
 def forge_scene(file: h5py.File, change: Callable[[dict[str, Any]], object]) -> None:
-    scene = json.loads(file.attrs["scene"])
+    """Change what a result of one hand says of its scene: what all hands have in common, and what is this one's."""
+    (hand,) = file["hands"].values()
+    common, own = (json.loads(of.attrs["scene"]) for of in (file, hand))
+    scene = {**common, **own}
     change(scene)
-    file.attrs["scene"] = json.dumps(scene)
+    hand.attrs["scene"] = json.dumps({key: scene[key] for key in own if key in scene})
+    file.attrs["scene"] = json.dumps({key: value for key, value in scene.items() if key not in own})

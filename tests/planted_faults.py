@@ -17,7 +17,7 @@ from hhsim.metrics.run.force import TREMBLING
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.stored_scene import checksums
 from hhsim.result.reader import Result, load_result
-from hhsim.result.schema import STATIC_COLUMNS
+from hhsim.result.schema import BODY_STATIC, HAND_STATIC
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.options import TreeOptions
 from hhsim.verify.verify import Verification
@@ -58,43 +58,43 @@ def verdict(found: Verification, name: str) -> str:
 
 def moved_hand(file: h5py.File) -> None:
     """The whole hand a little deeper, joints and all: only the distances can tell."""
-    direction = -file["tick/force/total"][HOLD] / np.linalg.norm(file["tick/force/total"][HOLD])
-    file["tick/graphic/position"][HOLD] += 5e-6 * direction
-    file["tick/graphic/joints"][HOLD] += 5e-6 * direction
-    file["tick/force/palm_wrench"][HOLD, :3] += 1000.0 * 5e-6 * direction
+    direction = -file["hands/right/tick/force/total"][HOLD] / np.linalg.norm(file["hands/right/tick/force/total"][HOLD])
+    file["hands/right/tick/graphic/position"][HOLD] += 5e-6 * direction
+    file["hands/right/tick/graphic/joints"][HOLD] += 5e-6 * direction
+    file["hands/right/tick/force/palm_wrench"][HOLD, :3] += 1000.0 * 5e-6 * direction
 
 
 def rotated(file: h5py.File) -> None:
-    w, x, y, z = file["tick/graphic/orientation"][HOLD]
+    w, x, y, z = file["hands/right/tick/graphic/orientation"][HOLD]
     half = 0.5e-4
-    file["tick/graphic/orientation"][HOLD] = np.array([w - half * z, x - half * y, y + half * x, z + half * w]) / (
-        np.sqrt(1.0 + half * half)
-    )
+    file["hands/right/tick/graphic/orientation"][HOLD] = np.array(
+        [w - half * z, x - half * y, y + half * x, z + half * w]
+    ) / (np.sqrt(1.0 + half * half))
 
 
 def scaled_force(file: h5py.File) -> None:
     for name in ("phalanx", "total"):
-        file[f"tick/force/{name}"][...] *= 1.001
+        file[f"hands/right/tick/force/{name}"][...] *= 1.001
 
 
 def pulling_force(file: h5py.File) -> None:
-    file["tick/force/phalanx"][HOLD] *= -1.0
-    file["tick/force/total"][HOLD] *= -1.0
+    file["hands/right/tick/force/phalanx"][HOLD] *= -1.0
+    file["hands/right/tick/force/total"][HOLD] *= -1.0
 
 
 def force_in_the_air(file: h5py.File) -> None:
-    file["tick/force/phalanx"][0, 1, 2] = (0.0, 0.0, 0.5)
-    file["tick/force/total"][0] += (0.0, 0.0, 0.5)
+    file["hands/right/tick/force/phalanx"][0, 1, 2] = (0.0, 0.0, 0.5)
+    file["hands/right/tick/force/total"][0] += (0.0, 0.0, 0.5)
 
 
 def not_the_optimum(file: h5py.File) -> None:
     """The user's hand was elsewhere than the file says, and the wrench is made to fit."""
-    file["tick/haptic/position"][HOLD] += (0.0, 0.0, 1e-4)
-    file["tick/force/palm_wrench"][HOLD, 2] -= 1000.0 * 1e-4
+    file["hands/right/tick/haptic/position"][HOLD] += (0.0, 0.0, 1e-4)
+    file["hands/right/tick/force/palm_wrench"][HOLD, 2] -= 1000.0 * 1e-4
 
 
 def missing_sphere(file: h5py.File) -> None:
-    tree = file["object/tree"]
+    tree = file["bodies/cylinder/tree"]
     last = tree["level"][...].max()
     leaf = int(np.flatnonzero(tree["level"][...] == last)[0])
     for name in ("center", "radius", "level", "parent"):
@@ -107,21 +107,21 @@ def missing_sphere(file: h5py.File) -> None:
 
 def wrong_parent(file: h5py.File) -> None:
     """A leaf becomes the child of the sphere that is farthest from it: a walk would miss it."""
-    tree = file["object/tree"]
+    tree = file["bodies/cylinder/tree"]
     away = np.linalg.norm(tree["center"][...] - tree["center"][-1], axis=1)
     above = np.flatnonzero(tree["level"][...] == tree["level"][-1] - 1)
     tree["parent"][-1] = above[away[above].argmax()]
 
 
 def edited_mesh(file: h5py.File) -> None:
-    vertices = file["object/vertices"]
+    vertices = file["bodies/cylinder/mesh/vertices"]
     outward = vertices[0] - vertices[...].mean(axis=0)
     vertices[0] = vertices[0] + 0.005 * outward / np.linalg.norm(outward)
 
 
 def over_the_limit(file: h5py.File) -> None:
     """An angle beyond its limit, and the joints that belong to it."""
-    file["tick/graphic/flexion"][HOLD, 1, 2] = file["hand/flexion_max"][1, 2] + 1e-3
+    file["hands/right/tick/graphic/flexion"][HOLD, 1, 2] = file["hands/right/flexion_max"][1, 2] + 1e-3
 
 
 def wrong_phase(file: h5py.File) -> None:
@@ -134,18 +134,19 @@ def repeated_tick(file: h5py.File) -> None:
         if isinstance(item, h5py.Dataset):
             item[120] = item[119]
 
-    file["tick"].visititems(repeat)
+    for group in ("tick", "hands/right/tick"):
+        file[group].visititems(repeat)
 
 
 def short_whole(file: h5py.File) -> None:
-    file["tick/duration/total"][120] = file["tick/duration/detect"][120] - 1
+    file["hands/right/tick/duration/total"][120] = file["hands/right/tick/duration/detect"][120] - 1
 
 
 def moved_sphere(file: h5py.File) -> None:
     """The leaf that the hand touches, a micrometre nearer to it."""
-    tree = file["object/tree"]
+    tree = file["bodies/cylinder/tree"]
     leaf = np.flatnonzero(tree["level"][...] == tree["level"][...].max())
-    tip = file["tick/graphic/joints"][HOLD, 1, 3]
+    tip = file["hands/right/tick/graphic/joints"][HOLD, 1, 3]
     away = np.linalg.norm(tree["center"][...][leaf] - tip, axis=1) - tree["radius"][...][leaf]
     chosen = leaf[away.argmin()]
     toward = tip - tree["center"][chosen]
@@ -155,22 +156,22 @@ def moved_sphere(file: h5py.File) -> None:
 def frozen_hand(file: h5py.File) -> None:
     """A tick of the grasp shows the hand of the tick before, and all that follows from it."""
     for name in ("position", "orientation", "flexion", "abduction", "joints"):
-        file[f"tick/graphic/{name}"][120] = file[f"tick/graphic/{name}"][119]
+        file[f"hands/right/tick/graphic/{name}"][120] = file[f"hands/right/tick/graphic/{name}"][119]
 
 
 def tangential_force(file: h5py.File) -> None:
     """Friction, which nobody modelled, on the phalanx that bears most."""
-    row = file["tick/force/phalanx"][HOLD]
+    row = file["hands/right/tick/force/phalanx"][HOLD]
     f, k = divmod(int(np.linalg.norm(row, axis=2).argmax()), 3)
     across = np.cross(row[f, k], [0.3, -0.5, 0.8])
     row[f, k] += 0.01 * across
-    file["tick/force/phalanx"][HOLD] = row
-    file["tick/force/total"][HOLD] += 0.01 * across
+    file["hands/right/tick/force/phalanx"][HOLD] = row
+    file["hands/right/tick/force/total"][HOLD] += 0.01 * across
 
 
 def halved_candidates(file: h5py.File) -> None:
-    file["tick/contacts/candidates"][...] //= 2
-    file["summary"].attrs["candidates_max"] = float(file["tick/contacts/candidates"][...].max())
+    file["hands/right/tick/contacts/candidates"][...] //= 2
+    file["summary/right"].attrs["candidates_max"] = float(file["hands/right/tick/contacts/candidates"][...].max())
 
 
 def stretched_time(file: h5py.File) -> None:
@@ -179,35 +180,35 @@ def stretched_time(file: h5py.File) -> None:
 
 
 def pushed_vertex(file: h5py.File) -> None:
-    vertices = file["object/vertices"]
+    vertices = file["bodies/cylinder/mesh/vertices"]
     inward = vertices[...].mean(axis=0) - vertices[0]
     vertices[0] = vertices[0] + 0.001 * inward / np.linalg.norm(inward)
 
 
 def dropped_palm_sphere(file: h5py.File) -> None:
     """From the palm that collides, and from its tree."""
-    level = file["hand/palm_tree/level"][...]
-    drop(file["hand"], ("palm_center", "palm_radius"), 0)
-    drop(file["hand/palm_tree"], ("center", "radius", "level", "parent"), int(np.argmax(level == level.max())))
+    level = file["hands/right/palm_tree/level"][...]
+    drop(file["hands/right"], ("palm_center", "palm_radius"), 0)
+    drop(file["hands/right/palm_tree"], ("center", "radius", "level", "parent"), int(np.argmax(level == level.max())))
     forge_scene(file, lambda scene: scene["hand"].update(palm_spheres=scene["hand"]["palm_spheres"] - 1))
 
 
 def loose_palm_sphere(file: h5py.File) -> None:
-    drop(file["hand"], ("palm_center", "palm_radius"), 0)
+    drop(file["hands/right"], ("palm_center", "palm_radius"), 0)
 
 
 def deleted_figure(file: h5py.File) -> None:
-    del file["summary"].attrs["tracking_excess"]
+    del file["summary/right"].attrs["tracking_excess"]
 
 
 def deleted_tremor(file: h5py.File) -> None:
-    del file["summary"].attrs[TREMBLING]
+    del file["summary/right"].attrs[TREMBLING]
 
 
 def moved_in_the_air(file: h5py.File) -> None:
     """A user's hand that was elsewhere in the approach, and the wrench that follows."""
-    file["tick/haptic/position"][5, 0] += 1e-6
-    file["tick/force/palm_wrench"][5, 0] -= 1e-3
+    file["hands/right/tick/haptic/position"][5, 0] += 1e-6
+    file["hands/right/tick/force/palm_wrench"][5, 0] -= 1e-3
 
 
 def drop(group: h5py.Group, names: tuple[str, ...], row: int) -> None:
@@ -220,14 +221,14 @@ def drop(group: h5py.Group, names: tuple[str, ...], row: int) -> None:
 
 def deep_between_samples(file: h5py.File) -> None:
     """Both hands 2 mm deeper at a tick that nothing marks."""
-    direction = -file["tick/force/total"][HOLD] / np.linalg.norm(file["tick/force/total"][HOLD])
+    direction = -file["hands/right/tick/force/total"][HOLD] / np.linalg.norm(file["hands/right/tick/force/total"][HOLD])
     for name in ("graphic/position", "graphic/joints", "haptic/position"):
-        file[f"tick/{name}"][UNMARKED] += 2e-3 * direction
+        file[f"hands/right/tick/{name}"][UNMARKED] += 2e-3 * direction
 
 
 def moved_force(file: h5py.File) -> None:
     """What a phalanx felt is given to the next one of its finger."""
-    phalanx = file["tick/force/phalanx"]
+    phalanx = file["hands/right/tick/force/phalanx"]
     row = phalanx[UNMARKED]
     f, k = divmod(int(np.linalg.norm(row, axis=2).argmax()), 3)
     row[f, [k, (k + 1) % 3]] = row[f, [(k + 1) % 3, k]]
@@ -237,84 +238,88 @@ def moved_force(file: h5py.File) -> None:
 def turned_force(file: h5py.File) -> None:
     """As another frame has it, a quarter turn about z: sums and all."""
     for name in ("phalanx", "total"):
-        x, y, z = np.moveaxis(file[f"tick/force/{name}"][UNMARKED], -1, 0)
-        file[f"tick/force/{name}"][UNMARKED] = np.stack([-y, x, z], axis=-1)
+        x, y, z = np.moveaxis(file[f"hands/right/tick/force/{name}"][UNMARKED], -1, 0)
+        file[f"hands/right/tick/force/{name}"][UNMARKED] = np.stack([-y, x, z], axis=-1)
 
 
 def stale_forces(file: h5py.File) -> None:
     """A tick of the grasp has the forces of the tick before."""
     for name in ("phalanx", "total"):
-        file[f"tick/force/{name}"][120] = file[f"tick/force/{name}"][119]
+        file[f"hands/right/tick/force/{name}"][120] = file[f"hands/right/tick/force/{name}"][119]
 
 
 def swapped_hands(file: h5py.File) -> None:
     for name in ("position", "flexion"):
-        shown, user = file[f"tick/graphic/{name}"], file[f"tick/haptic/{name}"]
+        shown, user = file[f"hands/right/tick/graphic/{name}"], file[f"hands/right/tick/haptic/{name}"]
         shown[UNMARKED], user[UNMARKED] = user[UNMARKED], shown[UNMARKED]
 
 
 def in_degrees(file: h5py.File) -> None:
-    file["tick/graphic/flexion"][UNMARKED] = np.degrees(file["tick/graphic/flexion"][UNMARKED])
+    file["hands/right/tick/graphic/flexion"][UNMARKED] = np.degrees(file["hands/right/tick/graphic/flexion"][UNMARKED])
 
 
 def false_lag(file: h5py.File) -> None:
-    file["tick/status"][UNMARKED] |= 2
-    file["summary"].attrs["lag_ticks"] += 1.0
+    file["hands/right/tick/status"][UNMARKED] |= 2
+    file["summary/right"].attrs["lag_ticks"] += 1.0
 
 
 def busy_clock(file: h5py.File) -> None:
     """More time of one thread than went by."""
-    file["tick/duration/total_cpu"][UNMARKED] = file["tick/duration/total"][UNMARKED] + 5_000_000
+    file["hands/right/tick/duration/total_cpu"][UNMARKED] = (
+        file["hands/right/tick/duration/total"][UNMARKED] + 5_000_000
+    )
 
 
 FAULTS: dict[Fault, str] = {
-    at("shifted", "tick/graphic/position", (HOLD, 0), lambda x: x + 1e-6): "kinematics",
+    at("shifted", "hands/right/tick/graphic/position", (HOLD, 0), lambda x: x + 1e-6): "kinematics",
     moved_hand: "non-penetration",
-    at("swapped_finger", "tick/graphic/flexion", HOLD, lambda row: row[[0, 2, 1, 3, 4]]): "kinematics",
+    at("swapped_finger", "hands/right/tick/graphic/flexion", HOLD, lambda row: row[[0, 2, 1, 3, 4]]): "kinematics",
     rotated: "kinematics",
-    at("stretched_quaternion", "tick/graphic/orientation", HOLD, lambda x: x * 1.001): "unit quaternions",
+    at("stretched_quaternion", "hands/right/tick/graphic/orientation", HOLD, lambda x: x * 1.001): "unit quaternions",
     scaled_force: "force balance",
     pulling_force: "force balance",
     force_in_the_air: "complementarity",
-    at("wrong_wrench", "tick/force/palm_wrench", (HOLD, 4), lambda x: x + 1e-3): "palm wrench",
-    at("wrong_fingertip", "tick/force/fingertip_normal", HOLD, lambda x: x * 1.01): "fingertips",
+    at("wrong_wrench", "hands/right/tick/force/palm_wrench", (HOLD, 4), lambda x: x + 1e-3): "palm wrench",
+    at("wrong_fingertip", "hands/right/tick/force/fingertip_normal", HOLD, lambda x: x * 1.01): "fingertips",
     not_the_optimum: "stationarity",
     missing_sphere: "cover",
     wrong_parent: "tree encloses",
     edited_mesh: "cover",
-    at("unsealed_mesh", "object/vertices", (0, 0), lambda x: x + 1e-9): "checksums",
-    attribute("stale_metric", "summary", "force_hold_mean", lambda x: x * 1.01): "summary",
-    attribute("stale_percentile", "summary", "tick_cpu_p99", lambda x: x * 0.5): "summary",
-    at("stale_variation", "tick/force_variation_rate", 120, lambda x: x * 1.1): "force variation",
+    at("unsealed_mesh", "bodies/cylinder/mesh/vertices", (0, 0), lambda x: x + 1e-9): "checksums",
+    attribute("stale_metric", "summary/right", "force_hold_mean", lambda x: x * 1.01): "summary",
+    attribute("stale_percentile", "summary/right", "tick_cpu_p99", lambda x: x * 0.5): "summary",
+    at("stale_variation", "hands/right/tick/force_variation_rate", 120, lambda x: x * 1.1): "force variation",
     over_the_limit: "joint limits",
     wrong_phase: "summary",
     at("overlapping_phase", "phase/first_tick", 2, lambda x: x - 10): "phases",
     repeated_tick: "time",
-    at("older_sample", "tick/input_seq", 120, lambda x: 3): "input",
+    at("older_sample", "hands/right/tick/input_seq", 120, lambda x: 3): "input",
     short_whole: "durations",
-    at("less_work", "tick/work/units", HOLD, lambda x: x // 2): "work",
-    at("silent_lag", "tick/lag", HOLD, lambda x: 1e-4): "lag",
-    at("uncounted_pair", "tick/contacts/touching", HOLD, lambda x: x - 1): "touching pairs",
-    at("false_stuck", "tick/status", 120, lambda x: 1): "stuck ticks",
-    at("strange_status", "tick/status", 120, lambda x: 64): "status",
-    at("spread_finger", "tick/graphic/abduction", (HOLD, 1), lambda x: x + 1e-4): "kinematics",
-    at("longer_finger", "hand/phalanx_length", (1, 2), lambda x: x + 1e-6): "kinematics",
-    at("thicker_finger", "hand/phalanx_radius", 1, lambda x: x + 1e-6): "non-penetration",
+    at("less_work", "hands/right/tick/work/units", HOLD, lambda x: x // 2): "work",
+    at("silent_lag", "hands/right/tick/lag", HOLD, lambda x: 1e-4): "lag",
+    at("uncounted_pair", "hands/right/tick/contacts/touching", HOLD, lambda x: x - 1): "touching pairs",
+    at("false_stuck", "hands/right/tick/status", 120, lambda x: 1): "stuck ticks",
+    at("strange_status", "hands/right/tick/status", 120, lambda x: 64): "status",
+    at("spread_finger", "hands/right/tick/graphic/abduction", (HOLD, 1), lambda x: x + 1e-4): "kinematics",
+    at("longer_finger", "hands/right/phalanx_length", (1, 2), lambda x: x + 1e-6): "kinematics",
+    at("thicker_finger", "hands/right/phalanx_radius", 1, lambda x: x + 1e-6): "non-penetration",
     moved_sphere: "non-penetration",
-    at("shrunk_sphere", "object/tree/radius", -1, lambda x: x * 0.9): "cover",
+    at("shrunk_sphere", "bodies/cylinder/tree/radius", -1, lambda x: x * 0.9): "cover",
     at("slower_clock", "tick/time", ..., lambda x: x * 1.001): "time",
     frozen_hand: "palm wrench",
-    at("swapped_forces", "tick/force/phalanx", HOLD, lambda row: row[[0, 2, 1, 3, 4]]): "force balance",
+    at("swapped_forces", "hands/right/tick/force/phalanx", HOLD, lambda row: row[[0, 2, 1, 3, 4]]): "force balance",
     tangential_force: "force balance",
-    at("claimed_depth", "tick/penetration_finger", (HOLD, 1), lambda x: 1e-6): "depth",
-    at("not_a_number", "tick/haptic/flexion", (HOLD, 1, 1), lambda x: np.nan): "input",
-    attribute("vanished_figure", "summary", "penetration_max", lambda x: 1e-6): "summary",
-    at("smoothed_variation", "tick/force_variation_finger", slice(120, 125), lambda x: 0.0): "finger variation",
+    at("claimed_depth", "hands/right/tick/penetration_finger", (HOLD, 1), lambda x: 1e-6): "depth",
+    at("not_a_number", "hands/right/tick/haptic/flexion", (HOLD, 1, 1), lambda x: np.nan): "input",
+    attribute("vanished_figure", "summary/right", "penetration_max", lambda x: 1e-6): "summary",
+    at(
+        "smoothed_variation", "hands/right/tick/force_variation_finger", slice(120, 125), lambda x: 0.0
+    ): "finger variation",
     halved_candidates: "candidates",
-    at("fewer_bodies", "tick/work/bodies", HOLD + 1, lambda x: x - 1): "candidates",
+    at("fewer_bodies", "hands/right/tick/work/bodies", HOLD + 1, lambda x: x - 1): "candidates",
     at("shifted_time", "tick/time", ..., lambda x: x + 1.0): "time",
     stretched_time: "time",
-    at("slightly_shrunk_sphere", "object/tree/radius", -1, lambda x: x - 1e-6): "tree",
+    at("slightly_shrunk_sphere", "bodies/cylinder/tree/radius", -1, lambda x: x - 1e-6): "tree",
     pushed_vertex: "object",
     dropped_palm_sphere: "palm",
     loose_palm_sphere: "palm",
@@ -329,39 +334,47 @@ FAULTS: dict[Fault, str] = {
     deleted_tremor: "summary",
     moved_in_the_air: "free hand",
     of_scene("renamed_method", lambda scene: scene["solver"].update(method="progressive")): "durations",
-    attribute("invented_figure", "summary", "comfort", lambda x: 0.97): "summary",
-    attribute("worded_figure", "summary", "penetration_max", lambda x: "none"): "summary",
+    attribute("invented_figure", "summary/right", "comfort", lambda x: 0.97): "summary",
+    attribute("worded_figure", "summary/right", "penetration_max", lambda x: "none"): "summary",
     deep_between_samples: "non-penetration",
     moved_force: "complementarity",
     turned_force: "force balance",
     stale_forces: "palm balance",
-    at("turned_moment", "tick/force/palm_wrench", (UNMARKED, slice(3, None)), lambda x: x * -1.0): "palm wrench",
-    at("fingertip_of_another", "tick/force/fingertip_normal", UNMARKED, lambda row: row[[0, 3, 2, 1, 4]]): "fingertips",
-    at("swapped_user_fingers", "tick/haptic/flexion", UNMARKED, lambda row: row[[0, 4, 2, 3, 1]]): "stationarity",
+    at(
+        "turned_moment", "hands/right/tick/force/palm_wrench", (UNMARKED, slice(3, None)), lambda x: x * -1.0
+    ): "palm wrench",
+    at(
+        "fingertip_of_another", "hands/right/tick/force/fingertip_normal", UNMARKED, lambda row: row[[0, 3, 2, 1, 4]]
+    ): "fingertips",
+    at(
+        "swapped_user_fingers", "hands/right/tick/haptic/flexion", UNMARKED, lambda row: row[[0, 4, 2, 3, 1]]
+    ): "stationarity",
     swapped_hands: "kinematics",
     in_degrees: "kinematics",
-    at("user_spread", "tick/haptic/abduction", (UNMARKED, 2), lambda x: x + 1e-6): "abduction",
-    at("flipped_quaternion", "tick/graphic/orientation", UNMARKED, lambda x: x * -1.0): "unit quaternions",
+    at("user_spread", "hands/right/tick/haptic/abduction", (UNMARKED, 2), lambda x: x + 1e-6): "abduction",
+    at("flipped_quaternion", "hands/right/tick/graphic/orientation", UNMARKED, lambda x: x * -1.0): "unit quaternions",
     of_scene("left_hand", lambda scene: scene["hand"].update(side="left")): "hand",
-    at("widened_limits", "hand/flexion_max", ..., lambda x: x + 0.1): "hand",
+    at("widened_limits", "hands/right/flexion_max", ..., lambda x: x + 0.1): "hand",
     of_scene("larger_hand", lambda scene: scene["hand"].update(length=0.191)): "hand",
-    at("wider_spread", "hand/abduction_min", 3, lambda x: x - 1e-3): "hand",
-    at("held_input", "tick/status", slice(160, 190), lambda x: x | 4): "input",
-    at("late_first_sample", "tick/input_seq", ..., lambda x: x + 5): "input",
+    at("wider_spread", "hands/right/abduction_min", 3, lambda x: x - 1e-3): "hand",
+    at("held_input", "hands/right/tick/status", slice(160, 190), lambda x: x | 4): "input",
+    at("late_first_sample", "hands/right/tick/input_seq", ..., lambda x: x + 5): "input",
     false_lag: "lag",
-    at("lag_of_no_number", "tick/lag", UNMARKED, lambda x: np.nan): "lag",
-    at("depth_of_no_number", "tick/penetration_finger", (UNMARKED, 3), lambda x: np.nan): "depth",
-    at("variation_of_no_number", "tick/force_variation_rate", UNMARKED, lambda x: np.nan): "force variation",
+    at("lag_of_no_number", "hands/right/tick/lag", UNMARKED, lambda x: np.nan): "lag",
+    at("depth_of_no_number", "hands/right/tick/penetration_finger", (UNMARKED, 3), lambda x: np.nan): "depth",
+    at(
+        "variation_of_no_number", "hands/right/tick/force_variation_rate", UNMARKED, lambda x: np.nan
+    ): "force variation",
     at("stamp_of_no_number", "tick/time", UNMARKED, lambda x: np.nan): "time",
     busy_clock: "durations",
-    at("negative_time", "tick/duration/force", UNMARKED, lambda x: -5): "durations",
-    at("more_pairs_tested", "tick/work/pair_tests", UNMARKED, lambda x: x + 100_000): "work",
+    at("negative_time", "hands/right/tick/duration/force", UNMARKED, lambda x: -5): "durations",
+    at("more_pairs_tested", "hands/right/tick/work/pair_tests", UNMARKED, lambda x: x + 100_000): "work",
     of_scene("fewer_spheres_said", lambda scene: scene["modelled"].update(object_spheres=63)): "scene",
     of_scene("other_level", lambda scene: scene["tree_options"].update(level=3)): "scene",
-    at("placed_elsewhere", "object/position", 0, lambda x: x + 1e-6): "object",
-    attribute("deeper_user", "summary", "input_depth_max", lambda x: x + 1e-5): "input depth",
-    attribute("smaller_correction", "summary", "correction_joint_max", lambda x: x * 0.99): "correction",
-    attribute("nearer_contacts", "summary", "contact_error_max", lambda x: x * 0.9): "contacts off the mesh",
+    at("placed_elsewhere", "bodies/cylinder/position", 0, lambda x: x + 1e-6): "object",
+    attribute("deeper_user", "summary/right", "input_depth_max", lambda x: x + 1e-5): "input depth",
+    attribute("smaller_correction", "summary/right", "correction_joint_max", lambda x: x * 0.99): "correction",
+    attribute("nearer_contacts", "summary/right", "contact_error_max", lambda x: x * 0.9): "contacts off the mesh",
 }
 NAMED = {fault.__name__: fault for fault in FAULTS}
 SEALED = {
@@ -386,6 +399,8 @@ def planted(source: Path, folder: Path, fault: Fault) -> Result:
     with changed(path) as file:
         fault(file)
         if fault.__name__ in SEALED:
-            static = {column.name: file[column.name][...] for column in STATIC_COLUMNS}
-            forge_scene(file, lambda scene: scene.update(checksums=checksums(static)))
+            ((side, hand),), ((name, body),) = file["hands"].items(), file["bodies"].items()
+            arrays = {column.name: hand[column.name][...] for column in HAND_STATIC}
+            of_body = {name: {column.name: body[column.name][...] for column in BODY_STATIC}}
+            forge_scene(file, lambda scene: scene.update(checksums=checksums(side, arrays, of_body)))
     return load_result(path)

@@ -268,8 +268,8 @@ def record_clearance(hand: HandModel, tree: SphereTree, record: TickRecord | Pla
 
 def result_clearance(result: Result, ticks: Any = slice(None)) -> FloatArray:
     """`brute_clearance` of some ticks of a result, from nothing but the file, shape (T, 16)."""
-    static, level = result.static, result.static["object/tree/level"]
-    leaves = [static[f"object/tree/{name}"][level == level.max()] for name in ("center", "radius")]
+    static, level = result.static, result.body.static["tree/level"]
+    leaves = [result.body.static[f"tree/{name}"][level == level.max()] for name in ("center", "radius")]
     sizes = [static[f"hand/{name}"] for name in ("phalanx_radius", "palm_center", "palm_radius")]
     return brute_clearance(
         *leaves, *sizes, *(result[f"graphic/{name}"][ticks] for name in ("joints", "position", "orientation"))

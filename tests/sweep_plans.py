@@ -36,6 +36,6 @@ def without_times(path: Path) -> dict[str, str]:
 
     with h5py.File(path) as file:
         file.visititems(keep)
-        found |= {name: repr(value) for name, value in file["summary"].attrs.items() if name not in TIMES}
+        found |= {name: repr(value) for name, value in file["summary/right"].attrs.items() if name not in TIMES}
         found |= {name: repr(file.attrs[name]) for name in ("scene", "machine", "packages", "complete")}
     return found

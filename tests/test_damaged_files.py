@@ -311,7 +311,7 @@ def check_written(folder: Path, command: str, told: str) -> None:
     if "--out" not in words or not words[-1].endswith(".h5"):
         return
     with h5py.File(folder / words[-1]) as file:
-        group = file["tick/haptic"] if "tick" in file else file
+        group = file["hands/right/tick/haptic"] if "tick" in file else file
         time = file["tick/time" if "tick" in file else "time"][()]
         assert np.isfinite(time).all() and (np.diff(time) > 0).all(), told
         for name in ("position", "orientation", "flexion", "abduction"):

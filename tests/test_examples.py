@@ -168,7 +168,7 @@ def test_an_object_and_a_motion_of_ones_own(examples: Path, tmp_path: Path, envi
     assert "proved and checked: each level covers the whole mesh" in answer.stdout
     result, tree = load_result(folder / "pawn.h5"), load_tree(folder / "pawn-tree.h5")
     # The pawn is 69 mm high, and has the spheres that were built for it.
-    assert stored_mesh(result).extent == pytest.approx([0.044, 0.044, 0.069], abs=1e-5)
+    assert stored_mesh(result.body).extent == pytest.approx([0.044, 0.044, 0.069], abs=1e-5)
     assert result.scene["object_spheres"] == tree.leaf_count
     assert [phase.name for phase in result.phases] == ["approach", "pinch", "hold", "slide", "release"]
     assert result["penetration_depth"].max() == 0.0

@@ -78,13 +78,13 @@ class Shown:
 
     def leaves(self) -> tuple[FloatArray, FloatArray]:
         """Centres [m] and radii [m] of the object's leaf spheres."""
-        return self.spheres(int(self.result.static["object/tree/level"].max()))
+        return self.spheres(int(self.result.body.static["tree/level"].max()))
 
     def spheres(self, level: int) -> tuple[FloatArray, FloatArray]:
         """Centres [m] and radii [m] of the spheres of a level."""
-        static = self.result.static
-        chosen = static["object/tree/level"] == level
-        return static["object/tree/center"][chosen], static["object/tree/radius"][chosen]
+        static = self.result.body.static
+        chosen = static["tree/level"] == level
+        return static["tree/center"][chosen], static["tree/radius"][chosen]
 
 
 def draw_concepts(result: Result, path: Path, view: View = VIEW) -> None:
@@ -155,7 +155,7 @@ def _pose(result: Result, tick: int, whose: str) -> Pose:
 
 def _draw_hands(panels: "list[Axes]", shown: Shown, view: View) -> None:
     result, hand = shown.result, stored_hand(shown.result)
-    mesh = Mesh(result.static["object/vertices"], result.static["object/faces"], "object", str(result.path))
+    mesh = Mesh(result.body.vertices, result.body.faces, "object", str(result.path))
     body = mesh_surface(mesh, STONE)
     graphic = hand_surface(hand, shown.pose("graphic"))
     haptic = painted(hand_surface(hand, shown.pose("haptic")), GHOST)
@@ -213,7 +213,7 @@ def draw_section(axes: "Axes", shown: Shown) -> None:
     for middle, size in zip(center, radius, strict=True):
         edge = (*(0.7 * SPHERE), 0.9)
         axes.add_patch(Circle(1e3 * middle, 1e3 * size, facecolor=(*SPHERE, 0.35), edgecolor=edge, lw=0.8))
-    curves = cut_mesh(plane, static["object/vertices"], static["object/faces"])
+    curves = cut_mesh(plane, shown.result.body.vertices, shown.result.body.faces)
     for curve in curves:
         axes.add_patch(Polygon(1e3 * curve, closed=True, fill=False, edgecolor=INK, lw=2.2))
     _draw_finger(axes, ends["graphic"], thickness, SKIN)

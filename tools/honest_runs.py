@@ -25,7 +25,7 @@ import numpy as np
 
 from hhsim.errors import HhsimError
 from hhsim.mesh.catalogue import object_names
-from hhsim.result.reader import hand_paths, load_result
+from hhsim.result.reader import load_result
 from hhsim.table.table import Table, number, words
 from hhsim.verify.claim import FAILS, HOLDS
 from hhsim.verify.verify import verify
@@ -194,8 +194,7 @@ def judged_run(folder: Path, seed: int, run: int, kept: bool = False) -> dict[st
             line = [*KINDS[kind](Drawn(folder, seed, run)), "--out", str(out), "--json"]
             with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
                 importlib.import_module("hhsim.cli.replay").command.main(line, standalone_mode=False)
-        for path in hand_paths(out):
-            result = load_result(path)
+        for result in load_result(out).hands.values():
             row["ticks"] = result.ticks
             found = (asdict(claim) for claim in verify(result).claims)
             row["claims"] += [{name: claim[name] for name in KEPT} | {"hand": result.side} for claim in found]

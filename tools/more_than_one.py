@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.result.reader import hand_paths, load_result
+from hhsim.result.reader import load_result
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.scene import open_scene
 from hhsim.scene.script import Script
@@ -53,8 +53,7 @@ def replayed(words: str, folder: Path) -> list[dict[str, Times]]:
     if subprocess.run(command, check=False, stdout=subprocess.DEVNULL).returncode not in {0, 1}:
         raise RuntimeError(f"hhsim replay {words} failed")
     found = []
-    for hand in hand_paths(path):
-        result = load_result(hand)
+    for result in load_result(path).hands.values():
         force = np.linalg.norm(result["force/phalanx"], axis=3).sum(axis=(1, 2))
         cpu, total = (1e-3 * np.asarray(result[f"duration/{name}"]) for name in ("total_cpu", "total"))
         found.append({"cpu": cpu, "total": total, "contact": np.asarray(force > 0.0, np.float64)})

@@ -151,6 +151,7 @@ rate = click.option("--rate", type=Number(1.0, 100_000.0), default=1000.0, metav
 tree_level = click.option(
     "--level", type=click.IntRange(1, 5), metavar="N", help="Level of the sphere trees. Default: as the catalogue says."
 )
+one_hand = click.option("--hand", "side", type=SIDES, help="Which hand, of a result of two.")
 hand_file = click.option(
     "--hand-file",
     type=FILE,

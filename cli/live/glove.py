@@ -271,7 +271,6 @@ def command(
     from hhsim.live.real_time import RealTimeWishes
     from hhsim.live.session.scene import grasping_hand, make_live_scene
     from hhsim.result.reader import check_result_path
-    from hhsim.result.schema import TWO_HANDED
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.solver.hand_solver import warm_up
     from hhsim.solver.options import SolverOptions
@@ -347,7 +346,6 @@ def command(
                 "device": scene.device.kind,
                 "trajectory": None if motion is None else own.trajectory or usual,
                 "seed": session.seed,
-                **({TWO_HANDED: True} if two else {}),
             },
         )
         for (own, (_, _, motion)), model, scene in zip(worn, models, scenes)

@@ -79,7 +79,7 @@ def fault_counts(outcome: "SessionOutcome") -> "FaultCounts":
 
     if outcome.record is not None and outcome.recorded:
         with suppress(InputError):
-            return recorded_faults(load_result(outcome.record))
+            return recorded_faults(load_result(outcome.record).hands[outcome.side])
     tally, counters, early = outcome.tally, outcome.counters, float(bool(outcome.loop_failed))
     told = max(early, sum(level == FAULT for _, level, _ in outcome.notices))
     return FaultCounts(early, told, counters.malformed, counters.frames, tally.freed, tally.ticks)
@@ -97,7 +97,7 @@ def recording_errors(outcome: "SessionOutcome") -> dict[str, float]:
     if outcome.record is None or outcome.record_failed or not outcome.recorded:
         return {}
     with suppress(InputError):
-        result = load_result(outcome.record)
+        result = load_result(outcome.record).hands[outcome.side]
         if result.complete:
             free = result_free_run(result)
             return {

@@ -14,7 +14,7 @@ from hhsim.mesh.catalogue import usual_level
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary_table import stored_rows
 from hhsim.replay.verdict import UNTOUCHED, verdict
-from hhsim.result.reader import Result, hand_paths, load_result
+from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import FORMAT, SUFFIXES
 from hhsim.result.wording import motion_name, object_name
 from hhsim.solver.options import SolverOptions, Stiffness
@@ -196,7 +196,7 @@ def collect(folders: Sequence[Path], progress: Progress = silent) -> Board:
                 except (KeyError, TypeError, ValueError) as error:
                     raise InputError(f"a row that lacks {error}") from None
                 continue
-            for result in map(load_result, hand_paths(path)):
+            for result in load_result(path).hands.values():
                 if result.complete:
                     entries.append(entry_of_result(result))
                 else:

@@ -221,7 +221,7 @@ def gate_result(
     """
     if result.ticks == 0:
         raise InputError(f"{result.path} holds no ticks: there is nothing to judge")
-    head, name = run_figures(result), result.path.name
+    head, name = run_figures(result), result.path.name if result.other is None else result.name
     source, before, unlike = "", None, ""
     if isinstance(base, Result):
         source, before = str(base.path), run_figures(base)

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hhsim.result.body import Body
 from hhsim.result.reader import Result
+from hhsim.result.schema import BODIES
 from hhsim.system.plain_json import plain_json
 
 TOLERANCE = 1e-7
@@ -33,7 +35,6 @@ OF_THE_HAND = (
     *("graphic/position", "graphic/orientation", "graphic/flexion", "graphic/abduction"),
     *("force/palm_wrench", "force/phalanx", "force/total"),
 )
-OF_A_FREE_OBJECT = ("object/position", "object/orientation")
 DIGITS = 16
 """Hexadecimal digits of a digest."""
 
@@ -58,19 +59,19 @@ def run_inputs(result: Result) -> RunInputs:
     result = result if result.free else result.seen_from_object
     scene = result.scene
     # A free object's properties but those of its mesh.
-    free = {f"free {name}": value for name, value in scene.get("free", {}).items() if name not in OF_THE_MESH}
+    free = {f"free {name}": value for name, value in result.body.properties.items() if name not in OF_THE_MESH}
     options = {name: scene.get(name) for name in INPUT_OPTIONS} | {"free object": "yes" if result.free else "no"} | free
     solver: dict[str, Any] = {}
     for name, value in scene["solver"].items():
         solver |= {f"{name}.{key}": v for key, v in value.items()} if isinstance(value, dict) else {name: value}
     return RunInputs(
         schema=result.schema_version,
-        mesh=str(scene.get("object_mesh") or scene["checksums"]["object"]),
+        mesh=str(scene.get("object_mesh") or scene["checksums"][f"{BODIES}/{result.body.name}"]),
         ticks=result.ticks,
         spheres=int(scene["object_spheres"]),
         options=options,
         solver=solver,
-        tree=_moments(result.static["object/tree/center"], result.static["object/tree/radius"]),
+        tree=tuple(value for body in result.bodies.values() for value in _body_moments(body)),
         hand=_sums(result.static[name] for name in HAND),
         motion=_sums(result[name] for name in MOTION),
     )
@@ -110,6 +111,10 @@ def _sums(arrays: Any) -> tuple[float, ...]:
     return tuple(float(value) for array in arrays for value in _column_sums(array))
 
 
+def _body_moments(body: Body) -> tuple[float, ...]:
+    return _moments(body.static["tree/center"], body.static["tree/radius"])
+
+
 def _moments(center: ArrayLike, radius: ArrayLike) -> tuple[float, ...]:
     """First and second moments of spheres about the origin, which do not depend on their order."""
     spheres = np.concatenate([np.asarray(center, np.float64), np.asarray(radius, np.float64)[:, None]], axis=1)
@@ -140,6 +145,7 @@ def tick_digest(result: Result) -> str:
     It is the same for the same bits, whatever else the file holds.
     """
     found = hashlib.sha256()
-    for name in (*OF_THE_HAND, *(OF_A_FREE_OBJECT if result.free else ())):
-        found.update(np.ascontiguousarray(result[name], np.float64).tobytes())
+    of_body = (result.body[name] for name in ("position", "orientation") if result.free)
+    for values in (*(result[name] for name in OF_THE_HAND), *of_body):
+        found.update(np.ascontiguousarray(values, np.float64).tobytes())
     return found.hexdigest()[:DIGITS]

@@ -135,6 +135,15 @@ def placed_mesh(meshes: Sequence[Mesh], moved: Sequence[RigidMotion], name: str 
     return Mesh(np.concatenate(vertices), faces, name=name, source="parts")
 
 
+def bodies_mesh(result: Result) -> Mesh:
+    """Return the meshes of a result's bodies as one, where they are at the first tick, world."""
+    bodies = list(result.bodies.values())
+    if len(bodies) == 1:
+        return Mesh(bodies[0].vertices, bodies[0].faces, name=bodies[0].name, source=str(result.path))
+    meshes = [Mesh(body.vertices, body.faces, body.name) for body in bodies]
+    return placed_mesh(meshes, [body.moved(slice(1)) for body in bodies], str(result.scene["object_name"]))
+
+
 def held_rows(values: FloatArray) -> IntArray:
     """Return for each row, (T, ...), the first of those right before that it equals: poses of one value are one."""
     flat = values.reshape(len(values), -1)
@@ -144,23 +153,19 @@ def held_rows(values: FloatArray) -> IntArray:
 
 
 def result_parts(result: Result) -> MovingParts | None:
-    """Return the parts of a thing as a result holds them; None for one object. InputError for arrays of no tree."""
-    if not result.parts:
+    """Return the bodies of a result that has several; None for one. InputError for arrays of no tree."""
+    if len(result.bodies) == 1:
         return None
-    names, source = tuple(part.rpartition("/")[2] for part in result.parts), str(result.path)
-    given = zip(result.parts, names)
-    meshes = [Mesh(result[f"{part}/vertices"], result[f"{part}/faces"], name, source) for part, name in given]
-    trees = [sphere_tree_of(result, f"{part}/tree") for part in result.parts]
-    poses = [
-        np.concatenate([result[f"{part}/position"], result[f"{part}/orientation"]], axis=1) for part in result.parts
-    ]
-    joints = {name: result[f"{part}/joint"] for name, part in zip(names, result.parts) if f"{part}/joint" in result}
-    carried = result.moved_since_first() if result.driven else None
-    thing = result.parts[0].split("/")[1]
+    bodies, source = list(result.bodies.values()), str(result.path)
+    meshes = tuple(Mesh(body.vertices, body.faces, body.name, source) for body in bodies)
+    trees = tuple(sphere_tree_of(body.static, "tree") for body in bodies)
+    joints = {body.name: body["joint"] for body in bodies if "joint" in body}
     driven = {
-        name: RigidMotion(*(np.asarray(result[f"{part}/{column.name}"]) for column in DRIVEN_COLUMNS))
-        for name, part in zip(names, result.parts)
-        if f"{part}/{DRIVEN_COLUMNS[0].name}" in result
+        body.name: RigidMotion(*(np.asarray(body[column.name]) for column in DRIVEN_COLUMNS))
+        for body in bodies
+        if DRIVEN_COLUMNS[0].name in body
     }
-    world = np.stack(poses, axis=1)
-    return MovingParts(thing, names, tuple(meshes), tuple(trees), world, joints, carried, result.free, driven)
+    world = np.stack([np.concatenate(body.poses(), axis=1) for body in bodies], axis=1)
+    carried = result.moved_since_first() if result.driven else None
+    name = str(result.scene["object_name"])
+    return MovingParts(name, tuple(result.bodies), meshes, trees, world, joints, carried, result.free, driven)

@@ -74,6 +74,7 @@ class RunMetric(Figure):
     # line of the short table that it stands in, or ""; the last defined of a line's figures stands there
     short: str = ""
     free_only: bool = False  # True for a figure of a free object
+    of_body: bool = False  # True for one of a body alone, which is the same whichever hand it is computed for
     unless_zero: bool = False  # True if it has no line where it is 0
 
 

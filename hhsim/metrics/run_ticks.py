@@ -21,13 +21,12 @@ from hhsim.metrics.input_hand import InputHand, input_hand, object_depths
 from hhsim.metrics.mesh_penetration import TouchedObject
 from hhsim.metrics.moving_parts import TouchedParts, result_parts
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickPhase
+from hhsim.result.contacts import ON_TABLE
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK
 from hhsim.result.stored_hand import result_hand, sphere_tree_of
 from hhsim.trees.contact_surface import contact_surface
 
-ON_TABLE = -1
-"""Body of a contact with the table; -2 and below are those with other things."""
 PALM = 15
 SLIPS = 1e-6
 """Smallest travel of a slipping contact in a tick [m]: 1 mm/s."""
@@ -49,26 +48,28 @@ class Datasets(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class FreeRun:
-    """Free object of a run, world frame."""
+    """Free body of a run, world frame; `free["velocity"]` is that dataset of it."""
 
-    datasets: Datasets  # datasets of the result, world
+    body: Datasets  # datasets of the body's ticks by name
+    contacts: Datasets  # columns of its contacts by name, and `body`, as of `hhsim.result.contacts.Contacts`
     properties: Mapping[str, Any]  # `FreeObject.to_json` of `hhsim.scene.free_object`
     first: ObjectMotion  # pose of the object then, shapes (3,) and (4,)
     stiffness: AnyArray  # diagonal of G, the hand's springs, shape (21,)
     offset: float  # clearance that contacts keep [m]
+    beside: bool = False  # True if other bodies push it, too
 
     def __getitem__(self, name: str) -> AnyArray:
-        return self.datasets[name]
+        return self.body[name]
 
     @cached_property
     def moved(self) -> RigidMotion:
         """Motion of the object from before the first tick to each tick."""
-        return ObjectMotion(self["object/position"], self["object/orientation"]).since(*self.first)
+        return ObjectMotion(self["position"], self["orientation"]).since(*self.first)
 
     @cached_property
     def center(self) -> AnyArray:
         """Centre of mass at the ticks [m], shape (T, 3)."""
-        ticks = len(self["object/position"])
+        ticks = len(self["position"])
         center = np.tile(np.array(self.properties["center"], np.float64), (ticks, 1))
         return self.moved.points(center)
 
@@ -78,23 +79,35 @@ class FreeRun:
         return float(self.properties["mass"] * np.linalg.norm(self.properties["gravity"]))
 
     @cached_property
+    def borne(self) -> AnyArray:
+        """Wrench of everything that touches it [N, N·m], shape (T, 6)."""
+        sources = ("hand", "table", "body") if self.beside else ("hand", "table")
+        return np.asarray(sum(self[f"{source}_wrench"] for source in sources))
+
+    @cached_property
+    def force(self) -> FloatArray:
+        """Force of each contact on the body that it is stated of [N], shape (C, 3)."""
+        normal = self.contacts["normal_force"][:, None] * self.contacts["normal"]
+        return np.asarray(normal + self.contacts["friction_force"])
+
+    @cached_property
     def of_hand(self) -> NDArray[np.bool_]:
         """True for contacts of this hand, not of the table or another hand, shape (C,)."""
-        body = self["contact/body"]
+        body = self.contacts["body"]
         return np.asarray((body > ON_TABLE) & (body <= PALM))
 
     @cached_property
     def friction(self) -> AnyArray:
         """Friction coefficient μ of each contact, shape (C,)."""
         of_hand, table = self.properties["friction"], self.properties["table_friction"]
-        return np.asarray(np.where(self["contact/body"] <= ON_TABLE, of_hand if table is None else table, of_hand))
+        return np.asarray(np.where(self.contacts["body"] <= ON_TABLE, of_hand if table is None else table, of_hand))
 
     @cached_property
     def grip(self) -> FloatArray:
         """Force of the hand's contacts at the ticks, their sizes summed [N], shape (T,)."""
-        of, ticks = self.of_hand, len(self["object/position"])
-        force = self["contact/normal_force"][of, None] * self["contact/normal"][of] + self["contact/friction_force"][of]
-        return np.asarray(np.bincount(self["contact/tick"][of], np.linalg.norm(force, axis=1), ticks), np.float64)
+        of, ticks = self.of_hand, len(self["position"])
+        size = np.linalg.norm(self.force[of], axis=1)
+        return np.asarray(np.bincount(self.contacts["tick"][of], size, ticks), np.float64)
 
     @property
     def raised(self) -> float:
@@ -108,28 +121,28 @@ class FreeRun:
 
         Torsion counts as one more direction of friction; 0 without force, infinite where the limit is 0.
         """
-        rub = np.linalg.norm(self["contact/friction_force"], axis=1)[self.of_hand]
-        normal, tick = self["contact/normal_force"][self.of_hand], self["contact/tick"][self.of_hand]
-        twist = np.abs(self["contact/torsional_moment"][self.of_hand])
+        rub = np.linalg.norm(self.contacts["friction_force"], axis=1)[self.of_hand]
+        normal, tick = self.contacts["normal_force"][self.of_hand], self.contacts["tick"][self.of_hand]
+        twist = np.abs(self.contacts["torsional_moment"][self.of_hand])
         limit, torsion = self.friction[self.of_hand], float(self.properties["torsion"])
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.nan_to_num(rub / (limit * normal), posinf=np.inf)
             if torsion > 0.0:
                 share = np.hypot(share, np.nan_to_num(twist / (torsion * normal), posinf=np.inf))
-        most = np.zeros(len(self["object/position"]))
+        most = np.zeros(len(self["position"]))
         np.maximum.at(most, tick, share)
         return most
 
     def first_to_slip(self, part: slice) -> str:
         """Body of the hand whose contact slips first in some ticks, with the tick, in words; "" for none."""
-        tick = self["contact/tick"]
-        slips = self.of_hand & (self["contact/slip"] > SLIPS) & (tick >= part.start) & (tick < part.stop)
+        tick = self.contacts["tick"]
+        slips = self.of_hand & (self.contacts["slip"] > SLIPS) & (tick >= part.start) & (tick < part.stop)
         at = np.flatnonzero(slips)
         if at.size == 0:
             return ""
         at = at[tick[at] == tick[at[0]]]
-        worst = int(at[self["contact/slip"][at].argmax()])
-        return f"{body_name(int(self['contact/body'][worst]))} at tick {int(tick[worst]):,}"
+        worst = int(at[self.contacts["slip"][at].argmax()])
+        return f"{body_name(int(self.contacts['body'][worst]))} at tick {int(tick[worst]):,}"
 
     def left_behind(self, phases: "tuple[TickPhase, ...] | list[TickPhase]", palm: AnyArray) -> str:
         """Reason why the object did not come along in the first lift; "" where it did, or nothing was lifted.
@@ -159,11 +172,11 @@ def result_free_run(result: Result) -> FreeRun | None:
     """Build the free object of a result; None where it has none."""
     if not result.free:
         return None
-    first = ObjectMotion(result.static["object/position"], result.static["object/orientation"])
-    solver = result.scene["solver"]
+    solver, body = result.scene["solver"], result.body
     springs = [solver["stiffness"][name] for name in ("translation", "rotation", "flexion")]
     stiffness = np.repeat(np.array(springs, np.float64), (3, 3, 15))
-    return FreeRun(result, result.scene["free"], first, stiffness, solver["offset"])
+    beside = len(result.bodies) > 1
+    return FreeRun(body, result.contacts, body.properties, body.place, stiffness, solver["offset"], beside)
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,9 +258,9 @@ def result_ticks(result: Result, columns: Datasets | None = None) -> RunTicks:
 
 def touched_object(result: Result) -> TouchedObject:
     """Return the object of a result, or a thing's parts, as the hand touched it; InputError for invalid arrays."""
-    static, parts = result.static, result_parts(result)
-    tree = sphere_tree_of(static, "object/tree")
-    mesh = Mesh(static["object/vertices"], static["object/faces"])
+    static, parts, first = result.static, result_parts(result), result.body
+    mesh = Mesh(first.vertices, first.faces)
+    tree = sphere_tree_of(first.static, "tree")
     surface = (contact_surface(result.surface, mesh, tree) if parts is None else parts.surface(result.surface)).arrays
     shape = HandShape(*(static[f"hand/{name}"] for name in HandShape._fields))
     fingers = np.array([finger in result.fingers for finger in FINGERS])
@@ -258,7 +271,6 @@ def touched_object(result: Result) -> TouchedObject:
 def ticks_alone(result: Result, columns: Datasets | None = None) -> RunTicks:
     """Build the ticks of a result without its object: figures of contacts and of the user's hand are NaN."""
     static = result.static
-    level = static["object/tree/level"]
     bodies = static["hand/phalanx_length"].size + static["hand/palm_radius"].size
     return RunTicks(
         columns=result.seen_from_object if columns is None else columns,
@@ -266,13 +278,18 @@ def ticks_alone(result: Result, columns: Datasets | None = None) -> RunTicks:
         phases=result.phases,
         rate=result.rate,
         fingers=len(result.fingers),
-        all_pairs=bodies * int(np.sum(level == level.max())),
+        all_pairs=bodies * leaves_in_reach(result),
         breaks=_breaks(result),
         hand=_hand(result),
         free=result_free_run(result),
         modelled=tuple(result.fingers),
         self_contact=bool(result.scene["solver"].get("self_contact", False)),
     )
+
+
+def leaves_in_reach(result: Result) -> int:
+    """Number of leaf spheres that a model without trees tests a hand's body with: of a free body its own."""
+    return result.body.leaves if result.free else sum(body.leaves for body in result.bodies.values())
 
 
 def _hand(result: Result) -> HandModel | None:

@@ -41,9 +41,9 @@ from hhsim.repair.written_hand import WrittenHand
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.replay.summary import ReplaySummary
+from hhsim.result.merge import merge_hands
 from hhsim.result.reader import Result, load_result
-from hhsim.result.schema import SIDES, TWO_HANDED
-from hhsim.result.two_handed_file import BETWEEN_COLUMNS, join_hands
+from hhsim.result.schema import BETWEEN_COLUMNS, SIDES
 from hhsim.result.writer import add_skin
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.scene.scene import Scene
@@ -143,7 +143,6 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         "trajectory": str(request.source),
         "recording": request.source.name,
         "marked": recorded.frames[marked].tolist(),
-        **({} if request.of_both is None else {TWO_HANDED: True}),
     }
     write_result(scene, touched, seen.posture, paths["result"], description=said, command=command, progress=progress)
     if after_skin is not None:
@@ -322,9 +321,9 @@ def repair_both_hands(
         if np.array_equal(results[0]["time"], results[1]["time"]):
             distances = [_apart(results, whose) for whose in ("haptic", "graphic")]
             between = dict(zip((column.name for column in BETWEEN_COLUMNS), distances))
-            join_hands([one.path for one in results], between, folder / request.beside(RESULT).name)
+            merge_hands([one.path for one in results], folder / request.beside(RESULT).name, between)
             joined, nearest = request.beside(RESULT), float(distances[1].min())
-    hands = [replace(one, paths=_files(one, out, joined, side)) for side, one in zip(SIDES, (right, left))]
+    hands = [replace(one, paths=_files(one, out, joined)) for one in (right, left)]
     return BothRepaired((hands[0], hands[1]), out, joined, nearest)
 
 
@@ -335,10 +334,10 @@ def _apart(results: Sequence[Result], whose: str) -> FloatArray:
     return distance_of_hands(hands, [forward_kinematics(hand, *at) for hand, at in zip(hands, fields)])
 
 
-def _files(outcome: RepairOutcome, recording: Path, joined: Path | None, side: str) -> dict[str, Path]:
+def _files(outcome: RepairOutcome, recording: Path, joined: Path | None) -> dict[str, Path]:
     """Return an outcome's files as they are called at last."""
     paths = {what: recording.with_name(path.name) for what, path in outcome.paths.items()}
-    return {**paths, "recording": recording, **({} if joined is None else {"result": joined / side})}
+    return {**paths, "recording": recording, **({} if joined is None else {"result": joined})}
 
 
 def write_result(

@@ -22,8 +22,8 @@ from hhsim.hand.quaternion import quaternion, quaternion_from_matrix, rotation_m
 from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.hands import object_bvh
+from hhsim.metrics.moving_parts import bodies_mesh
 from hhsim.repair.robot_hand import RobotHand
-from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.reader import Result
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
@@ -191,7 +191,7 @@ def robot_motion(result: Result, robot: RobotHand, progress: Progress = silent) 
     fingers = [FINGERS.index(finger) for finger in robot.fingers]
     joints = seen["graphic/joints"][:, fingers]
     motion = retarget(robot, joints[:, :, 3], joints[:, :, 0], progress)
-    mesh = stored_mesh(result)
+    mesh = bodies_mesh(result)
     depth = link_depths(robot, motion, mesh, progress) if encloses(mesh) else None
     if result.driven:
         moved = result.moved_since_first()

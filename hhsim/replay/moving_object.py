@@ -10,8 +10,9 @@ from hhsim.hand.quaternion import quaternion_product
 from hhsim.kernels.free.record import STICKS, ObjectRecord, ThingsRecord
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
+from hhsim.result.contacts import pair_codes
 from hhsim.result.reader import in_the_world
-from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS, THINGS
+from hhsim.result.schema import BODIES, CONTACT_COLUMNS, FREE_COLUMNS, MOTION_COLUMNS, OF_BODIES, POSE_COLUMNS, TICK
 from hhsim.solver.scene_solver import SeenScene
 
 
@@ -25,8 +26,12 @@ class StillFrame:
         """Return a block of columns, given as the object sees it, in the world."""
         return block
 
+    def body(self) -> dict[str, AnyArray]:
+        """Return the columns of the object's ticks, world; none of one that stands still."""
+        return {}
+
     def contacts(self, first: int) -> dict[str, AnyArray]:
-        """Return the rows of /contact, none unless the object is free; the first tick has the number `first`."""
+        """Return the object's contacts as the hand counts them, none unless it is free; `first` numbers the ticks."""
         return {}
 
 
@@ -44,8 +49,11 @@ class MovingFrame(StillFrame):
             **in_the_world(block, self._moved),
             # The given hand to the bit, and not there and back.
             **{f"haptic/{name}": values for name, values in self._given._asdict().items()},
-            **{column.name: values for column, values in zip(OBJECT_COLUMNS, self._pose, strict=True)},
         }
+
+    def body(self) -> dict[str, AnyArray]:
+        """See `StillFrame.body`."""
+        return {column.name: values for column, values in zip(POSE_COLUMNS, self._pose, strict=True)}
 
 
 class FreeFrame(MovingFrame):
@@ -62,10 +70,10 @@ class FreeFrame(MovingFrame):
         super().__init__(haptic, moved, pose)
         self._ticks = ticks
 
-    def world(self, block: dict[str, AnyArray]) -> dict[str, AnyArray]:
-        """See `StillFrame.world`."""
+    def body(self) -> dict[str, AnyArray]:
+        """See `StillFrame.body`."""
         fields = self._ticks._asdict()
-        return super().world(block) | {column.name: column.taken(fields) for column in FREE_COLUMNS}
+        return super().body() | {column.name: column.taken(fields) for column in (*MOTION_COLUMNS, *FREE_COLUMNS)}
 
     def contacts(self, first: int) -> dict[str, AnyArray]:
         """See `StillFrame.contacts`."""
@@ -88,45 +96,60 @@ def scene_frames(
     return lambda part: MovingFrame(given.at(part), motion.at(part).since(*first), motion.at(part))
 
 
-def part_rows(parts: MovingParts | None, ticks: slice) -> dict[str, dict[str, AnyArray]]:
-    """Return the rows of a thing's parts at some ticks by their groups, poses in the world; none for one object."""
+def part_rows(parts: MovingParts, ticks: slice, carried: dict[str, AnyArray]) -> dict[str, dict[str, AnyArray]]:
+    """Return the rows of driven bodies at some ticks by their groups, world.
+
+    `carried` are the columns of the frame that carries all of them, if one does.
+    """
     rows: dict[str, dict[str, AnyArray]] = {}
-    for p, name in enumerate(() if parts is None else parts.names):
-        assert parts is not None
+    for p, name in enumerate(parts.names):
         pose = ObjectMotion(parts.world[ticks, p, :3], parts.world[ticks, p, 3:])
         joint = {"joint": parts.values[name][ticks]} if name in parts.values else {}
-        rows[f"{THINGS}/{parts.name}/{name}"] = {**pose._asdict(), **joint}
-    return rows
+        rows[f"{BODIES}/{name}/{TICK}"] = {**pose._asdict(), **joint}
+    return {**rows, **({TICK: {f"frame/{name}": values for name, values in carried.items()}} if carried else {})}
 
 
-def thing_rows(parts: MovingParts, record: ThingsRecord, ticks: slice) -> dict[str, dict[str, AnyArray]]:
-    """Return the rows of several things at some ticks by their groups; their poses are set in `parts`, too."""
+def thing_rows(
+    parts: MovingParts, record: ThingsRecord, ticks: slice, first: dict[str, AnyArray]
+) -> dict[str, dict[str, AnyArray]]:
+    """Return the rows of bodies beside a free one at some ticks by their groups; sets their poses in `parts`, too.
+
+    `first` are the columns of the first body as that of a scene of its own.
+    """
     rows: dict[str, dict[str, AnyArray]] = {}
-    first = RigidMotion(record.things[0].turn, record.things[0].shift)
+    begun = RigidMotion(record.things[0].turn, record.things[0].shift)
     for k, (name, thing, wrench) in enumerate(zip(parts.names, record.things, record.thing_wrench, strict=True)):
         parts.world[ticks, k, :3], parts.world[ticks, k, 3:] = (
-            first.seen_points(thing.shift),
-            first.seen_orientations(thing.turn),
+            begun.seen_points(thing.shift),
+            begun.seen_orientations(thing.turn),
         )
-        rows[f"{THINGS}/{parts.name}/{name}"] = {
+        columns = {
             "position": thing.shift,
             "orientation": thing.turn,
-            **{name: getattr(thing, name) for name in ("velocity", "angular_velocity", "hand_wrench", "table_wrench")},
-            "thing_wrench": wrench,
+            **{column.name: getattr(thing, column.name) for column in MOTION_COLUMNS},
+            OF_BODIES.name: wrench,
         }
         if name in parts.driven:
             to = parts.driven[name].at(ticks)
-            rows[f"{THINGS}/{parts.name}/{name}"] |= {"recorded_position": to.shift, "recorded_orientation": to.turn}
+            columns |= {"recorded_position": to.shift, "recorded_orientation": to.turn}
+        rows[f"{BODIES}/{name}/{TICK}"] = columns
+    rows[f"{BODIES}/{parts.names[0]}/{TICK}"] |= {column.name: first[column.name] for column in FREE_COLUMNS}
     return rows
 
 
 def contact_rows(ticks: ObjectRecord, first: int) -> dict[str, AnyArray]:
-    """Return the rows of /contact of a block of ticks of a free object, whose first tick has the number `first`."""
+    """Return the contacts of a block of ticks of a free object, as a hand counts bodies; `first` numbers the ticks."""
     rows = int(ticks.contact[-1])
     fields = {name: values[:rows] for name, values in ticks._asdict().items()}
     tick = first + np.repeat(np.arange(len(ticks.turn)), np.diff(ticks.contact))
-    computed = {"tick": tick, "sticks": fields["slip"] <= STICKS}
-    return {
-        column.name: computed[column.name] if column.name in computed else column.taken(fields)
-        for column in CONTACT_COLUMNS
+    taken = {column.name: column.taken(fields) for column in CONTACT_COLUMNS if column.source}
+    return {"tick": tick, "body": fields["body"], **taken, "sticks": fields["slip"] <= STICKS}
+
+
+def stored_contacts(contacts: dict[str, AnyArray], hands: int) -> dict[str, AnyArray]:
+    """Return the rows of /contact for contacts as the first of some hands counts them."""
+    if not contacts:
+        return {}
+    return {"tick": contacts["tick"], **pair_codes(contacts["body"], hands)} | {
+        column.name: contacts[column.name] for column in CONTACT_COLUMNS if column.name not in ("tick", "a", "b")
     }

@@ -1,6 +1,6 @@
 """Second run of a result's ticks, from nothing but the file, and comparison of every array: bits, and rounding."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,18 +15,16 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.metrics.moving_parts import result_parts
-from hhsim.replay.moving_object import FreeFrame, MovingFrame, StillFrame
+from hhsim.replay.moving_object import FreeFrame, MovingFrame, StillFrame, stored_contacts, thing_rows
 from hhsim.replay.stored_scene import require_whole, stored_hand, stored_options, stored_others, stored_surface
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.result import schema
-from hhsim.result.reader import Result, load_result
-from hhsim.result.two_handed_file import other_of_two
+from hhsim.result.reader import Result
 from hhsim.scene.free_object import FreeObject
-from hhsim.solver.free_engine import Thing, object_record, of_tick
+from hhsim.solver.free_engine import object_record, of_tick
 from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import METHODS
-from hhsim.solver.options import SolverOptions
 from hhsim.solver.two_hands import SideBySideSolver, TwoHandedSolver
 from hhsim.solver.workspace import tick_record
 from hhsim.system import environment as info
@@ -36,7 +34,6 @@ from hhsim.system.progress import Progress, silent
 TIMINGS = "duration/"
 GIVEN = ("time", "input_seq", "haptic/")
 """Columns that are the run's input."""
-COMPARED_IF_FREE: tuple[schema.Column, ...] = (*schema.OBJECT_COLUMNS, *schema.FREE_COLUMNS)
 COMPARED: tuple[schema.Column, ...] = tuple(
     column for column in schema.TICK_COLUMNS if not column.name.startswith((TIMINGS, *GIVEN))
 )
@@ -53,7 +50,6 @@ over a millisecond; the change of a force in % is that of N over the least force
 COUNTERS = "work/"
 """Columns that count how a tick was solved. A last bit may decide on one more step: where nothing but these differs
 beyond rounding, the run is the same."""
-POSE = ("position", "orientation")
 IDENTICAL, WITHIN, DIFFERENT, PARTLY = "identical", "within rounding", "different", "not all ticks run"
 """Outcomes of a second run."""
 
@@ -61,15 +57,16 @@ IDENTICAL, WITHIN, DIFFERENT, PARTLY = "identical", "within rounding", "differen
 class ArrayComparison:
     """One dataset of a result beside that of the second run, compared block by block.
 
-    `bound` is the largest difference that counts as rounding, in `units`: 0 for integers, infinite for counters of
-    work. Of the ticks that differ, `ticks` is the number, `largest` the largest difference, NaN or infinite where one
-    side alone is so; `first_tick` is the first that differs, `first_beyond` the first beyond the bound, -1 if none.
+    Its name begins with `prefix`. `bound` is the largest difference that counts as rounding, in `units`: 0 for
+    integers, infinite for counters of work. Of the ticks that differ, `ticks` is the number, `largest` the largest
+    difference, NaN or infinite where one side alone is so; `first_tick` is the first that differs, `first_beyond` the
+    first beyond the bound, -1 if none.
     """
 
-    def __init__(self, column: schema.Column) -> None:
-        self.column, self.name, self.units = column, column.name, column.units
+    def __init__(self, column: schema.Column, prefix: str = "") -> None:
+        self.column, self.name, self.units = column, prefix + column.name, column.units
         exact = np.dtype(column.dtype).kind != "f"
-        self.bound = np.inf if self.name.startswith(COUNTERS) else 0.0 if exact else ROUNDING[self.units]
+        self.bound = np.inf if column.name.startswith(COUNTERS) else 0.0 if exact else ROUNDING[self.units]
         self.ticks, self.largest = 0, 0.0
         self.first_tick = self.first_beyond = -1
         self._rows = 0
@@ -175,71 +172,121 @@ class RunAgain:
 
 
 def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
-    """Run all ticks of a result again, complete or not, with the hand, the tree and the options that it holds.
+    """Run all ticks of a result again, complete or not, with the hands, the trees and the options that it holds.
 
-    `progress` is called with the stage, how much is done and how much there is. Raises InputError for an object, a tree
+    Of a result of two hands, as `Result.hands` has them, one's arrays are compared, of the result as a whole both's.
+    `progress` is called with the stage, how much is done and how much there is. Raises InputError for a body, a tree
     or a hand that is not the run's, and for a result without ticks.
     """
-    report = progress or silent
-    require_whole(result)
-    if result.ticks == 0:
-        raise InputError(f"{result.path} holds no ticks: there is nothing to run again")
-    hand, options = stored_hand(result), stored_options(result)
-    parts, free = result_parts(result), FreeObject.from_json(result.scene["free"]) if result.free else None
+    shown = [result] if result.name else list(result.hands.values())
+    for hand in shown:
+        require_whole(hand)
+        if hand.ticks == 0:
+            raise InputError(f"{hand.label} holds no ticks: there is nothing to run again")
+    if len(result.hands) > 1 and (result.free or result.scene.get(schema.HANDS_APART)):
+        return _run(shown, list(result.hands.values()), progress or silent)
+    runs = [_run([hand], [hand], progress or silent) for hand in shown]
+    if len(runs) == 1:
+        return runs[0]
+    arrays = [array for run in runs for array in run.arrays]
+    notes = tuple(dict.fromkeys(note for run in runs for note in run.notes))
+    ticks, stored = (sum(getattr(run, name) for run in runs) for name in ("ticks", "ticks_stored"))
+    elsewhere = any(run.made_elsewhere for run in runs)
+    return RunAgain(result.path, result.complete, ticks, stored, tuple(arrays), notes, elsewhere)
+
+
+def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> RunAgain:
+    """Run the ticks of hands in one program, or side by side, and compare those of the shown ones."""
+    result = hands[0]
+    options, alone = stored_options(result), len(hands) == 1
+    parts, free = result_parts(result), FreeObject.from_json(result.body.properties) if result.free else None
     others = [] if parts is None else stored_others(result, parts)
+    # Poses of the file stay as they are.
+    spare = None if parts is None else replace(parts, world=np.empty_like(parts.world))
     jointed = parts is not None and not others
-    # Each hand has the parts for itself: what is near it is kept with them.
-    surface, theirs = (
-        parts.surface(result.surface) if parts is not None and jointed else stored_surface(result) for _ in range(2)
-    )
-    other = _other_hand(result)
-    alone = free if other is None else None
-    warm_up(hand, options, alone, jointed=jointed, others=len(others))
-    solver = HandSolver(hand, surface, options, alone, others)
-    both = None if other is None else _of_both(result, solver, other, theirs, options, free, others)
-    columns = TickColumns(surface.arrays, hand, options, parts)
-    total, notes = _runnable(result)
-    if other is not None and other.ticks < total:
-        total = other.ticks
-        notes.append(f"the other hand's file holds {total:,} ticks: what followed cannot be run again")
-    moving = [] if free is None else list(COMPARED_IF_FREE)
-    ticks_arrays = [ArrayComparison(column) for column in (*COMPARED, *moving)]
+    solvers: list[HandSolver] = []
+    columns: list[TickColumns] = []
+    for one in hands:
+        # Each hand has the bodies for itself: what is near it is kept with them.
+        surface = parts.surface(result.surface) if parts is not None and jointed else stored_surface(result)
+        hand, moved = stored_hand(one), free if alone else None
+        warm_up(hand, options, moved, jointed=jointed, others=len(others))
+        solvers.append(HandSolver(hand, surface, options, moved, others))
+        columns.append(TickColumns(surface.arrays, hand, options, parts))
+    loose = None if alone or free is None else TwoHandedSolver(solvers, free, others)
+    solver = loose or (None if alone else SideBySideSolver(solvers, ThreadPoolExecutor(len(solvers))))
+    engine: Any = solvers[0].engine if loose is None else loose.engine
+    runnable = [_runnable(one) for one in hands]
+    total, notes = min(ticks for ticks, _ in runnable), [note for _, of in runnable for note in of]
+    prefix = {one.name: "" if len(shown) == 1 else f"{one.name}/" for one in shown}
+    arrays = {one.name: [ArrayComparison(column, prefix[one.name]) for column in COMPARED] for one in shown}
+    of_bodies = [ArrayComparison(column) for column in _moving(result)]
     rows = [] if free is None else schema.CONTACT_COLUMNS
     contacts = [ArrayComparison(replace(column, name=f"{schema.CONTACT}/{column.name}")) for column in rows]
+    names = [column.name for column in schema.TICK_COLUMNS]
     with interruptible_between() as check_interrupt:
         done = 0
-        for stored in result.blocks([column.name for column in (*schema.TICK_COLUMNS, *moving)]):
+        for blocks in zip(result.blocks([array.name for array in of_bodies]), *(one.blocks(names) for one in hands)):
             report("ticks", done, total)
-            stored = {name: values[: total - done] for name, values in stored.items()}
-            here = slice(done, done + len(stored["time"]))
-            haptic = HandConfiguration(*(stored[f"haptic/{name}"] for name in HandConfiguration._fields))
-            frame = StillFrame(haptic)
+            bodies, *stored = ({name: values[: total - done] for name, values in block.items()} for block in blocks)
+            here = slice(done, done + len(stored[0]["time"]))
+            haptic = [
+                HandConfiguration(*(block[f"haptic/{name}"] for name in HandConfiguration._fields)) for block in stored
+            ]
+            frames: list[StillFrame] = [StillFrame(given) for given in haptic]
             if result.driven and free is None:
-                frame = MovingFrame(haptic, result.moved_since_first(here), result.object_motion(here))
-            live, loose = result.live is not None, free is not None
-            record, ticks = both(frame.haptic, here) if both else _solve(solver, frame.haptic, live=live, free=loose)
+                moved_by = result.moved_since_first(here), result.poses(result.frame, here)
+                frames = [MovingFrame(given, *moved_by) for given in haptic]
+            given = [frame.haptic for frame in frames]
+            ticks: ObjectRecord | None = None
+            if solver is None:
+                record, ticks = _solve(solvers[0], given[0], live=result.live is not None, free=free is not None)
+                records: Sequence[TickRecord] = [record]
+            else:
+                records = solver.run(*given)
+                ticks = None if loose is None else loose.object_ticks(0)
             if ticks is not None:
-                frame = FreeFrame(haptic, ticks, *(result.static[f"object/{name}"] for name in POSE))
-                _compare_contacts(result, here, frame.contacts(done), contacts)
-            block = frame.world(columns.block(stored["time"], stored["input_seq"], frame.haptic, record))
-            for array in ticks_arrays:
-                array.add(stored[array.name], block[array.name])
-            done += len(stored["time"])
+                frames = [FreeFrame(one, ticks, *result.body.place) for one in haptic]
+                own = frames[0].body()
+                found = {f"{result.body.group}/{schema.TICK}": own}
+                if spare is not None and others:
+                    found = thing_rows(spare, engine.all_ticks, here, own)
+                computed = {f"{group}/{name}": values for group, its in found.items() for name, values in its.items()}
+                for array in of_bodies:
+                    array.add(bodies[array.name], computed[array.name])
+                _compare_contacts(result, here, stored_contacts(frames[0].contacts(done), len(hands)), contacts)
+            for one, block, its, frame, record in zip(hands, stored, columns, frames, records, strict=True):
+                again = frame.world(its.block(block["time"], block["input_seq"], frame.haptic, record))
+                for array in arrays.get(one.name, ()):
+                    array.add(block[array.column.name], again[array.column.name])
+            done = here.stop
             check_interrupt()
             if done == total:
                 break
     report("ticks", total, total)
-    arrays = (*ticks_arrays, *contacts)
-    counts = [f"{a.name} at {a.ticks:,}" for a in arrays if a.ticks and a.name.startswith(COUNTERS)]
-    if counts and not any(array.word == DIFFERENT for array in arrays):
+    compared = (*(array for of in arrays.values() for array in of), *of_bodies, *contacts)
+    counts = [f"{a.name} at {a.ticks:,}" for a in compared if a.ticks and a.column.name.startswith(COUNTERS)]
+    if counts and not any(array.word == DIFFERENT for array in compared):
         notes.append(f"counts of work differ, which makes no run another: of {total:,} ticks {', '.join(counts)}")
     makers: list[str] = []
-    if not all(array.identical for array in arrays):
+    if not all(array.identical for array in compared):
         makers = _other_makers(result)
         outside = "of the method the file of its class alone is compared"
         expected = "the bits should be the same" if result.method in METHODS else outside
         notes += makers or [f"hhsim, packages, processor and system are those of the file: {expected}"]
-    return RunAgain(result.path, result.complete, total, result.ticks, arrays, tuple(notes), bool(makers))
+    shared = tuple(dict.fromkeys(notes))
+    return RunAgain(result.path, result.complete, total, result.ticks, compared, shared, bool(makers))
+
+
+def _moving(result: Result) -> list[schema.Column]:
+    """Columns of bodies that a second run computes anew: all but what is given."""
+    given = {column.name for column in schema.DRIVEN_COLUMNS}
+    return [
+        replace(column, name=f"{body.group}/{schema.TICK}/{column.name}")
+        for body in (result.bodies.values() if result.free else ())
+        for column in schema.BODY_COLUMNS
+        if column.name in body and column.name not in given
+    ]
 
 
 def _compare_contacts(
@@ -281,41 +328,6 @@ def _runnable(result: Result) -> tuple[int, list[str]]:
         failed = "ticks whose solver failed, and that are not in the file"
         notes.append(f"{failed}: {unsolved:,}; what follows on them may differ")
     return total, notes
-
-
-def _other_hand(result: Result) -> Result | None:
-    """Return the result of the hand that a result's moved a free object with, or kept apart from; None for none."""
-    if not (result.scene.get(schema.TWO_HANDED) and (result.free or result.scene.get(schema.HANDS_APART))):
-        return None
-    if (other := other_of_two(result.path)) is None:
-        raise InputError(f"{result.path} is of two hands together, and the other one's result is not there")
-    return load_result(other)
-
-
-def _of_both(
-    result: Result,
-    own: HandSolver,
-    other: Result,
-    surface: Any,
-    options: SolverOptions,
-    free: FreeObject | None,
-    others: Sequence[Thing],
-) -> Callable[[HandConfiguration, slice], tuple[TickRecord, ObjectRecord | None]]:
-    """Return what runs some ticks of two hands together again, as those of the hand of a result."""
-    place, hands = schema.SIDES.index(result.side), [own, HandSolver(stored_hand(other), surface, options)]
-    ordered = hands if place == 0 else hands[::-1]
-    loose = None if free is None else TwoHandedSolver(ordered, free, others)
-    both = loose or SideBySideSolver(ordered, ThreadPoolExecutor(len(hands)))
-
-    def solve(haptic: HandConfiguration, ticks: slice) -> tuple[TickRecord, ObjectRecord | None]:
-        theirs = HandConfiguration(*(other[f"haptic/{name}"][ticks] for name in HandConfiguration._fields))
-        if result.driven and free is None:
-            theirs = MovingFrame(theirs, other.moved_since_first(ticks), other.object_motion(ticks)).haptic
-        given = [haptic, theirs]
-        record = both.run(*(given if place == 0 else given[::-1]))[place]
-        return record, None if loose is None else loose.object_ticks(place)
-
-    return solve
 
 
 def _solve(

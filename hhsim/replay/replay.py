@@ -1,12 +1,11 @@
-"""Main loop: run a hand through a motion in compiled blocks; measure and write each one outside of the timed ticks.
+"""Main loop: run a scene's hands through their motions in compiled blocks; measure and write each outside of the ticks.
 
 Two hands keep out of each other. On an object that stands still or moves as recorded each hand's ticks are those that
 it has alone, side by side on two threads, where the hands cannot meet. Elsewhere, and with a free object, both have
 one program.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,30 +18,37 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import distance_of_hands
-from hhsim.metrics.run.registry import needed_columns
-from hhsim.replay.moving_object import part_rows, scene_frames, thing_rows
-from hhsim.replay.stored_scene import describe_scene, part_arrays, part_tables, static_arrays
+from hhsim.metrics.run.registry import needed_columns, run_metrics
+from hhsim.replay.moving_object import part_rows, scene_frames, stored_contacts, thing_rows
+from hhsim.replay.stored_scene import describe_scene, hand_arrays, one_body, several_bodies
 from hhsim.replay.summary import GRAPHIC_HAND, ReplaySummary, summarise
 from hhsim.replay.tick_columns import KeptColumns, TickColumns
-from hhsim.result.reader import CHUNK_TICKS, check_result_path
-from hhsim.result.schema import CONTACT, CONTACT_COLUMNS, FREE_COLUMNS, HANDS_APART, OBJECT_COLUMNS, SIDES, TWO_HANDED
-from hhsim.result.two_handed_file import BETWEEN_COLUMNS, join_hands, partial_of
-from hhsim.result.writer import ResultWriter
+from hhsim.result.reader import CHUNK_TICKS
+from hhsim.result.schema import (
+    BETWEEN_COLUMNS,
+    BODIES,
+    CONTACT,
+    CONTACT_COLUMNS,
+    FRAME,
+    FREE_COLUMNS,
+    HANDS,
+    HANDS_APART,
+    MOTION_COLUMNS,
+    OF_BODIES,
+    POSE_COLUMNS,
+    SIDES,
+    TICK,
+    hand_tables,
+)
+from hhsim.result.writer import BodyPart, HandPart, ResultWriter
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import Scene
 from hhsim.solver.method import METHODS, Method
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import SceneSolver
+from hhsim.solver.scene_solver import SceneSolver, SeenScene
 from hhsim.solver.two_hands import keeps_hands_apart
 from hhsim.system.deferred_sigint import interruptible_between
-from hhsim.system.output_path import free_name
 from hhsim.system.progress import Progress, silent
-
-OF_FREE_OBJECT = (
-    *(column.name for column in (*OBJECT_COLUMNS, *FREE_COLUMNS)),
-    *(f"{CONTACT}/{column.name}" for column in CONTACT_COLUMNS),
-)
-"""Datasets of a free object that the table needs."""
 
 
 def replay_scene(
@@ -55,7 +61,7 @@ def replay_scene(
     before_ticks: Callable[[], None] | None = None,
     progress: Progress | None = None,
 ) -> ReplaySummary:
-    """Replay the scene's motion, write a result file, and return the figures of the table.
+    """Replay the motion of a scene's one hand, write a result file, and return the figures of the table.
 
     An existing file is replaced when the new one is complete. `description` is further description as plain values,
     over the scene's own; `command` the command line for the file to record, empty in a program. `before_ticks` is
@@ -65,18 +71,13 @@ def replay_scene(
     Raises InputError for invalid options, or a method that lacks what it needs, OutputError where the file cannot be
     written, and HhsimError where more pairs were near than the solver holds.
     """
-    solver, report = SceneSolver(scene, _checked(options)), progress or silent
-    run = Replay(solver, description)
-    with run.writer(Path(output_path), command):
-        if before_ticks is not None:
-            before_ticks()
-        with interruptible_between() as check_interrupt:
-            for part in run.blocks():
-                report("ticks", part.start, run.total)
-                run.write(part, run.judged(part, *solver.run(part)))
-                check_interrupt()
-        report("ticks", run.total, run.total)
-        return run.finish()
+    with SceneSolver(scene, _checked(options)) as solver:
+        run = Replay(solver, description)
+        with run.writer(Path(output_path), command):
+            if before_ticks is not None:
+                before_ticks()
+            run.go(progress or silent)
+            return run.finish()[0]
 
 
 def _checked(options: SolverOptions) -> SolverOptions:
@@ -85,79 +86,144 @@ def _checked(options: SolverOptions) -> SolverOptions:
     return options
 
 
-class Replay:
-    """Result of one hand of a run, block by block; `hand` is its number, `description` as of `replay_scene`."""
+class HandRun:
+    """What a run writes of one hand, block by block; `hand` is its number, `described` of the scene as plain values."""
 
-    def __init__(self, solver: SceneSolver, description: Mapping[str, Any] | None = None, hand: int = 0) -> None:
-        scene, seen, options = solver.scene, solver.seen, solver.options
-        self.solver, self.hand, self.total = solver, hand, scene.ticks.tick_count
-        model, motion, parts = scene.hands[hand].model, scene.hands[hand].trajectory, seen.parts
-        self._static = static_arrays(seen.mesh, seen.tree, model, *seen.place)
-        self._parts = part_arrays(parts)
-        of_parts = {f"{part}/{name}": array for part, its in self._parts.items() for name, array in its.items()}
-        self._described = {
+    def __init__(self, solver: SceneSolver, hand: int, described: Mapping[str, Any]) -> None:
+        scene, seen, options, of_hand = solver.scene, solver.seen, solver.options, solver.scene.hands[hand]
+        self.solver, self.hand, self.model, self.ticks = solver, hand, of_hand.model, of_hand.ticks
+        motion, self.bodies = of_hand.trajectory, seen_bodies(seen)
+        self.described = {
             **scene.description,
-            **(description or {}),
+            **described,
             "rate": scene.ticks.rate,
             "motion": motion.name,
             "motion_source": motion.source,
             **_of_outside_method(options.method, solver.hands[hand].method),
-            **describe_scene(seen.mesh, seen.tree, model, options, self._static | of_parts, seen.free),
-            **({} if parts is None else {"thing": {"name": parts.name, "parts": list(parts.names)}}),
-            **(
-                {"others": [{"fixed": fixed, **free.to_json()} for free, fixed, _ in seen.others]}
-                if seen.others
-                else {}
-            ),
+            **describe_scene(seen.mesh, seen.tree, self.model, options, self.bodies, seen.free),
         }
         self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
-        self._kept = KeptColumns(OF_FREE_OBJECT if seen.free else ())
-        self._columns = TickColumns(solver.surfaces[hand].arrays, model, options, parts)
-        given = HandConfiguration.of(scene.hands[hand].ticks)
+        of_body = (*POSE_COLUMNS, *MOTION_COLUMNS, *FREE_COLUMNS, *((OF_BODIES,) if seen.others else ()))
+        self._body = KeptColumns(column.name for column in (of_body if seen.free else ()))
+        of_contacts = ("body", *(column.name for column in CONTACT_COLUMNS if column.name not in ("a", "b")))
+        self._contacts = KeptColumns(of_contacts if seen.free else ())
+        self._columns = TickColumns(solver.surfaces[hand].arrays, self.model, options, seen.parts)
+        given = HandConfiguration.of(of_hand.ticks)
         self._frame_of = scene_frames(seen, given, lambda: solver.object_ticks(hand))
+
+    @property
+    def part(self) -> HandPart:
+        """Hand of the run's file."""
+        return HandPart(self.described, hand_arrays(self.model))
+
+    def rows(self, ticks: slice, record: TickRecord, hands: int) -> dict[str, dict[str, AnyArray]]:
+        """Return the rows of the file of ticks that were solved last, world, of a file of one hand or two."""
+        if not np.isfinite(record.joints).all():
+            raise HhsimError(f"the graphic hand is not finite after tick {ticks.start}: please report the command")
+        frame, parts, many = self._frame_of(ticks), self.solver.seen.parts, self.solver.all_ticks
+        own = frame.body()
+        if parts is None:
+            (name,) = self.bodies
+            of_bodies = {f"{BODIES}/{name}/{TICK}": own}
+        elif many is not None:
+            of_bodies = thing_rows(parts, many, ticks, own)
+            own = of_bodies[f"{BODIES}/{parts.names[0]}/{TICK}"]
+        else:
+            of_bodies = part_rows(parts, ticks, own)
+        block = self._columns.block(self.ticks.time[ticks], self.ticks.input_seq[ticks], frame.haptic, record)
+        contacts = frame.contacts(ticks.start)
+        self._body.keep(own)
+        self._contacts.keep(contacts)
+        self._series.keep(block)
+        tables = hand_tables(self.model.side, frame.world(block))
+        tables[TICK] |= of_bodies.pop(TICK, {})
+        return {**tables, **of_bodies, CONTACT: stored_contacts(contacts, hands)}
+
+    def summary(self) -> ReplaySummary:
+        """Compute the table."""
+        shown, apart = of_the_paper(self.described), bool(self.described.get(HANDS_APART))
+        kept = self._series, self._body, self._contacts
+        return summarise(self.solver, *kept, hand=self.hand, of_paper=shown, hands_apart=apart)
+
+
+def seen_bodies(seen: SeenScene) -> dict[str, BodyPart]:
+    """Return the bodies of a scene's file by their names."""
+    if seen.parts is None:
+        return one_body(seen.mesh, seen.tree, *seen.place, driven=seen.carrier is not None, free=seen.free)
+    others = [] if seen.free is None else [(seen.free, False), *((free, fixed) for free, fixed, _ in seen.others)]
+    return several_bodies(seen.parts, others)
+
+
+class Replay:
+    """Run of all hands of a scene, and its file; `description` as of `replay_scene`."""
+
+    def __init__(self, solver: SceneSolver, description: Mapping[str, Any] | None = None) -> None:
+        scene, described = solver.scene, dict(description or {})
+        self.solver, self.total = solver, scene.ticks.tick_count
+        self.together = solver.seen.free is not None
+        if len(scene.hands) > 1:
+            described[HANDS_APART] = self.keeps_apart = self.together or keeps_hands_apart(solver.options)
+        self.runs = [HandRun(solver, hand, described) for hand in range(len(scene.hands))]
+        self._models, self.graphic = [run.model for run in self.runs], list[FloatArray]()
+        self.duration = list[AnyArray]()
 
     def writer(self, path: Path, command: Sequence[str]) -> ResultWriter:
         """Return the writer of the run's file, to be entered before the first tick."""
-        seen, phases = self.solver.seen, self.solver.scene.ticks.phases
-        moves: dict[str, Any] = {"driven": seen.carrier is not None, "free": seen.free is not None}
-        if seen.parts is not None:
-            moves |= {"tables": part_tables(seen.parts), "parts": self._parts}
-        about: dict[str, Any] = {"scene": self._described, "static": self._static, "phases": phases}
-        self._writer = ResultWriter(path, **about, command=command, **moves)
+        scene, seen, both = self.solver.scene, self.solver.seen, len(self.runs) > 1
+        haptic = [forward_kinematics(hand.model, *HandConfiguration.of(hand.ticks)) for hand in scene.hands if both]
+        self.haptic = distance_of_hands(self._models, haptic) if both else np.zeros(0)
+        carried = seen.parts is not None and seen.carrier is not None
+        frame = [replace(column, name=f"{FRAME.partition('/')[2]}/{column.name}") for column in POSE_COLUMNS]
+        self._writer = ResultWriter(
+            path,
+            hands={run.model.side: run.part for run in self.runs},
+            bodies=self.runs[0].bodies,
+            columns=(*(BETWEEN_COLUMNS if both else ()), *(frame if carried else ())),
+            phases=scene.ticks.phases,
+            command=command,
+        )
         return self._writer
 
-    def blocks(self) -> Iterator[slice]:
-        """Yield the blocks of ticks in their order."""
-        for first in range(0, self.total, CHUNK_TICKS):
-            yield slice(first, min(first + CHUNK_TICKS, self.total))
+    def go(self, progress: Progress) -> None:
+        """Solve and write all ticks."""
+        with interruptible_between() as check_interrupt:
+            for first in range(0, self.total, CHUNK_TICKS):
+                progress("ticks", first, self.total)
+                ticks = slice(first, min(first + CHUNK_TICKS, self.total))
+                self._write(ticks, self.solver.run(ticks))
+                check_interrupt()
+            progress("ticks", self.total, self.total)
 
-    @staticmethod
-    def judged(part: slice, record: TickRecord) -> TickRecord:
-        """Return the record of some ticks; HhsimError if the graphic hand is not finite."""
-        if not np.isfinite(record.joints).all():
-            raise HhsimError(f"the graphic hand is not finite after tick {part.start}: please report the command")
-        return record
+    def _write(self, ticks: slice, records: Sequence[TickRecord]) -> None:
+        """Write the ticks that were solved last: what both hands say of bodies and contacts once."""
+        of_hands = [run.rows(ticks, record, len(self.runs)) for run, record in zip(self.runs, records)]
+        tables = {group: rows for tables in reversed(of_hands) for group, rows in tables.items()}
+        if len(of_hands) > 1:
+            placed = [
+                PlacedHand(*(of[f"graphic/{name}"] for name in ("joints", "position", "orientation")))
+                for of in (tables[f"{HANDS}/{run.model.side}/{TICK}"] for run in self.runs)
+            ]
+            self.graphic.append(distance_of_hands(self._models, placed))
+            self.duration.append(np.maximum(*(record.duration_total for record in records)))
+            between = self.haptic[ticks], self.graphic[-1]
+            tables[TICK] |= {column.name: values for column, values in zip(BETWEEN_COLUMNS, between, strict=True)}
+        self._writer.append(tables)
 
-    def write(self, part: slice, record: TickRecord) -> dict[str, AnyArray]:
-        """Write the ticks that were solved last; returns their columns, world."""
-        ticks, frame, parts = self.solver.scene.hands[self.hand].ticks, self._frame_of(part), self.solver.seen.parts
-        many = self.solver.all_ticks
-        rows = part_rows(parts, part) if many is None or parts is None else thing_rows(parts, many, part)
-        block = self._columns.block(ticks.time[part], ticks.input_seq[part], frame.haptic, record)
-        whole, contacts = frame.world(block), frame.contacts(part.start)
-        self._writer.append(whole, {CONTACT: contacts, **rows})
-        self._kept.keep(whole | {f"{CONTACT}/{name}": rows for name, rows in contacts.items()})
-        self._series.keep(block)
-        return whole
+    def finish(self) -> tuple[ReplaySummary, ...]:
+        """Compute the tables, write them, and complete the file."""
+        summaries = {run.model.side: run.summary() for run in self.runs}
+        of_hands = {side: summary.attributes() for side, summary in summaries.items()}
+        shared = {name: value for of in of_hands.values() for name, value in of.items() if not _is_of_hand(name)}
+        own: dict[str, dict[str, float | int]] = {}
+        for side, of in of_hands.items():
+            own[side] = {name: value for name, value in of.items() if name not in shared}
+        path = self._writer.finish(own, shared)
+        return tuple(replace(summary, path=path) for summary in summaries.values())
 
-    def finish(self) -> ReplaySummary:
-        """Compute the table, write it, and complete the file."""
-        shown = of_the_paper(self._described)
-        apart = bool(self._described.get(HANDS_APART))
-        kept = self._series, self._kept
-        summary = summarise(self.solver, *kept, hand=self.hand, of_paper=shown, hands_apart=apart)
-        path = self._writer.finish(summary.attributes())
-        return replace(summary, path=path)
+
+def _is_of_hand(figure: str) -> bool:
+    """Return False for the number of ticks, and for a figure of a body."""
+    return figure in run_metrics() and not run_metrics()[figure].of_body
 
 
 def _of_outside_method(name: str, method: Method) -> dict[str, Any]:
@@ -210,43 +276,18 @@ def replay_two_hands(
 ) -> TwoHandedReplay:
     """Replay a scene of two hands.
 
-    Until both are complete, each hand has a result file of its own beside `output_path`. Other arguments and errors are
-    those of `hhsim.replay.replay.replay_scene`; raises InputError, too, for a scene of one hand.
+    Other arguments and errors are those of `hhsim.replay.replay.replay_scene`; raises InputError, too, for a scene of
+    one hand.
     """
     if len(scene.hands) != len(SIDES):
         raise InputError(f"{scene!r}: expected {' and '.join(SIDES)} hand")
-    path = Path(output_path)
-    check_result_path(path)
-    with ExitStack() as stack:
-        solver = stack.enter_context(SceneSolver(scene, _checked(options)))
-        together = solver.seen.free is not None
-        keeps_apart = together or keeps_hands_apart(options)
-        described = {TWO_HANDED: True, HANDS_APART: keeps_apart}
-        runs = [Replay(solver, described, hand) for hand in range(len(scene.hands))]
-        parts = [free_name(partial_of(path, side)) for side in SIDES]
-        models, graphic = [hand.model for hand in scene.hands], list[FloatArray]()
-        duration: list[AnyArray] = []
-        for run, own in zip(runs, parts):
-            stack.enter_context(run.writer(own, command))
-        check_interrupt = stack.enter_context(interruptible_between())
-        for part in runs[0].blocks():
-            progress("ticks", part.start, runs[0].total)
-            records = [run.judged(part, each) for run, each in zip(runs, solver.run(part))]
-            blocks = [run.write(part, record) for run, record in zip(runs, records)]
-            placed = [
-                PlacedHand(*(block[f"graphic/{name}"] for name in ("joints", "position", "orientation")))
-                for block in blocks
-            ]
-            graphic.append(distance_of_hands(models, placed))
-            duration.append(np.maximum(*(record.duration_total for record in records)))
-            check_interrupt()
-        progress("ticks", runs[0].total, runs[0].total)
-        hands = tuple(run.finish() for run in runs)
-    haptic = [forward_kinematics(hand.model, *HandConfiguration.of(hand.ticks)) for hand in scene.hands]
-    distances = (distance_of_hands(models, haptic), np.concatenate(graphic))
-    join_hands(parts, dict(zip((column.name for column in BETWEEN_COLUMNS), distances)), path)
-    times = 1e-9 * np.concatenate(duration)
+    with SceneSolver(scene, _checked(options)) as solver:
+        run = Replay(solver)
+        with run.writer(Path(output_path), command) as writer:
+            run.go(progress)
+            right, left = run.finish()
+    times = 1e-9 * np.concatenate(run.duration)
     p50, p99 = (float(np.quantile(times, share)) for share in (0.5, 0.99))
-    haptic_distance, graphic_distance = (float(np.min(values)) for values in distances)
-    both = (hands[0], hands[1]), p50, p99, haptic_distance, graphic_distance
-    return TwoHandedReplay(path, *both, together=together, keeps_apart=keeps_apart)
+    haptic_distance, graphic_distance = (float(np.min(values)) for values in (run.haptic, np.concatenate(run.graphic)))
+    both = (right, left), p50, p99, haptic_distance, graphic_distance
+    return TwoHandedReplay(writer.path, *both, together=run.together, keeps_apart=run.keeps_apart)

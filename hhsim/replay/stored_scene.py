@@ -1,7 +1,7 @@
 """Object, tree, hand and options to and from a result file, bit for bit."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,17 +13,20 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts
+from hhsim.result.body import Body
 from hhsim.result.reader import Result
 from hhsim.result.schema import (
+    BODIES,
     DRIVEN_COLUMNS,
+    FREE_COLUMNS,
+    HANDS,
     JOINT_COLUMN,
-    OWN_COLUMNS,
-    PART_COLUMNS,
-    PART_STATIC_COLUMNS,
-    THINGS,
-    Column,
+    MOTION_COLUMNS,
+    OF_BODIES,
+    POSE_COLUMNS,
 )
 from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS, result_hand, sphere_tree_of
+from hhsim.result.writer import BodyPart
 from hhsim.scene.free_object import LAW, FreeObject
 from hhsim.scene.scene import all_pairs
 from hhsim.solver.free_engine import Thing
@@ -31,67 +34,76 @@ from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
-PARTS = {
-    "object": "the object's mesh",
-    "tree": "the object's sphere tree",
-    "hand": "the hand",
-    THINGS: "a part of the thing",
-}
-"""Groups of datasets with a checksum, and their names in messages; the last are of a thing of several parts."""
+STILL = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
+"""Pose of a body whose mesh is in a frame that is the world's."""
 
 
-def static_arrays(
-    mesh: Mesh,
-    tree: SphereTree,
-    hand: HandModel,
-    object_position: ArrayLike = (0.0, 0.0, 0.0),
-    object_orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+def hand_arrays(hand: HandModel) -> dict[str, AnyArray]:
+    """Return the arrays of `hhsim.result.schema.HAND_STATIC`."""
+    return {
+        **{stored: getattr(hand, name) for name, stored in HAND_ARRAYS.items()},
+        "palm_center": hand.palm_tree.leaf_center,
+        "palm_radius": hand.palm_tree.leaf_radius,
+        **{f"palm_tree/{name}": getattr(hand.palm_tree, name) for name in TREE_ARRAYS},
+        "palm_mesh/vertices": hand.palm_mesh.vertices,
+        "palm_mesh/faces": hand.palm_mesh.faces,
+    }
+
+
+def body_arrays(
+    mesh: Mesh, tree: SphereTree, position: ArrayLike = STILL[0], orientation: ArrayLike = STILL[1]
 ) -> dict[str, AnyArray]:
-    """Return the arrays of `hhsim.result.schema.STATIC_COLUMNS`: mesh and tree in the world [m].
+    """Return the arrays of `hhsim.result.schema.BODY_STATIC`: mesh and tree in the world [m].
 
-    The origin of the object's own frame [m], (3,), and its orientation (w, x, y, z), (4,), are in the world.
+    The origin of the body's own frame [m], (3,), and its orientation (w, x, y, z), (4,), are in the world.
     """
     return {
-        "object/vertices": mesh.vertices,
-        "object/faces": mesh.faces,
-        "object/position": np.array(object_position, dtype=np.float64),
-        "object/orientation": np.array(object_orientation, dtype=np.float64),
-        **{f"object/tree/{name}": getattr(tree, name) for name in TREE_ARRAYS},
-        **{f"hand/{stored}": getattr(hand, name) for name, stored in HAND_ARRAYS.items()},
-        "hand/palm_center": hand.palm_tree.leaf_center,
-        "hand/palm_radius": hand.palm_tree.leaf_radius,
-        **{f"hand/palm_tree/{name}": getattr(hand.palm_tree, name) for name in TREE_ARRAYS},
-        "hand/palm_mesh/vertices": hand.palm_mesh.vertices,
-        "hand/palm_mesh/faces": hand.palm_mesh.faces,
+        "mesh/vertices": mesh.vertices,
+        "mesh/faces": mesh.faces,
+        **{f"tree/{name}": getattr(tree, name) for name in TREE_ARRAYS},
+        "position": np.array(position, dtype=np.float64),
+        "orientation": np.array(orientation, dtype=np.float64),
     }
 
 
-def part_tables(parts: MovingParts) -> dict[str, tuple[Column, ...]]:
-    """Return the columns of each part's table in a result, by its group."""
-    return {
-        f"{THINGS}/{parts.name}/{name}": (
-            *PART_COLUMNS,
-            *((JOINT_COLUMN,) if name in parts.values else ()),
-            *(OWN_COLUMNS if parts.free else ()),
-            *(DRIVEN_COLUMNS if name in parts.driven else ()),
-        )
-        for name in parts.names
-    }
+def body_name(name: str) -> str:
+    """Return the name of a body's group: that of a mesh without slashes, `object` for none."""
+    return name.replace("/", "-").strip(".") or "object"
 
 
-def part_arrays(parts: MovingParts | None) -> dict[str, dict[str, AnyArray]]:
-    """Return the arrays of `PART_STATIC_COLUMNS` of each part, by its group; none for one object."""
-    if parts is None:
-        return {}
-    bodies = zip(part_tables(parts), parts.meshes, parts.trees)
-    return {
-        group: {
-            "vertices": mesh.vertices,
-            "faces": mesh.faces,
-            **{f"tree/{name}": getattr(tree, name) for name in TREE_ARRAYS},
-        }
-        for group, mesh, tree in bodies
-    }
+def one_body(
+    mesh: Mesh,
+    tree: SphereTree,
+    position: ArrayLike,
+    orientation: ArrayLike,
+    *,
+    driven: bool = False,
+    free: FreeObject | None = None,
+) -> dict[str, BodyPart]:
+    """Return the body of a scene with one, at its place of the first tick, by its name."""
+    kind = "driven" if driven else "fixed" if free is None else "free"
+    columns = (*(POSE_COLUMNS if driven or free else ()), *((*MOTION_COLUMNS, *FREE_COLUMNS) if free else ()))
+    properties = {} if free is None else free.to_json()
+    part = BodyPart(kind, body_arrays(mesh, tree, position, orientation), columns, properties)
+    return {body_name(mesh.name): part}
+
+
+def several_bodies(parts: MovingParts, others: Sequence[tuple[FreeObject, bool]] = ()) -> dict[str, BodyPart]:
+    """Return the bodies of a scene of several by their names, in frames of their own.
+
+    `others` has the physical properties of each where one is free, and True for one that is fixed.
+    """
+    found: dict[str, BodyPart] = {}
+    for k, (name, mesh, tree) in enumerate(zip(parts.names, parts.meshes, parts.trees, strict=True)):
+        columns, kind, properties = [*POSE_COLUMNS, *((JOINT_COLUMN,) if name in parts.values else ())], "driven", {}
+        if others:
+            free, fixed = others[k]
+            kind = "fixed" if fixed else "driven" if name in parts.driven else "free"
+            columns += [*MOTION_COLUMNS, OF_BODIES, *(() if k else FREE_COLUMNS)]
+            columns += DRIVEN_COLUMNS if name in parts.driven else ()
+            properties = free.to_json()
+        found[name] = BodyPart(kind, body_arrays(mesh, tree), columns, properties)
+    return found
 
 
 def describe_scene(
@@ -99,12 +111,12 @@ def describe_scene(
     tree: SphereTree,
     hand: HandModel,
     options: SolverOptions,
-    static: Mapping[str, AnyArray],
+    bodies: Mapping[str, BodyPart],
     free: FreeObject | None = None,
 ) -> dict[str, Any]:
-    """Return the description of a scene for the result's file as plain values; `static` is of `static_arrays`."""
+    """Return the description of a scene for the result's file as plain values."""
     return {
-        **({} if free is None else {"free": free.to_json(), "friction_law": LAW}),
+        **({} if free is None else {"friction_law": LAW}),
         "solver": options.to_json(),
         "hand": {
             "side": hand.side,
@@ -126,60 +138,67 @@ def describe_scene(
                 *([] if options.self_contact else ["finger-to-finger contact"]),
             ],
         },
-        "checksums": checksums(static),
+        "checksums": checksums(hand.side, hand_arrays(hand), {name: body.static for name, body in bodies.items()}),
     }
 
 
-def checksums(static: Mapping[str, AnyArray]) -> dict[str, str]:
-    """Return the SHA-256 of each of `PARTS` that there is: of its datasets' little-endian bytes, by name."""
+def checksums(side: str, hand: Mapping[str, AnyArray], bodies: Mapping[str, Mapping[str, AnyArray]]) -> dict[str, str]:
+    """Return the SHA-256 of a hand and of mesh and tree of each body, by group: of datasets' little-endian bytes."""
     digests: dict[str, Any] = {}
-    for name in sorted(static):
-        part = "tree" if name.startswith("object/tree/") else name.split("/")[0]
-        array = np.ascontiguousarray(static[name])
+    arrays = {f"{HANDS}/{side}/{name}": array for name, array in hand.items()}
+    arrays |= {f"{BODIES}/{body}/{name}": array for body, its in bodies.items() for name, array in its.items()}
+    for name in sorted(arrays):
+        top, own, rest = name.split("/", 2)
+        part = f"{top}/{own}{'/tree' if top == BODIES and rest.startswith('tree/') else ''}"
+        array = np.ascontiguousarray(arrays[name])
         digests.setdefault(part, hashlib.sha256())
-        digests[part].update(f"{name} {array.shape} ".encode())
+        digests[part].update(f"{rest} {array.shape} ".encode())
         digests[part].update(array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes())
     return {part: digest.hexdigest() for part, digest in digests.items()}
 
 
+def stored_checksums(result: Result) -> dict[str, str]:
+    """Return the checksums of what a result holds."""
+    hand = {name.removeprefix("hand/"): array for name, array in result.static.items()}
+    return checksums(result.name, hand, {name: body.static for name, body in result.bodies.items()})
+
+
+def part_words(part: str) -> str:
+    """Return what a part with a checksum is, in words."""
+    top, name, *rest = part.split("/")
+    return f"the {name} hand" if top == HANDS else f"the sphere tree of {name}" if rest else f"the mesh of {name}"
+
+
 def require_whole(result: Result) -> None:
-    """Raise InputError if the object, the tree or the hand of a result is not the one of its run."""
-    found = checksums(stored_arrays(result))
+    """Raise InputError if a body, its tree or the hand of a result is not the one of its run."""
     stated = result.scene.get("checksums", {})
-    for part, digest in found.items():
+    for part, digest in stored_checksums(result).items():
         if digest != stated.get(part):
-            raise InputError(f"{result.path} cannot be run again: {PARTS[part]} in the file is another one (checksum)")
+            raise InputError(f"{result.path} cannot be run again: {part_words(part)} in the file is another (checksum)")
 
 
-def stored_arrays(result: Result) -> dict[str, AnyArray]:
-    """Return the arrays with a checksum: of object, tree and hand, and of a thing's parts."""
-    of_parts = (f"{part}/{column.name}" for part in result.parts for column in PART_STATIC_COLUMNS)
-    return {**result.static, **{name: result[name] for name in of_parts}}
+def stored_mesh(body: Body) -> Mesh:
+    """Return the mesh of a body, where it is stored [m]."""
+    return Mesh(body.vertices, body.faces, name=body.name, source=str(body.result.path))
 
 
-def stored_mesh(result: Result) -> Mesh:
-    """Return the object's mesh, world [m]."""
-    name = str(result.scene.get("object_name") or result.scene.get("object") or "object")
-    return Mesh(result.static["object/vertices"], result.static["object/faces"], name=name, source=str(result.path))
-
-
-def stored_tree(result: Result) -> SphereTree:
-    """Return the object's sphere tree, world [m]; InputError if the arrays are no tree."""
-    return sphere_tree_of(result.static, "object/tree")
+def stored_tree(body: Body) -> SphereTree:
+    """Return the sphere tree of a body, where it is stored [m]; InputError if the arrays are no tree."""
+    return sphere_tree_of(body.static, "tree")
 
 
 def stored_surface(result: Result) -> ContactSurface:
-    """Return the surface of one object that the hand touched, world [m]; InputError if hhsim has no such surface."""
-    return contact_surface(result.surface, stored_mesh(result), stored_tree(result))
+    """Return the surface of the first body that the hand touched, world [m]; InputError if hhsim has none such."""
+    return contact_surface(result.surface, stored_mesh(result.body), stored_tree(result.body))
 
 
 def stored_others(result: Result, parts: MovingParts) -> list[Thing]:
-    """Return the things beside the first one of a result; none of a thing of several parts."""
-    surfaces = parts.surfaces(result.surface)[1:]
+    """Return the bodies beside a free one of a result; none of driven ones alone."""
     found = []
-    for surface, stated, name in zip(surfaces, result.scene.get("others", ()), parts.names[1:]):
-        free = {key: value for key, value in stated.items() if key != "fixed"}
-        found.append(Thing(surface, FreeObject.from_json(free), stated["fixed"], name, parts.driven.get(name)))
+    for surface, body in list(zip(parts.surfaces(result.surface), result.bodies.values()))[1:]:
+        if body.properties:
+            own = FreeObject.from_json(body.properties)
+            found.append(Thing(surface, own, body.kind == "fixed", body.name, parts.driven.get(body.name)))
     return found
 
 

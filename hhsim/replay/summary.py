@@ -28,8 +28,9 @@ from hhsim.metrics.moving_parts import MovingParts, TouchedParts
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import known_figures, run_metrics, tick_figures
 from hhsim.metrics.run_ticks import Datasets, FreeRun, RunTicks
-from hhsim.motion.trajectory import RigidMotion
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.motion.tremor import Disturbance
+from hhsim.replay.stored_scene import STILL
 from hhsim.replay.summary_table import SummaryRow, figure_table, short_table, summary_rows
 from hhsim.replay.tick_columns import KeptColumns
 from hhsim.replay.verdict import Verdict, run_verdict
@@ -164,7 +165,8 @@ class ReplaySummary:
 def summarise(
     solver: SceneSolver,
     series: KeptColumns,
-    free: Datasets | None = None,
+    body: Datasets,
+    contacts: Datasets,
     *,
     hand: int = 0,
     of_paper: bool = False,
@@ -172,16 +174,18 @@ def summarise(
 ) -> ReplaySummary:
     """Compute the table of a hand of a run that has just ended, of datasets of /tick as the object sees them.
 
-    Of a free object `free` has those of /tick and /contact, world. `of_paper` shows the paper's figures; `hands_apart`
-    is True of one of two hands that keep out of each other.
+    `body` and `contacts` have those of a free body, world, as `FreeRun`. `of_paper` shows the paper's figures;
+    `hands_apart` is True of one of two hands that keep out of each other.
     """
     scene, seen, options, surface = solver.scene, solver.seen, solver.options, solver.surfaces[hand]
     ticks, parts, model = scene.ticks, seen.parts, scene.hands[hand].model
     fingers = np.array([finger in options.fingers for finger in FINGERS])
     touched = seen.mesh, surface.arrays, hand_shape(model), fingers, options.touch
     free_run = None
-    if seen.free is not None and free is not None:
-        free_run = FreeRun(free, seen.free.to_json(), seen.place, options.stiffness.diagonal(), options.offset)
+    if seen.free is not None:
+        first = ObjectMotion(*map(np.array, STILL)) if seen.others else seen.place
+        of_body = seen.free.to_json(), first, options.stiffness.diagonal(), options.offset, bool(seen.others)
+        free_run = FreeRun(body, contacts, *of_body)
     run = RunTicks(
         columns=series,
         ticks=ticks.tick_count,

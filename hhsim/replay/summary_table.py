@@ -6,6 +6,7 @@ A figure has one default limit, the same for every method.
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from hhsim.metrics.run.force import TREMBLING
@@ -85,6 +86,30 @@ def figure_table(
     if any(row.paper for row in rows):
         columns.append(number("paper"))
     return Table(columns, rows, title)
+
+
+@dataclass(frozen=True)
+class _OfHands:
+    """A figure of several hands: the rows of those that have it, by name; a body's is the first one's."""
+
+    rows: Mapping[str, SummaryRow]
+
+    @property
+    def first(self) -> SummaryRow:
+        return next(iter(self.rows.values()))
+
+    def shown(self, hand: str) -> str:
+        row = self.rows.get(hand)
+        return "" if row is None or (run_metrics()[row.name].of_body and row is not self.first) else row.shown
+
+
+def hands_table(hands: Mapping[str, Sequence[SummaryRow]], promises: Collection[str]) -> Table:
+    """Return the figures of hands that were run together: a column for each, and those of a body once."""
+    names = dict.fromkeys(name for name in run_metrics() for rows in hands.values() if name in {r.name for r in rows})
+    rows = [_OfHands({hand: row for hand, its in hands.items() for row in its if row.name == name}) for name in names]
+    columns = [words("", "first.label")]
+    columns += [number(hand, partial(_OfHands.shown, hand=hand)) for hand in hands]
+    return Table([*columns, words("unit", "first.unit"), number("limit", lambda of: of.first.limit(promises))], rows)
 
 
 def summary_rows(figures: Mapping[str, float], rate: float, *, of_paper: bool = False) -> tuple[SummaryRow, ...]:

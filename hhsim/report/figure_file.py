@@ -15,7 +15,7 @@ from hhsim.report.pictures import overview_picture
 from hhsim.report.run import posed_result, result_labels
 from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import series_figure
-from hhsim.result.reader import Result, hand_paths, load_result
+from hhsim.result.reader import Result, load_result
 from hhsim.system.output_path import check_picture
 
 FIGURES: Mapping[str, Callable[[Mapping[str, Result]], ReportFigure]] = {
@@ -60,7 +60,7 @@ def make_figure(paths: Sequence[Path], name: str) -> ReportFigure:
     tables = [path for path in paths if is_table(path)]
     if tables:
         return _table_figure(tables[0], name, alone=len(paths) == 1)
-    results = [posed_result(load_result(hand)) for path in paths for hand in hand_paths(path)]
+    results = [posed_result(hand) for path in paths for hand in load_result(path).hands.values()]
     return FIGURES[name](dict(zip(result_labels(results), results)))
 
 

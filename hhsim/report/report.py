@@ -19,7 +19,7 @@ from hhsim.report.run import ReportRun, report_runs
 from hhsim.report.sections import result_tables
 from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import series_figure
-from hhsim.result.reader import hand_paths, load_result
+from hhsim.result.reader import load_result
 from hhsim.result.wording import motion_name, object_name
 from hhsim.system.atomic_write import write_together
 from hhsim.system.counted import counted
@@ -99,7 +99,7 @@ class ReportFiles:
 def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report:
     """Make the page of results and tables of `hhsim bench`, in the order of the files; InputError for another file."""
     tables = {path: bench_file.load_table(path) for path in paths if bench_file.is_table(path)}
-    results = [load_result(hand) for path in paths if path not in tables for hand in hand_paths(path)]
+    results = [hand for path in paths if path not in tables for hand in load_result(path).hands.values()]
     steps = itertools.count()
 
     def report_step(what: str) -> None:

@@ -80,13 +80,13 @@ def option_words(result: Result) -> dict[str, str]:
     """Return a result's options in words by their names."""
     scene = result.scene
     solver: Mapping[str, Any] = scene.get("solver", {})
-    levels = result.static["object/tree/level"]
+    level = max(int(body.static["tree/level"].max(initial=0)) for body in result.bodies.values())
     hand = scene.get("hand", {})
     stiffness = solver.get("stiffness", {})
     words = {
         "kind": "live session" if result.live is not None else "replay",
-        "level": f"level {int(levels.max(initial=0))}",
-        "spheres": f"{int((levels == levels.max(initial=0)).sum()):,} spheres",
+        "level": f"level {level}",
+        "spheres": f"{sum(body.leaves for body in result.bodies.values()):,} spheres",
         "rate": f"{result.rate:g} Hz",
         "side": f"{hand.get('side', '')} hand",
         "length": f"hand {1e3 * float(hand.get('length', 0.0)):.0f} mm",

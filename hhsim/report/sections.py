@@ -14,14 +14,14 @@ from hhsim.errors import InputError
 from hhsim.gate.compare import Comparison, compared
 from hhsim.gate.verdict import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
 from hhsim.hand.fingers import FINGERS
+from hhsim.metrics.moving_parts import bodies_mesh
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.session_faults import how_it_ended, recorded_faults, session_log
-from hhsim.replay.stored_scene import PARTS
+from hhsim.replay.stored_scene import part_words
 from hhsim.replay.summary_table import SummaryRow, figure_table
 from hhsim.report.run import ReportRun
 from hhsim.result.reader import Result
-from hhsim.result.schema import is_one_of_two
 from hhsim.result.wording import commit, motion_name, object_name
 from hhsim.system.counted import counted
 from hhsim.system.input_file import open_input
@@ -86,21 +86,20 @@ SHOWN_WORDS = (BETTER, WORSE, WITHIN, NOT_COMPARABLE)
 
 def run_facts(result: Result) -> dict[str, str]:
     """Return object, motion, hand and method."""
-    scene, static = result.scene, result.static
+    scene, bodies = result.scene, result.bodies.values()
     solver: Mapping[str, Any] = scene.get("solver", {})
-    low, high = static["object/vertices"].min(axis=0), static["object/vertices"].max(axis=0)
+    low, high = bodies_mesh(result).bounds
     extent = " × ".join(f"{1e3 * side:.0f}" for side in high - low)
-    level = static["object/tree/level"]
-    depth = int(level.max(initial=0))
+    depth = max(int(body.static["tree/level"].max(initial=0)) for body in bodies)
     hand = scene.get("hand") or {"side": NONE}
     side, fingers = str(hand.get("side", "")), result.fingers
     stiffness = solver.get("stiffness", {})
     coupling = [f"{name} {stiffness[name]:g} {unit}" for name, unit in COUPLING.items() if name in stiffness]
     facts = {
         "object": object_name(result),
-        "object, extent": f"{extent} mm, {counted(len(static['object/faces']), 'triangle')}",
+        "object, extent": f"{extent} mm, {counted(sum(len(body.faces) for body in bodies), 'triangle')}",
         "repairs of its mesh": "; ".join(scene.get("object_repairs") or []) or "none",
-        "sphere tree": f"level {depth}, {counted(int((level == depth).sum()), 'leaf sphere')}",
+        "sphere tree": f"level {depth}, {counted(sum(body.leaves for body in bodies), 'leaf sphere')}",
         "what the hand touches": f"the {result.surface}",
         "motion": motion_name(result),
         "its source": str(scene.get("motion_source") or NONE),
@@ -149,7 +148,7 @@ def origin_facts(result: Result) -> dict[str, str]:
         "complete": "yes" if result.complete else "no: the run was stopped, its ticks so far are sound",
         "schema": f"{result.schema_version}",
         "object's mesh as it was read": str(result.scene.get("object_mesh") or NONE),
-        **{f"SHA-256 of {what}": str(stated[part]) for part, what in PARTS.items() if part in stated},
+        **{f"SHA-256 of {part_words(part)}": str(digest) for part, digest in stated.items()},
     }
 
 
@@ -162,7 +161,7 @@ def option_facts(result: Result) -> dict[str, str]:
 def file_digest(path: Path) -> str:
     """Return the SHA-256 of a file in hexadecimal digits; raise InputError if it cannot be read."""
     try:
-        with open_input(path.parent if is_one_of_two(path) else path) as file:
+        with open_input(path) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from error

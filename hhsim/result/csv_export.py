@@ -11,15 +11,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import OutputError, UnknownNameError
 from hhsim.result.reader import CHUNK_TICKS, Result
-from hhsim.result.schema import (
-    JOINT_COLUMN,
-    LIVE_TICK,
-    LIVE_TICK_COLUMNS,
-    OBJECT_COLUMNS,
-    PART_COLUMNS,
-    TICK_COLUMNS,
-    Column,
-)
+from hhsim.result.schema import BETWEEN_COLUMNS, BODY_COLUMNS, LIVE_TICK, LIVE_TICK_COLUMNS, TICK, TICK_COLUMNS, Column
 from hhsim.system.atomic_write import partial_file
 from hhsim.system.output_path import begins_with, check_output_path
 from hhsim.system.progress import Progress, silent
@@ -48,8 +40,8 @@ def export_ticks(
     Args:
         result: Complete or not.
         path: The table; an existing one is replaced when the new one is complete.
-        columns: Names of datasets of /tick, of `SIZES`, of live/tick of a session, of poses of parts; or `all`. None
-            for the usual ones.
+        columns: Names of datasets of the hand at the ticks, of `SIZES`, of live/tick of a session, of bodies at the
+            ticks; or `all`. None for the usual ones.
 
     Raises:
         UnknownNameError: No such dataset.
@@ -59,14 +51,14 @@ def export_ticks(
         raise OutputError(f"{path} is no name for a table: it has to end in {SUFFIX}")
     check_output_path(path, "table of ticks", begins_with(b"tick,"))
     known = {column.name: column for column in TICK_COLUMNS} | {name: column for name, (column, _) in SIZES.items()}
-    if result.driven:
-        known |= {column.name: column for column in OBJECT_COLUMNS}
+    if result.other is not None:
+        known |= {column.name: column for column in BETWEEN_COLUMNS if column.name in result}
     if result.live is not None:
         of_loop = (replace(column, name=f"{LIVE_TICK}/{column.name}") for column in LIVE_TICK_COLUMNS)
         known |= {column.name: column for column in of_loop}
-    for part in result.parts:
-        of_part = (replace(column, name=f"{part}/{column.name}") for column in (*PART_COLUMNS, JOINT_COLUMN))
-        known |= {column.name: column for column in of_part if column.name in result}
+    for body in result.bodies.values():
+        of_body = (replace(one, name=f"{body.group}/{TICK}/{one.name}") for one in BODY_COLUMNS if one.name in body)
+        known |= {column.name: column for column in of_body}
     wanted = tuple(known) if columns and ALL in columns else tuple(columns or USUAL)
     for name in wanted:
         if name not in known:

@@ -12,7 +12,7 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
-from hhsim.result.reader import Result, load_result
+from hhsim.result.reader import Result, load_hand
 from hhsim.result.schema import FORMAT, SUFFIXES
 from hhsim.system.hdf5_input import hdf5_format
 
@@ -27,17 +27,17 @@ def holds_a_result(path: Path) -> bool:
         return False
 
 
-def load_result_motion(path: Path) -> Trajectory:
-    """Read the motion of a result or a session, complete or not, and the object's place.
+def load_result_motion(path: Path, side: str = "") -> Trajectory:
+    """Read the motion of a hand of a result or a session, complete or not, and the object's place.
 
-    Raises InputError as `load_result`, or for a thing of several parts; TrajectoryError for no tick or no good sample,
-    or a hand that is not finite.
+    `side` names one of two hands. Raises InputError as `load_result`, for two hands without a side, or for several
+    bodies; TrajectoryError for no tick or no good sample, or a hand that is not finite.
     """
-    result = load_result(path)
-    if result.parts:
+    result = load_hand(path, side)
+    if len(result.bodies) > 1:
         raise InputError(
-            f"{path}: its hand moves beside parts that a motion does not carry; expected a result of one object "
-            f"(hhsim replay {path} runs its ticks again)"
+            f"{path}: its hand moves beside several bodies, which a motion does not carry; expected a result of "
+            f"one body (hhsim replay {path} runs its ticks again)"
         )
     try:
         return _replay(result) if result.live is None else _session(result)
@@ -62,7 +62,7 @@ def _replay(result: Result) -> Trajectory:
         time,
         *haptic,
         phases=tuple(phases),
-        object_motion=result.object_motion() if result.driven else None,
+        object_motion=result.body.poses() if result.driven else None,
         **_origin(result),
     )
 
@@ -103,8 +103,8 @@ def _session(result: Result) -> Trajectory:
 def _origin(result: Result) -> dict[str, Any]:
     source = result.scene.get("motion_source") or result.scene["motion"]
     return {
-        "object_position": result.static["object/position"],
-        "object_orientation": result.static["object/orientation"],
+        "object_position": result.body.place.position,
+        "object_orientation": result.body.place.orientation,
         "name": result.path.stem,
         "source": f"the motion in the result {result.path.name}: {source}",
         "hand": result.scene["hand"]["side"],

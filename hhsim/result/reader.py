@@ -14,9 +14,10 @@ import numpy as np
 
 from hhsim.arrays import AnyArray, FloatArray, IntArray
 from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameError
-from hhsim.hand.fingers import BODIES
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickPhase, phase_names
 from hhsim.result import schema
+from hhsim.result.body import Body
+from hhsim.result.contacts import Contacts, known_pairs
 from hhsim.system.environment import UNKNOWN
 from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5, read_numbers
 from hhsim.system.input_file import media_kind_of
@@ -26,7 +27,7 @@ TURNS = {column.name: column.turns for column in schema.TICK_COLUMNS if column.t
 """Kind of transformation (`Column.turns`) by dataset."""
 
 View: TypeAlias = Callable[[str, AnyArray, ObjectMotion, ObjectMotion], AnyArray]
-"""Transform rows of a /tick dataset: its name, world values, the object's poses at these ticks and the first."""
+"""Transform rows of a hand's dataset: its name, world values, poses of the frame at these ticks and the first."""
 
 _HINTS = {
     "hhsim-trajectory": " (to replay a trajectory, give an object first: hhsim replay OBJECT FILE)",
@@ -36,14 +37,9 @@ _HINTS = {
 }
 """Hints on files of other formats."""
 
-_TOGETHER = (
-    ("object/tree/center", "object/tree/radius", "object/tree/level", "object/tree/parent"),
-    ("hand/palm_tree/center", "hand/palm_tree/radius", "hand/palm_tree/level", "hand/palm_tree/parent"),
-    ("hand/palm_center", "hand/palm_radius"),
-)
-"""Arrays with one row a sphere."""
-_TABLES = ("tick", schema.LIVE_TICK, schema.CONTACT, schema.LIVE_SAMPLE, schema.LIVE_EVENT)
-"""Groups whose datasets are columns of one table; the first two have a row a tick."""
+_OF_A_TREE = ("center", "radius", "level", "parent")
+_TOGETHER = (tuple(f"palm_tree/{name}" for name in _OF_A_TREE), ("palm_center", "palm_radius"))
+"""Arrays of a hand with one row a sphere."""
 
 CHUNK_TICKS = 512
 """Ticks in a chunk of the file, and the best size of a block."""
@@ -92,17 +88,20 @@ class Result:
     packages: dict[str, str]
     phases: tuple[TickPhase, ...]  # those that begin within the ticks
     summary: dict[str, Any]
-    static: Mapping[str, AnyArray]  # arrays of `STATIC_COLUMNS` by name
-    live: Mapping[str, Any] | None = None  # attributes of /live; None for a replay
+    name: str = ""  # of the hand whose datasets these are, right or left; "" for a file of two as a whole
+    hands: Mapping[str, "Result"] = field(default_factory=dict, compare=False)  # each of the file, by its name
+    bodies: Mapping[str, Body] = field(default_factory=dict, compare=False)  # by their names, in the file's order
+    static: Mapping[str, AnyArray] = field(default_factory=dict)  # arrays of `HAND_STATIC`, as `hand/NAME`
+    live: Mapping[str, Any] | None = None  # attributes of a hand's live; None for a replay
     command: tuple[str, ...] = ()  # as it was typed; empty for a call of the library
     git_revision: str = UNKNOWN  # commit of the hhsim that wrote it
     git_dirty: bool | str = UNKNOWN  # True if its files had changed since
     repeated: Mapping[str, Any] = field(default_factory=dict)  # `runs`, and mean and std of `times` by name
     score: Mapping[str, float] = field(default_factory=dict, repr=False)  # of a submission: penetration and error [m]
-    parts: tuple[str, ...] = ()  # groups of a thing's parts, such as `things/laptop/lid`; empty for one object
-    driven: bool = False  # True if the object moves: its poses are `object/position` and `object/orientation`
+    frame: str = ""  # group of the poses of the frame that hands were solved in; "" where that stands still
     view: View | None = field(default=None, compare=False)  # transformation of hands and forces; None: world
     replaced: Mapping[str, AnyArray] = field(default_factory=dict, compare=False)  # instead of those of the file
+    asked: set[str] = field(default_factory=set, compare=False)  # names of the datasets that were read
     _loaded: dict[str, AnyArray] = field(default_factory=dict, compare=False)
 
     def __repr__(self) -> str:
@@ -147,83 +146,142 @@ class Result:
         return tuple(self.scene["solver"]["fingers"])
 
     @property
+    def other(self) -> "Result | None":
+        """The other hand of a file of two; None in a file of one."""
+        return next((hand for name, hand in self.hands.items() if name != self.name), None)
+
+    @property
+    def label(self) -> str:
+        """Path, and of one of two hands its name, for people."""
+        return f"{self.path}, {self.name} hand" if len(self.hands) > 1 and self.name else str(self.path)
+
+    @property
+    def body(self) -> Body:
+        """First body, which free contacts are of."""
+        return next(iter(self.bodies.values()))
+
+    @property
     def free(self) -> bool:
-        """True if forces move the object; its contacts are under `contact/`."""
-        return "free" in self.scene
+        """True if forces move the first body; its contacts are under `contact/`."""
+        return self.body.kind == "free"
+
+    @property
+    def driven(self) -> bool:
+        """True if the frame that hands were solved in moves."""
+        return bool(self.frame)
+
+    @cached_property
+    def contacts(self) -> Contacts:
+        """Contacts of the first body as this hand counts them."""
+        return Contacts(self)
 
     @cached_property
     def seen_from_object(self) -> "Result":
-        """Result in the frame of its object at the first tick; itself where the object stands still."""
+        """Result in the frame that its hands were solved in, at the first tick; itself where that stands still."""
         return self.seen_by(lambda name, values, now, first: as_object_sees(name, values, now.since(*first)))
 
     def seen_by(self, view: View) -> "Result":
-        """Result as transformed by `view`; itself where the object stands still."""
+        """Result as transformed by `view`; itself where the frame stands still."""
         return replace(self, view=view, _loaded={}) if self.driven and self.view is None else self
 
-    def object_motion(self, rows: slice | int = slice(None)) -> ObjectMotion:
-        """Read the object's poses at some ticks."""
-        if not self.driven:
-            count = len(range(self.ticks)[rows]) if isinstance(rows, slice) else 1
-            poses = (self.static["object/position"], self.static["object/orientation"])
-            return ObjectMotion(*(np.tile(pose, (count, 1)) for pose in poses))
+    def poses(self, group: str, rows: slice = slice(None)) -> ObjectMotion:
+        """Read the poses in a group at some ticks, world."""
+        self.asked.update(f"{group}/{column.name}" for column in schema.POSE_COLUMNS)
         with _opened(self.path) as file:
-            return self._object_motion(file, rows)
+            return self._poses(file, group, rows)
 
-    def moved_since_first(self, rows: slice | int = slice(None)) -> RigidMotion:
-        """Motion of the object from its place of /object to that at the ticks."""
-        return self.object_motion(rows).since(self.static["object/position"], self.static["object/orientation"])
+    def _poses(self, file: h5py.File, group: str, rows: slice) -> ObjectMotion:
+        part = slice(*rows.indices(self.ticks))
+        return ObjectMotion(*(_finite_numbers(file[group][column.name], part) for column in schema.POSE_COLUMNS))
+
+    @cached_property
+    def _first(self) -> ObjectMotion:
+        """Pose of the frame that moves where bodies are stored, shapes (3,) and (4,)."""
+        if self.frame == schema.FRAME:
+            return self.poses(self.frame, slice(1)).at(0)
+        return self.body.place
+
+    def moved_since_first(self, rows: slice = slice(None)) -> RigidMotion:
+        """Motion of the frame that moves, from where bodies are stored to the ticks."""
+        return self.poses(self.frame, rows).since(*self._first)
 
     def meshes_moved(self, rows: slice | int = slice(None)) -> tuple[RigidMotion, ...]:
-        """Motion of the object, or of each part, from where its mesh is stored to its place at the ticks.
+        """Motion of each body, from where its mesh is stored to its place at the ticks.
 
-        It is in the view's frame, and empty where the object stands still there.
+        It is in the view's frame, and empty for a single body that stands still there.
         """
-        if not self.parts:
-            return (self.moved_since_first(rows),) if self.driven and self.view is None else ()
         ticks = slice(rows, rows + 1) if isinstance(rows, int) else rows
-        columns = "orientation", "position"
-        poses = (RigidMotion(*(self[f"{part}/{column}"][ticks] for column in columns)) for part in self.parts)
+        if len(self.bodies) == 1 and (self.view is not None or not self.driven):
+            return ()
+        moved = tuple(body.moved(ticks) for body in self.bodies.values())
         if not self.driven or self.view is None:
-            return tuple(poses)
-        now = self.moved_since_first(rows)
-        return tuple(RigidMotion(now.seen_orientations(one.turn), now.seen_points(one.shift)) for one in poses)
-
-    def _object_motion(self, file: h5py.File, rows: slice | int) -> ObjectMotion:
-        part = slice(*rows.indices(self.ticks)) if isinstance(rows, slice) else slice(rows, rows + 1)
-        return ObjectMotion(*(_finite_numbers(file["tick"][column.name], part) for column in schema.OBJECT_COLUMNS))
+            return moved
+        now = self.moved_since_first(ticks)
+        return tuple(RigidMotion(now.seen_orientations(one.turn), now.seen_points(one.shift)) for one in moved)
 
     def _rows(self, file: h5py.File, name: str, rows: slice | int) -> AnyArray:
-        """Read rows of a dataset of /tick in the view's frame."""
+        """Read rows of a dataset with a row a tick, in the view's frame."""
+        self.asked.add(name)
         if name in self.replaced:
             return np.asarray(self.replaced[name][rows])
-        values = read_numbers(file["tick"][name], rows)
+        values = read_numbers(file[self._path_of(name)], rows)
         if self.view is None or name not in TURNS:
             return values
-        now = self._object_motion(file, rows)
-        first = ObjectMotion(self.static["object/position"], self.static["object/orientation"])
+        part = rows if isinstance(rows, slice) else slice(rows, rows + 1)
+        now = self._poses(file, self.frame, part)
         if isinstance(rows, slice):
-            return self.view(name, values, now, first)
-        return np.asarray(self.view(name, np.asarray(values)[None], now, first)[0])
+            return self.view(name, values, now, self._first)
+        return np.asarray(self.view(name, np.asarray(values)[None], now, self._first)[0])
+
+    def _path_of(self, name: str) -> str:
+        """Path in the file of a dataset by its name."""
+        if name.startswith((f"{schema.BODIES}/", f"{schema.CONTACT}/", f"{schema.TICK}/")):
+            return name
+        if name.startswith(f"{schema.BETWEEN}/") or (name == schema.TIME.name and not self._own_time):
+            return f"{schema.TICK}/{name}"
+        if not self.name:
+            raise InputError(f"{self.path} holds two hands: {name} is that of .hands['right'] or .hands['left']")
+        group = f"{schema.HANDS}/{self.name}"
+        return f"{group}/{name}" if name.startswith(f"{schema.LIVE}/") else f"{group}/{schema.TICK}/{name}"
+
+    @cached_property
+    def _own_time(self) -> bool:
+        """True where hands of two loops have ticks of their own."""
+        with _opened(self.path) as file:
+            return schema.TICK not in file
 
     def __getitem__(self, name: str) -> AnyArray:
         if name not in self._loaded:
+            path = self._path_of(name)
             with _opened(self.path) as file:
-                of_ticks = not name.startswith((f"{schema.LIVE}/", f"{schema.CONTACT}/", f"{schema.THINGS}/"))
-                dataset = file.get(f"tick/{name}" if of_ticks else name)
+                dataset = file.get(path)
                 if not isinstance(dataset, h5py.Dataset):
                     raise self._no_dataset(name, dataset)
-                rows = slice(self.ticks if of_ticks else self._whole_rows(dataset))
-                found = self._rows(file, name, rows) if of_ticks else read_numbers(dataset, rows)
-                self._loaded[name] = _frozen(found)
+                if self._of_ticks(path):
+                    self._loaded[name] = _frozen(self._rows(file, name, slice(self.ticks)))
+                else:
+                    self.asked.add(name)
+                    self._loaded[name] = _frozen(read_numbers(dataset, slice(self._whole_rows(dataset))))
         return self._loaded[name]
 
+    @staticmethod
+    def _of_ticks(path: str) -> bool:
+        """True for the path of a dataset with a row a tick."""
+        return schema.TICK in path.split("/")[:-1] and not path.startswith(f"{schema.CONTACT}/")
+
     def keys(self) -> list[str]:
-        """Names of all datasets: those of /tick, and those under `live/` and `contact/`."""
+        """Names of all datasets with rows: the time, those of the hand's ticks, and those under other groups."""
         with _opened(self.path) as file:
-            found = _dataset_names(file["tick"])
-            for group in (schema.LIVE, schema.CONTACT, schema.THINGS):
-                if group in file:
-                    found += [f"{group}/{name}" for name in _dataset_names(file[group])]
+            found = [schema.TIME.name]
+            shared = [name for name in _dataset_names(file.get(schema.TICK, {})) if name != schema.TIME.name]
+            found += [name if name.startswith(f"{schema.BETWEEN}/") else f"{schema.TICK}/{name}" for name in shared]
+            if self.name:
+                group = file[schema.HANDS][self.name]
+                found += [name for name in _dataset_names(group[schema.TICK]) if name != schema.TIME.name]
+                found += [f"{schema.LIVE}/{name}" for name in _dataset_names(group.get(schema.LIVE, {}))]
+            found += [f"{schema.CONTACT}/{name}" for name in _dataset_names(file.get(schema.CONTACT, {}))]
+            names = (f"{schema.BODIES}/{name}" for name in _dataset_names(file[schema.BODIES]))
+            found += [name for name in names if self._of_ticks(name)]
             return found
 
     def __contains__(self, name: object) -> bool:
@@ -240,18 +298,14 @@ class Result:
         return InputError(f"{self.path}: {UnknownNameError('dataset', name, self.keys())}")
 
     def blocks(self, names: Sequence[str], size: int = CHUNK_TICKS) -> Iterator[dict[str, AnyArray]]:
-        """Yield datasets of /tick, `live/tick` or a part by name, `size` ticks at a time: all may exceed the memory."""
+        """Yield datasets with a row a tick by name, `size` ticks at a time: all of them may exceed the memory."""
         with _opened(self.path) as file:
             for first in range(0, self.ticks, size):
                 rows = slice(first, min(first + size, self.ticks))
-                beside = tuple(name for name in names if name.startswith((f"{schema.LIVE}/", f"{schema.THINGS}/")))
-                yield {
-                    name: read_numbers(file[name], rows) if name in beside else self._rows(file, name, rows)
-                    for name in names
-                }
+                yield {name: self._rows(file, name, rows) for name in names}
 
     def at(self, tick: int, names: Sequence[str]) -> dict[str, AnyArray]:
-        """Read one tick of datasets of /tick; InputError if there is no such tick."""
+        """Read one tick of datasets; InputError if there is no such tick."""
         if not isinstance(tick, SupportsIndex) or not 0 <= int(tick) < self.ticks:
             raise InputError(f"{self.path} has no tick {tick}: it has {self.ticks:,}, counted from 0")
         with _opened(self.path) as file:
@@ -259,21 +313,14 @@ class Result:
 
     def _whole_rows(self, dataset: h5py.Dataset) -> int:
         """Number of rows that belong to the ticks: a killed run may have written a block to some datasets only."""
-        if f"/{schema.THINGS}/" in dataset.name:
-            grows = dataset.name.rpartition("/")[2] in {
-                column.name for column in (*schema.PART_COLUMNS, *schema.OWN_COLUMNS, schema.JOINT_COLUMN)
-            }
-            return self.ticks if grows else len(dataset)
         table = dataset.parent
-        if f"{table.name}/".endswith((f"/{schema.LIVE_TICK}/", f"/{schema.LIVE_TICK}/taken/")):
-            return self.ticks
-        if not table.name.endswith(f"/{schema.CONTACT}"):
+        if table.name.startswith(f"/{schema.BODIES}/"):
+            return len(dataset)
+        if table.name != f"/{schema.CONTACT}":
             return min(len(column) for column in table.values())
-        ticks, bodies = table["tick"][...], table["body"][...]
-        # Where two hands hold one object, those of the other hand follow.
-        most = 2 * BODIES if self.scene.get(schema.TWO_HANDED) else BODIES
-        unknown = (bodies < -1 - len(self.parts)) | (bodies >= most)
-        if (np.diff(ticks) < 0).any() or (ticks[:1] < 0).any() or unknown.any():
+        ticks, a, b = (np.asarray(table[name], np.int64) for name in ("tick", "a", "b"))
+        known = known_pairs(str(table.attrs["names"]), a, b, list(self.hands), list(self.bodies))
+        if (np.diff(ticks) < 0).any() or (ticks[:1] < 0).any() or not known:
             raise InputError(f"{self.path} is damaged: a contact of no tick, or of no body")
         return int(np.searchsorted(ticks, self.ticks))
 
@@ -281,11 +328,12 @@ class Result:
     def skin_faces(self) -> IntArray | None:
         """Triangles of the shown hand's skin, shape (F, 3); None where a result has none; InputError for damage."""
         with _opened(self.path) as file:
-            if schema.SKIN not in file:
+            skin = self._skin(file)
+            if skin is None:
                 return None
             for column in schema.SKIN_COLUMNS:
-                _check_dataset(file[schema.SKIN], column, column.shape, self.path)
-            vertices, found = file[schema.SKIN]["vertices"], np.asarray(file[schema.SKIN]["faces"], np.int64)
+                _check_dataset(skin, column, column.shape, self.path)
+            vertices, found = skin["vertices"], np.asarray(skin["faces"], np.int64)
             if len(vertices) < self.ticks or not len(found) or not 0 <= found.min() <= found.max() < vertices.shape[1]:
                 raise InputError(f"{self.path} is damaged: its skin does not fit its ticks or its triangles")
             return found
@@ -293,10 +341,13 @@ class Result:
     def skin(self, rows: slice) -> FloatArray:
         """Read the skin's vertices at some ticks [m], shape (T, V, 3), in the view's frame."""
         with _opened(self.path) as file:
-            found = np.asarray(_finite_numbers(file[schema.SKIN]["vertices"], rows), np.float64)
+            found = np.asarray(_finite_numbers(self._skin(file)["vertices"], rows), np.float64)
         if self.view is None:
             return found
         return self.moved_since_first(rows).seen_points(found)
+
+    def _skin(self, file: h5py.File) -> Any:
+        return file[schema.HANDS][self.name].get(schema.SKIN)
 
     def phase_at(self, tick: int) -> str:
         """Name of the phase of a tick; "" for none."""
@@ -311,83 +362,150 @@ class Result:
         raise InputError(f"{self.path} has no phase '{name}': it has {known}")
 
 
-def hand_paths(path: Path) -> list[Path]:
-    """Return the results in a file: its path, or `FILE/right` and `FILE/left` of two hands; errors as `load_result`."""
-    if schema.is_one_of_two(path):
-        return [path]
-    with _opened(path) as file:
-        return [path / side for side in schema.SIDES] if schema.HANDS in file else [path]
-
-
 def load_result(path: str | Path) -> Result:
-    """Open a result file, complete or not; one hand of a file of two is `FILE.h5/right` or `FILE.h5/left`.
+    """Open a result file, complete or not; a file of two hands has each of them in `Result.hands`.
 
-    Raises InputError for no such file, no HDF5, no result, another schema, datasets that are missing or misshapen, or a
-    file of two hands.
+    Raises InputError for no such file, no HDF5, no result, another schema, or datasets that are missing or misshapen.
     """
     path = Path(path)
     with _opened(path) as file:
         _check_format(file, path)
-        tick = file.get("tick", {})
-        parts = _parts(file, path)
-        driven = bool(file.attrs["schema_version"] == schema.DRIVEN_SCHEMA_VERSION) or "object/position" in tick
-        columns = (
-            *schema.TICK_COLUMNS,
-            *(schema.OBJECT_COLUMNS if driven else ()),
-            *(schema.FREE_COLUMNS if schema.CONTACT in file else ()),
-        )
-        for column in columns:
-            _check_dataset(tick, column, (-1, *column.shape), path)
-        for column in schema.STATIC_COLUMNS:
-            _check_dataset(file, column, column.shape, path)
-        for names in _TOGETHER:
-            if len({len(file[name]) for name in names}) > 1:
-                raise InputError(f"{path} is damaged: {' and '.join(names)} are not of the same length")
-        for column in schema.CONTACT_COLUMNS if schema.CONTACT in file else ():
-            _check_dataset(file[schema.CONTACT], column, (-1, *column.shape), path)
-        ticks = min(len(tick[column.name]) for column in columns)
-        if schema.LIVE_TICK in file:
-            ticks = min(ticks, *(len(file[schema.LIVE_TICK][column.name]) for column in schema.LIVE_TICK_COLUMNS))
-        attributes = file.attrs
+        names = [side for side in schema.SIDES if side in file[schema.HANDS]]
+        if not names:
+            raise DamagedFileError("damaged: it has no hand")
+        columns, lengths = _checked_tables(file, names, path)
+        attributes, summary = file.attrs, file[schema.SUMMARY]
+        dirty, common = attributes["git_dirty"], _mapping(attributes["scene"])
+        ticks = lengths if lengths[""] < 0 else dict.fromkeys(lengths, min(lengths.values()))
         if attributes["complete"]:
-            _require_equal_rows(file, parts, path)
-        dirty = attributes["git_dirty"]
-        return Result(
+            _require_equal_rows(file, path)
+        whole = Result(
             path=path,
             complete=bool(attributes["complete"]),
-            ticks=ticks,
+            ticks=min(ticks[name] for name in names),
             schema_version=int(attributes["schema_version"]),
             hhsim_version=str(attributes["hhsim_version"]),
             created_utc=str(attributes["created_utc"]),
-            scene=_Stated(_mapping(attributes["scene"]), path),
+            scene=_Stated(common, path),
             machine=_mapping(attributes["machine"]),
             packages=_mapping(attributes["packages"]),
-            phases=tuple(phase for phase in read_phases(file) if phase.first_tick < ticks),
-            summary=_attributes(file["summary"]),
-            static={column.name: _frozen(_finite_numbers(file[column.name])) for column in schema.STATIC_COLUMNS},
-            live=_Stated(_attributes(file[schema.LIVE]), path) if schema.LIVE in file else None,
+            phases=(),
+            summary=_attributes(summary),
             command=tuple(json.loads(attributes["command"])),
             git_revision=str(attributes["git_revision"]),
             git_dirty=dirty if isinstance(dirty, str) else bool(dirty),
             repeated=_mapping(attributes.get("repeated", "{}")),
             score=_mapping(attributes.get("score", "{}")),
-            driven=driven,
-            parts=parts,
+            frame=_moving_frame(file),
         )
+        bodies: dict[str, Body] = {}
+        hands: dict[str, Result] = {}
+        whole = replace(whole, hands=hands, bodies=bodies)
+        phases = tuple(read_phases(file))
+        for name in names:
+            group = file[schema.HANDS][name]
+            static = {column.name: _frozen(_finite_numbers(group[column.name])) for column in schema.HAND_STATIC}
+            hands[name] = replace(
+                whole,
+                name=name,
+                ticks=ticks[name],
+                scene=_Stated({**common, **_mapping(group.attrs["scene"])}, path),
+                phases=tuple(phase for phase in phases if phase.first_tick < ticks[name]),
+                summary={**whole.summary, **_attributes(summary[name])},
+                static={f"hand/{column}": array for column, array in static.items()},
+                live=_Stated(_attributes(group[schema.LIVE]), path) if schema.LIVE in group else None,
+                asked=set(),
+                _loaded={},
+            )
+        found = hands[names[0]] if len(names) == 1 else replace(whole, phases=phases)
+        for body in _body_names(file):
+            group = file[schema.BODIES][body]
+            static = {column.name: _frozen(_finite_numbers(group[column.name])) for column in schema.BODY_STATIC}
+            stated = str(group.attrs["kind"]), _mapping(str(group.attrs["properties"]))
+            bodies[body] = Body(found, body, *stated, static, columns[body])
+        return found
 
 
-def _parts(file: h5py.File, path: Path) -> tuple[str, ...]:
-    """Groups of the parts of a thing, in their order; none in other files."""
-    if file.attrs["schema_version"] != schema.JOINTED_SCHEMA_VERSION:
-        return ()
-    named = _mapping(file.attrs["scene"])["thing"]
-    groups = tuple(f"{schema.THINGS}/{named['name']}/{part}" for part in named["parts"])
-    for group in groups:
-        for column in schema.PART_STATIC_COLUMNS:
-            _check_dataset(file[group], column, column.shape, path)
-        for column in schema.PART_COLUMNS:
-            _check_dataset(file[group], column, (-1, *column.shape), path)
-    return groups
+def load_hand(path: str | Path, side: str = "") -> Result:
+    """Open a hand of a result file, the only one or that of a side; errors as `load_result`, or for no such hand."""
+    found = load_result(path)
+    if side and side not in found.hands:
+        raise InputError(f"{path} has no {side} hand: it holds the {' and the '.join(found.hands)} one")
+    if not (side or found.name):
+        raise InputError(f"{path} holds two hands: --hand right or --hand left names one of them")
+    return found.hands[side or found.name]
+
+
+def _body_names(file: h5py.File) -> list[str]:
+    names = [str(name) for name in json.loads(str(file[schema.BODIES].attrs["names"]))]
+    if not names:
+        raise DamagedFileError("damaged: it has no body")
+    return names
+
+
+def _moving_frame(file: h5py.File) -> str:
+    """Group of the poses of the frame that hands were solved in; "" where it stands still."""
+    if schema.FRAME in file:
+        return schema.FRAME
+    first, *others = _body_names(file)
+    group = f"{schema.BODIES}/{first}"
+    # Several bodies without a free one are in the frame that carries all of them, or in the world.
+    moves = schema.TICK in file[group] and (not others or file[group].attrs["kind"] == "free")
+    return f"{group}/{schema.TICK}" if moves else ""
+
+
+def _checked_tables(
+    file: h5py.File, names: Sequence[str], path: Path
+) -> tuple[dict[str, tuple[str, ...]], dict[str, int]]:
+    """Check all datasets; return the columns of each body's ticks, and rows of each hand's ticks, of all as "".
+
+    The rows of all are -1 where each hand has ticks of its own.
+    """
+    lengths: dict[str, int] = {}
+    shared = [file[schema.TICK][schema.TIME.name]] if schema.TICK in file else []
+    for name in names:
+        group, own = file[schema.HANDS][name], schema.hand_columns() if shared else schema.TICK_COLUMNS
+        for column in own:
+            _check_dataset(group.get(schema.TICK, {}), column, (-1, *column.shape), path)
+        for column in schema.HAND_STATIC:
+            _check_dataset(group, column, column.shape, path)
+        _check_together(group, _TOGETHER, path)
+        rows = [len(group[schema.TICK][column.name]) for column in own]
+        if schema.LIVE_TICK in group:
+            rows += [len(group[schema.LIVE_TICK][column.name]) for column in schema.LIVE_TICK_COLUMNS]
+        lengths[name] = min(rows)
+    columns: dict[str, tuple[str, ...]] = {}
+    for column in (schema.TIME, *_of_frame(file)) if shared else ():
+        _check_dataset(file[schema.TICK], column, (-1, *column.shape), path)
+        shared.append(file[schema.TICK][column.name])
+    known = {column.name: column for column in schema.BODY_COLUMNS}
+    for name in _body_names(file):
+        group = file[schema.BODIES][name]
+        for column in schema.BODY_STATIC:
+            _check_dataset(group, column, column.shape, path)
+        _check_together(group, (tuple(f"tree/{of}" for of in _OF_A_TREE),), path)
+        needed = group.get(schema.TICK, {})
+        columns[name] = tuple(needed)
+        for column in [*(schema.POSE_COLUMNS if schema.TICK in group else ()), *(known[of] for of in needed)]:
+            _check_dataset(needed, column, (-1, *column.shape), path)
+            shared.append(needed[column.name])
+    for column in schema.CONTACT_COLUMNS if schema.CONTACT in file else ():
+        _check_dataset(file[schema.CONTACT], column, (-1, *column.shape), path)
+    lengths[""] = min(map(len, shared), default=-1)
+    return columns, lengths
+
+
+def _of_frame(file: h5py.File) -> list[schema.Column]:
+    if schema.FRAME not in file:
+        return []
+    return [replace(column, name=f"frame/{column.name}") for column in schema.POSE_COLUMNS]
+
+
+def _check_together(group: h5py.Group, tables: Sequence[Sequence[str]], path: Path) -> None:
+    """Raise InputError for arrays of one table that are not of one length."""
+    for names in tables:
+        if len({len(group[name]) for name in names}) > 1:
+            raise InputError(f"{path} is damaged: {' and '.join(names)} are not of the same length")
 
 
 class _Stated(dict[str, Any]):
@@ -422,8 +540,10 @@ def _mapping(written: str) -> dict[str, Any]:
     return found
 
 
-def _dataset_names(group: h5py.Group) -> list[str]:
+def _dataset_names(group: Any) -> list[str]:
     names: list[str] = []
+    if not isinstance(group, h5py.Group):
+        return names
     group.visititems(lambda name, item: names.append(name) if isinstance(item, h5py.Dataset) else None)
     return names
 
@@ -448,13 +568,7 @@ def read_phases(file: h5py.File) -> Iterator[TickPhase]:
 
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[h5py.File]:
-    """Open for reading, of `FILE.h5/left` that hand's group; raise InputError for every failure of the file."""
-    if schema.is_one_of_two(path):
-        with _opened(path.parent) as file:
-            if schema.HANDS not in file:
-                raise InputError(f"{path.parent} holds one hand: name it without /{path.name}")
-            yield file[schema.HANDS][path.name]
-        return
+    """Open for reading; raise InputError for every failure of the file."""
     if not path.exists():
         raise InputError(f"{path}: no such file; expected a result (.h5)")
     if path.is_dir():
@@ -482,9 +596,7 @@ def _check_format(file: h5py.File, path: Path) -> None:
         what = f"its format is '{found}'" if isinstance(found, str) else "it states no format"
         raise InputError(f"{path} is no result file: {what}, not '{schema.FORMAT}'{_HINTS.get(str(found), '')}")
     version = file.attrs.get("schema_version")
-    if version == schema.TWO_HANDED_SCHEMA_VERSION:
-        raise InputError(f"{path} holds two hands: name one of them, {path}/right or {path}/left")
-    if version not in schema.SCHEMA_VERSIONS:
+    if version != schema.SCHEMA_VERSION:
         raise InputError(f"{path} {schema.wrong_schema(version)}")
 
 
@@ -498,15 +610,21 @@ def _check_dataset(group: Mapping[str, Any], column: schema.Column, shape: tuple
         raise InputError(f"{path}: {column.name} holds {dataset.dtype}, expected {column.dtype}")
 
 
-def _require_equal_rows(file: h5py.Group, parts: Sequence[str], path: Path) -> None:
+def _require_equal_rows(file: h5py.File, path: Path) -> None:
     """Raise InputError for columns of a table that are not of one length, as they are after a run that was killed."""
-    moving = *schema.PART_COLUMNS, *schema.OWN_COLUMNS, *schema.DRIVEN_COLUMNS, schema.JOINT_COLUMN
-    own = {column.name for column in moving}
-    of_ticks, of_live, *others = (
-        [f"{group}/{name}" for name in _dataset_names(file[group])] if group in file else [] for group in _TABLES
-    )
-    of_parts = [f"{part}/{name}" for part in parts for name in _dataset_names(file[part]) if name in own]
-    for names in (of_ticks + of_live + of_parts, *others):
+    tables: dict[str, list[str]] = {schema.TICK: []}
+    for name in _dataset_names(file):
+        group = name.rpartition("/")[0]
+        within = group.split("/")
+        if schema.TICK in within:
+            # Hands of two loops have ticks of their own.
+            table = schema.TICK if schema.TICK in file else "/".join(within[:2])
+        elif schema.LIVE in within or group == schema.CONTACT:
+            table = group
+        else:
+            continue
+        tables.setdefault(table, []).append(name)
+    for names in tables.values():
         rows = {name: len(file[name]) for name in names}
         if len(set(rows.values())) > 1:
             least, most = (end(rows, key=rows.__getitem__) for end in (min, max))

@@ -6,37 +6,39 @@ A result holds all that a run needs, so that it can be run again from nothing el
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 FORMAT = "hhsim-result"
-SCHEMA_VERSION = 3
-DRIVEN_SCHEMA_VERSION = 4
-"""Version of a file whose object moves; readers of still objects alone refuse it."""
-JOINTED_SCHEMA_VERSION = 5
-"""Version of a file with a thing of several parts; readers of rigid objects alone refuse it."""
-SCHEMA_VERSIONS = (SCHEMA_VERSION, DRIVEN_SCHEMA_VERSION, JOINTED_SCHEMA_VERSION)
-TWO_HANDED_SCHEMA_VERSION = 6
-"""Version of a file of two hands, each of which is a result under `HANDS`."""
+SCHEMA_VERSION = 7
 SUFFIXES = (".h5", ".hdf5")
 """Suffixes of a result's name."""
 HANDS = "hands"
-"""Group of the two hands' results, `hands/right` and `hands/left`."""
+"""Group of the hands, `hands/right` and `hands/left`: each with its model, and its ticks."""
 SIDES: tuple[Literal["right"], Literal["left"]] = ("right", "left")
-"""Hands of a file of two, in their order."""
-TWO_HANDED = "two_handed"
-"""Key of a scene's description: true for one of two hands that were run together."""
+"""Names of hands, in their order."""
+BODIES = "bodies"
+"""Group of the bodies by their names: each with its mesh, its tree, and its ticks where it moves."""
+BODY_KINDS = ("fixed", "driven", "free")
+"""Ways in which a body moves: not at all, as recorded, or by the forces on it."""
+TICK = "tick"
+"""Group of the ticks of a file, of a hand or of a body."""
+FRAME = "tick/frame"
+"""Group of the pose of several bodies' common frame, where a recording carries it along: hands are solved in it."""
+BETWEEN = "between"
+"""Group of the distances of two hands under /tick."""
+SUMMARY = "summary"
+"""Group of the figures; those of a hand are attributes of `summary/NAME`."""
 HANDS_APART = "hands_apart"
 """Key of a scene's description: true where two hands keep out of each other."""
 LIVE = "live"
-"""Group of live sessions."""
+"""Group of a live session in that of its hand."""
 LIVE_TICK = "live/tick"
 LIVE_SAMPLE = "live/sample"
 LIVE_EVENT = "live/event"
-"""Tables of a session: one row a tick, as /tick; one a sample of the glove; one a line of the log."""
+"""Tables of a session: one row a tick; one a sample of the glove; one a line of the log."""
 
 
 class TickField(NamedTuple):
@@ -217,136 +219,124 @@ TICK_COLUMNS: tuple[Column, ...] = (
     Column("work/bodies", (), "<i8", "1", "most hand bodies, of 16, within the margin of the object", "work.bodies"),
     Column("work/units", (), "<i8", "1", "work of the tick, weighted; about a nanosecond each", "work.units"),
 )
-"""Datasets under /tick, one row a tick; `name` is relative to /tick."""
+"""Datasets of a hand at the ticks: the time under /tick, the others under its own `tick`."""
+TIME = TICK_COLUMNS[0]
 
-OBJECT_COLUMNS: tuple[Column, ...] = (
-    Column("object/position", (3,), "<f8", "m", "origin of the object's own frame at the tick, world"),
-    Column("object/orientation", (4,), "<f8", "1", "object to world at the tick, unit quaternion w x y z"),
+
+def hand_columns() -> tuple[Column, ...]:
+    """Return the columns of a hand's own ticks: all but the time."""
+    return TICK_COLUMNS[1:]
+
+
+BETWEEN_COLUMNS: tuple[Column, ...] = (
+    Column("between/haptic", (), "<f8", "m", "least signed distance of the two haptic hands, negative inside"),
+    Column("between/graphic", (), "<f8", "m", "least signed distance of the two graphic hands, negative inside"),
 )
-"""Further datasets under /tick for a moving object; /object is then its place at the first tick."""
+"""Datasets under /tick of two hands."""
 
-FREE_COLUMNS: tuple[Column, ...] = (
-    Column("object/velocity", (3,), "<f8", "m/s", "velocity of the object's centre of mass, world", "velocity"),
+POSE_COLUMNS: tuple[Column, ...] = (
+    Column("position", (3,), "<f8", "m", "origin of the body's own frame at the tick, world"),
+    Column("orientation", (4,), "<f8", "1", "body to world at the tick, unit quaternion w x y z"),
+)
+"""Datasets under the `tick` of a body that moves."""
+
+MOTION_COLUMNS: tuple[Column, ...] = (
+    Column("velocity", (3,), "<f8", "m/s", "velocity of the body's centre of mass, world", "velocity"),
+    Column("angular_velocity", (3,), "<f8", "rad/s", "angular velocity of the body, world", "angular_velocity"),
     Column(
-        "object/angular_velocity", (3,), "<f8", "rad/s", "angular velocity of the object, world", "angular_velocity"
-    ),
-    Column(
-        *("object/hand_wrench", (6,), "<f8", "N,N·m"),
-        "force of the hand, or of both, on the object (first three) and moment about its centre of mass, world",
+        *("hand_wrench", (6,), "<f8", "N,N·m"),
+        "force of the hands on the body (first three) and moment about its centre of mass, world",
         "hand_wrench",
     ),
-    Column("object/table_wrench", (6,), "<f8", "N,N·m", "the same of the table", "table_wrench"),
+    Column("table_wrench", (6,), "<f8", "N,N·m", "the same of the table", "table_wrench"),
+)
+"""Further ones of a body in a scene with free bodies."""
+OF_BODIES = Column("body_wrench", (6,), "<f8", "N,N·m", "the same of the other bodies")
+"""Further one of each where there are several."""
+FREE_COLUMNS: tuple[Column, ...] = (
     Column(
-        *("object/table_distance", (), "<f8", "m"),
-        *("lowest point of the object above the table, negative inside; infinite without a table", "table_distance"),
+        *("table_distance", (), "<f8", "m"),
+        *("lowest point of the body above the table, negative inside; infinite without a table", "table_distance"),
     ),
     Column(
-        *("object/friction_residual", (), "<f8", "m"),
-        "how far the slip that friction was balanced against is off the slip made, the worst contact: μ times its way",
+        *("friction_residual", (), "<f8", "m"),
+        "how far the slip that friction was balanced against is off the slip made, the worst contact of all bodies: μ "
+        "times its way",
         "friction_residual",
     ),
 )
-"""Further datasets under /tick for a free object, described by the scene's `free`."""
+"""Further ones of the first body, if it is free."""
+JOINT_COLUMN = Column("joint", (), "<f8", "rad,m", "value of the joint that the body hangs on: of a hinge, of a slider")
+"""Further one of a driven body on a joint."""
+DRIVEN_COLUMNS: tuple[Column, ...] = (
+    Column("recorded_orientation", (4,), "<f8", "1", "orientation that the body is driven to, unit quaternion w x y z"),
+    Column("recorded_position", (3,), "<f8", "m", "position that the body is driven to, of its frame's origin, world"),
+)
+"""Further ones of a driven body beside a free one."""
+BODY_COLUMNS = (*POSE_COLUMNS, *MOTION_COLUMNS, OF_BODIES, *FREE_COLUMNS, JOINT_COLUMN, *DRIVEN_COLUMNS)
+"""All that the ticks of a body may have."""
 
 CONTACT = "contact"
-"""Group of results with a free object."""
+"""Group of the contacts of the first body, where it is free; its attribute `names` names the bodies of `a` and `b`."""
+HAND_BODIES = 16
+"""Bodies of a hand among those of contacts: 15 phalanges, finger by finger, and the palm."""
+TABLE = "table"
 
 CONTACT_COLUMNS: tuple[Column, ...] = (
     Column("tick", (), "<i8", "1", "tick that the contact bears a force in, from 0"),
-    Column(
-        *("body", (), "<i4", "1"),
-        *("0 to 14 phalanx, finger by finger; 15 palm; 16 to 31 the other hand's; -1 the table", "body"),
-    ),
+    Column("a", (), "<i4", "1", "body on which the stated forces are, by its place in the attribute names"),
+    Column("b", (), "<i4", "1", "body that exerts them, likewise"),
     Column("point", (3,), "<f8", "m", "where it touches, world", "point"),
-    Column("normal", (3,), "<f8", "1", "from the object to the hand; from the table to the object; world", "normal"),
-    Column(
-        "normal_force", (), "<f8", "N", "along the normal, on the hand; of the table, on the object", "normal_force"
-    ),
-    Column("friction_force", (3,), "<f8", "N", "along the surface, on the same, world", "friction_force"),
-    Column("torsional_moment", (), "<f8", "N·m", "about the normal, on the same", "torsional_moment"),
+    Column("normal", (3,), "<f8", "1", "unit, from b to a, world", "normal"),
+    Column("normal_force", (), "<f8", "N", "along the normal, on a", "normal_force"),
+    Column("friction_force", (3,), "<f8", "N", "along the surface, on a, world", "friction_force"),
+    Column("torsional_moment", (), "<f8", "N·m", "about the normal, on a", "torsional_moment"),
     Column("slip", (), "<f8", "m", "way along the surface in this tick", "slip"),
     Column("sticks", (), "|u1", "1", "1 where it slips by no more than 1 nm in the tick"),
 )
 """Datasets under /contact, one row for each contact that bears a force, in the order of the ticks."""
 
-STATIC_COLUMNS: tuple[Column, ...] = (
-    Column("object/vertices", (-1, 3), "<f8", "m", "vertices of the object's mesh, world"),
-    Column(
-        "object/faces", (-1, 3), "<i8", "1", "triangles of the object's mesh: three vertices, outward by the right hand"
-    ),
-    Column("object/tree/center", (-1, 3), "<f8", "m", "sphere centres, breadth first, world"),
-    Column("object/tree/radius", (-1,), "<f8", "m", "sphere radii"),
-    Column("object/tree/level", (-1,), "<i8", "1", "level of each sphere; the root is 0"),
-    Column("object/tree/parent", (-1,), "<i8", "1", "index of the parent sphere; the root has -1"),
-    Column("hand/phalanx_radius", (5, 4), "<f8", "m", "radius at each joint and at the tip, finger by joint"),
-    Column("hand/phalanx_length", (5, 3), "<f8", "m", "length of each phalanx, finger by phalanx"),
-    Column("hand/palm_center", (-1, 3), "<f8", "m", "centres of the palm's spheres, palm frame"),
-    Column("hand/palm_radius", (-1,), "<f8", "m", "radii of the palm's spheres"),
-    Column("object/position", (3,), "<f8", "m", "origin of the object's own frame, world"),
-    Column("object/orientation", (4,), "<f8", "1", "object to world, unit quaternion w x y z"),
-    Column("hand/base", (5, 3), "<f8", "m", "first joint of each finger, palm frame"),
-    Column("hand/distal", (5, 3), "<f8", "1", "unit direction of each straight finger, abduction 0, palm frame"),
-    Column("hand/dorsal", (5, 3), "<f8", "1", "unit direction out of each finger's back, palm frame"),
-    Column("hand/flexion_min", (5, 3), "<f8", "rad", "least flexion, finger by joint"),
-    Column("hand/flexion_max", (5, 3), "<f8", "rad", "greatest flexion, finger by joint"),
-    Column("hand/abduction_min", (5,), "<f8", "rad", "least abduction, positive towards the thumb side"),
-    Column("hand/abduction_max", (5,), "<f8", "rad", "greatest abduction"),
-    Column("hand/palm_tree/center", (-1, 3), "<f8", "m", "spheres of the palm's tree, breadth first"),
-    Column("hand/palm_tree/radius", (-1,), "<f8", "m", "their radii"),
-    Column("hand/palm_tree/level", (-1,), "<i8", "1", "their levels; the root is 0, the leaves collide"),
-    Column("hand/palm_tree/parent", (-1,), "<i8", "1", "index of the parent sphere; the root has -1"),
-    Column("hand/palm_mesh/vertices", (-1, 3), "<f8", "m", "vertices of the palm's mesh, palm frame"),
-    Column("hand/palm_mesh/faces", (-1, 3), "<i8", "1", "its triangles, outward by the right hand"),
-)
-"""Datasets that do not change with time; `name` is relative to the root."""
-
-THINGS = "things"
-"""Group of results with a thing of several parts: `things/NAME/PART` for each of them."""
-
-PART_COLUMNS: tuple[Column, ...] = (
-    Column("position", (3,), "<f8", "m", "origin of the part's own frame at the tick, world"),
-    Column("orientation", (4,), "<f8", "1", "part to world at the tick, unit quaternion w x y z"),
-)
-"""Datasets under `things/NAME/PART`, one row a tick."""
-
-OWN_COLUMNS: tuple[Column, ...] = (
-    Column("velocity", (3,), "<f8", "m/s", "velocity of the thing's centre of mass, world"),
-    Column("angular_velocity", (3,), "<f8", "rad/s", "angular velocity of the thing, world"),
-    Column("hand_wrench", (6,), "<f8", "N,N·m", "force of the hand on the thing, and moment about its centre, world"),
-    Column("table_wrench", (6,), "<f8", "N,N·m", "the same of the table"),
-    Column("thing_wrench", (6,), "<f8", "N,N·m", "the same of the other things"),
-)
-"""Further ones of a thing beside others."""
-
-DRIVEN_COLUMNS: tuple[Column, ...] = (
-    Column(
-        "recorded_orientation", (4,), "<f8", "1", "orientation that the thing is driven to, unit quaternion w x y z"
-    ),
-    Column("recorded_position", (3,), "<f8", "m", "position that the thing is driven to, of its frame's origin, world"),
-)
-"""Further ones of a driven thing."""
-
-JOINT_COLUMN = Column("joint", (), "<f8", "rad,m", "value of the joint that the part hangs on: of a hinge, of a slider")
-"""Further one of a part that hangs on another one."""
-
-PART_STATIC_COLUMNS: tuple[Column, ...] = (
-    Column("vertices", (-1, 3), "<f8", "m", "vertices of the part's mesh, its own frame"),
-    Column("faces", (-1, 3), "<i8", "1", "triangles of the part's mesh: three vertices, outward by the right hand"),
-    Column("tree/center", (-1, 3), "<f8", "m", "sphere centres, breadth first, the part's frame"),
+BODY_STATIC: tuple[Column, ...] = (
+    Column("mesh/vertices", (-1, 3), "<f8", "m", "vertices of the body's mesh, world, where position has its frame"),
+    Column("mesh/faces", (-1, 3), "<i8", "1", "triangles of the mesh: three vertices, outward by the right hand"),
+    Column("tree/center", (-1, 3), "<f8", "m", "sphere centres, breadth first, as the mesh"),
     Column("tree/radius", (-1,), "<f8", "m", "sphere radii"),
     Column("tree/level", (-1,), "<i8", "1", "level of each sphere; the root is 0"),
     Column("tree/parent", (-1,), "<i8", "1", "index of the parent sphere; the root has -1"),
+    Column("position", (3,), "<f8", "m", "origin of the body's own frame where mesh and tree are, world"),
+    Column("orientation", (4,), "<f8", "1", "body to world where mesh and tree are, unit quaternion w x y z"),
 )
-"""Datasets under `things/NAME/PART` that do not change with time."""
+"""Datasets under `bodies/NAME` that do not change with time."""
+
+HAND_STATIC: tuple[Column, ...] = (
+    Column("phalanx_radius", (5, 4), "<f8", "m", "radius at each joint and at the tip, finger by joint"),
+    Column("phalanx_length", (5, 3), "<f8", "m", "length of each phalanx, finger by phalanx"),
+    Column("palm_center", (-1, 3), "<f8", "m", "centres of the palm's spheres, palm frame"),
+    Column("palm_radius", (-1,), "<f8", "m", "radii of the palm's spheres"),
+    Column("base", (5, 3), "<f8", "m", "first joint of each finger, palm frame"),
+    Column("distal", (5, 3), "<f8", "1", "unit direction of each straight finger, abduction 0, palm frame"),
+    Column("dorsal", (5, 3), "<f8", "1", "unit direction out of each finger's back, palm frame"),
+    Column("flexion_min", (5, 3), "<f8", "rad", "least flexion, finger by joint"),
+    Column("flexion_max", (5, 3), "<f8", "rad", "greatest flexion, finger by joint"),
+    Column("abduction_min", (5,), "<f8", "rad", "least abduction, positive towards the thumb side"),
+    Column("abduction_max", (5,), "<f8", "rad", "greatest abduction"),
+    Column("palm_tree/center", (-1, 3), "<f8", "m", "spheres of the palm's tree, breadth first"),
+    Column("palm_tree/radius", (-1,), "<f8", "m", "their radii"),
+    Column("palm_tree/level", (-1,), "<i8", "1", "their levels; the root is 0, the leaves collide"),
+    Column("palm_tree/parent", (-1,), "<i8", "1", "index of the parent sphere; the root has -1"),
+    Column("palm_mesh/vertices", (-1, 3), "<f8", "m", "vertices of the palm's mesh, palm frame"),
+    Column("palm_mesh/faces", (-1, 3), "<i8", "1", "its triangles, outward by the right hand"),
+)
+"""Datasets under `hands/NAME` that do not change with time."""
 
 SKIN = "skin"
-"""Optional group of results whose shown hand has a mesh of its own."""
+"""Optional group in that of a shown hand which has a mesh of its own."""
 
 SKIN_COLUMNS: tuple[Column, ...] = (
     Column("vertices", (-1, -1, 3), "<f4", "m", "vertices of the shown hand's skin at each tick, world"),
     Column("faces", (-1, 3), "<i8", "1", "its triangles: three vertices, outward by the right hand"),
 )
-"""Datasets under /skin; pictures show the skin in place of the phalanges and the palm."""
+"""Datasets under `hands/NAME/skin`; pictures show the skin in place of the phalanges and the palm."""
 
 LIVE_TICK_COLUMNS: tuple[Column, ...] = (
     Column("record", (), "<i8", "1", "number of the tick's record since the loop began; a gap: records that were lost"),
@@ -391,20 +381,20 @@ LIVE_TICK_COLUMNS: tuple[Column, ...] = (
         )
     ),
 )
-"""Datasets under /live/tick, one row a tick of /tick."""
+"""Datasets under `hands/NAME/live/tick`, one row a tick."""
 
 EVENT_COLUMNS: tuple[Column, ...] = (
     Column("time", (), "<i8", "ns", "CLOCK_MONOTONIC of the event", "time_ns"),
     Column("level", (), "<i8", "1", "0 information, 1 warning, 2 fault", "level"),
     Column("text", (), "S240", "1", "what happened, UTF-8", "text"),
 )
-"""Datasets under /live/event."""
+"""Datasets under `hands/NAME/live/event`."""
 INFORMATION, WARNING, FAULT = 0, 1, 2
 """Levels of an event."""
 
 
 def sample_columns(channels: int) -> tuple[Column, ...]:
-    """Datasets under /live/sample, one row for every sample, of a glove with a number of channels."""
+    """Datasets under `hands/NAME/live/sample`, one row for every sample, of a glove with a number of channels."""
     return (
         Column("record", (), "<i8", "1", "number of the sample's record since the loop began; a gap: records lost"),
         Column("seq", (), "<i8", "1", "number of the sample since the glove was opened, from 0", "seq"),
@@ -420,14 +410,14 @@ def sample_columns(channels: int) -> tuple[Column, ...]:
     )
 
 
+def hand_tables(side: str, block: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, NDArray[Any]]]:
+    """Return columns of `TICK_COLUMNS` by the groups of a file that they are written to."""
+    of_hand = {column.name: block[column.name] for column in hand_columns()}
+    return {TICK: {TIME.name: block[TIME.name]}, f"{HANDS}/{side}/{TICK}": of_hand}
+
+
 def wrong_schema(version: Any) -> str:
     """Message on a result of another schema, to follow its path."""
-    if isinstance(version, int | np.integer) and version > TWO_HANDED_SCHEMA_VERSION:
-        newest = TWO_HANDED_SCHEMA_VERSION
-        return f"was written by a newer hhsim (schema {version}; this one reads {newest}): upgrade hhsim"
+    if isinstance(version, int | np.integer) and version > SCHEMA_VERSION:
+        return f"was written by a newer hhsim (schema {version}; this one reads {SCHEMA_VERSION}): upgrade hhsim"
     return f"is a result of schema {version}; this hhsim reads schema {SCHEMA_VERSION} alone: make it anew"
-
-
-def is_one_of_two(path: Path) -> bool:
-    """Return True for the path of one hand in a file of two, `FILE.h5/right` or `FILE.h5/left`."""
-    return path.name in SIDES and path.parent.suffix.lower() in SUFFIXES and path.parent.is_file()

@@ -1,6 +1,7 @@
 """Hand stored in a result file."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -16,10 +17,10 @@ HAND_ARRAYS = {
     **{name: f"phalanx_{name}" for name in ("length", "radius")},
     **{name: name for name in ("flexion_min", "flexion_max", "abduction_min", "abduction_max")},
 }
-"""Fields of `HandModel`, and their datasets under /hand."""
+"""Fields of `HandModel`, and their datasets under `hands/NAME`."""
 
 
-def sphere_tree_of(arrays: Mapping[str, AnyArray] | Result, group: str) -> SphereTree:
+def sphere_tree_of(arrays: Mapping[str, AnyArray], group: str) -> SphereTree:
     """Return the sphere tree in the datasets of a group; InputError if they are no tree."""
     center, radius, level, parent = (arrays[f"{group}/{name}"] for name in TREE_ARRAYS)
     return SphereTree(center, radius, level, parent)
@@ -27,14 +28,17 @@ def sphere_tree_of(arrays: Mapping[str, AnyArray] | Result, group: str) -> Spher
 
 def result_hand(result: Result) -> HandModel:
     """Build the stored hand, unchecked (`hhsim.replay.stored_scene.stored_hand` checks it); InputError for no hand."""
-    sizes, static = result.scene["hand"], result.static
+    arrays = {name.removeprefix("hand/"): array for name, array in result.static.items()}
+    return hand_of_arrays(arrays, result.scene["hand"], str(result.path))
+
+
+def hand_of_arrays(arrays: Mapping[str, AnyArray], sizes: Mapping[str, Any], source: str) -> HandModel:
+    """Build a hand of the arrays of `HAND_STATIC`, unchecked; InputError for no hand."""
     return HandModel(
         side=sizes["side"],
         hand_length=sizes["length"],
         hand_breadth=sizes["breadth"],
-        palm_mesh=Mesh(
-            static["hand/palm_mesh/vertices"], static["hand/palm_mesh/faces"], name="palm", source=str(result.path)
-        ),
-        palm_tree=sphere_tree_of(static, "hand/palm_tree"),
-        **{name: np.array(static[f"hand/{stored}"]) for name, stored in HAND_ARRAYS.items()},
+        palm_mesh=Mesh(arrays["palm_mesh/vertices"], arrays["palm_mesh/faces"], name="palm", source=source),
+        palm_tree=sphere_tree_of(arrays, "palm_tree"),
+        **{name: np.array(arrays[stored]) for name, stored in HAND_ARRAYS.items()},
     )

@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.result.reader import Result
-from hhsim.result.schema import TWO_HANDED
 
 LENGTHS = ("margin", "skin", "offset", "step_tolerance", "touch")
 """Options of the solver that are lengths [m]."""
@@ -24,7 +23,7 @@ def motion_name(result: Result) -> str:
     """Return what people call the motion; of one of two hands, with its side."""
     scene = result.scene
     name = str(scene.get("motion") or Path(str(scene.get("trajectory") or "motion")).name)
-    return f"{name} ({scene['hand']['side']} of two hands)" if scene.get(TWO_HANDED) else name
+    return f"{name} ({scene['hand']['side']} of two hands)" if result.other is not None else name
 
 
 def commit(result: Result) -> str:

@@ -12,7 +12,7 @@ import math
 import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeAlias
@@ -24,6 +24,7 @@ from hhsim.arrays import AnyArray
 from hhsim.errors import OutputError
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result import schema
+from hhsim.result.contacts import contact_names
 from hhsim.result.reader import CHUNK_TICKS, check_result_path, fits, spelled
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import partial_file
@@ -34,9 +35,28 @@ from hhsim.system.posix import allocate
 
 Scalar: TypeAlias = str | int | float | bool
 
-_TICK = "tick"
 _OVERHEAD = 512 * 1024
 """Upper bound of HDF5's own growth in a block [bytes]."""
+
+
+@dataclass(frozen=True)
+class HandPart:
+    """A hand of a file: description, model, and the tables of a live session."""
+
+    scene: Mapping[str, Any]  # every option of the run, as JSON-able values; what hands have in common is written once
+    static: Mapping[str, AnyArray]  # arrays of `HAND_STATIC` by name
+    tables: Mapping[str, Sequence[schema.Column]] = field(default_factory=dict)  # of a session, such as `live/tick`
+    attributes: Mapping[str, Scalar] = field(default_factory=dict)  # of `live`
+
+
+@dataclass(frozen=True)
+class BodyPart:
+    """A body of a file: how it moves, shape, and what its ticks have."""
+
+    kind: str  # one of `BODY_KINDS`
+    static: Mapping[str, AnyArray]  # arrays of `BODY_STATIC` by name
+    columns: Sequence[schema.Column] = ()  # of `BODY_COLUMNS`; none for one that stands still
+    properties: Mapping[str, Any] = field(default_factory=dict)  # of one in a scene with a free body, JSON-able
 
 
 class ResultWriter:
@@ -47,15 +67,11 @@ class ResultWriter:
 
     Args:
         path: Result; an existing one is replaced when the new one is complete.
-        scene: Every option of the run, as JSON-able values.
-        static: The arrays of `STATIC_COLUMNS` by name.
+        hands: Each hand, by its name.
+        bodies: Each body, by its name; the first one's contacts are recorded if it is free.
+        columns: Columns of /tick beside the time.
         phases: Phases of the trajectory, where they are known already.
-        tables: Columns of a live session by group; they grow with the ticks.
-        attributes: Attributes of these groups.
         command: Command as it was typed; empty for a call of the library.
-        driven: True if the object moves and each tick has its pose.
-        free: True if forces move it, and are recorded.
-        parts: Arrays of `PART_STATIC_COLUMNS` of each part of a thing, by its group; their poses are among `tables`.
 
     Raises:
         OutputError: The file cannot be made: a folder in the way, no permission, a full disk, a file that is no result.
@@ -65,26 +81,25 @@ class ResultWriter:
         self,
         path: Path,
         *,
-        scene: Mapping[str, Any],
-        static: Mapping[str, AnyArray],
+        hands: Mapping[str, HandPart],
+        bodies: Mapping[str, BodyPart],
+        columns: Sequence[schema.Column] = (),
         phases: Sequence[TickPhase] = (),
-        tables: Mapping[str, Sequence[schema.Column]] | None = None,
-        attributes: Mapping[str, Mapping[str, Scalar]] | None = None,
         command: Sequence[str] = (),
-        driven: bool = False,
-        free: bool = False,
-        parts: Mapping[str, Mapping[str, AnyArray]] | None = None,
     ) -> None:
         check_result_path(path)
         self._output_path = path
         self.path = free_name(path.with_name(f"{path.stem}.partial{path.suffix}")) if path.exists() else path
-        of_rigid = schema.DRIVEN_SCHEMA_VERSION if driven or free else schema.SCHEMA_VERSION
-        self._schema, self._parts = schema.JOINTED_SCHEMA_VERSION if parts else of_rigid, parts or {}
-        moving = (*(schema.OBJECT_COLUMNS if driven or free else ()), *(schema.FREE_COLUMNS if free else ()))
-        self._tables = {_TICK: _Table((*schema.TICK_COLUMNS, *moving))}
-        if free:
+        self._tables = {schema.TICK: _Table((schema.TIME, *columns))}
+        for name, hand in hands.items():
+            group = f"{schema.HANDS}/{name}"
+            self._tables[f"{group}/{schema.TICK}"] = _Table(schema.hand_columns())
+            self._tables |= {f"{group}/{table}": _Table(of) for table, of in hand.tables.items()}
+        for name, body in bodies.items():
+            if body.columns:
+                self._tables[f"{schema.BODIES}/{name}/{schema.TICK}"] = _Table(body.columns)
+        if next(iter(bodies.values())).kind == "free":
             self._tables[schema.CONTACT] = _Table(schema.CONTACT_COLUMNS)
-        self._tables |= {group: _Table(columns) for group, columns in (tables or {}).items()}
         self._complete = False
         with output_errors(self.path), contextlib.ExitStack() as undo:
             self.path.touch(exist_ok=False)
@@ -92,7 +107,7 @@ class ResultWriter:
             self._file = h5py.File(self.path, "w")
             undo.callback(self._close)
             self._file.attrs["command"] = json.dumps(list(command), ensure_ascii=False)
-            self._write_header(scene, static, phases, attributes or {})
+            self._write_header(hands, bodies, phases)
             undo.pop_all()
 
     def __enter__(self) -> Self:
@@ -122,26 +137,25 @@ class ResultWriter:
     @property
     def ticks(self) -> int:
         """Number of ticks written so far."""
-        return self._tables[_TICK].rows
+        return self._tables[schema.TICK].rows
 
     def append(
-        self,
-        block: Mapping[str, AnyArray],
-        others: Mapping[str, Mapping[str, AnyArray]] | None = None,
-        attributes: Mapping[str, Mapping[str, Scalar]] | None = None,
+        self, tables: Mapping[str, Mapping[str, AnyArray]], attributes: Mapping[str, Mapping[str, Scalar]] | None = None
     ) -> None:
-        """Write the next ticks and rows of other tables, and flush them.
+        """Write the next ticks, and rows of other tables, and flush them.
 
         Args:
-            block: Arrays of the tick columns by name, each of shape (ticks, *column.shape); empty without ticks.
-            others: The same for `tables` and `CONTACT_COLUMNS`, by group.
+            tables: Rows of the tables by their groups (`hhsim.result.schema.hand_tables`): arrays of the columns by
+                name, each of shape (rows, *column.shape); empty without rows.
             attributes: Attributes of groups, to set or to replace.
 
         Raises:
             OutputError: The disk is full or gone; the ticks before stay readable.
         """
-        given = {_TICK: block, **(others or {})}
-        blocks = {group: _rows(of, self._tables[group].columns) for group, of in given.items() if of}
+        blocks = {group: _rows(of, self._tables[group].columns) for group, of in tables.items() if of}
+        counts = {_count(arrays) for group, arrays in blocks.items() if schema.TICK in group.split("/")}
+        if len(counts) > 1:
+            raise ValueError(f"tables of the ticks hold different numbers of them: {sorted(counts)}")
         with output_errors(self.path):
             self._claim(sum(self._tables[group].growth(arrays) for group, arrays in blocks.items()) + _OVERHEAD)
             for group, arrays in blocks.items():
@@ -157,13 +171,23 @@ class ResultWriter:
         for group, arrays in blocks.items():
             self._tables[group].rows += _count(arrays)
 
-    def finish(self, summary: Mapping[str, Scalar], phases: Sequence[TickPhase] | None = None) -> Path:
-        """Write the summary's figures, mark the file complete, return its final path; `phases` replaces the start's."""
+    def finish(
+        self,
+        hands: Mapping[str, Mapping[str, Scalar]],
+        shared: Mapping[str, Scalar] | None = None,
+        phases: Sequence[TickPhase] | None = None,
+    ) -> Path:
+        """Write figures of each hand by its name, and shared ones, mark the file complete, return its final path.
+
+        `phases` replaces the start's.
+        """
         with output_errors(self.path):
             self._claim(_OVERHEAD)
             if phases is not None:
                 self._write_phases(phases)
-            self._file["summary"].attrs.update(summary)
+            self._file[schema.SUMMARY].attrs.update(shared or {})
+            for name, figures in hands.items():
+                self._file[schema.SUMMARY][name].attrs.update(figures)
             self._file.flush()
             self._file.attrs["complete"] = 1
             self._file.flush()
@@ -178,40 +202,48 @@ class ResultWriter:
         return self.path
 
     def _write_header(
-        self,
-        scene: Mapping[str, Any],
-        static: Mapping[str, AnyArray],
-        phases: Sequence[TickPhase],
-        attributes: Mapping[str, Mapping[str, Scalar]],
+        self, hands: Mapping[str, HandPart], bodies: Mapping[str, BodyPart], phases: Sequence[TickPhase]
     ) -> None:
-        arrays = _checked(static, schema.STATIC_COLUMNS, lambda column: column.shape)
-        scene_json = json.dumps(scene, sort_keys=True)
-        self._claim(sum(array.nbytes for array in arrays.values()) + len(scene_json) + 2 * _OVERHEAD)
-        first = {"format": schema.FORMAT, "schema_version": self._schema, "complete": 0}
+        common, own = split_scenes({name: hand.scene for name, hand in hands.items()})
+        scene_json = json.dumps(common, sort_keys=True)
+        self._claim(len(scene_json) + 2 * _OVERHEAD)
+        first = {"format": schema.FORMAT, "schema_version": schema.SCHEMA_VERSION, "complete": 0}
         self._file.attrs.update({**first, **info.file_attributes(), "scene": scene_json})
-        for column in schema.STATIC_COLUMNS:
-            describe_dataset(self._file.create_dataset(column.name, data=arrays[column.name]), column)
-        for group, table in self._tables.items():
+        for name, hand in hands.items():
+            group = self._write_static(f"{schema.HANDS}/{name}", hand.static, schema.HAND_STATIC)
+            group.attrs["scene"] = json.dumps(own[name], sort_keys=True)
+            self._file.create_group(f"{schema.SUMMARY}/{name}")
+        for name, body in bodies.items():
+            group = self._write_static(f"{schema.BODIES}/{name}", body.static, schema.BODY_STATIC)
+            group.attrs.update({"kind": body.kind, "properties": json.dumps(body.properties, sort_keys=True)})
+        # HDF5 has groups by the alphabet.
+        self._file[schema.BODIES].attrs["names"] = json.dumps(list(bodies), ensure_ascii=False)
+        for path, table in self._tables.items():
             for column in table.columns:
                 dataset = self._file.create_dataset(
-                    f"{group}/{column.name}",
+                    f"{path}/{column.name}",
                     shape=(0, *column.shape),
                     maxshape=(None, *column.shape),
                     chunks=(CHUNK_TICKS, *column.shape),
                     dtype=_stored_type(column),
                 )
                 describe_dataset(dataset, column)
-        for part, of_part in self._parts.items():
-            arrays = _checked(of_part, schema.PART_STATIC_COLUMNS, lambda column: column.shape)
-            self._claim(sum(array.nbytes for array in arrays.values()) + _OVERHEAD)
-            for column in schema.PART_STATIC_COLUMNS:
-                dataset = self._file.create_dataset(f"{part}/{column.name}", data=arrays[column.name])
-                describe_dataset(dataset, column)
-        self._file.create_group("summary")
-        for group, values in attributes.items():
-            self._file[group].attrs.update(values)
+        for name, hand in hands.items():
+            if hand.attributes:
+                self._file[f"{schema.HANDS}/{name}/{schema.LIVE}"].attrs.update(hand.attributes)
+        if schema.CONTACT in self._tables:
+            names = json.dumps(contact_names(list(hands), list(bodies)), ensure_ascii=False)
+            self._file[schema.CONTACT].attrs["names"] = names
         self._write_phases(phases)
         self._file.flush()
+
+    def _write_static(self, group: str, static: Mapping[str, AnyArray], columns: Sequence[schema.Column]) -> h5py.Group:
+        """Write arrays that do not change with time, and return their group."""
+        arrays = _checked(static, columns, lambda column: column.shape)
+        self._claim(sum(array.nbytes for array in arrays.values()) + _OVERHEAD)
+        for column in columns:
+            describe_dataset(self._file.create_dataset(f"{group}/{column.name}", data=arrays[column.name]), column)
+        return self._file[group]
 
     def _write_phases(self, phases: Sequence[TickPhase]) -> None:
         if "phase" in self._file:
@@ -250,6 +282,18 @@ class ResultWriter:
         return size
 
 
+def split_scenes(scenes: Mapping[str, Mapping[str, Any]]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """Split the descriptions of hands in what they have in common and what is each one's; sizes always are."""
+    first = next(iter(scenes.values()))
+    common = {
+        key: value
+        for key, value in first.items()
+        if key != "hand" and all(key in scene and scene[key] == value for scene in scenes.values())
+    }
+    own = {name: {key: of for key, of in scene.items() if key not in common} for name, scene in scenes.items()}
+    return common, own
+
+
 def state(path: Path, name: str, document: Mapping[str, Any]) -> None:
     """Add a JSON document as attribute `name` to a complete result, and seal it anew.
 
@@ -261,7 +305,7 @@ def state(path: Path, name: str, document: Mapping[str, Any]) -> None:
 
 
 def add_skin(path: Path, vertices: AnyArray, faces: AnyArray) -> None:
-    """Add the skin of the shown hand to a complete result, or replace it, and seal it anew.
+    """Add the skin of the shown hand to a complete result of one hand, or replace it, and seal it anew.
 
     Vertices [m], world, have shape (T, V, 3), triangles (F, 3). OutputError leaves the file as it was.
     """
@@ -269,9 +313,10 @@ def add_skin(path: Path, vertices: AnyArray, faces: AnyArray) -> None:
     with output_errors(path), partial_file(path) as partial:
         shutil.copyfile(path, partial)
         with _amended(partial) as file:
-            file.pop(schema.SKIN, None)
+            (hand,) = file[schema.HANDS].values()
+            hand.pop(schema.SKIN, None)
             for column in schema.SKIN_COLUMNS:
-                describe_dataset(file.create_dataset(f"{schema.SKIN}/{column.name}", data=arrays[column.name]), column)
+                describe_dataset(hand.create_dataset(f"{schema.SKIN}/{column.name}", data=arrays[column.name]), column)
 
 
 @contextlib.contextmanager

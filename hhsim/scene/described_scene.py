@@ -20,7 +20,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.motion.trajectory import ResampleMode, Trajectory
 from hhsim.result.motion import holds_a_result, load_result_motion
-from hhsim.result.reader import hand_paths
+from hhsim.result.reader import load_result
 from hhsim.result.schema import SIDES
 from hhsim.scene.contact_goals import TOUCHING
 from hhsim.scene.declared_bodies import DeclaredBodies
@@ -187,8 +187,10 @@ def _nearest(scene: Scene, tree: SphereTree, haptic: HandConfiguration, fingers:
 def motion_of_side(word: str, side: str, reading: Reading | None = None) -> Motion:
     """Return the motion of one of two hands, where a word names a recording or a result of both; "" has one hand."""
     path = Path(word)
-    if side and (is_imported(path) or (holds_a_result(path) and len(hand_paths(path)) == len(SIDES))):
+    if side and is_imported(path):
         return two_handed_motions(word, reading)[side == "left"]
+    if side and holds_a_result(path) and not load_result(path).name:
+        return load_result_motion(path, side)
     return resolve_trajectory(word, reading)
 
 
@@ -209,10 +211,9 @@ def two_handed_motions(word: str, reading: Reading | None = None) -> tuple[Motio
         right, left = (clean_imported(path, one.chosen(inside)) for one, inside in zip(recordings, shared))
         return right, left
     if holds_a_result(path):
-        both = hand_paths(path)
-        if len(both) == 1:
+        if load_result(path).name:
             raise TrajectoryError(f"{word} holds one hand; --hand both expects a result of two hands")
-        return load_result_motion(both[0]), load_result_motion(both[1])
+        return load_result_motion(path, SIDES[0]), load_result_motion(path, SIDES[1])
     motion = resolve_trajectory(word)
     if not isinstance(motion, Script):
         raise TrajectoryError(f"{word} is of one hand; --hand both expects a script, or a recording of two hands")

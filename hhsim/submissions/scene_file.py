@@ -22,9 +22,10 @@ from hhsim.exchange.hand_formats import add_inertial, numbers
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import Phase, TickInput, Trajectory
-from hhsim.replay.stored_scene import checksums, part_arrays, static_arrays, stored_hand, stored_mesh, stored_tree
-from hhsim.result.reader import Result, read_phases
-from hhsim.result.schema import PART_STATIC_COLUMNS, STATIC_COLUMNS
+from hhsim.replay.stored_scene import body_arrays, body_name, checksums, hand_arrays, part_words
+from hhsim.result.reader import read_phases
+from hhsim.result.schema import BODIES, BODY_STATIC, HAND_STATIC, HANDS
+from hhsim.result.stored_hand import hand_of_arrays, sphere_tree_of
 from hhsim.scene.body import Body
 from hhsim.scene.free_object import FreeObject
 from hhsim.scene.scene import Hand, Scene, open_scene
@@ -35,7 +36,7 @@ from hhsim.trees.contact_surface import encloses
 from hhsim.trees.sphere_tree import SphereTree
 
 FORMAT = "hhsim-scene"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 ROUNDED = 9
 """Decimals of m and rad in the digest: other machines round the last bits of a motion differently."""
 MOTION = {
@@ -107,8 +108,11 @@ def named_scene(names: Mapping[str, Any]) -> Scene:
 def scene_content(scene: Scene) -> bytes:
     """Return the bytes of the scene's file."""
     hand, motion, seen = scene.hands[0].model, scene.hands[0].trajectory, seen_scene(scene)
-    static = static_arrays(seen.mesh, seen.tree, hand, *seen.place)
-    ticks = scene.hands[0].ticks.seen_from_object()
+    of_hand, ticks = hand_arrays(hand), scene.hands[0].ticks.seen_from_object()
+    if seen.parts is None:
+        bodies = {body_name(scene.name): body_arrays(seen.mesh, seen.tree, *seen.place)}
+    else:
+        bodies = {body.name: body_arrays(body.mesh, body.tree) for body in scene_bodies(scene)}
     stated = {
         **scene.description,
         "names": scene_names(scene),
@@ -117,7 +121,7 @@ def scene_content(scene: Scene) -> bytes:
         "motion_source": motion.source,
         "rate": scene.ticks.rate,
         "hand": {"side": hand.side, "length": hand.hand_length, "breadth": hand.hand_breadth},
-        "checksums": checksums(static),
+        "checksums": checksums(hand.side, of_hand, bodies),
         **({} if seen.parts is None else {"things": [body.to_json() for body in scene_bodies(scene)]}),
     }
 
@@ -125,13 +129,13 @@ def scene_content(scene: Scene) -> bytes:
         file.attrs["format"], file.attrs["schema_version"] = FORMAT, SCHEMA_VERSION
         file.attrs["hhsim_version"] = __version__
         file.attrs["scene"], file.attrs["digest"] = json.dumps(stated), scene_digest(scene)
-        for column in STATIC_COLUMNS:
-            put_dataset(file, column.name, static[column.name], column.units, column.long_name)
+        groups = [(f"{HANDS}/{hand.side}", of_hand, HAND_STATIC)]
+        groups += [(f"{BODIES}/{name}", arrays, BODY_STATIC) for name, arrays in bodies.items()]
+        for group, arrays, columns in groups:
+            for column in columns:
+                put_dataset(file, f"{group}/{column.name}", arrays[column.name], column.units, column.long_name)
         for name, (units, meaning) in MOTION.items():
             put_dataset(file, f"motion/{name}", getattr(ticks, name), units, meaning)
-        for group, arrays in part_arrays(seen.parts).items():
-            for column in PART_STATIC_COLUMNS:
-                put_dataset(file, f"{group}/{column.name}", arrays[column.name], column.units, column.long_name)
         phases = scene.ticks.phases
         names = np.array([phase.name for phase in phases], h5py.string_dtype())
         put_dataset(file, "phase/name", names, "1", "name of each phase")
@@ -174,32 +178,23 @@ def _load(path: Path) -> Scene:
         said = json.loads(file.attrs["scene"])
         if "things" in said:
             raise InputError(f"{path} has {said['object_name']}: {NOT_SCORED}")
-        static = {column.name: file[column.name][()] for column in STATIC_COLUMNS}
+        (side,), (name,) = file[HANDS], file[BODIES]
+        of_hand = {column.name: file[HANDS][side][column.name][()] for column in HAND_STATIC}
+        body = {column.name: file[BODIES][name][column.name][()] for column in BODY_STATIC}
         motion = {name: file[f"motion/{name}"][()] for name in MOTION}
         phases = tuple(read_phases(file))
-        version = str(file.attrs.get("hhsim_version", ""))
-    held = Result(
-        path=path,
-        complete=True,
-        ticks=len(motion["time"]),
-        schema_version=SCHEMA_VERSION,
-        hhsim_version=version,
-        created_utc="",
-        scene=said,
-        machine={},
-        packages={},
-        phases=phases,
-        summary={},
-        static=static,
-    )
+    for part, digest in checksums(side, of_hand, {name: body}).items():
+        if said["checksums"].get(part) != digest:
+            raise InputError(f"{path} is damaged: {part_words(part)} in the file is another (checksum)")
     rate = float(said["rate"])
     ticks = TickInput(**motion, phases=phases, rate=rate)
-    place = {name: static[name.replace("_", "/")] for name in ("object_position", "object_orientation")}
+    place = {"object_position": body["position"], "object_orientation": body["orientation"]}
     trajectory = tick_trajectory(ticks, name=said["motion"], source=said["motion_source"], **place)
     more = ("names", "object_name", "motion", "motion_source", "rate", "hand", "checksums")
     description = {name: value for name, value in said.items() if name not in more}
-    mesh, tree = stored_mesh(held), stored_tree(held)
-    return Scene((Hand(stored_hand(held), trajectory, ticks),), (Body(OBJECT, mesh, tree),), description)
+    mesh = Mesh(body["mesh/vertices"], body["mesh/faces"], name=said["object_name"], source=str(path))
+    hand = hand_of_arrays(of_hand, said["hand"], str(path))
+    return Scene((Hand(hand, trajectory, ticks),), (Body(OBJECT, mesh, sphere_tree_of(body, "tree")),), description)
 
 
 class SceneBody(NamedTuple):

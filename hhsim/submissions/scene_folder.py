@@ -171,7 +171,7 @@ not in the object. {send}
 | `hand.urdf`, `hand.xml` | the same as URDF and MJCF; joints are called as the columns |
 | `scene.xml` | hand and object as MJCF: the mesh is seen, its spheres collide; keyframe `start` is the first tick |
 {last}\
-| `{SCENE_FILE}` | all of it for hhsim; motion under `/motion`, object under `/object`, hand under `/hand` |
+| `{SCENE_FILE}` | all of it for hhsim; motion under `/motion`, bodies under `/bodies`, hand under `/hands` |
 | `scene.json` | digest, rate, phases |
 
 ## Frames and units

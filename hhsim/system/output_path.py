@@ -29,12 +29,10 @@ def keeping(inputs: Iterable[Path]) -> Iterator[None]:
     """Keep files while the block runs: no output replaces one. Paths at which no file is are passed by."""
     before = _kept.copy()
     for path in inputs:
-        # Of FILE.h5/left the file is the input.
-        for each in (path, path.parent):
-            with suppress(OSError, ValueError):
-                if each.is_file():
-                    found = each.stat()
-                    _kept[found.st_dev, found.st_ino] = each
+        with suppress(OSError, ValueError):
+            if path.is_file():
+                found = path.stat()
+                _kept[found.st_dev, found.st_ino] = path
     try:
         yield
     finally:

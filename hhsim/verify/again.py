@@ -1,6 +1,7 @@
 """Claims that a second run judges: the motion, the ticks and the figures made once more by the same solver."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -13,9 +14,8 @@ from hhsim.motion.trajectory import ObjectMotion, TickInput, Trajectory
 from hhsim.replay.repeat import RunAgain, run_again
 from hhsim.replay.stored_scene import stored_hand, stored_mesh, stored_options, stored_surface, stored_tree
 from hhsim.replay.summary import figures_of_own_runs
-from hhsim.result.reader import Result, load_result
-from hhsim.result.schema import SIDES, TWO_HANDED
-from hhsim.result.two_handed_file import other_of_two
+from hhsim.result.motion import holds_a_result
+from hhsim.result.reader import Result
 from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.declared_bodies import DeclaredBodies, load_bodies
 from hhsim.scene.described_scene import motion_of_side
@@ -46,7 +46,7 @@ def again_claims(result: Result, progress: Progress) -> list[Claim]:
         return [*claims, Claim("again: ticks", _TICKS, NOT_JUDGED, note=str(error))]
     claims.append(_ticks(again))
     # The summary of a free object, or of parts that move, has none of them.
-    if result.complete and result.live is None and not (result.free or result.parts):
+    if result.complete and result.live is None and not result.free and len(result.bodies) == 1:
         seen = result.seen_from_object
         haptic = HandConfiguration(*(np.array(seen[f"haptic/{name}"]) for name in HandConfiguration._fields))
         own = figures_of_own_runs(hand, stored_surface(result), options, haptic, result_ticks(result))
@@ -94,14 +94,15 @@ def _motion(result: Result) -> Claim:
     # A run that was stopped has fewer ticks.
     off[count:] = np.inf
     made_of = {f"haptic/{part}": getattr(wanted, part) for part in HandConfiguration._fields}
-    still = ObjectMotion(*(result.static[f"object/{part}"][None] for part in ObjectMotion._fields))
+    still = ObjectMotion(*(values[None] for values in result.body.place))
     carrier = ticks.object_motion
     if (result.driven and not result.free) or carrier is not None:
-        poses = result.object_motion(), carrier or still.at(np.zeros(ticks.tick_count, np.int64))
+        stored_poses = result.poses(result.frame) if result.driven else still.at(np.zeros(result.ticks, np.int64))
+        poses = stored_poses, carrier or still.at(np.zeros(ticks.tick_count, np.int64))
         off[:count] = np.max([difference(a[:count], b[:count]).max(axis=1) for a, b in zip(*poses)], axis=0)
-    for p, part in enumerate(result.parts if parts is not None else ()):
+    for p, body in enumerate(result.bodies.values() if parts is not None else ()):
         assert parts is not None
-        stored = np.concatenate([result[f"{part}/position"], result[f"{part}/orientation"]], axis=1)[:count]
+        stored = np.concatenate(body.poses(), axis=1)[:count]
         off[:count] = np.maximum(off[:count], difference(stored, parts.world[:count, p]).max(axis=1))
     for part, values in made_of.items():
         stored = np.asarray(result[part])[:count].reshape(count, -1)
@@ -120,12 +121,14 @@ def _made_again(result: Result) -> tuple[TickInput, MovingParts | None]:
     scene = result.scene
     if not scene.get("trajectory"):
         raise InputError("the file does not say which motion it was")
-    side = result.side if scene.get(TWO_HANDED) else ""
-    motion = motion_of_side(str(scene["trajectory"]), side, scene.get("reading"))
+    two = result.other is not None
+    word = str(scene["trajectory"])
+    side = result.side if two or holds_a_result(Path(word)) else ""
+    motion = motion_of_side(word, side, scene.get("reading"))
     mode = scene.get("samples", "interpolate")
     if isinstance(motion, Script) and scene.get("tremor_mm_deg"):
         motion = motion.shaken(scene["tremor_mm_deg"])
-    if isinstance(motion, Script) and scene.get(TWO_HANDED):
+    if isinstance(motion, Script) and two:
         motion = motion.of_two()
     if scene.get("object_pose") == "fixed" and isinstance(motion, Trajectory):
         motion = motion.placed(motion.object_position, motion.object_orientation)
@@ -136,7 +139,7 @@ def _made_again(result: Result) -> tuple[TickInput, MovingParts | None]:
         bodies = replace(bodies, trees=dict(zip(parts.names, parts.trees)))
     elif parts is not None:
         # A script finds its place by the name of the bodies.
-        mesh, tree = stored_mesh(result), stored_tree(result)
+        mesh, tree = stored_mesh(result.body), stored_tree(result.body)
         bodies = DeclaredBodies.of_mesh(mesh, replace(tree, options={**tree.options, OF_BODIES: parts.name}))
     else:
         found = own_object(result, True)
@@ -149,10 +152,10 @@ def _made_again(result: Result) -> tuple[TickInput, MovingParts | None]:
         if isinstance(motion, Trajectory):
             motion = place_at_grasp(motion, hand, own).motion
     other = None
-    right = other_of_two(result.path) if scene.get(TWO_HANDED) and result.side != SIDES[0] else None
-    if isinstance(motion, Script) and right is not None:
+    right = next(iter(result.hands.values()))
+    if isinstance(motion, Script) and right.name != result.name:
         # The left hand found its place beside the right one.
-        first = stored_hand(load_result(right))
+        first = stored_hand(right)
         other = OtherHand(first, planned(motion, first, bodies.tree))
     made = scene_of(bodies, [hand], [motion], rate=result.rate, mode=mode, seed=seed, other=other)
     return made.hands[0].ticks, None if parts is None or parts.free else seen_scene(made).parts

@@ -4,18 +4,21 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.metrics.mesh_penetration import ticks_looked_at
-from hhsim.result.schema import HANDS_APART
+from hhsim.result.schema import BETWEEN_COLUMNS
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_CLAIMED, NOT_JUDGED, Claim, all_true, as_number, difference, judged
 from hhsim.verify.coal_distance import EXACT, TrueSurface, coal_distance, nearest_on, sphere_shapes, triangle_shapes
-from hhsim.verify.contacts import PALM, meetings, parts_that_may_meet, round_cones
+from hhsim.verify.contacts import PALM, meetings, meetings_of_two, parts_that_may_meet, round_cones
 from hhsim.verify.file_checks import follows
-from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LENGTH, NO_OTHER, NO_PLACE, WHY_LENGTH, JudgedTicks
+from hhsim.verify.kinematics import configurations, own_hand, pose
+from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LENGTH, NO_PLACE, WHY_LENGTH, JudgedTicks
 
 RESTS = 0.25
 """Largest motion of a tick whose successor predicts no hand, as a ratio of `step_tolerance`."""
 NEVER_IN = 1e-12
 """Rounding of a distance [m]: the depth allowed to a method that never penetrates."""
+ALIKE = 64
+"""Ticks whose distances of hands are looked for at once."""
 CONTACT_ERROR = "contact_error_max"
 """Figure of the summary on contacts off the mesh."""
 _OFF_MESH = (
@@ -71,7 +74,7 @@ def _candidates(judge: JudgedTicks) -> list[Claim]:
     Skipped after a tick that moved, since a prediction may begin elsewhere. On a mesh only triangles within a step's
     reach (twice the final step) are listed.
     """
-    if not judge.safe or judge.result.scene.get("others"):
+    if not judge.safe or (judge.result.free and len(judge.result.bodies) > 1):
         # Pairs with other things count, too, and are not in the file.
         return []
     result, near, chosen = judge.result, judge.listed, judge.chosen[judge.asked]
@@ -160,14 +163,37 @@ def self_contact_claims(judge: JudgedTicks) -> list[Claim]:
 
 def hands_apart_claims(judge: JudgedTicks) -> list[Claim]:
     """Judge the shown hand of a run of two that keep out of each other, at every tick."""
-    if not judge.result.scene.get(HANDS_APART):
-        return []
-    name, says = "hands apart", "no part of the shown hand is in the other hand"
+    claims = _between(judge)
     if judge.other is None:
-        return [Claim(name, says, NOT_JUDGED, note=NO_OTHER)]
+        return claims
+    name, says = "hands apart", "no part of the shown hand is in the other hand"
     nearest = judge.of_other_hand(judge.numbers, 0.0).nearest(len(judge.numbers)).min(axis=1)
     known = np.isfinite(judge.shown_posed.joints).all(axis=(1, 2, 3))
     depth = np.where(known, np.maximum(0.0, -nearest), np.inf)
     # Moving parts that leave a hand no place may push it into the other one.
     depth[(judge.status | np.asarray(judge.other["status"])) & NO_PLACE != 0] = 0.0
-    return [judged(name, says, depth, LENGTH, "m", WHY_LENGTH, ticks=judge.numbers)]
+    return [*claims, judged(name, says, depth, LENGTH, "m", WHY_LENGTH, ticks=judge.numbers)]
+
+
+def _between(judge: JudgedTicks) -> list[Claim]:
+    """Judge how far two hands are from each other at the chosen ticks; none where they have no ticks in common."""
+    result = judge.result.hands[judge.result.name]
+    if result.other is None or BETWEEN_COLUMNS[0].name not in result:
+        return []
+    hands, ticks = (result, result.other), judge.chosen[judge.asked]
+    off = np.zeros(len(ticks))
+    for column in BETWEEN_COLUMNS:
+        stored = np.asarray(result[column.name])[ticks]
+        posed = [pose(own_hand(one), configurations(one, column.name.partition("/")[2]).at(ticks)) for one in hands]
+        # A hand that is no number has no distance.
+        known = np.logical_and.reduce([np.isfinite(of.joints).all(axis=(1, 2, 3)) for of in posed])
+        # Ticks of about the same distance: few other pairs are as near.
+        order = np.argsort(np.nan_to_num(stored), kind="stable")
+        order = order[known[order]]
+        for rows in np.array_split(order, range(ALIKE, len(order), ALIKE)):
+            near = float(np.nan_to_num(stored[rows]).max(initial=0.0)) + LENGTH
+            found = meetings_of_two([own_hand(one) for one in hands], [of.at(rows) for of in posed], near)
+            apart = np.abs(found.nearest(len(rows)).min(axis=1) - stored[rows])
+            off[rows] = np.maximum(off[rows], np.nan_to_num(apart, nan=np.inf))
+    says = "the two hands, the users' and the shown ones, are as far from each other as the file says"
+    return [judged("between hands", says, off, LENGTH, "m", WHY_LENGTH, ticks=ticks)]

@@ -18,7 +18,8 @@ from hhsim.kernels.tick.state import (
     UNITS_ROW,
 )
 from hhsim.mesh.mesh import LARGEST_NUMBER, require_usable_arrays
-from hhsim.replay.stored_scene import PARTS, checksums, stored_arrays
+from hhsim.replay.stored_scene import part_words, stored_checksums
+from hhsim.result.body import Body
 from hhsim.result.reader import Result
 from hhsim.result.schema import HANDS_APART
 from hhsim.scene.motion_catalogue import load_script, script_names
@@ -69,11 +70,11 @@ def _complete(result: Result) -> Claim:
 
 
 def _checksums(result: Result) -> Claim:
-    found, stated = checksums(stored_arrays(result)), result.scene["checksums"]
-    wrong = {PARTS[part]: digest != stated.get(part) for part, digest in found.items()}
+    found, stated = stored_checksums(result), result.scene["checksums"]
+    wrong = {part_words(part): digest != stated.get(part) for part, digest in found.items()}
     names = ", ".join(what for what, differs in wrong.items() if differs)
     note = f"not those of the run: {names}" if names else ""
-    return all_true("checksums", "object, tree and hand are those of the run", list(wrong.values()), note=note)
+    return all_true("checksums", "bodies, trees and hand are those of the run", list(wrong.values()), note=note)
 
 
 def _time(result: Result) -> Claim:
@@ -189,65 +190,72 @@ def _work(result: Result) -> list[Claim]:
     least += (UNITS_ROW if own_rows else UNITS_CONTACT + UNITS_ROW) * rows
     outside = (work["units"] < least) | (work["units"] > most)
     # A hand that gives way to parts makes more, in as many sub-steps as they take.
-    outside |= (steps > int(result.scene["solver"]["linearisations"])) & (not result.parts)
+    outside |= (steps > int(result.scene["solver"]["linearisations"])) & (len(result.bodies) == 1)
     says = "the weighted work is that of its parts, in no more linearisations than are allowed"
     return [all_true("work", says, outside, ticks=np.arange(result.ticks))]
 
 
-def _tree(result: Result, group: str = "object") -> tuple[Any, ...]:
-    arrays = result if group in result.parts else result.static
-    return tuple(np.array(arrays[f"{group}/tree/{name}"]) for name in ("center", "radius", "level", "parent"))
+def _tree(body: Body) -> tuple[Any, ...]:
+    return tuple(np.array(body.static[f"tree/{name}"]) for name in ("center", "radius", "level", "parent"))
 
 
-def leaves(result: Result, group: str = "object") -> tuple[FloatArray, FloatArray]:
-    """Centres (L, 3) and radii (L,) of the leaf spheres [m], world; of a part, by its group, in its own frame."""
-    center, radius, level, _ = _tree(result, group)
+def leaves(body: Body) -> tuple[FloatArray, FloatArray]:
+    """Centres (L, 3) and radii (L,) of a body's leaf spheres [m], where its mesh is stored."""
+    center, radius, level, _ = _tree(body)
     last = level == level.max(initial=0)
     return center[last], radius[last]
 
 
 def _tree_order(result: Result) -> Claim:
-    _, radius, level, parent = _tree(result)
-    index = np.arange(len(radius))
-    wrong = (parent < 0) | (parent >= index)
-    wrong[0] = parent[0] != -1
-    above = np.where(wrong, 0, parent)
-    wrong |= (index > 0) & (level != level[above] + 1)
-    wrong |= ~(radius > 0.0)
-    # Breadth first: a descent relies on adjacent children.
-    wrong[1:] |= parent[1:] < parent[:-1]
-    return all_true("tree order", "each sphere has its parent on the level above, children together", wrong)
+    found = []
+    for body in result.bodies.values():
+        _, radius, level, parent = _tree(body)
+        index = np.arange(len(radius))
+        wrong = (parent < 0) | (parent >= index)
+        wrong[0] = parent[0] != -1
+        above = np.where(wrong, 0, parent)
+        wrong |= (index > 0) & (level != level[above] + 1)
+        wrong |= ~(radius > 0.0)
+        # Breadth first: a descent relies on adjacent children.
+        wrong[1:] |= parent[1:] < parent[:-1]
+        found.append(wrong)
+    says = "each sphere has its parent on the level above, children together"
+    return all_true("tree order", says, np.concatenate(found))
 
 
 def _tree_encloses(result: Result) -> Claim:
-    """No leaf sticks out of a sphere above it, which a descent of the tree relies on."""
-    center, radius, level, parent = _tree(result)
-    leaf = np.flatnonzero(level == level.max(initial=0))
-    out = np.zeros(len(leaf))
-    above = leaf.copy()
-    # At most as many steps as there are spheres, whatever levels a damaged file states.
-    for _ in range(min(int(level.max(initial=0)), len(radius) - 1)):
-        above = np.clip(parent[above], 0, len(radius) - 1)
-        away = np.linalg.norm(center[leaf] - center[above], axis=1)
-        out = np.maximum(out, away + radius[leaf] - radius[above])
+    """No leaf sticks out of a sphere above it, which a descent of a tree relies on."""
+    found = []
+    for body in result.bodies.values():
+        center, radius, level, parent = _tree(body)
+        leaf = np.flatnonzero(level == level.max(initial=0))
+        out = np.zeros(len(leaf))
+        above = leaf.copy()
+        # At most as many steps as there are spheres, whatever levels a damaged file states.
+        for _ in range(min(int(level.max(initial=0)), len(radius) - 1)):
+            above = np.clip(parent[above], 0, len(radius) - 1)
+            away = np.linalg.norm(center[leaf] - center[above], axis=1)
+            out = np.maximum(out, away + radius[leaf] - radius[above])
+        found.append(out)
     says = "every leaf lies inside of the spheres above it"
-    return judged("tree encloses", says, out, 1e-9, "m", "rounding of a world frame")
+    return judged("tree encloses", says, np.concatenate(found), 1e-9, "m", "rounding of a world frame")
 
 
 def cover(result: Result) -> Claim:
-    """Judge whether the leaves cover the mesh: its vertices, edge midpoints and random points."""
-    vertices, faces = np.array(result.static["object/vertices"]), np.array(result.static["object/faces"])
-    claim = covered("cover", "the leaf spheres cover the object's surface", vertices, faces, *leaves(result))
+    """Judge whether the leaves cover the meshes: their vertices, edge midpoints and random points."""
+    surfaces = [(np.array(body.vertices), np.array(body.faces), *leaves(body)) for body in result.bodies.values()]
+    claim = covered("cover", "the leaf spheres cover the surfaces of all bodies", *surfaces)
     if claim.note or covers(result):
         return claim
     note = "this tree was not built to cover the mesh, or the file does not say how it was"
     return replace(claim, verdict=NOT_CLAIMED, tick=None, note=note)
 
 
-def covered(name: str, says: str, *surfaces: Any) -> Claim:
-    """Judge whether spheres cover a mesh: `surfaces` are the arguments of `outside_spheres`."""
+def covered(name: str, says: str, *surfaces: tuple[Any, ...]) -> Claim:
+    """Judge whether spheres cover meshes: `surfaces` are the arguments of `outside_spheres` of each."""
     try:
-        return judged(name, says, outside_spheres(*surfaces), COVER, "m", "less than any figure is stated to")
+        outside = np.concatenate([outside_spheres(*surface) for surface in surfaces])
+        return judged(name, says, outside, COVER, "m", "less than any figure is stated to")
     except MeshError as error:
         return judged(name, says, [np.inf], COVER, "m", "exact", note=str(error))
 

@@ -6,14 +6,13 @@ from functools import cache
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.result.schema import HANDS_APART
 from hhsim.system.counted import counted
 from hhsim.verify import forces
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import leaves
 from hhsim.verify.kinematics import euler_change, turn_between
-from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_OTHER, NO_PLACE, STUCK, JudgedTicks
+from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_PLACE, STUCK, JudgedTicks
 
 FORCE = 1e-6
 """Relative tolerance of forces, and absolute one [N]: a ten-thousandth of the least force that has a rate."""
@@ -39,8 +38,6 @@ def force_claims(judge: JudgedTicks) -> list[Claim]:
     if judge.result.free:
         # Friction has other claims: `hhsim.verify.free_object_checks`.
         return claims
-    if judge.result.scene.get(HANDS_APART) and judge.other is None:
-        return [*claims, Claim(NAME, SAYS, NOT_JUDGED, note=NO_OTHER)]
     method, force = judge.options["method"], judge.options["force"]
 
     # Two claims ask for that of a tick.
@@ -184,7 +181,8 @@ def _eq_14(judge: JudgedTicks) -> Claim:
     if judge.options["method"] == "paper":
         unclear |= judge.miscounted
         closed = judge.options["frustum_ends"] == "spheres"
-        other = forces.on_another_part(judge.hand, judge.chosen_posed, judge.touching, *leaves(judge.result), closed)
+        spheres = leaves(judge.result.body)
+        other = forces.on_another_part(judge.hand, judge.chosen_posed, judge.touching, *spheres, closed)
         unclear[judge.touching.tick[other]] = True
     chosen = np.flatnonzero(~unclear & (judge.status[judge.chosen] & CAPACITY_EXCEEDED == 0))
     wanted = judge.wanted_posed.at(judge.chosen)

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.result.reader import Result, load_result
-from hhsim.result.schema import HANDS_APART, TWO_HANDED
-from hhsim.result.two_handed_file import other_of_two
+from hhsim.result.body import Body
+from hhsim.result.contacts import ON_TABLE
+from hhsim.result.reader import Result
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.contacts import PALM, Pairs, joined
@@ -24,7 +24,7 @@ from hhsim.verify.forces import AT_LIMIT, limit_rows, pushes, residual
 from hhsim.verify.judged_body import JudgedBody
 from hhsim.verify.kinematics import Posed, configurations, own_hand, phalanx_axes, pose, rotations, turn_between
 from hhsim.verify.things_apart import CLEAR, things_apart_claim
-from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_OTHER, STUCK, JudgedTicks
+from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, STUCK, JudgedTicks
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 MOVES = 1e-6
 """Speed beyond which a joint moves, and its friction is against that [rad/s, m/s]."""
-ON_TABLE = -1
 UNIT = 1e-9
 EARTH = (0.0, 0.0, -9.81)
 """Gravity [m/s²]."""
@@ -53,16 +52,15 @@ JOINED = 2e-6
 """How far two things may come off their joint [m, rad]."""
 DRIVEN = 1e6
 """Mass [kg] and moment of inertia [kg·m²] that a driven thing counts as."""
-SAME_THING = 1e-9
-"""Tolerance between the object and the first of several things [m, N]."""
 
 
 class FreeThing:
-    """Stored motion of a free object, or of one of several things, and what follows from the poses alone, world."""
+    """Stored motion of a body of a scene with a free one, and what follows from the poses alone, world."""
 
-    def __init__(self, result: Result, free: dict[str, Any], group: str = "object") -> None:
-        self.result, self.free, self.group, self.name = result, free, group, group.rpartition("/")[2]
-        self.fixed, self.driven = bool(free.get("fixed")), f"{group}/recorded_position" in result
+    def __init__(self, result: Result, body: Body) -> None:
+        free = body.properties
+        self.result, self.body, self.free, self.name = result, body, free, body.name
+        self.fixed, self.driven = body.kind == "fixed", body.kind == "driven"
         self.period = 1.0 / result.rate
         self.mass, self.inertia = float(free["mass"]), np.array(free["inertia"], np.float64)
         self.gravity, self.damping = np.array(free["gravity"]), float(free["damping"])
@@ -70,20 +68,18 @@ class FreeThing:
         # The first tick follows the scene's start; after a recorder's gap the tick before is unknown.
         self.follows = follows(result)
         self.follows[0] = result.live is None or result["live/tick/record"][0] == 0
-        # The frame of a thing beside others is the world's before the first tick.
-        static, self.place, self.orientation = result.static, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
-        if group == "object":
-            self.place, self.orientation = static["object/position"], static["object/orientation"]
-        self.vertices = np.asarray(static["object/vertices"] if group == "object" else self.of("vertices"))
+        self.place, self.orientation = body.place
+        self.vertices = np.asarray(body.vertices)
         # Velocity of the centre of mass [m/s] and angular velocity [rad/s], from before the first tick on, (T + 1, 3).
         self.velocity, self.spin = (np.vstack([free[of], self.of(of)]) for of in ("velocity", "angular_velocity"))
-        # Wrench about the centre of mass [N, N·m], (T, 6); what other things do to the first counts as the table's.
-        sources = ("hand", "table") if group == "object" else ("hand", "table", "thing")
-        self.borne = np.sum([self.of(f"{source}_wrench") for source in sources], axis=0)
+        # Wrench about the centre of mass [N, N·m], (T, 6): of what is no hand, and of all.
+        others = [self.of(f"{source}_wrench") for source in ("table", "body") if f"{source}_wrench" in body]
+        self.of_others = np.sum(others, axis=0)
+        self.borne = self.of("hand_wrench") + self.of_others
 
     def of(self, column: str) -> FloatArray:
         """Dataset of the thing."""
-        return np.asarray(self.result[f"{self.group}/{column}"])
+        return np.asarray(self.body[column])
 
     @cached_property
     def turned(self) -> "Rotation":
@@ -152,32 +148,30 @@ class FreeMotion(FreeThing):
     """Motion of a free object, and its contacts."""
 
     def __init__(self, result: Result) -> None:
-        super().__init__(result, result.scene["free"])
+        super().__init__(result, result.body)
         # Invalid ticks and bodies are found by `_contacts`.
-        self.tick: IntArray = np.clip(result["contact/tick"], 0, result.ticks - 1)
-        most = 2 * PALM + 1 if result.scene.get(TWO_HANDED) else PALM
-        self.body: IntArray = np.clip(np.asarray(result["contact/body"], np.int64), ON_TABLE - len(result.parts), most)
+        contacts = result.contacts
+        self.tick: IntArray = np.clip(contacts["tick"], 0, result.ticks - 1)
+        self.touching: IntArray = np.asarray(contacts["body"], np.int64)
         self.point, self.normal, self.load, self.friction, self.torsion, self.slip = (
-            np.asarray(result[f"contact/{name}"])
+            np.asarray(contacts[name])
             for name in ("point", "normal", "normal_force", "friction_force", "torsional_moment", "slip")
         )
         # Other things count as the table does; their own motion is not in the slip that is computed here.
-        self.of_table, of_thing = self.body <= ON_TABLE, self.body < ON_TABLE
+        self.of_table, of_thing = self.touching <= ON_TABLE, self.touching < ON_TABLE
         # Contacts of another hand, whose poses are in its own result.
-        self.of_other = (self.body > PALM) | of_thing
+        self.of_other = (self.touching > PALM) | of_thing
         self.own = ~(self.of_table | self.of_other)
 
     @cached_property
     def alone(self) -> BoolArray:
         """True for ticks in which no hand bears on what has no contacts in the file, shape (T,): things, other hand."""
         found = np.ones(len(self.ticks), bool)
-        if self.result.scene.get(HANDS_APART):
+        if self.result.other is not None:
             judge = JudgedTicks(self.result, self.ticks)
-            if judge.other is None:
-                return ~found
             found = judge.of_other_hand(self.ticks, MEETS).nearest(len(found)).min(axis=1) > MEETS
-        for part in self.result.parts[1:]:
-            found &= ~np.asarray(self.result[f"{part}/hand_wrench"]).any(axis=1)
+        for body in list(self.result.bodies.values())[1:]:
+            found &= ~np.asarray(body["hand_wrench"]).any(axis=1)
         return found
 
     @cached_property
@@ -201,10 +195,12 @@ class FreeMotion(FreeThing):
         """Friction coefficient μ of each contact, shape (C,): of two things the geometric mean of theirs."""
         table, *others = (
             one["friction"] if one["table_friction"] is None else one["table_friction"]
-            for one in (self.free, *self.result.scene.get("others", ()))
+            for one in (body.properties for body in self.result.bodies.values())
         )
-        known = [*(np.sqrt(table * other) for other in others[::-1]), table, self.free["friction"]]
-        return np.asarray(known)[np.clip(self.body, -1 - len(others), 0) + len(others) + 1]
+        # A body of number k has the code -2 - k, and the first one does not touch itself.
+        known = np.array([table, table, *(np.sqrt(table * other) for other in others)])
+        of_body = known[np.clip(-1 - self.touching, 0, len(known) - 1)]
+        return np.asarray(np.where(self.touching >= 0, self.free["friction"], of_body))
 
 
 def free_claims(result: Result) -> list[Claim]:
@@ -212,8 +208,7 @@ def free_claims(result: Result) -> list[Claim]:
     if not result.free:
         return []
     motion = FreeMotion(result)
-    stated = zip((motion.free, *result.scene.get("others", ())), result.parts)
-    things = [FreeThing(result, *one) for one in stated] or [motion]
+    things = [motion, *(FreeThing(result, body) for body in list(result.bodies.values())[1:])]
     joints = [(thing, joint["on"]) for thing in things if (joint := _joint(thing))]
     pairs = [(thing, one) for thing, on in joints for one in things if one.name == on and not one.fixed]
     held = [thing for thing, _ in joints if thing not in [one for one, _ in pairs]]
@@ -233,7 +228,7 @@ def free_claims(result: Result) -> list[Claim]:
         *(_pair_joint(thing, bearer) for thing, bearer in pairs),
     ]
     if len(things) > 1:
-        claims += [_first_thing(motion, things[0]), _between_things(things), _hands_on_things(things)]
+        claims += [_between_things(things), _hands_on_things(things)]
         joined, still = [{thing.name, on} for thing, on in joints], [thing.fixed or thing.driven for thing in things]
         ways = itertools.permutations(range(len(things)), 2)
         apart = [(i, j) for i, j in ways if {things[i].name, things[j].name} not in joined]
@@ -252,9 +247,9 @@ def _of_each(name: str, says: str, unit: str, why: str, things: Sequence[FreeThi
 
 
 def _contacts(motion: FreeMotion) -> list[Claim]:
-    tick, body, point, normal = motion.tick, motion.body, motion.point, motion.normal
+    tick, body, point, normal = motion.tick, motion.touching, motion.point, motion.normal
     stored = np.asarray(motion.result["contact/tick"])
-    wrong = (np.diff(stored, prepend=0) < 0) | (stored != tick) | (np.asarray(motion.result["contact/body"]) != body)
+    wrong = (np.diff(stored, prepend=0) < 0) | (stored != tick)
     wrong |= ~(np.abs(np.linalg.norm(normal, axis=1) - 1.0) <= UNIT)
     wrong |= np.asarray(motion.result["contact/sticks"]) > 1
     wrong |= (body == ON_TABLE) & (np.abs(normal - [0.0, 0.0, 1.0]).max(axis=1) > UNIT)
@@ -278,13 +273,12 @@ def _solid(motion: FreeMotion) -> Claim:
     from trimesh.triangles import mass_properties
 
     name, says = "solid", "centre of mass and inertia are those of the mesh, of one density, in the earth's gravity"
-    static = motion.result.static
     try:
-        own = mass_properties(np.asarray(static["object/vertices"])[static["object/faces"]])
+        own = mass_properties(motion.vertices[motion.body.faces])
     except (IndexError, ValueError, ZeroDivisionError) as error:
         return Claim(name, says, NOT_JUDGED, note=f"the mesh has none: {error}")
     inertia = motion.mass / float(own.volume) * np.asarray(own.inertia)
-    extent = float(np.ptp(static["object/vertices"], axis=0).max())
+    extent = float(np.ptp(motion.vertices, axis=0).max())
     off = [
         float(np.abs(np.asarray(own.center_mass) - motion.free["center"]).max()) / extent,
         float(np.abs(inertia - motion.inertia).max() / np.abs(inertia).max()),
@@ -374,7 +368,7 @@ def _crossing(vector: FloatArray) -> FloatArray:
 def _wrenches(motion: FreeMotion, jointed: bool) -> list[Claim]:
     found = []
     for name, of_table in (("hand", False), ("table", True)):
-        own, stored = motion.of_contacts(of_table), np.asarray(motion.result[f"object/{name}_wrench"])
+        own, stored = motion.of_contacts(of_table), motion.of_others if of_table else motion.of("hand_wrench")
         size = 1.0 + np.abs(stored).sum(axis=1)
         says, off = f"the {name}'s force and moment on the object are those of its contacts", np.abs(own - stored)
         claim = f"{name} on object", says, off.max(axis=1), FORCE * size, "N, N·m", WHY_FORCE
@@ -389,7 +383,7 @@ def _wrenches(motion: FreeMotion, jointed: bool) -> list[Claim]:
 def _equal_and_opposite(motion: FreeMotion) -> Claim:
     bodies = np.zeros((len(motion.ticks), PALM + 1, 3))
     chosen = motion.own
-    np.add.at(bodies, (motion.tick[chosen], motion.body[chosen]), motion.force[chosen])
+    np.add.at(bodies, (motion.tick[chosen], motion.touching[chosen]), motion.force[chosen])
     phalanx = np.asarray(motion.result["force/phalanx"]).reshape(-1, PALM, 3)
     palm = np.asarray(motion.result["force/total"]) - phalanx.sum(axis=1)
     off = np.abs(bodies - np.concatenate([phalanx, palm[:, None]], axis=1)).max(axis=(1, 2))
@@ -433,7 +427,7 @@ def _slips(motion: FreeMotion) -> list[Claim]:
     # Friction and moment work on slip and spin; in s = (μ slip, γ spin) and r = (f / μ, τ / γ) the cone is |r| <= λ.
     reach = np.where(motion.of_table, 0.0, float(motion.free["torsion"]))
     slip = np.hypot(motion.coefficient * own, reach * spin)
-    off = np.asarray(motion.result["object/friction_residual"])[motion.tick]
+    off = motion.of("friction_residual")[motion.tick]
     # Friction is along Γ e with residual |s - Γ e|: while that is below |s| / √2, e is at most 45° off s.
     whole = np.isin(motion.tick, motion.whole) & known
     slides = whole & ~motion.of_other & (motion.slip > 1e-7) & (motion.load > 1e-3)
@@ -453,7 +447,7 @@ def _slips(motion: FreeMotion) -> list[Claim]:
 
 def _balanced(motion: FreeMotion, slip: FloatArray) -> Claim:
     """Judge that the friction residual is no more than the slips: the convex model's friction, or better."""
-    off = np.asarray(motion.result["object/friction_residual"])
+    off = motion.of("friction_residual")
     most = np.zeros(len(off))
     np.maximum.at(most, motion.tick, slip)
     # In a tick that lags it is the slip of a program of whose step the hand has made a fraction.
@@ -465,7 +459,7 @@ def _balanced(motion: FreeMotion, slip: FloatArray) -> Claim:
     says = "the slip that friction is balanced against is the slip made, to what the file says"
     why = "twice the slip, which may have turned round, and in a tick that lags what it has to go; the clearance"
     note = f"µm in contact: {size[0]:.2g} in the median, {size[1]:.2g} at p99, {size[2]:.2g} at most"
-    if motion.result.scene.get("others"):
+    if len(motion.result.bodies) > 1:
         # The residual is of all things, the contacts in the file are the first one's.
         return Claim("balanced", says, NOT_JUDGED, note="contacts of the other things alone are not in the file")
     return judged("balanced", says, off, 2.0 * most + CLEAR, "m", why, ticks=motion.ticks, note=note)
@@ -487,7 +481,7 @@ def _beyond_straight(motion: FreeMotion, travel: FloatArray) -> FloatArray:
     bends = [np.abs(np.diff(of, axis=0, prepend=of[:1])) for of in (shown.flexion, shown.abduction)]
     of_bodies = (np.cumsum(bends[0], axis=2) + bends[1][:, :, None]).reshape(-1, PALM)
     angle = np.column_stack([of_bodies, np.zeros(len(palm))]) + palm[:, None]
-    body = np.clip(motion.body, 0, PALM)
+    body = np.clip(motion.touching, 0, PALM)
     finger = np.minimum(body // 3, 4)
     joints = np.concatenate([posed.joints[tick, finger, :3], posed.position[tick, None]], axis=1)
     reach = np.linalg.norm(joints - motion.point[:, None], axis=2).max(axis=1)
@@ -524,7 +518,7 @@ def _travel_and_spin(motion: FreeMotion) -> tuple[FloatArray, FloatArray]:
     shown = configurations(motion.result, "graphic")
     origin, axes = hand_frames(pose(own_hand(motion.result), shown), rotations(shown.orientation)[0].as_matrix())
     chosen = np.flatnonzero(motion.own & (tick > 0))
-    t, b = tick[chosen], motion.body[chosen]
+    t, b = tick[chosen], motion.touching[chosen]
     local = np.einsum("cji,cj->ci", axes[t, b], point[chosen] - origin[t, b])
     was = origin[t - 1, b] + np.einsum("cij,cj->ci", axes[t - 1, b], local)
     travel[chosen] += point[chosen] - was
@@ -554,16 +548,14 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
     name, says = "hand's balance", "the coupling of a settled tick is borne by its contacts, friction and all, "
     says += "and by joints at their limits"
     result, motion = judge.result, FreeMotion(judge.result)
-    if result.scene.get(HANDS_APART) and judge.other is None:
-        return Claim(name, says, NOT_JUDGED, note=NO_OTHER)
-    others = [FreeThing(result, *one) for one in zip(result.scene.get("others", ()), result.parts[1:])]
+    others = [FreeThing(result, body) for body in list(result.bodies.values())[1:]]
     settled = judge.status[judge.chosen] & (STUCK | LAG | CAPACITY_EXCEEDED) == 0
     places, ticks = np.flatnonzero(settled), judge.chosen[settled]
     size = np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1)
     stored = judge.stored_forces(ticks).reshape(len(ticks), 3 * (PALM + 1))
     near = _near_others(judge, motion, places[~motion.alone[ticks]])
     # A wrench on a thing is that of both hands.
-    known = [] if result.scene.get(TWO_HANDED) else others
+    known = others if result.other is None else []
     wrench = np.concatenate([stored[:, :0], *(thing.of("hand_wrench")[ticks] for thing in known)], axis=1)
     scale = np.concatenate([judge.scale, np.ones(stored.shape[1]), np.tile(judge.scale[:6], len(known))])
     off = np.empty(len(places))
@@ -571,7 +563,7 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
         rows = np.arange(*np.searchsorted(motion.tick, [tick, tick + 1]))
         rows = rows[motion.own[rows]]
         twist = motion.torsion[rows, None] * motion.normal[rows]
-        pushed = pushes(judge.chosen_posed, i, motion.body[rows], motion.point[rows], motion.force[rows], twist)
+        pushed = pushes(judge.chosen_posed, i, motion.touching[rows], motion.point[rows], motion.force[rows], twist)
         borne, on_bodies = (values.sum(axis=0) for values in pushed)
         limits, _ = limit_rows(judge.hand, judge.chosen_shown.flexion[i])
         may = [np.pad(limits, ((0, 0), (0, len(scale) - 21)))]
@@ -612,14 +604,14 @@ def _hand_slack(judge: JudgedTicks, things: Sequence[FreeThing], size: FloatArra
 
 def _near_others(judge: JudgedTicks, motion: FreeMotion, places: IntArray) -> Pairs:
     """Pairs of the hand and the other things that may bear a force at some chosen ticks, world."""
-    within = judge.touch + _stands_off(judge, motion.ticks) + np.asarray(motion.result["object/friction_residual"])
+    within = judge.touch + _stands_off(judge, motion.ticks) + motion.of("friction_residual")
     reach = float(within[judge.chosen[places]].max(initial=0.0)) + LENGTH
     near = joined([judge.near_body(body, places, reach) for body in judge.bodies[1:] or judge.bodies])
     near = near._replace(tick=places[near.tick])
     return near.at(np.flatnonzero(near.distance <= within[judge.chosen[near.tick]] + LENGTH))
 
 
-def _cone(pairs: Pairs, of: JudgedBody, free: dict[str, Any]) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+def _cone(pairs: Pairs, of: JudgedBody, free: Mapping[str, Any]) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
     """Bodies, points [m], forces [N] and moments [N·m] that span what contacts with a thing may do to the hand.
 
     A pyramid around the circular cone holds it, and a pair at an edge of several triangles counts once.
@@ -648,8 +640,7 @@ def _stands_off(judge: JudgedTicks, ticks: IntArray) -> FloatArray:
     if judge.result.view is not None:
         now = motion.turned[1:].as_matrix()
         points = np.einsum("tij,tnj->tni", now, points - motion.place) + motion.of("position")[:, None]
-    bends, stated = np.zeros(len(points)), zip((motion.free, *judge.result.scene.get("others", ())), judge.result.parts)
-    things = [FreeThing(judge.result, *one) for one in stated] or [motion]
+    bends, things = np.zeros(len(points)), [FreeThing(judge.result, body) for body in judge.result.bodies.values()]
     movable = [thing.name for thing in things if not thing.fixed]
     for thing in things:
         # A thing that another one bears goes on its own, and their joint draws it back.
@@ -667,13 +658,11 @@ def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     """Judge, in the object's frame, that only touching bodies bear forces, but for the friction's residual slip."""
     motion = FreeMotion(judge.result)
     says = "what does not touch bears no force, but for what floats by what the tick's friction is off"
-    if judge.result.scene.get(HANDS_APART) and judge.other is None:
-        return Claim("complementarity", says, NOT_JUDGED, note=NO_OTHER)
-    floats = np.repeat(np.asarray(motion.result["object/friction_residual"])[:, None], PALM + 1, axis=1)
+    floats = np.repeat(motion.of("friction_residual")[:, None], PALM + 1, axis=1)
     # A tick that lags stands off by its slip and by the travel left; its forces are those of the unfinished program.
     on_the_way = motion.own & ~np.isin(motion.tick, motion.whole)
     slipped = float(motion.free["friction"]) * motion.slip[on_the_way]
-    np.maximum.at(floats, (motion.tick[on_the_way], motion.body[on_the_way]), slipped)
+    np.maximum.at(floats, (motion.tick[on_the_way], motion.touching[on_the_way]), slipped)
     # How a contact with another thing slips in a tick that lags is not in the file.
     known = motion.alone | (judge.status & LAG == 0)
     places = np.flatnonzero((judge.status[judge.chosen] & STUCK == 0) & known[judge.chosen])
@@ -689,7 +678,7 @@ def free_complementarity_claim(judge: JudgedTicks) -> Claim:
 
 def _table(motion: FreeMotion, things: Sequence[FreeThing]) -> Claim:
     says, height = "the object's lowest point is above the table, as high as the file says", motion.free["table"]
-    stored = np.asarray(motion.result["object/table_distance"])
+    stored = motion.of("table_distance")
     if height is None:
         return all_true("table", says, np.isfinite(stored), ticks=motion.ticks, note="there is none")
     lowest = [thing.lowest - height for thing in things if not (thing.fixed or thing.driven)]
@@ -741,7 +730,7 @@ def _hinge(thing: FreeThing) -> Claim:
     size += turned * length * (np.abs(wrench[:, :3]).sum(axis=1) + mass * np.linalg.norm(gravity))
     wrong = _beyond_friction(hinge, angle[1:], spin[1:], own) / size
     off[thing.whole] = np.maximum(off, wrong)[thing.whole]
-    says = f"{thing.group} only turns about its hinge, within its limits, as moments, weight and friction have it"
+    says = f"{thing.name} only turns about its hinge, within its limits, as moments, weight and friction have it"
     return judged("hinge", says, off, 1.0, "1", "a nanometre; a millionth of the forces", ticks=thing.ticks)
 
 
@@ -756,14 +745,14 @@ def _slider(thing: FreeThing) -> Claim:
     wrong = _beyond_friction(slider, way[1:], speed[1:], own - force @ axis)
     wrong /= FORCE * thing.size
     off[thing.whole] = np.maximum(off, wrong)[thing.whole]
-    says = f"{thing.group} only moves along its slider, within its limits, as forces, weight and friction have it"
+    says = f"{thing.name} only moves along its slider, within its limits, as forces, weight and friction have it"
     return judged("slider", says, off, 1.0, "1", "a nanometre; a millionth of the forces", ticks=thing.ticks)
 
 
 def _pair_joint(thing: FreeThing, bearer: FreeThing) -> Claim:
     """Judge the motion of a thing beside the free one that bears its joint: about or along the axis, within limits."""
     _, off = _joint_motion(thing, bearer)
-    says = f"{thing.group} only turns or moves beside {bearer.name} as its joint lets it, within its limits"
+    says = f"{thing.name} only turns or moves beside {bearer.name} as its joint lets it, within its limits"
     return judged("joint", says, off[thing.whole], JOINED, "m, rad", "twice that of a program", ticks=thing.whole)
 
 
@@ -784,17 +773,9 @@ def _driven(thing: FreeThing) -> Claim:
     turn = (next(poses).inv() * next(poses)).magnitude()
     off = np.maximum(np.linalg.norm(way, axis=1), turn)[thing.whole]
     borne = (np.abs(thing.borne).sum(axis=1) * thing.period**2 / DRIVEN)[thing.whole]
-    says = f"{thing.group} goes as recorded in every tick that does not lag"
+    says = f"{thing.name} goes as recorded in every tick that does not lag"
     why = "a nanometre, and what the forces on it move a mass of 1,000 t by in a tick"
     return judged("driven", says, off, LENGTH + borne, "m, rad", why, ticks=thing.whole)
-
-
-def _first_thing(motion: FreeMotion, first: FreeThing) -> Claim:
-    pairs = ((getattr(motion, name), getattr(first, name)) for name in ("center", "velocity", "spin", "borne"))
-    off = [np.abs(one - other)[-len(motion.ticks) :].max(axis=1) for one, other in pairs]
-    off.append((motion.turned[1:].inv() * first.turned[1:]).magnitude())
-    says = "motion and forces of the object are those of the first thing"
-    return judged("first thing", says, np.max(off, axis=0), SAME_THING, "m, N", "rounding of sums", ticks=motion.ticks)
 
 
 def _between_things(things: Sequence[FreeThing]) -> Claim:
@@ -802,7 +783,7 @@ def _between_things(things: Sequence[FreeThing]) -> Claim:
     force, moment = np.zeros((2, len(things[0].ticks), 3))
     size, travel = np.ones(len(force)), np.zeros(len(force))
     for thing in things:
-        wrench = thing.of("thing_wrench")
+        wrench = thing.of("body_wrench")
         force += wrench[:, :3]
         moment += wrench[:, 3:] + np.cross(thing.center[1:], wrench[:, :3])
         size += np.abs(wrench).sum(axis=1)
@@ -815,10 +796,8 @@ def _between_things(things: Sequence[FreeThing]) -> Claim:
 def _hands_on_things(things: Sequence[FreeThing]) -> Claim:
     result, name = things[0].result, "hands on things"
     says, hands = "the forces of the hands on the things are opposite to those on the hands", [result]
-    if result.scene.get(TWO_HANDED):
-        if (path := other_of_two(result.path)) is None:
-            return Claim(name, says, NOT_JUDGED, note=NO_OTHER)
-        hands = [result, load_result(path)]
+    if result.other is not None:
+        hands = [result, result.other]
     ticks = np.arange(min(hand.ticks for hand in hands))
     forces = [thing.of("hand_wrench")[ticks, :3] for thing in things]
     forces += [np.asarray(hand["force/total"])[ticks] for hand in hands]

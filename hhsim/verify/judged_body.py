@@ -6,6 +6,7 @@ A pose p, q of an object that began at P, Q maps x to q Q⁻¹ (x − P) + p; th
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import ObjectMotion
 from hhsim.replay.stored_scene import stored_mesh
+from hhsim.result.body import Body
 from hhsim.result.reader import TURNS, Result
 from hhsim.scene.synthesis import carried
 from hhsim.verify.claim import Claim, judged
@@ -21,6 +23,13 @@ from hhsim.verify.contacts import Pairs, Places, ReadyTriangles, ball_places, re
 from hhsim.verify.file_checks import leaves, own_script
 from hhsim.verify.kinematics import Posed, rotations
 
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+SOME = 200
+"""Ticks by which a joint's place is found."""
+JOINED = 1e-9
+"""Tolerance of a joint's value, and of what hangs on it [m, rad]."""
 ABOVE = 1e-6
 """Largest initial height of a free object above its place [m], from the solver's offset to the table."""
 
@@ -92,12 +101,13 @@ class JudgedBody:
 def judged_bodies(result: Result, ticks: IntArray) -> tuple[JudgedBody, ...]:
     """Return the object of a result, which stands still in its frame, or the parts of its thing at some ticks."""
     on_mesh, found, first = result.surface == "mesh", list[JudgedBody](), 0
-    if not result.parts:
-        return (JudgedBody(stored_mesh(result), *leaves(result), 0, on_mesh, None, np.zeros((0, 3))),)
-    for group, moved in zip(result.parts, result.meshes_moved()):
-        mesh = Mesh(np.array(result[f"{group}/vertices"]), np.array(result[f"{group}/faces"]), name=group)
+    moved_bodies = result.meshes_moved()
+    if not moved_bodies:
+        return (JudgedBody(stored_mesh(result.body), *leaves(result.body), 0, on_mesh, None, np.zeros((0, 3))),)
+    for body, moved in zip(result.bodies.values(), moved_bodies, strict=True):
+        mesh = Mesh(np.array(body.vertices), np.array(body.faces), name=body.group)
         turn = rotations(moved.turn[ticks])[0].as_matrix()
-        found.append(JudgedBody(mesh, *leaves(result, group), first, on_mesh, turn, moved.shift[ticks]))
+        found.append(JudgedBody(mesh, *leaves(body), first, on_mesh, turn, moved.shift[ticks]))
         first += len(mesh.faces) if on_mesh else len(found[-1].radius)
     return tuple(found)
 
@@ -126,16 +136,18 @@ def _first_step(result: Result) -> float:
 
     A quaternion changes by half the turn, and the origin of the frame goes round the centre of mass.
     """
-    arm = np.linalg.norm(np.array(result.scene["free"]["center"]) - result.static["object/position"])
-    turn = np.linalg.norm(result["object/angular_velocity"][0]) * max(0.5, float(arm))
-    return ABOVE + float(np.linalg.norm(result["object/velocity"][0]) + turn) / result.rate
+    body = result.body
+    arm = np.linalg.norm(np.array(body.properties["center"]) - body.place.position)
+    turn = np.linalg.norm(body["angular_velocity"][0]) * max(0.5, float(arm))
+    return ABOVE + float(np.linalg.norm(body["velocity"][0]) + turn) / result.rate
 
 
 def object_motion_claims(result: Result) -> list[Claim]:
     """Judge a moving object's poses: valid, from the object's place on, and the script's; and those of parts."""
     if not result.driven:
         return _poses_of_parts(result)
-    poses, static = result.object_motion(), result.static
+    poses = result.poses(result.frame)
+    place = result.body.place if len(result.bodies) == 1 else poses.at(0)
     off = np.abs(np.linalg.norm(poses.orientation, axis=1) - 1.0)
     off = np.where(np.isfinite(poses.position).all(axis=1) & np.isfinite(off), off, np.inf)
     # The opposite quaternion is the same rotation, but a jump of its numbers.
@@ -149,7 +161,7 @@ def object_motion_claims(result: Result) -> list[Claim]:
         if own is not None:
             says += ", and as its script carries it"
             off = np.max([off, *(np.abs(a - b).max(axis=1) for a, b in zip(poses, own))], axis=0)
-    first = max(float(np.abs(values[0] - static[f"object/{name}"]).max()) for name, values in poses._asdict().items())
+    first = max(float(np.abs(values[0] - stored).max()) for values, stored in zip(poses, place, strict=True))
     tolerance = _first_step(result) if result.free else 0.0
     why = "its first step, and what it may be raised by to stand on its table" if result.free else "the same numbers"
     poses_claim = judged("object poses", says, off, 1e-9, "m, 1", "rounding", ticks=np.arange(result.ticks), note=note)
@@ -160,12 +172,57 @@ def object_motion_claims(result: Result) -> list[Claim]:
 
 def _poses_of_parts(result: Result) -> list[Claim]:
     off = []
-    for part in result.parts:
-        unit = np.abs(np.linalg.norm(result[f"{part}/orientation"], axis=1) - 1.0)
-        off.append(np.where(np.isfinite(result[f"{part}/position"]).all(axis=1) & np.isfinite(unit), unit, np.inf))
+    for body in result.bodies.values() if len(result.bodies) > 1 else ():
+        unit = np.abs(np.linalg.norm(body["orientation"], axis=1) - 1.0)
+        off.append(np.where(np.isfinite(body["position"]).all(axis=1) & np.isfinite(unit), unit, np.inf))
     says = "every part has a pose at every tick, with a unit quaternion"
     ticks = np.arange(result.ticks)
-    return [judged("poses of parts", says, np.max(off, axis=0), 1e-9, "1", "rounding", ticks=ticks)] if off else []
+    if not off:
+        return []
+    claims = [judged("poses of parts", says, np.max(off, axis=0), 1e-9, "1", "rounding", ticks=ticks)]
+    joints = [_off_joint(result, body) for body in result.bodies.values() if "joint" in body]
+    if joints:
+        says = "a body on a joint turns about, or moves along, an axis of another one, as far as the joint's value says"
+        claims.append(judged("joints", says, np.max(joints, axis=0), JOINED, "m, rad", "rounding", ticks=ticks))
+    return claims
+
+
+def _off_joint(result: Result, body: Body) -> FloatArray:
+    """How far a body is off its joint with the other body beside which it moves most alike, [m, rad], shape (T,)."""
+    value = body["joint"] - body["joint"][0]
+    found = []
+    for other in result.bodies.values():
+        if other is not body:
+            turns, places = zip(*((rotations(of.orientation)[0], of.position) for of in (body.poses(), other.poses())))
+            turn, place = turns[1].inv() * turns[0], turns[1].inv().apply(places[0] - places[1])
+            # In the other body's frame a point x of the first tick goes to D x + s.
+            moved = turn * turn[0].inv()
+            shift = place - moved.apply(place[0])
+            found += [_off_hinge(moved, shift, sign * value) for sign in (1.0, -1.0)]
+            found.append(_off_slider(moved, shift, value))
+    return min((np.nan_to_num(off, nan=np.inf) for off in found), key=lambda off: float(off.max()))
+
+
+def _off_hinge(moved: "Rotation", shift: FloatArray, value: FloatArray) -> FloatArray:
+    from scipy.spatial.transform import Rotation
+
+    way = moved.as_rotvec() * np.sign(value)[:, None]
+    most = int(np.linalg.norm(way, axis=1).argmax())
+    size = float(np.linalg.norm(way[most]))
+    axis = way[most] / size if size > 0.0 else np.eye(3)[0]
+    turned = (Rotation.from_rotvec(np.outer(value, axis)).inv() * moved).magnitude()
+    across = np.eye(3) - moved.as_matrix()
+    some = slice(None, None, max(1, len(value) // SOME))
+    origin = np.linalg.lstsq(across[some].reshape(-1, 3), shift[some].ravel(), rcond=None)[0]
+    return np.asarray(np.maximum(turned, np.linalg.norm(across @ origin - shift, axis=1)))
+
+
+def _off_slider(moved: "Rotation", shift: FloatArray, value: FloatArray) -> FloatArray:
+    most = int(np.abs(value).argmax())
+    axis = shift[most] / (value[most] or 1.0)
+    off = np.linalg.norm(shift - np.outer(value, axis), axis=1)
+    long = abs(float(np.linalg.norm(axis)) - 1.0) * np.abs(value)
+    return np.asarray(np.maximum(moved.magnitude(), np.maximum(off, long)))
 
 
 def _of_the_script(result: Result) -> ObjectMotion | None:
@@ -173,7 +230,7 @@ def _of_the_script(result: Result) -> ObjectMotion | None:
     script = own_script(result)
     if script is None or script.rate != result.rate:
         return None
-    start = [result.static[f"object/{name}"] for name in ("position", "orientation")]
+    start = result.body.place if len(result.bodies) == 1 else result.poses(result.frame, slice(1)).at(0)
     moved = carried(script, np.arange(script.sample_count) / script.rate, start[0])
     if moved is None:
         return None

@@ -12,6 +12,7 @@ from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import known_figures, run_metrics, tick_figures
 from hhsim.metrics.run_ticks import ticks_alone
 from hhsim.result.reader import Result
+from hhsim.result.schema import POSE_COLUMNS
 from hhsim.solver.method import EVERYTHING
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, as_number, difference, figures_apart, judged
@@ -109,7 +110,7 @@ def required_figures(result: Result) -> set[str]:
         for name, metric in metrics.items()
         if not (metric.own_run or metric.moving_hold_only) and (result.free or not metric.free_only)
     }
-    if result.free or result.parts:
+    if result.free or len(result.bodies) > 1:
         # No further run of the solver is of an object, or parts of it, that move.
         return names
     names.add("tracking_excess")
@@ -127,11 +128,6 @@ def input_hand_claims(judge: JudgedTicks) -> list[Claim]:
     result = judge.result
     if result.live is not None or not result.complete:
         return []
-    # No version tells them apart: results of several parts or things once had none of the figures, which are NaN there.
-    # Now the depth is always a number, so that a result that lacks some of them is wrong.
-    if result.parts and np.isnan([as_number(result.summary.get(name, np.inf)) for name in INPUT_HAND]).all():
-        note = "the file has no such figures, as those of several parts or things once had none; make it anew"
-        return [Claim(*claim, NOT_JUDGED, unit="m", note=note) for claim in (INPUT_DEPTH, OFF_THE_USER)]
     return [_depth(judge), _correction(judge)]
 
 
@@ -147,7 +143,7 @@ def motion_claim(result: Result) -> Claim:
     seq, off = np.asarray(result["input_seq"]), np.full(result.ticks, np.nan)
     names = [f"haptic/{name}" for name in HandConfiguration._fields]
     if result.driven and not result.free:
-        names += ["object/position", "object/orientation"]
+        names += [f"{result.frame}/{column.name}" for column in POSE_COLUMNS]
     for column in names:
         rows = np.asarray(result[column]).reshape(result.ticks, -1)
         turns = column.endswith("orientation") and not held

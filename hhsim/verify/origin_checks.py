@@ -10,7 +10,10 @@ from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, names_a_file, object_names, resolve_object
 from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.run_ticks import leaves_in_reach
+from hhsim.result.body import Body
 from hhsim.result.reader import Result
+from hhsim.result.schema import BETWEEN_COLUMNS, HANDS_APART
 from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS
 from hhsim.scene.declared_bodies import load_bodies
 from hhsim.scene.motion_catalogue import resolve_trajectory
@@ -20,7 +23,7 @@ from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.triangle_tree import OPTIONS, triangle_tree
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.contacts import PALM
-from hhsim.verify.file_checks import COVER, covered, leaves
+from hhsim.verify.file_checks import COVER, covered
 from hhsim.verify.kinematics import rotations
 
 SAME_PLACE = 1e-12
@@ -41,15 +44,13 @@ def origin_claims(result: Result, again: bool = False) -> list[Claim]:
 
 
 def own_object(result: Result, again: bool) -> Mesh | None:
-    """Mesh named by the scene, in its own frame; None where it is not available."""
+    """Mesh of the one body that the scene names, in its own frame; None where it is not available."""
+    if len(result.bodies) > 1:
+        return None
     scene = result.scene
     word, stated = str(scene.get("object") or ""), scene.get("object_mesh")
     try:
-        if result.parts:
-            motion = resolve_trajectory(str(scene["trajectory"]), scene.get("reading"))
-            shipped, solid = not names_a_file(word), result.surface != "mesh"
-            mesh = load_bodies(word, motion, solid=solid).mesh if shipped or again else None
-        elif not names_a_file(word):
+        if not names_a_file(word):
             word = word or str(scene.get("object_name"))
             mesh = load_object(word).mesh if word in object_names() else None
         elif again:
@@ -62,6 +63,21 @@ def own_object(result: Result, again: bool) -> Mesh | None:
     except HhsimError:
         return None
     return mesh if mesh is not None and mesh.sha256 == stated else None
+
+
+def own_meshes(result: Result, again: bool) -> tuple[Mesh, ...] | None:
+    """Meshes of several bodies that the scene names, in their own frames; None where they are not available."""
+    word, scene = str(result.scene.get("object") or ""), result.scene
+    try:
+        motion = resolve_trajectory(str(scene["trajectory"]), scene.get("reading"))
+        if names_a_file(word) and not again:
+            return None
+        bodies = load_bodies(word, motion, solid=result.surface != "mesh")
+    except HhsimError:
+        return None
+    # Those of free bodies are stored where they begin.
+    known = not result.free and bodies.mesh.sha256 == scene.get("object_mesh")
+    return tuple(bodies.meshes.values()) if known else None
 
 
 def own_tree(result: Result, mesh: Mesh, again: bool) -> SphereTree | None:
@@ -93,11 +109,17 @@ def _tree_options(result: Result) -> TreeOptions | None:
 
 def _object(result: Result, mesh: Mesh | None, again: bool) -> Claim:
     name, says = "object", "the object is the one that the scene names"
+    if len(result.bodies) > 1 and (meshes := own_meshes(result, again)) is not None:
+        apart = []
+        for own, body in zip(meshes, result.bodies.values(), strict=True):
+            same = own.vertices.shape == body.vertices.shape and np.array_equal(own.faces, body.faces)
+            apart.append(np.linalg.norm(own.vertices - body.vertices, axis=1) if same else np.array([np.inf]))
+        return judged(name, says, np.concatenate(apart), SAME_PLACE, "m", WHY_SAME_PLACE)
     if mesh is None:
         where = "it is no object of the catalogue" + ("" if again else "; --again reads mesh files")
         return Claim(name, says, NOT_JUDGED, unit="m", note=f"{where}, and its mesh file is not in the result")
     placed = mesh.transformed(*_placement(result))
-    vertices, faces = result.static["object/vertices"], result.static["object/faces"]
+    vertices, faces = result.body.vertices, result.body.faces
     same = placed.vertices.shape == vertices.shape and np.array_equal(placed.faces, faces)
     off = np.linalg.norm(placed.vertices - vertices, axis=1) if same else np.array([np.inf])
     return judged(name, says, off, SAME_PLACE, "m", WHY_SAME_PLACE)
@@ -112,7 +134,7 @@ def _tree(result: Result, mesh: Mesh | None, tree: SphereTree | None, again: boo
             note = "it cannot be built" if again else "it does not ship with hhsim; --again builds it"
         return Claim(name, says, NOT_JUDGED, unit="m", note=note)
     placed = tree.transformed(*_placement(result))
-    stored = [result.static[f"object/tree/{part}"] for part in TREE_ARRAYS]
+    stored = [result.body.static[f"tree/{part}"] for part in TREE_ARRAYS]
     same = stored[0].shape == placed.center.shape and all(
         np.array_equal(getattr(placed, part), values) for part, values in zip(TREE_ARRAYS[2:], stored[2:])
     )
@@ -123,8 +145,8 @@ def _tree(result: Result, mesh: Mesh | None, tree: SphereTree | None, again: boo
 
 
 def _placement(result: Result) -> tuple[FloatArray, FloatArray]:
-    turned, _ = rotations(np.array(result.static["object/orientation"])[None])
-    return turned.as_matrix()[0], np.array(result.static["object/position"])
+    position, orientation = result.body.place
+    return rotations(np.array(orientation)[None])[0].as_matrix()[0], np.array(position)
 
 
 def _hand(result: Result) -> Claim:
@@ -152,8 +174,8 @@ def _hand(result: Result) -> Claim:
 def _described(result: Result) -> Claim:
     scene, static, solver = result.scene, result.static, result.scene["solver"]
     modelled = scene["modelled"]
-    leaf, palm, phalanges = len(leaves(result)[1]), len(static["hand/palm_radius"]), 3 * len(solver["fingers"])
-    depth = int(static["object/tree/level"].max(initial=0))
+    leaf, palm, phalanges = leaves_in_reach(result), len(static["hand/palm_radius"]), 3 * len(solver["fingers"])
+    depth = max(int(body.static["tree/level"].max(initial=0)) for body in result.bodies.values())
     stated = {
         "object_spheres": (scene["object_spheres"], leaf),
         "hand.palm_spheres": (scene["hand"]["palm_spheres"], palm),
@@ -164,12 +186,29 @@ def _described(result: Result) -> Claim:
         "modelled.all_pairs": (modelled["all_pairs"], (PALM + palm) * leaf),
         "modelled.not_modelled": ("friction" in modelled["not_modelled"], not result.free),
         "tree_options.level": ((scene.get("tree_options") or {}).get("level", depth), depth),
+        "hand.side": (scene["hand"]["side"], result.name),
+        "bodies": ([body.name for body in result.bodies.values() if body.kind == "fixed" and _moved(body)], []),
+        **_apart(result),
         "ticks": (not result.complete or result.ticks <= int(scene.get("ticks") or result.ticks), True),
     }
     wrong = {name: pair for name, pair in stated.items() if pair[0] != pair[1]}
     note = "; ".join(f"{name} is stated as {given}, there are {own}" for name, (given, own) in wrong.items())
     says = "spheres, fingers and pairs are as many as the scene says"
     return all_true("scene", says, np.isin(list(stated), list(wrong)), note=note)
+
+
+def _apart(result: Result) -> dict[str, tuple[bool, bool]]:
+    """What is said of hands that keep out of each other, and whether hands that run together do."""
+    if result.other is None or BETWEEN_COLUMNS[0].name not in result or "recording" in result.scene:
+        return {}
+    solver = result.scene["solver"]
+    own = result.free or (solver["method"] in ("coupled", "progressive") and solver["qp"] == "active-set")
+    return {HANDS_APART: (bool(result.scene.get(HANDS_APART)), own)}
+
+
+def _moved(body: Body) -> bool:
+    """Return True if a body is not where it is stored in every tick."""
+    return any(np.abs(values - values[:1]).max(initial=0.0) > SAME_PLACE for values in body.moved())
 
 
 def _palm(result: Result) -> Claim:
@@ -182,7 +221,7 @@ def _palm(result: Result) -> Claim:
     if not (np.array_equal(of_tree[0], center) and np.array_equal(of_tree[1], radius)):
         return judged("palm", says, [np.inf], COVER, "m", "exact", note="its tree has other leaves")
     vertices, faces = static["hand/palm_mesh/vertices"], static["hand/palm_mesh/faces"]
-    return covered("palm", says, *map(np.array, (vertices, faces, center, radius)))
+    return covered("palm", says, tuple(map(np.array, (vertices, faces, center, radius))))
 
 
 def _beyond_a_file(result: Result, again: bool) -> list[Claim]:

@@ -3,7 +3,6 @@
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.result.schema import SIDES, TWO_HANDED
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_CLAIMED, Claim, judged
 from hhsim.verify.kinematics import turn_between
@@ -84,11 +83,11 @@ def _of_others(judge: JudgedTicks) -> BoolArray:
     the arrays are full; one whose program has no solution holds the abduction first.
     """
     result, status = judge.result, judge.status
-    first = not result.scene.get(TWO_HANDED) or result.side == SIDES[0]
+    first = result.name == next(iter(result.hands))
     spent = np.asarray(result["work/linearisations"]) >= judge.options["linearisations"]
     spent |= np.asarray(result["work/units"]) >= judge.options["budget"]
     spent |= status & (CAPACITY_EXCEEDED | ABDUCTION_HELD) > 0
-    several = first and bool(result.scene.get("others"))
+    several = first and result.free and len(result.bodies) > 1
     return np.asarray(several & spent & (status & (STUCK | NO_PLACE) == 0))
 
 

@@ -82,7 +82,7 @@ def _height(normal: FloatArray, vector: FloatArray) -> FloatArray:
 def things_apart_claim(result: Result, pairs: Sequence[tuple[int, int]]) -> Claim:
     """Judge that one thing is not in another one, by pairs of their numbers in both orders."""
     ticks = np.unique(np.linspace(0, result.ticks - 1, LOOKED_AT).astype(int))
-    things = [_Thing(Mesh(result[f"{part}/vertices"], result[f"{part}/faces"])) for part in result.parts]
+    things = [_Thing(Mesh(body.vertices, body.faces)) for body in result.bodies.values()]
     moved = [(rotations(of.turn[ticks])[0].as_matrix(), of.shift[ticks]) for of in result.meshes_moved()]
     depth = np.zeros(len(ticks))
     for one, other in pairs:

@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhsim.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from hhsim.result.reader import Result, load_result
+from hhsim.result.reader import Result
 from hhsim.result.safety import WORDS, Safety
 from hhsim.result.schema import HANDS_APART
-from hhsim.result.two_handed_file import other_of_two
 from hhsim.solver.method import never_penetrates
 from hhsim.verify.contacts import (
     PALM,
@@ -28,7 +27,7 @@ from hhsim.verify.contacts import (
     near_triangle_pairs,
     parts_that_may_meet,
 )
-from hhsim.verify.file_checks import follows, leaves, usable
+from hhsim.verify.file_checks import follows, usable
 from hhsim.verify.judged_body import JudgedBody, judged_bodies
 from hhsim.verify.kinematics import configurations, own_hand, pose, turn_between
 
@@ -44,7 +43,6 @@ ON_THE_WAY = 20.0
 """Distance of bearing pairs in a tick that lags, as a multiple of `offset`."""
 NEAR_CONE = 0.03
 """Sine of the largest angle between a contact at a border and the normal that the solver pushes along."""
-NO_OTHER = "the other hand's result is not in the file, or has other ticks"
 WHY_LENGTH = "a thousandth of the smallest length that a table shows"
 MOST_ANGLE = 2.0 * np.pi
 """Largest plausible joint angle [rad]: samples beyond are not used."""
@@ -60,12 +58,9 @@ LOOP_DIED = "the loop failed or was killed"
 
 def other_hand(result: Result) -> Result | None:
     """Return the result of the other of two hands that keep apart, in the same frame; None where there is none."""
-    path = other_of_two(result.path)
-    if path is None or not result.scene.get(HANDS_APART):
+    if result.other is None or not (result.free or result.scene.get(HANDS_APART)):
         return None
-    other = load_result(path)
-    other = other if result.view is None else other.seen_by(result.view)
-    return other if other.ticks == result.ticks else None
+    return result.other if result.view is None else result.other.seen_by(result.view)
 
 
 class Nearness(NamedTuple):
@@ -144,7 +139,7 @@ class JudgedTicks:
     @cached_property
     def _least_leaf(self) -> float:
         # Rolling on an edge or a corner of a mesh has the hand's radius alone.
-        return 0.0 if self.on_mesh else float(leaves(self.result)[1].min())
+        return 0.0 if self.on_mesh else float(min(body.radius.min() for body in self.bodies))
 
     @property
     def rolling(self) -> float:
@@ -235,7 +230,7 @@ class JudgedTicks:
     def carried(self) -> BoolArray:
         """Ticks in which a part moved since the tick before, shape (T,)."""
         moved = np.zeros(self.result.ticks, bool)
-        for motion in self.result.meshes_moved() if self.result.parts else ():
+        for motion in self.result.meshes_moved() if len(self.result.bodies) > 1 else ():
             moved[1:] |= np.diff(np.concatenate(motion, axis=1), axis=0).any(axis=1)
         return moved
 

@@ -123,8 +123,16 @@ def verify(
         claims += [free_hand_claim(JudgedTicks(result, numbers)), free_complementarity_claim(judge)]
     if again:
         claims += again_claims(result, report)
+    claims += _unread(result)
     stationarity = next((claim.worst for claim in claims if claim.name == "stationarity"), float("nan"))
     return Verification(tuple(claims), result.ticks, len(sampled), every, judge.sphere_penetration, depth, stationarity)
+
+
+def _unread(result: Result) -> list[Claim]:
+    """Name the datasets that no claim has read."""
+    rest = sorted(set(result.keys()) - result.asked - result.body.result.asked)
+    says = "datasets that no other claim is of"
+    return [Claim("unread datasets", says, NOT_JUDGED, note=", ".join(rest))] if rest else []
 
 
 def chosen_ticks(result: Result, every: int) -> IntArray:

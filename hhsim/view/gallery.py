@@ -13,11 +13,12 @@ from hhsim.errors import InputError, TrajectoryError, named
 from hhsim.hand.model import HandModel
 from hhsim.mesh.file import read_triangles
 from hhsim.mesh.mesh import METRES_PER_UNIT, Mesh
+from hhsim.metrics.moving_parts import bodies_mesh
 from hhsim.motion.file import load_trajectory
 from hhsim.motion.trajectory import Trajectory
 from hhsim.render.triangle_soup import PIECES, STONE, mesh_surface, piece_poses, piece_surfaces
-from hhsim.result.reader import Result, hand_paths, load_result
-from hhsim.result.schema import SIDES, is_one_of_two
+from hhsim.result.reader import Result, load_result
+from hhsim.result.schema import SIDES
 from hhsim.system.hdf5_input import SIGNATURE, open_hdf5
 from hhsim.system.input_file import media_kind_of, open_input
 from hhsim.system.progress import Progress, silent
@@ -82,8 +83,7 @@ def view_files(
         InputError: A file that is none of these or cannot be read, or a result without a tick; as `rerun_stream`.
         OutputError: As `rerun_stream`.
     """
-    each = [one for path in paths for one in (hand_paths(path) if file_kind(path) == "result" else [path])]
-    shown = _paired([_read(path, f"file-{number + 1}", unit) for number, path in enumerate(each)])
+    shown = _paired([one for number, path in enumerate(paths) for one in _read(path, f"file-{number + 1}", unit)])
     with rerun_stream(target, APPLICATION, _arranged(shown, spheres=spheres)) as stream:
         stream.send_recording_name(", ".join(dict.fromkeys(path.name for path in paths)))
         for number, one in enumerate(shown):
@@ -105,15 +105,22 @@ class _Rooted:
         self._stream.send_columns(f"{self._root}/{path}", *what, **how)
 
 
-def _read(path: Path, root: str, unit: str) -> Shown:
+def _read(path: Path, root: str, unit: str) -> list[Shown]:
+    """Return what a file shows: each hand of a result, or the one thing that it holds."""
     kind = file_kind(path)
-    if kind == "result":
-        result = load_result(path)
+    if kind != "result":
+        return [_read_other(path, kind, root, unit)]
+    found = []
+    for number, result in enumerate(load_result(path).hands.values()):
         if result.ticks == 0:
-            raise InputError(f"{path} holds no tick")
+            raise InputError(f"{result.label} holds no tick")
         some = result["graphic/joints"][:: max(1, result.ticks // STILLS)].reshape(-1, 3)
-        corners = np.concatenate([result.static["object/vertices"], some])
-        return Shown(path, kind, root, result, _bounds(corners), result.ticks)
+        bounds = _bounds(np.concatenate([bodies_mesh(result).vertices, some]))
+        found.append(Shown(path, kind, f"{root}-{number}" if number else root, result, bounds, result.ticks))
+    return found
+
+
+def _read_other(path: Path, kind: Kind, root: str, unit: str) -> Shown:
     if kind == "motion":
         try:
             motion = load_trajectory(path)
@@ -150,7 +157,7 @@ def _of_both(one: Result, other: Result) -> bool:
     """Return whether two results are of a right and a left hand on the same object at the same time."""
     if {one.side, other.side} != set(SIDES) or (one.ticks, one.rate) != (other.ticks, other.rate):
         return False
-    if not all(np.array_equal(one.static[name], other.static[name]) for name in ("object/vertices", "object/faces")):
+    if not np.array_equal(bodies_mesh(one).triangles, bodies_mesh(other).triangles):
         return False
     return all(np.array_equal(a, b) for a, b in zip(one.meshes_moved(), other.meshes_moved(), strict=True))
 
@@ -213,8 +220,6 @@ def file_kind(path: Path) -> Kind:
     """Return whether a file is a result, a motion, a sphere tree or a mesh; raise InputError for any other."""
     if path.is_dir():
         raise InputError(f"{path} is a folder: expected {EXPECTED}")
-    if is_one_of_two(path):
-        return "result"
     if not path.exists():
         raise InputError(f"{path}: no such file; expected {EXPECTED}")
     try:

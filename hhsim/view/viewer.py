@@ -13,9 +13,8 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.sphere_tree import TreeArrays
-from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.contact_points import find_contact_points
-from hhsim.metrics.moving_parts import result_parts
+from hhsim.metrics.moving_parts import bodies_mesh, result_parts
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result
 from hhsim.result.safety import why_free_or_held
@@ -130,11 +129,11 @@ def get_ready() -> None:
 
 def shown_scene(result: Result, *, spheres: bool = False) -> ShownScene:
     """Return what does not change with time; raise InputError for an unknown hand or a damaged mesh or tree."""
-    static, solver = result.static, result.scene.get("solver", {})
+    solver = result.scene.get("solver", {})
     used = solver.get("fingers", FINGERS)
     return ShownScene(
-        mesh=Mesh(static["object/vertices"], static["object/faces"], "object", str(result.path)),
-        tree=sphere_tree_of(static, "object/tree"),
+        mesh=bodies_mesh(result),
+        tree=sphere_tree_of(result.body.static, "tree"),
         hand=stored_hand(result),
         fingers=np.array([finger in used for finger in FINGERS]),
         touch=float(solver.get("touch", TOUCH)),

@@ -34,7 +34,7 @@ def test_two_methods_side_by_side(run: Run, results: Path) -> None:
     assert word(answer.out, "ticks with lag") == "same"
     document = json.loads(run("compare", str(results / "coupled.h5"), str(results / "paper.h5"), "--json").out)
     assert document["comparable"] and "method: coupled and paper" in document["how"]
-    one, other = (h5py.File(results / f"{name}.h5")["summary"].attrs for name in ("coupled", "paper"))
+    one, other = (h5py.File(results / f"{name}.h5")["summary/right"].attrs for name in ("coupled", "paper"))
     figure = document["figures"]["force_contact_mean"]
     assert (figure["base"], figure["head"]) == (one["force_contact_mean"], other["force_contact_mean"])
     assert figure["ratio"] == pytest.approx(figure["head"] / figure["base"])
@@ -50,7 +50,7 @@ def test_a_time_is_judged_by_what_repeated_runs_differ(
     for name, p50, deviation in zip(("a.h5", "b.h5"), (1e-3, 1.2e-3), deviations):
         shutil.copy(results / "coupled.h5", tmp_path / name)
         with changed(tmp_path / name) as file:
-            file["summary"].attrs["tick_cpu_p50"] = p50
+            file["summary/right"].attrs["tick_cpu_p50"] = p50
         if deviation is not None:
             times = {"tick_cpu_p50": {"mean": 1.1e-3, "std": deviation}}
             state(tmp_path / name, "repeated", {"runs": 3, "times": times})
@@ -64,7 +64,7 @@ def test_a_time_is_judged_by_what_repeated_runs_differ(
 def test_a_figure_that_is_not_of_the_ticks_is_named(run: Run, results: Path, tmp_path: Path) -> None:
     shutil.copy(results / "coupled.h5", tmp_path / "b.h5")
     with changed(tmp_path / "b.h5") as file:
-        file["tick/force/total"][150:] *= 2.0
+        file["hands/right/tick/force/total"][150:] *= 2.0
     answer = run("compare", str(results / "coupled.h5"), "b.h5")
     told = [line for line in answer.out.splitlines() if "The file says" in line]
     assert len(told) == 1 and told[0].startswith("B: The file says force in contact, mean ")

@@ -19,7 +19,7 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.motion.file import load_trajectory
 from hhsim.recordings.registry import read_recording
 from hhsim.result.motion import load_result_motion
-from hhsim.result.reader import hand_paths, load_result
+from hhsim.result.reader import load_result
 from hhsim.submissions.pose_file import read_submission
 from hhsim.submissions.scene_file import load_scene
 from hhsim.system.hdf5_input import hdf5_format, open_hdf5
@@ -71,10 +71,9 @@ KINDS: dict[str, tuple[Callable[[h5py.File, str], None], str]] = {
     "growing": (growing, "a virtual dataset"),
 }
 READERS: tuple[Callable[[Path], object], ...] = (
-    *(load_result, hand_paths, load_result_motion, load_trajectory, read_recording, load_tree),
+    *(load_result, load_result_motion, load_trajectory, read_recording, load_tree),
     lambda path: import_tree(path, load_object("cube").mesh),
     *(read_submission, load_scene, load_table),
-    lambda path: load_result(path / "left"),
 )
 COMMANDS = (
     "verify FILE",
@@ -138,7 +137,7 @@ def test_no_reader_follows_a_file_to_another_one(kind: str, tmp_path: Path) -> N
 def test_links_within_a_file_are_followed(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["tick/time"] = np.arange(COUNT)
-        file["tick/near"], file["tick/far"] = h5py.SoftLink("time"), h5py.SoftLink("/tick/time")
+        file["hands/right/tick/near"], file["hands/right/tick/far"] = h5py.SoftLink("time"), h5py.SoftLink("/tick/time")
         file["whole"] = h5py.SoftLink("/tick/time")
     with open_hdf5(tmp_path / "a.h5") as file:
         for name in ("tick/near", "tick/far", "whole"):

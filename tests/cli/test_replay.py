@@ -15,7 +15,7 @@ from sampled import sampled
 from short_grasp import short_grasp_text
 
 from hhsim.result.reader import load_result
-from hhsim.result.schema import TICK_COLUMNS
+from hhsim.result.schema import TICK_COLUMNS, hand_columns
 
 pytestmark = pytest.mark.slow
 MAIN = "from hhsim.cli.main import main; main()"
@@ -174,7 +174,7 @@ def test_a_mesh_of_ones_own_is_replayed_and_its_size_doubted(run: Run, tmp_path:
     (tmp_path / "box.obj").write_text("\n".join(lines))
     right = run("replay", "box.obj", short.name, "--unit", "mm", "--level", "2", "--out", "run.h5")
     assert right.code == 0, right.err
-    assert np.ptp(load_result(tmp_path / "run.h5").static["object/vertices"], axis=0) == pytest.approx(0.07)
+    assert np.ptp(load_result(tmp_path / "run.h5").body.vertices, axis=0) == pytest.approx(0.07)
     wrong = run("replay", "box.obj", short.name, "--level", "2", "--out", "wrong.h5")
     assert (wrong.code, len(wrong.err.splitlines())) == (2, 1)
     assert "is the file in millimetres? pass --unit mm" in wrong.err
@@ -205,7 +205,7 @@ def test_an_interrupt_keeps_the_ticks_and_says_where(tmp_path: Path) -> None:
 def has_ticks(path: Path) -> bool:
     try:
         with h5py.File(path, "r", locking=False) as file:
-            return all(len(file["tick"][column.name]) > 0 for column in TICK_COLUMNS)
+            return all(len(file["hands/right/tick"][column.name]) > 0 for column in hand_columns())
     except (OSError, KeyError):
         return False
 

@@ -44,7 +44,7 @@ def test_a_result_is_run_again_and_every_array_named(run: Run, result: Path) -> 
 
 def test_what_differs_is_told_and_exits_1(run: Run, result: Path) -> None:
     with changed(result) as file:
-        file["tick/force/total"][41, 0] += 1.0
+        file["hands/right/tick/force/total"][41, 0] += 1.0
     answer = run("replay", "run.h5")
     assert answer.code == 1
     (line,) = [line for line in answer.out.splitlines()[:-1] if "different" in line]
@@ -57,7 +57,7 @@ def test_what_differs_is_told_and_exits_1(run: Run, result: Path) -> None:
 
 def test_what_another_machine_rounds_otherwise_is_within_rounding_and_exits_0(run: Run, result: Path) -> None:
     with changed(result) as file:
-        file["tick/graphic/position"][41, 0] *= 1.0 + 1e-15
+        file["hands/right/tick/graphic/position"][41, 0] *= 1.0 + 1e-15
     quiet = run("replay", "run.h5", "--quiet")
     assert (quiet.code, quiet.out) == (0, "") and "within rounding" in quiet.err
     document = json.loads(run("replay", "run.h5", "--json").out)

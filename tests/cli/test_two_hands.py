@@ -38,13 +38,12 @@ def both(run: Run, tmp_path: Path, kept: dict[str, bytes]) -> Path:
 
 def test_it_is_verified_and_run_again_hand_by_hand(run: Run, both: Path) -> None:
     answer = run("replay", "both.h5")
-    assert (answer.code, answer.out.count("identical in every tick")) == (0, 2)
-    assert "both.h5/left: 200 ticks run again" in answer.out
-    assert run("replay", "both.h5/left", "--quiet") == (0, "", "")
+    assert (answer.code, answer.out.count("identical in every tick")) == (0, 1)
+    assert "both.h5: 200 ticks run again" in answer.out
     document = json.loads(run("replay", "both.h5", "--json").out)
-    assert [hand["result"] for hand in document["hands"]] == ["both.h5/right", "both.h5/left"]
+    assert {f"{side}/graphic/joints" for side in SIDES} <= set(document["arrays"])
     found = run("verify", "both.h5", "--json", "--quiet")
-    assert found.code == 0 and len(json.loads(found.out)["hands"]) == 2
+    assert found.code == 0 and list(json.loads(found.out)["hands"]) == ["right", "left"]
 
 
 def test_it_is_judged_shown_and_reported(run: Run, both: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -52,16 +51,17 @@ def test_it_is_judged_shown_and_reported(run: Run, both: Path, monkeypatch: pyte
     rows = json.loads(answer.out)["rows"]
     assert answer.code == 0 and {row["scene"] for row in rows} == {"right", "left"}
     assert run("gate", "both.h5", "--baseline", "both.h5", "--quiet").code == 0
-    one = run("gate", "both.h5", "--baseline", "both.h5/left", "--quiet")
+    assert run("replay", "cube", "short.toml", "--out", "one.h5", "--quiet").code == 0
+    one = run("gate", "both.h5", "--baseline", "one.h5", "--quiet")
     assert one.code == 2 and "not of as many hands" in one.err
     leave_report_undrawn(monkeypatch)
     assert run("report", "both.h5", "--out", "page.html").code == 0
     assert "left out" not in run("board", "both.h5").out
     assert "left of two hands" in (both.parent / "page.html").read_text()
     seen = run("view", "both.h5", "--rerun", "both.rrd", "--json")
-    assert [Path(one["file"]).name for one in json.loads(seen.out)["files"]] == ["right", "left"]
+    assert [Path(one["file"]).name for one in json.loads(seen.out)["files"]] == ["both.h5", "both.h5"]
     assert run("view", "both.h5", "--video", "both.gif", "--pixels", "160").code == 0
-    assert run("export", "both.h5/left", "left.csv").code == 0
+    assert run("export", "both.h5", "left.csv", "--hand", "left").code == 0
 
 
 @pytest.mark.parametrize(
@@ -77,9 +77,11 @@ def test_what_is_of_one_hand_is_refused(run: Run, tmp_path: Path, arguments: tup
 def test_a_command_of_one_hand_says_how_to_name_it(run: Run, both: Path) -> None:
     for arguments in (("export", "both.h5", "x.csv"), ("compare", "both.h5", "both.h5")):
         answer = run(*arguments)
-        assert answer.code == 2 and "both.h5/right or both.h5/left" in answer.err
-    answer = run("verify", "both.h5/middle")
-    assert answer.code == 2 and "no such file" in answer.err
+        assert answer.code == 2 and "both.h5 holds two hands: --hand right or --hand left names one" in answer.err
+    assert run("compare", "both.h5", "both.h5", "--hand", "right,left").code == 0
+    assert run("replay", "cube", "short.toml", "--out", "one.h5", "--quiet").code == 0
+    answer = run("export", "one.h5", "x.csv", "--hand", "left")
+    assert answer.code == 2 and "one.h5 has no left hand: it holds the right one" in answer.err
 
 
 def hot3d_lines() -> str:
@@ -111,10 +113,10 @@ def test_both_hands_of_a_recording_and_its_object_are_replayed_by_one_command(ru
     assert [summary["penetration_max"] for summary in summaries] == [0.0, 0.0]
     assert summaries[0]["correction_joint_mean"] > 1e-3
     for side in SIDES:
-        result = load_result(tmp_path / "poses.h5" / side)
+        result = load_result(tmp_path / "poses.h5").hands[side]
         assert result.scene["reading"] == {"object_track": "17"} and result.driven
     # The left hand's motion is made again as that of the left hand, about the same object.
-    found = json.loads(run("verify", "poses.h5", "--again", "--json").out)["hands"]
+    found = json.loads(run("verify", "poses.h5", "--again", "--json").out)["hands"].values()
     motions = [{claim["name"]: claim["verdict"] for claim in hand["claims"]}["again: motion"] for hand in found]
     assert motions == ["holds", "holds"]
     wrong = run(*command, "--object-track", "18")
@@ -161,11 +163,11 @@ def test_two_hands_and_an_object_with_a_hinge_are_replayed_by_one_command(run: R
     assert [summary["input_depth_max"] > 2e-3 for summary in summaries] == [True, False]
     assert [summary["penetration_max"] for summary in summaries] == [0.0, 0.0]
     assert summaries[0]["correction_joint_mean"] > 1e-4
-    joint = load_result(tmp_path / "box.h5" / "right")["things/box/top/joint"]
+    joint = load_result(tmp_path / "box.h5").bodies["top"]["joint"]
     np.testing.assert_allclose(joint, np.interp(1e-3 * np.arange(60), np.arange(len(angle)) / 30.0, angle), atol=1e-12)
     verdicts = [
         {claim["name"]: claim["verdict"] for claim in hand["claims"]}
-        for hand in json.loads(run("verify", "box.h5", "--again", "--json").out)["hands"]
+        for hand in json.loads(run("verify", "box.h5", "--again", "--json").out)["hands"].values()
     ]
     for name in ("again: motion", "input depth", "correction", "non-penetration"):
         assert [found[name] for found in verdicts] == ["holds", "holds"], name

@@ -77,7 +77,7 @@ def test_what_differs_is_told_by_names_and_in_units(result: Result, tmp_path: Pa
         return of_scene("other words", lambda words: words.update(others))
 
     def moved(file: h5py.File) -> None:
-        file["tick/haptic/position"][17, 0] += 1e-5
+        file["hands/right/tick/haptic/position"][17, 0] += 1e-5
 
     def elsewhere(file: h5py.File) -> None:
         file.attrs["machine"] = json.dumps({**json.loads(file.attrs["machine"]), "cpu": "another one"})

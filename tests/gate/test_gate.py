@@ -86,14 +86,14 @@ def test_figures_are_those_of_the_runs_own_table(stored: Path, figures: RunFigur
 
 def test_a_planted_penetration_of_5_um_is_caught_though_the_file_says_there_is_none(result: Path) -> None:
     with changed(result) as file:
-        force = file["tick/force/fingertip_normal"][...]
+        force = file["hands/right/tick/force/fingertip_normal"][...]
         tick, finger = np.unravel_index(np.linalg.norm(force, axis=2).argmax(), force.shape[:2])
         # Against the object's push, that is into it.
         into = -force[tick, finger] / np.linalg.norm(force[tick, finger])
-        joints = file["tick/graphic/joints"][...]
+        joints = file["hands/right/tick/graphic/joints"][...]
         joints[tick, finger] += 5e-6 * into
-        file["tick/graphic/joints"][...] = joints
-        assert file["tick/penetration_depth"][...].max() == 0.0
+        file["hands/right/tick/graphic/joints"][...] = joints
+        assert file["hands/right/tick/penetration_depth"][...].max() == 0.0
     report = gate_result(load_result(result), TINY, None)
     assert report.exit_code == 1
     assert missed(report) == ["penetration_max"]
@@ -114,7 +114,7 @@ def test_a_planted_penetration_of_5_um_is_caught_though_the_file_says_there_is_n
 )
 def test_an_error_in_a_single_tick_is_caught(result: Path, dataset: str, value: float, name: str) -> None:
     with changed(result) as file:
-        file[f"tick/{dataset}"][77] = value
+        file[f"hands/right/tick/{dataset}"][77] = value
     report = gate_result(load_result(result), TINY, None)
     assert (missed(report), report.exit_code) == ([name], 1)
     assert not math.isnan(value) or report.missed[0].reason == "not finite"
@@ -124,16 +124,16 @@ def sunk(stored: Path, name: str, more: float, last: int = 200) -> Path:
     """A copy whose palm is 9.459 mm deep from tick 150 on, and whose index is `more` [m] deep from there to `last`."""
     path = Path(shutil.copy(stored, stored.with_name(name)))
     with changed(path) as file:
-        palm, finger = file["tick/penetration_palm"][...], file["tick/penetration_finger"][...]
+        palm, finger = file["hands/right/tick/penetration_palm"][...], file["hands/right/tick/penetration_finger"][...]
         palm[150:], finger[150:last, 1] = 9.459e-3, more
         for column, values in (("palm", palm), ("finger", finger), ("depth", np.maximum(palm, finger.max(axis=1)))):
-            file[f"tick/penetration_{column}"][...] = values
-        joints = file["tick/graphic/joints"][...]
+            file[f"hands/right/tick/penetration_{column}"][...] = values
+        joints = file["hands/right/tick/graphic/joints"][...]
         joints[150:last, 1, -1, 2] -= more
-        file["tick/graphic/joints"][...] = joints
-        flexion = file["tick/graphic/flexion"][...]
+        file["hands/right/tick/graphic/joints"][...] = joints
+        flexion = file["hands/right/tick/graphic/flexion"][...]
         flexion[150:last, 1] += more
-        file["tick/graphic/flexion"][...] = flexion
+        file["hands/right/tick/graphic/flexion"][...] = flexion
     return path
 
 
@@ -191,12 +191,12 @@ def test_one_pair_test_more_than_the_slack_is_a_miss(result: Path, figures: RunF
     allowed = math.floor(0.005 * figures.counters["pair_tests"])
     for more, code in ((allowed, 0), (allowed + 1, 1)):
         with changed(result) as file:
-            before = int(file["tick/work/pair_tests"][100])
-            file["tick/work/pair_tests"][100] = before + more
+            before = int(file["hands/right/tick/work/pair_tests"][100])
+            file["hands/right/tick/work/pair_tests"][100] = before + more
         report = gate_result(load_result(result), TINY, load_result_of(figures, result))
         assert report.exit_code == code
         with changed(result) as file:
-            file["tick/work/pair_tests"][100] = before
+            file["hands/right/tick/work/pair_tests"][100] = before
 
 
 def load_result_of(figures: RunFigures, beside: Path) -> Any:
@@ -262,7 +262,11 @@ def test_different_inputs_cannot_be_compared(
 
 @pytest.mark.parametrize(
     ("dataset", "reason"),
-    [("tick/haptic/position", "trajectory"), ("object/tree/radius", "sphere tree"), ("hand/phalanx_radius", "hand")],
+    [
+        ("hands/right/tick/haptic/position", "trajectory"),
+        ("bodies/cube/tree/radius", "sphere tree"),
+        ("hands/right/phalanx_radius", "hand"),
+    ],
 )
 def test_a_number_that_differs_by_a_micrometre_is_another_input(
     result: Path, stored: Path, dataset: str, reason: str
@@ -280,9 +284,9 @@ def test_a_number_that_differs_by_a_micrometre_is_another_input(
 def test_siblings_in_another_order_are_the_same_tree(result: Path, stored: Path) -> None:
     with changed(result) as file:
         for name in ("center", "radius"):
-            values = file[f"object/tree/{name}"][...]
+            values = file[f"bodies/cube/tree/{name}"][...]
             values[[-1, -2]] = values[[-2, -1]]
-            file[f"object/tree/{name}"][...] = values
+            file[f"bodies/cube/tree/{name}"][...] = values
     assert differences(*(run_figures(load_result(path)).inputs for path in (stored, result))) == []
 
 
@@ -344,7 +348,7 @@ def test_no_suite_allows_a_run_of_which_most_ticks_are_stuck(figures: RunFigures
 
 def test_a_force_that_is_no_number_is_not_taken_for_one_that_is_not_there(result: Path) -> None:
     with changed(result) as file:
-        file["tick/force/total"][77] = math.nan
+        file["hands/right/tick/force/total"][77] = math.nan
     report = gate_result(load_result(result), default_suite(), None)
     assert {"force_step"} <= set(missed(report)) and report.exit_code == 1
     assert any(row.reason == "not finite" for row in report.missed)
@@ -402,7 +406,7 @@ def test_the_projects_own_suite_is_read_and_has_a_baseline_of_each_scene(reposit
 @pytest.mark.parametrize("method", METHODS)
 def test_every_limit_that_a_suite_has_is_applied_to_a_result(result: Path, method: str) -> None:
     with changed(result) as file:
-        file["tick/penetration_depth"][77] = 8e-4
+        file["hands/right/tick/penetration_depth"][77] = 8e-4
     change_scene(result, lambda scene: scene["solver"].update(method=method))
     suite = parse_suite(SUITE, Path(), "own")
     assert missed(gate_result(load_result(result), suite)) == ["penetration_max"]
@@ -457,7 +461,7 @@ def test_a_suite_limits_any_figure_and_times_by_whose_clock_it_runs(result: Path
 
 def test_figures_of_a_session_are_limited_beside_those_of_scenes(result: Path) -> None:
     with changed(result) as file:
-        file["summary"].attrs.update({"latency_p99": 3e-3, "missed": 2})
+        file["summary/right"].attrs.update({"latency_p99": 3e-3, "missed": 2})
     suite = limited("latency_p99 = 2e-3\nmissed = 2\nfreed_share = 5.0\nended_early = false\nmesh_depth_max = 1e-6")
     of_sessions = {"latency_p99", "missed", "freed_share", "ended_early", "malformed_share", "faults"}
     assert not of_sessions & suite.scenes[0].limits.keys()
@@ -580,7 +584,7 @@ def test_the_command_prints_what_is_the_same_in_one_line(run: Run, stored: Path,
     assert told.startswith(f"{stored}: ") and " same" in told and told.endswith("(--all shows them)")
     assert verdict == whole.splitlines()[-1]
     with changed(result) as file:
-        file["tick/work/pair_tests"][100] += 10**6
+        file["hands/right/tick/work/pair_tests"][100] += 10**6
     lines = run("gate", str(result), "--baseline", str(stored)).out.splitlines()
     assert [line.split("  ")[1].strip() for line in lines if "MISSED" in line] == ["exact distances"]
     assert not any("penetration, max" in line for line in lines)

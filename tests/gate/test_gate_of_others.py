@@ -198,8 +198,8 @@ def session(fault: Fault) -> Callable[[Path], None]:
 
 
 def malformed(file: h5py.File) -> None:
-    counters = json.loads(file["live"].attrs["counters"])
-    file["live"].attrs["counters"] = json.dumps({**counters, "frames": 60_000, "malformed": 1280})
+    counters = json.loads(file["hands/right/live"].attrs["counters"])
+    file["hands/right/live"].attrs["counters"] = json.dumps({**counters, "frames": 60_000, "malformed": 1280})
 
 
 def deeper_poses(head: Path) -> None:
@@ -224,20 +224,20 @@ REGRESSIONS: dict[str, tuple[Callable[[Path], object], str]] = {
         "recording, force in contact, largest: over the limit",
     ),
     "stuck": (
-        session(at("stuck", "tick/status", SOME, lambda x: x | STATUS_STUCK)),
+        session(at("stuck", "hands/right/tick/status", SOME, lambda x: x | STATUS_STUCK)),
         "session, stuck ticks: over the limit",
     ),
     "more lag": (
-        session(at("lag", "tick/status", SOME, lambda x: x | STATUS_LAG)),
+        session(at("lag", "hands/right/tick/status", SOME, lambda x: x | STATUS_LAG)),
         "session, ticks with lag: over the limit",
     ),
     "killed": (
-        session(attribute("killed", "live", "ended", lambda x: KILLED)),
+        session(attribute("killed", "hands/right/live", "ended", lambda x: KILLED)),
         f"session, ended early or was killed (1: yes): over the limit: {KILLED}",
     ),
     "malformed": (session(malformed), "session, malformed packets, of all of the glove's: over the limit"),
     "freed": (
-        session(at("freed", "live/tick/safety", SOME, lambda x: int(Safety.STALE_INPUT))),
+        session(at("freed", "hands/right/live/tick/safety", SOME, lambda x: int(Safety.STALE_INPUT))),
         "session, ticks with fingers freed by a fault: over the limit",
     ),
     "deeper poses": (deeper_poses, "submission, in the mesh, max: over the limit"),

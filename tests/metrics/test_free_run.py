@@ -16,12 +16,11 @@ PALM = np.outer(np.clip(np.arange(TICKS) - 2.0, 0.0, None), [0.0, 0.0, 0.01])
 
 def run(share: float) -> FreeRun:
     """An object that comes along by a share of the palm's way, with two contacts that slip and one of the table."""
-    datasets: dict[str, Any] = {
-        "object/position": share * PALM,
-        "object/orientation": np.tile([1.0, 0.0, 0.0, 0.0], (TICKS, 1)),
-        "contact/tick": np.array([3, 4, 5, 5]),
-        "contact/body": np.array([-1, 5, 2, 15]),
-        "contact/slip": np.array([1e-3, 1e-7, 2e-6, 3e-6]),
+    body = {"position": share * PALM, "orientation": np.tile([1.0, 0.0, 0.0, 0.0], (TICKS, 1))}
+    contacts: dict[str, Any] = {
+        "tick": np.array([3, 4, 5, 5]),
+        "body": np.array([-1, 5, 2, 15]),
+        "slip": np.array([1e-3, 1e-7, 2e-6, 3e-6]),
     }
     properties = {
         "mass": 0.1,
@@ -32,7 +31,7 @@ def run(share: float) -> FreeRun:
         "table_friction": 0.2,
     }
     first = ObjectMotion(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
-    return FreeRun(datasets, properties, first, np.ones(21), 0.0)
+    return FreeRun(body, contacts, properties, first, np.ones(21), 0.0)
 
 
 def test_a_lift_that_leaves_the_object_behind_says_which_contact_slipped_first() -> None:
@@ -44,10 +43,10 @@ def test_a_lift_that_leaves_the_object_behind_says_which_contact_slipped_first()
 
 def test_friction_is_told_as_a_share_of_what_can_be_borne() -> None:
     free = run(1.0)
-    free.datasets.update({  # type: ignore[attr-defined]
-        "contact/friction_force": np.array([[9.0, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4], [0.0, 0.2, 0.0]]),
-        "contact/normal_force": np.array([1.0, 1.0, 1.0, 0.5]),
-        "contact/torsional_moment": np.array([0.0, 0.0, 6e-3, 0.0]),
+    free.contacts.update({  # type: ignore[attr-defined]
+        "friction_force": np.array([[9.0, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4], [0.0, 0.2, 0.0]]),
+        "normal_force": np.array([1.0, 1.0, 1.0, 0.5]),
+        "torsional_moment": np.array([0.0, 0.0, 6e-3, 0.0]),
     })  # fmt: skip
     free.properties.update(torsion=0.01)  # type: ignore[attr-defined]
     # What the table bears is left out; of tick 5 it is the contact nearest to its limit.
@@ -56,10 +55,10 @@ def test_friction_is_told_as_a_share_of_what_can_be_borne() -> None:
 
 def test_the_grip_is_what_the_hands_contacts_press_and_rub_whichever_way() -> None:
     free = run(1.0)
-    free.datasets.update({  # type: ignore[attr-defined]
-        "contact/normal": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]),
-        "contact/normal_force": np.array([9.0, 3.0, 2.0, 2.0]),
-        "contact/friction_force": np.array([[9.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0] * 3, [0.0] * 3]),
+    free.contacts.update({  # type: ignore[attr-defined]
+        "normal": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]),
+        "normal_force": np.array([9.0, 3.0, 2.0, 2.0]),
+        "friction_force": np.array([[9.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0] * 3, [0.0] * 3]),
     })  # fmt: skip
     # The table's is none, and two contacts that oppose each other leave no total.
     assert free.grip.tolist() == [0.0] * 4 + [5.0, 4.0] + [0.0] * 4
@@ -67,7 +66,7 @@ def test_the_grip_is_what_the_hands_contacts_press_and_rub_whichever_way() -> No
 
 def test_creep_is_the_slip_of_contacts_in_a_hold_and_no_swing() -> None:
     free = run(1.0)
-    free.datasets.update({"object/hand_wrench": np.ones((TICKS, 6))})  # type: ignore[attr-defined]
+    free.body.update({"hand_wrench": np.ones((TICKS, 6))})  # type: ignore[attr-defined]
     ticks = RunTicks({}, TICKS, (TickPhase("hold", 0, 9),), 1000.0, 5, free=free)
     # The palm slips most in the hold's second half; the object goes 10 mm a tick with the hand.
     assert run_figure("object_creep", ticks) == pytest.approx(3e-6 * 1000.0 / 5)

@@ -96,7 +96,7 @@ def test_what_a_damaged_file_does_not_tell_is_undefined_and_the_rest_is_told(tmp
     path = tmp_path / "session.h5"
     recorded(path, ticks, "duration")
     with changed(path) as file:
-        file["live"].attrs["counters"] = "no JSON"
+        file["hands/right/live"].attrs["counters"] = "no JSON"
     counts = recorded_faults(load_result(path))
     assert np.isnan([counts.malformed, counts.frames, counts.figures["malformed_share"]]).all()
     assert (counts.faults, counts.freed) == (0, FREED)
@@ -116,8 +116,8 @@ def test_levels_that_are_no_numbers_are_named(tmp_path: Path, ticks: np.ndarray)
     path = tmp_path / "words.h5"
     recorded(path, ticks, "duration", FAULT)
     with changed(path) as file:
-        count = len(file["live/event/level"])
-        del file["live/event/level"]
-        file["live/event/level"] = np.full(count, b"2")
+        count = len(file["hands/right/live/event/level"])
+        del file["hands/right/live/event/level"]
+        file["hands/right/live/event/level"] = np.full(count, b"2")
     with pytest.raises(DamagedFileError, match="live/event/level"):
         recorded_faults(load_result(path))

@@ -13,7 +13,7 @@ from short_grasp import shortened
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.result.reader import hand_paths, load_result
+from hhsim.result.reader import load_result
 from hhsim.scene.declared_bodies import load_object
 from hhsim.scene.described_scene import SceneWords, described_scene
 from hhsim.scene.motion_catalogue import load_script
@@ -53,7 +53,7 @@ def test_one_command_frees_both_hands_in_one_file(
     names = {path.name for path in tmp_path.iterdir()}
     each = {f"free-{side}-{name}" for side in ("right", "left") for name in ("report.html", "worst.png")}
     assert names == {"two.json", "free.json", "free-result.h5", *each}
-    results = [load_result(path) for path in hand_paths(tmp_path / "free-result.h5")]
+    results = list(load_result(tmp_path / "free-result.h5").hands.values())
     assert [one.side for one in results] == ["right", "left"]
     assert all(one.scene["trajectory"] == "two.json" for one in results)
     assert found["distance_of_hands"] > 0.0

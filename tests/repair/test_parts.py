@@ -40,7 +40,7 @@ from hhsim.repair.repair import repair_recording
 from hhsim.repair.request import RESULT, RepairOutcome, RepairRequest
 from hhsim.repair.skin_depth import push_out, skin_depth
 from hhsim.repair.tracks import HandJudge, parts_between, solver_beside
-from hhsim.result.reader import Result, hand_paths, load_result
+from hhsim.result.reader import Result, load_result
 from hhsim.result.stored_hand import result_hand
 from hhsim.scene.declared_bodies import load_bodies
 from hhsim.scene.described_scene import SceneWords, described_scene
@@ -242,8 +242,7 @@ def test_both_hands_are_freed_by_one_command(run: Run, tmp_path: Path, monkeypat
     write_two_hands(tmp_path, len(angle))
     answer = run("repair", "two.json", *BOTH)
     assert answer.code in (0, 1)
-    for side, path in zip(SIDES, hand_paths(tmp_path / "free-result.h5"), strict=True):
-        result = load_result(path)
+    for side, result in zip(SIDES, load_result(tmp_path / "free-result.h5").hands.values(), strict=True):
         before = written_clearances(result, joints_of(tmp_path / "two.json", side), angle, "haptic")
         after = written_clearances(result, joints_of(tmp_path / "free.json", side), angle)
         assert before.min() < -1e-3, side
@@ -259,7 +258,7 @@ def test_joints_begin_with_the_first_of_both_hands(run: Run, tmp_path: Path) -> 
     (tmp_path / "lid.csv").write_text("t,angle\n0.0,1.0\n1.0,2.0\n")
     found = json.loads(run("repair", "two.json", *BOTH).out)
     for side, first in zip(SIDES, (0.0, 0.2)):
-        parts = result_parts(load_result(Path(found["hands"][side]["result"])))
+        parts = result_parts(load_result(Path(found["hands"][side]["result"])).hands[side])
         assert parts is not None
         np.testing.assert_allclose(parts.values["lid"], 1.0 + np.arange(first, 0.45, 0.1), atol=1e-9)
 

@@ -16,7 +16,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.verify.free_object_checks import free_claims
 from hhsim.verify.tick_data import LAG
 
-CHEST, LID, TRAY = (f"things/chest/{name}" for name in ("chest", "lid", "tray"))
+CHEST, LID, TRAY = (f"bodies/{name}/tick" for name in ("chest", "lid", "tray"))
 HELD = 2800
 """Tick in which the chest is in the air, and the tray on its way."""
 LATE = 4
@@ -101,7 +101,7 @@ def test_what_stops_a_driven_thing_is_told(tmp_path: Path) -> None:
     (note,) = (one for one in summary.notes if one.startswith("press"))
     assert "kept from where it is recorded in" in note and "by up to 3 mm" in note
     found = load_result(tmp_path / "press.h5")
-    block, press = (np.asarray(found[f"things/press/{name}/position"])[:, 2] for name in ("block", "press"))
+    block, press = (np.asarray(found[f"bodies/{name}/tick/position"])[:, 2] for name in ("block", "press"))
     assert (0.021 + press - block - 0.02).min() >= 0.0, "nothing is entered"
     np.testing.assert_allclose(press[1000:], 0.0, atol=1e-9)
     assert not [one.name for one in free_claims(found) if one.failed]

@@ -29,7 +29,7 @@ from hhsim.replay.replay import replay_scene
 from hhsim.report.run import posed_result
 from hhsim.result.motion import load_result_motion
 from hhsim.result.reader import TURNS, Result, load_result
-from hhsim.result.schema import OBJECT_COLUMNS, TICK_COLUMNS
+from hhsim.result.schema import POSE_COLUMNS, TICK_COLUMNS
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
 from hhsim.scene.synthesis import synthesize
@@ -93,7 +93,7 @@ def test_nothing_penetrates_where_the_input_is_deep(runs: tuple[Result, Result])
     for tick in range(0, result.ticks, 60):
         part = slice(tick, tick + 1)
         one = type(moved)(moved.turn[part], moved.shift[part])
-        tree = replace(TREE, center=one.points(static["object/tree/center"][None])[0])
+        tree = replace(TREE, center=one.points(result.body.static["tree/center"][None])[0])
         depth = penetration(
             tree.arrays(),
             HandShape._make(static[f"hand/{name}"] for name in HandShape._fields),
@@ -119,7 +119,7 @@ def test_the_haptic_hand_and_the_object_are_in_the_file_to_the_bit(runs: tuple[R
     assert moved.object_motion is not None
     count = runs[1].ticks
     assert np.asarray(runs[1]["haptic/position"]).tobytes() == moved.position[:count].tobytes()
-    for values, stored in zip(moved.object_motion, runs[1].object_motion()):
+    for values, stored in zip(moved.object_motion, runs[1].body.poses()):
         assert values[:count].tobytes() == np.asarray(stored).tobytes()
     back = load_result_motion(runs[1].path)
     assert back.object_motion is not None
@@ -141,10 +141,9 @@ def test_a_driven_result_runs_again_bit_for_bit(runs: tuple[Result, Result]) -> 
     assert run_again(runs[1]).identical
 
 
-def test_a_fixed_object_has_no_pose_a_tick_and_the_old_schema(runs: tuple[Result, Result]) -> None:
-    names = {column.name for column in OBJECT_COLUMNS}
-    assert not names & set(runs[0].keys()) and names <= set(runs[1].keys())
-    assert (runs[0].schema_version, runs[1].schema_version) == (3, 4)
+def test_a_fixed_object_has_no_pose_a_tick(runs: tuple[Result, Result]) -> None:
+    assert [run.body.columns for run in runs] == [(), tuple(sorted(column.name for column in POSE_COLUMNS))]
+    assert [run.body.kind for run in runs] == ["fixed", "driven"]
     assert runs[0].seen_from_object is runs[0]
     assert runs[1].at(7, ["graphic/position"])["graphic/position"].tolist() == runs[1]["graphic/position"][7].tolist()
     seen = runs[1].seen_from_object

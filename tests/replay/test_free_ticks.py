@@ -1,6 +1,5 @@
 """A free object's result: motion and contacts in the world, in balance, the same in a second run, and never inside."""
 
-import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from conftest import Run
+from file_faults import forge_properties
 from free_scenes import GRAVITY
 from sealed_change import changed
 from short_grasp import short_grasp, short_scene
@@ -20,7 +20,7 @@ from hhsim.motion.trajectory import ObjectMotion
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
-from hhsim.result.schema import CONTACT_COLUMNS, DRIVEN_SCHEMA_VERSION, FREE_COLUMNS
+from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, SCHEMA_VERSION
 from hhsim.scene.body import Driven
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
@@ -37,41 +37,41 @@ def result(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 
 def test_the_file_holds_the_objects_motion_and_every_contact(result: Result) -> None:
-    assert result.free and result.driven and result.schema_version == DRIVEN_SCHEMA_VERSION
-    assert FreeObject.from_json(result.scene["free"]).mass == 0.2
+    assert result.free and result.driven and result.schema_version == SCHEMA_VERSION
+    assert FreeObject.from_json(result.body.properties).mass == 0.2
     assert "Saxcé" in result.scene["friction_law"]
     assert not {"friction", "dynamics"} & set(result.scene["modelled"]["not_modelled"])
-    assert {column.name for column in FREE_COLUMNS} <= set(result.keys())
+    assert {column.name for column in FREE_COLUMNS} <= set(result.body.columns)
     assert {f"contact/{column.name}" for column in CONTACT_COLUMNS} <= set(result.keys())
     assert (np.diff(result["contact/tick"]) >= 0).all()
 
 
 def test_hand_and_table_are_never_entered(result: Result) -> None:
     assert result["penetration_depth"].max() == 0.0
-    assert result["object/table_distance"].min() >= 0.0
+    assert result.body["table_distance"].min() >= 0.0
     assert (result["contact/normal_force"] >= 0.0).all()
 
 
 def test_friction_stays_in_its_cone(result: Result) -> None:
     force, normal = result["contact/friction_force"], result["contact/normal_force"]
     rubbed = np.linalg.norm(force, axis=1) / 0.6
-    of_hand = result["contact/body"] >= 0
+    of_hand = result.contacts["body"] >= 0
     twisted = np.where(of_hand, np.abs(result["contact/torsional_moment"]) / 2e-3, 0.0)
     assert (np.hypot(rubbed, twisted) <= normal * (1.0 + 1e-9) + 1e-12).all()
     assert np.abs(np.einsum("ij,ij->i", force, result["contact/normal"])).max() < 1e-9 * (1.0 + normal.max())
 
 
 def test_the_contacts_add_up_to_the_wrenches_and_these_to_the_motion(result: Result) -> None:
-    tick, of_hand = result["contact/tick"], result["contact/body"] >= 0
+    tick, of_hand = result["contact/tick"], result.contacts["body"] >= 0
     whole = result["contact/normal_force"][:, None] * result["contact/normal"] + result["contact/friction_force"]
     on_hand, on_object = np.zeros((result.ticks, 3)), np.zeros((result.ticks, 3))
     np.add.at(on_hand, tick[of_hand], whole[of_hand])
     np.add.at(on_object, tick[~of_hand], whole[~of_hand])
-    assert on_hand == pytest.approx(-result["object/hand_wrench"][:, :3], abs=1e-9)
-    assert on_object == pytest.approx(result["object/table_wrench"][:, :3], abs=1e-9)
+    assert on_hand == pytest.approx(-result.body["hand_wrench"][:, :3], abs=1e-9)
+    assert on_object == pytest.approx(result.body["table_wrench"][:, :3], abs=1e-9)
     assert result["force/total"] == pytest.approx(on_hand, abs=1e-9)
-    force = (result["object/hand_wrench"] + result["object/table_wrench"])[1:, :3] + (0.0, 0.0, -0.2 * GRAVITY)
-    momentum = 0.2 * np.diff(result["object/velocity"], axis=0) * result.rate
+    force = (result.body["hand_wrench"] + result.body["table_wrench"])[1:, :3] + (0.0, 0.0, -0.2 * GRAVITY)
+    momentum = 0.2 * np.diff(result.body["velocity"], axis=0) * result.rate
     once = (result["work/linearisations"] == 1)[1:] & (result["status"] == 0)[1:]
     assert once.sum() > 50
     assert momentum[once] == pytest.approx(force[once], abs=2e-3 * (1.0 + np.abs(force).max()))
@@ -80,7 +80,7 @@ def test_the_contacts_add_up_to_the_wrenches_and_these_to_the_motion(result: Res
 def test_a_second_run_is_the_same_to_the_bit(result: Result) -> None:
     again = run_again(result)
     assert again.identical
-    assert {"object/velocity", "contact/slip"} <= {array.name for array in again.arrays}
+    assert {"bodies/cylinder/tick/velocity", "contact/slip"} <= {array.name for array in again.arrays}
 
 
 def test_the_gate_judges_it_on_the_surface_that_the_hand_touched(result: Result) -> None:
@@ -95,30 +95,27 @@ def test_what_a_run_made_of_the_object_is_none_of_its_inputs(result: Result, tmp
         return differences(run_figures(result).inputs, run_figures(load_result(path)).inputs)
 
     with changed(path) as file:
-        assert file["tick/object/position"].shape == (result.ticks, 3)
-        file["tick/object/position"][...] += 1e-3
+        assert file["bodies/cylinder/tick/position"].shape == (result.ticks, 3)
+        file["bodies/cylinder/tick/position"][...] += 1e-3
     assert apart() == []
     with changed(path) as file:
-        file["tick/haptic/position"][...] += 1e-6
+        file["hands/right/tick/haptic/position"][...] += 1e-6
     assert apart() == ["trajectory"]
 
 
 def test_another_body_or_none_is_another_input(result: Result, tmp_path: Path) -> None:
     path = Path(shutil.copy(result.path, tmp_path / "other.h5"))
     with changed(path) as file:
-        scene = json.loads(file.attrs["scene"])
-        scene["free"]["friction"] = 0.7
-        file.attrs["scene"] = json.dumps(scene)
+        forge_properties(file, lambda free: free.update(friction=0.7))
     inputs = [run_inputs(found) for found in (result, load_result(path))]
     assert differences(*inputs) == ["free friction: 0.6 and 0.7"]
     # One bit of what follows from the mesh is as another processor has it.
-    scene["free"] = {**result.scene["free"], "center": np.nextafter(result.scene["free"]["center"], 1.0).tolist()}
+    nearly = np.nextafter(result.body.properties["center"], 1.0).tolist()
     with changed(path) as file:
-        file.attrs["scene"] = json.dumps(scene)
+        forge_properties(file, lambda free: free.update(center=nearly, friction=result.body.properties["friction"]))
     assert differences(inputs[0], run_inputs(load_result(path))) == []
     with changed(path) as file:
-        del scene["free"]
-        file.attrs["scene"] = json.dumps(scene)
+        file["bodies/cylinder"].attrs["kind"] = "fixed"
     assert "free object: yes and no" in differences(inputs[0], run_inputs(load_result(path)))
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from file_faults import forge_scene
+from file_faults import forge_properties
 from sealed_change import changed as opened
 from short_grasp import hurried
 
@@ -19,7 +19,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.verify.free_object_checks import free_claims
 from hhsim.verify.verify import verify
 
-LEAF = "things/door/leaf"
+LEAF = "bodies/leaf/tick"
 
 
 def played(motion: str | Script, path: Path) -> Result:
@@ -80,5 +80,5 @@ def test_the_referee_finds_another_hinge_than_that_of_the_run(
     path = tmp_path / "changed.h5"
     shutil.copy(result.path, path)
     with opened(path) as file:
-        forge_scene(file, lambda scene: scene["free"]["hinge"].update(change))
+        forge_properties(file, lambda free: free["hinge"].update(change))
     assert "hinge" in {claim.name for claim in free_claims(load_result(path)) if claim.failed}

@@ -18,7 +18,7 @@ from hhsim.scene.script import Script
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.verify import verify
 
-PEG, HOLE = (f"things/peg/{name}" for name in ("peg", "hole"))
+PEG, HOLE = (f"bodies/{name}" for name in ("peg", "hole"))
 WEIGHT = 0.05 * 9.81
 THUMB, INDEX, FIXED = 2, 5, -3
 """Bodies of the contacts: the last phalanges, and the second thing."""
@@ -62,7 +62,7 @@ def turn_of(result: Result, thing: str = PEG) -> FloatArray:
 
 def foot_of(result: Result) -> FloatArray:
     """Middle of the peg's lower end over the table, (T, 3): it begins at the origin."""
-    return np.asarray(result[f"{PEG}/position"])
+    return np.asarray(result[f"{PEG}/tick/position"])
 
 
 def tilt_of(result: Result) -> FloatArray:
@@ -82,7 +82,7 @@ def within_sides(points: FloatArray, apothem: FloatArray) -> BoolArray:
 def corners_in_the_other(result: Result, turn: FloatArray, foot: FloatArray, by: float = 1e-9) -> int:
     """Return how many corners of peg and hole are in the other one by more than a length [m], at any of some ticks."""
     count = 0
-    peg, hole = (np.asarray(result[f"{thing}/vertices"]) for thing in (PEG, HOLE))
+    peg, hole = (np.asarray(result[f"{thing}/mesh/vertices"]) for thing in (PEG, HOLE))
     for part in np.array_split(np.arange(len(foot)), 1 + len(foot) // 100):
         points = np.einsum("tij,vj->tvi", turn[part], peg) + foot[part, None] - [*MIDDLE, 0.0]
         x, y, z = np.moveaxis(points, -1, 0)
@@ -118,7 +118,7 @@ def share_of_the_gap(turn: FloatArray, foot: FloatArray) -> FloatArray:
 def test_two_fingertips_hold_the_peg_by_friction_until_they_let_go(result: Result) -> None:
     held = slice(last(result, 1) + 1, last(result, 6) + 1)
     names = ("tick", "body", "normal", "normal_force", "friction_force", "slip")
-    tick, body, normal, pressed, friction, slip = (np.asarray(result[f"contact/{name}"]) for name in names)
+    tick, body, normal, pressed, friction, slip = (np.asarray(result.contacts[name]) for name in names)
     hand = (body >= 0) & (tick >= held.start) & (tick < held.stop)
     assert set(body[hand].tolist()) == {THUMB, INDEX}
     for fingertip in (THUMB, INDEX):
@@ -128,13 +128,13 @@ def test_two_fingertips_hold_the_peg_by_friction_until_they_let_go(result: Resul
     assert np.abs(normal[hand, 2]).max() < 0.1, "level: nothing carries it from below"
     # In the air all of its weight is on them, and most of that on friction.
     air = slice(last(result, 4) - 200, last(result, 4) + 200)
-    np.testing.assert_allclose(result[f"{PEG}/hand_wrench"][air, 2], WEIGHT, rtol=0.05)
+    np.testing.assert_allclose(result[f"{PEG}/tick/hand_wrench"][air, 2], WEIGHT, rtol=0.05)
     on_friction = -np.bincount(tick[hand], friction[hand, 2], result.ticks)
     assert on_friction[air].min() > 0.9 * WEIGHT
     assert foot_of(result)[air, 2].min() > TOP + CHAMFER
-    for wrench in ("table_wrench", "thing_wrench"):
-        assert not result[f"{PEG}/{wrench}"][air].any()
-    assert not result[f"{HOLE}/hand_wrench"].any(), "the hand touches the peg alone"
+    for wrench in ("table_wrench", "body_wrench"):
+        assert not result[f"{PEG}/tick/{wrench}"][air].any()
+    assert not result[f"{HOLE}/tick/hand_wrench"].any(), "the hand touches the peg alone"
 
 
 def test_the_peg_goes_in_as_deep_as_the_script_says_and_rests_there(result: Result) -> None:
@@ -146,8 +146,8 @@ def test_the_peg_goes_in_as_deep_as_the_script_says_and_rests_there(result: Resu
     assert abs(foot[-1, 2]) < 1e-6 and tilt[-1] < 1e-6, "it stands on the table, through the whole hole"
     assert np.hypot(*(foot[-1, :2] - MIDDLE)) <= SLACK
     assert np.abs(np.diff(foot[-200:], axis=0)).max() == 0.0 and np.abs(np.diff(tilt[-200:])).max() == 0.0
-    for name, force in (("hand_wrench", 0.0), ("thing_wrench", 0.0), ("table_wrench", WEIGHT)):
-        np.testing.assert_allclose(result[f"{PEG}/{name}"][-1, 2], force, atol=1e-9)
+    for name, force in (("hand_wrench", 0.0), ("body_wrench", 0.0), ("table_wrench", WEIGHT)):
+        np.testing.assert_allclose(result[f"{PEG}/tick/{name}"][-1, 2], force, atol=1e-9)
 
 
 def test_in_the_hole_the_peg_leans_no_more_than_clearance_and_depth_allow(result: Result) -> None:
@@ -162,8 +162,8 @@ def test_a_peg_that_is_off_the_hole_tilts_as_far_as_can_be_and_jams(missed: Resu
     assert foot_of(missed)[held, 2] > 0.01 and np.degrees(tilt_of(missed)[held]) > 2.0
     still = foot_of(missed)[held - 200 : held]
     assert np.ptp(still, axis=0).max() < 1e-6, "friction holds it there, though the hand presses"
-    assert missed[f"{PEG}/hand_wrench"][held, 2] < -WEIGHT
-    wedged = (np.asarray(missed["contact/tick"]) == held) & (np.asarray(missed["contact/body"]) == FIXED)
+    assert missed[f"{PEG}/tick/hand_wrench"][held, 2] < -WEIGHT
+    wedged = (np.asarray(missed["contact/tick"]) == held) & (missed.contacts["body"] == FIXED)
     normal = np.asarray(missed["contact/normal"])[wedged]
     assert (normal @ normal.T).min() < -0.5, "on both walls"
 
@@ -174,7 +174,7 @@ def test_nothing_enters_anything(which: str, request: pytest.FixtureRequest) -> 
     assert corners_in_the_other(found, turn_of(found), foot_of(found)) == 0
     for column in ("penetration_depth", "penetration_finger", "penetration_palm"):
         assert not np.asarray(found[column]).any()
-    assert found["object/table_distance"].min() >= 0.0
+    assert found.body["table_distance"].min() >= 0.0
     assert not (np.asarray(found["status"]) & STATUS_STUCK).any()
 
 

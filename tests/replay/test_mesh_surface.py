@@ -52,7 +52,7 @@ def test_the_hand_touches_the_mesh_to_a_micrometre_and_is_nowhere_inside(run: tu
     assert figures["force_contact_max"] > 1.0
     assert summary.verdict.line == "within limits. The shown hand stays out of the object's mesh in every tick."
     # The joints' and the palm's spheres by an independent library: outside, and some of them on the mesh.
-    surface = trimesh.Trimesh(result.static["object/vertices"], result.static["object/faces"], process=False)
+    surface = trimesh.Trimesh(result.body.vertices, result.body.faces, process=False)
     placed = PlacedHand(*(np.array(result[name]) for name in PLACED))
     signed_distance: Any = trimesh.proximity.signed_distance
     least = np.inf

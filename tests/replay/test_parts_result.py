@@ -25,12 +25,13 @@ from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import Scene, open_scene
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import seen_scene
+from hhsim.verify.judged_body import object_motion_claims
 from hhsim.view.film import video_frames
 from hhsim.view.sink import parse_target
 from hhsim.view.viewer import view_result
 
 FIRST, TICKS = 1600, 400
-LID = "things/laptop/lid"
+LID = "bodies/lid/tick"
 
 
 @pytest.fixture(scope="module")
@@ -56,24 +57,24 @@ def changed(result: Result, folder: Path, dataset: str, row: int, add: float) ->
 
 
 def box_distance(result: Result, part: str, tick: int, points: FloatArray) -> FloatArray:
-    turn = Rotation.from_quat(np.roll(result[f"{part}/orientation"][tick], -1))
-    corners = np.asarray(result[f"{part}/vertices"])
+    turn = Rotation.from_quat(np.roll(result.bodies[part]["orientation"][tick], -1))
+    corners = result.bodies[part].vertices
     half = 0.5 * np.ptp(corners, axis=0)
-    beyond = np.abs(turn.inv().apply(points - result[f"{part}/position"][tick])) - half
+    beyond = np.abs(turn.inv().apply(points - result.bodies[part]["position"][tick])) - half
     return np.asarray(np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0))
 
 
 def test_a_result_holds_the_parts_and_runs_again_to_the_bit(scene: Scene, result: Result, tmp_path: Path) -> None:
     parts = seen_scene(scene).parts
     assert parts is not None and result.ticks == TICKS
-    assert result.parts == ("things/laptop/base", LID)
+    assert list(result.bodies) == ["base", "lid"]
     assert np.array_equal(result[f"{LID}/joint"], parts.values["lid"])
     assert np.array_equal(result[f"{LID}/position"], parts.path[:, 1, :3])
-    assert np.array_equal(result["things/laptop/base/orientation"], parts.path[:, 0, 3:])
+    assert np.array_equal(result["bodies/base/tick/orientation"], parts.path[:, 0, 3:])
     assert not (np.asarray(result["status"]) & STATUS_NO_PLACE).any()
     assert run_again(result).identical
-    with pytest.raises(InputError, match=r"a part of the thing in the file is another one \(checksum\)"):
-        run_again(changed(result, tmp_path, f"{LID}/vertices", 3, 1e-4))
+    with pytest.raises(InputError, match=r"the mesh of lid in the file is another \(checksum\)"):
+        run_again(changed(result, tmp_path, "bodies/lid/mesh/vertices", 3, 1e-4))
     otherwise = run_again(changed(result, tmp_path, f"{LID}/position", 200, 2e-3))
     assert not otherwise.same and min(array.first_tick for array in otherwise.arrays if not array.identical) == 200
 
@@ -116,25 +117,32 @@ def test_the_referee_judges_contacts_and_forces_of_each_part(result: Result, tmp
             if claim.failed
         }
 
-    assert "force balance" in failing("tick/force/total", pressed, 10.0)
+    assert "force balance" in failing("hands/right/tick/force/total", pressed, 10.0)
     # The part that bears on the hand is elsewhere in that tick: away from the hand, or in it.
     assert {"complementarity", "force balance"} <= failing(f"{LID}/position", pressed, 2e-3)
     assert "non-penetration" in failing(f"{LID}/position", pressed, -2e-3)
+
+
+@pytest.mark.parametrize(("column", "add"), [("joint", 1e-6), ("position", 5e-3), ("orientation", 1e-6)])
+def test_a_lid_that_is_off_its_joint_is_found(result: Result, tmp_path: Path, column: str, add: float) -> None:
+    for planted in (False, True):
+        found = changed(result, tmp_path, f"{LID}/{column}", 200, add) if planted else result
+        assert {claim.name: claim.failed for claim in object_motion_claims(found)}["joints"] == planted
 
 
 def test_the_viewer_moves_each_part_and_finds_the_contacts_on_it(result: Result, tmp_path: Path) -> None:
     path = tmp_path / "parts.rrd"
     view_result(result, parse_target(str(path)))
     recording = Recording(path)
-    for part in result.parts:
-        entity = f"/world/object/{part.rpartition('/')[2]}"
+    for name in result.bodies:
+        entity = f"/world/object/{name}"
         places = recording.array(entity, "Transform3D:translation")[:, 0]
-        np.testing.assert_allclose(places, result[f"{part}/position"], atol=1e-6)
+        np.testing.assert_allclose(places, result.bodies[name]["position"], atol=1e-6)
     points = recording.rows("/world/contacts/points", "Points3D:positions")
     # On a mesh the viewer marks the features of each triangle, the solver shared ones once.
     assert all(len(row or []) >= count for row, count in zip(points, result["contacts/touching"], strict=True))
     for tick in np.flatnonzero(result["contacts/touching"])[::20]:
-        off = [box_distance(result, part, tick, np.array(points[tick])) for part in result.parts]
+        off = [box_distance(result, part, tick, np.array(points[tick])) for part in result.bodies]
         assert np.abs(off).min(axis=0).max() < 1.1e-5
         assert (np.abs(off[1]) < 1.1e-5).any(), "the lid has come down onto the hand"
 
@@ -152,6 +160,6 @@ def test_gate_report_and_table_measure_in_the_parts(result: Result, tmp_path: Pa
     export_ticks(result, tmp_path / "ticks.csv", ["time", f"{LID}/joint", f"{LID}/position"])
     table = np.loadtxt(tmp_path / "ticks.csv", delimiter=",", skiprows=1)
     np.testing.assert_array_equal(table[:, 2], result[f"{LID}/joint"])
-    with pytest.raises(InputError, match="beside parts that a motion does not carry"):
+    with pytest.raises(InputError, match="beside several bodies, which a motion does not carry"):
         load_result_motion(result.path)
     assert json.loads(json.dumps(run_again(result).to_json()))["identical"]

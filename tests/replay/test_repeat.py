@@ -17,7 +17,7 @@ from hhsim.replay.repeat import COMPARED, DIFFERENT, WITHIN, run_again
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.stored_scene import stored_hand, stored_mesh, stored_options, stored_tree
 from hhsim.result.reader import load_result
-from hhsim.result.schema import TICK_COLUMNS
+from hhsim.result.schema import TICK_COLUMNS, hand_columns
 from hhsim.scene.scene import make_scene
 from hhsim.scene.script import parse_script
 from hhsim.solver.options import SolverOptions, Stiffness
@@ -88,9 +88,9 @@ def test_tree_mesh_and_options_come_back(runs: dict[str, Path]) -> None:
     for method, options in ODD_OPTIONS.items():
         result = load_result(runs[method])
         assert stored_options(result) == options
-        tree = stored_tree(result)
+        tree = stored_tree(result.body)
         assert np.array_equal(tree.level, ball.level)
-        assert len(stored_mesh(result).faces) == len(sphere(0.076, 3).faces)
+        assert len(stored_mesh(result.body).faces) == len(sphere(0.076, 3).faces)
 
 
 @pytest.mark.parametrize("method", ODD_OPTIONS)
@@ -115,7 +115,7 @@ def test_every_method_runs_again_to_the_same_bits(runs: dict[str, Path], method:
 )
 def test_one_bit_of_one_tick_is_found(copy: Path, name: str) -> None:
     with h5py.File(copy, "r+") as file:
-        dataset = file["tick"][name]
+        dataset = file["hands/left/tick"][name]
         values = dataset[...]
         row = values[530].reshape(-1)
         row.view(np.uint8)[0] ^= 1
@@ -146,8 +146,8 @@ def test_what_counts_as_rounding_is_bounded_and_integers_are_equal(
     copy: Path, name: str, add: float, word: str
 ) -> None:
     with h5py.File(copy, "r+") as file:
-        dataset = file["tick"][name]
-        file["tick/graphic/flexion"][20] += 1e-15
+        dataset = file["hands/left/tick"][name]
+        file["hands/left/tick/graphic/flexion"][20] += 1e-15
         dataset[530] = dataset[530] + np.asarray(add, dataset.dtype)
     again = run_again(load_result(copy))
     found = {array.name: array for array in again.arrays if not array.identical}
@@ -162,19 +162,19 @@ def test_what_counts_as_rounding_is_bounded_and_integers_are_equal(
 
 def test_counts_of_work_alone_make_no_run_another_and_are_told(copy: Path) -> None:
     with h5py.File(copy, "r+") as file:
-        file["tick/work/qp_iterations"][100:107] += 3
-        file["tick/work/units"][100:105] += 9
+        file["hands/left/tick/work/qp_iterations"][100:107] += 3
+        file["hands/left/tick/work/units"][100:105] += 9
     again = run_again(load_result(copy))
     assert (again.word, again.same, again.identical) == (WITHIN, True, False)
     assert again.notes[0].endswith("of 600 ticks work/qp_iterations at 7, work/units at 5")
     with h5py.File(copy, "r+") as file:
-        file["tick/status"][3] += 1
+        file["hands/left/tick/status"][3] += 1
     assert run_again(load_result(copy)).word == DIFFERENT
 
 
 def test_other_bits_on_another_machine_are_explained(copy: Path) -> None:
     with h5py.File(copy, "r+") as file:
-        file["tick/force/total"][9] = 1.0
+        file["hands/left/tick/force/total"][9] = 1.0
         file.attrs["hhsim_version"] = "0.0.7"
         file.attrs["machine"] = json.dumps({**json.loads(file.attrs["machine"]), "cpu": "Abacus"})
     first, second = run_again(load_result(copy)).notes
@@ -185,8 +185,9 @@ def test_other_bits_on_another_machine_are_explained(copy: Path) -> None:
 def test_a_run_that_was_stopped_is_run_as_far_as_it_goes(copy: Path) -> None:
     with h5py.File(copy, "r+") as file:
         file.attrs["complete"] = 0
-        for column in TICK_COLUMNS:
-            file["tick"][column.name].resize(177, axis=0)
+        file["tick/time"].resize(177, axis=0)
+        for column in hand_columns():
+            file["hands/left/tick"][column.name].resize(177, axis=0)
     again = run_again(load_result(copy))
     assert again.identical
     assert (again.ticks, again.complete) == (177, False)
@@ -196,18 +197,20 @@ def test_a_run_that_was_stopped_is_run_as_far_as_it_goes(copy: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("object/tree/radius", "the object's sphere tree in the file is another one"),
-        ("object/vertices", "the object's mesh in the file is another one"),
-        ("hand/flexion_max", "the hand in the file is another one"),
-        ("hand/palm_tree/center", "the hand in the file is another one"),
+        ("bodies/{}/tree/radius", "the sphere tree of {} in the file is another"),
+        ("bodies/{}/mesh/vertices", "the mesh of {} in the file is another"),
+        ("hands/left/flexion_max", "the left hand in the file is another"),
+        ("hands/left/palm_tree/center", "the left hand in the file is another"),
     ],
 )
 def test_another_tree_object_or_hand_is_refused(copy: Path, name: str, says: str) -> None:
     with h5py.File(copy, "r+") as file:
-        values = file[name][...]
+        (body,) = file["bodies"]
+        dataset = file[name.format(body)]
+        values = dataset[...]
         values.reshape(-1)[-1] *= 1.0 - 1e-15
-        file[name][...] = values
-    with pytest.raises(InputError, match=f"cannot be run again: {says}"):
+        dataset[...] = values
+    with pytest.raises(InputError, match=f"cannot be run again: {says.format(body)}"):
         run_again(load_result(copy))
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from file_faults import forge_scene
+from file_faults import forge_properties
 from sealed_change import changed as opened
 from short_grasp import hurried
 
@@ -19,7 +19,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.verify.free_object_checks import free_claims
 from hhsim.verify.verify import verify
 
-DRAWER = "things/drawer/drawer"
+DRAWER = "bodies/drawer/tick"
 MOVES, SHUT = 1900, 3000
 """Ticks in which the hand moves it, and in which it is shut."""
 
@@ -35,7 +35,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 
 def test_the_drawer_shuts_and_what_lies_on_it_slides_on_where_it_stops(result: Result) -> None:
-    place, box = (np.asarray(result[f"things/drawer/{name}/position"]) for name in ("drawer", "box"))
+    place, box = (np.asarray(result[f"bodies/{name}/tick/position"]) for name in ("drawer", "box"))
     np.testing.assert_allclose(place[-1], [0.0, -0.12, 0.0], atol=1e-9)
     assert not place[:, [0, 2]].any() and not np.asarray(result[f"{DRAWER}/angular_velocity"]).any()
     assert abs(box[MOVES, 1] - place[MOVES, 1]) < 1e-6, "carried along"
@@ -84,5 +84,5 @@ def test_the_referee_finds_another_slider_than_that_of_the_run(
 ) -> None:
     path = Path(shutil.copy(result.path, tmp_path / "changed.h5"))
     with opened(path) as file:
-        forge_scene(file, lambda scene: scene["free"]["slider"].update(change))
+        forge_properties(file, lambda free: free["slider"].update(change))
     assert "slider" in failed_claims(path)

@@ -16,7 +16,7 @@ from hhsim.verify.free_object_checks import free_claims
 from hhsim.verify.verify import verify
 
 TICKS = 60
-RED, GREEN, BLUE = (f"things/blocks/{name}" for name in ("red", "green", "blue"))
+RED, GREEN, BLUE = (f"bodies/{name}/tick" for name in ("red", "green", "blue"))
 
 
 @pytest.fixture(scope="module")
@@ -28,12 +28,12 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 
 def test_each_thing_has_its_poses_and_forces(result: Result) -> None:
-    assert result.parts == (RED, GREEN, BLUE) and result.free
+    assert list(result.bodies) == ["red", "green", "blue"] and result.free
     for part, weight in ((RED, 0.05), (GREEN, 0.1), (BLUE, 0.0)):
         np.testing.assert_allclose(result[f"{part}/table_wrench"][-1, 2], weight * 9.81, atol=1e-9)
         assert np.abs(result[f"{part}/position"]).max() < 3e-6
-    np.testing.assert_allclose(result[f"{BLUE}/thing_wrench"][-1, 2], 0.05 * 9.81, rtol=1e-9)
-    np.testing.assert_array_equal(result["object/position"], result[f"{RED}/position"])
+    np.testing.assert_allclose(result[f"{BLUE}/body_wrench"][-1, 2], 0.05 * 9.81, rtol=1e-9)
+    np.testing.assert_array_equal(result.body["position"], result[f"{RED}/position"])
 
 
 def test_the_ticks_run_again_are_the_same(result: Result) -> None:
@@ -51,7 +51,7 @@ def test_the_referee_finds_each_claim_true(result: Result) -> None:
     ("dataset", "add", "name"),
     [
         (f"{BLUE}/velocity", [0.0, 0.0, 1e-3], "Newton"),
-        (f"{GREEN}/thing_wrench", [0.0, 0.0, 1e-3, 0.0, 0.0, 0.0], "between things"),
+        (f"{GREEN}/body_wrench", [0.0, 0.0, 1e-3, 0.0, 0.0, 0.0], "between things"),
         (f"{BLUE}/position", [0.0, 0.0, -1e-5], "things apart"),
     ],
 )
@@ -96,7 +96,7 @@ def test_a_first_thing_on_another_one_is_read_run_again_and_judged(tmp_path: Pat
     scene = open_scene(str(tmp_path / "two.toml"), "stack", solid=False, level=2)
     replay_scene(scene.first(TICKS), SolverOptions(surface="mesh"), tmp_path / "two.h5")
     result = load_result(tmp_path / "two.h5")
-    assert set(result["contact/body"].tolist()) == {-3}, "it touches the second thing alone"
-    np.testing.assert_allclose(result["object/table_wrench"][-1, 2], 0.05 * 9.81, rtol=1e-6)
+    assert set(result.contacts["body"].tolist()) == {-3}, "it touches the second thing alone"
+    np.testing.assert_allclose(result.body["body_wrench"][-1, 2], 0.05 * 9.81, rtol=1e-6)
     assert all(array.identical for array in run_again(result).arrays)
     assert not [claim.name for claim in verify(result).claims if claim.failed]

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from cut_scene import moved_hand, of_hand
+from file_faults import at
 from leap_document import document
 from short_grasp import short_grasp, shortened
 
@@ -18,10 +19,10 @@ from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.metrics.metrics import distance_of_hands
-from hhsim.replay.repeat import PARTLY, run_again
+from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import TwoHandedReplay, replay_scene, replay_two_hands
-from hhsim.result.reader import Result, hand_paths, load_result
-from hhsim.result.two_handed_file import BETWEEN_COLUMNS
+from hhsim.result.reader import Result, load_hand, load_result
+from hhsim.result.schema import BETWEEN_COLUMNS, SCHEMA_VERSION
 from hhsim.scene.body import CLEARANCE
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.scene.described_scene import SceneWords, described_scene, two_handed_motions
@@ -39,6 +40,7 @@ from hhsim.verify.again import again_claims
 from hhsim.verify.claim import HOLDS, Claim
 from hhsim.verify.depth_checks import hands_apart_claims
 from hhsim.verify.free_object_checks import free_hand_claim
+from hhsim.verify.origin_checks import origin_claims
 from hhsim.verify.tick_data import JudgedTicks
 from hhsim.verify.verify import verify
 
@@ -66,11 +68,12 @@ def both(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> TwoHandedRep
 
 
 def test_each_hand_is_as_it_is_alone(both: TwoHandedReplay, scene: Scene, tmp_path: Path) -> None:
-    for hand, path in enumerate(hand_paths(both.path)):
-        side = HANDS[hand].side
-        replay_scene(of_hand(scene, hand), SolverOptions(), tmp_path / f"{side}.h5")
-        alone, found = load_result(tmp_path / f"{side}.h5"), load_result(path)
-        assert found.side == path.name == side and found.complete
+    hands = load_result(both.path).hands
+    assert list(hands) == ["right", "left"]
+    for hand, (name, found) in enumerate(hands.items()):
+        replay_scene(of_hand(scene, hand), SolverOptions(), tmp_path / f"{name}.h5")
+        alone = load_result(tmp_path / f"{name}.h5")
+        assert found.side == name == HANDS[hand].side and found.complete
         for name in sorted(alone.keys()):
             if not name.startswith("duration/"):
                 assert found[name].tobytes() == alone[name].tobytes(), name
@@ -81,23 +84,25 @@ def test_each_hand_is_as_it_is_alone(both: TwoHandedReplay, scene: Scene, tmp_pa
 def test_one_file_holds_both_and_nothing_is_left_beside_it(both: TwoHandedReplay) -> None:
     assert [path.name for path in both.path.parent.iterdir()] == ["both.h5"]
     with h5py.File(both.path) as file:
-        assert file.attrs["complete"] == 1 and file.attrs["schema_version"] == 6
+        assert file.attrs["complete"] == 1 and file.attrs["schema_version"] == SCHEMA_VERSION
         assert json.loads(file.attrs["command"]) == ["hhsim"]
-        vertices = [file[f"hands/{side}/object/vertices"].id for side in ("right", "left")]
-        assert h5py.h5o.get_info(vertices[0]).addr == h5py.h5o.get_info(vertices[1]).addr
-    assert hand_paths(both.path) == [both.path / "right", both.path / "left"]
-    with pytest.raises(InputError, match=r"both\.h5 holds two hands: name one of them, .*both\.h5/right or"):
-        load_result(both.path)
+        assert set(file["hands"]) == {"right", "left"} and len(file["bodies"]) == 1
+    found = load_result(both.path)
+    assert (found.name, list(found.hands), found.hands["left"].other) == ("", ["right", "left"], found.hands["right"])
+    with pytest.raises(InputError, match=r"both\.h5 holds two hands: force/total is that of \.hands"):
+        found["force/total"]
+    with pytest.raises(InputError, match=r"both\.h5 holds two hands: --hand right or --hand left names one"):
+        load_hand(both.path)
 
 
 def test_how_near_the_hands_come_is_that_of_the_stored_poses(both: TwoHandedReplay) -> None:
-    results: list[Result] = [load_result(path) for path in hand_paths(both.path)]
+    results: list[Result] = list(load_result(both.path).hands.values())
     names = ("graphic/joints", "graphic/position", "graphic/orientation")
     placed = [PlacedHand(*(one[name] for name in names)) for one in results]
     apart = distance_of_hands(HANDS, placed)
     with h5py.File(both.path) as file:
-        np.testing.assert_array_equal(file["between/graphic_distance"], apart)
-        assert set(file["between"]) == {column.name for column in BETWEEN_COLUMNS}
+        np.testing.assert_array_equal(file["tick/between/graphic"], apart)
+        assert {f"between/{name}" for name in file["tick/between"]} == {column.name for column in BETWEEN_COLUMNS}
     assert both.graphic_distance == apart.min() > 0.0 and both.haptic_distance > 0.0
     assert "µs" in both.note and "come within" in both.note
 
@@ -155,8 +160,8 @@ def test_a_recording_of_two_hands_gives_both_over_the_time_that_both_have(tmp_pa
 
 def test_a_result_of_two_hands_is_a_motion_of_both(both: TwoHandedReplay) -> None:
     motions = two_handed_motions(str(both.path))
-    for motion, path in zip(motions, hand_paths(both.path)):
-        np.testing.assert_array_equal(motion.position, load_result(path)["haptic/position"])  # type: ignore[union-attr]
+    for motion, found in zip(motions, load_result(both.path).hands.values()):
+        np.testing.assert_array_equal(motion.position, found["haptic/position"])  # type: ignore[union-attr]
     with pytest.raises(TrajectoryError, match="is of one hand"):
         two_handed_motions("finger-tap")
 
@@ -198,7 +203,7 @@ def on_table(scene: Scene, mass: float) -> Scene:
 def test_haptic_hands_that_enter_each_other_are_shown_apart(meeting: TwoHandedReplay) -> None:
     assert meeting.haptic_distance < -5e-3 and meeting.graphic_distance >= 0.0 and meeting.keeps_apart
     assert "enter each other by" in meeting.note and "the graphic ones by 0 mm" in meeting.note
-    right, left = (load_result(path) for path in hand_paths(meeting.path))
+    right, left = load_result(meeting.path).hands.values()
     for result in (right, left):
         assert result.summary["penetration_max"] == 0.0 and result.scene["hands_apart"] is True
 
@@ -207,27 +212,60 @@ def test_the_referee_knows_that_hands_keep_apart_and_a_second_run_is_the_same(
     meeting: TwoHandedReplay, tmp_path: Path
 ) -> None:
     # At a free object one hand's result has the other one's contacts, too.
-    for path in hand_paths(meeting.path)[int(meeting.together) :]:
-        found = verify(load_result(path), every=25)
+    for hand in list(load_result(meeting.path).hands.values())[int(meeting.together) :]:
+        found = verify(hand, every=25)
         assert found.passed, [(claim.name, claim.worst, claim.tick) for claim in found.claims if claim.failed]
         assert "hands apart" in {claim.name for claim in found.claims if claim.verdict == "holds"}
-    assert run_again(load_result(meeting.path / "left")).identical
+    assert run_again(load_hand(meeting.path, "left")).identical
     faulty = tmp_path / "both.h5"
     faulty.write_bytes(meeting.path.read_bytes())
     with h5py.File(faulty, "r+") as file:
         # One hand 10 mm nearer to the other one in the tick in which they are nearest.
-        at = int(np.argmin(file["between/graphic_distance"]))
+        at = int(np.argmin(file["tick/between/graphic"]))
         way = file["hands/right/tick/graphic/position"][at] - file["hands/left/tick/graphic/position"][at]
         for name in ("position", "joints"):
             file[f"hands/left/tick/graphic/{name}"][at] += 0.01 * way / np.linalg.norm(way)
     seal_file(faulty, faulty.stat().st_size)
-    judge = JudgedTicks(load_result(faulty / "left"), np.zeros(0, np.int64))
+    judge = JudgedTicks(load_hand(faulty, "left"), np.zeros(0, np.int64))
     assert [claim.failed for claim in hands_apart_claims(judge)] == [True]
+
+
+@pytest.mark.parametrize(
+    ("fault", "claim"),
+    [
+        (at("shifted", "tick/between/graphic", 30, lambda x: x + 1e-6), "between hands"),
+        (at("negated", "tick/between/haptic", ..., lambda x: -x), "between hands"),
+        (at("no_number", "tick/between/haptic", 60, lambda x: np.nan), "between hands"),
+        (
+            at("late", "hands/left/tick/haptic/position", slice(1, None), lambda x: np.roll(x, 3, axis=0)),
+            "between hands",
+        ),
+        (lambda file: _said(file, hands_apart=False), "scene"),
+    ],
+)
+def test_what_a_file_says_of_two_hands_together_is_judged(
+    both: TwoHandedReplay, tmp_path: Path, fault: Any, claim: str
+) -> None:
+    path = tmp_path / "both.h5"
+    path.write_bytes(both.path.read_bytes())
+    for planted in (False, True):
+        if planted:
+            with h5py.File(path, "r+") as file:
+                fault(file)
+            seal_file(path, path.stat().st_size)
+        judge = JudgedTicks(load_hand(path, "right"), np.arange(0, 150, 30))
+        found = {each.name: each.failed for each in (*hands_apart_claims(judge), *origin_claims(judge.result))}
+        assert found["between hands"] == (planted and claim == "between hands")
+        assert found["scene"] == (planted and claim == "scene")
+
+
+def _said(file: h5py.File, **changed: object) -> None:
+    file.attrs["scene"] = json.dumps({**json.loads(file.attrs["scene"]), **changed})
 
 
 @pytest.mark.parametrize("meeting", ["free"], indirect=True)
 def test_a_hand_at_rest_is_in_balance_with_one_that_moves_on_it(meeting: TwoHandedReplay, tmp_path: Path) -> None:
-    honest = load_result(meeting.path / "left")
+    honest = load_hand(meeting.path, "left")
     once = np.flatnonzero((honest["work/linearisations"] == 1) & (honest["status"] == 0))
     tick = once[JudgedTicks(honest, once).against_other_hand.tick[-1]]
     path = tmp_path / "both.h5"
@@ -236,12 +274,14 @@ def test_a_hand_at_rest_is_in_balance_with_one_that_moves_on_it(meeting: TwoHand
         path.write_bytes(meeting.path.read_bytes())
         with h5py.File(path, "r+") as file:
             rows = file["hands/left/tick"]
-            for name in (*(f"graphic/{of}" for of in rows["graphic"]), "object/position", "object/orientation"):
-                rows[name][tick - 1] = rows[name][tick]
+            moving = [rows[f"graphic/{of}"] for of in rows["graphic"]]
+            moving += [file[f"{honest.body.group}/tick/{of}"] for of in ("position", "orientation")]
+            for values in moving:
+                values[tick - 1] = values[tick]
             bare = np.argwhere(~rows["force/phalanx"][tick].any(axis=2))[0]
             rows["force/phalanx"][tick, bare[0], bare[1]] = (0.0, 0.0, pushed)
         seal_file(path, path.stat().st_size)
-        return free_hand_claim(JudgedTicks(load_result(path / "left"), np.array([tick])))
+        return free_hand_claim(JudgedTicks(load_hand(path, "left"), np.array([tick])))
 
     resting = balance(0.0)
     # What both bear on each other turns by the other one's step.
@@ -258,15 +298,13 @@ def lifted(tmp_path_factory: pytest.TempPathFactory) -> TwoHandedReplay:
 
 
 def test_two_hands_lift_what_they_press_from_both_sides(lifted: TwoHandedReplay) -> None:
-    right, left = (load_result(path) for path in hand_paths(lifted.path))
+    right, left = load_result(lifted.path).hands.values()
     assert lifted.together and "in one program" in lifted.note
-    assert right["object/position"][:, 2].max() > 0.09 and right["object/position"][-1, 2] < 1e-3
-    for name in sorted(right.keys()):
-        if name.startswith("object/") or name in ("contact/tick", "contact/point", "contact/normal_force"):
-            assert right[name].tobytes() == left[name].tobytes(), name
-    of_hands = right["contact/body"] >= 0
-    assert set(right["contact/body"][of_hands] // 16) == {0, 1}
-    np.testing.assert_array_equal(right["contact/body"][of_hands] ^ 16, left["contact/body"][of_hands])
+    assert right.body["position"][:, 2].max() > 0.09 and right.body["position"][-1, 2] < 1e-3
+    of_hands = right.contacts["body"] >= 0
+    assert set(right.contacts["body"][of_hands] // 16) == {0, 1}
+    np.testing.assert_array_equal(right.contacts["body"][of_hands] ^ 16, left.contacts["body"][of_hands])
+    np.testing.assert_array_equal(right.contacts["body"][~of_hands], left.contacts["body"][~of_hands])
     for result in (right, left):
         assert result.summary["penetration_max"] == 0.0
         assert result.summary["object_momentum"] < 1e-8
@@ -291,8 +329,8 @@ def test_fingers_close_behind_both_handles() -> None:
 def test_a_box_hangs_by_its_handles(tmp_path: Path) -> None:
     scene, path = scene_of_both("handle-box", load_script("lift-both").of_two(), level=4), tmp_path / "box.h5"
     replay_two_hands(on_table(scene, 1.2), SolverOptions(), path)
-    right = load_result(hand_paths(path)[0])
-    time, height = right["time"], right["object/position"][:, 2] - right["object/position"][0, 2]
+    right = load_hand(path, "right")
+    time, height = right["time"], right.body["position"][:, 2] - right.body["position"][0, 2]
     assert height[(time > 2.6) & (time < 2.9)].min() > 0.1 and abs(height[-1]) < 1e-3
 
 
@@ -300,36 +338,32 @@ def test_a_box_hangs_by_its_handles(tmp_path: Path) -> None:
 def test_one_hand_gives_the_cup_to_the_other(tmp_path: Path) -> None:
     scene, path = scene_of_both("cup", load_script("hand-over"), level=4), tmp_path / "given.h5"
     done = replay_two_hands(on_table(scene, 0.236), SolverOptions(), path)
-    right = load_result(hand_paths(path)[0])
-    time, height = right["time"], right["object/position"][:, 2] - right["object/position"][0, 2]
+    right = load_hand(path, "right")
+    time, height = right["time"], right.body["position"][:, 2] - right.body["position"][0, 2]
     given = (time > 4.85) & (time < 5.0)
     assert height[given].min() > 0.08 and done.graphic_distance > 0.0
-    of_left = right["contact/tick"][right["contact/body"] // 16 == 1]
-    of_right = right["contact/tick"][right["contact/body"] // 16 == 0]
+    of_left = right["contact/tick"][right.contacts["body"] // 16 == 1]
+    of_right = right["contact/tick"][right.contacts["body"] // 16 == 0]
     assert np.isin(np.flatnonzero(given), of_left).all() and not np.isin(of_right, np.flatnonzero(given)).any()
 
 
 def test_the_referee_and_a_second_run_know_what_two_hands_hold(lifted: TwoHandedReplay, tmp_path: Path) -> None:
     # The right hand's is the same with the bodies of both exchanged.
-    result = load_result(lifted.path / "left")
+    result = load_hand(lifted.path, "left")
     found = verify(result, every=200)
     assert found.passed, [claim.name for claim in found.claims if claim.failed]
     assert run_again(result).identical
-    # As a run leaves them that is killed.
-    right, left = (tmp_path / f"run.{side}.partial.h5" for side in ("right", "left"))
-    for side, path, ticks in (("right", right, 320), ("left", left, 300)):
-        with h5py.File(lifted.path) as both, h5py.File(path, "w") as file:
-            for name in both[f"hands/{side}"]:
-                both.copy(both[f"hands/{side}"][name], file, name)
-            file.attrs.update(both[f"hands/{side}"].attrs)
-            file["tick"].visititems(lambda _, each, n=ticks: each.resize(n, 0) if hasattr(each, "resize") else None)
-        seal_file(path, path.stat().st_size)
-    first, second = (run_again(load_result(path)) for path in (right, left))
-    assert second.identical and second.ticks == 300
-    assert (first.ticks, first.word) == (300, PARTLY) and "other hand's file holds 300 ticks" in first.notes[0]
-    left.unlink()
-    with pytest.raises(InputError, match="the other one's result is not there"):
-        run_again(load_result(right))
+    # As a run leaves it that is killed.
+    path = tmp_path / "run.h5"
+    path.write_bytes(lifted.path.read_bytes())
+    with h5py.File(path, "r+") as file:
+        file.attrs["complete"] = 0
+        for side, ticks in (("right", 320), ("left", 300)):
+            rows = file[f"hands/{side}/tick"]
+            rows.visititems(lambda _, each, n=ticks: each.resize(n, 0) if hasattr(each, "resize") else None)
+    seal_file(path, path.stat().st_size)
+    again = run_again(load_result(path))
+    assert again.identical and again.ticks == again.ticks_stored == 300
 
 
 @pytest.mark.parametrize("name", ["open", "close"])
@@ -362,7 +396,7 @@ def test_hands_that_meet_beside_parts_are_shown_apart(tmp_path: Path) -> None:
     moved = moved_hand(scene, 1, position=places[1] + way).first(ticks.stop)
     done = replay_two_hands(moved, SolverOptions(surface="mesh"), tmp_path / "both.h5")
     assert done.haptic_distance < -5e-3 and done.graphic_distance >= 0.0 and done.keeps_apart
-    results = [load_result(path) for path in hand_paths(done.path)]
+    results = list(load_result(done.path).hands.values())
     assert all(result.summary["penetration_max"] == 0.0 for result in results)
     found = verify(results[0], every=100)
     assert found.passed, [(claim.name, claim.worst, claim.tick) for claim in found.claims if claim.failed]
@@ -375,6 +409,6 @@ def test_the_referee_finds_the_left_hand_s_place_beside_the_right_one_at_a_thing
     words = SceneWords(object="scissors", trajectory="pinch", ticks=40)
     made = described_scene(words, load_bodies_of("scissors", 2), HANDS, two_handed_motions("pinch"))
     replay_two_hands(made.scene, SolverOptions(), tmp_path / "both.h5")
-    for path in hand_paths(tmp_path / "both.h5"):
-        claims = again_claims(load_result(path), silent)
+    for hand in load_result(tmp_path / "both.h5").hands.values():
+        claims = again_claims(hand, silent)
         assert [claim.verdict for claim in claims if claim.name == "again: motion"] == [HOLDS]

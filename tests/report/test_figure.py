@@ -76,9 +76,9 @@ def edited(result: Result, path: Path, edits: Mapping[str, Callable[[NDArray[np.
     shutil.copy(result.path, path)
     with sealed_change.changed(path) as file:
         for name, edit in edits.items():
-            values = file["tick"][name][...]
+            values = file["hands/right/tick"][name][...]
             edit(values)
-            file["tick"][name][...] = values
+            file["hands/right/tick"][name][...] = values
     return load_result(path)
 
 

@@ -32,7 +32,7 @@ from hhsim.replay.verdict import checked_figures, read_ticks
 from hhsim.report.figure import ReportFigure
 from hhsim.report.report import FIGURES, check_report_path, make_report, write_report
 from hhsim.result.reader import load_result
-from hhsim.result.schema import TICK_COLUMNS
+from hhsim.result.schema import hand_columns
 from hhsim.solver.options import SolverOptions
 from hhsim.table.html import LONGEST_WORD, NO_TEXT
 from hhsim.table.table import Column
@@ -95,7 +95,7 @@ def changed(path: Path, folder: Path, change: Change, name: str = "") -> Path:
 
 def stating(**figures: float) -> Change:
     """Other figures in a result's summary."""
-    return lambda file: file["summary"].attrs.update(figures)
+    return lambda file: file["summary/right"].attrs.update(figures)
 
 
 def in_scene(**others: Any) -> Change:
@@ -118,8 +118,8 @@ def test_the_table_is_the_one_that_replay_printed(replayed: tuple[Path, ReplaySu
 def test_a_run_that_was_cut_short_has_its_table_from_its_ticks(coupled: Path, tmp_path: Path) -> None:
     def cut(file: h5py.File) -> None:
         file.attrs["complete"] = 0
-        for name in list(file["summary"].attrs):
-            del file["summary"].attrs[name]
+        for name in list(file["summary/right"].attrs):
+            del file["summary/right"].attrs[name]
 
     whole = {row.name: row for row in stored_rows(load_result(coupled).summary, 1000.0)}
     short = load_result(changed(coupled, tmp_path, cut))
@@ -243,8 +243,8 @@ def test_the_papers_figures_stand_beside_its_scenes(coupled: Path, tmp_path: Pat
 
 def sink(file: h5py.File) -> None:
     """Move the graphic hand of all ticks 5 mm down, and say nothing of it."""
-    file["tick/graphic/joints"][...] -= np.array([0.0, 0.0, 5e-3])
-    file["tick/graphic/position"][...] -= np.array([0.0, 0.0, 5e-3])
+    file["hands/right/tick/graphic/joints"][...] -= np.array([0.0, 0.0, 5e-3])
+    file["hands/right/tick/graphic/position"][...] -= np.array([0.0, 0.0, 5e-3])
 
 
 def test_depth_is_that_of_the_poses_whatever_the_file_says(coupled: Path, tmp_path: Path, dots: None) -> None:
@@ -252,8 +252,8 @@ def test_depth_is_that_of_the_poses_whatever_the_file_says(coupled: Path, tmp_pa
     (run,) = report.runs
     # By brute force: every sphere of the tree against every phalanx, at the deepest tick.
     static, tick = run.result.static, int(np.argmax(run.result["penetration_depth"]))
-    leaves = static["object/tree/level"] == static["object/tree/level"].max()
-    center, radius = static["object/tree/center"][leaves], static["object/tree/radius"][leaves]
+    leaves = run.result.body.static["tree/level"] == run.result.body.static["tree/level"].max()
+    center, radius = run.result.body.static["tree/center"][leaves], run.result.body.static["tree/radius"][leaves]
     joints, thick = run.result["graphic/joints"][tick], static["hand/phalanx_radius"].tolist()
     cones = ((joints[f, k], joints[f, k + 1], thick[f][k], thick[f][k + 1]) for f in range(5) for k in range(3))
     deepest = max(float((radius - round_cone_distance(center, *cone)).max()) for cone in cones)
@@ -341,10 +341,11 @@ def test_a_page_of_eight_results_fits_the_smallest_screen(coupled: Path, tmp_pat
 
 def emptied(file: h5py.File, ticks: int) -> None:
     file.attrs["complete"] = 0
-    for name in list(file["summary"].attrs):
-        del file["summary"].attrs[name]
-    for column in TICK_COLUMNS:
-        file[f"tick/{column.name}"].resize(ticks, axis=0)
+    for name in list(file["summary/right"].attrs):
+        del file["summary/right"].attrs[name]
+    file["tick/time"].resize(ticks, axis=0)
+    for column in hand_columns():
+        file[f"hands/right/tick/{column.name}"].resize(ticks, axis=0)
 
 
 @pytest.mark.parametrize("ticks", [0, 1, 2, 60])
@@ -363,8 +364,8 @@ def test_what_is_not_finite_is_no_figure(coupled: Path, tmp_path: Path, dots: No
     def broken(file: h5py.File) -> None:
         emptied(file, 300)
         for name in ("force/total", "force/phalanx", "penetration_depth", "force_variation_rate", "graphic/position"):
-            file[f"tick/{name}"][100:110] = np.nan
-        file["tick/force/total"][120] = np.inf
+            file[f"hands/right/tick/{name}"][100:110] = np.nan
+        file["hands/right/tick/force/total"][120] = np.inf
 
     report = make_report((changed(coupled, tmp_path, broken),))
     read_page(report.html)

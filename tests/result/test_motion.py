@@ -105,8 +105,8 @@ def test_a_result_that_was_cut_short_is_a_motion_as_far_as_it_goes(session: Path
     path.write_bytes(session.read_bytes())
     with changed(path) as file:
         file.attrs["complete"] = 0
-        file["tick/haptic/position"].resize(100, axis=0)
-        file["live/sample/flexion"].resize(31, axis=0)
+        file["hands/right/tick/haptic/position"].resize(100, axis=0)
+        file["hands/right/live/sample/flexion"].resize(31, axis=0)
     motion = motion_in(path)
     assert motion.sample_count == 28
     assert motion.position[-1, 0] == load_result(path)["haptic/position"][99, 0]
@@ -114,17 +114,23 @@ def test_a_result_that_was_cut_short_is_a_motion_as_far_as_it_goes(session: Path
 
 def no_ticks(file: h5py.File) -> None:
     file.attrs["complete"] = 0
-    file["live/tick/deadline"].resize(0, axis=0)
+    file["hands/right/live/tick/deadline"].resize(0, axis=0)
 
 
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
-        (at("bad", "live/sample/good", slice(None), np.zeros_like), "a session without a good sample of the glove"),
-        (lambda file: file["live/tick/deadline"].resize(0, axis=0), "live/tick/deadline has 0 rows, "),
+        (
+            at("bad", "hands/right/live/sample/good", slice(None), np.zeros_like),
+            "a session without a good sample of the glove",
+        ),
+        (lambda file: file["hands/right/live/tick/deadline"].resize(0, axis=0), "live/tick/deadline has 0 rows, "),
         (no_ticks, "a session without a tick: where the palm was"),
-        (lambda file: file.__delitem__("live/sample/abduction"), "unknown dataset 'live/sample/abduction'"),
-        (at("nan", "tick/haptic/position", 300, lambda x: np.nan * x), "position has 3 NaN or infinite values"),
+        (lambda file: file.__delitem__("hands/right/live/sample/abduction"), "unknown dataset 'live/sample/abduction'"),
+        (
+            at("nan", "hands/right/tick/haptic/position", 300, lambda x: np.nan * x),
+            "position has 3 NaN or infinite values",
+        ),
     ],
 )
 def test_what_holds_no_motion_is_told_in_one_line(session: Path, tmp_path: Path, spoil: Fault, says: str) -> None:

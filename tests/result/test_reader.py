@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,23 +24,27 @@ from hhsim.motion.trajectory import TickPhase
 from hhsim.result.motion import load_result_motion
 from hhsim.result.reader import CHUNK_TICKS, Result, load_result
 from hhsim.result.schema import (
+    BODY_STATIC,
     EVENT_COLUMNS,
+    HAND_STATIC,
     LIVE_EVENT,
     LIVE_SAMPLE,
     LIVE_TICK,
     LIVE_TICK_COLUMNS,
     SCHEMA_VERSION,
-    STATIC_COLUMNS,
     TICK_COLUMNS,
-    TWO_HANDED_SCHEMA_VERSION,
+    Column,
+    hand_columns,
+    hand_tables,
     sample_columns,
 )
-from hhsim.result.writer import ResultWriter
+from hhsim.result.writer import BodyPart, HandPart, ResultWriter
 from hhsim.system import environment as info
 from hhsim.system.checksummed_file import seal_holds
 
 Arrays = dict[str, NDArray[Any]]
 SCENE = {"object": "bunny", "trajectory": "grasp", "stiffness": [200.0, 2.0, 0.5], "seed": 0}
+EXTRA = {LIVE_TICK: LIVE_TICK_COLUMNS, LIVE_SAMPLE: sample_columns(3), LIVE_EVENT: EVENT_COLUMNS}
 PHASES = (TickPhase("approach", 0, 39), TickPhase("hold", 40, 99))
 
 
@@ -53,20 +57,24 @@ def block(ticks: int, seed: int = 0) -> Arrays:
     return arrays
 
 
-def static() -> Arrays:
+def static(columns: Sequence[Column]) -> Arrays:
     generator = np.random.default_rng(1)
-    shapes = {column.name: tuple(7 if size == -1 else size for size in column.shape) for column in STATIC_COLUMNS}
-    return {
-        column.name: (generator.normal(size=shapes[column.name]) * 10.0).astype(column.dtype)
-        for column in STATIC_COLUMNS
-    }
+    shapes = {column.name: tuple(7 if size == -1 else size for size in column.shape) for column in columns}
+    return {column.name: (generator.normal(size=shapes[column.name]) * 10.0).astype(column.dtype) for column in columns}
+
+
+def opened(path: Path, *, live: bool = False, of_body: Arrays | None = None, **more: Any) -> ResultWriter:
+    """The writer of a result of one hand and one body."""
+    hands = {"right": HandPart(SCENE, static(HAND_STATIC), EXTRA if live else {})}
+    bodies = {"bunny": BodyPart("fixed", static(BODY_STATIC) | (of_body or {}))}
+    return ResultWriter(path, hands=hands, bodies=bodies, **more)
 
 
 def write(path: Path, blocks: list[Arrays], *, phases: tuple[TickPhase, ...] = PHASES) -> Path:
-    with ResultWriter(path, scene=SCENE, static=static(), phases=phases) as writer:
+    with opened(path, phases=phases) as writer:
         for arrays in blocks:
-            writer.append(arrays)
-        return writer.finish({"tick p50": 41.5, "ticks": 100, "method": "coupled"})
+            writer.append(hand_tables("right", arrays))
+        return writer.finish({"right": {"tick p50": 41.5, "method": "coupled"}}, {"ticks": 100})
 
 
 def test_what_is_written_is_read_back_exactly(tmp_path: Path) -> None:
@@ -82,8 +90,11 @@ def test_what_is_written_is_read_back_exactly(tmp_path: Path) -> None:
         expected = np.concatenate([arrays[column.name] for arrays in blocks])
         assert np.array_equal(loaded[column.name], expected, equal_nan=True), column.name
         assert loaded[column.name].dtype == np.dtype(column.dtype)
-    for name, array in static().items():
-        assert np.array_equal(loaded.static[name], array), name
+    for name, array in static(HAND_STATIC).items():
+        assert np.array_equal(loaded.static[f"hand/{name}"], array), name
+    for name, array in static(BODY_STATIC).items():
+        assert np.array_equal(loaded.bodies["bunny"].static[name], array), name
+    assert (loaded.name, list(loaded.hands), loaded.body.kind, loaded.other) == ("right", ["right"], "fixed", None)
 
 
 def test_arrays_of_a_loaded_result_cannot_be_changed_and_it_is_no_session(tmp_path: Path) -> None:
@@ -105,10 +116,10 @@ def test_every_dataset_states_its_units_and_meaning(tmp_path: Path) -> None:
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
-        datasets = sum(isinstance(file[f"tick/{column.name}"], h5py.Dataset) for column in TICK_COLUMNS)
+        datasets = sum(isinstance(file[f"hands/right/tick/{column.name}"], h5py.Dataset) for column in hand_columns())
         attributes = set(file.attrs)
     assert bare == []
-    assert datasets == len(TICK_COLUMNS)
+    assert datasets == len(hand_columns())
     assert attributes == {
         *("format", "schema_version", "hhsim_version", "git_revision", "git_dirty", "created_utc", "machine"),
         *("packages", "scene", "command", "complete"),
@@ -118,11 +129,11 @@ def test_every_dataset_states_its_units_and_meaning(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "values", "words"),
     [
-        ("hand/palm_radius", np.ones(1), "hand/palm_center and hand/palm_radius are not of the same length"),
-        ("object/tree/level", np.zeros(1, np.int64), "object/tree/level and .* are not of the same length"),
-        ("hand/palm_tree/parent", np.zeros(1, np.int64), "are not of the same length"),
-        ("hand/base", np.zeros((5, 3), "S8"), r"hand/base holds \|S8, expected <f8"),
-        ("object/faces", np.zeros((1, 3)), "object/faces holds float64, expected <i8"),
+        ("hands/right/palm_radius", np.ones(1), "palm_center and palm_radius are not of the same length"),
+        ("bodies/bunny/tree/level", np.zeros(1, np.int64), "tree/level and .* are not of the same length"),
+        ("hands/right/palm_tree/parent", np.zeros(1, np.int64), "are not of the same length"),
+        ("hands/right/base", np.zeros((5, 3), "S8"), r"base holds \|S8, expected <f8"),
+        ("bodies/bunny/mesh/faces", np.zeros((1, 3)), "mesh/faces holds float64, expected <i8"),
     ],
 )
 def test_arrays_that_cannot_belong_together_are_refused(tmp_path: Path, name: str, values: Any, words: str) -> None:
@@ -134,7 +145,7 @@ def test_arrays_that_cannot_belong_together_are_refused(tmp_path: Path, name: st
         load_result(path)
 
 
-@pytest.mark.parametrize("version", [1, 2, "three", None])
+@pytest.mark.parametrize("version", [1, 6, "three", None])
 def test_another_schema_is_refused_in_one_line(tmp_path: Path, version: object) -> None:
     path = write(tmp_path / "run.h5", [block(50)])
     with changed(path) as file:
@@ -145,15 +156,12 @@ def test_another_schema_is_refused_in_one_line(tmp_path: Path, version: object) 
         load_result(path)
 
 
-EXTRA = {LIVE_TICK: LIVE_TICK_COLUMNS, LIVE_SAMPLE: sample_columns(3), LIVE_EVENT: EVENT_COLUMNS}
-
-
 def extra(rows: dict[str, int], seed: int = 0) -> dict[str, Arrays]:
     """Rows of the tables of a live session."""
     generator = np.random.default_rng(seed)
     tables: dict[str, Arrays] = {}
     for group, columns in EXTRA.items():
-        tables[group] = {
+        tables[f"hands/right/{group}"] = {
             column.name: (generator.uniform(0.0, 99.0, (rows[group], *column.shape))).astype(column.dtype)
             for column in columns
         }
@@ -162,15 +170,16 @@ def extra(rows: dict[str, int], seed: int = 0) -> dict[str, Arrays]:
 
 def test_tables_of_unequal_length_are_damage_or_of_a_killed_run_and_trimmed_to_what_is_whole(tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
-    with ResultWriter(path, scene=SCENE, static=static(), tables=EXTRA) as writer:
-        writer.append(block(50), extra({LIVE_TICK: 50, LIVE_SAMPLE: 30, LIVE_EVENT: 2}))
+    with opened(path, live=True) as writer:
+        rows = extra({LIVE_TICK: 50, LIVE_SAMPLE: 30, LIVE_EVENT: 2})
+        writer.append({**hand_tables("right", block(50)), **rows})
     with changed(path) as file:
         file["tick/time"].resize(44, axis=0)
-        file["live/tick/missed"].resize(41, axis=0)
-        file["live/sample/flexion"].resize(20, axis=0)
-        file["live/event/text"].resize(1, axis=0)
+        file["hands/right/live/tick/missed"].resize(41, axis=0)
+        file["hands/right/live/sample/flexion"].resize(20, axis=0)
+        file["hands/right/live/event/text"].resize(1, axis=0)
         file.attrs["complete"] = 1
-    with pytest.raises(InputError, match=r"live/tick/missed has 41 rows, tick/[a-z_/]* 50"):
+    with pytest.raises(InputError, match=r"hands/right/live/tick/missed has 41 rows, hands/right/[a-z_/]* 50"):
         load_result(path)
     with changed(path) as file:
         file.attrs["complete"] = 0
@@ -209,15 +218,20 @@ def test_two_runs_give_the_same_bytes(tmp_path: Path, monkeypatch: pytest.Monkey
     ids=["missing", "surplus", "shape", "lengths"],
 )
 def test_a_block_that_does_not_fit_the_schema_is_refused(tmp_path: Path, name: str, values: Any) -> None:
-    arrays = {key: array for key, array in {**block(4), name: values}.items() if array is not None}
-    with ResultWriter(tmp_path / "run.h5", scene=SCENE, static=static()) as writer, pytest.raises(ValueError):
-        writer.append(arrays)
+    tables = hand_tables("right", block(4))
+    rows = tables["tick" if name == "time" else "hands/right/tick"]
+    rows[name] = values
+    if values is None:
+        del rows[name]
+        rows["of no column"] = np.zeros(4)
+    with opened(tmp_path / "run.h5") as writer, pytest.raises(ValueError):
+        writer.append(tables)
 
 
 def test_phases_may_be_given_at_the_end(tmp_path: Path) -> None:
-    with ResultWriter(tmp_path / "run.h5", scene=SCENE, static=static()) as writer:
-        writer.append(block(100))
-        writer.finish({}, PHASES)
+    with opened(tmp_path / "run.h5") as writer:
+        writer.append(hand_tables("right", block(100)))
+        writer.finish({}, phases=PHASES)
     loaded = load_result(tmp_path / "run.h5")
     assert loaded.phases == PHASES
     assert loaded.phase("hold") == slice(40, 100)
@@ -227,11 +241,8 @@ def test_phases_may_be_given_at_the_end(tmp_path: Path) -> None:
 
 def stop(path: Path, ticks: int) -> KeyboardInterrupt:
     """Begin a result that an interrupt ends."""
-    with (
-        pytest.raises(KeyboardInterrupt) as caught,
-        ResultWriter(path, scene=SCENE, static=static(), phases=PHASES) as writer,
-    ):
-        writer.append(block(ticks))
+    with pytest.raises(KeyboardInterrupt) as caught, opened(path, phases=PHASES) as writer:
+        writer.append(hand_tables("right", block(ticks)))
         raise KeyboardInterrupt
     return caught.value
 
@@ -261,14 +272,14 @@ def test_an_interrupt_within_a_block_leaves_whole_ticks_only(
             raise KeyboardInterrupt
         original(dataset, where, values)
 
-    with pytest.raises(KeyboardInterrupt), ResultWriter(path, scene=SCENE, static=static()) as writer:
+    with pytest.raises(KeyboardInterrupt), opened(path) as writer:
         monkeypatch.setattr(h5py.Dataset, "__setitem__", interrupted)
-        writer.append(block(30))
-        writer.append(block(20))
+        writer.append(hand_tables("right", block(30)))
+        writer.append(hand_tables("right", block(20)))
     monkeypatch.undo()
     assert load_result(path).ticks == 30
     with h5py.File(path, "r") as file:
-        assert {len(file["tick"][column.name]) for column in TICK_COLUMNS} == {30}
+        assert {len(file["hands/right/tick"][column.name]) for column in hand_columns()} == {30}
 
 
 def test_an_older_result_stands_until_the_new_one_is_complete(tmp_path: Path) -> None:
@@ -288,7 +299,7 @@ def test_an_older_result_stands_until_the_new_one_is_complete(tmp_path: Path) ->
         ("notes.h5", OutputError, "exists and is no result file"),
         ("run.txt", OutputError, r"run\.txt is no name for a result: it has to end in \.h5 or \.hdf5"),
         ("", OutputError, "is a folder: name a file in it"),
-        ("run.h5", ValueError, "object/faces"),
+        ("run.h5", ValueError, "mesh/faces"),
     ],
 )
 def test_a_result_that_cannot_be_begun_leaves_everything_as_it_is(
@@ -296,14 +307,14 @@ def test_a_result_that_cannot_be_begun_leaves_everything_as_it_is(
 ) -> None:
     notes = tmp_path / "notes.h5"
     notes.write_text("notes\n")
-    arrays = static() | ({"object/faces": np.zeros((3, 4))} if error is ValueError else {})
+    wrong = {"mesh/faces": np.zeros((3, 4))} if error is ValueError else None
     with pytest.raises(error, match=says):
-        ResultWriter(tmp_path / name, scene=SCENE, static=arrays)
+        opened(tmp_path / name, of_body=wrong)
     assert (list(tmp_path.iterdir()), notes.read_text()) == ([notes], "notes\n")
 
 
 def test_an_exception_before_the_first_tick_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError), ResultWriter(tmp_path / "run.h5", scene=SCENE, static=static()):
+    with pytest.raises(RuntimeError), opened(tmp_path / "run.h5"):
         raise RuntimeError
     assert list(tmp_path.iterdir()) == []
 
@@ -314,8 +325,8 @@ def run_limited(script: str, path: Path, limit: int) -> subprocess.CompletedProc
         import resource, signal, sys
         from pathlib import Path
         sys.path[:0] = {[str(Path(__file__).parents[i]) for i in range(2)]!r}
-        from test_reader import SCENE, PHASES, block, static
-        from hhsim.result.writer import ResultWriter
+        from test_reader import PHASES, block, opened
+        from hhsim.result.schema import hand_tables
         path = Path({str(path)!r})
         resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
     """
@@ -326,9 +337,9 @@ def run_limited(script: str, path: Path, limit: int) -> subprocess.CompletedProc
 WRITE_MANY = """
     from hhsim.errors import OutputError
     try:
-        with ResultWriter(path, scene=SCENE, static=static(), phases=PHASES) as writer:
+        with opened(path, phases=PHASES) as writer:
             for seed in range(20):
-                writer.append(block(256, seed))
+                writer.append(hand_tables("right", block(256, seed)))
             writer.finish({})
     except OutputError as error:
         print(error, *getattr(error, "__notes__", ()), sep="\\n")
@@ -367,10 +378,10 @@ def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
         import sys
         from pathlib import Path
         sys.path[:0] = {[str(Path(__file__).parents[i]) for i in range(2)]!r}
-        from test_reader import SCENE, block, static
-        from hhsim.result.writer import ResultWriter
-        with ResultWriter(Path({str(path)!r}), scene=SCENE, static=static()) as writer:
-            arrays = block(128)
+        from test_reader import block, opened
+        from hhsim.result.schema import hand_tables
+        with opened(Path({str(path)!r})) as writer:
+            arrays = hand_tables("right", block(128))
             while True:
                 writer.append(arrays)
                 print(writer.ticks, flush=True)
@@ -391,8 +402,8 @@ def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
 
 def test_a_file_that_is_being_written_is_told_apart_from_a_broken_one(tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
-    with ResultWriter(path, scene=SCENE, static=static()) as writer:
-        writer.append(block(2))
+    with opened(path) as writer:
+        writer.append(hand_tables("right", block(2)))
         reader = "import sys; from hhsim.result.reader import load_result as load; load(sys.argv[1])"
         run = subprocess.run([sys.executable, "-c", reader, str(path)], capture_output=True, text=True)
         writer.finish({})
@@ -408,8 +419,8 @@ def forged(change: Callable[[h5py.File], object]) -> Callable[[Path], object]:
 
 
 def other_shape(file: h5py.File) -> None:
-    del file["tick/force/total"]
-    file["tick/force/total"] = np.zeros((50, 4))
+    del file["hands/right/tick/force/total"]
+    file["hands/right/tick/force/total"] = np.zeros((50, 4))
 
 
 def folder_in_its_place(path: Path) -> None:
@@ -422,13 +433,13 @@ SPOILED: dict[str, tuple[Callable[[Path], object], str]] = {
     "cut": (lambda path: os.truncate(path, path.stat().st_size // 2), "a damaged HDF5 file: cut short"),
     "empty": (lambda path: os.truncate(path, 0), "is no HDF5 file"),
     "newer": (
-        forged(lambda file: file.attrs.update(schema_version=TWO_HANDED_SCHEMA_VERSION + 1)),
-        r"newer hhsim \(schema 7; this one reads 6\): upgrade hhsim",
+        forged(lambda file: file.attrs.update(schema_version=SCHEMA_VERSION + 1)),
+        r"newer hhsim \(schema 8; this one reads 7\): upgrade hhsim",
     ),
     "format": (forged(lambda file: file.attrs.update(format="hhsim-tree")), "'hhsim-tree', not 'hhsim-result'"),
     "no format": (lambda path: h5py.File(path, "w").close(), "states no format"),
-    "lacking": (forged(lambda file: file.__delitem__("tick/force/total")), "lacks the dataset force/total"),
-    "no ticks": (forged(lambda file: file.__delitem__("tick")), "lacks the dataset time"),
+    "lacking": (forged(lambda file: file.__delitem__("hands/right/tick/force/total")), "lacks the dataset force/total"),
+    "no ticks": (forged(lambda file: file.__delitem__("hands/right/tick")), "lacks the dataset input_seq"),
     "shape": (forged(other_shape), r"force/total has shape \(50, 4\), expected \(any, 3\)"),
     "no scene": (forged(lambda file: file.attrs.__delitem__("scene")), "is damaged or no result file"),
     "gone": (lambda path: path.unlink(), "no such file; expected a result"),
@@ -455,9 +466,10 @@ def test_a_number_that_no_run_can_hold_is_damage(tmp_path: Path, read: Callable[
     path = tmp_path / "run.h5"
     write(path, [block(3)])
     with changed(path) as file:
-        file["tick/graphic/joints"][1, 2, 3, 0] = -1e100
+        file["hands/right/tick/graphic/joints"][1, 2, 3, 0] = -1e100
     found = load_result(path)
-    with pytest.raises(InputError, match=r"run.h5: damaged: /tick/graphic/joints holds -1e\+100, beyond 1e\+30"):
+    says = r"run.h5: damaged: /hands/right/tick/graphic/joints holds -1e\+100, beyond 1e\+30"
+    with pytest.raises(InputError, match=says):
         read(found)
     assert found["graphic/position"].shape == (3, 3), "what is sound is read"
 

@@ -103,9 +103,11 @@ def test_a_method_is_added_by_one_file(follow: None, run: Run, tmp_path: Path) -
     assert answer.out.startswith("cube, touch, follow")
     with h5py.File(tmp_path / "follow.h5") as file:
         for name in ("position", "orientation", "flexion", "abduction"):
-            np.testing.assert_array_equal(file[f"tick/graphic/{name}"][()], file[f"tick/haptic/{name}"][()])
-        assert file["tick/penetration_depth"][()].max() > 1e-3, "nothing kept the hand out of the cube"
-        assert not file["tick/force/total"][()].any()
+            np.testing.assert_array_equal(
+                file[f"hands/right/tick/graphic/{name}"][()], file[f"hands/right/tick/haptic/{name}"][()]
+            )
+        assert file["hands/right/tick/penetration_depth"][()].max() > 1e-3, "nothing kept the hand out of the cube"
+        assert not file["hands/right/tick/force/total"][()].any()
     assert "follow" in run("replay", "--help").out
     refused = run("replay", "cube", "touch", "--method", "folow")
     assert refused.code == 2 and "follow" in refused.err

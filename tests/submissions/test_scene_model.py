@@ -169,7 +169,6 @@ def test_a_joint_of_the_model_moves_a_thing_as_a_run_of_hhsim_does(replayed: tup
     scene, folder, result = replayed
     at, parts = Model(folder), seen_scene(scene).parts
     assert parts is not None
-    group = f"things/{parts.name}"
     joints = {name: free.joint for name, free in properties(scene).items() if free.joint}
     ((moving, joint),) = joints.items()
     assert joint is not None
@@ -177,8 +176,7 @@ def test_a_joint_of_the_model_moves_a_thing_as_a_run_of_hhsim_does(replayed: tup
     recorded = part_poses(folder, tuple(parts.driven))[1] if parts.driven else np.zeros((result.ticks, 0, 7))
     for tick in (0, result.ticks // 2, int(0.75 * result.ticks), result.ticks - 1):
         poses = {
-            name: [result[f"{group}/{name}/{what}"][tick] for what in ("position", "orientation")]
-            for name in parts.names
+            name: [result.bodies[name][what][tick] for what in ("position", "orientation")] for name in parts.names
         }
         for name, pose in zip(parts.driven, recorded[tick]):
             which = at.model.body(name).mocapid[0]
@@ -206,9 +204,9 @@ def test_a_joint_of_the_model_moves_a_thing_as_a_run_of_hhsim_does(replayed: tup
 def test_the_folder_states_the_things_as_a_result_does(replayed: tuple[Scene, Path, Result]) -> None:
     _, folder, result = replayed
     first, *others = json.loads((folder / "scene.json").read_text())["things"]
-    names = result.scene["thing"]["parts"]
-    assert first == {**result.scene["free"], "fixed": False, "name": names[0]}
-    assert others == [{**other, "name": name} for other, name in zip(result.scene["others"], names[1:])]
+    names = list(result.bodies)
+    stated = [{**body.properties, "fixed": body.kind == "fixed", "name": name} for name, body in result.bodies.items()]
+    assert [first, *others] == stated
     with (folder / "spheres.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert {row["thing"] for row in rows} == set(names) and len(rows) > 8 * len(names) / 2

@@ -63,6 +63,6 @@ def test_a_digest_tells_a_changed_bit_and_no_changed_time(tmp_path: Path) -> Non
     for pose, time in ((1.0, 5), (1.0, 6), (np.nextafter(1.0, 2.0), 5)):
         path = tmp_path / "run.h5"
         with h5py.File(path, "w") as file:
-            file["tick/graphic/position"], file["tick/duration/total"] = [pose], [time]
+            file["hands/right/tick/graphic/position"], file["hands/right/tick/duration/total"] = [pose], [time]
         digests.append(digest(path))
     assert digests[0] == digests[1] != digests[2]

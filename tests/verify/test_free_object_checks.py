@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from file_faults import Fault, at, of_scene, with_name
+from file_faults import Fault, at, of_properties, with_name
 from free_scenes import free_result, free_scene
 from planted_faults import planted
 from sampled import first_of_each
@@ -67,15 +67,15 @@ def test_an_honest_result_passes(honest: Result) -> None:
 
 def test_the_figures_are_those_of_the_contacts_one_by_one(honest: Result) -> None:
     motion, ways = FreeMotion(honest), np.zeros((16, honest.ticks))
-    for tick, body, way in zip(motion.tick, motion.body, motion.slip):
+    for tick, body, way in zip(motion.tick, motion.touching, motion.slip):
         if body >= 0:
             ways[body, tick] = max(ways[body, tick], way)
-    wrench = honest["object/hand_wrench"] + honest["object/table_wrench"]
+    wrench = honest.body["hand_wrench"] + honest.body["table_wrench"]
     expected = {
         "object_raised": (motion.center[1:, 2] - motion.center[1, 2]).max(),
         "object_slip": ways.sum(axis=1).max(),
         "object_momentum": motion.unbalanced(wrench[:, :3]).max(),
-        "friction_residual_max": honest["object/friction_residual"][np.unique(motion.tick)].max(),
+        "friction_residual_max": honest.body["friction_residual"][np.unique(motion.tick)].max(),
         **dict.fromkeys(("table_depth_max", "cone_outside"), 0.0),
     }
     assert {name: honest.summary[name] for name in expected} == pytest.approx(expected, rel=1e-9, abs=1e-12)
@@ -94,7 +94,7 @@ def test_the_referee_finds_energy_that_nobody_gave(honest: Result, tmp_path: Pat
 
 def first_contact(file: h5py.File, of_table: bool) -> int:
     """The row of a contact that bears something at the tick."""
-    chosen = (file["contact/tick"][...] == TICK) & ((file["contact/body"][...] == -1) == of_table)
+    chosen = (file["contact/tick"][...] == TICK) & ((file["contact/a"][...] >= 16) == of_table)
     return int(np.flatnonzero(chosen)[file["contact/normal_force"][...][chosen].argmax()])
 
 
@@ -121,7 +121,7 @@ def hidden_slip(file: h5py.File) -> None:
 def halved_slip(file: h5py.File) -> None:
     """In a tick of several programs."""
     slip = file["contact/slip"][...]
-    several = file["tick/work/linearisations"][...][file["contact/tick"][...]] > 1
+    several = file["hands/right/tick/work/linearisations"][...][file["contact/tick"][...]] > 1
     file["contact/slip"][int(np.where(several, slip, 0.0).argmax())] *= 0.5
 
 
@@ -131,7 +131,7 @@ def claimed_to_stick(file: h5py.File) -> None:
 
 def other_finger(file: h5py.File) -> None:
     row = first_contact(file, of_table=False)
-    file["contact/body"][row] = (file["contact/body"][row] + 3) % 15
+    file["contact/a"][row] = (file["contact/a"][row] + 3) % 15
 
 
 def long_normal(file: h5py.File) -> None:
@@ -142,7 +142,7 @@ def long_normal(file: h5py.File) -> None:
 
 
 def swapped_wrenches(file: h5py.File) -> None:
-    hand, table = file["tick/object/hand_wrench"], file["tick/object/table_wrench"]
+    hand, table = file["bodies/cylinder/tick/hand_wrench"], file["bodies/cylinder/tick/table_wrench"]
     hand[TICK], table[TICK] = table[TICK], hand[TICK]
 
 
@@ -158,40 +158,38 @@ def split_contact(file: h5py.File) -> None:
         file[f"contact/{name}"].attrs.update(attributes)
 
 
-thrown_object = at("thrown_object", "tick/object/velocity", TICK, lambda x: (0.0, 0.1, 0.0))
+thrown_object = at("thrown_object", "bodies/cylinder/tick/velocity", TICK, lambda x: (0.0, 0.1, 0.0))
 # The mass halved, the gravity doubled: the weight is the same, what moves is not.
-pulled_down_twice = of_scene(
-    "pulled_down_twice", lambda scene: scene["free"].update(mass=25.0, gravity=[0.0, 0.0, -19.62])
-)
-heavier_to_turn = of_scene(
-    "heavier_to_turn", lambda scene: scene["free"].update(inertia=(1.1 * np.array(scene["free"]["inertia"])).tolist())
+pulled_down_twice = of_properties("pulled_down_twice", lambda free: free.update(mass=25.0, gravity=[0.0, 0.0, -19.62]))
+heavier_to_turn = of_properties(
+    "heavier_to_turn", lambda free: free.update(inertia=(1.1 * np.array(free["inertia"])).tolist())
 )
 FAULTS: dict[Fault, str] = {
-    at("pushed_object", "tick/object/position", TICK, lambda x: x + (1e-6, 0.0, 0.0)): "object velocity",
-    at("faster_object", "tick/object/velocity", TICK, lambda x: x + (0.0, 1e-4, 0.0)): "object velocity",
-    of_scene("lighter_object", lambda scene: scene["free"].update(mass=49.0)): "Newton",
-    of_scene("stronger_gravity", lambda scene: scene["free"].update(gravity=[0.0, 0.0, -9.82])): "Newton",
-    at("wrong_moment", "tick/object/table_wrench", (TICK, 4), lambda x: x + 1e-3): "table on object",
-    at("helped_hand", "tick/object/hand_wrench", (TICK, 2), lambda x: x + 1e-2): "hand on object",
+    at("pushed_object", "bodies/cylinder/tick/position", TICK, lambda x: x + (1e-6, 0.0, 0.0)): "object velocity",
+    at("faster_object", "bodies/cylinder/tick/velocity", TICK, lambda x: x + (0.0, 1e-4, 0.0)): "object velocity",
+    of_properties("lighter_object", lambda free: free.update(mass=49.0)): "Newton",
+    of_properties("stronger_gravity", lambda free: free.update(gravity=[0.0, 0.0, -9.82])): "Newton",
+    at("wrong_moment", "bodies/cylinder/tick/table_wrench", (TICK, 4), lambda x: x + 1e-3): "table on object",
+    at("helped_hand", "bodies/cylinder/tick/hand_wrench", (TICK, 2), lambda x: x + 1e-2): "hand on object",
     of_contact("pushed_harder", "normal_force", lambda x: x * 1.01): "equal and opposite",
-    of_scene("smoother_object", lambda scene: scene["free"].update(friction=0.2)): "friction cones",
+    of_properties("smoother_object", lambda free: free.update(friction=0.2)): "friction cones",
     too_much_torsion: "torsion",
     of_contact("pulling_table", "normal_force", lambda x: x * -1.0, of_table=True): "friction cones",
     hidden_slip: "slip",
     halved_slip: "slip",
-    at("friction_off", "tick/object/friction_residual", TICK, lambda x: x + 1e-5): "balanced",
+    at("friction_off", "bodies/cylinder/tick/friction_residual", TICK, lambda x: x + 1e-5): "balanced",
     claimed_to_stick: "sticks",
     at("friction_along", "contact/friction_force", ..., lambda x: x * -1.0): "hand's balance",
-    at("higher_object", "tick/object/table_distance", TICK, lambda x: x + 1e-6): "table",
-    of_scene("sunken_table", lambda scene: scene["free"].update(table=scene["free"]["table"] + 1e-5)): "table",
+    at("higher_object", "bodies/cylinder/tick/table_distance", TICK, lambda x: x + 1e-6): "table",
+    of_properties("sunken_table", lambda free: free.update(table=free["table"] + 1e-5)): "table",
     other_finger: "hand's balance",
     long_normal: "contact rows",
     of_contact("sticks_twice", "sticks", lambda x: 2): "contact rows",
     of_contact("tilted_table", "normal", lambda x: (1e-3, 0.0, np.sqrt(1.0 - 1e-6)), of_table=True): "contact rows",
     swapped_wrenches: "hand on object",
     of_contact("slip_of_no_number", "slip", lambda x: np.nan): "slip",
-    of_scene("other_start", lambda scene: scene["free"].update(velocity=[0.0, 0.0, 1e-3])): "Newton",
-    at("turned_twice", "tick/object/orientation", TICK, lambda x: x * -1.0): "object poses",
+    of_properties("other_start", lambda free: free.update(velocity=[0.0, 0.0, 1e-3])): "Newton",
+    at("turned_twice", "bodies/cylinder/tick/orientation", TICK, lambda x: x * -1.0): "object poses",
     of_contact("point_elsewhere", "point", lambda x: x + (0.0, 1e-4, 0.0)): "hand on object",
     split_contact: "single contacts",
 }
@@ -227,7 +225,7 @@ def test_the_weight_counts_among_the_forces(tmp_path: Path) -> None:
     assert importlib.import_module("hhsim.cli.replay").command.main([*words, str(path)], standalone_mode=False) == 0
     newton = claims(load_result(path))["Newton"]
     assert newton.verdict == HOLDS and 1e-6 < newton.worst < 1e-6 * 9.81e9
-    faster = at("faster", "tick/object/velocity", 10, lambda x: x + (0.0, 0.0, 1e-6))
+    faster = at("faster", "bodies/cube/tick/velocity", 10, lambda x: x + (0.0, 0.0, 1e-6))
     assert claims(planted(path, tmp_path, faster))["Newton"].failed
 
 
@@ -252,8 +250,10 @@ def turned_by_straight_steps(honest: Result, folder: Path, curl: float, way: flo
         come = -way * motion.normal[rows[0]]
         straight, whole = (_turned(shown, share * turn, share * bends, share * come) for share in (STRAIGHT, 1.0))
         before, after = (_frames_of(hand, of, tick) for of in (shown, straight))
-        local = np.einsum("cji,cj->ci", before[1][motion.body[rows]], motion.point[rows] - before[0][motion.body[rows]])
-        moved = after[0][motion.body[rows]] + np.einsum("cij,cj->ci", after[1][motion.body[rows]], local)
+        local = np.einsum(
+            "cji,cj->ci", before[1][motion.touching[rows]], motion.point[rows] - before[0][motion.touching[rows]]
+        )
+        moved = after[0][motion.touching[rows]] + np.einsum("cij,cj->ci", after[1][motion.touching[rows]], local)
         slid = (moved - motion.point[rows]) / STRAIGHT
         along = (slid * motion.normal[rows]).sum(axis=1)
         slip[rows] = np.linalg.norm(slid - along[:, None] * motion.normal[rows], axis=1)
@@ -261,11 +261,11 @@ def turned_by_straight_steps(honest: Result, folder: Path, curl: float, way: flo
             values[tick:] = new[tick:]
     with h5py.File(path, "r+") as file:
         file["contact/slip"][...] = slip
-        file["tick/work/linearisations"][TICK:] = 1
+        file["hands/right/tick/work/linearisations"][TICK:] = 1
         for name in ("position", "orientation"):
-            file[f"tick/object/{name}"][TICK:] = file[f"tick/object/{name}"][TICK - 1]
+            file[f"bodies/cylinder/tick/{name}"][TICK:] = file[f"bodies/cylinder/tick/{name}"][TICK - 1]
         for name, values in shown._asdict().items():
-            file[f"tick/graphic/{name}"][...] = values
+            file[f"hands/right/tick/graphic/{name}"][...] = values
     return path
 
 
@@ -304,7 +304,7 @@ def test_the_slip_on_the_table_is_judged_where_the_object_cannot_have_tilted_and
     honest: Result, tmp_path: Path, programs: int, of_table: bool, judged: bool
 ) -> None:
     def slid(file: h5py.File) -> None:
-        file["tick/work/linearisations"][TICK] = programs
+        file["hands/right/tick/work/linearisations"][TICK] = programs
         file["contact/slip"][first_contact(file, of_table)] += 1e-4
 
     slip = claims(planted(honest.path, tmp_path, slid))["slip"]
@@ -312,7 +312,7 @@ def test_the_slip_on_the_table_is_judged_where_the_object_cannot_have_tilted_and
     assert "with the table in ticks of three programs or more" in slip.note or programs < 3
 
 
-@pytest.mark.parametrize(("column", "change"), [("body", lambda x: 17), ("tick", lambda x: x - 1)])
+@pytest.mark.parametrize(("column", "change"), [("a", lambda x: 18), ("tick", lambda x: x - 1)])
 def test_a_contact_of_no_body_or_out_of_order_is_damage(
     honest: Result, tmp_path: Path, column: str, change: Callable[[Any], Any]
 ) -> None:
@@ -343,20 +343,20 @@ def test_what_turns_together_stands_off_by_straight_steps(honest: Result, tmp_pa
     shutil.copy(honest.path, path)
     center, normal = motion.center[TICK + 1], motion.normal[(motion.tick == TICK) & motion.own][0]
     with h5py.File(path, "r+") as file:
-        of_object, of_hand = (file[f"tick/{of}/position"] for of in ("object", "graphic"))
+        of_object, of_hand = (file[f"{of}/position"] for of in ("bodies/cylinder/tick", "hands/right/tick/graphic"))
         arm = of_hand[TICK] - center
         # About the axis for which that finger goes farthest off.
         axis = normal - arm / np.linalg.norm(arm)
         turn = TURN * axis / np.linalg.norm(axis)
         of_object[TICK] = center + rotations(quaternion(turn[None]))[0].apply(of_object[TICK] - center)[0]
         of_hand[TICK] += np.cross(turn, arm)
-        for turned in (file[f"tick/{of}/orientation"] for of in ("object", "graphic")):
+        for turned in (file[f"{of}/orientation"] for of in ("bodies/cylinder/tick", "hands/right/tick/graphic")):
             turned[TICK] = quaternion_product(quaternion(turn[None]), turned[TICK : TICK + 1])[0]
     bend = 0.5 * TURN**2 * float(np.linalg.norm(arm))
     stands = touching_at_tick(path)
     assert stands.verdict == HOLDS and 4e-6 < stands.worst < bend < stands.tolerance < bend + 2e-6
     with h5py.File(path, "r+") as file:
-        file["tick/graphic/position"][TICK] += 1.05 * (stands.tolerance - stands.worst) * normal
+        file["hands/right/tick/graphic/position"][TICK] += 1.05 * (stands.tolerance - stands.worst) * normal
     assert touching_at_tick(path).failed
 
 

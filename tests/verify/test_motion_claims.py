@@ -83,13 +83,13 @@ def moved_phases(file: h5py.File) -> None:
 
 OF_A_SCRIPT: dict[Fault, str] = {
     of_scene("fixed_object", lambda scene: scene.update(object_pose="fixed")): "object poses",
-    at("nudged_object", "tick/object/position", (1800, 1), lambda x: x + 1e-6): "object poses",
-    at("turned_object", "tick/object/orientation", 1800, lambda x: x * -1.0): "object poses",
+    at("nudged_object", "bodies/cylinder/tick/position", (1800, 1), lambda x: x + 1e-6): "object poses",
+    at("turned_object", "bodies/cylinder/tick/orientation", 1800, lambda x: x * -1.0): "object poses",
     moved_phases: "phases",
     at("renamed_phase", "phase/name", 1, lambda x: "pinch"): "phases",
     at("shorter_phase", "phase/last_tick", 0, lambda x: x - 1): "phases",
-    at("shifted_samples", "tick/input_seq", slice(100, None), lambda x: x + 1): "input",
-    at("repeated_sample", "tick/input_seq", AIR, lambda x: x - 1): "input",
+    at("shifted_samples", "hands/right/tick/input_seq", slice(100, None), lambda x: x + 1): "input",
+    at("repeated_sample", "hands/right/tick/input_seq", AIR, lambda x: x - 1): "input",
 }
 
 
@@ -101,30 +101,32 @@ def test_what_is_planted_in_a_script_is_found(script: Result, tmp_path: Path, fa
 def nudged_together(file: h5py.File) -> None:
     """Both hands by a micrometre, where nothing touches."""
     for name in ("graphic/position", "graphic/joints", "haptic/position"):
-        file[f"tick/{name}"][AIR] += 1e-6
+        file[f"hands/right/tick/{name}"][AIR] += 1e-6
 
 
 def turned_user(file: h5py.File) -> None:
-    w, x, y, z = file["tick/haptic/orientation"][AIR]
-    file["tick/haptic/orientation"][AIR] = np.array([w - 5e-7 * x, x + 5e-7 * w, y + 5e-7 * z, z - 5e-7 * y])
+    w, x, y, z = file["hands/right/tick/haptic/orientation"][AIR]
+    file["hands/right/tick/haptic/orientation"][AIR] = np.array(
+        [w - 5e-7 * x, x + 5e-7 * w, y + 5e-7 * z, z - 5e-7 * y]
+    )
 
 
 def stale_user(file: h5py.File) -> None:
     """A tick has the hand of the tick before."""
     for name in ("position", "orientation", "flexion", "abduction"):
-        file[f"tick/haptic/{name}"][AIR] = file[f"tick/haptic/{name}"][AIR - 12]
+        file[f"hands/right/tick/haptic/{name}"][AIR] = file[f"hands/right/tick/haptic/{name}"][AIR - 12]
 
 
 def another_number(file: h5py.File) -> None:
     """Samples begin three ticks late."""
-    numbers = file["tick/input_seq"][...]
-    file["tick/input_seq"][3:] = numbers[:-3]
+    numbers = file["hands/right/tick/input_seq"][...]
+    file["hands/right/tick/input_seq"][3:] = numbers[:-3]
 
 
 OF_A_RECORDING = (
     nudged_together,
-    at("nudged_with_nothing", "tick/object/position", (AIR, 2), lambda x: x + 1e-6),
-    at("bent_user_finger", "tick/haptic/flexion", (AIR, 3, 1), lambda x: x + 1e-6),
+    at("nudged_with_nothing", "bodies/cylinder/tick/position", (AIR, 2), lambda x: x + 1e-6),
+    at("bent_user_finger", "hands/right/tick/haptic/flexion", (AIR, 3, 1), lambda x: x + 1e-6),
     *(turned_user, stale_user, another_number),
 )
 
@@ -176,7 +178,7 @@ def test_beside_moving_parts_the_deepest_part_counts(tmp_path: Path) -> None:
     scene = open_scene("laptop", "close", level=3)
     replay_scene(cut(scene, slice(2050, 2200)), SolverOptions(), tmp_path / "parts.h5")
     result = load_result(tmp_path / "parts.h5")
-    assert len(result.parts) == 2 and np.ptp(result["things/laptop/lid/joint"]) > 0.05
+    assert len(result.bodies) == 2 and np.ptp(result.bodies["lid"]["joint"]) > 0.05
     assert result.summary[DEPTH] > 1e-3
     assert verdicts(result) == {"input depth": HOLDS, "correction": HOLDS}
     for name, found in ((DEPTH, "input depth"), (CORRECTION[2], "correction")):

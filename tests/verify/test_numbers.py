@@ -26,9 +26,9 @@ def honest(tmp_path_factory: pytest.TempPathFactory) -> Result:
 @pytest.mark.parametrize(
     "plant",
     [
-        at("no_orientation", "tick/graphic/orientation", HOLD, lambda x: 0.0),
-        at("no_number", "tick/graphic/orientation", HOLD, lambda x: np.nan),
-        at("no_angle", "tick/graphic/flexion", (HOLD, 1, 1), lambda x: np.nan),
+        at("no_orientation", "hands/right/tick/graphic/orientation", HOLD, lambda x: 0.0),
+        at("no_number", "hands/right/tick/graphic/orientation", HOLD, lambda x: np.nan),
+        at("no_angle", "hands/right/tick/graphic/flexion", (HOLD, 1, 1), lambda x: np.nan),
     ],
     ids=lambda plant: plant.__name__,
 )

@@ -59,20 +59,20 @@ def test_an_honest_run_holds_in_every_claim(honest: Result) -> None:
 
 def bent_finger(file: h5py.File) -> None:
     """The index finger of the shown hand bent on into the thumb by 1 mrad, joints and all."""
-    flexion = file["tick/graphic/flexion"][LAST]
+    flexion = file["hands/right/tick/graphic/flexion"][LAST]
     flexion[1, 0] += 1e-3
-    file["tick/graphic/flexion"][LAST] = flexion
-    shown = HandConfiguration(*(file[f"tick/graphic/{name}"][LAST] for name in HandConfiguration._fields))
-    file["tick/graphic/joints"][LAST] = HandModel.default().joints(*shown)
+    file["hands/right/tick/graphic/flexion"][LAST] = flexion
+    shown = HandConfiguration(*(file[f"hands/right/tick/graphic/{name}"][LAST] for name in HandConfiguration._fields))
+    file["hands/right/tick/graphic/joints"][LAST] = HandModel.default().joints(*shown)
 
 
 def pulling_thumb(file: h5py.File) -> None:
     """The thumb is drawn to the finger that it bears on."""
-    file["tick/force/phalanx"][LAST, 0] *= -1.0
+    file["hands/right/tick/force/phalanx"][LAST, 0] *= -1.0
 
 
 def shallow_user(file: h5py.File) -> None:
-    file["summary"].attrs["self_depth_haptic"] *= 0.999
+    file["summary/right"].attrs["self_depth_haptic"] *= 0.999
 
 
 FAULTS: dict[Fault, str] = {bent_finger: "own parts", pulling_thumb: "force balance", shallow_user: "depth in itself"}

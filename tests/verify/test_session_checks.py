@@ -171,9 +171,9 @@ def counted(name: str, change: Callable[[dict[str, int]], object]) -> Fault:
     """Change the counters of the glove's driver."""
 
     def fault(file: h5py.File) -> None:
-        counters = json.loads(file["live"].attrs["counters"])
+        counters = json.loads(file["hands/right/live"].attrs["counters"])
         change(counters)
-        file["live"].attrs["counters"] = json.dumps(counters)
+        file["hands/right/live"].attrs["counters"] = json.dumps(counters)
 
     return with_name(name, fault)
 
@@ -182,139 +182,143 @@ def counted(name: str, change: Callable[[dict[str, int]], object]) -> Fault:
 
 
 def unsaid_overrun(file: h5py.File) -> None:
-    tick = int(np.argmax(file["live/tick/missed"][...]))
-    file["live/tick/safety"][tick] = 0
+    tick = int(np.argmax(file["hands/right/live/tick/missed"][...]))
+    file["hands/right/live/tick/safety"][tick] = 0
 
 
 def seized_at_once(file: h5py.File) -> None:
     """Right after a fault, fingers are as stiff as before it."""
-    first = int(np.flatnonzero(file["live/tick/safety"][...])[-1])
-    while file["live/tick/safety"][first]:
+    first = int(np.flatnonzero(file["hands/right/live/tick/safety"][...])[-1])
+    while file["hands/right/live/tick/safety"][first]:
         first -= 1
     begin = first
-    while not file["live/tick/safety"][begin - 1]:
+    while not file["hands/right/live/tick/safety"][begin - 1]:
         begin -= 1
-    file["live/tick/command_stiffness"][begin] = 0.3
+    file["hands/right/live/tick/command_stiffness"][begin] = 0.3
 
 
 def unsaid_failure(file: h5py.File) -> None:
     """A period has neither a tick nor a miss, and the log no longer tells why."""
-    text = file["live/event/text"]
+    text = file["hands/right/live/event/text"]
     text[...] = [b"" if line.startswith(b"the solver failed") else line for line in text[...]]
 
 
 def early_without_a_sample(file: h5py.File) -> None:
-    file["live/tick/deadline"][HOLD] -= PERIOD // 4
-    file["live/tick/early"][HOLD] = PERIOD // 4
+    file["hands/right/live/tick/deadline"][HOLD] -= PERIOD // 4
+    file["hands/right/live/tick/early"][HOLD] = PERIOD // 4
 
 
 def _early(file: h5py.File) -> int:
-    return int(np.flatnonzero(file["live/tick/early"][:])[0])
+    return int(np.flatnonzero(file["hands/right/live/tick/early"][:])[0])
 
 
 def due_when_it_woke(file: h5py.File) -> None:
     """As if no time had passed between a sample and the tick that it made due."""
     at = _early(file)
-    file["live/tick/deadline"][at] += WAKING_NS
-    file["live/tick/early"][at] -= WAKING_NS
-    file["live/tick/wakeup"][at] = 0
+    file["hands/right/live/tick/deadline"][at] += WAKING_NS
+    file["hands/right/live/tick/early"][at] -= WAKING_NS
+    file["hands/right/live/tick/wakeup"][at] = 0
 
 
 def too_early(file: h5py.File) -> None:
     at = _early(file)
-    more = PERIOD * 4 // 5 - file["live/tick/early"][at]
-    file["live/tick/deadline"][at] -= more
-    file["live/tick/early"][at] += more
+    more = PERIOD * 4 // 5 - file["hands/right/live/tick/early"][at]
+    file["hands/right/live/tick/deadline"][at] -= more
+    file["hands/right/live/tick/early"][at] += more
 
 
 def two_in_a_row_without_a_sleep(file: h5py.File) -> None:
     """The first of them is as it was recorded."""
-    at = int(np.flatnonzero(file["live/tick/at_once"][:])[0])
-    file["live/tick/at_once"][at + 1] = 1
+    at = int(np.flatnonzero(file["hands/right/live/tick/at_once"][:])[0])
+    file["hands/right/live/tick/at_once"][at + 1] = 1
 
 
 def passed_over(file: h5py.File) -> None:
     """The two samples after the one in use had been handed over 1 ms before the tick woke."""
     tick = HOLD + 5
-    used = int(file["tick/input_seq"][tick])
-    row = int(np.flatnonzero(file["live/sample/seq"][:] == used)[0])
-    woke = file["live/tick/deadline"][tick] + file["live/tick/wakeup"][tick]
+    used = int(file["hands/right/tick/input_seq"][tick])
+    row = int(np.flatnonzero(file["hands/right/live/sample/seq"][:] == used)[0])
+    woke = file["hands/right/live/tick/deadline"][tick] + file["hands/right/live/tick/wakeup"][tick]
     for name in ("time", "handed"):
-        file[f"live/sample/{name}"][row : row + 3] = woke - PERIOD + np.arange(3)
+        file[f"hands/right/live/sample/{name}"][row : row + 3] = woke - PERIOD + np.arange(3)
 
 
 def handed_before_it_came(file: h5py.File) -> None:
-    file["live/sample/handed"][HOLD] = file["live/sample/time"][HOLD] - 1
+    file["hands/right/live/sample/handed"][HOLD] = file["hands/right/live/sample/time"][HOLD] - 1
 
 
 def samples_out_of_order(file: h5py.File) -> None:
-    file["live/sample/time"][HOLD] = file["live/sample/time"][HOLD - 2]
+    file["hands/right/live/sample/time"][HOLD] = file["hands/right/live/sample/time"][HOLD - 2]
 
 
 def swapped_commands(file: h5py.File) -> None:
     for name in ("bend", "stiffness"):
-        row = file[f"live/tick/command_{name}"][HOLD]
+        row = file[f"hands/right/live/tick/command_{name}"][HOLD]
         row[[1, 2]] = row[[2, 1]]
-        file[f"live/tick/command_{name}"][HOLD] = row
+        file[f"hands/right/live/tick/command_{name}"][HOLD] = row
 
 
 FAULTS: dict[Fault, str] = {
-    at("pushed_though_stale", "live/tick/command_stiffness", (STALE, 1), lambda x: 0.3): "free fingers",
-    at("excused_though_pushed", "live/tick/safety", HOLD, lambda x: int(Safety.NO_WATCHDOG)): "free fingers",
-    at("unsaid_stale", "live/tick/safety", STALE, lambda x: 0): "reasons",
-    at("unsaid_bad_sample", "live/tick/safety", 142, lambda x: 0): "reasons",
+    at("pushed_though_stale", "hands/right/live/tick/command_stiffness", (STALE, 1), lambda x: 0.3): "free fingers",
+    at(
+        "excused_though_pushed", "hands/right/live/tick/safety", HOLD, lambda x: int(Safety.NO_WATCHDOG)
+    ): "free fingers",
+    at("unsaid_stale", "hands/right/live/tick/safety", STALE, lambda x: 0): "reasons",
+    at("unsaid_bad_sample", "hands/right/live/tick/safety", 142, lambda x: 0): "reasons",
     unsaid_overrun: "reasons",
-    at("unsaid_stop", "live/tick/safety", -1, lambda x: 0): "reasons",
-    at("unknown_reason", "live/tick/safety", STALE, lambda x: 512): "reasons",
-    at("beyond_the_setting", "live/tick/command_stiffness", (HOLD, 2), lambda x: 0.31): "command bounds",
+    at("unsaid_stop", "hands/right/live/tick/safety", -1, lambda x: 0): "reasons",
+    at("unknown_reason", "hands/right/live/tick/safety", STALE, lambda x: 512): "reasons",
+    at("beyond_the_setting", "hands/right/live/tick/command_stiffness", (HOLD, 2), lambda x: 0.31): "command bounds",
     seized_at_once: "stiffness",
-    at("stiff_in_the_air", "live/tick/command_stiffness", (10, 1), lambda x: 0.1): "stiffness",
-    at("softer_than_said", "live/tick/command_stiffness", (HOLD, 2), lambda x: 0.2): "stiffness",
-    at("bend_beyond_a_fist", "live/tick/command_bend", (HOLD, 3), lambda x: 1.001): "command bounds",
-    at("leaping_set_point", "live/tick/command_bend", (HOLD, 3), lambda x: x + 0.05): "command bounds",
-    at("shifted_set_point", "live/tick/command_bend", (HOLD, 3), lambda x: x - 1e-3): "set points",
-    at("uncounted_miss", "live/tick/missed", OVERSLEPT + 1, lambda x: x - 1): "missed periods",
+    at("stiff_in_the_air", "hands/right/live/tick/command_stiffness", (10, 1), lambda x: 0.1): "stiffness",
+    at("softer_than_said", "hands/right/live/tick/command_stiffness", (HOLD, 2), lambda x: 0.2): "stiffness",
+    at("bend_beyond_a_fist", "hands/right/live/tick/command_bend", (HOLD, 3), lambda x: 1.001): "command bounds",
+    at("leaping_set_point", "hands/right/live/tick/command_bend", (HOLD, 3), lambda x: x + 0.05): "command bounds",
+    at("shifted_set_point", "hands/right/live/tick/command_bend", (HOLD, 3), lambda x: x - 1e-3): "set points",
+    at("uncounted_miss", "hands/right/live/tick/missed", OVERSLEPT + 1, lambda x: x - 1): "missed periods",
     unsaid_failure: "missed periods",
-    at("invented_miss", "live/tick/missed", HOLD, lambda x: 1): "missed periods",
-    at("no_name", "live/tick/cause", OVERSLEPT + 1, lambda x: 0): "causes of missed periods",
-    at("other_name", "live/tick/cause", OVERSLEPT + 1, lambda x: 3): "causes of missed periods",
-    at("more_waited", "live/tick/taken/kept", OVERSLEPT + 1, lambda x: x + 2 * PERIOD): "causes of missed periods",
-    at("moved_deadline", "live/tick/deadline", HOLD, lambda x: x + 1000): "deadlines",
-    at("leapt", "live/tick/deadline", slice(HOLD, None), lambda x: x + PERIOD // 100): "deadlines",
+    at("invented_miss", "hands/right/live/tick/missed", HOLD, lambda x: 1): "missed periods",
+    at("no_name", "hands/right/live/tick/cause", OVERSLEPT + 1, lambda x: 0): "causes of missed periods",
+    at("other_name", "hands/right/live/tick/cause", OVERSLEPT + 1, lambda x: 3): "causes of missed periods",
+    at(
+        "more_waited", "hands/right/live/tick/taken/kept", OVERSLEPT + 1, lambda x: x + 2 * PERIOD
+    ): "causes of missed periods",
+    at("moved_deadline", "hands/right/live/tick/deadline", HOLD, lambda x: x + 1000): "deadlines",
+    at("leapt", "hands/right/live/tick/deadline", slice(HOLD, None), lambda x: x + PERIOD // 100): "deadlines",
     early_without_a_sample: "early ticks",
     due_when_it_woke: "early ticks",
     too_early: "early ticks",
     at("wrong_time", "tick/time", HOLD, lambda x: x + 1e-4): "time",
-    at("early_wake_up", "live/tick/wakeup", HOLD, lambda x: -5): "wake-up",
-    at("overslept_and_not_missed", "live/tick/wakeup", HOLD, lambda x: 2 * PERIOD): "wake-up",
-    at("longer_than_its_period", "tick/duration/total", HOLD, lambda x: PERIOD + PERIOD // 1000): "wake-up",
+    at("early_wake_up", "hands/right/live/tick/wakeup", HOLD, lambda x: -5): "wake-up",
+    at("overslept_and_not_missed", "hands/right/live/tick/wakeup", HOLD, lambda x: 2 * PERIOD): "wake-up",
+    at("longer_than_its_period", "hands/right/tick/duration/total", HOLD, lambda x: PERIOD + PERIOD // 1000): "wake-up",
     two_in_a_row_without_a_sleep: "wake-up",
-    at("latency_before_the_work_is_done", "live/tick/latency", HOLD, lambda x: 0): "latency",
-    at("latency_beyond_the_period", "live/tick/latency", HOLD, lambda x: x + PERIOD): "latency",
-    at("latency_without_a_sample", "live/tick/latency", STALE, lambda x: 50_000): "latency",
-    at("older_sample", "tick/input_seq", HOLD, lambda x: x - 1): "newest sample",
-    at("bad_sample_used", "live/sample/good", HOLD, lambda x: 0): "newest sample",
+    at("latency_before_the_work_is_done", "hands/right/live/tick/latency", HOLD, lambda x: 0): "latency",
+    at("latency_beyond_the_period", "hands/right/live/tick/latency", HOLD, lambda x: x + PERIOD): "latency",
+    at("latency_without_a_sample", "hands/right/live/tick/latency", STALE, lambda x: 50_000): "latency",
+    at("older_sample", "hands/right/tick/input_seq", HOLD, lambda x: x - 1): "newest sample",
+    at("bad_sample_used", "hands/right/live/sample/good", HOLD, lambda x: 0): "newest sample",
     samples_out_of_order: "samples",
     handed_before_it_came: "samples",
     passed_over: "newest sample",
-    at("other_finger", "tick/haptic/flexion", (HOLD, 2, 0), lambda x: x + 1e-4): "fingers of the sample",
-    at("unsaid_loss", "live/tick/record", slice(HOLD, None), lambda x: x + 1): "records",
-    attribute("invented_loss", "live", "lost_samples", lambda x: 3): "records",
-    attribute("stale_count", "summary", "kept_free_stale_input", lambda x: x - 1): "session figures",
-    attribute("stale_latency", "summary", "latency_p99", lambda x: x * 0.99): "session figures",
-    attribute("fewer_misses", "summary", "missed", lambda x: 1): "session figures",
-    attribute("other_causes", "summary", "missed_host", lambda x: x + 2): "session figures",
-    attribute("strange_figure", "summary", "comfort", lambda x: 1.0): "session figures",
-    attribute("other_end", "live", "ended", lambda x: "the user was happy"): "end",
-    attribute("died_in_order", "live", "ended", lambda x: "the loop failed or was killed"): "end",
+    at("other_finger", "hands/right/tick/haptic/flexion", (HOLD, 2, 0), lambda x: x + 1e-4): "fingers of the sample",
+    at("unsaid_loss", "hands/right/live/tick/record", slice(HOLD, None), lambda x: x + 1): "records",
+    attribute("invented_loss", "hands/right/live", "lost_samples", lambda x: 3): "records",
+    attribute("stale_count", "summary/right", "kept_free_stale_input", lambda x: x - 1): "session figures",
+    attribute("stale_latency", "summary/right", "latency_p99", lambda x: x * 0.99): "session figures",
+    attribute("fewer_misses", "summary/right", "missed", lambda x: 1): "session figures",
+    attribute("other_causes", "summary/right", "missed_host", lambda x: x + 2): "session figures",
+    attribute("strange_figure", "summary/right", "comfort", lambda x: 1.0): "session figures",
+    attribute("other_end", "hands/right/live", "ended", lambda x: "the user was happy"): "end",
+    attribute("died_in_order", "hands/right/live", "ended", lambda x: "the loop failed or was killed"): "end",
     counted("fewer_samples_counted", lambda counters: counters.update(samples=counters["samples"] - 10)): "counters",
     counted("more_samples_counted", lambda counters: counters.update(samples=counters["samples"] + 1000)): "counters",
     counted("more_commands_counted", lambda counters: counters.update(commands=10**6)): "counters",
     counted("no_commands_counted", lambda counters: counters.update(commands=0)): "counters",
     counted("another_counter", lambda counters: counters.update(kind_words=3)): "counters",
-    at("samples_shifted", "tick/input_seq", slice(HOLD, HOLD + 30), lambda x: x + 1): "newest sample",
-    at("held_input", "tick/status", slice(HOLD, HOLD + 30), lambda x: x | 4): "reasons",
-    at("bend_of_no_number", "live/tick/command_bend", (HOLD, 3), lambda x: np.nan): "command bounds",
+    at("samples_shifted", "hands/right/tick/input_seq", slice(HOLD, HOLD + 30), lambda x: x + 1): "newest sample",
+    at("held_input", "hands/right/tick/status", slice(HOLD, HOLD + 30), lambda x: x | 4): "reasons",
+    at("bend_of_no_number", "hands/right/live/tick/command_bend", (HOLD, 3), lambda x: np.nan): "command bounds",
     swapped_commands: "stiffness",
 }
 
@@ -331,10 +335,10 @@ def test_what_is_forged_in_a_session_is_found_by_name(session: Result, tmp_path:
 def test_a_driver_may_be_stopped_between_reading_a_sample_and_handing_it_over(session: Result, tmp_path: Path) -> None:
     def read_long_before(file: h5py.File) -> None:
         # The first sample after 40 ticks without one had been read 22 ms before it was handed over.
-        used, latency = file["tick/input_seq"][STALE : STALE + 40], file["live/tick/latency"]
+        used, latency = file["hands/right/tick/input_seq"][STALE : STALE + 40], file["hands/right/live/tick/latency"]
         tick = STALE + int(np.flatnonzero(used != used[0])[0])
-        row = int(np.flatnonzero(file["live/sample/seq"][:] == used[tick - STALE])[0])
-        file["live/sample/time"][row] -= 22 * PERIOD
+        row = int(np.flatnonzero(file["hands/right/live/sample/seq"][:] == used[tick - STALE])[0])
+        file["hands/right/live/sample/time"][row] -= 22 * PERIOD
         latency[tick] += 22 * PERIOD
 
     claims = verify_session.session_claims(planted(session.path, tmp_path, read_long_before))
@@ -343,8 +347,8 @@ def test_a_driver_may_be_stopped_between_reading_a_sample_and_handing_it_over(se
 
 def test_what_the_glove_sent_is_not_judged_and_said_so(session: Result, tmp_path: Path) -> None:
     def of_the_glove(file: h5py.File) -> None:
-        file["live/sample/channel"][HOLD] = 0.123
-        file["live/sample/battery"][HOLD] = 7
+        file["hands/right/live/sample/channel"][HOLD] = 0.123
+        file["hands/right/live/sample/battery"][HOLD] = 7
 
     forged = planted(session.path, tmp_path, of_the_glove)
     found = {claim.name: claim for claim in verify(forged, every=1000).claims}
@@ -378,14 +382,14 @@ def test_a_session_whose_recorder_lost_ticks_and_samples_is_judged_by_what_is_le
     found = verify(session, every=50)
     assert failing(found) == set()
 
-    stiffer = at("stiffer", "live/tick/command_stiffness", (120, 1), lambda x: 0.4)
+    stiffer = at("stiffer", "hands/right/live/tick/command_stiffness", (120, 1), lambda x: 0.4)
     assert failing(verify(planted(session.path, tmp_path, stiffer), every=50)) >= {"command bounds", "stiffness"}
 
 
 def test_a_dry_run_tells_so_in_every_tick(tmp_path: Path) -> None:
     session = recorded(tmp_path / "dry.h5", SHORT, dry_run=True)
     assert failing(verify(session, every=100)) == set()
-    untold = attribute("untold", "live", "dry_run", lambda x: 0)
+    untold = attribute("untold", "hands/right/live", "dry_run", lambda x: 0)
     assert "reasons" in failing(verify(planted(session.path, tmp_path, untold), every=100))
 
 
@@ -400,7 +404,7 @@ def test_a_stall_that_is_eased_or_held_is_judged_by_what_was_asked_for(tmp_path:
     assert session["live/tick/command_stiffness"][tick, 2:].min() >= least
     assert ((session["live/tick/safety"] & Safety.OVERRUN_STREAK) > 0).any(), "the longer one frees the fingers"
     assert failing(verify(session, every=100)) == set()
-    softer = at("softer", "live/tick/command_stiffness", tick + 3, lambda x: 0.28)
+    softer = at("softer", "hands/right/live/tick/command_stiffness", tick + 3, lambda x: 0.28)
     assert "stiffness" in failing(verify(planted(session.path, tmp_path, softer), every=100))
 
 
@@ -456,9 +460,9 @@ def test_the_bend_of_the_referee_is_that_of_the_output() -> None:
 
 def test_a_session_has_the_ticks_that_every_column_of_the_loop_has(session: Result, tmp_path: Path) -> None:
     def shorter(file: h5py.File) -> None:
-        rows = file["live/tick/cause"][:-3]
-        del file["live/tick/cause"]
-        file["live/tick/cause"] = rows
+        rows = file["hands/right/live/tick/cause"][:-3]
+        del file["hands/right/live/tick/cause"]
+        file["hands/right/live/tick/cause"] = rows
         file.attrs["complete"] = 0
 
     found = planted(session.path, tmp_path, shorter)

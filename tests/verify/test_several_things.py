@@ -1,5 +1,6 @@
 """The referee's claims of several things: an honest result passes, and planted faults are found under their names."""
 
+import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from file_faults import Fault, at, of_scene, with_name
+from file_faults import Fault, at, with_name
 from sampled import first_of_each
 from sealed_change import changed
 
@@ -38,7 +39,7 @@ mass = 0.05
     for name, x in (("one", -0.01), ("two", 0.01))
 )
 """A block in two halves, which the fingers press on each other."""
-ONE, TWO = (f"things/halves/{name}" for name in ("one", "two"))
+ONE, TWO = (f"bodies/{name}/tick" for name in ("one", "two"))
 
 
 @pytest.fixture(scope="module")
@@ -81,19 +82,19 @@ def test_an_honest_result_passes_where_the_hand_bears_on_both(honest: Result) ->
 
 def given_to_another(file: h5py.File) -> None:
     """What one body bears is given to the next one that bears something: the sum is the same."""
-    phalanx = file["tick/force/phalanx"][HELD].reshape(15, 3)
+    phalanx = file["hands/right/tick/force/phalanx"][HELD].reshape(15, 3)
     one, other = np.flatnonzero(np.abs(phalanx).any(axis=1))[:2]
     phalanx[[one, other]] = phalanx[[other, one]]
-    file["tick/force/phalanx"][HELD] = phalanx.reshape(5, 3, 3)
+    file["hands/right/tick/force/phalanx"][HELD] = phalanx.reshape(5, 3, 3)
 
 
 def force_in_the_air(file: h5py.File) -> None:
     """A body that touches nothing bears half a newton, and another one less."""
-    phalanx = file["tick/force/phalanx"][HELD].reshape(15, 3)
+    phalanx = file["hands/right/tick/force/phalanx"][HELD].reshape(15, 3)
     bears = np.abs(phalanx).any(axis=1)
     phalanx[np.flatnonzero(~bears)[0], 2] += 0.5
     phalanx[np.flatnonzero(bears)[0], 2] -= 0.5
-    file["tick/force/phalanx"][HELD] = phalanx.reshape(5, 3, 3)
+    file["hands/right/tick/force/phalanx"][HELD] = phalanx.reshape(5, 3, 3)
 
 
 def of_second(name: str, column: str, tick: int, change: Callable[[Any], Any]) -> Fault:
@@ -114,11 +115,11 @@ FAULTS: dict[Fault, str] = {
     of_second("twisted by the hand", "hand_wrench", HELD, lambda x: x + (0.0, 0.0, 0.0, 0.01, 0.0, 0.0)): "Euler",
     of_second("sunken", "position", AT_REST, lambda x: x - (0.0, 0.0, 1e-6)): "table",
     of_second(
-        "turned in itself", "thing_wrench", AT_REST, lambda x: x + (0.0, 0.0, 0.0, 0.0, 0.0, 1e-3)
+        "turned in itself", "body_wrench", AT_REST, lambda x: x + (0.0, 0.0, 0.0, 0.0, 0.0, 1e-3)
     ): "between things",
     of_second("helped", "hand_wrench", HELD, lambda x: x + (0.0, 0.0, 1e-3, 0.0, 0.0, 0.0)): "hands on things",
-    at("of another object", "tick/object/hand_wrench", (HELD, 2), lambda x: x + 1e-3): "first thing",
-    at("first elsewhere", f"{ONE}/velocity", (HELD, 2), lambda x: x + 1e-6): "first thing",
+    at("of another object", f"{ONE}/hand_wrench", (HELD, 2), lambda x: x + 1e-3): "hand on object",
+    at("first elsewhere", f"{ONE}/velocity", (HELD, 2), lambda x: x + 1e-6): "object velocity",
     given_to_another: "hand's balance",
     force_in_the_air: "complementarity",
     into_the_hand: "non-penetration",
@@ -149,10 +150,10 @@ def test_the_last_of_several_programs_in_a_tick_may_step_back(honest: Result, tm
 
     def fails(share: float, programs: int) -> bool:
         def pushed_in_the_air(file: h5py.File) -> None:
-            file["tick/work/linearisations"][HELD] = programs
+            file["hands/right/tick/work/linearisations"][HELD] = programs
             # A body that bears nothing, against the palm: the sum is the same.
-            bare = np.argwhere(~file["tick/force/phalanx"][HELD].any(axis=2))[0]
-            file["tick/force/phalanx"][HELD, bare[0], bare[1]] = (0.0, 0.0, share * allowance)
+            bare = np.argwhere(~file["hands/right/tick/force/phalanx"][HELD].any(axis=2))[0]
+            file["hands/right/tick/force/phalanx"][HELD, bare[0], bare[1]] = (0.0, 0.0, share * allowance)
 
         return claims(planted(honest, tmp_path, pushed_in_the_air), [HELD])["hand's balance"].failed
 
@@ -164,23 +165,28 @@ def test_the_last_of_several_programs_in_a_tick_may_step_back(honest: Result, tm
 @pytest.mark.parametrize("status", [STUCK, LAG])
 def test_a_result_without_a_settled_tick_has_a_verdict(honest: Result, tmp_path: Path, status: int) -> None:
     def settles_never(file: h5py.File) -> None:
-        file["tick/status"][:] = status
+        file["hands/right/tick/status"][:] = status
 
     found = claims(planted(honest, tmp_path, settles_never), np.arange(0, TICKS, 400))
     assert found["hand's balance"].verdict == NOT_JUDGED and found["hand's balance"].checked == 0
     assert found["things apart"].verdict == HOLDS
 
 
-left_of_two = of_scene("left", lambda scene: scene.update(two_handed=True, hand={**scene["hand"], "side": "left"}))
+def left_of_two(file: h5py.File) -> None:
+    """A second hand like the first one."""
+    for group in ("hands", "summary"):
+        file.copy(f"{group}/right", f"{group}/left")
+    names = json.loads(file["contact"].attrs["names"])
+    file["contact"].attrs["names"] = json.dumps([*names[:16], *(name.replace("right", "left") for name in names)])
 
 
 @pytest.mark.parametrize(
     ("fault", "holds"),
     [
-        (at("none", "tick/lag", HELD, lambda x: x), True),
-        (at("less work", "tick/work/linearisations", HELD, lambda x: x - 1), False),
-        (at("farther", "tick/lag", HELD, lambda x: 1.0), False),
-        (at("negative", "tick/lag", HELD, lambda x: -1e-8), False),
+        (at("none", "hands/right/tick/lag", HELD, lambda x: x), True),
+        (at("less work", "hands/right/tick/work/linearisations", HELD, lambda x: x - 1), False),
+        (at("farther", "hands/right/tick/lag", HELD, lambda x: 1.0), False),
+        (at("negative", "hands/right/tick/lag", HELD, lambda x: -1e-8), False),
         (left_of_two, False),
     ],
     ids=lambda value: getattr(value, "__name__", ""),
@@ -189,32 +195,28 @@ def test_a_thing_may_lag_where_the_hand_does_not(honest: Result, tmp_path: Path,
     """The first hand has the flag of a thing that has distance to go past another one, and no distance of its own."""
 
     def lags(file: h5py.File) -> None:
-        file["tick/status"][HELD], file["tick/lag"][HELD] = LAG, 0.0
-        file["tick/work/linearisations"][HELD] = honest.scene["solver"]["linearisations"]
+        file["hands/right/tick/status"][HELD], file["hands/right/tick/lag"][HELD] = LAG, 0.0
+        file["hands/right/tick/work/linearisations"][HELD] = honest.scene["solver"]["linearisations"]
         fault(file)
 
-    judge = JudgedTicks(planted(honest, tmp_path, lags), np.array([HELD]))
+    judge = JudgedTicks(list(planted(honest, tmp_path, lags).hands.values())[-1], np.array([HELD]))
     lag = next(claim for claim in posture_claims(judge) if claim.name == "lag")
     assert (lag.verdict == HOLDS) == holds and (not holds or "in 1 tick the hand is done" in lag.note)
     assert holds or lag.tick == HELD
 
 
-def test_figures_that_results_of_several_things_once_lacked_are_not_judged(honest: Result, tmp_path: Path) -> None:
+def test_figures_of_the_users_hand_are_there(honest: Result, tmp_path: Path) -> None:
     def verdicts(change: dict[str, Any]) -> dict[str, Claim]:
-        result = planted(honest, tmp_path, lambda file: file["summary"].attrs.update(change))
+        result = planted(honest, tmp_path, lambda file: file["summary/right"].attrs.update(change))
         return {claim.name: claim for claim in input_hand_claims(JudgedTicks(result, np.array([HELD])))}
 
     assert verdicts({})["correction"].verdict == HOLDS
-    lacking = verdicts(dict.fromkeys(INPUT_HAND, np.nan))
-    assert {claim.verdict for claim in lacking.values()} == {NOT_JUDGED}
-    assert all("has no such figures" in claim.note for claim in lacking.values())
-    # A result of today has the depth at least, and each figure.
     assert verdicts(dict.fromkeys(CORRECTION, np.nan))["correction"].failed
     with_none = tmp_path / "none.h5"
     shutil.copy(honest.path, with_none)
     with changed(with_none) as file:
         for name in INPUT_HAND:
-            del file["summary"].attrs[name]
+            del file["summary/right"].attrs[name]
     result = load_result(with_none)
     assert {claim.name for claim in metric_claims(result) if claim.failed} == {"summary"}
     assert any(claim.failed for claim in input_hand_claims(JudgedTicks(result, np.array([HELD]))))

@@ -111,7 +111,7 @@ def test_a_long_run_is_sampled_and_says_so(honest: Result, monkeypatch: pytest.M
 def test_a_hand_that_leaps_inside_is_asked_of_the_library_whatever_is_sampled(honest: Result, tmp_path: Path) -> None:
     def leaps(file: h5py.File) -> None:
         for name in ("position", "joints"):
-            file[f"tick/graphic/{name}"][UNMARKED] += (0.0, 0.0, 0.02)
+            file[f"hands/right/tick/graphic/{name}"][UNMARKED] += (0.0, 0.0, 0.02)
 
     ticks = chosen_ticks(planted(honest.path, tmp_path, leaps), 1000)
     assert {UNMARKED, UNMARKED + 1} <= set(ticks.tolist())
@@ -165,7 +165,7 @@ def reversed_ticks(name: str, ticks: slice) -> Fault:
         if isinstance(item, h5py.Dataset) and dataset not in ("time", "input_seq"):
             item[ticks] = item[ticks][::-1]
 
-    return with_name(name, lambda file: file["tick"].visititems(turn))
+    return with_name(name, lambda file: file["hands/right/tick"].visititems(turn))
 
 
 def wholly_stretched_time(file: h5py.File) -> None:
@@ -185,8 +185,8 @@ AGAIN: dict[Fault, str] = {
     reversed_ticks("swapped_ticks", slice(10, 12)): "again: motion",
     wholly_stretched_time: "again: motion",
     another_motion: "again: motion",
-    attribute("edited_tremor", "summary", TREMBLING, lambda x: x * 0.5): "again: figures",
-    attribute("edited_tracking", "summary", "tracking_excess", lambda x: 0.01): "again: figures",
+    attribute("edited_tremor", "summary/right", TREMBLING, lambda x: x * 0.5): "again: figures",
+    attribute("edited_tracking", "summary/right", "tracking_excess", lambda x: 0.01): "again: figures",
     less_work: "again: ticks",
     renamed_method: "again: ticks",
     option("skin", 1e-3): "again: ticks",
@@ -249,14 +249,14 @@ def lagging(tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 def test_a_lag_that_is_left_out_is_found(lagging: Result, tmp_path: Path) -> None:
     def unflagged(file: h5py.File) -> None:
-        status = file["tick/status"]
+        status = file["hands/right/tick/status"]
         status[...] = status[...] & ~2
-        file["tick/lag"][...] = 0.0
-        file["summary"].attrs.update(lag_ticks=0.0, lag_max=0.0)
+        file["hands/right/tick/lag"][...] = 0.0
+        file["summary/right"].attrs.update(lag_ticks=0.0, lag_max=0.0)
 
     def understated(file: h5py.File) -> None:
-        file["tick/lag"][...] *= 0.5
-        file["summary"].attrs["lag_max"] *= 0.5
+        file["hands/right/tick/lag"][...] *= 0.5
+        file["summary/right"].attrs["lag_max"] *= 0.5
 
     assert {"palm balance", "free hand"} & failing(verify(planted(lagging.path, tmp_path, unflagged), every=40))
     assert run_anew(planted(lagging.path, tmp_path, understated))["again: ticks"].failed
@@ -287,15 +287,15 @@ def test_a_depth_set_to_zero_where_the_hand_penetrates_is_found(tmp_path: Path) 
 
     def zeroed(file: h5py.File) -> None:
         for name in ("depth", "palm", "finger"):
-            file[f"tick/penetration_{name}"][...] = 0.0
-        file["summary"].attrs["penetration_max"] = 0.0
+            file[f"hands/right/tick/penetration_{name}"][...] = 0.0
+        file["summary/right"].attrs["penetration_max"] = 0.0
 
     assert failing(verify(planted(deep.path, tmp_path, zeroed), every=40)) == {"depth"}
 
 
 def test_a_sphere_on_a_level_beyond_counting_is_found(honest: Result, tmp_path: Path) -> None:
     """Damaged so, a file once had the referee climb a chain of as many parents."""
-    raised = at("raised", "object/tree/level", -1, lambda level: 2**62)
+    raised = at("raised", "bodies/cylinder/tree/level", -1, lambda level: 2**62)
     claims = {claim.name: claim for claim in file_claims(planted(honest.path, tmp_path, raised))}
     assert claims["tree order"].failed
 
@@ -364,12 +364,12 @@ def test_a_stuck_tick_that_moved_or_felt_otherwise_is_found(
 
     def forged(file: h5py.File) -> None:
         if column == "graphic/joints":
-            file["tick/graphic/position"][tick, 0] += 1e-6
-            file["tick/graphic/joints"][tick, ..., 0] += 1e-6
+            file["hands/right/tick/graphic/position"][tick, 0] += 1e-6
+            file["hands/right/tick/graphic/joints"][tick, ..., 0] += 1e-6
         elif column == "force/phalanx":
-            file["tick/force/phalanx"][tick, 1, 2] += (0.0, 0.0, 1e-3)
+            file["hands/right/tick/force/phalanx"][tick, 1, 2] += (0.0, 0.0, 1e-3)
         else:
-            file["tick/lag"][tick] += 1.0
+            file["hands/right/tick/lag"][tick] += 1.0
 
     judge = JudgedTicks(planted(stuck.path, tmp_path, forged), np.array([0]))
     claims = {item.name: item for item in [*posture_claims(judge), *force_claims(judge)]}

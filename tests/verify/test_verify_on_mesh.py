@@ -50,7 +50,7 @@ def test_a_hand_that_is_on_its_way_on_the_mesh(tmp_path: Path, method: str) -> N
     assert failing(verify(result, every=27)) == set()
 
     def aside(file: h5py.File) -> None:
-        force, late = file["tick/force/phalanx"], np.flatnonzero(file["tick/status"][...] & 2)
+        force, late = file["hands/right/tick/force/phalanx"], np.flatnonzero(file["hands/right/tick/status"][...] & 2)
         size = np.abs(force[...]).sum(axis=(1, 2, 3))
         looked_at = late[late % 9 == 0]
         tick = looked_at[size[looked_at].argmax()]
@@ -78,8 +78,8 @@ def test_what_a_settled_tick_rolled_off_an_edge_bears_its_force(tmp_path: Path) 
     assert judge.bearing_within[:, :PALM].max() < 2.5 * judge.touch
 
     def stood_still(file: h5py.File) -> None:
-        for name in file["tick/graphic"]:
-            values = file[f"tick/graphic/{name}"]
+        for name in file["hands/right/tick/graphic"]:
+            values = file[f"hands/right/tick/graphic/{name}"]
             values[ticks[0] - 1] = values[ticks[0]]
 
     still = JudgedTicks(planted(result.path, tmp_path, stood_still), ticks[:1])

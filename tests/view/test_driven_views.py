@@ -41,9 +41,9 @@ def test_the_viewer_moves_the_object_and_finds_the_contacts_on_it(result: Result
         np.testing.assert_allclose(recording.array(entity, "Transform3D:translation")[:, 0], moved.shift, atol=1e-6)
     points = recording.rows("/world/contacts/points", "Points3D:positions")
     assert [len(row or []) for row in points] == result["contacts/touching"].tolist()
-    level = result.static["object/tree/level"]
+    level = result.body.static["tree/level"]
     leaves = level == level.max()
-    center, radius = result.static["object/tree/center"][leaves], result.static["object/tree/radius"][leaves]
+    center, radius = result.body.static["tree/center"][leaves], result.body.static["tree/radius"][leaves]
     for tick in np.flatnonzero(result["contacts/touching"])[::10]:
         one = type(moved)(moved.turn[tick : tick + 1], moved.shift[tick : tick + 1])
         away = np.linalg.norm(one.points(center[None])[0][:, None] - np.array(points[tick]), axis=2) - radius[:, None]
@@ -60,7 +60,11 @@ def test_a_film_shows_the_object_where_it_is(result: Result) -> None:
 
 
 def test_a_table_has_the_objects_pose_where_it_moves(result: Result, tmp_path: Path) -> None:
-    headings = export_ticks(result, tmp_path / "ticks.csv", ["time", "object/position", "object/orientation"])
-    assert headings[1] == "object/position[0] [m]" and len(headings) == 8
+    headings = export_ticks(
+        result,
+        tmp_path / "ticks.csv",
+        ["time", *(f"{result.body.group}/tick/{name}" for name in ("position", "orientation"))],
+    )
+    assert headings[1] == f"{result.body.group}/tick/position[0] [m]" and len(headings) == 8
     table = np.loadtxt(tmp_path / "ticks.csv", delimiter=",", skiprows=1)
-    np.testing.assert_array_equal(table[:, 2:5], result["object/position"])
+    np.testing.assert_array_equal(table[:, 2:5], result.body["position"])

@@ -76,7 +76,7 @@ def test_a_skin_beside_a_moving_object_is_seen_from_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize("fault", ["ticks", "faces", "lacks", "shape"])
 def test_a_skin_that_does_not_fit_is_damage(skinned: Result, fault: str) -> None:
     with changed(skinned.path) as file:
-        group: h5py.Group = file["skin"]
+        group: h5py.Group = file["hands/right/skin"]
         values = {name: group[name][...] for name in group}
         if fault == "faces":
             values["faces"][0, 0] = len(BALL.vertices)
@@ -84,9 +84,9 @@ def test_a_skin_that_does_not_fit_is_damage(skinned: Result, fault: str) -> None
             del values["faces"]
         else:
             values["vertices"] = values["vertices"][:-1] if fault == "ticks" else values["vertices"][:, :, :2]
-        del file["skin"]
+        del file["hands/right/skin"]
         for name, array in values.items():
-            file[f"skin/{name}"] = array
+            file[f"hands/right/skin/{name}"] = array
     with pytest.raises(InputError, match=r"skin|faces|vertices"):
         _ = load_result(skinned.path).skin_faces
 

@@ -89,9 +89,9 @@ def test_as_many_contact_points_as_the_solver_counted(recording: Recording, resu
     points = recording.rows("/world/contacts/points", "Points3D:positions")
     assert [len(row or []) for row in points] == result["contacts/touching"].tolist()
     assert result["contacts/touching"].max() > 3
-    level = result.static["object/tree/level"]
+    level = result.body.static["tree/level"]
     leaves = level == level.max()
-    center, radius = result.static["object/tree/center"][leaves], result.static["object/tree/radius"][leaves]
+    center, radius = result.body.static["tree/center"][leaves], result.body.static["tree/radius"][leaves]
     normals = recording.rows("/world/contacts/normals", "Arrows3D:vectors")
     for row, vectors in zip(points, normals):
         for point, vector in zip(row or [], vectors or []):
@@ -128,12 +128,10 @@ def test_the_phases_and_the_state_of_the_ticks_are_lanes(recording: Recording, r
 def test_the_object_and_its_spheres_are_there(recording: Recording, result: Result) -> None:
     vertices = np.array(recording.fixed["/world/object"]["Mesh3D:vertex_positions"][0])
     faces = np.array(recording.fixed["/world/object"]["Mesh3D:triangle_indices"][0])
-    np.testing.assert_allclose(
-        vertices[faces], result.static["object/vertices"][result.static["object/faces"]], atol=1e-7
-    )
-    level = result.static["object/tree/level"]
+    np.testing.assert_allclose(vertices[faces], result.body.vertices[result.body.faces], atol=1e-7)
+    level = result.body.static["tree/level"]
     sizes = np.array(recording.fixed["/world/spheres"]["Ellipsoids3D:half_sizes"][0])
-    np.testing.assert_allclose(sizes[:, 0], result.static["object/tree/radius"][level == level.max()], atol=1e-7)
+    np.testing.assert_allclose(sizes[:, 0], result.body.static["tree/radius"][level == level.max()], atol=1e-7)
     (text,) = recording.fixed["/run"]["TextDocument:text"][0]
     assert "coupled" in text
     assert "180" in text
@@ -170,7 +168,7 @@ def test_a_run_that_was_stopped_is_shown_as_far_as_it_went(result: Result, tmp_p
     with changed(stopped) as file:
         file.attrs["complete"] = 0
         for name in ("graphic/joints", "status"):
-            file["tick"][name].resize(120, axis=0)
+            file["hands/right/tick"][name].resize(120, axis=0)
     path = tmp_path / "stopped.rrd"
     assert view_result(load_result(stopped), parse_target(str(path))).ticks == 120
     recording = Recording(path)

@@ -33,21 +33,25 @@ from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
 from hhsim.live.session.statistics import LiveTally, session_figures
 from hhsim.live.session.tick_block import SessionColumns
 from hhsim.live.shared_memory import RingReader
-from hhsim.replay.stored_scene import describe_scene, static_arrays
+from hhsim.replay.stored_scene import describe_scene, hand_arrays, one_body
 from hhsim.result.miss_cause import by_name
 from hhsim.result.reader import CHUNK_TICKS, check_result_path
 from hhsim.result.schema import (
+    BODIES,
     CONTACT,
     EVENT_COLUMNS,
+    HANDS,
     LIVE,
     LIVE_EVENT,
     LIVE_SAMPLE,
     LIVE_TICK,
     LIVE_TICK_COLUMNS,
+    TICK,
     Column,
+    hand_tables,
     sample_columns,
 )
-from hhsim.result.writer import ResultWriter
+from hhsim.result.writer import HandPart, ResultWriter
 from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.options import SolverOptions
 
@@ -84,14 +88,14 @@ class SessionWriter:
         self._waiting: dict[str, list[tuple[int, Records]]] = {ring: [] for ring in RINGS}
         self._began = -1
         description, free = dict(setup.description), setup.free
-        static = static_arrays(setup.mesh, setup.tree, setup.hand, *setup.object_pose())
+        bodies = one_body(setup.mesh, setup.tree, *setup.object_pose(), free=free)
         scene = {
             **description,
             "motion": description.get("motion") or "live",
             "rate": setup.rate,
             "duration": setup.duration,
             "device": setup.device.kind,
-            **describe_scene(setup.mesh, setup.tree, setup.hand, options, static, free),
+            **describe_scene(setup.mesh, setup.tree, setup.hand, options, bodies, free),
         }
         header: dict[str, str | int] = {
             "device": as_text(device),
@@ -105,8 +109,9 @@ class SessionWriter:
             "ended": "",
         }
         tables = {LIVE_TICK: LIVE_TICK_COLUMNS, LIVE_SAMPLE: self._sample_columns, LIVE_EVENT: EVENT_COLUMNS}
-        about: dict[str, Any] = {"scene": scene, "static": static, "tables": tables, "attributes": {LIVE: header}}
-        self._writer = ResultWriter(path, **about, command=setup.command, free=free is not None)
+        self._side, self._body = setup.hand.side, next(iter(bodies))
+        hands = {str(self._side): HandPart(scene, hand_arrays(setup.hand), tables, header)}
+        self._writer = ResultWriter(path, hands=hands, bodies=bodies, command=setup.command)
 
     def __enter__(self) -> Self:
         return self
@@ -136,12 +141,14 @@ class SessionWriter:
         OutputError if the disk is full or gone; the ticks before stay readable.
         """
         taken, self._waiting = self._waiting, {ring: [] for ring in RINGS}
-        ticks, live, contacts = [], [], []
+        ticks, bodies, live, contacts = [], [], [], []
         row = self._writer.ticks
         for first, records in taken["ticks"]:
             if self._began < 0:
                 self._began = int(records["time_ns"][0])
-            ticks.append(self._columns.block(first, records, self._began))
+            of_hand, of_body = self._columns.block(first, records, self._began)
+            ticks.append(of_hand)
+            bodies.append(of_body)
             self.tally.count(records)
             # The depth of a hand that is not finite is NaN.
             depths = ticks[-1]["penetration_depth"]
@@ -154,12 +161,15 @@ class SessionWriter:
             for first, records in taken["samples"]
         ]
         events = [_fields(EVENT_COLUMNS, records) for _, records in taken["events"]]
-        # A tick counts as written with its row of /live/tick: its contacts come before that.
-        tables = {CONTACT: contacts, LIVE_TICK: live, LIVE_SAMPLE: samples, LIVE_EVENT: events}
+        # A tick counts as written with its row of live/tick: its contacts come before that.
+        hand = f"{HANDS}/{self._side}"
+        tables = {CONTACT: contacts, f"{BODIES}/{self._body}/{TICK}": bodies}
+        tables |= {f"{hand}/{LIVE_TICK}": live, f"{hand}/{LIVE_SAMPLE}": samples, f"{hand}/{LIVE_EVENT}": events}
         named = as_text(dict(zip(COUNTERS, map(int, counters), strict=True)))
         attributes: dict[str, str | int] = {"counters": named, "ended": ended, **self._lost_attributes()}
-        others = {group: _joined(rows) for group, rows in tables.items()}
-        self._writer.append(_joined(ticks), others, {LIVE: attributes})
+        joined = {group: _joined(rows) for group, rows in tables.items()}
+        of_ticks = hand_tables(self._side, _joined(ticks)) if ticks else {}
+        self._writer.append({**of_ticks, **joined}, {f"{hand}/{LIVE}": attributes})
 
     def finish(self, ended: str, counters: AnyArray, missed: int, missed_by: Mapping[str, int]) -> Path:
         """Write the records that were taken and the summary, and mark the file complete.
@@ -167,7 +177,8 @@ class SessionWriter:
         `ended` and `counters` are as in `write`, which raises the same; the others as of `session_figures`.
         """
         self.write(counters, ended)
-        return self._writer.finish(session_figures(self.tally, missed, missed_by, self.penetration_max, self.lost))
+        figures = session_figures(self.tally, missed, missed_by, self.penetration_max, self.lost)
+        return self._writer.finish({self._side: figures})
 
     def _lost_attributes(self) -> dict[str, int]:
         return {f"lost_{ring}": self.lost[ring] for ring in RINGS}

@@ -120,6 +120,7 @@ class SessionOutcome:
     watchdog_restarts: int = 0
     watchdog_releases: int = 0  # number of times that the watchdog freed the fingers
     loop_failed: str = ""  # failure that ended the loop early; "" if there was none
+    side: str = "right"  # of the hand
     fault_at_end: str = ""  # first fault reported while the session ended, fingers not freed for one; "" for none
 
 
@@ -385,6 +386,7 @@ class Supervisor:
             facts=facts,
             counters=DeviceCounters(*map(int, status["counters"])),
             record=self.setup.record,
+            side=self.setup.hand.side,
             recorded=int(status["recorder_ticks"]),
             record_lost=int(status["recorder_lost"]),
             record_failed=self._record_failed,

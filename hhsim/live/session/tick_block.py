@@ -8,7 +8,7 @@ from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.motion.trajectory import RigidMotion
-from hhsim.replay.moving_object import FreeFrame, StillFrame, contact_rows
+from hhsim.replay.moving_object import FreeFrame, StillFrame, contact_rows, stored_contacts
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.solver.options import SolverOptions
 
@@ -16,7 +16,7 @@ Columns = dict[str, AnyArray]
 
 
 class SessionColumns:
-    """Builds columns of /tick, and of /contact if the object is free, block by block, with the options of the loop."""
+    """Builds columns of hand and object, and of /contact, block by block, with the options of the loop."""
 
     def __init__(self, setup: LiveSetup, options: SolverOptions) -> None:
         self._columns = TickColumns(setup.contact_surface().arrays, setup.hand, options)
@@ -24,8 +24,8 @@ class SessionColumns:
         self._pose = setup.object_pose()
         self._next = 0
 
-    def block(self, first: int, records: Records, began_ns: int) -> Columns:
-        """Build the columns of the next ticks, as a result file holds them, from one record of the ring or more.
+    def block(self, first: int, records: Records, began_ns: int) -> tuple[Columns, Columns]:
+        """Build the columns of the next ticks, of hand and object, from one record of the ring or more.
 
         `first` is the number of the first record, counted from the loop's beginning; earlier ones may be lost.
         `began_ns` is CLOCK_MONOTONIC at which the session's first tick was due [ns].
@@ -37,11 +37,11 @@ class SessionColumns:
         record = TickRecord(*(np.ascontiguousarray(records[name]) for name in TickRecord._fields))
         time = 1e-9 * (records["time_ns"] - began_ns)
         frame = FreeFrame(haptic, object_ticks(records), *self._pose) if self._free else StillFrame(haptic)
-        return frame.world(self._columns.block(time, records["input_seq"], frame.haptic, record))
+        return frame.world(self._columns.block(time, records["input_seq"], frame.haptic, record)), frame.body()
 
     def contacts(self, first: int, records: Records) -> Columns:
         """Build the rows of /contact of these ticks; `first` is the number of their first row in /tick."""
-        return contact_rows(object_ticks(records), first) if self._free else {}
+        return stored_contacts(contact_rows(object_ticks(records), first), 1) if self._free else {}
 
     def moved(self, records: Records) -> tuple[RigidMotion, ...]:
         """Return the motion of a free object since before the first tick, at the end of each; none of a fixed one."""

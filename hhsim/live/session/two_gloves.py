@@ -15,9 +15,9 @@ from hhsim.errors import HhsimError, InputError
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.status import Stage
 from hhsim.live.session.supervisor import Say, SessionOutcome, Supervisor
+from hhsim.result.merge import merge_hands
 from hhsim.result.reader import load_result
 from hhsim.result.schema import INFORMATION, SIDES
-from hhsim.result.two_handed_file import join_hands, partial_of
 from hhsim.system.output_path import free_name
 
 
@@ -33,7 +33,7 @@ class TwoGloves:
         self._record, self._say = setups[0].record, say
         if self._record is not None:
             path = self._record
-            parts = [free_name(partial_of(path, side)) for side in SIDES]
+            parts = [free_name(path.with_name(f"{path.stem}.{side}.partial{path.suffix}")) for side in SIDES]
             setups = [replace(setup, record=part) for setup, part in zip(setups, parts)]
         right = Supervisor(setups[0], lambda text, level: say(f"right hand: {text}", level))
         left = Supervisor(setups[1], lambda text, level: say(f"left hand: {text}", level), right)
@@ -85,8 +85,7 @@ class TwoGloves:
             self._join(outcomes)
         if not self._joined:
             return outcomes
-        own = [replace(outcome, record=self._record / side) for outcome, side in zip(outcomes, SIDES)]
-        return own[0], own[1]
+        return replace(outcomes[0], record=self._record), replace(outcomes[1], record=self._record)
 
     def check(self) -> None:
         """Raise the failure of the session after `end`, as `Supervisor.check`, of the hand that failed."""
@@ -116,7 +115,7 @@ class TwoGloves:
             return
         self._say(f"joining both hands in {self._record}", INFORMATION)
         try:
-            join_hands(parts, {}, self._record)
+            merge_hands(parts, self._record)
             self._joined = True
         except HhsimError as error:
             self._failed = f"{error}; each hand's own: {', '.join(map(str, parts))}"

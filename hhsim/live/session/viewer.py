@@ -132,7 +132,7 @@ class LiveViewer:
             if self._begin_ns < 0:
                 self._begin_ns = int(records["time_ns"][0])
             # The newest tick, with plots of all of them.
-            block = self._columns.block(first, records, self._begin_ns)
+            block, _ = self._columns.block(first, records, self._begin_ns)
             loop = loop_values(records["wakeup_ns"], records["latency_ns"])
             more, last = {GLOVE: records["command_stiffness"], LOOP: loop}, [len(records) - 1]
             moved = self._columns.moved(records)

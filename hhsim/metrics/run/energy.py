@@ -9,7 +9,8 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.metrics.metrics import tracking_energy
 from hhsim.metrics.run.input_hand import HAPTIC
 from hhsim.metrics.run_metric import Judged, RunMetric
-from hhsim.metrics.run_ticks import ON_TABLE, PALM, FreeRun, RunTicks
+from hhsim.metrics.run_ticks import PALM, FreeRun, RunTicks
+from hhsim.result.contacts import ON_TABLE
 
 GRAPHIC = tuple(name.replace("haptic", "graphic") for name in HAPTIC)
 TOTAL = "force/total"
@@ -39,13 +40,13 @@ def energy_gains(run: RunTicks) -> FloatArray:
         for at, turn, bend, spread in (HAPTIC, GRAPHIC)
     )
     mass, gravity = free.properties["mass"], np.array(free.properties["gravity"])
-    spin = np.einsum("tji,tj->ti", rotation_matrix(free.moved.turn), free["object/angular_velocity"])
-    kinetic = 0.5 * mass * (free["object/velocity"] ** 2).sum(axis=1)
+    spin = np.einsum("tji,tj->ti", rotation_matrix(free.moved.turn), free["angular_velocity"])
+    kinetic = 0.5 * mass * (free["velocity"] ** 2).sum(axis=1)
     kinetic += 0.5 * np.einsum("ti,ij,tj->t", spin, np.array(free.properties["inertia"]), spin)
     before, after = slice(0, -1), slice(1, None)
     stretched, springs = (tracking_energy(user.at(after), shown.at(part), free.stiffness) for part in (before, after))
     gained = np.diff(kinetic) - mass * np.diff(free.center, axis=0) @ gravity + springs - stretched
-    load = np.bincount(free["contact/tick"], free["contact/normal_force"], run.ticks)
+    load = np.bincount(free.contacts["tick"], free.contacts["normal_force"], run.ticks)
     force = run.rate * np.sqrt(2.0 * mass * np.maximum(kinetic[before], kinetic[after]))
     force += mass * np.linalg.norm(gravity) + np.sqrt(2.0 * free.stiffness.max() * np.maximum(stretched, springs))
     by_others, late = _by_others(free), (run["status"][1:] & (STATUS_LAG | STATUS_STUCK)) != 0
@@ -60,10 +61,9 @@ def _pushed_by_others(run: RunTicks) -> BoolArray:
     """Return True for ticks in which the force on the hand is not that of its contacts with the object, (T,)."""
     free = run.free
     assert free is not None
-    body = free["contact/body"]
-    own = np.flatnonzero((body >= 0) & (body <= PALM))
-    force = free["contact/normal_force"][own, None] * free["contact/normal"][own] + free["contact/friction_force"][own]
-    total, tick = np.zeros((run.ticks, 3)), free["contact/tick"][own]
+    own = np.flatnonzero(free.of_hand)
+    force = free.force[own]
+    total, tick = np.zeros((run.ticks, 3)), free.contacts["tick"][own]
     np.add.at(total, tick, force)
     size = 1.0 + np.bincount(tick, np.abs(force).sum(axis=1), run.ticks)
     return np.asarray(np.abs(total - free.moved.vectors(run[TOTAL])).max(axis=1) > FORCE * size)
@@ -71,15 +71,15 @@ def _pushed_by_others(run: RunTicks) -> BoolArray:
 
 def _by_others(free: FreeRun) -> FloatArray:
     """Work of a second hand's and of other things' contacts in each tick but the first [J], shape (T - 1,)."""
-    body = free["contact/body"]
+    body = free.contacts["body"]
     rows = np.flatnonzero((body > PALM) | (body < ON_TABLE))
-    tick, center = free["contact/tick"][rows], free.center
-    normal, turn = free["contact/normal"][rows], free.moved.turn
+    tick, center = free.contacts["tick"][rows], free.center
+    normal, turn = free.contacts["normal"][rows], free.moved.turn
     # What is stated is the force on a hand, and of a thing that on the object.
     sign = np.where(body[rows] < ON_TABLE, 1.0, -1.0)[:, None]
-    force = sign * (free["contact/normal_force"][rows, None] * normal + free["contact/friction_force"][rows])
-    moment = np.cross(free["contact/point"][rows] - center[tick], force)
-    moment += sign * free["contact/torsional_moment"][rows, None] * normal
+    force = sign * free.force[rows]
+    moment = np.cross(free.contacts["point"][rows] - center[tick], force)
+    moment += sign * free.contacts["torsional_moment"][rows, None] * normal
     way = np.diff(center, axis=0, prepend=center[:1])[tick]
     turned = rotation_vector(quaternion_product(turn[1:], conjugate(turn[:-1])))
     angle = np.concatenate([np.zeros((1, 3)), turned])[tick]
@@ -91,7 +91,7 @@ def _by_spread(run: RunTicks, shown: HandConfiguration) -> FloatArray:
     free, hand = run.free, run.hand
     assert free is not None
     step = np.diff(shown.abduction, axis=0, prepend=shown.abduction[:1])
-    body, tick = free["contact/body"], free["contact/tick"]
+    body, tick = free.contacts["body"], free.contacts["tick"]
     # Neither the table nor the palm is on a finger.
     finger = np.where((body >= 0) & (body < 15), body // 3, 0)
     rows = np.flatnonzero((body >= 0) & (body < 15) & (step[tick, finger] != 0.0))
@@ -101,10 +101,9 @@ def _by_spread(run: RunTicks, shown: HandConfiguration) -> FloatArray:
     turned = rotation_matrix(shown.orientation[tick])
     base = shown.position[tick] + np.einsum("cij,cj->ci", turned, hand.base[finger])
     axis = hand.abduction_sign * np.einsum("cij,cj->ci", turned, hand.dorsal[finger])
-    normal = free["contact/normal"][rows]
-    force = free["contact/normal_force"][rows, None] * normal + free["contact/friction_force"][rows]
-    moment = np.cross(free["contact/point"][rows] - base, force)
-    moment += free["contact/torsional_moment"][rows, None] * normal
+    normal = free.contacts["normal"][rows]
+    moment = np.cross(free.contacts["point"][rows] - base, free.force[rows])
+    moment += free.contacts["torsional_moment"][rows, None] * normal
     work = -(axis * moment).sum(axis=1) * step[tick, finger]
     return np.asarray(np.bincount(tick, work, run.ticks), np.float64)
 

@@ -21,7 +21,7 @@ def _free(run: RunTicks) -> FreeRun:
 def _slip(run: RunTicks, part: slice = slice(None)) -> float:
     """Largest slip of a body of the hand along the object, summed over some ticks [m]."""
     free = _free(run)
-    body, tick, slip = (free[f"contact/{name}"][free.of_hand] for name in ("body", "tick", "slip"))
+    body, tick, slip = (free.contacts[name][free.of_hand] for name in ("body", "tick", "slip"))
     longest = 0.0
     for one in np.unique(body):
         farthest = np.zeros(run.ticks)
@@ -32,7 +32,7 @@ def _slip(run: RunTicks, part: slice = slice(None)) -> float:
 
 def _creep(run: RunTicks) -> float:
     """Slip of a held object in the second half of a hold, the worst hold [m/s]; NaN where none is held."""
-    borne = np.linalg.norm(_free(run)["object/hand_wrench"][:, :3], axis=1) > 0.0
+    borne = np.linalg.norm(_free(run)["hand_wrench"][:, :3], axis=1) > 0.0
     found = math.nan
     for hold in run.holds:
         part = slice((hold.start + hold.stop) // 2, hold.stop)
@@ -45,9 +45,9 @@ def _momentum(run: RunTicks) -> float:
     """Largest residual of m Δv / Δt and the forces [N]; a tick that lags makes a fraction of its change."""
     free = _free(run)
     mass, gravity = free.properties["mass"], np.array(free.properties["gravity"])
-    velocity = np.vstack([free.properties["velocity"], free["object/velocity"]])
+    velocity = np.vstack([free.properties["velocity"], free["velocity"]])
     before = velocity[:-1]
-    force = free["object/hand_wrench"][:, :3] + free["object/table_wrench"][:, :3] + mass * gravity
+    force = free.borne[:, :3] + mass * gravity
     # Damping is implicit: of the velocity at the end of the tick.
     heavier = 1.0 + free.properties["damping"] / run.rate
     whole = (before + force / (mass * run.rate)) / heavier - before
@@ -62,8 +62,8 @@ def _momentum(run: RunTicks) -> float:
 
 def _outside_cone(run: RunTicks) -> float:
     free = _free(run)
-    normal = free["contact/normal_force"]
-    size = np.linalg.norm(free["contact/friction_force"], axis=1)
+    normal = free.contacts["normal_force"]
+    size = np.linalg.norm(free.contacts["friction_force"], axis=1)
     outside = (size > free.friction * normal * (1.0 + ROUNDING)) | (normal < 0.0)
     return 100.0 * float(outside.mean()) if outside.size else 0.0
 
@@ -71,7 +71,7 @@ def _outside_cone(run: RunTicks) -> float:
 def _friction_residual(run: RunTicks, share: float) -> float:
     """Percentile of the residuals in ticks with a contact force [m]."""
     free = _free(run)
-    found = free["object/friction_residual"][np.unique(free["contact/tick"])]
+    found = free["friction_residual"][np.unique(free.contacts["tick"])]
     return float(np.percentile(found, share)) if found.size else 0.0
 
 
@@ -80,6 +80,7 @@ METRICS = placed(
     RunMetric(
         *("object_raised", "object raised, max", 2, "mm"),
         less_is_better=False,
+        of_body=True,
         short="object_raised",
         compute=lambda run: _free(run).raised,
     ),
@@ -88,22 +89,26 @@ METRICS = placed(
     RunMetric(
         *("object_momentum", "object's momentum less the forces on it, max", 6, "N"),
         needs=("status",),
+        of_body=True,
         compute=_momentum,
     ),
     RunMetric(
         *("cone_outside", "contacts outside their friction cone", 3, "%"),
+        of_body=True,
         compute=_outside_cone,
         judged=Judged(limit=0.0),
     ),
     RunMetric(
         *("table_depth_max", "object in the table, max", 3, "µm"),
+        of_body=True,
         short="table_depth",
-        compute=lambda run: max(0.0, -float(_free(run)["object/table_distance"].min())),
+        compute=lambda run: max(0.0, -float(_free(run)["table_distance"].min())),
         judged=Judged(limit=1e-6),
     ),
     *(
         RunMetric(
             *(f"friction_residual_{name}", f"friction is off the slip by, {name}", 3, "µm"),
+            of_body=True,
             compute=partial(_friction_residual, share=share),
         )
         for name, share in (("p50", 50.0), ("p99", 99.0), ("max", 100.0))

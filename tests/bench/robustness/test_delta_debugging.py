@@ -183,9 +183,9 @@ def test_a_planted_fault_shrinks_to_a_file_that_replays_to_the_same_failure(
     monkeypatch.setattr("hhsim.replay.replay.HandSolver", SlippingSolver)
     assert run(*words, "faulty.h5").code == 0
     with h5py.File(tmp_path / "sound.h5") as good, h5py.File(tmp_path / "faulty.h5") as bad:
-        assert max(good["tick/penetration_depth"]) <= 1e-6
-        assert bad["tick/penetration_depth"][shrunk.tick] > 1e-4
-        np.testing.assert_array_equal(bad["tick/graphic/position"], shrunk.trace.graphic.position)
+        assert max(good["hands/right/tick/penetration_depth"]) <= 1e-6
+        assert bad["hands/right/tick/penetration_depth"][shrunk.tick] > 1e-4
+        np.testing.assert_array_equal(bad["hands/right/tick/graphic/position"], shrunk.trace.graphic.position)
 
 
 def test_a_kept_file_says_where_it_is_from(tmp_path: Path) -> None:

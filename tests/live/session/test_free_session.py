@@ -112,16 +112,16 @@ def test_the_world_waits_out_a_stall_which_frees_the_fingers() -> None:
 
 def test_the_file_holds_what_a_replays_does_and_runs_again(session: Session, result: Result) -> None:
     assert result.complete and result.free and result.driven and result.live is not None
-    assert FreeObject.from_json(result.scene["free"]) == ON_TABLE and "Saxcé" in result.scene["friction_law"]
-    assert {column.name for column in FREE_COLUMNS} <= set(result.keys())
+    assert FreeObject.from_json(result.body.properties) == ON_TABLE and "Saxcé" in result.scene["friction_law"]
+    assert {column.name for column in FREE_COLUMNS} <= set(result.body.columns)
     assert {f"contact/{column.name}" for column in CONTACT_COLUMNS} <= set(result.keys())
     np.testing.assert_array_equal(np.bincount(result["contact/tick"], minlength=101), np.diff(session.object.contact))
-    np.testing.assert_array_equal(result["object/velocity"], session.ticks["velocity"])
+    np.testing.assert_array_equal(result.body["velocity"], session.ticks["velocity"])
     np.testing.assert_array_equal(result["haptic/position"], session.ticks["haptic_position"])
     assert result["penetration_depth"].max() == 0.0
     again = run_again(result)
     assert again.identical and (again.ticks, again.notes) == (101, ())
-    assert {"object/position", "contact/slip"} <= {array.name for array in again.arrays}
+    assert {f"{result.body.group}/tick/position", "contact/slip"} <= {array.name for array in again.arrays}
     figures = tick_figures(result_ticks(result))
     assert figures["cone_outside"] == figures["table_depth_max"] == 0.0 and figures["object_momentum"] < 1e-6
 
@@ -131,11 +131,11 @@ def test_a_second_run_tells_where_the_file_is_not_what_was_solved(result: Result
     path.write_bytes(result.path.read_bytes())
     with h5py.File(path, "r+") as file:
         file["contact/slip"][-1] += 1e-9
-        file["tick/object/velocity"][50] += 1e-12
+        file[f"{result.body.group}/tick/velocity"][50] += 1e-12
     again = run_again(load_result(path))
     differ = {array.name: array.first_tick for array in again.arrays if not array.identical}
     assert (again.word, again.sentence.split(";")[0].split()[-1]) == ("different", "contact/slip")
-    assert differ == {"contact/slip": result["contact/tick"][-1], "object/velocity": 50}
+    assert differ == {"contact/slip": result["contact/tick"][-1], f"{result.body.group}/tick/velocity": 50}
     # Of a contact that is missing, all say the tick that it is missing in.
     with h5py.File(path, "r+") as file:
         for dataset in file["contact"].values():
@@ -146,11 +146,12 @@ def test_a_second_run_tells_where_the_file_is_not_what_was_solved(result: Result
 
 def test_columns_are_the_same_bytes_however_many_ticks_come_at_a_time(session: Session) -> None:
     whole, parts = (SessionColumns(session.setup, session.setup.options) for _ in range(2))
-    one = whole.block(0, session.ticks, 0)
+    ones = whole.block(0, session.ticks, 0)
     sizes = [0, 1, 3, 60, len(session.ticks)]
     blocks = [parts.block(a, session.ticks[a:b], 0) for a, b in pairwise(sizes)]
-    for name, values in one.items():
-        assert values.tobytes() == np.concatenate([block[name] for block in blocks]).tobytes(), name
+    for of, one in enumerate(ones):
+        for name, values in one.items():
+            assert values.tobytes() == np.concatenate([block[of][name] for block in blocks]).tobytes(), name
     rows = [parts.contacts(a, session.ticks[a:b]) for a, b in pairwise(sizes)]
     for name, values in whole.contacts(0, session.ticks).items():
         assert values.tobytes() == np.concatenate([row[name] for row in rows]).tobytes(), name
@@ -166,7 +167,9 @@ def test_the_referee_judges_no_motion_across_lost_ticks(session: Session, tmp_pa
         tick = file["contact/tick"][()]
         rows = np.isin(tick, kept)
         renumbered = np.searchsorted(kept, tick[rows])
-        for group, chosen in (("tick", kept), ("live/tick", kept), ("contact", rows)):
+        hand, body = "hands/right", next(iter(file["bodies"]))
+        ticks = ("tick", f"{hand}/tick", f"{hand}/live/tick", f"bodies/{body}/tick")
+        for group, chosen in (*((name, kept) for name in ticks), ("contact", rows)):
             names: list[str] = []
             file[group].visititems(
                 lambda name, item, names=names: names.append(name) if isinstance(item, h5py.Dataset) else None
@@ -189,7 +192,7 @@ def test_a_session_of_the_simulated_glove_touches_it_and_runs_again(run: Run, tm
     )
     assert answer.code == 0, answer.err
     result = load_result(tmp_path / "session.h5")
-    assert result.complete and result.scene["free"]["mass"] == 0.1 and result.scene["free"]["torsion"] == 5e-3
-    assert result.scene["trajectory"] == "lift" and result["object/table_distance"].min() >= 0.0
-    assert (result["contact/body"] >= 0).any(), "the fingers have come to the cube"
+    assert result.complete and result.body.properties["mass"] == 0.1 and result.body.properties["torsion"] == 5e-3
+    assert result.scene["trajectory"] == "lift" and result.body["table_distance"].min() >= 0.0
+    assert (result.contacts["body"] >= 0).any(), "the fingers have come to the cube"
     assert run("replay", "session.h5", "--quiet").code == 0

@@ -215,7 +215,7 @@ def test_blocks_of_any_size_give_the_same_arrays(
 def test_a_session_that_lost_its_beginning_cannot_be_run_again(ticks: Records, tmp_path: Path) -> None:
     result = recorded(tmp_path / "session.h5", ticks)
     with h5py.File(result.path, "r+") as file:
-        file["live/tick/record"][...] += 3
+        file["hands/right/live/tick/record"][...] += 3
     with pytest.raises(InputError, match="lost its first 3 ticks"):
         run_again(load_result(result.path))
 

@@ -26,7 +26,7 @@ from hhsim.live.session.supervisor import LOOP, WATCHDOG
 from hhsim.live.session.two_gloves import TwoGloves
 from hhsim.live.shared_memory import RingReader
 from hhsim.replay.repeat import run_again
-from hhsim.result.reader import hand_paths, load_result
+from hhsim.result.reader import load_result
 from hhsim.result.safety import Safety
 from hhsim.result.schema import SIDES
 from hhsim.verify.verify import verify
@@ -160,9 +160,8 @@ def test_a_fault_of_one_glove_frees_both_and_the_session_ends_in_one_file_that_r
         for client in set(commands["client"].tolist()):
             assert not stiff(commands[commands["client"] == client][-1:]).any()
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".h5", ".log", ".log"]
-    assert hand_paths(record) == [outcome.record for outcome in outcomes] == [record / side for side in SIDES]
-    for path, side, outcome in zip(hand_paths(record), SIDES, outcomes):
-        result = load_result(path)
+    assert [(outcome.record, outcome.side) for outcome in outcomes] == [(record, side) for side in SIDES]
+    for (side, result), outcome in zip(load_result(record).hands.items(), outcomes, strict=True):
         assert (result.complete, result.scene["hand"]["side"], result.ticks) == (True, side, outcome.recorded)
         assert np.max(result["live/tick/command_stiffness"]) > STIFF
         assert run_again(result).identical

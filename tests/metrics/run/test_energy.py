@@ -53,9 +53,13 @@ def pushed(**changed: Any) -> RunTicks:
         "status": np.zeros(3, np.int32),
     }
     columns.update(changed)
+    body, contacts = (
+        {name.removeprefix(group): values for name, values in columns.items() if name.startswith(group)}
+        for group in ("object/", "contact/")
+    )
     properties = {"mass": MASS, "gravity": (-9.81, 0.0, 0.0), "center": (0.0,) * 3, "inertia": np.eye(3)}
     first = ObjectMotion(np.zeros(3), still[0])
-    free = FreeRun(columns, properties, first, Stiffness().diagonal(), OFFSET)
+    free = FreeRun(body, contacts, properties, first, Stiffness().diagonal(), OFFSET)
     return RunTicks(columns, 3, (), 1000.0, 5, hand=HandModel.default("right"), free=free)
 
 
