@@ -67,7 +67,7 @@ def pose(hand: OwnHand, at: HandConfiguration) -> Posed:
     from scipy.spatial.transform import Rotation
 
     ticks = len(at.position)
-    nowhere = ~np.all([np.isfinite(values).reshape(ticks, -1).all(axis=1) for values in at], axis=0)
+    nowhere = ~np.all([np.isfinite(values).all(axis=tuple(range(1, values.ndim))) for values in at], axis=0)
     at = HandConfiguration(*(np.where(nowhere.reshape(-1, *(1,) * (values.ndim - 1)), 0.0, values) for values in at))
     joints, axes = np.empty((ticks, 5, 4, 3)), np.empty((ticks, 5, 3))
     turned, unturned = rotations(at.orientation)

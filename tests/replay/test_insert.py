@@ -57,7 +57,7 @@ def last(result: Result, number: int) -> int:
 
 
 def turn_of(result: Result, thing: str = PEG) -> FloatArray:
-    return np.asarray(rotation_matrix(np.asarray(result[f"{thing}/orientation"])))
+    return np.asarray(rotation_matrix(np.asarray(result[f"{thing}/tick/orientation"])))
 
 
 def foot_of(result: Result) -> FloatArray:

@@ -27,7 +27,7 @@ from hhsim.live.session.scene import palm_place
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.session_faults import broken_off, ended_before_its_time
 from hhsim.replay.stored_scene import stored_hand
-from hhsim.result.reader import load_result
+from hhsim.result.reader import load_hand, load_result
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from tools.shapes.generators import cube
@@ -139,7 +139,7 @@ def test_two_simulated_gloves_are_one_document_and_one_file(run: Run, tmp_path: 
     assert (document["session"], document["error"], list(document["hands"])) == ("both.h5", None, ["right", "left"])
     assert [path.name for path in tmp_path.iterdir()] == ["both.h5"]
     for side, motion in (("right", "grasp"), ("left", "pinch")):
-        hand, result = document["hands"][side], load_result(tmp_path / "both.h5" / side)
+        hand, result = document["hands"][side], load_hand(tmp_path / "both.h5", side)
         assert (hand["reason"], hand["session"], hand["pose"]) == ("duration", f"both.h5/{side}", f"replay of {motion}")
         assert hand["loop_ticks"] + hand["missed"] >= 200
         assert result.complete and result.ticks == hand["recorded_ticks"] > 0
