@@ -178,9 +178,10 @@ def hands_apart_claims(judge: JudgedTicks) -> list[Claim]:
 def _between(judge: JudgedTicks) -> list[Claim]:
     """Judge how far two hands are from each other at the chosen ticks; none where they have no ticks in common."""
     result = judge.result.hands[judge.result.name]
-    if result.other is None or BETWEEN_COLUMNS[0].name not in result:
+    ticks = judge.chosen[judge.asked]
+    if result.other is None or BETWEEN_COLUMNS[0].name not in result or ticks.size == 0:
         return []
-    hands, ticks = (result, result.other), judge.chosen[judge.asked]
+    hands = result, result.other
     off = np.zeros(len(ticks))
     for column in BETWEEN_COLUMNS:
         stored = np.asarray(result[column.name])[ticks]
