@@ -245,12 +245,12 @@ def command(
 ) -> int:
     """Replay a hand motion against an object, every tick measured.
 
-    OBJECT is a name (hhsim objects), a mesh file, or the TOML of a thing of several parts; TRAJECTORY is a name (hhsim
-    trajectories), a .toml script or a recording of one of the formats of hhsim import. Above the table stands the
-    verdict, beside the figures their limits and, in scenes of the paper, the paper's figures; every tick is in the
-    file. A recording whose hand touches nothing, or begins inside the object, gets its object placed. The exit code is
-    1 where more than half of the ticks are stuck; hhsim gate fails on any missed limit. Ctrl-C stops the replay and
-    keeps the ticks so far.
+    OBJECT is a name (hhsim objects), a mesh file, a URDF or MJCF file, or the TOML of a thing of several parts;
+    TRAJECTORY is a name (hhsim trajectories), a .toml script or a recording of one of the formats of hhsim import.
+    Above the table stands the verdict, beside the figures their limits and, in scenes of the paper, the paper's
+    figures; every tick is in the file. A recording whose hand touches nothing, or begins inside the object, gets
+    its object placed. The exit code is 1 where more than half of the ticks are stuck; hhsim gate fails on any
+    missed limit. Ctrl-C stops the replay and keeps the ticks so far.
 
     OBJECT may also be a result or a recorded session: its ticks run again with their options, and each array is
     identical, within rounding or different; the exit code is 1 where one is different. As TRAJECTORY, such a file is
@@ -268,6 +268,7 @@ def command(
       hhsim replay cube results/session.h5 --method progressive
       hhsim replay cube grasp --free --mass 0.1 --friction 0.6
       hhsim replay laptop close --surface mesh
+      hhsim replay drawer.urdf grasp --free
       hhsim replay cube pinch --rerun spawn
     """
     if names_a_result(object_):
@@ -278,8 +279,9 @@ def command(
     from hhsim.result.reader import check_result_path
     from hhsim.result.writer import state
     from hhsim.scene.described_scene import described_scene
+    from hhsim.scene.linkage_bodies import LEVEL_OF_MANY, linkage_things, load_parts, names_links
     from hhsim.scene.motion_catalogue import import_remarks
-    from hhsim.scene.parts_of_thing import load_thing, require_no_joints
+    from hhsim.scene.parts_of_thing import require_no_joints
     from hhsim.scene.scene import hand_of, with_things
     from hhsim.scene.things import load_things, names_things
     from hhsim.solver.free_engine import require_free
@@ -294,22 +296,29 @@ def command(
     remarks = import_remarks(motion, trajectory)
     solid = solver.surface != "mesh"
     thing = things = None
-    if names_a_thing(object_):
-        if free.free or tree.path is not None or mesh_file.given() or rerun is not None:
+    linked = names_links(object_)
+    if names_a_thing(object_) or linked:
+        if (free.free and not linked) or tree.path is not None or mesh_file.given() or rerun is not None:
             raise click.UsageError(f"--free, --tree, --rerun and a mesh's size are for one object, not for '{object_}'")
         usual_level = MESH_LEVEL
-        if names_things(object_):
+        if linked and free.free:
+            free.require_stated(object_)
+            usual_level = LEVEL_OF_MANY
+            things = linkage_things(Path(object_), motion, solid=solid)
+            mesh = things.mesh
+        elif names_things(object_):
             require_free(solver_options)
             things = load_things(object_, motion, solid=solid)
             mesh = things.mesh
         else:
-            thing = load_thing(object_, motion, solid=solid)
+            thing = load_parts(object_, motion, solid=solid)
             mesh = thing.mesh
     else:
         mesh, usual_level = mesh_file.read(object_, solid=solid)
         require_no_joints(motion, object_)
     # Before the tree is built: a mesh that can have no mass is refused.
-    free.object(mesh, object_)
+    if things is None:
+        free.object(mesh, object_)
     output_path = output.path(f"{mesh.name}-{motion.name}-{solver.word}")
     check_result_path(output_path)
     print_notes(mesh.warnings, prefix="warning")
@@ -327,8 +336,9 @@ def command(
             return tree.choose(mesh, usual_level, report, solid=solid)
 
         def with_free(scene: "Scene") -> "Scene":
-            scene = replace(scene, free=free.object(scene.mesh, object_))
-            return scene if things is None else with_things(scene, things, lambda mesh: tree_of(mesh).tree)
+            if things is not None:
+                return with_things(scene, things, lambda mesh: tree_of(mesh).tree)
+            return replace(scene, free=free.object(scene.mesh, object_, scene.trajectory))
 
         if thing is not None:
             trees = thing.trees(lambda mesh: tree_of(mesh).tree)

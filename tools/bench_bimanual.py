@@ -42,7 +42,8 @@ from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_s
 from hhsim.hand.model import HandModel, Side
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
-from hhsim.mesh.catalogue import names_a_thing, object_description, resolve_object
+from hhsim.linkage.object_mesh import resolve_object
+from hhsim.mesh.catalogue import names_a_thing, object_description
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import mesh_clearance
 from hhsim.motion.trajectory import RigidMotion

@@ -1,5 +1,6 @@
 """Options of a free object."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -11,6 +12,7 @@ from .options import ranged, within
 
 if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
+    from hhsim.motion.trajectory import Trajectory
     from hhsim.scene.free_object import FreeObject
     from hhsim.scene.motion_catalogue import Motion
     from hhsim.solver.options import SolverOptions
@@ -79,13 +81,22 @@ class FreeChoice(OptionGroup, heading="Free object"):
             name = next(iter(given)).replace("_", "-")
             raise click.UsageError(f"--{name} is for a free object: add --free")
 
-    def object(self, mesh: "Mesh", word: str) -> "FreeObject | None":
+    def require_stated(self, word: str) -> None:
+        """Raise UsageError for properties of one object, where a file states those of several."""
+        given = [name.replace("_", "-") for name in self.given() if name != "free"]
+        if given:
+            raise click.UsageError(f"--{given[0]} is of one object; {word} has several links, which state their own")
+
+    def object(self, mesh: "Mesh", word: str, placed: "Trajectory | None" = None) -> "FreeObject | None":
         """Return the free object of a mesh [m] at its first place, `word` its name or file; None without --free.
 
+        `placed` is the motion that has placed it in the world.
         Raises HhsimError for a mesh without inside, or impossible numbers.
         """
+        from hhsim.linkage.file import names_a_linkage
         from hhsim.mesh.catalogue import names_a_file, object_description
         from hhsim.scene.free_object import CLEARANCE, FreeObject
+        from hhsim.scene.linkage_bodies import free_link
 
         given = self.given()
         if not given.pop("free"):
@@ -98,4 +109,6 @@ class FreeChoice(OptionGroup, heading="Free object"):
             given["torsion"] *= 1e-3
         lowest = float(mesh.bounds[0, 2]) - CLEARANCE
         height = lowest if table == UNDER else None if table == NONE else 1e-3 * float(table)
+        if names_a_linkage(word):
+            return free_link(Path(word), mesh, placed, {**given, "table": height})
         return FreeObject.of_mesh(mesh, table=height, **given)

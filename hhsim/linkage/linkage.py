@@ -9,6 +9,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
+from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.mesh.shapes import Triangles
 from hhsim.reproducible import matmul, norm, principal_axes
 
@@ -103,6 +104,20 @@ class Linkage:
             if link.name == name:
                 return link
         raise InputError(f"no link '{name}'; it has {', '.join(link.name for link in self.links)}")
+
+    def start_frames(self) -> dict[str, Frame]:
+        """Return the frame of each link in that of the file where the joints begin, by its name; "" is the file's."""
+        found: dict[str, Frame] = {"": HERE}
+        for link in self.links:
+            joint = self.joints.get(link.name)
+            own = HERE if joint is None else joint.frame
+            if joint is not None and joint.type == "hinge":
+                turn = rotation_matrix(quaternion(joint.start * joint.axis))
+                own = Frame(turn, joint.origin - matmul(turn, joint.origin)).after(own)
+            elif joint is not None and joint.type == "slider":
+                own = Frame(own.rotation, own.position + joint.start * joint.axis)
+            found[link.name] = found["" if joint is None else joint.parent].after(own)
+        return found
 
 
 def merged_linkage(

@@ -9,8 +9,8 @@ from hhsim.reproducible import sine_and_cosine
 
 Triangles = tuple[FloatArray, IntArray]
 """Vertices [m], shape (V, 3), and faces, shape (F, 3), wound outward."""
-ROUND = 64
-"""Corners of a circle: a chord is at most 0.12 % of the radius inside of it."""
+ROUND = 44
+"""Corners of a circle: chords are at most 0.26 % of the radius inside; a ball has no more than a free body may have."""
 _CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 _SIDES = np.array(
     [

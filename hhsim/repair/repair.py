@@ -13,7 +13,8 @@ from hhsim.errors import InputError, MeshError, named
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel, Side
-from hhsim.mesh.catalogue import MESH_LEVEL, names_a_thing, resolve_object
+from hhsim.linkage.object_mesh import resolve_object
+from hhsim.mesh.catalogue import MESH_LEVEL, names_a_thing
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.field_table import field_rows, field_table
 from hhsim.metrics.field.field_verdict import field_verdict
@@ -47,7 +48,8 @@ from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import SIDES, TWO_HANDED
 from hhsim.result.two_handed_file import BETWEEN_COLUMNS, join_hands
 from hhsim.result.writer import add_skin
-from hhsim.scene.parts_of_thing import ThingParts, load_thing
+from hhsim.scene.linkage_bodies import load_parts, names_links
+from hhsim.scene.parts_of_thing import ThingParts
 from hhsim.scene.scene import Scene
 from hhsim.scene.things import names_things
 from hhsim.solver.known_methods import SUBMITTED, known_for_now
@@ -203,13 +205,13 @@ def _corrected(
 def _object(request: RepairRequest) -> tuple[Mesh | ThingParts, int]:
     """Return the object of a request, or the thing that it means, and the usual level of a tree."""
     word = request.object
-    if not names_a_thing(word):
+    if not (names_a_thing(word) or names_links(word)):
         return resolve_object(word, request.unit, request.size)
     if request.unit is not None or request.size is not None:
         raise InputError(f"unit and size are for mesh files; {word} has its size")
     if names_things(word):
         raise InputError(f"{word} has several things that move by themselves; expected one, of parts ([[part]])")
-    return load_thing(word), MESH_LEVEL
+    return load_parts(word), MESH_LEVEL
 
 
 def _begins(recording: Recording, request: RepairRequest, read: ReadOptions) -> float:

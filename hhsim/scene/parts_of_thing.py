@@ -11,7 +11,8 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, check_known, named
-from hhsim.mesh.catalogue import THINGS, names_a_file, object_names, resolve_object, thing_names
+from hhsim.linkage.object_mesh import resolve_object
+from hhsim.mesh.catalogue import THINGS, names_a_file, object_names, thing_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts, held_rows, placed_mesh
 from hhsim.motion.trajectory import RigidMotion, TickInput, Trajectory

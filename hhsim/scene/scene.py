@@ -12,14 +12,16 @@ from typing import TYPE_CHECKING, Any
 from hhsim.errors import InputError, check_known
 from hhsim.hand.model import HandModel, Side
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.mesh.catalogue import MESH_LEVEL, names_a_thing, resolve_object
+from hhsim.linkage.object_mesh import resolve_object
+from hhsim.mesh.catalogue import MESH_LEVEL, names_a_thing
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import ResampleMode, TickInput, Trajectory
 from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.free_object import FreeObject
+from hhsim.scene.linkage_bodies import load_parts, names_links
 from hhsim.scene.motion_catalogue import Motion, resolve_trajectory
-from hhsim.scene.parts_of_thing import ThingParts, load_thing, require_no_joints
+from hhsim.scene.parts_of_thing import ThingParts, require_no_joints
 from hhsim.scene.script import Script
 from hhsim.scene.things import OtherThing, Things, load_things, names_things
 from hhsim.trees.cache import cached_sphere_tree
@@ -152,8 +154,8 @@ def open_scene(
     """Load an object and a motion, take the object's sphere tree from the cache or build it, and put them together.
 
     Args:
-        object_: A name (`hhsim objects`), a mesh file, the TOML of a thing of several parts or of several things, or a
-            mesh [m].
+        object_: A name (`hhsim objects`), a mesh file, a URDF or MJCF file, the TOML of a thing of several parts or of
+            several things, or a mesh [m].
         motion: A name (`hhsim trajectories`), a script (.toml), a recording, a result, or a loaded motion.
         unit, size: Of a mesh file, as for `hhsim.mesh.mesh.load_mesh`: m, cm, mm or inch, and [m]; None is m.
         solid: False takes the triangles of a mesh file as they are, for `SolverOptions(surface="mesh")`.
@@ -171,14 +173,14 @@ def open_scene(
     thing = things = None
     if isinstance(object_, Mesh):
         mesh, usual = object_, MESH_LEVEL
-    elif names_a_thing(str(object_)):
+    elif names_a_thing(str(object_)) or names_links(object_):
         if unit is not None or size is not None:
             raise InputError(f"unit and size are for mesh files; {object_} has its size")
         if names_things(str(object_)):
             things = load_things(str(object_), moved, solid=solid)
             mesh, usual = things.mesh, MESH_LEVEL
         else:
-            thing = load_thing(object_, moved, solid=solid)
+            thing = load_parts(object_, moved, solid=solid)
             mesh, usual = thing.mesh, MESH_LEVEL
     else:
         mesh, usual = resolve_object(object_, unit, size, solid=solid)

@@ -39,6 +39,7 @@ from msgspec import Meta, structs
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, check_known, named
 from hhsim.hand.quaternion import quaternion_product, rotation_matrix
+from hhsim.linkage.file import names_a_linkage
 from hhsim.mesh.catalogue import THINGS, names_a_file
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts
@@ -270,6 +271,8 @@ class Things:
 def names_things(word: str) -> bool:
     """Return True if a word means several things: a name of the catalogue, or a TOML file, with tables [[thing]]."""
     path = _path_of(word)
+    if names_a_linkage(path):
+        return False
     text = read_toml_text(path, "thing of several parts, or several things")
     return re.search(r"^\s*\[\[\s*thing\s*\]\]", text, re.MULTILINE) is not None
 

@@ -17,8 +17,8 @@ from hhsim.result.schema import SIDES, TWO_HANDED
 from hhsim.result.two_handed_file import other_of_two
 from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.described_scene import motion_of_side
+from hhsim.scene.linkage_bodies import load_parts
 from hhsim.scene.motion_catalogue import trajectory_names
-from hhsim.scene.parts_of_thing import load_thing
 from hhsim.scene.recorded_grasp_pose import place_at_grasp
 from hhsim.scene.scene import make_scene
 from hhsim.scene.script import Script
@@ -134,7 +134,7 @@ def _made_again(result: Result) -> tuple[TickInput, MovingParts | None]:
         mesh, tree = stored_mesh(result), stored_tree(result)
         tree = replace(tree, options={**tree.options, "thing": parts.name})
     elif parts is not None:
-        loaded = load_thing(str(scene["object"]), motion, solid=result.surface != "mesh")
+        loaded = load_parts(str(scene["object"]), motion, solid=result.surface != "mesh")
         mesh, tree, thing = loaded.mesh, loaded.tree(parts.trees), (loaded, parts.trees)
     else:
         found = own_object(result, True)

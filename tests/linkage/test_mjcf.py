@@ -1,5 +1,6 @@
 """MJCF: places of links by MuJoCo, shapes, friction, and what is refused."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from hhsim.errors import InputError
 from hhsim.linkage import file as linkage_file
 from hhsim.linkage.file import read_linkage
 from hhsim.linkage.linkage import Linkage
+from hhsim.system.child_reader import read_in_child
 
 mujoco = pytest.importorskip("mujoco", reason="pip install 'hhsim[mjcf]' brings MuJoCo")
 SEEDS = sampled(range(24), lambda place, _: place < 4)
@@ -114,7 +116,8 @@ def test_shapes_are_of_their_size_and_meshes_are_scaled(tmp_path: Path) -> None:
         vertices, faces = found.links[0].triangles
         corners = vertices[faces]
         enclosed = np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
-        assert enclosed == pytest.approx(volume, rel=0.005), shape
+        # Chords are inside of what they stand for.
+        assert 0.99 * volume <= enclosed <= volume * (1.0 + 1e-6), shape
         assert vertices[:, 2].mean() == pytest.approx(1.0, abs=0.08)
 
 
@@ -194,7 +197,8 @@ def test_what_cannot_be_used_is_refused_in_one_line(tmp_path: Path, fault: str) 
     assert str(caught.value).startswith(f"{tmp_path / 'thing.xml'}: ") and "\n" not in str(caught.value)
 
 
-def test_a_file_that_multiplies_itself_is_refused(shared_data: Path) -> None:
+def test_a_file_that_multiplies_itself_is_refused(shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(linkage_file, "read_in_child", partial(read_in_child, seconds=0))
     for name, message in (
         ("hfield.xml", "breaks down|cannot be read|memory"),
         ("many.xml", "does not end within|joints|links"),

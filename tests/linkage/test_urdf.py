@@ -125,7 +125,8 @@ def test_shapes_are_closed_and_of_their_size_and_what_collides_comes_before_what
             vertices, faces = _read(tmp_path, link("a", content)).links[0].triangles
             corners = vertices[faces]
             found = np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
-            assert found == pytest.approx(volume, rel=0.005), shape
+            # Chords are inside of what they stand for.
+            assert 0.99 * volume <= found <= volume * (1.0 + 1e-6), shape
 
 
 def test_a_mesh_of_a_package_is_found_up_the_tree_by_its_folder_or_by_the_rest_of_its_path(tmp_path: Path) -> None:
