@@ -2,7 +2,6 @@
 
 import sys
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -19,17 +18,14 @@ from .arguments.free_object import FreeChoice
 from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, option, shared
 from .arguments.options import COUNT, isolate, ranged
-from .arguments.tree_choice import ChosenTree, TreeOrFile
+from .arguments.tree_choice import TreeOrFile
 from .console import print_json, print_line, print_notes, print_table, progress
 from .import_ import HandData
 from .run_again import names_a_result, run_again
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from hhsim.mesh.mesh import Mesh
     from hhsim.replay.summary import ReplaySummary
-    from hhsim.scene.described_scene import PlacedScene, SceneWords
+    from hhsim.scene.described_scene import SceneWords
     from hhsim.scene.motion_catalogue import Motion
     from hhsim.scene.scene import Scene
     from hhsim.solver.options import SolverOptions
@@ -245,12 +241,12 @@ def command(
 ) -> int:
     """Replay a hand motion against an object, every tick measured.
 
-    OBJECT is a name (hhsim objects), a mesh file, a URDF or MJCF file, or the TOML of a thing of several parts;
-    TRAJECTORY is a name (hhsim trajectories), a .toml script or a recording of one of the formats of hhsim import.
-    Above the table stands the verdict, beside the figures their limits and, in scenes of the paper, the paper's
-    figures; every tick is in the file. A recording whose hand touches nothing, or begins inside the object, gets
-    its object placed. The exit code is 1 where more than half of the ticks are stuck; hhsim gate fails on any
-    missed limit. Ctrl-C stops the replay and keeps the ticks so far.
+    OBJECT is a name (hhsim objects), a mesh, URDF or MJCF file, or the TOML of several bodies; TRAJECTORY is a name
+    (hhsim trajectories), a .toml script or a recording of one of the formats of hhsim import. Above the table
+    stands the verdict, beside the figures their limits and, in scenes of the paper, the paper's figures; every tick
+    is in the file. A recording whose hand touches nothing, or begins inside the object, gets its object placed. The
+    exit code is 1 where more than half of the ticks are stuck; hhsim gate fails on any missed limit. Ctrl-C stops
+    the replay and keeps the ticks so far.
 
     OBJECT may also be a result or a recorded session: its ticks run again with their options, and each array is
     identical, within rounding or different; the exit code is 1 where one is different. As TRAJECTORY, such a file is
@@ -273,17 +269,13 @@ def command(
     """
     if names_a_result(object_):
         return run_again(click.get_current_context(), Path(object_), as_json=output.as_json, quiet=output.quiet)
-    from hhsim.mesh.catalogue import MESH_LEVEL, names_a_thing
     from hhsim.replay.replay import replay_scene as run
     from hhsim.replay.summary import repeated_document, repeated_times
     from hhsim.result.reader import check_result_path
     from hhsim.result.writer import state
     from hhsim.scene.described_scene import described_scene
-    from hhsim.scene.linkage_bodies import LEVEL_OF_MANY, linkage_things, load_parts, names_links
     from hhsim.scene.motion_catalogue import import_remarks
-    from hhsim.scene.parts_of_thing import require_no_joints
-    from hhsim.scene.scene import hand_of, with_things
-    from hhsim.scene.things import load_things, names_things
+    from hhsim.scene.scene import hand_of
     from hhsim.solver.free_engine import require_free
 
     if moving.side == "both" and (output.repeat > 1 or rerun is not None):
@@ -295,33 +287,17 @@ def command(
     free.require(solver_options, motion, way_out=": --object-pose fixed keeps it where it is at first")
     remarks = import_remarks(motion, trajectory)
     solid = solver.surface != "mesh"
-    thing = things = None
-    linked = names_links(object_)
-    if names_a_thing(object_) or linked:
-        if (free.free and not linked) or tree.path is not None or mesh_file.given() or rerun is not None:
-            raise click.UsageError(f"--free, --tree, --rerun and a mesh's size are for one object, not for '{object_}'")
-        usual_level = MESH_LEVEL
-        if linked and free.free:
-            free.require_stated(object_)
-            usual_level = LEVEL_OF_MANY
-            things = linkage_things(Path(object_), motion, solid=solid)
-            mesh = things.mesh
-        elif names_things(object_):
-            require_free(solver_options)
-            things = load_things(object_, motion, solid=solid)
-            mesh = things.mesh
-        else:
-            thing = load_parts(object_, motion, solid=solid)
-            mesh = thing.mesh
-    else:
-        mesh, usual_level = mesh_file.read(object_, solid=solid)
-        require_no_joints(motion, object_)
+    links = free.of_links(object_)
+    bodies = mesh_file.bodies(object_, motion, solid=solid, free=links)
+    if len(bodies.solid) > 1 and ((free.free and links is None) or tree.path is not None or rerun is not None):
+        raise click.UsageError(f"--free, --tree and --rerun are for one object, not for '{object_}'")
+    if any(body.is_free for body in bodies.settings):
+        require_free(solver_options)
     # Before the tree is built: a mesh that can have no mass is refused.
-    if things is None:
-        free.object(mesh, object_)
-    output_path = output.path(f"{mesh.name}-{motion.name}-{solver.word}")
+    free.object(bodies.mesh, object_)
+    output_path = output.path(f"{bodies.name}-{motion.name}-{solver.word}")
     check_result_path(output_path)
-    print_notes(mesh.warnings, prefix="warning")
+    print_notes(bodies.mesh.warnings, prefix="warning")
     with ExitStack() as stack:
         viewer = None
         if rerun is not None:
@@ -330,39 +306,16 @@ def command(
             # Before the progress bar starts a thread, which would not survive a fork.
             viewer = stack.enter_context(ViewAhead(rerun))
         report = stack.enter_context(progress(quiet=output.quiet))
-        parts = None
-
-        def tree_of(mesh: "Mesh") -> ChosenTree:
-            return tree.choose(mesh, usual_level, report, solid=solid)
-
-        def with_free(scene: "Scene") -> "Scene":
-            if things is not None:
-                return with_things(scene, things, lambda mesh: tree_of(mesh).tree)
-            return replace(scene, free=free.object(scene.mesh, object_, scene.trajectory))
-
-        if thing is not None:
-            trees = thing.trees(lambda mesh: tree_of(mesh).tree)
-            chosen, parts = ChosenTree(thing.tree(trees), ()), (thing, trees)
-        elif tree.path is None:
-            chosen = tree_of(mesh)
-        else:
-            chosen = tree.load(mesh, mesh_file.unit_length(object_))
-        if things is not None:
-            chosen = chosen._replace(tree=things.named(chosen.tree))
+        bodies, notes = tree.grow(bodies, mesh_file.unit_length(object_) if tree.path else 1.0, report, solid=solid)
+        sides = HANDS if moving.side == "both" else (moving.side,)
+        hands = [hand_of(each, side, moving.hand_file) for each, side in zip(motions, sides)]
         described = moving.words(object_, trajectory, mesh_file, tree, reading)
-        if moving.side == "both":
-            from hhsim.scene.described_scene import two_handed_scenes
-
-            hands = [hand_of(each, side, moving.hand_file) for each, side in zip(motions, HANDS)]
-            placed_hands = two_handed_scenes(
-                described, mesh, chosen.tree, hands, motions, solver_options.fingers, parts
-            )
-            scenes = [replace(one, scene=with_free(one.scene)) for one in placed_hands]
-            return _replay_both(scenes, solver_options, output, output_path, [*remarks, *chosen.notes], report)
-        hand = hand_of(motion, moving.side, moving.hand_file)
-        placed = described_scene(described, mesh, chosen.tree, hand, motion, solver_options.fingers, thing=parts)
+        placed = described_scene(described, bodies, hands, motions, solver_options.fingers)
+        freed = free.object(placed.scene.solids[0].placed_mesh, object_)
+        scene = placed.scene if freed is None else placed.scene.freed(freed)
         remarks += filter(None, [placed.note])
-        scene = with_free(placed.scene)
+        if len(hands) > 1:
+            return _replay_both(scene, solver_options, output, output_path, [*remarks, *notes], report)
         settle = viewer.settle if viewer is not None else None
         typed = ("hhsim", *sys.argv[1:])
         runs = [
@@ -386,8 +339,8 @@ def command(
             print()
             columns = words("", "row.label"), number("mean ± σ", "shown"), words("unit", "row.unit")
             print_table(Table(columns, repeated_times(runs), f"times of {len(runs)} runs"))
-        for note in (*remarks, *chosen.notes, *summary.notes):
-            if note not in mesh.warnings:
+        for note in (*remarks, *notes, *summary.notes):
+            if note not in bodies.mesh.warnings:
                 print_line(f"note: {note}")
         print_line(f"every tick is in {summary.path}")
     elif summary.verdict.mostly_stuck:
@@ -396,7 +349,7 @@ def command(
 
 
 def _replay_both(
-    scenes: "Sequence[PlacedScene]",
+    scene: "Scene",
     solver_options: "SolverOptions",
     output: ReplayOutput,
     path: Path,
@@ -406,9 +359,8 @@ def _replay_both(
     """Replay two hands, print a table of each, and return the exit code."""
     from hhsim.replay.replay import replay_two_hands
 
-    typed = ("hhsim", *sys.argv[1:])
-    both = replay_two_hands([placed.scene for placed in scenes], solver_options, path, command=typed, progress=report)
-    notes = [*dict.fromkeys([*notes, *filter(None, (placed.note for placed in scenes))]), both.note]
+    both = replay_two_hands(scene, solver_options, path, command=("hhsim", *sys.argv[1:]), progress=report)
+    notes = [*dict.fromkeys(notes), both.note]
     stuck = [summary for summary in both.hands if summary.verdict.mostly_stuck]
     if output.as_json:
         print_json({**both.to_json(), "notes": notes})

@@ -44,7 +44,7 @@ def command(
     OBJECT and TRAJECTORY are as for hhsim replay. The folder gets the mesh (.obj), the spheres that cover it, the
     user's hand at every tick (.csv and HDF5), the hand as numbers, URDF and MJCF, hand and object as one MJCF model
     (scene.xml), a README with frames and units, and example-submission.csv, which shows what hhsim score takes back
-    (docs/submissions.md). Several parts or things have a mesh each, and joints in scene.xml; hhsim score takes none.
+    (docs/submissions.md). Several bodies have a mesh each, and joints in scene.xml; hhsim score takes none.
 
     \b
     Examples:
@@ -70,13 +70,13 @@ def command(
         mode=sampling.samples,
         seed=seed,
     )
-    print_notes(import_remarks(scene.trajectory, trajectory))
+    print_notes(import_remarks(scene.hands[0].trajectory, trajectory))
     digest = write_scene_folder(scene, folder)
     if printing.as_json:
         names = sorted(path.name for path in folder.iterdir())
         print_json({"folder": str(folder), "scene": digest, "ticks": scene.ticks.tick_count, "files": names})
     elif not printing.quiet:
         ticks = counted(scene.ticks.tick_count, "tick")
-        print_line(f"{scene.mesh.name}, {scene.trajectory.name}: {ticks}, scene {digest[:12]}")
+        print_line(f"{scene.name}, {scene.hands[0].trajectory.name}: {ticks}, scene {digest[:12]}")
         back = f"send poses back as in {folder / EXAMPLE}: hhsim score {folder / EXAMPLE} measures them"
-        print_line(back if scene.parts is None else f"several parts or things: {folder / 'README.md'} tells of them")
+        print_line(back if len(scene.solids) == 1 else f"several bodies: {folder / 'README.md'} tells of them")

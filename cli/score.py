@@ -76,7 +76,7 @@ def command(
 
     read = read_submission(submission)
     scene = scene_of(read, folder)
-    path = output.path(f"{scene.mesh.name}-{scene.trajectory.name}-{submission.stem}")
+    path = output.path(f"{scene.name}-{scene.hands[0].trajectory.name}-{submission.stem}")
     check_result_path(path)
     with progress(quiet=output.quiet) as report:
         found = score(read, scene, path, surface=surface, command=("hhsim", *sys.argv[1:]), progress=report)

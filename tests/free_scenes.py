@@ -107,8 +107,9 @@ def squeeze_of(solver: HandSolver) -> float:
 def free_scene(mass: float = 50.0, friction: float = 2.0) -> Scene:
     """A cylinder that is too heavy and too rough to go far, on a table, grasped."""
     scene = short_scene(short_grasp(hold=0.09))
-    table = float(scene.mesh.bounds[0, 2])
-    return replace(scene, free=FreeObject.of_mesh(scene.mesh, mass=mass, friction=friction, torsion=0.01, table=table))
+    table = float(scene.solids[0].placed_mesh.bounds[0, 2])
+    free = {"mass": mass, "friction": friction, "torsion": 0.01, "table": table}
+    return scene.freed(FreeObject.of_mesh(scene.solids[0].placed_mesh, **free))
 
 
 def free_result(path: Path) -> Result:

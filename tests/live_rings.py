@@ -70,9 +70,9 @@ def make_setup(record: Path | None, options: SolverOptions | None = None) -> Liv
     """A session on a bumpy ball; the object's own frame is not the world's."""
     scene = grasp()
     return LiveSetup(
-        mesh=scene.mesh,
-        tree=scene.tree,
-        hand=scene.hand,
+        mesh=scene.solids[0].placed_mesh,
+        tree=scene.solids[0].placed_tree,
+        hand=scene.hands[0].model,
         options=options or SolverOptions(),
         device=configure("sim"),
         pose=PoseConfig(kind="fixed"),
@@ -84,7 +84,7 @@ def make_setup(record: Path | None, options: SolverOptions | None = None) -> Liv
 
 def solved_ticks(setup: LiveSetup) -> Records:
     """700 ticks as the loop publishes them: a grasp."""
-    ticks = grasp().ticks
+    ticks = grasp().hands[0].ticks
     solver = HandSolver(setup.hand, setup.tree.arrays(), loop_options(setup.options, setup.rate))
     rows = np.zeros(700, LIVE_TICK)
     for i, row in enumerate(rows):

@@ -37,9 +37,14 @@ class Case(NamedTuple):
 def scene_case(name: str, script: str, every: int = 33, first: int = 0, last: int | None = None) -> Case:
     """A script's haptic hand, seen 30 times a second or more slowly."""
     scene = open_scene(name, script)
-    ticks = HandConfiguration.of(scene.ticks)
+    ticks = HandConfiguration.of(scene.hands[0].ticks)
     frames = ticks.at(np.arange(0, ticks.ticks, every)).part(first, last).copy()
-    return Case(scene.hand, scene.mesh, contact_surface("mesh", scene.mesh, None), frames)
+    return Case(
+        scene.hands[0].model,
+        scene.solids[0].placed_mesh,
+        contact_surface("mesh", scene.solids[0].placed_mesh, None),
+        frames,
+    )
 
 
 def shape_case(shape: trimesh.Trimesh, frames: HandConfiguration) -> Case:

@@ -126,8 +126,12 @@ def samples(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     free_result(folder / "free.h5")
     write_session(folder / "session.h5")
     still = short_scene(short_grasp(hold=0.03))
-    moving = carried(still.trajectory, swing(still.trajectory.time))
-    replay_scene(make_scene(still.mesh, still.tree, still.hand, moving), SolverOptions(), folder / "driven.h5")
+    moving = carried(still.hands[0].trajectory, swing(still.hands[0].trajectory.time))
+    replay_scene(
+        make_scene(still.solids[0].placed_mesh, still.solids[0].placed_tree, still.hands[0].model, moving),
+        SolverOptions(),
+        folder / "driven.h5",
+    )
     cup = load_object("cup").mesh
     save_tree(cached_sphere_tree(cup, TreeOptions(level=2)), folder / "tree.h5")
     recording = smooth_recording(60)

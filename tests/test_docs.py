@@ -13,7 +13,7 @@ import click
 import pytest
 from markdown_pages import SPAN, Page, pages
 
-from hhsim.mesh.catalogue import object_names, thing_names
+from hhsim.mesh.catalogue import body_file_names, object_names
 from hhsim.scene.motion_catalogue import trajectory_names
 
 (POINT,) = importlib.metadata.entry_points(group="console_scripts", name="hhsim")
@@ -113,7 +113,7 @@ def _check_command(call: list[str], complete: bool) -> None:
                 if parameter.name == "trajectory":
                     assert text in trajectory_names(), f"there is no trajectory {text}"
                 elif parameter.name in ("object", "object_"):
-                    assert text in (*object_names(), *thing_names()), f"there is no object {text}"
+                    assert text in (*object_names(), *body_file_names()), f"there is no object {text}"
     if complete:
         for parameter in command.params:
             if isinstance(parameter, click.Argument) and parameter.required:

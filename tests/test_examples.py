@@ -121,8 +121,10 @@ def cpp_method(examples: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_the_kinematics_of_the_header_are_those_of_the_hand(cpp_method: Any, side: Side) -> None:
     scene = short_scene(short_grasp(), "cylinder", 2, side)
-    method = cpp_method.CppMethod(MethodScene(scene.hand, scene.mesh, scene.tree, SolverOptions()))
-    random, hand = np.random.default_rng(3), scene.hand
+    method = cpp_method.CppMethod(
+        MethodScene(scene.hands[0].model, scene.solids[0].placed_mesh, scene.solids[0].placed_tree, SolverOptions())
+    )
+    random, hand = np.random.default_rng(3), scene.hands[0].model
     for _ in range(50):
         turn = random.normal(size=4)
         flexion = random.uniform(hand.flexion_min, hand.flexion_max)

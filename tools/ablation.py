@@ -42,10 +42,12 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_LINEARISATIO
 from hhsim.kernels.tick.step_length import WHOLE_TARGET
 from hhsim.mesh.catalogue import object_description, object_names
 from hhsim.metrics.metrics import tracking_energy
-from hhsim.scene.free_object import CLEARANCE, FreeObject
+from hhsim.scene.body import CLEARANCE
+from hhsim.scene.free_object import FreeObject
 from hhsim.scene.scene import Scene, open_scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.scene_solver import seen_scene
 from hhsim.trees.contact_surface import contact_surface
 
 MOTIONS = ("grasp", "pinch", "slide", "touch", "whole-hand")
@@ -261,9 +263,11 @@ def scenes(recordings: Path | None) -> Iterator[tuple[str, str, Scene]]:
     for object_ in LIFTED:
         scene = open_scene(object_, "lift")
         known = object_description(object_)
-        table = float(scene.mesh.bounds[0, 2]) - CLEARANCE
-        free = FreeObject.of_mesh(scene.mesh, table=table, density=known["density"], friction=known["friction"])
-        yield "free", f"{object_} lift", replace(scene, free=free)
+        table = float(scene.solids[0].placed_mesh.bounds[0, 2]) - CLEARANCE
+        free = FreeObject.of_mesh(
+            scene.solids[0].placed_mesh, table=table, density=known["density"], friction=known["friction"]
+        )
+        yield "free", f"{object_} lift", scene.freed(free)
     for path in sorted(recordings.iterdir()) if recordings else ():
         if not path.stem.startswith(RECORDED):
             continue
@@ -298,7 +302,7 @@ def figures(
     valid = np.flatnonzero(finite)
     shown = HandConfiguration.of(record)
     energy = 0.0
-    if scene.free is None and valid.size:
+    if seen_scene(scene).free is None and valid.size:
         diagonal = options.stiffness.diagonal()
         energy = float(tracking_energy(motion.at(valid), shown.at(valid), diagonal).mean())
 
@@ -308,13 +312,13 @@ def figures(
     return {
         "digest": digest(record),
         "ticks": len(record.status),
-        "depth": float(recorded_penetration(scene.hand, surface, judged).depth.max()),
+        "depth": float(recorded_penetration(scene.hands[0].model, surface, judged).depth.max()),
         "stuck": int(((record.status & STATUS_STUCK) > 0).sum()),
         "lagging": int(((record.status & STATUS_LAG) > 0).sum()),
         "lag": float(lag.max(initial=0.0)),
         "energy": energy,
         "force_step": float(force.max(initial=0.0)),
-        "limits": float(limit_excess(scene.hand, record)),
+        "limits": float(limit_excess(scene.hands[0].model, record)),
         "units_mean": float(units.mean()) if len(units) else 0.0,
         "units_p50": percentile(units, 0.5),
         "units_p99": percentile(units, 0.99),
@@ -327,7 +331,7 @@ def figures(
 @cache
 def _touched(surface: str, digest: str) -> Any:
     scene = _by_digest[digest]
-    return contact_surface(surface, scene.mesh, scene.tree)
+    return contact_surface(surface, scene.solids[0].placed_mesh, scene.solids[0].placed_tree)
 
 
 _by_digest: dict[str, Scene] = {}
@@ -335,7 +339,9 @@ _by_digest: dict[str, Scene] = {}
 
 def touched(surface: str, scene: Scene) -> Any:
     """Return the contact surface of a scene; scenes with the same object in the same place share it."""
-    digest = hashlib.sha256(scene.mesh.vertices.tobytes() + scene.tree.center.tobytes()).hexdigest()
+    digest = hashlib.sha256(
+        scene.solids[0].placed_mesh.vertices.tobytes() + scene.solids[0].placed_tree.center.tobytes()
+    ).hexdigest()
     _by_digest.setdefault(digest, scene)
     return _touched(surface, digest)
 
@@ -344,8 +350,9 @@ def run_one(scene: Scene, options: SolverOptions) -> dict[str, Any]:
     """Replay a scene without writing anything."""
     options = options.at_rate(scene.ticks.rate)
     surface = touched(options.surface, scene)
-    solver = HandSolver(scene.hand, surface, options, scene.free)
-    motion = HandConfiguration.of(scene.ticks)
+    seen = seen_scene(scene)
+    solver = HandSolver(scene.hands[0].model, surface, options, seen.free)
+    motion = seen.haptic[0]
     motion = motion.part(0, min(motion.ticks, MOST_TICKS))
     record = solver.run(*motion)
     return figures(scene, options, surface.arrays, record, motion)
@@ -354,10 +361,10 @@ def run_one(scene: Scene, options: SolverOptions) -> dict[str, Any]:
 def run_random(scene: Scene, options: SolverOptions, ticks: int, seed: int) -> dict[str, Any]:
     """Random targets around the object of a scene."""
     surface = touched(options.surface, scene)
-    center, radius = scene.tree.center[0], float(scene.tree.radius[0])
-    targets = RandomTargets(scene.hand, seed, StressOptions(), center=center, height=max(0.25, radius + 0.2))
+    center, radius = scene.solids[0].placed_tree.center[0], float(scene.solids[0].placed_tree.radius[0])
+    targets = RandomTargets(scene.hands[0].model, seed, StressOptions(), center=center, height=max(0.25, radius + 0.2))
     motion = targets.take(ticks)
-    record = HandSolver(scene.hand, surface, options).run(*motion)
+    record = HandSolver(scene.hands[0].model, surface, options).run(*motion)
     return figures(scene, options, surface.arrays, record, motion)
 
 

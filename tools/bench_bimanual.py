@@ -42,23 +42,23 @@ from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_s
 from hhsim.hand.model import HandModel, Side
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
-from hhsim.linkage.object_mesh import resolve_object
-from hhsim.mesh.catalogue import names_a_thing, object_description
+from hhsim.mesh.catalogue import names_a_body_file, object_description
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import mesh_clearance
 from hhsim.motion.trajectory import RigidMotion
-from hhsim.scene.described_scene import SceneWords, two_handed_motions, two_handed_scenes
-from hhsim.scene.free_object import CLEARANCE, FreeObject
-from hhsim.scene.scene import Scene, open_scene
+from hhsim.scene.body import CLEARANCE
+from hhsim.scene.declared_bodies import load_object
+from hhsim.scene.described_scene import SceneWords, described_scene, two_handed_motions
+from hhsim.scene.free_object import FreeObject
+from hhsim.scene.scene import Scene, open_scene, tree_maker
 from hhsim.scene.synthesis import minimum_jerk
 from hhsim.solver.free_engine import FreeEngine, Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.outside_method import MethodScene
+from hhsim.solver.scene_solver import seen_scene
 from hhsim.solver.two_hands import TwoHandedSolver
-from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
-from hhsim.trees.options import TreeOptions
 
 BLOCK = 100
 """Ticks after which the next method has its turn."""
@@ -135,36 +135,34 @@ class Play:
         return mesh
 
 
-def _scenes(task: Task) -> list[Scene]:
-    if names_a_thing(task.object_name):
-        return [open_scene(task.object_name, task.motion, solid=False)]
-    mesh, level = resolve_object(task.object_name, solid=False)
+def _scene(task: Task) -> Scene:
+    if names_a_body_file(task.object_name):
+        return open_scene(task.object_name, task.motion, solid=False)
+    bodies = load_object(task.object_name, solid=False)
+    bodies = bodies.with_trees(tree_maker(bodies.level))
     words = SceneWords(object=task.object_name, trajectory=task.motion)
     hands = [HandModel.default(side) for side in SIDES]
-    tree = cached_sphere_tree(mesh, TreeOptions(level=level))
-    placed = two_handed_scenes(words, mesh, tree, hands, two_handed_motions(task.motion))
-    return [each.scene for each in placed]
+    scene = described_scene(words, bodies, hands, two_handed_motions(task.motion)).scene
+    known, mesh = object_description(task.object_name), scene.solids[0].placed_mesh
+    table = float(mesh.bounds[0, 2]) - CLEARANCE
+    free = FreeObject.of_mesh(mesh, density=known["density"], friction=known["friction"], table=table)
+    return scene.freed(free)
 
 
 def play_of(task: Task, pause: float) -> Play:
     """Return a scene with pauses of so many seconds."""
-    scenes = _scenes(task)
-    first = scenes[0]
-    free = first.free
-    if free is None:
-        known = object_description(task.object_name)
-        table = float(first.mesh.bounds[0, 2]) - CLEARANCE
-        free = FreeObject.of_mesh(first.mesh, density=known["density"], friction=known["friction"], table=table)
-    given = [("first", first.mesh, first.tree, free, False), *first.others]
-    things = [Thing(contact_surface("mesh", mesh, tree), own, fixed, name) for name, mesh, tree, own, fixed in given]
+    scene = _scene(task)
+    seen = seen_scene(scene)
+    assert seen.free is not None
+    things = [Thing(contact_surface("mesh", seen.mesh, seen.tree), seen.free, name="first"), *seen.things("mesh")]
     index, ticks = paused(
-        [phase.last_tick for phase in first.ticks.phases], [one.phase for one in task.pauses], round(1e3 * pause)
+        [phase.last_tick for phase in scene.ticks.phases], [one.phase for one in task.pauses], round(1e3 * pause)
     )
-    haptic = [HandConfiguration.of(scene.ticks).at(index) for scene in scenes]
-    hands = tuple(capsule_hand(scene.hand.side) for scene in scenes)
+    haptic = [HandConfiguration.of(hand.ticks).at(index) for hand in scene.hands]
+    hands = tuple(capsule_hand(hand.model.side) for hand in scene.hands)
     aim = None
     if task.aim is not None:
-        begins = first.ticks.phases[task.aim].first_tick
+        begins = scene.ticks.phases[task.aim].first_tick
         aim = slice(int(np.searchsorted(index, begins)), ticks[0].start)
     return Play(hands, tuple(haptic), tuple(things), tuple(zip(task.pauses, ticks)), aim)
 

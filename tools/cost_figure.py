@@ -148,8 +148,8 @@ def measure(options: CostOptions, progress: Callable[[str], None] | None = None)
 
 
 def _run(replay: _Replay) -> None:
-    ticks = replay.scene.ticks
-    solver = HandSolver(replay.scene.hand, replay.scene.tree.arrays(), replay.solver)
+    ticks = replay.scene.hands[0].ticks.seen_from_object()
+    solver = HandSolver(replay.scene.hands[0].model, replay.scene.solids[0].placed_tree.arrays(), replay.solver)
     record = solver.run(ticks.position, ticks.orientation, ticks.flexion, ticks.abduction)
     replay.pairs = record.work[:, WORK_CANDIDATES]
     replay.rounds.append(np.multiply(1e-9, record.duration_cpu, dtype=np.float64))

@@ -97,14 +97,14 @@ class Drawn:
         return self.written(name, text)
 
     def things(self, name: str) -> str:
-        """Write a scene of several things with other masses and friction, and return the file's name."""
-        source = files("hhsim.objects") / "things"
+        """Write a file of bodies with other masses and friction, and return its name."""
+        source = files("hhsim.objects") / "bodies"
         text = (source / f"{name}.toml").read_text(encoding="utf-8").replace('mesh = "', f'mesh = "{source}/')
         heavier = self.between(0.02, 20.0)
         text = re.sub(r"^mass = ([\d.]+)", lambda of: f"mass = {float(of[1]) * heavier:.6g}", text, flags=re.M)
         text = re.sub(r"^(friction|torsion) = .*\n", "", text, flags=re.M)
         rough = f"friction = {self.rng.uniform(0.0, 2.0):.3f}\ntorsion = {self.one(0.0, 0.003, 0.01)}"
-        return self.written(name, text.replace("[[thing]]", f"[[thing]]\n{rough}"))
+        return self.written(name, re.sub(r'^name = "(?!table).*', lambda of: f"{of[0]}\n{rough}", text, flags=re.M))
 
     def common(self, on_mesh: float = 0.5) -> list[str]:
         """Return options that every kind takes; a share of the runs is on the mesh."""

@@ -28,6 +28,7 @@ from hhsim.scene.scene import open_scene
 from hhsim.scene.script import Script
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.scene_solver import seen_scene
 from hhsim.trees.contact_surface import contact_surface
 
 Times = NDArray[np.float64]
@@ -85,11 +86,11 @@ def of_mirror_images() -> tuple[Times, Times, Times]:
     A left hand that finds its place beside a right one touches the cube elsewhere, and does other work.
     """
     scene, flip = open_scene("cube", "grasp", hand="right"), np.diag([-1.0, 1.0, 1.0])
-    right = HandConfiguration.of(scene.ticks)
+    right = HandConfiguration.of(scene.hands[0].ticks)
     turned = right.orientation * [1.0, 1.0, -1.0, -1.0]
     left = HandConfiguration(right.position @ flip, turned, right.flexion, right.abduction)
-    other = scene.tree.transformed(flip, np.zeros(3))
-    pairs = [(scene.hand, scene.tree, right), (HandModel.default("left"), other, left)]
+    other = scene.solids[0].placed_tree.transformed(flip, np.zeros(3))
+    pairs = [(scene.hands[0].model, scene.solids[0].placed_tree, right), (HandModel.default("left"), other, left)]
     alone, *both = (
         HandSolver(hand, tree.arrays(), SolverOptions()).run(*motion) for hand, tree, motion in [pairs[0], *pairs]
     )
@@ -102,11 +103,11 @@ def of_laptop(surface: str) -> tuple[Times, Times, Times]:
     assert isinstance(motion, Script)
     still = replace(motion, joints=(("lid", ((0.0, OPEN),)),))
     scene = open_scene("laptop", still, solid=surface == "spheres", level=3)
-    assert scene.parts is not None
-    options, haptic = SolverOptions(surface=surface), HandConfiguration.of(scene.ticks)
+    seen, options = seen_scene(scene), SolverOptions(surface=surface)
+    hand, haptic = scene.hands[0].model, seen.haptic[0]
 
-    twin = HandSolver(scene.hand, contact_surface(surface, scene.mesh, scene.tree), options).run(*haptic)
-    parts = HandSolver(scene.hand, scene.parts.surface(surface), options).run(*haptic)
+    twin = HandSolver(hand, contact_surface(surface, seen.mesh, seen.tree), options).run(*haptic)
+    parts = HandSolver(hand, seen.surface(surface), options).run(*haptic)
     return times_of(twin), times_of(parts), touching(twin)
 
 

@@ -45,9 +45,9 @@ for line in sys.stdin:
         tree = cached_sphere_tree(mesh, TreeOptions(level=level))
         made[key] = make_scene(mesh, tree, HandModel.default(), load_script(motion))
     scene = made[key]
-    arrays = contact_surface(surface, scene.mesh, scene.tree).arrays
-    solver = HandSolver(scene.hand, arrays, SolverOptions(method=method, surface=surface))
-    record = solver.run(*HandConfiguration.of(scene.ticks))
+    arrays = contact_surface(surface, scene.solids[0].placed_mesh, scene.solids[0].placed_tree).arrays
+    solver = HandSolver(scene.hands[0].model, arrays, SolverOptions(method=method, surface=surface))
+    record = solver.run(*HandConfiguration.of(scene.hands[0].ticks))
     np.save(path, np.where(record.work[:, WORK_TOUCHING] > 0, 1e-3 * record.duration_cpu, np.nan))
     print("done", file=answers, flush=True)
 """

@@ -110,7 +110,11 @@ def end_to_end(
     scene = make_scene(mesh, tree, hand, load_script(motion))
     options = replace(options, period=1.0 / scene.ticks.rate)
     warm_up(hand, options)
-    arrays, shape, ticks = scene.tree.arrays(), hand_shape(hand), scene.ticks
+    arrays, shape, ticks = (
+        scene.solids[0].placed_tree.arrays(),
+        hand_shape(hand),
+        scene.hands[0].ticks.seen_from_object(),
+    )
     record = HandSolver(hand, arrays, options).run(ticks.position, ticks.orientation, ticks.flexion, ticks.abduction)
     placed = placed_of(record)
     palm, finger = hand_clearance(arrays, shape, placed, limit=2.0 * TOUCH)
@@ -125,9 +129,11 @@ def end_to_end(
     # A hold that rests shows the same hand over and over.
     chosen = chosen[np.unique(placed.joints[chosen].reshape(len(chosen), -1), axis=0, return_index=True)[1]]
     some = placed.at(chosen)
-    referee = HandReferee(scene.mesh)
+    referee = HandReferee(scene.solids[0].placed_mesh)
     true = referee.clearances(shape, some, FAR)
-    own = sphere_distances(scene.tree.leaf_center, scene.tree.leaf_radius, shape, some)
+    own = sphere_distances(
+        scene.solids[0].placed_tree.leaf_center, scene.solids[0].placed_tree.leaf_radius, shape, some
+    )
     touching = own <= TOUCH
     hover = np.where(touching, true - np.maximum(own, 0.0), -np.inf).max(axis=1)
     points = find_contact_points(arrays, shape, some, TOUCH).point

@@ -1,7 +1,6 @@
 """Options of a free object."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,7 +11,6 @@ from .options import ranged, within
 
 if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
-    from hhsim.motion.trajectory import Trajectory
     from hhsim.scene.free_object import FreeObject
     from hhsim.scene.motion_catalogue import Motion
     from hhsim.solver.options import SolverOptions
@@ -81,25 +79,29 @@ class FreeChoice(OptionGroup, heading="Free object"):
             name = next(iter(given)).replace("_", "-")
             raise click.UsageError(f"--{name} is for a free object: add --free")
 
-    def require_stated(self, word: str) -> None:
-        """Raise UsageError for properties of one object, where a file states those of several."""
-        given = [name.replace("_", "-") for name in self.given() if name != "free"]
-        if given:
-            raise click.UsageError(f"--{given[0]} is of one object; {word} has several links, which state their own")
+    def of_links(self, word: str) -> dict[str, Any] | None:
+        """Return what --free says of a URDF or MJCF file, SI; None without it, or for another object."""
+        from hhsim.linkage.file import names_a_linkage
 
-    def object(self, mesh: "Mesh", word: str, placed: "Trajectory | None" = None) -> "FreeObject | None":
+        given = self.given()
+        if not given.pop("free") or not names_a_linkage(word):
+            return None
+        for name in {"torsion", "table"} & set(given):
+            given[name] = given[name] if given[name] in (UNDER, NONE) else 1e-3 * float(given[name])
+        return given
+
+    def object(self, mesh: "Mesh", word: str) -> "FreeObject | None":
         """Return the free object of a mesh [m] at its first place, `word` its name or file; None without --free.
 
-        `placed` is the motion that has placed it in the world.
-        Raises HhsimError for a mesh without inside, or impossible numbers.
+        Links state it themselves, see `of_links`. Raises HhsimError for a mesh without inside, or impossible numbers.
         """
         from hhsim.linkage.file import names_a_linkage
         from hhsim.mesh.catalogue import names_a_file, object_description
-        from hhsim.scene.free_object import CLEARANCE, FreeObject
-        from hhsim.scene.linkage_bodies import free_link
+        from hhsim.scene.body import CLEARANCE
+        from hhsim.scene.free_object import FreeObject
 
         given = self.given()
-        if not given.pop("free"):
+        if not given.pop("free") or names_a_linkage(word):
             return None
         if not names_a_file(word):
             known = object_description(word)
@@ -109,6 +111,4 @@ class FreeChoice(OptionGroup, heading="Free object"):
             given["torsion"] *= 1e-3
         lowest = float(mesh.bounds[0, 2]) - CLEARANCE
         height = lowest if table == UNDER else None if table == NONE else 1e-3 * float(table)
-        if names_a_linkage(word):
-            return free_link(Path(word), mesh, placed, {**given, "table": height})
         return FreeObject.of_mesh(mesh, table=height, **given)

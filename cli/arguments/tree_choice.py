@@ -13,6 +13,7 @@ from .options import file
 
 if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
+    from hhsim.scene.declared_bodies import DeclaredBodies
     from hhsim.trees.sphere_tree import SphereTree
 
 AUTO = 0
@@ -109,3 +110,20 @@ class TreeOrFile(TreeChoice):
             raise click.UsageError(f"--tree {self.path} has its own level: leave --level and --max-error out")
         found = load_tree_for(self.path, mesh, unit_length)
         return ChosenTree(found.tree, (f"the sphere tree is that of {self.path}", *found.notes))
+
+    def grow(
+        self, bodies: "DeclaredBodies", unit_length: float, report: Progress, *, solid: bool = True
+    ) -> "tuple[DeclaredBodies, tuple[str, ...]]":
+        """Return the bodies with their trees, and notes on the choice.
+
+        `unit_length` [m] is that of a .sph file; other arguments and errors are those of `choose`.
+        """
+        notes: list[str] = []
+
+        def made(mesh: "Mesh") -> "SphereTree":
+            own, level = self.path is not None, bodies.level
+            found = self.load(mesh, unit_length) if own else self.choose(mesh, level, report, solid=solid)
+            notes.extend(found.notes)
+            return found.tree
+
+        return bodies.with_trees(made), tuple(dict.fromkeys(notes))

@@ -133,7 +133,7 @@ def measure(options: MeshSizeOptions, progress: Progress = silent) -> list[Row]:
         warm_up(hand, SolverOptions(method=method, surface="mesh"))
     mesh = load_object(options.object_name).mesh
     tree = cached_sphere_tree(mesh, TreeOptions(level=MESH_LEVEL))
-    haptic = HandConfiguration.of(make_scene(mesh, tree, hand, load_script(MOTION)).ticks)
+    haptic = HandConfiguration.of(make_scene(mesh, tree, hand, load_script(MOTION)).hands[0].ticks)
     sizes = []
     wanted = (0, *sorted(options.subdivisions))
     for i, times in enumerate(wanted):

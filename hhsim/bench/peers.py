@@ -203,7 +203,8 @@ def _scenes(hand: HandModel, options: PeersOptions, progress: Progress) -> Itera
         referee = HandReferee(mesh)
         for motion in options.motions:
             trajectory = synthesize(load_script(motion), hand, tree, options.seed)
-            ticks = make_scene(mesh, tree, hand, trajectory, rate=options.rate).ticks
+            scene = make_scene(mesh, tree, hand, trajectory, rate=options.rate)
+            ticks = scene.hands[0].ticks.seen_from_object()
             placed = forward_kinematics(hand, *HandConfiguration.of(ticks))
             contact = hand_clearance(hand, surfaces["mesh"].arrays, placed, NEAR) < NEAR
             yield _Scene(name, motion, mesh, ticks, contact, referee, surfaces)

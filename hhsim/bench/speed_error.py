@@ -215,7 +215,8 @@ def _scenes(hand: HandModel, options: SpeedErrorOptions, progress: Progress) -> 
         for j, motion in enumerate(options.motions):
             progress("scenes, with their optima", i * len(options.motions) + j, count)
             trajectory = synthesize(load_script(motion), hand, finest, options.seed)
-            ticks = make_scene(mesh, finest, hand, trajectory, rate=options.rate).ticks
+            scene = make_scene(mesh, finest, hand, trajectory, rate=options.rate)
+            ticks = scene.hands[0].ticks.seen_from_object()
             errors = runs.error_scene(hand, referee, ticks, triangles, SolverOptions(), options.seed)
             yield _Scene(name, motion, errors, surfaces)
 

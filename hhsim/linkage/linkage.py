@@ -41,6 +41,10 @@ class Frame(NamedTuple):
         """Return the place of a frame, given in this one, in the other one."""
         return Frame(matmul(self.rotation, other.rotation), self.points(other.position))
 
+    def inverse(self) -> "Frame":
+        """Return the place of the other frame in this one."""
+        return Frame(self.rotation.T, -matmul(self.rotation.T, self.position))
+
 
 HERE = Frame(np.eye(3), np.zeros(3))
 

@@ -13,8 +13,10 @@ if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
 
 SUFFIX = ".toml"
-THINGS = "things"
-"""Folder of the things of several parts."""
+BODIES = "bodies"
+"""Folder of the files of bodies."""
+OF_BODIES = "bodies"
+"""Option of a sphere tree that has the name of the bodies it is of, by which a script finds its placement."""
 MESH_LEVEL = 4
 """Sphere-tree level of a mesh file, which may be as complex as the bunny."""
 
@@ -55,15 +57,15 @@ def object_description(name: str) -> dict[str, Any]:
 
 
 @functools.cache
-def thing_names() -> list[str]:
-    """Return the names of the things of several parts that ship with hhsim."""
-    folder = files("hhsim.objects") / THINGS
+def body_file_names() -> list[str]:
+    """Return the names of the files of bodies that ship with hhsim."""
+    folder = files("hhsim.objects") / BODIES
     return sorted(entry.name.removesuffix(SUFFIX) for entry in folder.iterdir() if entry.name.endswith(SUFFIX))
 
 
-def names_a_thing(word: str) -> bool:
-    """Return True if a word means a thing of several parts: a name of the catalogue, or a TOML file."""
-    return word.lower().endswith(SUFFIX) or (not names_a_file(word) and word in thing_names())
+def names_a_body_file(word: str) -> bool:
+    """Return True if a word means a file of bodies: a name of the catalogue, or a TOML file."""
+    return word.lower().endswith(SUFFIX) or (not names_a_file(word) and word in body_file_names())
 
 
 def usual_level(word: str) -> int | None:

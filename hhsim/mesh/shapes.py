@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
+from hhsim.mesh.mesh import Mesh
 from hhsim.reproducible import sine_and_cosine
 
 Triangles = tuple[FloatArray, IntArray]
@@ -24,6 +25,11 @@ _SIDES = np.array(
 def box(edges: Sequence[float] | FloatArray) -> Triangles:
     """Return a box by its edges [m]."""
     return _CORNERS * np.asarray(edges, np.float64), _SIDES
+
+
+def box_mesh(edges: Sequence[float], name: str = "") -> Mesh:
+    """Return the mesh of a box about the origin by its edges [m]."""
+    return Mesh(*box(edges), name=name, source="box")
 
 
 def cylinder(radius: float, length: float) -> Triangles:

@@ -3,7 +3,6 @@
 A frame of the recording is a tick of the scene. Nothing is resampled: the frames that come out are those that went in.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,9 +23,9 @@ from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording
 from hhsim.repair.skin import Skin
 from hhsim.repair.written_hand import WrittenHand
-from hhsim.scene.parts_of_thing import ThingParts
-from hhsim.scene.scene import Scene
-from hhsim.trees.sphere_tree import SphereTree
+from hhsim.scene.declared_bodies import DeclaredBodies
+from hhsim.scene.scene import Hand, Scene
+from hhsim.solver.scene_solver import SeenScene, seen_scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,15 +33,21 @@ class RecordedScene:
     """Recorded hand beside its object."""
 
     scene: Scene  # object, hand and frames; a tick is a frame
+    seen: SeenScene  # the same as the object sees it
     frames: IntArray  # samples of the recording with a whole hand and a known object, shape (F,)
     joints: FloatArray  # recorded joints in these frames as the object sees them [m], shape (F, 21, 3)
     moved: RigidMotion | None  # motion of the object since the first frame; None if it stands still
     tip_on_surface: bool  # True if recorded fingertips are points of the skin
 
     @property
+    def hand(self) -> HandModel:
+        """Model of the hand."""
+        return self.scene.hands[0].model
+
+    @property
     def haptic(self) -> HandConfiguration:
         """Fitted hand of each frame as the object sees it."""
-        return HandConfiguration.of(self.scene.ticks)
+        return self.seen.haptic[0]
 
     def in_the_world(self, seen: Correction, recording: Recording) -> Correction:
         """Transform the correction of the frames, as the object sees them, to the whole recording in the world."""
@@ -83,7 +88,7 @@ class RecordedScene:
             position, orientation = self.moved.seen_points(position), self.moved.seen_orientations(orientation)
         angles = written.flexion[self.frames], written.abduction[self.frames]
         posture = HandConfiguration(position, orientation, *angles)
-        return model_joints(self.scene.hand, posture), posture
+        return model_joints(self.hand, posture), posture
 
     def seen_skin(self, skin: Skin) -> Skin:
         """Return the skin of a recording in the frames, as the object sees it."""
@@ -95,37 +100,32 @@ class RecordedScene:
 
         All are as the object sees them, joints [m] in the order of `KEYPOINTS`, shape (F, 21, 3).
         """
-        hand, time = self.scene.hand, self.scene.ticks.time
+        hand, time = self.hand, self.scene.ticks.time
         world = joints if self.moved is None else self.moved.points(joints)
         down = np.tile([0.0, 0.0, -1.0], (len(time), 1))
         down = down if self.moved is None else self.moved.seen_vectors(down)
-        given: dict[str, Any] = {"world": world, "down": down, "parts": self.scene.parts}
+        given: dict[str, Any] = {"world": world, "down": down, "parts": self.seen.parts}
         if skin is None:
             placed = WrittenHand(joints, hand, posture, self.tip_on_surface).placed(posture)
             given |= {"shape": hand_shape(hand), "placed": placed}
         else:
             given |= {"skin": skin.vertices, "faces": skin.faces}
-        return FieldHands(time, joints, self.scene.mesh, **given)
+        return FieldHands(time, joints, self.seen.mesh, **given)
 
     def mesh_at(self, frame: int) -> Mesh:
         """Return the object, or all of its parts, as they are in a frame of `frames` [m], as the object sees them."""
-        if self.scene.parts is None:
-            return self.scene.mesh
-        bodies = Bodies.of(self.scene.parts).at(frame)
+        if self.seen.parts is None:
+            return self.seen.mesh
+        bodies = Bodies.of(self.seen.parts).at(frame)
         return placed_mesh(bodies.meshes, bodies.motions)
 
 
 def recorded_scene(
-    recording: Recording,
-    object_: Mesh | ThingParts,
-    trees: Sequence[SphereTree],
-    hand: HandModel,
-    name: str,
-    began: float,
+    recording: Recording, bodies: DeclaredBodies, hand: HandModel, name: str, began: float
 ) -> RecordedScene:
     """Put a recording, in our units, beside its object, which is in the world's origin if no pose of it is recorded.
 
-    `trees` has that of the mesh, or of each part; joints are at 0 s at the stamp `began` of the file [s]. Raises
+    The bodies have their trees; what moves them is at 0 s at the stamp `began` of the file [s]. Raises
     TrajectoryError where fewer than two frames have a whole hand and an object, or stamps do not increase.
     """
     objects = recording.object_motion
@@ -159,28 +159,16 @@ def recorded_scene(
         rate=1.0 / float(np.median(np.diff(time))),
         object_motion=motion,
     )
-    rotation, parts = rotation_matrix(pose[1]), None
-    if isinstance(object_, Mesh):
-        mesh, tree = object_, trees[0]
-    else:
-        object_ = object_.begun(float(time[0]) + recording.first_stamp - began)
-        mesh, tree, parts = object_.mesh, object_.tree(trees), object_.moving(trees, given, trajectory)
-    scene = Scene(
-        mesh=mesh.transformed(rotation, pose[0]),
-        tree=tree.transformed(rotation, pose[0]),
-        hand=hand,
-        trajectory=trajectory,
-        ticks=given.seen_from_object(),
-        driven=None if motion is None else given,
-        parts=parts,
-    )
+    bodies = bodies.begun(float(time[0]) + recording.first_stamp - began)
+    scene = Scene((Hand(hand, trajectory, given),), bodies.placed(given, trajectory), {"object_name": bodies.name})
+    seen = seen_scene(scene)
     if recording.joints is None:
-        joints = model_joints(hand, HandConfiguration.of(scene.ticks))
+        joints = model_joints(hand, seen.haptic[0])
     else:
         joints = recording.joints[part]
         joints = joints if moved is None else moved.seen_points(joints)
     on_surface = recording.bones is not None and recording.bones.tip_on_surface
-    return RecordedScene(scene, part, joints, moved, on_surface)
+    return RecordedScene(scene, seen, part, joints, moved, on_surface)
 
 
 def model_joints(hand: HandModel, posture: HandConfiguration) -> FloatArray:

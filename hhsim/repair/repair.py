@@ -13,9 +13,6 @@ from hhsim.errors import InputError, MeshError, named
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel, Side
-from hhsim.linkage.object_mesh import resolve_object
-from hhsim.mesh.catalogue import MESH_LEVEL, names_a_thing
-from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.field_table import field_rows, field_table
 from hhsim.metrics.field.field_verdict import field_verdict
 from hhsim.metrics.field.hands import FieldHands, FieldPair
@@ -48,12 +45,11 @@ from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import SIDES, TWO_HANDED
 from hhsim.result.two_handed_file import BETWEEN_COLUMNS, join_hands
 from hhsim.result.writer import add_skin
-from hhsim.scene.linkage_bodies import load_parts, names_links
-from hhsim.scene.parts_of_thing import ThingParts
+from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.scene.scene import Scene
-from hhsim.scene.things import names_things
 from hhsim.solver.known_methods import SUBMITTED, known_for_now
 from hhsim.solver.options import UNLIMITED, SolverOptions
+from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.score import submitted_method
 from hhsim.system.atomic_write import new_files, write_atomically
@@ -92,15 +88,14 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     given = {"hand": request.hand, "mano_model": request.mano_model, "usual_up": "z", **request.options}
     read = ReadOptions(**given)
     recording = _in_our_units(request.recording, read)
-    object_, level = _object(request)
-    meshes = (object_,) if isinstance(object_, Mesh) else object_.meshes
-    for mesh in meshes:
+    bodies = _bodies(request)
+    for name, mesh in bodies.meshes.items():
         if not encloses(mesh):
-            what = request.object if mesh is object_ else f"part '{mesh.name}' of {request.object}"
+            what = request.object if len(bodies.meshes) == 1 else f"body '{name}' of {request.object}"
             raise MeshError(f"{what} encloses nothing, so that no hand is inside; expected a closed mesh")
         recording = recording.found(*map(note, (*mesh.repairs, *mesh.warnings)))
     progress("tree", 0, 1)
-    trees = [tree_of_any(mesh, level) for mesh in meshes]
+    bodies = bodies.with_trees(lambda mesh: tree_of_any(mesh, bodies.level))
     if request.object_poses is not None:
         recording = with_object_poses(recording, request.object_poses, read)
     with named(request.recording):
@@ -116,16 +111,16 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         )
         recording = recording.found(note(text))
     with named(request.recording):
-        began = _begins(recording, request, read) if isinstance(object_, ThingParts) else 0.0
-        recorded = recorded_scene(recording, object_, trees, hand, request.recording.stem, began)
+        began = _begins(recording, request, read) if len(bodies.settings) > 1 else 0.0
+        recorded = recorded_scene(recording, bodies, hand, request.recording.stem, began)
     recording = suspect_joints(recording)
     gone = recording.sample_count - len(recorded.frames)
     if gone:
         text = f"{gone} of {recording.sample_count} samples have no whole hand or no object: left as they are"
         recording = recording.found(note(text))
-    scene = recorded.scene
+    scene, seen_by_object = recorded.scene, recorded.seen
     began = perf_counter()
-    touched = scene.parts or contact_surface("mesh", scene.mesh, scene.tree)
+    touched = seen_by_object.parts or contact_surface("mesh", seen_by_object.mesh, seen_by_object.tree)
     notes = touched.surface("mesh").notes if isinstance(touched, MovingParts) else touched.notes
     recording = recording.found(*map(note, notes))
     seen_skin = None if skin is None else recorded.seen_skin(skin)
@@ -171,7 +166,7 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         ok=not verdict.missed and not frames,
         findings=tuple(finding.text for finding in recording.findings),
         paths=paths,
-        table=field_table(rows, f"{request.source.name} with {scene.mesh.name}"),
+        table=field_table(rows, f"{request.source.name} with {scene.name}"),
     )
     progress("picture", 0, 1)
     _draw(recorded, seen, before, after, paths["picture"])
@@ -183,7 +178,7 @@ def _corrected(
     request: RepairRequest, recorded: RecordedScene, given: GivenObject, skin: Skin | None, progress: Progress
 ) -> tuple[Correction, BoolArray]:
     """Return the correction as the object sees it, and a mask of the frames to be marked, shape (F,)."""
-    hand, haptic, limit = recorded.scene.hand, recorded.haptic, request.max_correction
+    hand, haptic, limit = recorded.hand, recorded.haptic, request.max_correction
     free = repair_frames(hand, given, haptic, limit, progress)
     on_surface = recorded.tip_on_surface
     first, marked = correct(
@@ -193,7 +188,7 @@ def _corrected(
     if skin is None:
         return first, marked
     progress("skin", 0, 1)
-    pushed = push_out(recorded.scene.parts or recorded.scene.mesh, hand, skin, recorded.joints, haptic, first.posture)
+    pushed = push_out(recorded.seen.parts or recorded.seen.mesh, hand, skin, recorded.joints, haptic, first.posture)
     moved, posture = pushed.is_freed & (pushed.depth > 0.0), pushed.posture
     last = WrittenHand(recorded.joints, hand, haptic, on_surface)
     rotation, joints, fitted = first.rotation.copy(), first.joints.copy(), first.fitted
@@ -202,16 +197,13 @@ def _corrected(
     return Correction(fitted, posture, rotation, joints, first.changed | moved), far | ~pushed.is_freed
 
 
-def _object(request: RepairRequest) -> tuple[Mesh | ThingParts, int]:
-    """Return the object of a request, or the thing that it means, and the usual level of a tree."""
-    word = request.object
-    if not (names_a_thing(word) or names_links(word)):
-        return resolve_object(word, request.unit, request.size)
-    if request.unit is not None or request.size is not None:
-        raise InputError(f"unit and size are for mesh files; {word} has its size")
-    if names_things(word):
-        raise InputError(f"{word} has several things that move by themselves; expected one, of parts ([[part]])")
-    return load_parts(word), MESH_LEVEL
+def _bodies(request: RepairRequest) -> DeclaredBodies:
+    """Return the bodies of a request; InputError for some that are free."""
+    bodies = load_object(request.object, unit=request.unit, size=request.size)
+    free = [body.name for body in bodies.settings if body.is_free]
+    if free:
+        raise InputError(f"{request.object} has free bodies ({', '.join(free)}); expected fixed and driven ones")
+    return bodies
 
 
 def _begins(recording: Recording, request: RepairRequest, read: ReadOptions) -> float:
@@ -247,7 +239,7 @@ def _draw(recorded: RecordedScene, seen: Correction, before: FieldHands, after: 
     if before.skin is not None and after.skin is not None and before.faces is not None:
         shown, faces = [before.skin[chosen], after.skin[chosen]], before.faces
     else:
-        hand = recorded.scene.hand
+        hand = recorded.hand
         pieces = piece_surfaces(hand)
         hands = [[hand_surface(hand, posed.at(k), pieces) for k in chosen] for posed in (seen.fitted, seen.posture)]
         shown, faces = [np.stack([one.points for one in frames]) for frames in hands], hands[0][0].faces
@@ -380,8 +372,8 @@ def equilibrium_forces(scene: Scene, given: GivenObject, posture: HandConfigurat
     They are on the phalanges, shape (T, 5, 3, 3), and on the palm, shape (T, 3), as the object sees them.
     """
     options = SolverOptions(surface="mesh", linearisations=LINEARISATIONS, budget=UNLIMITED)
-    solver = solver_beside(given, scene.hand, options)
-    haptic = HandConfiguration.of(scene.ticks)
+    solver = solver_beside(given, scene.hands[0].model, options)
+    haptic = seen_scene(scene).haptic[0]
     phalanx, palm = np.zeros((posture.ticks, 5, 3, 3)), np.zeros((posture.ticks, 3))
     for frame in range(posture.ticks):
         shown = posture.part(frame, frame + 1)

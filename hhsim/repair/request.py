@@ -19,7 +19,7 @@ class RepairRequest:
     """Recording to repair, and how."""
 
     recording: Path
-    object: str  # name of the catalogue, or path of a mesh file, or of the TOML of a thing of parts
+    object: str  # name of the catalogue, or path of a mesh file, or of the TOML of bodies
     out: Path  # path of the repaired recording
     # File with the object's pose in each frame; None if the recording has them, or it stands still.
     object_poses: Path | None = None

@@ -10,10 +10,11 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
+from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.metrics.metrics import penetration
-from hhsim.scene.scene import Scene, open_scene
+from hhsim.scene.scene import open_scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import FORCES
@@ -51,22 +52,23 @@ def check_method(name: str) -> Iterator[Finding]:
         yield Finding("installed", WRONG, method.missing)
         return
     scene = open_scene(OBJECT, MOTION)
-    haptic = HandConfiguration.of(scene.ticks).copy()
+    hand, body = scene.hands[0].model, scene.solids[0]
+    haptic = HandConfiguration.of(scene.hands[0].ticks).copy()
     # The way to the object and the closing of the fingers, then a hold.
     ticks = next(phase.first_tick for phase in scene.ticks.phases if phase.name == "hold") + 200
     haptic = haptic.part(0, ticks)
     try:
-        surface = contact_surface(options.surface, scene.mesh, scene.tree)
-        record, again = (HandSolver(scene.hand, surface, options).run(*haptic) for _ in range(2))
+        surface = contact_surface(options.surface, body.placed_mesh, body.placed_tree)
+        record, again = (HandSolver(hand, surface, options).run(*haptic) for _ in range(2))
     except HhsimError as error:
         yield Finding("run", WRONG, str(error))
         return
     yield Finding("run", OK, f"{counted(ticks, 'tick')}, each a hand of the right shapes, finite, its quaternion unit")
     yield _same(record, again)
     yield _free(record, haptic)
-    yield _bends(scene, HandConfiguration.of(record))
+    yield _bends(hand, HandConfiguration.of(record))
     yield _rest(record)
-    yield _depth(scene, surface, record, promised=method.never_penetrates)
+    yield _depth(hand, surface, record, promised=method.never_penetrates)
     yield _touches(record)
     if FORCES in method.gives:
         yield _push(record)
@@ -112,8 +114,7 @@ def same_but_for(position: FloatArray) -> Iterator[tuple[str, FloatArray]]:
                 yield up if np.linalg.det(turn) > 0.0 else f"left-handed, {up}", position @ turn.T
 
 
-def _bends(scene: Scene, shown: HandConfiguration) -> Finding:
-    hand = scene.hand
+def _bends(hand: HandModel, shown: HandConfiguration) -> Finding:
     beyond = float(np.maximum(hand.flexion_min - shown.flexion, shown.flexion - hand.flexion_max).max())
     if beyond <= 1e-6:
         return Finding("joint limits", OK, "no joint is beyond its limit")
@@ -129,9 +130,9 @@ def _rest(record: TickRecord) -> Finding:
     return Finding("rest", NOTE, f"after 200 ticks of rest the shown hand still moves by {1e6 * moved:.3g} µm a tick")
 
 
-def _depth(scene: Scene, surface: ContactSurface, record: TickRecord, *, promised: bool) -> Finding:
+def _depth(hand: HandModel, surface: ContactSurface, record: TickRecord, *, promised: bool) -> Finding:
     placed = PlacedHand(record.joints, record.position, record.orientation)
-    found = penetration(surface.arrays, hand_shape(scene.hand), placed)
+    found = penetration(surface.arrays, hand_shape(hand), placed)
     deepest = float(np.nanmax(found.depth))
     if deepest <= 1e-12:
         return Finding("depth", OK, "no tick penetrates")

@@ -1,7 +1,6 @@
 """Ticks of an object, still, driven or free: solved and measured as it sees them, written in the world."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,9 +12,7 @@ from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.result.reader import in_the_world
 from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, OBJECT_COLUMNS, THINGS
-
-if TYPE_CHECKING:
-    from hhsim.scene.scene import Scene
+from hhsim.solver.scene_solver import SeenScene
 
 
 class StillFrame:
@@ -75,15 +72,18 @@ class FreeFrame(MovingFrame):
         return contact_rows(self._ticks, first)
 
 
-def scene_frames(scene: "Scene", object_ticks: Callable[[], ObjectRecord]) -> Callable[[slice], StillFrame]:
-    """Return what makes the frame of some ticks of a scene, once they have run; `object_ticks` is of a free object."""
-    given = HandConfiguration.of(scene.driven or scene.ticks)
-    if scene.free is not None:
-        pose = scene.trajectory.object_position, scene.trajectory.object_orientation
-        return lambda part: FreeFrame(given.at(part), object_ticks(), *pose)
-    if scene.driven is None or scene.driven.object_motion is None:
+def scene_frames(
+    seen: SeenScene, given: HandConfiguration, object_ticks: Callable[[], ObjectRecord]
+) -> Callable[[slice], StillFrame]:
+    """Return what makes the frame of some ticks of a scene, once they have run; `object_ticks` is of a free object.
+
+    `given` is the haptic hand, world.
+    """
+    if seen.free is not None:
+        return lambda part: FreeFrame(given.at(part), object_ticks(), *seen.place)
+    if seen.carrier is None:
         return lambda part: StillFrame(given.at(part))
-    motion = scene.driven.object_motion
+    motion = seen.carrier
     first = motion.position[0], motion.orientation[0]
     return lambda part: MovingFrame(given.at(part), motion.at(part).since(*first), motion.at(part))
 

@@ -6,10 +6,8 @@ one program.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +17,6 @@ from hhsim.arrays import AnyArray, FloatArray
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
-from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.run.registry import needed_columns
@@ -31,20 +28,15 @@ from hhsim.result.reader import CHUNK_TICKS, check_result_path
 from hhsim.result.schema import CONTACT, CONTACT_COLUMNS, FREE_COLUMNS, HANDS_APART, OBJECT_COLUMNS, SIDES, TWO_HANDED
 from hhsim.result.two_handed_file import BETWEEN_COLUMNS, join_hands, partial_of
 from hhsim.result.writer import ResultWriter
-from hhsim.scene.free_object import FreeObject
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import Scene
-from hhsim.solver.free_engine import Thing
-from hhsim.solver.hand_solver import HandSolver, warm_up
-from hhsim.solver.known_methods import find_method
-from hhsim.solver.linearising_engine import require_jointed
 from hhsim.solver.method import METHODS, Method
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.two_hands import SideBySideSolver, TwoHandedSolver, keeps_hands_apart
+from hhsim.solver.scene_solver import SceneSolver
+from hhsim.solver.two_hands import keeps_hands_apart
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.output_path import free_name
 from hhsim.system.progress import Progress, silent
-from hhsim.trees.contact_surface import contact_surface
 
 OF_FREE_OBJECT = (
     *(column.name for column in (*OBJECT_COLUMNS, *FREE_COLUMNS)),
@@ -73,52 +65,34 @@ def replay_scene(
     Raises InputError for invalid options, or a method that lacks what it needs, OutputError where the file cannot be
     written, and HhsimError where more pairs were near than the solver holds.
     """
-    run, report = Replay(scene, options, description), progress or silent
+    solver, report = SceneSolver(scene, _checked(options)), progress or silent
+    run = Replay(solver, description)
     with run.writer(Path(output_path), command):
         if before_ticks is not None:
             before_ticks()
         with interruptible_between() as check_interrupt:
             for part in run.blocks():
                 report("ticks", part.start, run.total)
-                run.write(part, run.solve(part))
+                run.write(part, run.judged(part, *solver.run(part)))
                 check_interrupt()
         report("ticks", run.total, run.total)
         return run.finish()
 
 
+def _checked(options: SolverOptions) -> SolverOptions:
+    if not isinstance(options, SolverOptions):
+        raise InputError(f"options: expected SolverOptions, found {options!r}")
+    return options
+
+
 class Replay:
-    """Run of one hand: its solver, and what is written of each block of ticks; arguments as of `replay_scene`.
+    """Result of one hand of a run, block by block; `hand` is its number, `description` as of `replay_scene`."""
 
-    `alone` is False for one of two hands that move a free object together: `solver` then only places the hand.
-    """
-
-    def __init__(
-        self, scene: Scene, options: SolverOptions, description: Mapping[str, Any] | None = None, *, alone: bool = True
-    ) -> None:
-        if not isinstance(options, SolverOptions):
-            raise InputError(f"options: expected SolverOptions, found {options!r}")
-        self.scene, self.total = scene, scene.ticks.tick_count
-        self._options, free, parts = options.at_rate(scene.ticks.rate), scene.free, scene.parts
-        kind = self._options.surface
-        jointed = parts if not scene.others else None
-        if jointed is not None and not find_method(self._options.method).beside_parts:
-            require_jointed(self._options)
-        moved_alone = free if alone else None
-        kinds: dict[str, Any] = {"jointed": jointed is not None, "others": len(scene.others)}
-        self._prepared = warm_up(scene.hand, self._options, moved_alone, **kinds)
-        self._surface = contact_surface(kind, scene.mesh, scene.tree) if jointed is None else jointed.surface(kind)
-        self.others = [
-            Thing(contact_surface(kind, other.mesh, other.tree), other.free, other.fixed, other.name, driven)
-            for other in scene.others
-            for driven in [parts.driven.get(other.name) if parts else None]
-        ]
-        self.solver = HandSolver(scene.hand, self._surface, self._options, moved_alone, self.others)
-        self.engine: Any = self.solver.engine
-        self.object_ticks: Callable[[], ObjectRecord] = lambda: self.solver.object_ticks
-        motion = scene.trajectory
-        self._static = static_arrays(
-            scene.mesh, scene.tree, scene.hand, motion.object_position, motion.object_orientation
-        )
+    def __init__(self, solver: SceneSolver, description: Mapping[str, Any] | None = None, hand: int = 0) -> None:
+        scene, seen, options = solver.scene, solver.seen, solver.options
+        self.solver, self.hand, self.total = solver, hand, scene.ticks.tick_count
+        model, motion, parts = scene.hands[hand].model, scene.hands[hand].trajectory, seen.parts
+        self._static = static_arrays(seen.mesh, seen.tree, model, *seen.place)
         self._parts = part_arrays(parts)
         of_parts = {f"{part}/{name}": array for part, its in self._parts.items() for name, array in its.items()}
         self._described = {
@@ -127,25 +101,28 @@ class Replay:
             "rate": scene.ticks.rate,
             "motion": motion.name,
             "motion_source": motion.source,
-            **_of_outside_method(self._options.method, self.solver.method),
-            **describe_scene(scene.mesh, scene.tree, scene.hand, self._options, self._static | of_parts, free),
+            **_of_outside_method(options.method, solver.hands[hand].method),
+            **describe_scene(seen.mesh, seen.tree, model, options, self._static | of_parts, seen.free),
             **({} if parts is None else {"thing": {"name": parts.name, "parts": list(parts.names)}}),
             **(
-                {"others": [{"fixed": one.fixed, **one.free.to_json()} for one in scene.others]} if scene.others else {}
+                {"others": [{"fixed": fixed, **free.to_json()} for free, fixed, _ in seen.others]}
+                if seen.others
+                else {}
             ),
         }
         self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
-        self._kept = KeptColumns(OF_FREE_OBJECT if free else ())
-        self._columns = TickColumns(self._surface.arrays, scene.hand, self._options, parts)
-        self._frame_of = scene_frames(scene, lambda: self.object_ticks())
-        self.haptic = HandConfiguration.of(scene.ticks)
+        self._kept = KeptColumns(OF_FREE_OBJECT if seen.free else ())
+        self._columns = TickColumns(solver.surfaces[hand].arrays, model, options, parts)
+        given = HandConfiguration.of(scene.hands[hand].ticks)
+        self._frame_of = scene_frames(seen, given, lambda: solver.object_ticks(hand))
 
     def writer(self, path: Path, command: Sequence[str]) -> ResultWriter:
         """Return the writer of the run's file, to be entered before the first tick."""
-        moves: dict[str, Any] = {"driven": self.scene.driven is not None, "free": self.scene.free is not None}
-        if self.scene.parts is not None:
-            moves |= {"tables": part_tables(self.scene.parts), "parts": self._parts}
-        about: dict[str, Any] = {"scene": self._described, "static": self._static, "phases": self.scene.ticks.phases}
+        seen, phases = self.solver.seen, self.solver.scene.ticks.phases
+        moves: dict[str, Any] = {"driven": seen.carrier is not None, "free": seen.free is not None}
+        if seen.parts is not None:
+            moves |= {"tables": part_tables(seen.parts), "parts": self._parts}
+        about: dict[str, Any] = {"scene": self._described, "static": self._static, "phases": phases}
         self._writer = ResultWriter(path, **about, command=command, **moves)
         return self._writer
 
@@ -153,10 +130,6 @@ class Replay:
         """Yield the blocks of ticks in their order."""
         for first in range(0, self.total, CHUNK_TICKS):
             yield slice(first, min(first + CHUNK_TICKS, self.total))
-
-    def solve(self, part: slice) -> TickRecord:
-        """Run the next ticks."""
-        return self.judged(part, self.solver.run(*self.haptic.at(part)))
 
     @staticmethod
     def judged(part: slice, record: TickRecord) -> TickRecord:
@@ -167,11 +140,9 @@ class Replay:
 
     def write(self, part: slice, record: TickRecord) -> dict[str, AnyArray]:
         """Write the ticks that were solved last; returns their columns, world."""
-        ticks, frame, parts = self.scene.ticks, self._frame_of(part), self.scene.parts
-        if self.others and parts is not None:
-            rows = thing_rows(parts, self.engine.all_ticks, part)
-        else:
-            rows = part_rows(parts, part)
+        ticks, frame, parts = self.solver.scene.hands[self.hand].ticks, self._frame_of(part), self.solver.seen.parts
+        many = self.solver.all_ticks
+        rows = part_rows(parts, part) if many is None or parts is None else thing_rows(parts, many, part)
         block = self._columns.block(ticks.time[part], ticks.input_seq[part], frame.haptic, record)
         whole, contacts = frame.world(block), frame.contacts(part.start)
         self._writer.append(whole, {CONTACT: contacts, **rows})
@@ -182,9 +153,9 @@ class Replay:
     def finish(self) -> ReplaySummary:
         """Compute the table, write it, and complete the file."""
         shown = of_the_paper(self._described)
-        kept = self._series, self._prepared, self._kept
         apart = bool(self._described.get(HANDS_APART))
-        summary = summarise(self.scene, self._surface, self._options, *kept, of_paper=shown, hands_apart=apart)
+        kept = self._series, self._kept
+        summary = summarise(self.solver, *kept, hand=self.hand, of_paper=shown, hands_apart=apart)
         path = self._writer.finish(summary.attributes())
         return replace(summary, path=path)
 
@@ -230,41 +201,37 @@ class TwoHandedReplay:
 
 
 def replay_two_hands(
-    scenes: Sequence[Scene],
+    scene: Scene,
     options: SolverOptions,
     output_path: str | Path,
     *,
     command: Sequence[str] = (),
     progress: Progress = silent,
 ) -> TwoHandedReplay:
-    """Replay the scenes of the right and the left hand, which have the object and its motion in common.
+    """Replay a scene of two hands.
 
     Until both are complete, each hand has a result file of its own beside `output_path`. Other arguments and errors are
-    those of `hhsim.replay.replay.replay_scene`; raises InputError, too, for scenes not of one object and time.
+    those of `hhsim.replay.replay.replay_scene`; raises InputError, too, for a scene of one hand.
     """
-    _check(scenes)
+    if len(scene.hands) != len(SIDES):
+        raise InputError(f"{scene!r}: expected {' and '.join(SIDES)} hand")
     path = Path(output_path)
     check_result_path(path)
-    free = scenes[0].free
-    keeps_apart = free is not None or keeps_hands_apart(options)
-    described = {TWO_HANDED: True, HANDS_APART: keeps_apart}
-    runs = [Replay(scene, options, described, alone=free is None) for scene in scenes]
-    parts = [free_name(partial_of(path, side)) for side in SIDES]
-    models, graphic = [scene.hand for scene in scenes], list[FloatArray]()
-    duration: list[AnyArray] = []
     with ExitStack() as stack:
+        solver = stack.enter_context(SceneSolver(scene, _checked(options)))
+        together = solver.seen.free is not None
+        keeps_apart = together or keeps_hands_apart(options)
+        described = {TWO_HANDED: True, HANDS_APART: keeps_apart}
+        runs = [Replay(solver, described, hand) for hand in range(len(scene.hands))]
+        parts = [free_name(partial_of(path, side)) for side in SIDES]
+        models, graphic = [hand.model for hand in scene.hands], list[FloatArray]()
+        duration: list[AnyArray] = []
         for run, own in zip(runs, parts):
             stack.enter_context(run.writer(own, command))
-        # Each hand on a thread of its own where they cannot meet.
-        threads = stack.enter_context(ThreadPoolExecutor(len(runs)))
-        alone = [run.solver for run in runs]
-        solver = SideBySideSolver(alone, threads) if free is None else _together(runs, free)
         check_interrupt = stack.enter_context(interruptible_between())
         for part in runs[0].blocks():
             progress("ticks", part.start, runs[0].total)
-            records = [
-                run.judged(part, each) for run, each in zip(runs, solver.run(*(r.haptic.at(part) for r in runs)))
-            ]
+            records = [run.judged(part, each) for run, each in zip(runs, solver.run(part))]
             blocks = [run.write(part, record) for run, record in zip(runs, records)]
             placed = [
                 PlacedHand(*(block[f"graphic/{name}"] for name in ("joints", "position", "orientation")))
@@ -275,34 +242,11 @@ def replay_two_hands(
             check_interrupt()
         progress("ticks", runs[0].total, runs[0].total)
         hands = tuple(run.finish() for run in runs)
-    haptic = [forward_kinematics(scene.hand, *HandConfiguration.of(scene.driven or scene.ticks)) for scene in scenes]
+    haptic = [forward_kinematics(hand.model, *HandConfiguration.of(hand.ticks)) for hand in scene.hands]
     distances = (distance_of_hands(models, haptic), np.concatenate(graphic))
     join_hands(parts, dict(zip((column.name for column in BETWEEN_COLUMNS), distances)), path)
     times = 1e-9 * np.concatenate(duration)
     p50, p99 = (float(np.quantile(times, share)) for share in (0.5, 0.99))
     haptic_distance, graphic_distance = (float(np.min(values)) for values in distances)
     both = (hands[0], hands[1]), p50, p99, haptic_distance, graphic_distance
-    return TwoHandedReplay(path, *both, together=free is not None, keeps_apart=keeps_apart)
-
-
-def _together(runs: Sequence[Replay], free: FreeObject) -> TwoHandedSolver:
-    """Return what runs the next ticks of both hands and of the free object, by one program."""
-    solver = TwoHandedSolver([run.solver for run in runs], free, runs[0].others)
-    for hand, run in enumerate(runs):
-        run.engine = solver.engine
-        run.object_ticks = partial(solver.object_ticks, hand)
-    return solver
-
-
-def _check(scenes: Sequence[Scene]) -> None:
-    right, left = scenes
-    if [scene.hand.side for scene in scenes] != list(SIDES):
-        raise InputError(f"hands {right.hand.side} and {left.hand.side}: expected {' and '.join(SIDES)}")
-    same: Mapping[str, bool] = {
-        "object": np.array_equal(right.mesh.vertices, left.mesh.vertices),
-        "number of ticks": right.ticks.tick_count == left.ticks.tick_count,
-        "motion of the object": (right.driven is None) == (left.driven is None) and right.free == left.free,
-    }
-    for what, equal in same.items():
-        if not equal:
-            raise InputError(f"the two hands' recordings have not the same {what}")
+    return TwoHandedReplay(path, *both, together=together, keeps_apart=keeps_apart)

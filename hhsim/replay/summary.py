@@ -28,19 +28,19 @@ from hhsim.metrics.moving_parts import MovingParts, TouchedParts
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import known_figures, run_metrics, tick_figures
 from hhsim.metrics.run_ticks import Datasets, FreeRun, RunTicks
-from hhsim.motion.trajectory import ObjectMotion, RigidMotion
+from hhsim.motion.trajectory import RigidMotion
 from hhsim.motion.tremor import Disturbance
 from hhsim.replay.summary_table import SummaryRow, figure_table, short_table, summary_rows
 from hhsim.replay.tick_columns import KeptColumns
 from hhsim.replay.verdict import Verdict, run_verdict
-from hhsim.scene.scene import Scene, all_pairs
+from hhsim.scene.scene import all_pairs
 from hhsim.solver.hand_solver import HandSolver, WarmUp
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import FORCES, PROMISES, RUNS
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import reference_excess
+from hhsim.solver.scene_solver import SceneSolver, SeenScene
 from hhsim.system.counted import counted
-from hhsim.trees.contact_surface import ContactSurface
 from hhsim.trees.options import MOST_LEVEL
 
 TREMOR = Disturbance(tremor_position=1e-4, tremor_rotation=math.radians(0.2), tremor_frequency=10.0)
@@ -162,62 +162,60 @@ class ReplaySummary:
 
 
 def summarise(
-    scene: Scene,
-    surface: ContactSurface,
-    options: SolverOptions,
+    solver: SceneSolver,
     series: KeptColumns,
-    prepared: WarmUp,
     free: Datasets | None = None,
     *,
+    hand: int = 0,
     of_paper: bool = False,
     hands_apart: bool = False,
 ) -> ReplaySummary:
-    """Compute the table of a run that has just ended, of datasets of /tick as the object sees them.
+    """Compute the table of a hand of a run that has just ended, of datasets of /tick as the object sees them.
 
     Of a free object `free` has those of /tick and /contact, world. `of_paper` shows the paper's figures; `hands_apart`
     is True of one of two hands that keep out of each other.
     """
-    ticks, motion, parts = scene.ticks, scene.trajectory, scene.parts
+    scene, seen, options, surface = solver.scene, solver.seen, solver.options, solver.surfaces[hand]
+    ticks, parts, model = scene.ticks, seen.parts, scene.hands[hand].model
     fingers = np.array([finger in options.fingers for finger in FINGERS])
-    touched = scene.mesh, surface.arrays, hand_shape(scene.hand), fingers, options.touch
+    touched = seen.mesh, surface.arrays, hand_shape(model), fingers, options.touch
     free_run = None
-    if scene.free is not None and free is not None:
-        first, stiffness = ObjectMotion(motion.object_position, motion.object_orientation), options.stiffness.diagonal()
-        free_run = FreeRun(free, scene.free.to_json(), first, stiffness, options.offset)
+    if seen.free is not None and free is not None:
+        free_run = FreeRun(free, seen.free.to_json(), seen.place, options.stiffness.diagonal(), options.offset)
     run = RunTicks(
         columns=series,
         ticks=ticks.tick_count,
         phases=ticks.phases,
         rate=ticks.rate,
         fingers=len(options.fingers),
-        all_pairs=all_pairs(scene.hand, scene.tree),
+        all_pairs=all_pairs(model, seen.tree),
         touched=TouchedObject(*touched) if parts is None else TouchedParts(*touched, parts, options.surface),
-        hand=scene.hand,
+        hand=model,
         free=free_run,
         modelled=options.fingers,
         self_contact=options.self_contact,
     )
-    haptic = HandConfiguration.of(ticks)
+    haptic = seen.haptic[hand]
     method = find_method(options.method)
     known = known_figures(method.gives)
     # What a further run of the solver would tell is of an object that stands still.
-    still = scene.free is None and parts is None
-    own = {} if not still else figures_of_own_runs(scene.hand, surface, options, haptic, run)
+    still = seen.free is None and parts is None
+    own = {} if not still else figures_of_own_runs(model, surface, options, haptic, run)
     figures = {name: value for name, value in {**tick_figures(run), **own}.items() if name in known}
     return ReplaySummary(
         rows=summary_rows(figures, ticks.rate, of_paper=of_paper),
         notes=(
-            *_notes(scene, options, hands_apart, series["status"]),
+            *_notes(seen, options, hands_apart, series["status"]),
             *surface.notes,
-            *_floating(scene, figures),
-            *(() if free_run is None else filter(None, [free_run.left_behind(ticks.phases, ticks.position)])),
+            *_floating(seen, figures),
+            *(() if free_run is None else filter(None, [free_run.left_behind(ticks.phases, haptic.position)])),
             *(() if free_run is None or parts is None else _held_off(parts, free_run.moved)),
         ),
         ticks=ticks.tick_count,
-        warm_up=prepared,
+        warm_up=solver.prepared[hand],
         method=options.method,
-        object_name=scene.mesh.name,
-        motion_name=scene.trajectory.name,
+        object_name=scene.name,
+        motion_name=scene.hands[hand].trajectory.name,
         surface=options.surface,
         promises=method.promises,
     )
@@ -246,18 +244,18 @@ def figures_of_own_runs(
     return found
 
 
-def _floating(scene: Scene, figures: Mapping[str, float]) -> tuple[str, ...]:
+def _floating(seen: SeenScene, figures: Mapping[str, float]) -> tuple[str, ...]:
     """Advice on contacts that are farther from the mesh than a user should feel."""
     error = figures["contact_error_max"]
     # A hand that is as deep in the spheres is off the mesh to the inside, whatever the spheres.
     if not error > max(MOST_CONTACT_ERROR, figures["penetration_max"]):
         return ()
-    level, way = scene.tree.depth, "replay the part that the hand touches as a mesh of its own"
+    level, way = seen.tree.depth, "replay the part that the hand touches as a mesh of its own"
     if level < MOST_LEVEL:
         way = f"mend it with --level {level + 1}, or --max-error 1mm, which takes the coarsest level that is enough"
     return (
-        f"the hand touches up to {1e3 * error:.2g} mm off the mesh: {scene.tree.leaf_count:,} spheres (level {level}) "
-        f"are too coarse for an object of {1e3 * scene.mesh.extent.max():,.0f} mm; {way}",
+        f"the hand touches up to {1e3 * error:.2g} mm off the mesh: {seen.tree.leaf_count:,} spheres (level {level}) "
+        f"are too coarse for an object of {1e3 * seen.mesh.extent.max():,.0f} mm; {way}",
     )
 
 
@@ -273,10 +271,10 @@ def _held_off(parts: MovingParts, first: RigidMotion) -> Iterator[str]:
             yield f"{name} is kept from where it is recorded in {ticks}, by up to {1e3 * off.max():.3g} mm"
 
 
-def _notes(scene: Scene, options: SolverOptions, hands_apart: bool, status: AnyArray) -> tuple[str, ...]:
-    notes = [*scene.mesh.repairs, *scene.mesh.warnings]
+def _notes(seen: SeenScene, options: SolverOptions, hands_apart: bool, status: AnyArray) -> tuple[str, ...]:
+    notes = [*seen.mesh.repairs, *seen.mesh.warnings]
     if np.any(status & STATUS_START_INSIDE):
-        where = "one of the things" if scene.others else "the object"
+        where = "one of the bodies" if seen.others else "the object"
         where += ", or in the other hand" if hands_apart else ""
         where += ", or in itself" if options.self_contact else ""
         notes.append(f"the haptic hand begins inside {where}: the graphic hand began at a free place near it")

@@ -1,4 +1,4 @@
-"""A scene as `hhsim replay` makes it, of one hand or of both on one object.
+"""A scene as `hhsim replay` makes it, of one hand or of both.
 
 Its object is placed where the hand touches it, and described for its result.
 """
@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import msgspec
 import numpy as np
 from msgspec import Meta
 
@@ -17,20 +16,18 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel, Side
-from hhsim.mesh.mesh import Mesh
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.motion.trajectory import ResampleMode, Trajectory
 from hhsim.result.motion import holds_a_result, load_result_motion
 from hhsim.result.reader import hand_paths
 from hhsim.result.schema import SIDES
-from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.contact_goals import TOUCHING
+from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.scene.motion_catalogue import Motion, Reading, clean_imported, is_imported, read_imported, resolve_trajectory
-from hhsim.scene.parts_of_thing import ThingParts
 from hhsim.scene.recorded_grasp_pose import GraspPlacement, place_at_grasp
-from hhsim.scene.scene import Scene, make_scene
+from hhsim.scene.scene import Scene, scene_of
 from hhsim.scene.script import Script
-from hhsim.scene.synthesis import planned
 from hhsim.system.settings_file import Settings, between
 from hhsim.trees.options import MOST_LEVEL
 from hhsim.trees.sphere_tree import SphereTree
@@ -99,34 +96,28 @@ class PlacedScene:
 
 def described_scene(
     words: SceneWords,
-    mesh: Mesh,
-    tree: SphereTree,
-    hand: HandModel,
-    motion: Motion,
+    bodies: DeclaredBodies,
+    hands: Sequence[HandModel],
+    motions: Sequence[Motion],
     fingers: Sequence[str] = FINGERS,
-    other: OtherHand | None = None,
-    thing: tuple[ThingParts, Sequence[SphereTree]] | None = None,
 ) -> PlacedScene:
     """Make a scene with its description, and place the object of a recording that is in no world.
 
-    Keypoints of a camera are such a recording. Mesh [m] and tree are in the object's own frame; `fingers` are used.
-    `other` is a hand beside which the one of a script finds its place; `thing` is as of `make_scene`. Raises
-    TrajectoryError for a motion that cannot be done on this object, or cannot be placed as demanded.
+    Keypoints of a camera are such a recording. The bodies have their trees; `hands` are one, or the right and the left
+    one, with a motion each, of which the first one places the object; `fingers` are used. Raises TrajectoryError for a
+    motion that cannot be done on this object, or cannot be placed as demanded.
     """
-    placed = _placed_scene(words, mesh, tree, hand, motion, fingers, other, thing)
-    scene = placed.scene
-    if words.ticks is not None:
-        # Cut last: where the object is placed does not depend on how much of the motion is run.
-        driven = None if scene.driven is None else scene.driven.first(words.ticks)
-        parts = None if scene.parts is None else scene.parts.at(slice(words.ticks))
-        scene = replace(scene, ticks=scene.ticks.first(words.ticks), driven=driven, parts=parts)
+    placed = _placed_scene(words, bodies, hands, motions, fingers)
+    # Cut last: where the object is placed does not depend on how much of the motion is run.
+    scene = placed.scene if words.ticks is None else placed.scene.first(words.ticks)
     as_given = ("object", "trajectory", "unit", "size_mm", "thickness_mm", "max_error", "tree", "samples", "hand_file")
     description = {
+        **scene.description,
         **{name: getattr(words, name) for name in (*as_given, "tremor_mm_deg", "seed")},
-        "object_mesh": mesh.sha256,
-        "object_repairs": list(mesh.repairs),
-        "level": tree.depth,
-        "tree_options": dict(tree.options),
+        "object_mesh": bodies.mesh.sha256,
+        "object_repairs": list(bodies.mesh.repairs),
+        "level": bodies.tree.depth,
+        "tree_options": dict(bodies.tree.options),
         "place_object": placed.place,
         "placement": placed.to_json(),
         **({} if words.ticks is None else {"ticks": words.ticks}),
@@ -139,32 +130,31 @@ def described_scene(
 
 def _placed_scene(
     words: SceneWords,
-    mesh: Mesh,
-    tree: SphereTree,
-    hand: HandModel,
-    motion: Motion,
+    bodies: DeclaredBodies,
+    hands: Sequence[HandModel],
+    motions: Sequence[Motion],
     fingers: Sequence[str],
-    other: OtherHand | None,
-    thing: tuple[ThingParts, Sequence[SphereTree]] | None,
 ) -> PlacedScene:
-    def make(moved: Motion) -> Scene:
+    def make(first: Motion) -> Scene:
         more: dict[str, Any] = {"rate": words.rate, "mode": words.samples, "seed": words.seed}
-        return make_scene(mesh, tree, hand, moved, **more, other=other, thing=thing)
+        return scene_of(bodies, hands, [first, *motions[1:]], **more)
 
+    motion, hand = motions[0], hands[0]
     if words.place_object == "auto" and isinstance(motion, Trajectory):
-        found = place_at_grasp(motion, hand, tree)
+        found = place_at_grasp(motion, hand, bodies.tree)
         return PlacedScene(make(found.motion), found, note=found.text)
     scene = make(motion)
     if words.place_object == "recorded" or not isinstance(motion, Trajectory) or motion.object_motion is not None:
         return PlacedScene(scene)
+    tree = bodies.tree.transformed(rotation_matrix(motion.object_orientation), motion.object_position)
     # Only an import states no object place. A session, or a synthesised motion, may well begin inside.
     imported = motion.flags is not None and not motion.object_position.any()
-    inside = imported and depth_at_start(scene, fingers) > MOST_START_DEPTH
-    if not inside and touches(scene, fingers):
+    inside = imported and depth_at_start(scene, tree, fingers) > MOST_START_DEPTH
+    if not inside and touches(scene, tree, fingers):
         return PlacedScene(scene)
     why = f"as the recording has it, the hand {'begins inside the object' if inside else 'touches nothing'}"
     try:
-        found = place_at_grasp(motion, hand, tree)
+        found = place_at_grasp(motion, hand, bodies.tree)
         if inside and found.start_gap <= 0.0:
             raise TrajectoryError("the hand would begin inside wherever its fingers close on the object")
     except TrajectoryError as error:
@@ -172,20 +162,24 @@ def _placed_scene(
     return PlacedScene(make(found.motion), found, by_itself=True, note=f"{why}, so {found.text}")
 
 
-def touches(scene: Scene, fingers: Sequence[str] = FINGERS) -> bool:
-    """Return True if palm or named fingers of the haptic hand come within `TOUCHING` of leaf spheres at any tick."""
-    return bool(_nearest(scene, HandConfiguration.of(scene.ticks), fingers, TOUCHING) < TOUCHING)
+def touches(scene: Scene, tree: SphereTree, fingers: Sequence[str] = FINGERS) -> bool:
+    """Return True if palm or named fingers of the first haptic hand come within `TOUCHING` of a tree's leaf spheres.
+
+    The tree is in the world; every tick counts.
+    """
+    return bool(_nearest(scene, tree, HandConfiguration.of(scene.hands[0].ticks), fingers, TOUCHING) < TOUCHING)
 
 
-def depth_at_start(scene: Scene, fingers: Sequence[str] = FINGERS) -> float:
-    """Return the depth of palm and named fingers of the haptic hand at the first tick [m]; 0 outside."""
-    return -_nearest(scene, HandConfiguration.of(scene.ticks).part(0, 1), fingers, 0.0)
+def depth_at_start(scene: Scene, tree: SphereTree, fingers: Sequence[str] = FINGERS) -> float:
+    """Return the depth of palm and named fingers of the first haptic hand in a tree [m], world, at the first tick."""
+    return -_nearest(scene, tree, HandConfiguration.of(scene.hands[0].ticks).part(0, 1), fingers, 0.0)
 
 
-def _nearest(scene: Scene, haptic: HandConfiguration, fingers: Sequence[str], limit: float) -> float:
+def _nearest(scene: Scene, tree: SphereTree, haptic: HandConfiguration, fingers: Sequence[str], limit: float) -> float:
     """Least signed distance of a hand to the leaf spheres over some ticks [m], at most `limit`."""
-    placed = forward_kinematics(scene.hand, *haptic)
-    palm, finger = hand_clearance(scene.tree.arrays(), hand_shape(scene.hand), placed, limit=limit)
+    model = scene.hands[0].model
+    placed = forward_kinematics(model, *haptic)
+    palm, finger = hand_clearance(tree.arrays(), hand_shape(model), placed, limit=limit)
     modelled = finger[:, [name in fingers for name in FINGERS]]
     return float(min(np.nanmin(palm, initial=limit), np.nanmin(modelled, initial=limit)))
 
@@ -223,30 +217,3 @@ def two_handed_motions(word: str, reading: Reading | None = None) -> tuple[Motio
     if not isinstance(motion, Script):
         raise TrajectoryError(f"{word} is of one hand; --hand both expects a script, or a recording of two hands")
     return motion.of_two(), motion.of_two()
-
-
-def two_handed_scenes(
-    words: SceneWords,
-    mesh: Mesh,
-    tree: SphereTree,
-    hands: Sequence[HandModel],
-    motions: Sequence[Motion],
-    fingers: Sequence[str] = FINGERS,
-    thing: tuple[ThingParts, Sequence[SphereTree]] | None = None,
-) -> tuple[PlacedScene, PlacedScene]:
-    """Make the scenes of the right and of the left hand; arguments and errors as of `described_scene`.
-
-    In a script the left hand finds its place beside the right one. An object without a place in a recording is placed
-    for the right hand.
-    """
-    given = words, mesh, tree
-    right = described_scene(*given, hands[0], motions[0], fingers, thing=thing)
-    motion = motions[1]
-    if isinstance(motion, Script):
-        other = OtherHand(hands[0], planned(motion, hands[0], tree))
-        return right, described_scene(*given, hands[1], motion, fingers, other, thing)
-    first = right.scene.trajectory
-    if isinstance(motion, Trajectory) and first.object_motion is None:
-        motion = motion.placed(first.object_position, first.object_orientation)
-    as_placed = msgspec.structs.replace(words, place_object="recorded")
-    return right, described_scene(as_placed, mesh, tree, hands[1], motion, fingers, thing=thing)

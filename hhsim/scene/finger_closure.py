@@ -13,7 +13,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays
-from hhsim.mesh.catalogue import object_description, thing_names
+from hhsim.mesh.catalogue import OF_BODIES, body_file_names, object_description
 from hhsim.scene.script import Placement, Script
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -163,9 +163,9 @@ def find_placement(script: Script, hand: HandModel, tree: SphereTree) -> Placeme
 
 
 def _is_of(name: str, tree: SphereTree) -> bool:
-    """Return True if a tree is that of an object, or a thing of several parts, of the catalogue."""
-    if name in thing_names():
-        return bool(tree.options.get("thing") == name)
+    """Return True if a tree is that of an object, or that of the bodies of a file, of the catalogue."""
+    if name in body_file_names():
+        return bool(tree.options.get(OF_BODIES) == name)
     return bool(tree.mesh_sha256) and object_description(name)["sha256"] == tree.mesh_sha256
 
 

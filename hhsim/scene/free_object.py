@@ -1,26 +1,18 @@
-"""A free object: a rigid body with mass, friction and gravity, with or without a table."""
+"""A free body as its engine takes it: mass, friction, gravity, a joint, and the table."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
-from hhsim.mesh.mesh import Mesh, mass_properties
 from hhsim.ranges import check_range
-from hhsim.reproducible import norm, principal_axes
+from hhsim.reproducible import norm
+from hhsim.scene.body import USUAL_FRICTION, Free, Triple
 from hhsim.system.settings_file import typed
 
-Triple = tuple[float, float, float]
-GRAVITY: Triple = (0.0, 0.0, -9.81)
-"""[m/s²], world."""
-CLEARANCE = 5e-7
-"""Distance [m] between an object and a table right under it: the clearance of contacts, so that it rests at once."""
-USUAL_FRICTION = 0.6
-"""Skin on aluminium (Seo et al. 2009)."""
 LAW = "Coulomb with de Saxcé's correction, cone of 4 directions turned to the load; impacts inelastic; implicit Euler"
 """Contact law, as results state it."""
 
@@ -69,11 +61,6 @@ class Hinge(_Joint):
         if not np.isfinite(self.origin).all():
             raise InputError("the origin of the hinge is not finite; expected a point of its axis")
 
-    def placed(self, rotation: FloatArray, position: FloatArray) -> "Hinge":
-        """Return the hinge with its axis in another frame, to which rotation (3, 3) and position [m] (3,) lead."""
-        axis, origin = (rotation * self.axis).sum(axis=1), (rotation * self.origin).sum(axis=1) + position
-        return replace(self, axis=_triple(axis), origin=_triple(origin))
-
 
 @dataclass(frozen=True)
 class Slider(_Joint):
@@ -86,46 +73,26 @@ class Slider(_Joint):
     friction: float = 0.0  # largest force of its dry friction [N]
     on: str = ""  # as of a hinge
 
-    def placed(self, rotation: FloatArray, position: FloatArray) -> "Slider":
-        """Return the slider in another frame, see `Hinge.placed`."""
-        return replace(self, axis=_triple((rotation * self.axis).sum(axis=1)))
-
 
 @dataclass(frozen=True)
-class FreeObject:
-    """Physical properties of a free object; InputError for a number out of its range, or an inertia of no body."""
+class FreeObject(Free):
+    """Free body as its engine takes it, over a table; InputError for a number out of its range, or two joints."""
 
-    mass: float  # [kg]
-    center: Triple  # centre of mass [m], in the frame of the scene's mesh, which is the world's at the first tick
-    inertia: tuple[Triple, Triple, Triple]  # about the centre [kg·m²], in the same axes, row by row
     friction: float = USUAL_FRICTION  # μ of hand and object
     torsion: float = 0.0  # largest torsional moment of a contact with the hand over its normal force [m]; 0: none
     table: float | None = None  # height z of a horizontal plane under the object [m], world; None: there is none
     table_friction: float | None = None  # μ of table and object; None: as `friction`
-    gravity: Triple = GRAVITY  # [m/s²], world
-    damping: float = 0.0  # decay rate of both velocities [1/s]
-    velocity: Triple = (0.0, 0.0, 0.0)  # initial velocity of the centre [m/s], world
-    angular_velocity: Triple = (0.0, 0.0, 0.0)  # initial [rad/s], world
     hinge: Hinge | None = None  # without a hinge or a slider it moves in all directions
     slider: Slider | None = None
     name: str = ""  # by which joints of other things are on it
 
     def __post_init__(self) -> None:
-        for name in ("mass", "friction", "torsion", "damping", "table", "table_friction"):
+        super().__post_init__()
+        for name in ("friction", "torsion", "table", "table_friction"):
             if getattr(self, name) is not None or not name.startswith("table"):
                 check_range(name, getattr(self, name))
-        for name in ("gravity", "velocity", "angular_velocity"):
-            for value in getattr(self, name):
-                check_range(name, value)
-        if not (np.isfinite(self.center).all() and np.isfinite(self.inertia).all()):
-            raise InputError("the centre or the inertia of the free object is not finite")
         if self.hinge and self.slider:
             raise InputError("the free object has a hinge and a slider; expected one of them")
-        inertia = np.array(self.inertia)
-        if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0.0 if inertia.any() else 1.0):
-            raise InputError("the inertia of the free object is not symmetric")
-        if principal_axes(inertia)[0][0] <= 0.0:
-            raise InputError("the inertia of the free object is not positive: is its mesh flat?")
 
     def to_json(self) -> dict[str, Any]:
         """Return all fields as plain values; a joint and a name only where there is one."""
@@ -146,21 +113,6 @@ class FreeObject:
         pivot: FloatArray = origin + ((center - origin) * axis).sum() * axis
         return pivot
 
-    @classmethod
-    def of_mesh(cls, mesh: Mesh, *, mass: float | None = None, density: float = 1000.0, **others: Any) -> Self:
-        """Return a solid of uniform density [kg/m³], or of a mass [kg]; `others` are the other attributes.
-
-        Raises:
-            MeshError: The mesh encloses nothing.
-            InputError: As for the class.
-        """
-        check_range("density", density)
-        solid = mass_properties(mesh)
-        mass = density * solid.volume if mass is None else mass
-        inertia = mass / solid.volume * solid.inertia
-        first, second, third = (_triple(row) for row in 0.5 * (inertia + inertia.T))
-        return cls(mass, _triple(solid.center), (first, second, third), **others)
-
     @property
     def of_table(self) -> float:
         """μ of table and object."""
@@ -170,8 +122,3 @@ class FreeObject:
     def from_json(cls, values: Mapping[str, Any]) -> Self:
         """Return what `to_json` stored; InputError for values that describe no free object."""
         return typed(values, cls, "free object")
-
-
-def _triple(values: ArrayLike) -> Triple:
-    x, y, z = np.asarray(values, np.float64).tolist()
-    return (x, y, z)

@@ -16,133 +16,56 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, check_known, named
-from hhsim.hand.quaternion import quaternion_from_matrix, rotation_matrix
-from hhsim.linkage.file import names_a_linkage, read_linkage
-from hhsim.linkage.linkage import HERE, Frame, Link, Linkage, LinkJoint
+from hhsim.hand.quaternion import quaternion_from_matrix
+from hhsim.linkage.file import read_linkage
+from hhsim.linkage.linkage import HERE, Link, Linkage, LinkJoint
 from hhsim.linkage.object_mesh import link_mesh
 from hhsim.mesh.mesh import Mesh
-from hhsim.motion.trajectory import Trajectory
-from hhsim.reproducible import matmul
-from hhsim.scene.free_object import USUAL_FRICTION, FreeObject, Hinge, Slider
-from hhsim.scene.jointed_thing import Joint, JointedThing, Keyframe, Part
-from hhsim.scene.parts_of_thing import ThingParts, load_thing, require_apart
-from hhsim.scene.things import (
-    MOST_THINGS,
-    HingeSettings,
-    SliderSettings,
-    Things,
-    ThingSettings,
-    ThingsSettings,
-    along_joint,
-)
+from hhsim.scene.body_file import BodyFile, BodySettings
+from hhsim.scene.joint import JointSettings, Keyframe
 
 LEVEL_OF_MANY = 3
 """Usual level of the trees of several free bodies: each meets the others by its leaves, of which it may have 1,024."""
-ENDLESS = (-100.0, 100.0)
-"""Limits of a joint that has none [rad]."""
+UNDER, NONE = "under", "none"
 Motions = Mapping[str, Sequence[Keyframe]]
 
 
-def names_links(word: str | Path) -> bool:
-    """Return True if a word means a URDF or MJCF file of several links; errors as `read_linkage`."""
-    return names_a_linkage(word) and len(read_linkage(Path(word)).links) > 1
+def linkage_bodies(
+    path: Path, motion: object = None, *, free: Mapping[str, Any] | None = None, solid: bool = True
+) -> tuple[tuple[BodySettings, ...], dict[str, Mesh]]:
+    """Return the links of a URDF or MJCF file as bodies, and their meshes [m] by their names, each in its own frame.
 
+    Args:
+        path: The file.
+        motion: A script may move joints.
+        free: None where everything stands but what the motion moves; else `mass`, `density`, `friction`, `torsion` of
+            the only link in place of the file's [kg, kg/m³, 1, m], and `table`: under, none, or a height [m].
+        solid: False takes the triangles as they are.
 
-def load_parts(word: str | Path, motion: object = None, *, solid: bool = True) -> ThingParts:
-    """Load a thing of several parts, see `load_thing`, or the links of a URDF or MJCF file."""
-    if names_a_linkage(word):
-        return linkage_parts(Path(word), motion, solid=solid)
-    return load_thing(word, motion, solid=solid)
-
-
-def linkage_parts(path: Path, motion: object, *, solid: bool) -> ThingParts:
-    """Return the links of a file as parts whose joints follow a motion, or stand; InputError as `load_thing`."""
-    linkage = read_linkage(path)
-    with named(path):
-        roots = [link.name for link in linkage.links if not _bearer(linkage, link)]
-        if len(roots) != 1 or roots[0] in linkage.joints:
-            expected = "expected one that is fixed, or --free"
-            raise InputError(f"links {', '.join(roots)} move on the world; {expected}")
-        motions, notes = joint_motions(linkage, motion)
-        parts = []
-        for link in linkage.links:
-            moving = linkage.joints.get(link.name)
-            frame = HERE if moving is None else moving.frame
-            turn = _four(frame)
-            place: dict[str, Any] = {"position": _three(frame.position), "orientation": turn}
-            if moving is not None:
-                given = motions.get(link.name, ((0.0, moving.start),))
-                with named(f"joint '{moving.name}'"):
-                    joint = _joint(moving, moving.axis, moving.origin, given)
-                place |= {"parent": moving.parent, "joint": joint}
-            parts.append(Part(name=link.name, mesh=link.name, **place))
-        meshes = _noted(_meshes(linkage, path, solid), notes)
-        found = ThingParts(path.stem, JointedThing(tuple(parts)), meshes)
-        found.require_apart()
-    return found
-
-
-def linkage_things(path: Path, motion: object, *, solid: bool) -> Things:
-    """Return the links of a file as things that are free, but for what the file fixes and the motion moves."""
-    linkage = read_linkage(path)
-    with named(path):
-        if len(linkage.links) > MOST_THINGS:
-            raise InputError(f"{len(linkage.links)} links; expected up to {MOST_THINGS} where one is free")
-        motions, notes = joint_motions(linkage, motion)
-        frames = linkage.start_frames()
-        things: list[ThingSettings] = []
-        meshes, drives = [], []
-        for link, mesh in zip(linkage.links, _meshes(linkage, path, solid)):
-            settings = _thing(linkage, link, frames, motions)
-            things.append(settings)
-            drive = along_joint(settings, settings.driven) if settings.driven else None
-            begin = None if drive is None else drive(np.zeros(1))
-            place = (
-                frames[link.name] if begin is None else Frame(rotation_matrix(begin.orientation[0]), begin.position[0])
-            )
-            meshes.append(mesh.transformed(*place))
-            drives.append(drive)
-        # The first one is what the motion is of.
-        order = sorted(range(len(things)), key=lambda k: things[k].fixed or things[k].driven is not None)
-        first = things[order[0]]
-        if first.fixed or first.driven:
-            raise InputError("the motion moves all of its joints, so nothing is free: leave --free out")
-        table: Any = linkage.table
-        if table is None:
-            table = "none" if linkage.on_world else "under"
-        found = ThingsSettings(tuple(things[k] for k in order), table=table)
-        require_apart([one.name for one in things], meshes, found.joined)
-    noted = _noted([meshes[k] for k in order], notes)
-    return Things(path.stem, found, noted, tuple(drives[k] for k in order))
-
-
-def free_link(path: Path, mesh: Mesh, placed: Trajectory | None, given: Mapping[str, Any]) -> FreeObject:
-    """Return the only link of a file as a free object, with its joint on the world if it has one.
-
-    `mesh` is in the world, where a motion has placed it; `given` are attributes in place of the file's own.
+    Raises:
+        InputError: As `read_linkage`; values of joints beyond their limits, driven joints on what is free, or `free`
+            properties of one body where there are several.
     """
     linkage = read_linkage(path)
-    (link,) = linkage.links
-    place = HERE if placed is None else Frame(rotation_matrix(placed.object_orientation), placed.object_position)
     with named(path):
-        if linkage.on_world and link.name not in linkage.joints:
-            raise InputError(f"link '{link.name}' is fixed to the world, so it cannot be free; expected a joint")
-        about: dict[str, Any] = {"friction": link.friction, "torsion": link.torsion}
-        about = {name: value for name, value in about.items() if value is not None} | dict(given)
-        own = link.inertial if not {"mass", "density"} & set(given) else None
-        if own is not None:
-            about["mass"] = own.mass
-        moving = linkage.joints.get(link.name)
-        if moving is not None and moving.type != "free":
-            axis, origin = matmul(place.rotation, moving.axis), place.points(moving.origin)
-            limits = _from_start(moving)
-            about[moving.type] = (
-                Hinge(_three(axis), _three(origin), limits, moving.friction)
-                if moving.type == "hinge"
-                else Slider(_three(axis), limits, moving.friction)
-            )
-        free = FreeObject.of_mesh(mesh, **about)
-        return free if own is None else _weighed(free, link, place.after(linkage.start_frames()[link.name]))
+        given = dict(free or {})
+        table = given.pop("table", None)
+        if given and len(linkage.links) > 1:
+            raise InputError(f"{next(iter(given))} is of one body; it has {len(linkage.links)}, which state their own")
+        motions, notes = joint_motions(linkage, motion)
+        bodies = [_body(linkage, link, motions, free is not None, given) for link in linkage.links]
+        if free is not None:
+            if not any(body.is_free for body in bodies):
+                raise InputError("nothing is free: its links are fixed to the world, or moved by the motion")
+            usual = (NONE if linkage.on_world else UNDER) if linkage.table is None else linkage.table
+            plane = usual if table is None else table
+            if plane != NONE:
+                name = "table" if all(body.name != "table" for body in bodies) else "table-under-all"
+                bodies.append(BodySettings(name=name, plane=plane))
+        meshes = {link.name: link_mesh(linkage, link.name, str(path), solid) for link in linkage.links}
+        first = linkage.links[0].name
+        meshes[first] = replace(meshes[first], warnings=(*meshes[first].warnings, *notes))
+        return BodyFile(tuple(bodies)).body, meshes
 
 
 def joint_motions(linkage: Linkage, motion: object) -> tuple[dict[str, tuple[Keyframe, ...]], list[str]]:
@@ -162,109 +85,51 @@ def joint_motions(linkage: Linkage, motion: object) -> tuple[dict[str, tuple[Key
         child = known[word]
         joint = joints[child]
         values = np.array([value for _, value in keyframes])
-        least, most = joint.limits or ENDLESS
+        least, most = joint.limits or (-np.inf, np.inf)
         if not ((values >= least) & (values <= most)).all() and ((-values >= least) & (-values <= most)).all():
             keyframes = [(time, -value) for time, value in keyframes]
             notes.append(f"joint '{joint.name}' turns the other way round than '{word}' in the motion: see its limits")
         with named(f"joint '{joint.name}'"):
-            _joint(joint, joint.axis, joint.origin, keyframes)
+            _settings(joint).moved(keyframes)
         found[child] = tuple(keyframes)
     return found, notes
 
 
-class LinkThing(ThingSettings, frozen=True):
-    """Thing whose mass, centre and inertia a file may state."""
-
-    link: Link | None = None
-
-    def free_object(self, mesh: Mesh, table: float | None, rotation: FloatArray, position: FloatArray) -> FreeObject:
-        """Return its physical properties, see `ThingSettings.free_object`."""
-        free = super().free_object(mesh, table, rotation, position)
-        if self.link is None:
-            return free
-        own = Frame(rotation_matrix(np.array(self.orientation)), np.array(self.position))
-        return _weighed(free, self.link, Frame(rotation, position).after(own))
-
-
-def _thing(linkage: Linkage, link: Link, frames: Mapping[str, Frame], motions: Motions) -> LinkThing:
-    joint, frame = linkage.joints.get(link.name), frames[link.name]
-    about: dict[str, Any] = {
-        "friction": USUAL_FRICTION if link.friction is None else link.friction,
-        "torsion": link.torsion or 0.0,
-        "mass": None if link.inertial is None else link.inertial.mass,
-        "position": _three(frame.position),
-        "orientation": _four(frame),
-    }
-    if joint is None:
-        about["fixed"] = linkage.on_world
-    elif joint.type != "free":
-        bearer = frames[joint.parent]
-        axis, origin = matmul(bearer.rotation, joint.axis), bearer.points(joint.origin)
-        if link.name in motions:
-            on = linkage.joints.get(joint.parent)
-            if joint.parent and not (on is None and linkage.on_world):
-                expected = "expected one that is fixed to the world"
-                raise InputError(f"joint '{joint.name}' is moved on '{joint.parent}', which is free; {expected}")
-            at_zero = bearer.after(joint.frame)
-            about |= {"position": _three(at_zero.position), "orientation": _four(at_zero)}
-            about["driven"] = _joint(joint, axis, origin, motions[link.name])
-        else:
-            settings: dict[str, Any] = {"limits": _from_start(joint), "friction": joint.friction, "on": joint.parent}
-            about[joint.type] = (
-                HingeSettings(_three(axis), origin=_three(origin), **settings)
-                if joint.type == "hinge"
-                else SliderSettings(_three(axis), **settings)
-            )
-    return LinkThing(name=link.name, mesh=link.name, link=link, **about)
+def _body(linkage: Linkage, link: Link, motions: Motions, free: bool, given: Mapping[str, Any]) -> BodySettings:
+    joint, own = linkage.joints.get(link.name), link.inertial
+    frame = HERE if joint is None else joint.frame
+    about: dict[str, Any] = {"friction": link.friction, "torsion": link.torsion or 0.0}
+    if own is not None and not {"mass", "density"} & set(given):
+        about["mass"] = own.mass
+        if own.center is not None and own.inertia is not None:
+            half = 0.5 * (own.inertia + own.inertia.T)
+            about |= {"center": _three(own.center), "inertia": tuple(_three(row) for row in half)}
+    about |= given
+    if joint is None or joint.type == "free":
+        about["fixed"] = not free or (joint is None and linkage.on_world)
+    elif link.name in motions:
+        about["joint"] = _settings(joint).moved(motions[link.name])
+    else:
+        # A joint that nothing moves stands by a motion of one value.
+        stands = {"start": joint.start} if free else {"motion": ((0.0, joint.start),)}
+        about["joint"] = _settings(joint, **stands)
+    w, x, y, z = quaternion_from_matrix(frame.rotation).tolist()
+    place = {"position": _three(frame.position), "orientation": (w, x, y, z)}
+    return BodySettings(name=link.name, mesh=link.name, **place, **about)
 
 
-def _joint(joint: LinkJoint, axis: FloatArray, origin: FloatArray, motion: Sequence[Keyframe]) -> Joint:
-    return Joint(
+def _settings(joint: LinkJoint, **about: Any) -> JointSettings:
+    return JointSettings(
         type="slider" if joint.type == "slider" else "hinge",
-        axis=_three(axis),
-        limits=joint.limits or ENDLESS,
-        motion=tuple(motion),
-        origin=_three(origin),
+        axis=_three(joint.axis),
+        origin=_three(joint.origin),
+        on=joint.parent,
+        limits=joint.limits,
+        friction=joint.friction,
+        **({"start": joint.start} | about if "motion" not in about else about),
     )
-
-
-def _from_start(joint: LinkJoint) -> tuple[float, float] | None:
-    """Return the limits from where a joint begins; None for a hinge that they let turn all round."""
-    if joint.limits is None:
-        return None
-    least, most = joint.limits[0] - joint.start, joint.limits[1] - joint.start
-    return None if joint.type == "hinge" and least <= -np.pi and most >= np.pi else (least, most)
-
-
-def _weighed(free: FreeObject, link: Link, frame: Frame) -> FreeObject:
-    """Return a free object with the centre and inertia that a link states, whose frame is in the world."""
-    own = link.inertial
-    if own is None or own.center is None or own.inertia is None:
-        return free
-    turned = matmul(matmul(frame.rotation, own.inertia), frame.rotation.T)
-    first, second, third = (_three(row) for row in 0.5 * (turned + turned.T))
-    return replace(free, center=_three(frame.points(own.center)), inertia=(first, second, third))
-
-
-def _meshes(linkage: Linkage, path: Path, solid: bool) -> list[Mesh]:
-    return [link_mesh(linkage, link.name, str(path), solid) for link in linkage.links]
-
-
-def _noted(meshes: Sequence[Mesh], notes: Sequence[str]) -> tuple[Mesh, ...]:
-    """Return meshes of which the first one's warnings hold notes on all of them."""
-    return (replace(meshes[0], warnings=(*meshes[0].warnings, *notes)), *meshes[1:])
-
-
-def _bearer(linkage: Linkage, link: Link) -> str:
-    joint = linkage.joints.get(link.name)
-    return "" if joint is None else joint.parent
 
 
 def _three(values: FloatArray) -> tuple[float, float, float]:
     x, y, z = values.tolist()
     return x, y, z
-
-
-def _four(frame: Frame) -> tuple[float, float, float, float]:
-    w, x, y, z = quaternion_from_matrix(frame.rotation).tolist()
-    return w, x, y, z

@@ -1,72 +1,139 @@
-"""A scene: one object with its sphere tree, one hand, one motion, in the world frame.
+"""A scene: hands and bodies in the world, over the ticks of a replay."""
 
-An object that moves as recorded stands still in a scene: object and `ticks` are in the frame that moves with it, which
-is the world's at the first tick. `Scene.trajectory` and `Scene.driven` have the motion in the world.
-"""
-
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, check_known
 from hhsim.hand.model import HandModel, Side
-from hhsim.hand.quaternion import rotation_matrix
-from hhsim.linkage.object_mesh import resolve_object
-from hhsim.mesh.catalogue import MESH_LEVEL, names_a_thing
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.moving_parts import MovingParts
-from hhsim.motion.trajectory import ResampleMode, TickInput, Trajectory
+from hhsim.motion.trajectory import ResampleMode, TickInput, TickPhase, Trajectory, phase_names
+from hhsim.scene.body import Body, Driven, Free, HalfSpace, Joint, JointType
+from hhsim.scene.closure_search import OtherHand
+from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.scene.demonstration import Demonstration
-from hhsim.scene.free_object import FreeObject
-from hhsim.scene.linkage_bodies import load_parts, names_links
+from hhsim.scene.free_object import FreeObject, Hinge
 from hhsim.scene.motion_catalogue import Motion, resolve_trajectory
-from hhsim.scene.parts_of_thing import ThingParts, require_no_joints
 from hhsim.scene.script import Script
-from hhsim.scene.things import OtherThing, Things, load_things, names_things
+from hhsim.scene.synthesis import planned, synthesize
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.triangle_tree import tree_of_any
 
-if TYPE_CHECKING:
-    from hhsim.scene.closure_search import OtherHand
-
 SIDES = ("right", "left")
+TABLE = "table"
+"""Name of the plane under a body that is made free."""
 
 
-@dataclass(frozen=True, repr=False)
-class Scene:
-    """Object, hand and motion of a replay; InputError for a free object that a motion moves, or of several parts."""
+@dataclass(frozen=True, eq=False)
+class Hand:
+    """Hand of a scene, and the user's motion in the world."""
 
-    mesh: Mesh  # surface of the object [m], world frame
-    tree: SphereTree  # its sphere tree, world frame
-    hand: HandModel
-    trajectory: Trajectory  # motion of the haptic hand, with the object's pose
-    ticks: TickInput  # motion at the tick rate, as the object sees it
-    description: Mapping[str, Any] = field(default_factory=dict)  # origin of the scene as plain values, for its results
-    # Motion of hand and object in the world where the object moves as recorded; else None.
-    driven: TickInput | None = None
-    # Physical properties of a free object, whose mesh is where it is before the first tick; else None.
-    free: FreeObject | None = None
-    # Parts of a thing that has several, whose mesh and tree are those of the first tick; or several things, whose poses
-    # are those that the ticks find; else None.
-    parts: MovingParts | None = None
-    others: tuple[OtherThing, ...] = ()  # further things beside a free object
+    model: HandModel
+    trajectory: Trajectory  # motion as it was recorded or made
+    ticks: TickInput  # the same at the tick rate
 
-    def __post_init__(self) -> None:
-        if self.free is not None and self.driven is not None:
-            name = self.trajectory.name or "the motion"
-            raise InputError(f"in {name} the object moves as recorded, so it cannot be free")
-        if self.free is not None and self.parts is not None and not self.others:
-            raise InputError(f"{self.mesh.name} has several parts, which move as recorded: it cannot be free")
+
+class Ticks(NamedTuple):
+    """Times, phases and rate of the ticks, which all hands of a scene have in common."""
+
+    time: FloatArray  # k / rate [s], shape (N,)
+    phases: tuple[TickPhase, ...]
+    rate: float  # ticks a second [Hz]
 
     def __repr__(self) -> str:
-        ticks, leaves = self.ticks, self.tree.leaf_count
+        return f"Ticks({self.tick_count:,} at {self.rate:g} Hz{phase_names(self.phases)})"
+
+    @property
+    def tick_count(self) -> int:
+        """Number of ticks N."""
+        return len(self.time)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Scene:
+    """Hands and bodies of a replay, in the world.
+
+    Raises InputError for no hand, two of one side, hands of other ticks, bodies of one name, or a joint on no body.
+    """
+
+    hands: tuple[Hand, ...]  # one, or the right and the left one
+    bodies: tuple[Body | HalfSpace, ...]
+    description: Mapping[str, Any] = field(default_factory=dict)  # origin of the scene as plain values, for its results
+
+    def __post_init__(self) -> None:
+        sides = [hand.model.side for hand in self.hands]
+        if len(sides) != 1 and sides != list(SIDES):
+            raise InputError(f"hands {' and '.join(sides) or 'none'}: expected one, or {' and '.join(SIDES)}")
+        if len({(hand.ticks.tick_count, hand.ticks.rate) for hand in self.hands}) > 1:
+            raise InputError("the two hands' recordings have not the same number of ticks")
+        names = [body.name for body in self.bodies]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"two bodies have the name '{name}'; expected a name for each")
+        check_known("body", [body.joint.on for body in self.solids if body.joint and body.joint.on], names)
+        if not self.solids or len(names) - len(self.solids) > 1:
+            raise InputError("a scene has bodies with a surface, and one plane at most")
+
+    def __repr__(self) -> str:
+        ticks, leaves = self.ticks, sum(body.tree.leaf_count for body in self.solids)
+        hands = " and ".join(hand.model.side for hand in self.hands)
         return (
-            f"Scene({self.mesh.name or 'object'} with {leaves:,} leaf spheres, {self.hand.side} hand, "
-            f"{self.trajectory.name or 'motion'}: {ticks.tick_count:,} ticks at {ticks.rate:g} Hz)"
+            f"Scene({self.name} with {leaves:,} leaf spheres, {hands} hand, "
+            f"{self.hands[0].trajectory.name or 'motion'}: {ticks.tick_count:,} ticks at {ticks.rate:g} Hz)"
         )
+
+    @property
+    def ticks(self) -> Ticks:
+        """Times, phases and rate of the ticks."""
+        first = self.hands[0].ticks
+        return Ticks(first.time, first.phases, first.rate)
+
+    @property
+    def solids(self) -> tuple[Body, ...]:
+        """Bodies with a surface, all but the plane."""
+        return tuple(body for body in self.bodies if isinstance(body, Body))
+
+    @property
+    def plane(self) -> HalfSpace | None:
+        """The body that fills all below a height; None where there is none."""
+        return next((body for body in self.bodies if isinstance(body, HalfSpace)), None)
+
+    @property
+    def name(self) -> str:
+        """Name of the bodies, as OBJECT has it."""
+        one = self.solids[0]
+        return str(self.description.get("object_name") or one.mesh.name or one.name)
+
+    def first(self, count: int) -> "Scene":
+        """Return the scene in the first ticks, at most `count`."""
+        hands = (replace(hand, ticks=hand.ticks.first(count)) for hand in self.hands)
+        bodies = (
+            replace(body, motion=body.motion.first(count))
+            if isinstance(body, Body) and isinstance(body.motion, Driven)
+            else body
+            for body in self.bodies
+        )
+        return replace(self, hands=tuple(hands), bodies=tuple(bodies))
+
+    def freed(self, free: FreeObject) -> "Scene":
+        """Return the scene with its one body free, on a table if there is one; InputError if the motion moves it."""
+        (body,) = self.solids
+        if isinstance(body.motion, Driven):
+            name = self.hands[0].trajectory.name or "the motion"
+            raise InputError(f"in {name} the object moves as recorded, so it cannot be free")
+        joint, motion = None, Free(**{each.name: getattr(free, each.name) for each in fields(Free)})
+        if (own := free.joint) is not None:
+            kind: JointType = "hinge" if isinstance(own, Hinge) else "slider"
+            joint = Joint(kind, own.axis, getattr(own, "origin", (0.0, 0.0, 0.0)), own.limits, own.friction)
+        moving = replace(body, motion=motion, joint=joint, friction=free.friction, torsion=free.torsion)
+        plane = () if free.table is None else (HalfSpace(TABLE, free.table, free.table_friction),)
+        return replace(self, bodies=(moving, *plane))
 
 
 def all_pairs(hand: HandModel, tree: SphereTree) -> int:
@@ -84,58 +151,72 @@ def hand_of(motion: Motion, side: Side | None = None, hand_file: str | Path | No
     return HandModel.default(side) if hand_file is None else HandModel.from_toml(hand_file, side)
 
 
-def make_scene(
-    mesh: Mesh,
-    tree: SphereTree,
-    hand: HandModel,
-    motion: Motion,
+def on_object(
+    motion: Motion, hand: HandModel, tree: SphereTree, seed: int = 0, other: OtherHand | None = None
+) -> Trajectory:
+    """Return the trajectory of a motion on an object, whose tree [m] is in its own frame.
+
+    A recording has the object's pose; a script closes on the object where it is, beside the `other` hand; a
+    demonstration places the object where the recorded hand touches it. `seed` is of a script's tremor and sensor noise.
+    Raises TrajectoryError for a script or a demonstration that cannot be done on this object.
+    """
+    if isinstance(motion, Script):
+        return synthesize(motion, hand, tree, seed, other=other)
+    return motion.placed(hand, tree) if isinstance(motion, Demonstration) else motion
+
+
+def scene_of(
+    bodies: DeclaredBodies,
+    hands: Sequence[HandModel],
+    motions: Sequence[Motion],
     *,
     rate: float = 1000.0,
     mode: ResampleMode = "interpolate",
     seed: int = 0,
     description: Mapping[str, Any] | None = None,
-    other: "OtherHand | None" = None,
-    thing: tuple[ThingParts, Sequence[SphereTree]] | None = None,
+    other: OtherHand | None = None,
 ) -> Scene:
-    """Make a scene of hand, motion, object and tree; the last two are given in the object's own frame.
+    """Make a scene of bodies with their trees, and of one hand, or the right and the left one, with its motion.
 
-    Args:
-        motion: A recording, which holds the object's pose; a script, which closes on the object where it is; or a
-            demonstration, which places the object where the recorded hand touches it.
-        rate: Ticks per second [Hz].
-        mode: Resampling of a motion of another rate.
-        seed: Seed of a script's tremor and sensor noise.
-        description: Origin of the scene.
-        other: Hand beside which the one of a script finds its place.
-        thing: A thing of several parts and their trees; `mesh` and `tree` are then its own.
-
-    Raises:
-        TrajectoryError: The script or the demonstration cannot be done on this object.
+    The first hand's motion places the bodies. In a script the second hand finds its place beside the first one, which
+    finds its own beside the `other` one. Further arguments and errors are those of `open_scene` and `on_object`.
     """
-    if isinstance(motion, Script):
-        from hhsim.scene.synthesis import synthesize
-
-        motion = synthesize(motion, hand, tree, seed, other=other)
-    elif isinstance(motion, Demonstration):
-        motion = motion.placed(hand, tree)
-    rotation = rotation_matrix(motion.object_orientation)
-    ticks = motion.resampled(rate, mode)
-    return Scene(
-        mesh=mesh.transformed(rotation, motion.object_position),
-        tree=tree.transformed(rotation, motion.object_position),
-        hand=hand,
-        trajectory=motion,
-        ticks=ticks.seen_from_object(),
-        description=description or {},
-        driven=None if ticks.object_motion is None else ticks,
-        parts=None if thing is None else thing[0].moving(thing[1], ticks, motion),
-    )
+    first = on_object(motions[0], hands[0], bodies.tree, seed, other)
+    trajectories = [first]
+    for hand, motion in zip(hands[1:], motions[1:]):
+        if isinstance(motion, Script):
+            beside = OtherHand(hands[0], planned(motion, hands[0], bodies.tree))
+            trajectories.append(on_object(motion, hand, bodies.tree, seed, beside))
+            continue
+        own = on_object(motion, hand, bodies.tree, seed)
+        still = first.object_motion is None
+        trajectories.append(own.placed(first.object_position, first.object_orientation) if still else own)
+    ticks = [trajectory.resampled(rate, mode) for trajectory in trajectories]
+    require_one_object(trajectories)
+    described = {"object_name": bodies.name, **(description or {})}
+    made = tuple(Hand(*of_hand) for of_hand in zip(hands, trajectories, ticks))
+    return Scene(made, bodies.placed(ticks[0], first), described)
 
 
-def with_things(scene: Scene, things: Things, tree_of: Callable[[Mesh], SphereTree]) -> Scene:
-    """Return a scene of the first of several things with all of them; `tree_of` makes the trees."""
-    others, parts, free = things.placed(scene.mesh, scene.tree, scene.trajectory, scene.ticks, tree_of)
-    return replace(scene, free=free, others=others, parts=parts)
+def require_one_object(trajectories: Sequence[Trajectory]) -> None:
+    """Raise InputError for two hands whose motions place the object elsewhere, or of which one alone moves it."""
+    first = trajectories[0]
+    for other in trajectories[1:]:
+        places = ("object_position", "object_orientation")
+        if any(not np.array_equal(getattr(first, name), getattr(other, name)) for name in places):
+            raise InputError("the two hands' recordings have not the same object")
+        if (first.object_motion is None) != (other.object_motion is None):
+            raise InputError("the two hands' recordings have not the same motion of the object")
+
+
+def make_scene(mesh: Mesh, tree: SphereTree, hand: HandModel, motion: Motion, **others: Any) -> Scene:
+    """Make a scene of one hand and one body, whose mesh and tree [m] are in its own frame; see `scene_of`."""
+    return scene_of(DeclaredBodies.of_mesh(mesh, tree), [hand], [motion], **others)
+
+
+def tree_maker(level: int, *, solid: bool = True) -> Any:
+    """Return what makes the sphere tree of a mesh, or takes it from the cache; see `open_scene`."""
+    return lambda mesh: cached_sphere_tree(mesh, TreeOptions(level=level)) if solid else tree_of_any(mesh, level)
 
 
 def open_scene(
@@ -151,15 +232,14 @@ def open_scene(
     mode: ResampleMode = "interpolate",
     seed: int = 0,
 ) -> Scene:
-    """Load an object and a motion, take the object's sphere tree from the cache or build it, and put them together.
+    """Load bodies and a motion, take the bodies' sphere trees from the cache or build them, and put them together.
 
     Args:
-        object_: A name (`hhsim objects`), a mesh file, a URDF or MJCF file, the TOML of a thing of several parts or of
-            several things, or a mesh [m].
+        object_: A name (`hhsim objects`), a mesh file, the TOML of bodies, or a mesh [m].
         motion: A name (`hhsim trajectories`), a script (.toml), a recording, a result, or a loaded motion.
         unit, size: Of a mesh file, as for `hhsim.mesh.mesh.load_mesh`: m, cm, mm or inch, and [m]; None is m.
         solid: False takes the triangles of a mesh file as they are, for `SolverOptions(surface="mesh")`.
-        level: Level of the leaves of the tree, or of each part's, 1 to 5; None is the object's own, 3 or 4.
+        level: Level of the leaves of the tree of each body, 1 to 5; None is the object's own, 3 or 4.
         hand: A model, or right or left for the default hand of that side; None is the motion's side.
         rate: Ticks per second [Hz].
         mode: Resampling between two samples of the motion: interpolate, or hold the last one.
@@ -170,37 +250,17 @@ def open_scene(
         InputError: A file or an option that cannot be used, or a motion that cannot be done on this object.
     """
     moved = resolve_trajectory(motion) if isinstance(motion, str | Path) else motion
-    thing = things = None
-    if isinstance(object_, Mesh):
-        mesh, usual = object_, MESH_LEVEL
-    elif names_a_thing(str(object_)) or names_links(object_):
-        if unit is not None or size is not None:
-            raise InputError(f"unit and size are for mesh files; {object_} has its size")
-        if names_things(str(object_)):
-            things = load_things(str(object_), moved, solid=solid)
-            mesh, usual = things.mesh, MESH_LEVEL
-        else:
-            thing = load_parts(object_, moved, solid=solid)
-            mesh, usual = thing.mesh, MESH_LEVEL
-    else:
-        mesh, usual = resolve_object(object_, unit, size, solid=solid)
-        require_no_joints(moved, str(object_))
-    level = level or usual
-
-    def make(mesh: Mesh) -> SphereTree:
-        return cached_sphere_tree(mesh, TreeOptions(level=level)) if solid else tree_of_any(mesh, level)
-
-    trees = () if thing is None else thing.trees(make)
-    tree = make(mesh) if thing is None else thing.tree(trees)
-    tree = tree if things is None else things.named(tree)
+    bodies = load_object(object_, moved, unit=unit, size=size, solid=solid)
+    level = level or bodies.level
+    bodies = bodies.with_trees(tree_maker(level, solid=solid))
     description = {
-        "object": mesh.name if isinstance(object_, Mesh) else str(object_),
-        "object_mesh": mesh.sha256,
+        "object": bodies.name if isinstance(object_, Mesh) else str(object_),
+        "object_mesh": bodies.mesh.sha256,
         "unit": unit,
         "size_mm": None if size is None else 1e3 * size,
-        "object_repairs": list(mesh.repairs),
+        "object_repairs": list(bodies.mesh.repairs),
         "level": level,
-        "tree_options": dict(tree.options),
+        "tree_options": dict(bodies.tree.options),
         "trajectory": str(motion) if isinstance(motion, str | Path) else moved.name,
         "samples": mode,
         "place_object": "recorded",
@@ -209,7 +269,4 @@ def open_scene(
     if isinstance(hand, str):
         check_known("hand", [hand], SIDES)
     model = hand if isinstance(hand, HandModel) else hand_of(moved, hand)
-    parts = None if thing is None else (thing, trees)
-    given: dict[str, Any] = {"rate": rate, "mode": mode, "seed": seed, "description": description, "thing": parts}
-    scene = make_scene(mesh, tree, model, moved, **given)
-    return scene if things is None else with_things(scene, things, make)
+    return scene_of(bodies, [model], [moved], rate=rate, mode=mode, seed=seed, description=description)

@@ -45,7 +45,7 @@ tree needs no other place. Keys, with their defaults::
     mirror = [1.0, 0.0, 0.0]             # normal of a plane through the origin: the left hand's place is the image
     hands = "one"                        # both: the right hand's place beside the left one; else both have that of one
 
-    [joint]                # motion of joints of a thing of several parts (jointed_thing.py), instead of its own
+    [joint]                # motion of joints (joint.py), by the name of the body on each, instead of their own
     lid = [[0.0, 1.5], [2.0, 0.3]]       # (time [s], value [rad] or [m]), straight between
 
     [[paper]]              # where the paper shows it: `figure`, `objects`, `case` and `instances` (default: 1)
@@ -67,11 +67,11 @@ from hhsim.errors import InputError, TrajectoryError, check_known
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import Side
 from hhsim.hand.quaternion import quaternion_from_matrix, rotation_matrix
-from hhsim.mesh.catalogue import object_names, thing_names
+from hhsim.mesh.catalogue import body_file_names, object_names
 from hhsim.motion.tremor import Disturbance
 from hhsim.reproducible import matmul, norm
 from hhsim.scene.contact_goals import ANYWHERE, PALM, Touch, TouchTable, touches_of
-from hhsim.scene.jointed_thing import Keyframe
+from hhsim.scene.joint import Keyframe
 from hhsim.system.settings_file import Settings, a_list, between, one_of, parse_settings
 
 DEFAULT_FINGERS: dict[str, tuple[str, ...]] = {"touch": ("index",), "pinch": ("thumb", "index"), "grasp": FINGERS}
@@ -135,7 +135,7 @@ class PaperUse(Settings, frozen=True):
 
     def check(self) -> None:
         """Check the names of the objects."""
-        check_known("object", self.objects, [*object_names(), *thing_names()])
+        check_known("object", self.objects, [*object_names(), *body_file_names()])
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +183,7 @@ class PlacementTable(Settings, frozen=True):
 
     def check(self) -> None:
         """Check the object's name, the unit length of directions, and that the place of both hands has a mirror."""
-        check_known("object", [self.object], [*object_names(), *thing_names()])
+        check_known("object", [self.object], [*object_names(), *body_file_names()])
         for key in ("orientation", "back", "slide", "mirror"):
             size = float(norm(getattr(self, key) or [1.0]))
             if not math.isclose(size, 1.0, abs_tol=1e-2):
@@ -356,7 +356,7 @@ class ScriptTable(Settings, frozen=True, kw_only=True):
 
     def check(self) -> None:
         """Check that phases, placements and touches go together."""
-        check_known("object", self.objects, [*object_names(), *thing_names()])
+        check_known("object", self.objects, [*object_names(), *body_file_names()])
         names = [phase.name for phase in self.phase]
         if names[0] != "approach":
             raise InputError(f"the first phase is '{names[0]}'; expected approach")

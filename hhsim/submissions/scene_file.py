@@ -25,8 +25,10 @@ from hhsim.motion.trajectory import Phase, TickInput, Trajectory
 from hhsim.replay.stored_scene import checksums, part_arrays, static_arrays, stored_hand, stored_mesh, stored_tree
 from hhsim.result.reader import Result, read_phases
 from hhsim.result.schema import PART_STATIC_COLUMNS, STATIC_COLUMNS
+from hhsim.scene.body import Body
 from hhsim.scene.free_object import FreeObject
-from hhsim.scene.scene import Scene, open_scene
+from hhsim.scene.scene import Hand, Scene, open_scene
+from hhsim.solver.scene_solver import seen_scene
 from hhsim.system.atomic_write import put_dataset, sealed_hdf5
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 from hhsim.trees.contact_surface import encloses
@@ -48,20 +50,22 @@ MOTION = {
 NAMES = ("object", "trajectory", "unit", "size_mm", "level", "hand", "rate", "samples", "seed")
 """Words that `hhsim scene` makes a scene by, so that it can be made again for a submission."""
 
-NOT_SCORED = "a hand beside several parts or things that move is not scored; expected a scene of one object"
+OBJECT = "object"
+"""Name of the one body of a scene of one object."""
+NOT_SCORED = "a hand beside several bodies is not scored; expected a scene of one object"
 
 
 def scene_digest(scene: Scene) -> str:
     """Return the SHA-256 [hex] of meshes, things, hand, motion and rate, numbers rounded to `ROUNDED` decimals."""
-    hand, ticks = scene.hand, scene.ticks
-    parts: list[AnyArray] = [scene.mesh.vertices, scene.mesh.faces]
+    hand, ticks, seen = scene.hands[0].model, scene.ticks, seen_scene(scene)
+    parts: list[AnyArray] = [seen.mesh.vertices, seen.mesh.faces]
     parts += [hand.base, hand.distal, hand.dorsal, hand.length, hand.radius]
     parts += [hand.flexion_min, hand.flexion_max, hand.abduction_min, hand.abduction_max]
-    parts += [hand.palm_tree.leaf_center, hand.palm_tree.leaf_radius, *HandConfiguration.of(ticks)]
+    parts += [hand.palm_tree.leaf_center, hand.palm_tree.leaf_radius, *seen.haptic[0]]
     digest = hashlib.sha256(f"{hand.side} {ticks.rate!r} ".encode())
-    if scene.parts is not None:
+    if seen.parts is not None:
         digest.update(json.dumps([body.to_json() for body in scene_bodies(scene)]).encode())
-        parts += [part for mesh in scene.parts.meshes for part in (mesh.vertices, mesh.faces)]
+        parts += [part for mesh in seen.parts.meshes for part in (mesh.vertices, mesh.faces)]
         parts += recorded_poses(scene).values()
     for part in parts:
         # Adding 0 makes a plain zero of a negative one.
@@ -72,7 +76,7 @@ def scene_digest(scene: Scene) -> str:
 
 def scene_names(scene: Scene) -> dict[str, Any]:
     """Return the words that the scene is made by; a scene that a program put together may lack some of `NAMES`."""
-    said = {**scene.description, "hand": scene.hand.side, "rate": scene.ticks.rate}
+    said = {**scene.description, "hand": scene.hands[0].model.side, "rate": scene.ticks.rate}
     return {name: said[name] for name in NAMES if said.get(name) is not None}
 
 
@@ -102,20 +106,19 @@ def named_scene(names: Mapping[str, Any]) -> Scene:
 
 def scene_content(scene: Scene) -> bytes:
     """Return the bytes of the scene's file."""
-    motion = scene.trajectory
-    pose = motion.object_position, motion.object_orientation
-    static = static_arrays(scene.mesh, scene.tree, scene.hand, *pose)
-    hand = scene.hand
+    hand, motion, seen = scene.hands[0].model, scene.hands[0].trajectory, seen_scene(scene)
+    static = static_arrays(seen.mesh, seen.tree, hand, *seen.place)
+    ticks = scene.hands[0].ticks.seen_from_object()
     stated = {
         **scene.description,
         "names": scene_names(scene),
-        "object_name": scene.mesh.name,
+        "object_name": scene.name,
         "motion": motion.name,
         "motion_source": motion.source,
         "rate": scene.ticks.rate,
         "hand": {"side": hand.side, "length": hand.hand_length, "breadth": hand.hand_breadth},
         "checksums": checksums(static),
-        **({} if scene.parts is None else {"things": [body.to_json() for body in scene_bodies(scene)]}),
+        **({} if seen.parts is None else {"things": [body.to_json() for body in scene_bodies(scene)]}),
     }
 
     def fill(file: h5py.File) -> None:
@@ -125,8 +128,8 @@ def scene_content(scene: Scene) -> bytes:
         for column in STATIC_COLUMNS:
             put_dataset(file, column.name, static[column.name], column.units, column.long_name)
         for name, (units, meaning) in MOTION.items():
-            put_dataset(file, f"motion/{name}", getattr(scene.ticks, name), units, meaning)
-        for group, arrays in part_arrays(scene.parts).items():
+            put_dataset(file, f"motion/{name}", getattr(ticks, name), units, meaning)
+        for group, arrays in part_arrays(seen.parts).items():
             for column in PART_STATIC_COLUMNS:
                 put_dataset(file, f"{group}/{column.name}", arrays[column.name], column.units, column.long_name)
         phases = scene.ticks.phases
@@ -195,7 +198,8 @@ def _load(path: Path) -> Scene:
     trajectory = tick_trajectory(ticks, name=said["motion"], source=said["motion_source"], **place)
     more = ("names", "object_name", "motion", "motion_source", "rate", "hand", "checksums")
     description = {name: value for name, value in said.items() if name not in more}
-    return Scene(stored_mesh(held), stored_tree(held), stored_hand(held), trajectory, ticks, description)
+    mesh, tree = stored_mesh(held), stored_tree(held)
+    return Scene((Hand(stored_hand(held), trajectory, ticks),), (Body(OBJECT, mesh, tree),), description)
 
 
 class SceneBody(NamedTuple):
@@ -215,7 +219,7 @@ class SceneBody(NamedTuple):
 
 def recorded_poses(scene: Scene) -> dict[str, FloatArray]:
     """Return position [m] and orientation at each tick, (T, 7), of parts and things that move as recorded, by name."""
-    if (parts := scene.parts) is None:
+    if (parts := seen_scene(scene).parts) is None:
         return {}
     driven = {name: np.hstack([motion.shift, motion.turn]) for name, motion in parts.driven.items()}
     return driven if parts.free else dict(zip(parts.names, parts.path.swapaxes(0, 1)))
@@ -223,12 +227,12 @@ def recorded_poses(scene: Scene) -> dict[str, FloatArray]:
 
 def scene_bodies(scene: Scene) -> list[SceneBody]:
     """Return the one object, the parts of a thing, or several things."""
-    parts, first = scene.parts, {name: poses[0] for name, poses in recorded_poses(scene).items()}
-    if parts is None:
-        return [SceneBody("object", scene.mesh, scene.tree)]
-    others = {one.name: (one.free, one.fixed) for one in scene.others}
+    seen, first = seen_scene(scene), {name: poses[0] for name, poses in recorded_poses(scene).items()}
+    if (parts := seen.parts) is None:
+        return [SceneBody(OBJECT, seen.mesh, seen.tree)]
+    others = {body.name: (free, fixed) for free, fixed, body in seen.others}
     shapes = zip(parts.names, parts.meshes, parts.trees)
-    return [SceneBody(*shape, first.get(shape[0]), *others.get(shape[0], (scene.free, False))) for shape in shapes]
+    return [SceneBody(*shape, first.get(shape[0]), *others.get(shape[0], (seen.free, False))) for shape in shapes]
 
 
 def scene_mjcf(scene: Scene) -> str:
@@ -241,7 +245,7 @@ def scene_mjcf(scene: Scene) -> str:
     model = Xml.Element("mujoco", model="scene")
     Xml.SubElement(model, "include", file="hand.xml")
     assets, world, contact = (Xml.SubElement(model, tag) for tag in ("asset", "worldbody", "contact"))
-    bodies, hand, pose = scene_bodies(scene), hand_bodies(scene.hand), HandConfiguration.of(scene.ticks).at(0)
+    bodies, hand, pose = scene_bodies(scene), hand_bodies(scene.hands[0].model), seen_scene(scene).haptic[0].at(0)
     for body in bodies:
         if body.name in {one.name for one in hand.bodies} | {one.name for one in hand.joints}:
             raise InputError(f"'{body.name}' is a body or a joint of the hand, too; expected another name of the thing")

@@ -18,6 +18,8 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.motion.csv_file import POSE_COLUMNS, format_csv
 from hhsim.scene.scene import Scene
+from hhsim.solver.scene_solver import seen_scene
+from hhsim.submissions.bodies_toml import BODIES_FILE, JOINTS_FILE, bodies_toml
 from hhsim.submissions.pose_file import Submission, format_poses
 from hhsim.submissions.scene_file import (
     recorded_poses,
@@ -52,8 +54,8 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
     Raises OutputError as `check_scene_folder`, or if it cannot be written; InputError as `scene_mjcf`.
     """
     check_scene_folder(folder)
-    digest, hand, ticks = scene_digest(scene), scene.hand, scene.ticks
-    bodies, parts = scene_bodies(scene), scene.parts
+    digest, hand, ticks = scene_digest(scene), scene.hands[0].model, scene.hands[0].ticks.seen_from_object()
+    bodies, parts = scene_bodies(scene), seen_scene(scene).parts
     description = {
         "format": "hhsim-scene",
         "scene": digest,
@@ -69,7 +71,9 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
     leaves = [np.column_stack([body.tree.leaf_center, body.tree.leaf_radius]).tolist() for body in bodies]
     spheres = [(*leaf, body.name) for body, its in zip(bodies, leaves) for leaf in its]
     names = ("object_position", "object_orientation", "name", "source")
-    about = {name: getattr(scene.trajectory, name) for name in names}
+    about = {name: getattr(scene.hands[0].trajectory, name) for name in names}
+    # The one object has a name of its own there.
+    files_of = {body.name: bodies[0] for body in scene.solids} | {body.name: body for body in bodies if parts}
     files: dict[str, str | bytes] = {
         SCENE_FILE: scene_content(scene),
         "scene.json": json.dumps(description, indent=2) + "\n",
@@ -81,6 +85,7 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
         "hand.xml": hand_mjcf(hand),
         "scene.xml": scene_mjcf(scene),
         "README.md": _readme(scene, digest),
+        **bodies_toml(scene, {name: (f"{file.name}.obj", file.pose) for name, file in files_of.items()}),
     }
     if parts is None:
         files[EXAMPLE] = format_poses(example_submission(scene))
@@ -111,14 +116,14 @@ def _part_poses(scene: Scene, joints: Mapping[str, FloatArray]) -> str:
 
 def example_submission(scene: Scene) -> Submission:
     """Return the user's own hand, which penetrates the object, as a submission."""
-    ticks = scene.ticks
+    ticks = scene.hands[0].ticks.seen_from_object()
     return Submission(
         method="the user's own hand",
         scene=scene_digest(scene),
         time=ticks.time,
         poses=HandConfiguration.of(ticks),
         made_by=scene_names(scene),
-        hand=scene.hand.side,
+        hand=scene.hands[0].model.side,
     )
 
 
@@ -142,11 +147,12 @@ def _numbers(hand: HandModel) -> dict[str, Any]:
 
 def _readme(scene: Scene, digest: str) -> str:
     ticks = scene.ticks
-    sign = "" if scene.hand.side == "right" else "minus "
+    side = scene.hands[0].model.side
+    sign = "" if side == "right" else "minus "
     meshes = ", ".join(f"`{body.name}.obj`" for body in scene_bodies(scene))
-    send = "`hhsim score` takes no poses beside\nseveral parts or things, of which docs/submissions.md of hhsim tells."
+    send = "`hhsim score` takes no poses beside\nseveral bodies, of which docs/submissions.md of hhsim tells."
     last = "| `parts.csv` | poses and joint values of what moves as recorded |\n" if recorded_poses(scene) else ""
-    if scene.parts is None:
+    if len(scene.solids) == 1:
         send = f"""Write a line a tick, and measure it:
 
     hhsim score my-submission.csv
@@ -168,6 +174,7 @@ not in the object. {send}
 | `hand.json` | the hand as numbers [m, rad], palm frame |
 | `hand.urdf`, `hand.xml` | the same as URDF and MJCF; joints are called as the columns |
 | `scene.xml` | hand and object as MJCF: the mesh is seen, its spheres collide; keyframe `start` is the first tick |
+| `{BODIES_FILE}` | the bodies for hhsim: `hhsim replay {BODIES_FILE} motion.csv`; values of joints in `{JOINTS_FILE}` |
 {last}\
 | `{SCENE_FILE}` | all of it for hhsim; motion under `/motion`, object under `/object`, hand under `/hand` |
 | `scene.json` | digest, rate, phases |
@@ -175,7 +182,7 @@ not in the object. {send}
 ## Frames and units
 
 SI units: m, rad, s, N. The world is right-handed with z up; quaternions are w x y z and turn the palm's frame to the
-world. Palm frame of this {scene.hand.side} hand: y to the fingers, z out of the back, x = y × z: to the right as the
+world. Palm frame of this {side} hand: y to the fingers, z out of the back, x = y × z: to the right as the
 hand lies before you, fingers away from you, back up.
 
 A finger begins at `base`. With u = `distal` and w = `dorsal`, abduction turns u about {sign}w; then each flexion turns

@@ -11,6 +11,7 @@ import numpy as np
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
+from hhsim.hand.model import HandModel
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
@@ -28,6 +29,7 @@ from hhsim.solver.method import FORCES, TIMES, Method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.outside_method import MethodHere, MethodScene, OutsideEngine, TickAnswer
 from hhsim.solver.reference_optimum import best_hands
+from hhsim.solver.scene_solver import SeenScene, seen_scene
 from hhsim.solver.workspace import TickWorkspace
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.scene_file import NOT_SCORED, load_scene, named_scene, scene_digest
@@ -54,28 +56,28 @@ class PoseErrors(NamedTuple):
     off_best_max: float
 
 
-def _mesh_depth(scene: Scene, placed: PlacedHand) -> float:
-    if not encloses(scene.mesh):
+def _mesh_depth(seen: SeenScene, hand: HandModel, placed: PlacedHand) -> float:
+    if not encloses(seen.mesh):
         return np.nan
-    palm, finger = hand_clearance(scene.tree.arrays(), hand_shape(scene.hand), placed, limit=NEAR)
+    palm, finger = hand_clearance(seen.tree.arrays(), hand_shape(hand), placed, limit=NEAR)
     # The spheres cover the mesh: a hand outside of them is outside of the mesh.
     inside = ticks_looked_at(np.minimum(palm, finger.min(axis=1)) < 0.0)
     if inside.size == 0:
         return 0.0
-    bvh = build_mesh_bvh(scene.mesh.vertices, scene.mesh.faces)
-    return max(0.0, -float(mesh_clearance(bvh, hand_shape(scene.hand), placed.at(inside)).min()))
+    bvh = build_mesh_bvh(seen.mesh.vertices, seen.mesh.faces)
+    return max(0.0, -float(mesh_clearance(bvh, hand_shape(hand), placed.at(inside)).min()))
 
 
-def _off_best(scene: Scene, options: SolverOptions, placed: PlacedHand) -> tuple[float, float]:
-    haptic = HandConfiguration.of(scene.ticks)
-    surface = contact_surface("mesh", scene.mesh, scene.tree).arrays
-    users = forward_kinematics(scene.hand, *haptic)
-    palm, finger = hand_clearance(surface, hand_shape(scene.hand), users, limit=NEAR)
+def _off_best(seen: SeenScene, hand: HandModel, options: SolverOptions, placed: PlacedHand) -> tuple[float, float]:
+    haptic = seen.haptic[0]
+    surface = contact_surface("mesh", seen.mesh, seen.tree).arrays
+    users = forward_kinematics(hand, *haptic)
+    palm, finger = hand_clearance(surface, hand_shape(hand), users, limit=NEAR)
     contact = np.minimum(palm, finger.min(axis=1)) < NEAR
     if not contact.any():
         return np.nan, np.nan
     try:
-        best = best_hands(scene.hand, surface, options, haptic)
+        best = best_hands(hand, surface, options, haptic)
     except HhsimError:
         return np.nan, np.nan
     off = np.linalg.norm(placed.ends - PlacedHand(best.joints, best.position, best.orientation).ends, axis=2)
@@ -168,11 +170,11 @@ def score(
         command: Words of the command line, which the file states.
 
     Raises:
-        InputError: It is of another scene, or of several parts or things, or ticks are missing.
+        InputError: It is of another scene, or of several bodies, or ticks are missing.
         OutputError: The file cannot be written.
     """
-    if scene.parts is not None:
-        raise InputError(f"{scene.parts.name}: {NOT_SCORED}")
+    if len(scene.solids) > 1:
+        raise InputError(f"{scene.name}: {NOT_SCORED}")
     require_scene(submission, scene)
     doubts = suspicions(submission, scene)
     digest = scene_digest(scene)
@@ -184,8 +186,10 @@ def score(
         more: dict[str, Any] = {"description": {"submission": said}, "command": command, "progress": progress}
         summary = replay_scene(scene, options, output_path, **more)
         progress("the best poses", 0, 1)
-        placed = forward_kinematics(scene.hand, *submission.poses)
-        errors = PoseErrors(_mesh_depth(scene, placed), *_off_best(scene, options.at_rate(scene.ticks.rate), placed))
+        hand, seen = scene.hands[0].model, seen_scene(scene)
+        placed = forward_kinematics(hand, *submission.poses)
+        off_best = _off_best(seen, hand, options.at_rate(scene.ticks.rate), placed)
+        errors = PoseErrors(_mesh_depth(seen, hand, placed), *off_best)
     assert summary.path is not None
     known = {key: value for key, value in errors._asdict().items() if np.isfinite(value)}
     state(summary.path, "score", known)

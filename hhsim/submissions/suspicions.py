@@ -12,13 +12,16 @@ from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
+from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import conjugate, quaternion_from_matrix, quaternion_product, rotation_matrix
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.replay.conformance import FOLLOWS, same_but_for
 from hhsim.scene.scene import Scene
+from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.scene_file import scene_digest, scene_names, scene_title
 from hhsim.system.counted import counted
+from hhsim.trees.sphere_tree import SphereTree
 
 FREE_DISTANCE = 2e-3
 """Distance of the user's hand from the object [m] beyond which the shown hand is the user's."""
@@ -56,8 +59,9 @@ def require_scene(submission: Submission, scene: Scene) -> None:
             f"{_name(submission)} is of {theirs} (scene {submission.scene[:12]}), and this is "
             f"{scene_title(scene_names(scene))} (scene {digest[:12]})"
         )
-    if submission.hand not in ("", scene.hand.side):
-        raise InputError(f"{_name(submission)} is of a {submission.hand} hand: the scene has a {scene.hand.side} one")
+    side = scene.hands[0].model.side
+    if submission.hand not in ("", side):
+        raise InputError(f"{_name(submission)} is of a {submission.hand} hand: the scene has a {side} one")
     wrong = _wrong_ticks(submission.time, scene.ticks.time, scene.ticks.rate)
     if wrong:
         raise InputError(f"{_name(submission)}: {wrong}")
@@ -100,8 +104,9 @@ def _wrong_ticks(time: FloatArray, wanted: FloatArray, rate: float) -> str:
 
 def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
     """Describe probable mistakes in poses, forces and times of a submission of this scene, a line each."""
-    shown, user = submission.poses, HandConfiguration.of(scene.ticks)
-    free = _free(scene)
+    seen, hand = seen_scene(scene), scene.hands[0].model
+    shown, user = submission.poses, seen.haptic[0]
+    free = _free(seen.tree, hand, user)
     found = [*_still(shown, user, free)]
     lag = _shift(shown.position, user.position, free)
     seconds = lag / scene.ticks.rate
@@ -120,10 +125,10 @@ def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _free(scene: Scene) -> BoolArray:
-    """Return True for ticks in which the user's hand is far from the object."""
-    placed = forward_kinematics(scene.hand, *HandConfiguration.of(scene.ticks))
-    palm, finger = hand_clearance(scene.tree.arrays(), hand_shape(scene.hand), placed, limit=FREE_DISTANCE)
+def _free(tree: SphereTree, hand: HandModel, user: HandConfiguration) -> BoolArray:
+    """Return True for ticks in which the user's hand is far from the object, whose tree it sees."""
+    placed = forward_kinematics(hand, *user)
+    palm, finger = hand_clearance(tree.arrays(), hand_shape(hand), placed, limit=FREE_DISTANCE)
     free = np.asarray(np.minimum(palm, finger.min(axis=1)) >= FREE_DISTANCE)
     return free if free.sum() >= LEAST_FREE_TICKS else np.ones(len(free), bool)
 

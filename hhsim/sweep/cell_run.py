@@ -16,6 +16,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary, repeated_document
 from hhsim.result.writer import state
+from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.scene.described_scene import described_scene
 from hhsim.scene.motion_catalogue import Motion, resolve_trajectory, trajectory_names
 from hhsim.scene.scene import Scene, hand_of
@@ -134,8 +135,8 @@ def _scene(key: _SceneKey, plan_folder: Path) -> Scene:
     motion = motion_of(cell, plan_folder)
     if "tremor_mm_deg" in cell.options and isinstance(motion, Script):
         motion = motion.shaken(cell.options["tremor_mm_deg"])
-    hand = cell_hand(cell, plan_folder, motion)
-    return described_scene(cell.words(), mesh, tree, hand, motion, cell.solver_options().fingers).scene
+    hand, bodies = cell_hand(cell, plan_folder, motion), DeclaredBodies.of_mesh(mesh, tree)
+    return described_scene(cell.words(), bodies, [hand], [motion], cell.solver_options().fingers).scene
 
 
 def cell_hand(cell: Cell, plan_folder: Path, motion: Motion) -> HandModel:

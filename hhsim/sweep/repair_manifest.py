@@ -35,7 +35,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, field
 
 from hhsim.errors import InputError, UnknownNameError, check_known
-from hhsim.mesh.catalogue import names_a_file, names_a_thing
+from hhsim.mesh.catalogue import names_a_body_file, names_a_file
 from hhsim.recordings.column_map import read_column_map
 from hhsim.recordings.formats.mano import READINGS
 from hhsim.repair.request import RepairRequest
@@ -216,7 +216,7 @@ def _planned(where: str, row: ManifestRow, folder: Path, output: Path) -> Planne
         raise InputError(f"{where}: name: '{name}' is none for a folder: expected at most 100 letters, no / in them")
     if recording.name.casefold() in OF_THE_ROW:
         raise InputError(f"{where}: recording: {recording.name} is the name of a file beside it: rename the recording")
-    if names_a_file(row.object) or not names_a_thing(row.object):
+    if names_a_file(row.object) or not names_a_body_file(row.object):
         checked_object(f"{where}: object", folder, SweptObject(row.object, unit=row.unit, size_mm=row.size_mm))
 
     def file(key: str) -> Path | None:

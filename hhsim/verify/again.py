@@ -6,6 +6,7 @@ import numpy as np
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.mesh.catalogue import OF_BODIES
 from hhsim.metrics.moving_parts import MovingParts, result_parts
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.motion.trajectory import ObjectMotion, TickInput, Trajectory
@@ -16,13 +17,14 @@ from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import SIDES, TWO_HANDED
 from hhsim.result.two_handed_file import other_of_two
 from hhsim.scene.closure_search import OtherHand
+from hhsim.scene.declared_bodies import DeclaredBodies, load_bodies
 from hhsim.scene.described_scene import motion_of_side
-from hhsim.scene.linkage_bodies import load_parts
 from hhsim.scene.motion_catalogue import trajectory_names
 from hhsim.scene.recorded_grasp_pose import place_at_grasp
-from hhsim.scene.scene import make_scene
+from hhsim.scene.scene import scene_of
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import planned
+from hhsim.solver.scene_solver import seen_scene
 from hhsim.system.progress import Progress
 from hhsim.verify.claim import NOT_JUDGED, Claim, difference, figures_apart, judged
 from hhsim.verify.origin_checks import own_object, own_tree
@@ -128,14 +130,14 @@ def _made_again(result: Result) -> tuple[TickInput, MovingParts | None]:
     if scene.get("object_pose") == "fixed" and isinstance(motion, Trajectory):
         motion = motion.placed(motion.object_position, motion.object_orientation)
     hand, seed = stored_hand(result), int(scene.get("seed") or 0)
-    parts, thing = result_parts(result), None
-    if parts is not None and parts.free:
-        # A script finds its place by the name of the scene, as in `Things.named`.
-        mesh, tree = stored_mesh(result), stored_tree(result)
-        tree = replace(tree, options={**tree.options, "thing": parts.name})
+    parts = result_parts(result)
+    if parts is not None and not parts.free:
+        bodies = load_bodies(str(scene["object"]), motion, solid=result.surface != "mesh")
+        bodies = replace(bodies, trees=dict(zip(parts.names, parts.trees)))
     elif parts is not None:
-        loaded = load_parts(str(scene["object"]), motion, solid=result.surface != "mesh")
-        mesh, tree, thing = loaded.mesh, loaded.tree(parts.trees), (loaded, parts.trees)
+        # A script finds its place by the name of the bodies.
+        mesh, tree = stored_mesh(result), stored_tree(result)
+        bodies = DeclaredBodies.of_mesh(mesh, replace(tree, options={**tree.options, OF_BODIES: parts.name}))
     else:
         found = own_object(result, True)
         own = None if found is None else own_tree(result, found, True)
@@ -143,14 +145,14 @@ def _made_again(result: Result) -> tuple[TickInput, MovingParts | None]:
             return motion.resampled(result.rate, mode), None
         if found is None or own is None:
             raise InputError("the motion was made for an object and a tree that are not to be had")
-        mesh, tree = found, own
+        bodies = DeclaredBodies.of_mesh(found, own)
         if isinstance(motion, Trajectory):
-            motion = place_at_grasp(motion, hand, tree).motion
+            motion = place_at_grasp(motion, hand, own).motion
     other = None
     right = other_of_two(result.path) if scene.get(TWO_HANDED) and result.side != SIDES[0] else None
     if isinstance(motion, Script) and right is not None:
         # The left hand found its place beside the right one.
         first = stored_hand(load_result(right))
-        other = OtherHand(first, planned(motion, first, tree))
-    made = make_scene(mesh, tree, hand, motion, rate=result.rate, mode=mode, seed=seed, other=other, thing=thing)
-    return made.driven or made.ticks, made.parts
+        other = OtherHand(first, planned(motion, first, bodies.tree))
+    made = scene_of(bodies, [hand], [motion], rate=result.rate, mode=mode, seed=seed, other=other)
+    return made.hands[0].ticks, None if parts is None or parts.free else seen_scene(made).parts

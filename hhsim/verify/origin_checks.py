@@ -13,7 +13,7 @@ from hhsim.mesh.catalogue import load_object, names_a_file, object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result
 from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS
-from hhsim.scene.linkage_bodies import load_parts
+from hhsim.scene.declared_bodies import load_bodies
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.trees.cache import cached_sphere_tree, shipped_tree
 from hhsim.trees.options import TreeOptions
@@ -49,7 +49,7 @@ def own_object(result: Result, again: bool) -> Mesh | None:
         if result.parts:
             motion = resolve_trajectory(str(scene["trajectory"]), scene.get("reading"))
             shipped, solid = not names_a_file(word), result.surface != "mesh"
-            mesh = load_parts(word, motion, solid=solid).mesh if shipped or again else None
+            mesh = load_bodies(word, motion, solid=solid).mesh if shipped or again else None
         elif not names_a_file(word):
             word = word or str(scene.get("object_name"))
             mesh = load_object(word).mesh if word in object_names() else None

@@ -42,7 +42,7 @@ def world() -> World:
     """One finger touches the cube, 200 ticks a second; and the run of the method as it comes."""
     tree = cached_sphere_tree(MESH, TreeOptions(level=3))
     scene = make_scene(MESH, tree, HAND, load_script("touch"), rate=200.0)
-    errors = error_scene(HAND, MeshReferee(MESH), scene.ticks, triangles(), OPTIONS)
+    errors = error_scene(HAND, MeshReferee(MESH), scene.hands[0].ticks, triangles(), OPTIONS)
     return errors, tree.arrays(), run(errors, tree.arrays(), OPTIONS)
 
 

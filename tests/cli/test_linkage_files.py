@@ -60,7 +60,7 @@ def test_links_are_free_with_their_joints(run: Run, work: Path) -> None:
     assert [part.rpartition("/")[2] for part in result.parts] == ["block", "lid"]
     answer = run("replay", "pot.urdf", "short.toml", "--free", "--mass", "1")
     assert answer.code == 2
-    assert "--mass is of one object; pot.urdf has several links, which state their own" in answer.err
+    assert "pot.urdf: mass is of one body; it has 2, which state their own" in answer.err
 
 
 def test_the_tree_of_a_link_is_built_by_its_name(run: Run, work: Path) -> None:
@@ -94,4 +94,5 @@ def test_a_damaged_file_is_one_line_and_leaves_nothing(run: Run, work: Path) -> 
 def test_a_scene_of_links_is_written_for_other_software(run: Run, work: Path) -> None:
     answer = run("scene", "pot.urdf", "opens.toml", "--level", "1", "--out", "folder")
     assert answer.code == 0, answer.err
-    assert {"block.obj", "lid.obj", "parts.csv"} <= {path.name for path in (work / "folder").iterdir()}
+    names = {"block.obj", "lid.obj", "bodies.toml", "joints.csv"}
+    assert names <= {path.name for path in (work / "folder").iterdir()}

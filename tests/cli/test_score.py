@@ -78,5 +78,5 @@ def test_a_scene_of_several_things_is_a_folder_and_no_poses_of_it_are_scored(run
     for submission in ("s/mine.csv", "mine.csv"):
         refused = run("score", submission, "--out", "r.h5")
         assert refused.code == 2 and len(refused.err.strip().splitlines()) == 1
-        assert "several parts or things that move is not scored; expected a scene of one object" in refused.err
+        assert "several bodies is not scored; expected a scene of one object" in refused.err
         assert not (tmp_path / "r.h5").exists()

@@ -124,14 +124,15 @@ def test_both_hands_of_a_recording_and_its_object_are_replayed_by_one_command(ru
 
 
 HINGED = """
-[[part]]
+[[body]]
 name = "bottom"
 box = [0.1, 0.1, 0.02]
+fixed = true
 
-[[part]]
+[[body]]
 name = "top"
 box = [0.1, 0.1, 0.02]
-parent = "bottom"
+joint.on = "bottom"
 position = [0.0, 0.0, 0.021]
 joint.type = "hinge"
 joint.axis = [0.0, 0.0, -1.0]

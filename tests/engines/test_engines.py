@@ -46,11 +46,13 @@ def test_an_engine_stops_at_a_ball_and_pushes_the_hand_back(name: str) -> None:
         pytest.skip(f"{name} {find_method(name).missing}")
     scene = open_scene("sphere", "touch", rate=1000.0)
     hold = next(phase for phase in scene.ticks.phases if phase.name == "hold")
-    haptic = HandConfiguration.of(scene.ticks).part(hold.first_tick - 250, hold.first_tick + 50)
+    haptic = HandConfiguration.of(scene.hands[0].ticks).part(hold.first_tick - 250, hold.first_tick + 50)
 
     def played(method: str) -> TickRecord:
         options = SolverOptions(method=method, surface="mesh")
-        solver = HandSolver(capsule_hand(), contact_surface("mesh", scene.mesh, scene.tree), options)
+        solver = HandSolver(
+            capsule_hand(), contact_surface("mesh", scene.solids[0].placed_mesh, scene.solids[0].placed_tree), options
+        )
         return solver.run(*haptic)
 
     shown, ours = played(name), played("coupled")

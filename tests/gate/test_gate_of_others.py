@@ -111,7 +111,7 @@ KILLED = "the loop failed or was killed"
 
 def write_recording(path: Path, depth: float) -> None:
     """A grasp that goes so much farther in than it has to, at 100 Hz."""
-    ticks = short_scene(short_grasp(release=0.05)).ticks
+    ticks = short_scene(short_grasp(release=0.05)).hands[0].ticks
     flexion = ticks.flexion * (1.0 + depth)
     fingers = ("thumb", "index", "middle", "ring", "little")
     names = ["time", "px", "py", "pz", "qw", "qx", "qy", "qz"]

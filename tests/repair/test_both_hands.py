@@ -13,12 +13,11 @@ from short_grasp import shortened
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.mesh.catalogue import load_object
 from hhsim.result.reader import hand_paths, load_result
-from hhsim.scene.described_scene import SceneWords, two_handed_scenes
+from hhsim.scene.declared_bodies import load_object
+from hhsim.scene.described_scene import SceneWords, described_scene
 from hhsim.scene.motion_catalogue import load_script
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
+from hhsim.scene.scene import tree_maker
 
 HANDS = HAND, HandModel.default("left")
 
@@ -27,11 +26,9 @@ HANDS = HAND, HandModel.default("left")
 def document() -> dict[str, Any]:
     """What a Leap Motion would have written of both hands in a cube."""
     script = shortened(load_script("grasp"), 1.0)
-    mesh = load_object("cube").mesh
-    tree = cached_sphere_tree(mesh, TreeOptions(level=2))
-    words = SceneWords(object="cube", trajectory="grasp")
-    scenes = [placed.scene for placed in two_handed_scenes(words, mesh, tree, HANDS, (script, script))]
-    ticks = [HandConfiguration.of(scene.ticks) for scene in scenes]
+    bodies, words = load_object("cube").with_trees(tree_maker(2)), SceneWords(object="cube", trajectory="grasp")
+    scene = described_scene(words, bodies, HANDS, (script, script)).scene
+    ticks = [HandConfiguration.of(hand.ticks) for hand in scene.hands]
     frames = []
     for i in range(0, ticks[0].ticks, 250):
         hands, pointables = [], []

@@ -27,6 +27,7 @@ from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_s
 from hhsim.hand.model import HandModel, Side
 from hhsim.hand.quaternion import quaternion
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.shapes import box_mesh
 from hhsim.metrics.field.field_table import field_rows
 from hhsim.metrics.field.hands import Bodies, FieldHands, FieldPair
 from hhsim.metrics.moving_parts import MovingParts, result_parts
@@ -41,11 +42,12 @@ from hhsim.repair.skin_depth import push_out, skin_depth
 from hhsim.repair.tracks import HandJudge, parts_between, solver_beside
 from hhsim.result.reader import Result, hand_paths, load_result
 from hhsim.result.stored_hand import result_hand
-from hhsim.scene.described_scene import SceneWords, two_handed_scenes
+from hhsim.scene.declared_bodies import load_bodies
+from hhsim.scene.described_scene import SceneWords, described_scene
 from hhsim.scene.motion_catalogue import load_script
-from hhsim.scene.parts_of_thing import box_mesh, load_thing
-from hhsim.scene.scene import Scene
+from hhsim.scene.scene import Scene, tree_maker
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.scene_solver import seen_scene
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.verify.coal_distance import HandReferee
@@ -58,16 +60,17 @@ DEPTH = 2e-6
 """Depth of the written hand [m] that rounding may leave."""
 OPTIONS = {"usual_up": "z", "length_unit": "m"}
 LAPTOP = """
-[[part]]
+[[body]]
 name = "base"
 box = [0.3, 0.21, 0.014]
 position = [0.0, 0.0, -0.007]
+fixed = true
 
-[[part]]
+[[body]]
 name = "lid"
 box = [0.3, 0.21, 0.006]
 position = [0.0, 0.0, 0.01]
-parent = "base"
+joint.on = "base"
 joint.type = "hinge"
 joint.axis = [-1.0, 0.0, 0.0]
 joint.origin = [0.0, 0.105, 0.007]
@@ -77,19 +80,16 @@ joint.recording = { file = "lid.csv", column = "angle", time = "t" }
 
 
 @cache
-def scenes() -> tuple[Scene, Scene]:
+def laptop() -> Scene:
     """Both hands at a laptop that is shut."""
     script = load_script("close")
-    thing = load_thing("laptop", script)
-    trees = thing.trees(lambda mesh: cached_sphere_tree(mesh, TreeOptions(level=1)))
+    bodies = load_bodies("laptop", script).with_trees(tree_maker(1))
     words = SceneWords(object="laptop", trajectory="close")
-    motions = script.of_two(), script.of_two()
-    placed = two_handed_scenes(words, thing.mesh, thing.tree(trees), HANDS, motions, thing=(thing, trees))
-    return placed[0].scene, placed[1].scene
+    return described_scene(words, bodies, HANDS, (script.of_two(), script.of_two())).scene
 
 
 def time_and_angles() -> tuple[FloatArray, FloatArray]:
-    parts = scenes()[0].parts
+    parts = seen_scene(laptop()).parts
     assert parts is not None
     return np.asarray(0.1 * np.arange(len(TICKS))), parts.values["lid"][TICKS]
 
@@ -104,7 +104,7 @@ def write_laptop(folder: Path, late: float = 0.0) -> str:
 
 
 def hand_at(side: int) -> HandConfiguration:
-    return HandConfiguration.of(scenes()[side].ticks).at(TICKS)
+    return HandConfiguration.of(laptop().hands[side].ticks).at(TICKS)
 
 
 def clearances(hand: HandModel, placed: PlacedHand, angle: FloatArray) -> FloatArray:
@@ -267,10 +267,10 @@ def test_joints_begin_with_the_first_of_both_hands(run: Run, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("word", "expected"),
     [
-        ("door", "door has several things that move by themselves; expected one, of parts"),
-        ("blocks", "blocks has several things"),
+        ("door", "door has free bodies (leaf); expected fixed and driven ones"),
+        ("blocks", "blocks has free bodies (red, green, blue)"),
         ("none.toml", "none.toml"),
-        ("open.toml", "open.toml: part 'sheet': sheet.stl: an open surface"),
+        ("open.toml", "open.toml: body 'sheet': sheet.stl: an open surface"),
     ],
 )
 def test_a_scene_that_cannot_be_taken_is_refused_in_one_line(
@@ -278,7 +278,7 @@ def test_a_scene_that_cannot_be_taken_is_refused_in_one_line(
 ) -> None:
     (tmp_path / "hand.npz").write_bytes(arrays_npz(keypoints=model_joints(HAND, hand_at(0)), t=time_and_angles()[0]))
     trimesh.Trimesh(np.eye(3), [[0, 1, 2]]).export(tmp_path / "sheet.stl")
-    (tmp_path / "open.toml").write_text('[[part]]\nname = "sheet"\nmesh = "sheet.stl"\n')
+    (tmp_path / "open.toml").write_text('[[body]]\nname = "sheet"\nmesh = "sheet.stl"\nfixed = true\n')
     answer = run("repair", "hand.npz", "--object", word, "--hand", "right", "--out", "free.npz")
     assert answer.code == 2
     last = answer.err.strip().splitlines()[-1]
@@ -440,6 +440,7 @@ def test_parts_go_the_short_way_and_end_in_their_place() -> None:
 
 
 def test_a_thing_begins_at_a_later_time() -> None:
-    thing = load_thing("laptop", load_script("close"))
+    bodies = load_bodies("laptop", load_script("close"))
     time = np.linspace(0.0, 2.0, 5)
-    np.testing.assert_allclose(thing.begun(0.9).path(time), thing.path(time + 0.9), atol=1e-12)
+    begun, whole = (bodies.begun(0.9).path(time)["lid"], bodies.path(time + 0.9)["lid"])
+    np.testing.assert_allclose(np.hstack(begun), np.hstack(whole), atol=1e-12)

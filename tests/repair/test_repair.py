@@ -39,7 +39,7 @@ OPTIONS = {"usual_up": "z", "length_unit": "m"}
 @cache
 def grasp() -> tuple[HandModel, HandConfiguration]:
     """A grasp of the sphere, seen at a few times from before the touch until it is deep inside."""
-    ticks = HandConfiguration.of(open_scene("sphere", "grasp").ticks)
+    ticks = HandConfiguration.of(open_scene("sphere", "grasp").hands[0].ticks)
     return HandModel.default(), ticks.at(np.arange(300, 1500, 100)).copy()
 
 

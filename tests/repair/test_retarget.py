@@ -111,8 +111,12 @@ def test_long_motions_are_measured_at_frames_spread_evenly(robot: RobotHand) -> 
 
 def test_fingertips_are_the_shown_hands_where_the_object_moves_too(robot: RobotHand, tmp_path: Path) -> None:
     scene = short_scene(short_grasp(hold=0.01), "cylinder")
-    moving = carried(scene.trajectory, swing(scene.trajectory.time))
-    replay_scene(make_scene(scene.mesh, scene.tree, scene.hand, moving), SolverOptions(), tmp_path / "moving.h5")
+    moving = carried(scene.hands[0].trajectory, swing(scene.hands[0].trajectory.time))
+    replay_scene(
+        make_scene(scene.solids[0].placed_mesh, scene.solids[0].placed_tree, scene.hands[0].model, moving),
+        SolverOptions(),
+        tmp_path / "moving.h5",
+    )
     result = load_result(tmp_path / "moving.h5")
     assert result.driven
     found = robot_motion(result, robot)

@@ -22,27 +22,26 @@ HELD = 2800
 LATE = 4
 """Ticks fewer than these may lag while the fingers close."""
 
-PRESSED = """table = "none"
-
-[[thing]]
+PRESSED = """
+[[body]]
 name = "block"
 box = [0.04, 0.04, 0.04]
 mass = 0.1
 
-[[thing]]
+[[body]]
 name = "anvil"
 box = [0.2, 0.2, 0.02]
 position = [0.0, 0.0, -0.030001]
 fixed = true
 
-[[thing]]
+[[body]]
 name = "press"
 box = [0.1, 0.1, 0.02]
 position = [0.0, 0.0, 0.031]
-driven.type = "slider"
-driven.axis = [0.0, 0.0, -1.0]
-driven.limits = [0.0, 0.01]
-driven.motion = [[0.0, 0.0], [0.5, 0.004], [1.0, 0.0]]
+joint.type = "slider"
+joint.axis = [0.0, 0.0, -1.0]
+joint.limits = [0.0, 0.01]
+joint.motion = [[0.0, 0.0], [0.5, 0.004], [1.0, 0.0]]
 """
 
 

@@ -16,10 +16,12 @@ from short_grasp import short_grasp, short_scene
 from hhsim.errors import InputError
 from hhsim.gate.input_hash import differences, run_inputs
 from hhsim.gate.metrics import run_figures
+from hhsim.motion.trajectory import ObjectMotion
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import CONTACT_COLUMNS, DRIVEN_SCHEMA_VERSION, FREE_COLUMNS
+from hhsim.scene.body import Driven
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 
@@ -27,10 +29,10 @@ from hhsim.solver.options import SolverOptions
 @pytest.fixture(scope="module", params=["mesh", pytest.param("spheres", marks=pytest.mark.soak)])
 def result(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Result:
     scene = short_scene(short_grasp())
-    lowest = float(scene.mesh.bounds[0, 2])
-    free = FreeObject.of_mesh(scene.mesh, mass=0.2, friction=0.6, torsion=2e-3, table=lowest)
+    lowest = float(scene.solids[0].placed_mesh.bounds[0, 2])
+    free = FreeObject.of_mesh(scene.solids[0].placed_mesh, mass=0.2, friction=0.6, torsion=2e-3, table=lowest)
     path = tmp_path_factory.mktemp("free") / "free.h5"
-    replay_scene(replace(scene, free=free), SolverOptions(surface=request.param), path)
+    replay_scene(scene.freed(free), SolverOptions(surface=request.param), path)
     return load_result(path)
 
 
@@ -122,8 +124,10 @@ def test_another_body_or_none_is_another_input(result: Result, tmp_path: Path) -
 
 def test_an_object_moves_in_one_way_alone() -> None:
     scene = short_scene(short_grasp())
+    motion = Driven(ObjectMotion(np.zeros((scene.ticks.tick_count, 3)), scene.hands[0].ticks.orientation))
+    driven = replace(scene, bodies=(replace(scene.solids[0], motion=motion),))
     with pytest.raises(InputError, match="moves as recorded, so it cannot be free"):
-        replace(scene, driven=scene.ticks, free=FreeObject.of_mesh(scene.mesh))
+        driven.freed(FreeObject.of_mesh(scene.solids[0].placed_mesh))
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ THUMB, INDEX, FIXED = 2, 5, -3
 SIDES = 48
 INSCRIBED = np.cos(np.pi / SIDES)
 RADIUS, GAP, CHAMFER, LENGTH, TOP = 0.010, 0.0005, 0.002, 0.060, 0.040
-"""Of the peg, on each side of it, of its foot and both rims, of the peg, of the block [m] (tools/build_things.py)."""
+"""Of the peg, on each side of it, of its foot and both rims, of the peg, of the block [m] (tools/build_bodies.py)."""
 MIDDLE = np.array([-0.12, -0.06])
 SLACK = (RADIUS + GAP) / INSCRIBED - RADIUS * INSCRIBED
 """The gap on each side where corners of the hole's 48 sides are opposite to sides of the peg's [m]: 0.54 mm."""

@@ -73,10 +73,10 @@ def test_a_second_run_knows_the_surface(run: tuple[Result, ReplaySummary]) -> No
 
 def test_a_sheet_that_encloses_nothing_is_touched_from_both_sides(scene: Scene, tmp_path: Path) -> None:
     # The upper half of the cylinder's triangles: an open shell.
-    middle = scene.mesh.triangles.mean(axis=1)
+    middle = scene.solids[0].placed_mesh.triangles.mean(axis=1)
     upper = middle[:, 2] > np.median(middle[:, 2])
-    shell = Mesh(scene.mesh.vertices, scene.mesh.faces[upper], name="shell")
-    opened = make_scene(shell, scene.tree, scene.hand, scene.trajectory)
+    shell = Mesh(scene.solids[0].placed_mesh.vertices, scene.solids[0].placed_mesh.faces[upper], name="shell")
+    opened = make_scene(shell, scene.solids[0].placed_tree, scene.hands[0].model, scene.hands[0].trajectory)
     summary = replay_scene(opened, SolverOptions(surface="mesh"), tmp_path / "shell.h5")
     assert summary.attributes()["penetration_max"] == 0.0
     assert any("both sides can be touched" in note for note in summary.notes)
@@ -105,9 +105,9 @@ def test_meshes_that_enclose_nothing_are_grasped(name: str, shared_data: Path, t
 
 
 def test_what_stands_for_another_triangle_is_said(scene: Scene) -> None:
-    mesh = scene.mesh
+    mesh = scene.solids[0].placed_mesh
     first = mesh.faces[0]
     spoiled = Mesh(mesh.vertices, np.concatenate([mesh.faces, [first], [[first[0], first[0], first[1]]]]))
-    notes = contact_surface("mesh", spoiled, scene.tree).notes
+    notes = contact_surface("mesh", spoiled, scene.solids[0].placed_tree).notes
     assert any(note.startswith("1 triangle on the same corners") for note in notes)
-    assert contact_surface("mesh", mesh, scene.tree).notes == ()
+    assert contact_surface("mesh", mesh, scene.solids[0].placed_tree).notes == ()

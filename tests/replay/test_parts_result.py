@@ -2,11 +2,11 @@
 
 import json
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from cut_scene import cut
 from driven_scenes import carried, swing
 from rerun_files import Recording
 from scipy.spatial.transform import Rotation
@@ -24,6 +24,7 @@ from hhsim.result.motion import load_result_motion
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import Scene, open_scene
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.scene_solver import seen_scene
 from hhsim.view.film import video_frames
 from hhsim.view.sink import parse_target
 from hhsim.view.viewer import view_result
@@ -36,8 +37,7 @@ LID = "things/laptop/lid"
 def scene() -> Scene:
     """Return a scene in which the hand comes down onto the base while the lid closes; it begins outside of both."""
     scene = open_scene("laptop", "close", solid=False, level=2)
-    assert scene.parts is not None
-    return replace(scene, ticks=scene.ticks.first(TICKS), parts=scene.parts.at(slice(FIRST, FIRST + TICKS)))
+    return cut(scene, slice(FIRST, FIRST + TICKS))
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def box_distance(result: Result, part: str, tick: int, points: FloatArray) -> Fl
 
 
 def test_a_result_holds_the_parts_and_runs_again_to_the_bit(scene: Scene, result: Result, tmp_path: Path) -> None:
-    parts = scene.parts
+    parts = seen_scene(scene).parts
     assert parts is not None and result.ticks == TICKS
     assert result.parts == ("things/laptop/base", LID)
     assert np.array_equal(result[f"{LID}/joint"], parts.values["lid"])
@@ -80,19 +80,21 @@ def test_a_result_holds_the_parts_and_runs_again_to_the_bit(scene: Scene, result
 
 def test_a_thing_that_is_carried_runs_again_to_the_bit(tmp_path: Path) -> None:
     still = open_scene("laptop", "close", solid=False, level=2)
-    scene = open_scene("laptop", carried(still.trajectory, swing(still.trajectory.time)), solid=False, level=2)
-    assert scene.driven is not None and scene.parts is not None
-    cut = replace(scene, ticks=scene.ticks.first(60), driven=scene.driven.first(60), parts=scene.parts.at(slice(60)))
-    assert cut.parts is not None and still.parts is not None
-    np.testing.assert_allclose(cut.parts.path[:, 0], np.tile(still.parts.path[0, 0], (60, 1)), atol=1e-12)
-    assert np.ptp(cut.parts.world[:, 0], axis=0).max() > 1e-4
-    assert len(np.unique(cut.parts.path[:, 0], axis=0)) == 1
+    scene = open_scene(
+        "laptop", carried(still.hands[0].trajectory, swing(still.hands[0].trajectory.time)), solid=False, level=2
+    )
+    short = scene.first(60)
+    moving, standing = seen_scene(short).parts, seen_scene(still).parts
+    assert moving is not None and standing is not None
+    np.testing.assert_allclose(moving.path[:, 0], np.tile(standing.path[0, 0], (60, 1)), atol=1e-12)
+    assert np.ptp(moving.world[:, 0], axis=0).max() > 1e-4
+    assert len(np.unique(moving.path[:, 0], axis=0)) == 1
     path = tmp_path / "carried.h5"
-    replay_scene(cut, SolverOptions(surface="mesh"), path)
+    replay_scene(short, SolverOptions(surface="mesh"), path)
     result = load_result(path)
     assert run_again(result).identical
     seen = result.seen_from_object.meshes_moved()
-    np.testing.assert_allclose(seen[1].shift, cut.parts.path[:, 1, :3], atol=1e-12)
+    np.testing.assert_allclose(seen[1].shift, moving.path[:, 1, :3], atol=1e-12)
 
 
 def test_the_referee_judges_contacts_and_forces_of_each_part(result: Result, tmp_path: Path) -> None:

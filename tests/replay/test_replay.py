@@ -44,11 +44,11 @@ def test_the_file_is_complete_and_says_what_was_done(run: tuple[Result, ReplaySu
     assert result.scene["seed"] == 0
     assert result.scene["motion"] == "grasp"
     assert result.scene["object_spheres"] == 400
-    assert result.scene["modelled"]["object_spheres"] == scene.tree.leaf_count
+    assert result.scene["modelled"]["object_spheres"] == scene.solids[0].placed_tree.leaf_count
     for name in ("position", "orientation", "flexion", "abduction"):
-        np.testing.assert_array_equal(result[f"haptic/{name}"], getattr(scene.ticks, name))
+        np.testing.assert_array_equal(result[f"haptic/{name}"], getattr(scene.hands[0].ticks, name))
     np.testing.assert_array_equal(result["time"], scene.ticks.time)
-    np.testing.assert_array_equal(result["input_seq"], scene.ticks.input_seq)
+    np.testing.assert_array_equal(result["input_seq"], scene.hands[0].ticks.input_seq)
 
 
 def test_the_penetration_in_the_file_is_that_of_the_poses_in_it(run: tuple[Result, ReplaySummary]) -> None:

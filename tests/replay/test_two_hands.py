@@ -8,6 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from cut_scene import moved_hand, of_hand
 from leap_document import document
 from short_grasp import short_grasp, shortened
 
@@ -16,17 +17,17 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
-from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.replay.repeat import PARTLY, run_again
 from hhsim.replay.replay import TwoHandedReplay, replay_scene, replay_two_hands
 from hhsim.result.reader import Result, hand_paths, load_result
 from hhsim.result.two_handed_file import BETWEEN_COLUMNS
-from hhsim.scene.described_scene import SceneWords, two_handed_motions, two_handed_scenes
-from hhsim.scene.free_object import CLEARANCE, FreeObject
+from hhsim.scene.body import CLEARANCE
+from hhsim.scene.declared_bodies import DeclaredBodies, load_object
+from hhsim.scene.described_scene import SceneWords, described_scene, two_handed_motions
+from hhsim.scene.free_object import FreeObject
 from hhsim.scene.motion_catalogue import load_script
-from hhsim.scene.parts_of_thing import load_thing
-from hhsim.scene.scene import Scene, make_scene, open_scene
+from hhsim.scene.scene import Scene, make_scene, open_scene, require_one_object, tree_maker
 from hhsim.scene.synthesis import planned
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -45,28 +46,31 @@ HANDS = HandModel.default("right"), HandModel.default("left")
 SCRIPT = shortened(load_script("grasp"), 0.7)
 
 
-def scenes_of(name: str = "cylinder", script: Any = SCRIPT, level: int = 2) -> list[Scene]:
-    mesh = load_object(name).mesh
-    tree = cached_sphere_tree(mesh, TreeOptions(level=level))
-    words = SceneWords(object=name, trajectory=script.name)
-    return [placed.scene for placed in two_handed_scenes(words, mesh, tree, HANDS, (script, script))]
+def scene_of_both(name: str = "cylinder", script: Any = SCRIPT, level: int = 2) -> Scene:
+    bodies = load_bodies_of(name, level)
+    return described_scene(SceneWords(object=name, trajectory=script.name), bodies, HANDS, (script, script)).scene
+
+
+def load_bodies_of(name: str, level: int) -> DeclaredBodies:
+    return load_object(name).with_trees(tree_maker(level))
 
 
 @pytest.fixture(scope="module")
-def scenes() -> list[Scene]:
-    return scenes_of()
+def scene() -> Scene:
+    return scene_of_both()
 
 
 @pytest.fixture(scope="module")
-def both(scenes: list[Scene], tmp_path_factory: pytest.TempPathFactory) -> TwoHandedReplay:
-    return replay_two_hands(scenes, SolverOptions(), tmp_path_factory.mktemp("both") / "both.h5", command=("hhsim",))
+def both(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> TwoHandedReplay:
+    return replay_two_hands(scene, SolverOptions(), tmp_path_factory.mktemp("both") / "both.h5", command=("hhsim",))
 
 
-def test_each_hand_is_as_it_is_alone(both: TwoHandedReplay, scenes: list[Scene], tmp_path: Path) -> None:
-    for scene, path in zip(scenes, hand_paths(both.path)):
-        replay_scene(scene, SolverOptions(), tmp_path / f"{scene.hand.side}.h5")
-        alone, found = load_result(tmp_path / f"{scene.hand.side}.h5"), load_result(path)
-        assert found.side == path.name == scene.hand.side and found.complete
+def test_each_hand_is_as_it_is_alone(both: TwoHandedReplay, scene: Scene, tmp_path: Path) -> None:
+    for hand, path in enumerate(hand_paths(both.path)):
+        side = HANDS[hand].side
+        replay_scene(of_hand(scene, hand), SolverOptions(), tmp_path / f"{side}.h5")
+        alone, found = load_result(tmp_path / f"{side}.h5"), load_result(path)
+        assert found.side == path.name == side and found.complete
         for name in sorted(alone.keys()):
             if not name.startswith("duration/"):
                 assert found[name].tobytes() == alone[name].tobytes(), name
@@ -86,7 +90,7 @@ def test_one_file_holds_both_and_nothing_is_left_beside_it(both: TwoHandedReplay
         load_result(both.path)
 
 
-def test_how_near_the_hands_come_is_that_of_the_stored_poses(both: TwoHandedReplay, scenes: list[Scene]) -> None:
+def test_how_near_the_hands_come_is_that_of_the_stored_poses(both: TwoHandedReplay) -> None:
     results: list[Result] = [load_result(path) for path in hand_paths(both.path)]
     names = ("graphic/joints", "graphic/position", "graphic/orientation")
     placed = [PlacedHand(*(one[name] for name in names)) for one in results]
@@ -98,24 +102,25 @@ def test_how_near_the_hands_come_is_that_of_the_stored_poses(both: TwoHandedRepl
     assert "µs" in both.note and "come within" in both.note
 
 
-def test_the_left_hand_finds_its_place_beside_the_right_one(scenes: list[Scene]) -> None:
-    alone = make_scene(scenes[0].mesh, scenes[0].tree, HANDS[1], SCRIPT)
-    assert not np.allclose(alone.ticks.position, scenes[1].ticks.position)
+def test_the_left_hand_finds_its_place_beside_the_right_one(scene: Scene) -> None:
+    body = scene.solids[0]
+    alone = make_scene(body.mesh, body.tree, HANDS[1], SCRIPT)
+    assert not np.allclose(alone.hands[0].ticks.position, scene.hands[1].ticks.position)
     tiny = load_object("sphere").mesh.transformed(0.1 * np.eye(3), np.zeros(3))
-    tree = cached_sphere_tree(tiny, TreeOptions(level=2))
+    bodies = DeclaredBodies.of_mesh(tiny).with_trees(tree_maker(2))
     words = SceneWords(object="sphere", trajectory="grasp")
     with pytest.raises(TrajectoryError, match=r"no room for both hands|cannot reach"):
-        two_handed_scenes(words, tiny, tree, HANDS, (SCRIPT, SCRIPT))
+        described_scene(words, bodies, HANDS, (SCRIPT, SCRIPT))
 
 
 def test_mirrored_hands_on_a_mirrored_object_feel_mirrored_forces() -> None:
     scene = make_scene(*_cube(), HANDS[0], short_grasp())
     flip = np.diag([-1.0, 1.0, 1.0])
-    mirrored = scene.tree.transformed(flip, np.zeros(3))
-    given = HandConfiguration.of(scene.ticks)
+    mirrored = scene.solids[0].placed_tree.transformed(flip, np.zeros(3))
+    given = HandConfiguration.of(scene.hands[0].ticks)
     turned = given.orientation * [1.0, 1.0, -1.0, -1.0]
     other = HandConfiguration(given.position @ flip, turned, given.flexion, given.abduction)
-    one = HandSolver(HANDS[0], scene.tree.arrays(), SolverOptions()).run(*given)
+    one = HandSolver(HANDS[0], scene.solids[0].placed_tree.arrays(), SolverOptions()).run(*given)
     two = HandSolver(HANDS[1], mirrored.arrays(), SolverOptions()).run(*other)
     assert np.abs(one.total).max() > 0.5
     np.testing.assert_allclose(two.total @ flip, one.total, atol=1e-9)
@@ -156,31 +161,38 @@ def test_a_result_of_two_hands_is_a_motion_of_both(both: TwoHandedReplay) -> Non
         two_handed_motions("finger-tap")
 
 
-def test_scenes_that_do_not_belong_together_are_refused(scenes: list[Scene], tmp_path: Path) -> None:
-    path, options = tmp_path / "out.h5", SolverOptions()
-    right, left = scenes
+def test_hands_that_do_not_belong_together_are_refused(scene: Scene, tmp_path: Path) -> None:
+    right, left = scene.hands
     shorter = replace(left, ticks=left.ticks.first(10))
     for given, said in (
-        ([left, right], "hands left and right: expected right and left"),
-        ([right, shorter], "the same number of ticks"),
-        ([right, scenes_of("cube")[1]], "the same object"),
+        ((left, right), "hands left and right: expected one, or right and left"),
+        ((right, shorter), "the same number of ticks"),
     ):
         with pytest.raises(InputError, match=said):
-            replay_two_hands(given, options, path)
+            replace(scene, hands=given)
+    elsewhere = left.trajectory.placed([0.1, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
+    with pytest.raises(InputError, match="the same object"):
+        require_one_object([right.trajectory, elsewhere])
+    with pytest.raises(InputError, match="expected right and left hand"):
+        replay_two_hands(of_hand(scene, 0), SolverOptions(), tmp_path / "out.h5")
     assert not list(tmp_path.iterdir())
 
 
 @pytest.fixture(scope="module", params=["fixed", "free"])
 def meeting(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> TwoHandedReplay:
     """Both hands at the cylinder, the left one's motion shifted into the right hand."""
-    right, left = scenes_of(script=replace(SCRIPT, name="short"))
-    way = 0.4 * (right.ticks.position.mean(axis=0) - left.ticks.position.mean(axis=0))
-    given = replace(left.ticks, position=left.ticks.position + way)
-    table = float(right.mesh.bounds[0, 2]) - CLEARANCE
-    free = FreeObject.of_mesh(right.mesh, mass=0.5, table=table) if request.param == "free" else None
+    scene = scene_of_both(script=replace(SCRIPT, name="short"))
+    right, left = (hand.ticks.position for hand in scene.hands)
+    meeting = moved_hand(scene, 1, position=left + 0.4 * (right.mean(axis=0) - left.mean(axis=0)))
     path = tmp_path_factory.mktemp("meeting") / "both.h5"
-    scenes = [replace(right, free=free), replace(left, ticks=given, free=free)]
-    return replay_two_hands(scenes, SolverOptions(surface="mesh" if free else "spheres"), path)
+    if request.param == "free":
+        return replay_two_hands(on_table(meeting, 0.5), SolverOptions(surface="mesh"), path)
+    return replay_two_hands(meeting, SolverOptions(), path)
+
+
+def on_table(scene: Scene, mass: float) -> Scene:
+    mesh = scene.solids[0].placed_mesh
+    return scene.freed(FreeObject.of_mesh(mesh, mass=mass, table=float(mesh.bounds[0, 2]) - CLEARANCE))
 
 
 def test_haptic_hands_that_enter_each_other_are_shown_apart(meeting: TwoHandedReplay) -> None:
@@ -240,11 +252,9 @@ def test_a_hand_at_rest_is_in_balance_with_one_that_moves_on_it(meeting: TwoHand
 @pytest.fixture(scope="module")
 def lifted(tmp_path_factory: pytest.TempPathFactory) -> TwoHandedReplay:
     """The cube, pressed from both sides and lifted by 100 mm."""
-    placed = scenes_of("cube", replace(shortened(load_script("lift-both"), 1.2), name="short"))
-    mesh = placed[0].mesh
-    cube = FreeObject.of_mesh(mesh, mass=0.2, table=float(mesh.bounds[0, 2]) - CLEARANCE)
+    scene = scene_of_both("cube", replace(shortened(load_script("lift-both"), 1.2), name="short"))
     options, path = SolverOptions(surface="mesh"), tmp_path_factory.mktemp("lifted") / "lifted.h5"
-    return replay_two_hands([replace(scene, free=cube) for scene in placed], options, path)
+    return replay_two_hands(on_table(scene, 0.2), options, path)
 
 
 def test_two_hands_lift_what_they_press_from_both_sides(lifted: TwoHandedReplay) -> None:
@@ -279,10 +289,8 @@ def test_fingers_close_behind_both_handles() -> None:
 
 @pytest.mark.soak
 def test_a_box_hangs_by_its_handles(tmp_path: Path) -> None:
-    placed = scenes_of("handle-box", load_script("lift-both").of_two(), level=4)
-    mesh, path = placed[0].mesh, tmp_path / "box.h5"
-    box = FreeObject.of_mesh(mesh, mass=1.2, table=float(mesh.bounds[0, 2]) - CLEARANCE)
-    replay_two_hands([replace(scene, free=box) for scene in placed], SolverOptions(), path)
+    scene, path = scene_of_both("handle-box", load_script("lift-both").of_two(), level=4), tmp_path / "box.h5"
+    replay_two_hands(on_table(scene, 1.2), SolverOptions(), path)
     right = load_result(hand_paths(path)[0])
     time, height = right["time"], right["object/position"][:, 2] - right["object/position"][0, 2]
     assert height[(time > 2.6) & (time < 2.9)].min() > 0.1 and abs(height[-1]) < 1e-3
@@ -290,11 +298,8 @@ def test_a_box_hangs_by_its_handles(tmp_path: Path) -> None:
 
 @pytest.mark.soak
 def test_one_hand_gives_the_cup_to_the_other(tmp_path: Path) -> None:
-    placed = scenes_of("cup", load_script("hand-over"), level=4)
-    mesh = placed[0].mesh
-    cup = FreeObject.of_mesh(mesh, mass=0.236, table=float(mesh.bounds[0, 2]) - CLEARANCE)
-    path = tmp_path / "given.h5"
-    done = replay_two_hands([replace(scene, free=cup) for scene in placed], SolverOptions(), path)
+    scene, path = scene_of_both("cup", load_script("hand-over"), level=4), tmp_path / "given.h5"
+    done = replay_two_hands(on_table(scene, 0.236), SolverOptions(), path)
     right = load_result(hand_paths(path)[0])
     time, height = right["time"], right["object/position"][:, 2] - right["object/position"][0, 2]
     given = (time > 4.85) & (time < 5.0)
@@ -331,7 +336,7 @@ def test_the_referee_and_a_second_run_know_what_two_hands_hold(lifted: TwoHanded
 def test_two_hands_at_a_lid_are_mirror_images_each_at_its_side(name: str) -> None:
     motions = two_handed_motions(name)
     right, left = (
-        open_scene("laptop", motion, solid=False, level=2, hand=hand) for motion, hand in zip(motions, HANDS)
+        open_scene("laptop", motion, solid=False, level=2, hand=hand).hands[0] for motion, hand in zip(motions, HANDS)
     )
     rows = slice(None, None, 50)
     haptic = [HandConfiguration(*(part[rows] for part in HandConfiguration.of(one.ticks))) for one in (right, left)]
@@ -343,7 +348,7 @@ def test_two_hands_at_a_lid_are_mirror_images_each_at_its_side(name: str) -> Non
     # One hand has the middle, the left one too.
     for hand in HANDS:
         alone = open_scene("laptop", name, solid=False, level=2, hand=hand)
-        assert abs(alone.ticks.position[:, 0]).max() < 1e-12
+        assert abs(alone.hands[0].ticks.position[:, 0]).max() < 1e-12
 
 
 def test_hands_that_meet_beside_parts_are_shown_apart(tmp_path: Path) -> None:
@@ -351,14 +356,11 @@ def test_hands_that_meet_beside_parts_are_shown_apart(tmp_path: Path) -> None:
     right, left = (
         open_scene("laptop", motion, solid=False, level=2, hand=hand) for motion, hand in zip(motions, HANDS)
     )
-    way = 0.8 * (right.ticks.position.mean(axis=0) - left.ticks.position.mean(axis=0))
-    moved = replace(left, ticks=replace(left.ticks, position=left.ticks.position + way))
-    scenes = [
-        replace(one, ticks=one.ticks.first(ticks.stop), parts=one.parts.at(ticks))
-        for one in (right, moved)
-        if one.parts is not None
-    ]
-    done = replay_two_hands(scenes, SolverOptions(surface="mesh"), tmp_path / "both.h5")
+    scene = replace(right, hands=(right.hands[0], left.hands[0]))
+    places = [hand.ticks.position for hand in scene.hands]
+    way = 0.8 * (places[0].mean(axis=0) - places[1].mean(axis=0))
+    moved = moved_hand(scene, 1, position=places[1] + way).first(ticks.stop)
+    done = replay_two_hands(moved, SolverOptions(surface="mesh"), tmp_path / "both.h5")
     assert done.haptic_distance < -5e-3 and done.graphic_distance >= 0.0 and done.keeps_apart
     results = [load_result(path) for path in hand_paths(done.path)]
     assert all(result.summary["penetration_max"] == 0.0 for result in results)
@@ -370,11 +372,9 @@ def test_hands_that_meet_beside_parts_are_shown_apart(tmp_path: Path) -> None:
 
 @pytest.mark.soak
 def test_the_referee_finds_the_left_hand_s_place_beside_the_right_one_at_a_thing_of_parts(tmp_path: Path) -> None:
-    thing, motions = load_thing("scissors"), two_handed_motions("pinch")
-    trees = thing.trees(lambda mesh: cached_sphere_tree(mesh, TreeOptions(level=2)))
     words = SceneWords(object="scissors", trajectory="pinch", ticks=40)
-    made = two_handed_scenes(words, thing.mesh, thing.tree(trees), HANDS, motions, thing=(thing, trees))
-    replay_two_hands([placed.scene for placed in made], SolverOptions(), tmp_path / "both.h5")
+    made = described_scene(words, load_bodies_of("scissors", 2), HANDS, two_handed_motions("pinch"))
+    replay_two_hands(made.scene, SolverOptions(), tmp_path / "both.h5")
     for path in hand_paths(tmp_path / "both.h5"):
         claims = again_claims(load_result(path), silent)
         assert [claim.verdict for claim in claims if claim.name == "again: motion"] == [HOLDS]

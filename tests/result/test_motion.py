@@ -41,7 +41,7 @@ def replayed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("replayed") / "run.h5"
     hand = HandModel.default()
     closure = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, short_grasp(hold=0.1))
-    scene = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, closure.trajectory.placed(*PLACE))
+    scene = make_scene(sphere(0.076, 3), bumpy_ball(200), hand, closure.hands[0].trajectory.placed(*PLACE))
     replay_scene(scene, SolverOptions(), path)
     return path
 

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.shapes import box_mesh
+from hhsim.scene.declared_bodies import load_bodies
 from hhsim.scene.overlap import Solid, overlap
-from hhsim.scene.parts_of_thing import box_mesh
-from hhsim.scene.things import load_things
 from hhsim.verify.things_apart import _Thing
 
 FALSE_DEPTH = 1e-12
@@ -127,12 +127,16 @@ def test_shapes_whose_depth_is_known(name: str, depth: Callable[[Mesh, Mesh], fl
 @pytest.mark.parametrize(
     ("name", "depth"), [("identical", 50), ("cross", 20), ("cross2", 19), ("half", 25), ("plates", 700)]
 )
-def test_scenes_whose_things_are_in_each_other_are_refused(shared_data: Path, name: str, depth: float) -> None:
-    with pytest.raises(InputError, match=rf"part 'b' begins {depth:g} mm inside part 'a'; expected at most 0.1 mm"):
-        load_things(str(shared_data / "field" / "overlap" / f"{name}.toml"))
+def test_scenes_whose_bodies_are_in_each_other_are_refused(
+    shared_data: Path, name: str, depth: float, tmp_path: Path
+) -> None:
+    path = tmp_path / f"{name}.toml"
+    path.write_text((shared_data / "field" / "overlap" / path.name).read_text().replace("[[thing]]", "[[body]]"))
+    with pytest.raises(InputError, match=rf"body 'b' begins {depth:g} mm inside body 'a'; expected at most 0.1 mm"):
+        load_bodies(path)
 
 
-def test_things_that_touch_are_apart() -> None:
+def test_bodies_that_touch_are_apart() -> None:
     # As near as rounding has it, at the sizes and places that scenes have.
     found: list[float] = []
     for edge in (0.01, 0.1, 0.3, 1.0 / 3.0):

@@ -13,6 +13,7 @@ from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.trajectory import Trajectory
+from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.scene.described_scene import Place, PlacedScene, SceneWords, depth_at_start, described_scene, touches
 from hhsim.scene.scene import Scene
 from hhsim.trees.cache import cached_sphere_tree
@@ -45,24 +46,28 @@ def imported(at: float) -> Trajectory:
 
 def placed(motion: Trajectory, place: Place | None = None) -> PlacedScene:
     words = SceneWords(object="sphere", trajectory="fist", place_object=place, rate=100.0)
-    return described_scene(words, MESH, TREE, HAND, motion)
+    return described_scene(words, DeclaredBodies.of_mesh(MESH, TREE), [HAND], [motion])
 
 
 def test_it_is_placed_by_itself_where_nothing_touches() -> None:
     found = placed(fist())
     assert found.place == "auto" and found.by_itself and found.placement is not None
     assert found.note.startswith("as the recording has it, the hand touches nothing, so object placed where ")
-    assert touches(found.scene)
-    assert found.scene.trajectory.source == "a made-up glove"
+    assert touches(found.scene, found.scene.solids[0].placed_tree)
+    assert found.scene.hands[0].trajectory.source == "a made-up glove"
     document = found.to_json()
     assert document is not None and document["by_itself"] and document["text"] in found.note
 
 
 def test_it_stays_where_it_was_recorded_if_that_was_asked_or_if_the_hand_touches_it() -> None:
     there = placed(fist(), "recorded")
-    assert (there.place, there.note, touches(there.scene)) == ("recorded", "", False)
+    assert (there.place, there.note, touches(there.scene, there.scene.solids[0].placed_tree)) == ("recorded", "", False)
     touched = placed(fist(0.04))
-    assert (touched.place, touched.note, touches(touched.scene)) == ("recorded", "", True)
+    assert (touched.place, touched.note, touches(touched.scene, touched.scene.solids[0].placed_tree)) == (
+        "recorded",
+        "",
+        True,
+    )
     asked = placed(fist(), "auto")
     assert (asked.place, asked.by_itself) == ("auto", False)
 
@@ -71,8 +76,9 @@ def test_it_is_placed_by_itself_where_the_hand_would_begin_inside() -> None:
     found = placed(imported(0.0))
     assert found.by_itself and found.placement is not None and found.placement.start_gap > 0.0
     assert found.note.startswith("as the recording has it, the hand begins inside the object, so object placed where ")
-    assert depth_at_start(placed(fist(0.0), "recorded").scene) > 0.01
-    assert depth_at_start(found.scene) == 0.0
+    inside = placed(fist(0.0), "recorded").scene
+    assert depth_at_start(inside, inside.solids[0].placed_tree) > 0.01
+    assert depth_at_start(found.scene, found.scene.solids[0].placed_tree) == 0.0
     of_a_session = imported(0.0).placed(np.array([0.0, 0.0, 0.001]), np.array([1.0, 0.0, 0.0, 0.0]))
     assert placed(of_a_session).place == placed(fist(0.0)).place == "recorded"
 
@@ -99,17 +105,17 @@ def test_where_no_place_is_found_it_says_so_and_stays(monkeypatch: pytest.Monkey
 @pytest.mark.parametrize("height", [0.02, 0.06, 0.0912, 0.0914, 0.12, 0.2])
 def test_a_touch_is_one_by_brute_force(height: float) -> None:
     scene = placed(fist(height), "recorded").scene
-    placed_hand = forward_kinematics(HAND, *HandConfiguration.of(scene.ticks))
-    least = record_clearance(HAND, scene.tree, placed_hand).min()
-    assert touches(scene) == (least < 1e-5)
+    placed_hand = forward_kinematics(HAND, *HandConfiguration.of(scene.hands[0].ticks))
+    least = record_clearance(HAND, scene.solids[0].placed_tree, placed_hand).min()
+    assert touches(scene, scene.solids[0].placed_tree) == (least < 1e-5)
 
 
 def test_fingers_that_the_scene_leaves_out_touch_nothing() -> None:
     scene: Scene = placed(fist(), "recorded").scene
-    tip = forward_kinematics(HAND, *HandConfiguration.of(scene.ticks)).joints[0, 1, 3]
-    outward = tip - scene.ticks.position[0]
+    tip = forward_kinematics(HAND, *HandConfiguration.of(scene.hands[0].ticks)).joints[0, 1, 3]
+    outward = tip - scene.hands[0].ticks.position[0]
     radius = float(np.linalg.norm(TREE.leaf_center, axis=1).max())
     beside = tip + (radius + 0.002) * outward / np.linalg.norm(outward)
-    at_the_index = replace(scene, tree=TREE.transformed(np.eye(3), beside))
-    assert touches(at_the_index, ["index"])
-    assert not touches(at_the_index, ["thumb"])
+    at_the_index = TREE.transformed(np.eye(3), beside)
+    assert touches(scene, at_the_index, ["index"])
+    assert not touches(scene, at_the_index, ["thumb"])

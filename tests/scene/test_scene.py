@@ -49,11 +49,11 @@ def test_a_recording_says_where_the_object_is() -> None:
     turn = Rotation.from_rotvec([0.3, -0.5, 0.2])
     shift = np.array([0.1, -0.2, 0.05])
     scene = make_scene(MESH, TREE, HAND, recording(shift, turn.as_quat(scalar_first=True)))
-    np.testing.assert_allclose(scene.mesh.vertices, turn.apply(MESH.vertices) + shift, atol=1e-12)
-    np.testing.assert_array_equal(scene.mesh.faces, MESH.faces)
-    np.testing.assert_allclose(scene.tree.center, turn.apply(TREE.center) + shift, atol=1e-12)
-    np.testing.assert_array_equal(scene.tree.radius, TREE.radius)
-    assert scene.trajectory.name == "five samples"
+    np.testing.assert_allclose(scene.solids[0].placed_mesh.vertices, turn.apply(MESH.vertices) + shift, atol=1e-12)
+    np.testing.assert_array_equal(scene.solids[0].placed_mesh.faces, MESH.faces)
+    np.testing.assert_allclose(scene.solids[0].placed_tree.center, turn.apply(TREE.center) + shift, atol=1e-12)
+    np.testing.assert_array_equal(scene.solids[0].placed_tree.radius, TREE.radius)
+    assert scene.hands[0].trajectory.name == "five samples"
 
 
 Run = Callable[..., Any]
@@ -116,12 +116,12 @@ def test_a_scene_from_names_is_that_of_the_command_line(run: Run, tmp_path: Path
 def test_a_scene_of_a_mesh_and_a_motion_that_are_loaded(tmp_path: Path) -> None:
     (tmp_path / "short.toml").write_text(short_grasp_text())
     mesh = cube()
-    motion = hhsim.open_scene(mesh, tmp_path / "short.toml", level=1).trajectory
+    motion = hhsim.open_scene(mesh, tmp_path / "short.toml", level=1).hands[0].trajectory
     scene = hhsim.open_scene(mesh, motion, level=1, mode="hold", rate=250.0)
     assert (scene.ticks.rate, scene.ticks.tick_count) == (250.0, 50)
     assert (scene.description["object"], scene.description["trajectory"]) == (mesh.name, motion.name)
-    assert scene.description["samples"] == "hold" and scene.tree.depth == 1
-    assert scene.hand.side == "right"
+    assert scene.description["samples"] == "hold" and scene.solids[0].placed_tree.depth == 1
+    assert scene.hands[0].model.side == "right"
 
 
 def test_everything_that_a_program_is_given_has_a_repr_of_a_few_lines(tmp_path: Path) -> None:
@@ -133,11 +133,26 @@ def test_everything_that_a_program_is_given_has_a_repr_of_a_few_lines(tmp_path: 
         hhsim.replay_scene(scene, "coupled", tmp_path / "own.h5")  # type: ignore[arg-type]
     summary = hhsim.replay_scene(scene, hhsim.SolverOptions(), tmp_path / "own.h5")
     result = hhsim.load_result(tmp_path / "own.h5")
-    poses = hhsim.HandConfiguration.of(scene.ticks)
-    method_scene = hhsim.MethodScene(scene.hand, scene.mesh, scene.tree, hhsim.SolverOptions(margin=0.002))
+    poses = hhsim.HandConfiguration.of(scene.hands[0].ticks)
+    method_scene = hhsim.MethodScene(
+        scene.hands[0].model,
+        scene.solids[0].placed_mesh,
+        scene.solids[0].placed_tree,
+        hhsim.SolverOptions(margin=0.002),
+    )
     verification = Verification((judged("depth", "", 2.0, 1.0, "m", ""),), 250, 250, 1, 0.0, 0.0, 0.0)
-    solver = hhsim.HandSolver(scene.hand, scene.tree.arrays(), hhsim.SolverOptions())
-    shown = [scene, scene.tree, scene.mesh, scene.hand, scene.trajectory, scene.ticks, summary, result, verification]
+    solver = hhsim.HandSolver(scene.hands[0].model, scene.solids[0].placed_tree.arrays(), hhsim.SolverOptions())
+    shown = [
+        scene,
+        scene.solids[0].placed_tree,
+        scene.solids[0].placed_mesh,
+        scene.hands[0].model,
+        scene.hands[0].trajectory,
+        scene.ticks,
+        summary,
+        result,
+        verification,
+    ]
     shown += [poses, poses.at(0), solver, method_scene, method_scene.options, method_scene.options.stiffness]
     shown += [hhsim.TickAnswer(poses.at(0), np.ones((5, 3, 3))), hhsim.HhsimError("one line")]
     classes = {value for value in map(vars(hhsim).get, hhsim.__all__) if isinstance(value, type)}
@@ -151,6 +166,6 @@ def test_everything_that_a_program_is_given_has_a_repr_of_a_few_lines(tmp_path: 
 
 def test_the_hand_is_named_by_its_side() -> None:
     left = hhsim.open_scene("cube", "pinch", level=2, hand="left")
-    assert left.hand.side == "left" and "left hand" in repr(left)
+    assert left.hands[0].model.side == "left" and "left hand" in repr(left)
     with pytest.raises(UnknownNameError, match="unknown hand 'lft': did you mean left"):
         hhsim.open_scene("cube", "pinch", level=2, hand="lft")  # type: ignore[arg-type]

@@ -14,13 +14,14 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_NO_PLACE, STATUS_START_INSIDE
+from hhsim.mesh.shapes import box_mesh
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.scene.motion_catalogue import resolve_trajectory
-from hhsim.scene.parts_of_thing import box_mesh
 from hhsim.scene.scene import Scene, open_scene
 from hhsim.scene.script import Script
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.scene_solver import seen_scene
 from hhsim.trees.contact_surface import contact_surface, jointed_surface
 from hhsim.trees.triangle_tree import triangle_tree
 from hhsim.verify.coal_distance import HandReferee
@@ -35,19 +36,16 @@ def still_laptop(surface: str, angle: float, ticks: int) -> Scene:
     assert isinstance(motion, Script)
     moved = replace(motion, joints=(("lid", ((0.0, angle),)),))
     scene = open_scene("laptop", moved, solid=surface == "spheres", level=3)
-    assert scene.parts is not None
-    parts = replace(scene.parts, world=scene.parts.world[:ticks])
-    return replace(scene, ticks=scene.ticks.first(ticks), parts=parts)
+    return scene.first(ticks)
 
 
 @pytest.mark.parametrize("surface", ["mesh", "spheres"])
 def test_a_laptop_whose_lid_stands_still_gives_the_ticks_of_its_rigid_twin(surface: str) -> None:
     scene = still_laptop(surface, 1.92, 1500)
-    assert scene.parts is not None
-    options = SolverOptions(surface=surface)
-    haptic = HandConfiguration.of(scene.ticks)
-    parts = HandSolver(scene.hand, scene.parts.surface(surface), options).run(*haptic)
-    twin = HandSolver(scene.hand, contact_surface(surface, scene.mesh, scene.tree), options).run(*haptic)
+    seen, options = seen_scene(scene), SolverOptions(surface=surface)
+    haptic = HandConfiguration.of(scene.hands[0].ticks)
+    parts = HandSolver(scene.hands[0].model, seen.surface(surface), options).run(*haptic)
+    twin = HandSolver(scene.hands[0].model, contact_surface(surface, seen.mesh, seen.tree), options).run(*haptic)
     assert np.linalg.norm(twin.total[-1]) > 1.0
     assert np.abs(parts.joints - twin.joints).max() < MICROMETRE
     # Leaves of a flat side make rows that imply each other, and which of them is kept depends on their order.
@@ -132,25 +130,27 @@ def test_a_hand_beside_a_lid_that_moves_stays_outside_of_every_part() -> None:
     values = np.concatenate([[1.92], rng.uniform(0.1, 0.9, 8)])
     moved = replace(motion, joints=(("lid", tuple(zip(times.tolist(), values.tolist()))),))
     scene = open_scene("laptop", moved, solid=False)
-    assert scene.parts is not None
+    parts = seen_scene(scene).parts
+    assert parts is not None
     # It comes down onto the base while the lid goes to and fro, in sub-steps: its edge by up to 6 mm a tick.
-    haptic = HandConfiguration.of(scene.ticks).part(300, 300 + count)
-    found = HandSolver(scene.hand, scene.parts.surface("mesh"), SolverOptions(surface="mesh")).run(*haptic)
+    haptic = HandConfiguration.of(scene.hands[0].ticks).part(300, 300 + count)
+    found = HandSolver(scene.hands[0].model, parts.surface("mesh"), SolverOptions(surface="mesh")).run(*haptic)
     assert np.ptp(found.position[:, 1]) > 0.01
     assert not (found.status & STATUS_START_INSIDE).any()
     assert not (found.status & STATUS_NO_PLACE).any()
     shown = PlacedHand(found.joints, found.position, found.orientation)
-    for p, mesh in enumerate(scene.parts.meshes):
-        seen = scene.parts.seen(p, shown, slice(0, count)).at(np.arange(0, count, 5))
-        assert HandReferee(mesh).clearances(hand_shape(scene.hand), seen, 1e-3).min() >= -1e-9
+    for p, mesh in enumerate(parts.meshes):
+        seen = parts.seen(p, shown, slice(0, count)).at(np.arange(0, count, 5))
+        assert HandReferee(mesh).clearances(hand_shape(scene.hands[0].model), seen, 1e-3).min() >= -1e-9
 
 
 def test_options_that_parts_do_not_go_with_are_told_in_one_line() -> None:
     scene = still_laptop("mesh", 1.92, 2)
-    assert scene.parts is not None
+    seen = seen_scene(scene)
+    assert seen.parts is not None
     with pytest.raises(InputError, match="threads 2 has no things of several parts: expected 1"):
         HandSolver(
-            scene.hand, scene.parts.surface("mesh"), SolverOptions(surface="mesh", method="progressive", threads=2)
+            scene.hands[0].model, seen.surface("mesh"), SolverOptions(surface="mesh", method="progressive", threads=2)
         )
     with pytest.raises(InputError, match="expected one kind of surface"):
-        jointed_surface((scene.parts.surfaces("mesh")[0].arrays, scene.tree.arrays()), np.zeros((1, 2, 7)))
+        jointed_surface((seen.parts.surfaces("mesh")[0].arrays, seen.tree.arrays()), np.zeros((1, 2, 7)))

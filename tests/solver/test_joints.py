@@ -14,9 +14,9 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import load_result
+from hhsim.scene.declared_bodies import load_bodies
 from hhsim.scene.free_object import FreeObject, Hinge, Slider
 from hhsim.scene.scene import open_scene
-from hhsim.scene.things import load_things
 from hhsim.solver.free_engine import Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
@@ -208,21 +208,28 @@ def test_a_plate_on_a_hinged_one_is_a_double_pendulum() -> None:
 
 
 SCENE = """
-table = "none"
-
-[[thing]]
+[[body]]
 name = "lid"
 box = [0.2, 0.15, 0.01]
-position = [0.1, 0.0, 0.005]
+position = [0.2, 0.0, 0.0]
 mass = 0.2
-hinge.axis = [0.0, 1.0, 0.0]
-hinge.on = "base"
+joint.type = "hinge"
+joint.axis = [0.0, 1.0, 0.0]
+joint.origin = [0.1, 0.0, -0.005]
+joint.on = "base"
 
-[[thing]]
+[[body]]
 name = "base"
 box = [0.2, 0.15, 0.01]
 position = [-0.1, 0.0, 0.005]
 mass = 0.4
+"""
+
+
+SLIDER = """mass = 0.4
+joint.type = "slider"
+joint.axis = [1.0, 0.0, 0.0]
+joint.on = "lid"
 """
 
 
@@ -244,13 +251,13 @@ def test_a_file_of_two_on_a_hinge_is_replayed_and_judged(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
-        ('hinge.on = "base"', 'hinge.on = "floor"', "thing 'floor'"),
-        ("mass = 0.4", 'mass = 0.4\nslider.axis = [1.0, 0.0, 0.0]\nslider.on = "lid"', "circle: lid on base on lid"),
-        ('hinge.on = "base"', 'hinge.on = "lid"', "circle: lid on lid"),
+        ('joint.on = "base"', 'joint.on = "floor"', "body 'floor'"),
+        ("mass = 0.4", SLIDER, "circle: lid on base on lid"),
+        ('joint.on = "base"', 'joint.on = "lid"', "circle: lid on lid"),
     ],
 )
-def test_joints_of_no_two_things_are_refused(tmp_path: Path, before: str, after: str, message: str) -> None:
+def test_joints_of_no_two_bodies_are_refused(tmp_path: Path, before: str, after: str, message: str) -> None:
     assert before in SCENE
     with pytest.raises(InputError, match=message) as refused:
-        load_things(written(tmp_path, SCENE.replace(before, after)))
+        load_bodies(written(tmp_path, SCENE.replace(before, after)))
     assert "\n" not in str(refused.value)

@@ -25,16 +25,16 @@ from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.trees.contact_surface import contact_surface
 
 SCENE = short_scene(short_grasp())
-HAPTIC = HandConfiguration.of(SCENE.ticks).copy()
-SURFACE = contact_surface("spheres", SCENE.mesh, SCENE.tree)
+HAPTIC = HandConfiguration.of(SCENE.hands[0].ticks).copy()
+SURFACE = contact_surface("spheres", SCENE.solids[0].placed_mesh, SCENE.solids[0].placed_tree)
 
 
 def solver_of(name: str) -> HandSolver:
-    return HandSolver(SCENE.hand, SURFACE, SolverOptions(method=f"outside_methods:{name}"))
+    return HandSolver(SCENE.hands[0].model, SURFACE, SolverOptions(method=f"outside_methods:{name}"))
 
 
 def test_our_own_method_from_outside_is_our_own() -> None:
-    ours = HandSolver(SCENE.hand, SURFACE, SolverOptions()).run(*HAPTIC)
+    ours = HandSolver(SCENE.hands[0].model, SURFACE, SolverOptions()).run(*HAPTIC)
     theirs = solver_of("OurOwn").run(*HAPTIC)
     for name in (*HandConfiguration._fields, "joints", "phalanx", "palm_wrench"):
         np.testing.assert_allclose(getattr(theirs, name), getattr(ours, name), atol=1e-12, err_msg=name)
@@ -57,7 +57,11 @@ def test_it_is_told_of_the_scene_and_where_to_begin() -> None:
     method: Any = engine.runner.method
     scene = method.scene
     assert scene.period == 1e-3
-    for theirs, ours in ((scene.mesh, SCENE.mesh), (scene.tree, SCENE.tree), (scene.hand, SCENE.hand)):
+    for theirs, ours in (
+        (scene.mesh, SCENE.solids[0].placed_mesh),
+        (scene.tree, SCENE.solids[0].placed_tree),
+        (scene.hand, SCENE.hands[0].model),
+    ):
         arrays = {name: values for name, values in vars(ours).items() if isinstance(values, np.ndarray)}
         for name, values in arrays.items():
             np.testing.assert_array_equal(getattr(theirs, name), values)
@@ -95,7 +99,7 @@ def test_input_that_is_not_finite_is_held() -> None:
 
 def test_a_hand_that_begins_inside_begins_at_a_free_place() -> None:
     inside = HAPTIC.part(0, 2).copy()
-    inside.position[:] = SCENE.mesh.vertices.mean(axis=0)
+    inside.position[:] = SCENE.solids[0].placed_mesh.vertices.mean(axis=0)
     solver = solver_of("Follow")
     record = solver.run(*inside)
     assert record.status[0] & STATUS_START_INSIDE
@@ -161,18 +165,18 @@ def test_the_time_of_a_tick_is_taken_by_a_clock_that_no_method_changes(monkeypat
 
 
 def test_what_it_does_to_its_scene_is_its_own_business() -> None:
-    kept = SCENE.mesh.vertices.copy(), SCENE.hand.length.copy()
+    kept = SCENE.solids[0].placed_mesh.vertices.copy(), SCENE.hands[0].model.length.copy()
     solver_of("Rewrites").run(*HAPTIC.part(0, 1))
-    np.testing.assert_array_equal(SCENE.mesh.vertices, kept[0])
-    np.testing.assert_array_equal(SCENE.hand.length, kept[1])
+    np.testing.assert_array_equal(SCENE.solids[0].placed_mesh.vertices, kept[0])
+    np.testing.assert_array_equal(SCENE.hands[0].model.length, kept[1])
 
 
 def played(name: str, ticks: int) -> Any:
-    return HandSolver(SCENE.hand, SURFACE, SolverOptions(method=name)).run(*HAPTIC.part(0, ticks))
+    return HandSolver(SCENE.hands[0].model, SURFACE, SolverOptions(method=name)).run(*HAPTIC.part(0, ticks))
 
 
 def made(name: str) -> IsolatedMethod:
-    scene = MethodScene(SCENE.hand, SCENE.mesh, SCENE.tree, SolverOptions())
+    scene = MethodScene(SCENE.hands[0].model, SCENE.solids[0].placed_mesh, SCENE.solids[0].placed_tree, SolverOptions())
     return IsolatedMethod(f"outside_methods:{name}").make(scene)
 
 

@@ -10,8 +10,8 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.shapes import box_mesh
 from hhsim.scene.free_object import FreeObject, Hinge, Slider
-from hhsim.scene.parts_of_thing import box_mesh
 from hhsim.solver.free_engine import Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions

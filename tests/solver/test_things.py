@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from coal_clearance import things_clearance
 from coulomb_program import last_program, solve_coulomb
+from cut_scene import placed_meshes
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
@@ -15,9 +16,8 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.shapes import box_mesh
 from hhsim.scene.free_object import FreeObject
-from hhsim.scene.parts_of_thing import box_mesh
-from hhsim.scene.things import load_things
 from hhsim.solver.free_engine import Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -121,7 +121,7 @@ def test_crossed_planks_lie_on_the_crossings_of_their_edges() -> None:
 
 
 def test_a_lid_falls_onto_its_pot_and_lies_there_to_the_bit() -> None:
-    lid, pot = load_things("pot").meshes
+    lid, pot = placed_meshes("pot")
     middle = [0.5 * (mesh.bounds[0] + mesh.bounds[1]) * [1.0, 1.0, 0.0] for mesh in (lid, pot)]
     # Its plug, 6 mm high, is 5.5 mm in the pot.
     above = pot.bounds[1, 2] - lid.bounds[0, 2] - 0.0055

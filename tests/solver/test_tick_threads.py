@@ -66,11 +66,11 @@ def run(hand: HandModel, tree: SphereTree, motion: HandConfiguration, threads: i
 def test_any_number_of_threads_gives_the_same_bytes(hand: HandModel, name: str, script: str) -> None:
     mesh = load_object(name).mesh
     scene = make_scene(mesh, cached_sphere_tree(mesh, TreeOptions(level=4)), hand, load_script(script), rate=500.0)
-    motion = HandConfiguration.of(scene.ticks)
-    alone, _ = run(hand, scene.tree, motion)
+    motion = HandConfiguration.of(scene.hands[0].ticks)
+    alone, _ = run(hand, scene.solids[0].placed_tree, motion)
     assert alone.work[:, WORK_CANDIDATES].max() > 40
     for threads in (2, 3):
-        shared, tasks = run(hand, scene.tree, motion, threads)
+        shared, tasks = run(hand, scene.solids[0].placed_tree, motion, threads)
         assert_same_bytes(alone, shared)
         assert tasks > 100
     assert helpers() == []

@@ -1,4 +1,4 @@
-"""MJCF of a scene of several parts or things: MuJoCo has masses, joints, meshes and poses where hhsim has them."""
+"""MJCF of a scene of several bodies: MuJoCo has masses, joints, meshes and poses where hhsim has them."""
 
 import csv
 import json
@@ -18,9 +18,11 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.motion.file import load_trajectory
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
+from hhsim.scene.body import Driven
 from hhsim.scene.free_object import FreeObject
 from hhsim.scene.scene import Scene, open_scene
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.scene_file import load_scene, scene_digest
 from hhsim.submissions.scene_folder import example_submission, write_scene_folder
 from hhsim.submissions.score import score
@@ -28,63 +30,70 @@ from hhsim.submissions.score import score
 SINGLE = 1e-6
 """Bound of distances [m] of vertices, of which MuJoCo keeps 32 bits."""
 OWN = """
-table = "under"
-[[thing]]
+[[body]]
+name = "table"
+plane = "under"
+
+[[body]]
 name = "link"
 box = [0.03, 0.02, 0.02]
-position = [0.04, 0.0, 0.1]
+position = [0.04, 0.0, 0.0]
 mass = 0.2
 torsion = 0.002
-hinge.axis = [0.0, 3.0, 4.0]
-hinge.origin = [0.02, 0.0, 0.1]
-hinge.on = "base"
+joint.type = "hinge"
+joint.axis = [0.0, 3.0, 4.0]
+joint.origin = [0.02, 0.0, 0.0]
+joint.on = "base"
 
-[[thing]]
+[[body]]
 name = "base"
 box = [0.03, 0.04, 0.05]
 position = [0.0, 0.0, 0.1]
 density = 2000.0
 friction = 0.3
 
-[[thing]]
+[[body]]
 name = "tip"
 box = [0.01, 0.01, 0.02]
-position = [0.07, 0.0, 0.1]
+position = [0.03, 0.0, 0.0]
 orientation = [0.8, 0.0, 0.6, 0.0]
-slider.axis = [-1.0, 0.0, 0.0]
-slider.limits = [-0.02, 0.0]
-slider.on = "link"
+joint.type = "slider"
+joint.axis = [-1.0, 0.0, 0.0]
+joint.limits = [-0.02, 0.0]
+joint.on = "link"
 
-[[thing]]
+[[body]]
 name = "wall"
 mesh = "cup"
 position = [0.4, 0.0, 0.1]
 fixed = true
 
-[[thing]]
+[[body]]
 name = "flap"
 box = [0.02, 0.02, 0.02]
 position = [0.6, 0.0, 0.2]
-slider.axis = [0.0, 0.0, 1.0]
-slider.friction = 2.0
+joint.type = "slider"
+joint.axis = [0.0, 0.0, 1.0]
+joint.friction = 2.0
 
-[[thing]]
+[[body]]
 name = "stuck"
 box = [0.02, 0.02, 0.02]
 position = [0.8, 0.0, 0.2]
-hinge.axis = [0.0, 0.0, 1.0]
-hinge.limits = [0.0, 0.0]
+joint.type = "hinge"
+joint.axis = [0.0, 0.0, 1.0]
+joint.limits = [0.0, 0.0]
 """
-"""Things on joints of each other, in no order, and one whose joint lets it go nowhere."""
+"""Bodies on joints of each other, in no order, and one whose joint lets it go nowhere."""
 TRAY = """
-[[thing]]
+[[body]]
 name = "tray"
 box = [0.02, 0.02, 0.02]
 position = [1.0, 0.0, 0.2]
-driven.type = "slider"
-driven.axis = [1.0, 0.0, 0.0]
-driven.limits = [0.0, 0.1]
-driven.motion = [[0.0, 0.0], [1.0, 0.1]]
+joint.type = "slider"
+joint.axis = [1.0, 0.0, 0.0]
+joint.limits = [0.0, 0.1]
+joint.motion = [[0.0, 0.0], [1.0, 0.1]]
 """
 
 
@@ -95,8 +104,9 @@ def own_scene(folder: Path, text: str = OWN) -> Scene:
 
 
 def properties(scene: Scene) -> dict[str, FreeObject]:
-    assert scene.parts is not None and scene.free is not None
-    return dict(zip(scene.parts.names, (scene.free, *(other.free for other in scene.others))))
+    seen = seen_scene(scene)
+    assert seen.parts is not None and seen.free is not None
+    return dict(zip(seen.parts.names, (seen.free, *(free for free, _, _ in seen.others))))
 
 
 class Model:
@@ -157,7 +167,7 @@ def replayed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 def test_a_joint_of_the_model_moves_a_thing_as_a_run_of_hhsim_does(replayed: tuple[Scene, Path, Result]) -> None:
     scene, folder, result = replayed
-    at, parts = Model(folder), scene.parts
+    at, parts = Model(folder), seen_scene(scene).parts
     assert parts is not None
     group = f"things/{parts.name}"
     joints = {name: free.joint for name, free in properties(scene).items() if free.joint}
@@ -207,8 +217,8 @@ def test_the_folder_states_the_things_as_a_result_does(replayed: tuple[Scene, Pa
 def test_masses_inertias_friction_and_joints_are_those_of_the_things(tmp_path: Path) -> None:
     scene = own_scene(tmp_path)
     write_scene_folder(scene, tmp_path / "s")
-    at, things, parts = Model(tmp_path / "s"), properties(scene), scene.parts
-    assert parts is not None and scene.free is not None
+    at, things, parts = Model(tmp_path / "s"), properties(scene), seen_scene(scene).parts
+    assert parts is not None
     model, kind = at.model, at.mujoco.mjtJoint
     # The hand's bodies are 16 and its joints 21; besides there is the world.
     assert (model.nbody, model.njnt, model.nq) == (1 + 16 + 6, 21 + 4, 27 + 7 + 3)
@@ -240,7 +250,7 @@ def test_masses_inertias_friction_and_joints_are_those_of_the_things(tmp_path: P
         np.testing.assert_allclose(at.data.joint(name).xaxis, joint.direction, atol=1e-12)
     assert things["link"].hinge is not None
     np.testing.assert_allclose(at.data.joint("link").xanchor, things["link"].hinge.origin, atol=1e-12)
-    assert model.opt.gravity.tolist() == list(scene.free.gravity) and model.opt.timestep == 1.0 / 200.0
+    assert model.opt.gravity.tolist() == list(things["link"].gravity) and model.opt.timestep == 1.0 / 200.0
     for name, free in things.items():
         geom = model.geom(name)
         if geom.contype[0]:
@@ -259,7 +269,7 @@ def touching_geoms(model: Any, name: str) -> int:
 def test_a_thing_on_one_that_moves_goes_along_and_by_its_own_joint(tmp_path: Path) -> None:
     scene = own_scene(tmp_path)
     write_scene_folder(scene, tmp_path / "s")
-    at, things, parts = Model(tmp_path / "s"), properties(scene), scene.parts
+    at, things, parts = Model(tmp_path / "s"), properties(scene), seen_scene(scene).parts
     assert parts is not None
     link, tip = things["link"].hinge, things["tip"].slider
     assert link is not None and tip is not None
@@ -303,7 +313,7 @@ def test_things_rest_on_table_and_things_and_pass_through_what_bears_them(tmp_pa
         table = at.model.geom("table plane") if folder == "blocks" else None
         hand = at.model.geom_bodyid == at.model.body("index_3").id
         if table is not None:
-            assert table.pos[2] == pytest.approx(blocks.free.table if blocks.free else None)
+            assert table.pos[2] == pytest.approx(blocks.plane.height if blocks.plane else None)
             assert not (at.model.geom_contype[hand] & table.conaffinity[0]).any() and table.contype[0] == 0
 
 
@@ -318,21 +328,22 @@ def part_poses(folder: Path, names: tuple[str, ...]) -> tuple[list[dict[str, str
 def test_a_carried_thing_is_in_the_frame_of_the_hands_motion(tmp_path: Path) -> None:
     scene = open_scene("laptop", "carry", level=1, rate=50.0)
     write_scene_folder(scene, tmp_path / "s")
-    assert scene.parts is not None and scene.driven is not None
-    _, poses = part_poses(tmp_path / "s", scene.parts.names)
+    parts = seen_scene(scene).parts
+    assert parts is not None
+    _, poses = part_poses(tmp_path / "s", parts.names)
     hand = load_trajectory(tmp_path / "s" / "motion.csv").position
     seen = [
         Rotation.from_quat(lid[:, [4, 5, 6, 3]]).inv().apply(palm - lid[:, :3])
-        for lid, palm in ((poses[:, 1], hand), (scene.parts.world[:, 1], scene.driven.position))
+        for lid, palm in ((poses[:, 1], hand), (parts.world[:, 1], scene.hands[0].ticks.position))
     ]
     np.testing.assert_allclose(seen[0], seen[1], atol=1e-12)
-    assert np.ptp(scene.parts.world[:, 1, :3], axis=0).max() > 0.05
+    assert np.ptp(parts.world[:, 1, :3], axis=0).max() > 0.05
 
 
 def test_parts_that_move_as_recorded_follow_their_file(tmp_path: Path) -> None:
     scene = open_scene("laptop", "open", level=1, rate=200.0)
     write_scene_folder(scene, tmp_path / "s")
-    parts = scene.parts
+    parts = seen_scene(scene).parts
     assert parts is not None
     rows, poses = part_poses(tmp_path / "s", parts.names)
     assert len(rows) == scene.ticks.tick_count
@@ -356,7 +367,7 @@ def test_parts_that_move_as_recorded_follow_their_file(tmp_path: Path) -> None:
 def test_the_model_starts_with_the_first_hand_whatever_hangs_where(tmp_path: Path) -> None:
     scene = own_scene(tmp_path)
     write_scene_folder(scene, tmp_path / "s")
-    at, hand = Model(tmp_path / "s"), HandConfiguration.of(scene.ticks).at(0)
+    at, hand = Model(tmp_path / "s"), HandConfiguration.of(scene.hands[0].ticks).at(0)
     np.testing.assert_allclose(at.data.joint("palm").qpos, [*hand.position, *hand.orientation], atol=1e-15)
     np.testing.assert_allclose(at.data.joint("little_flex3").qpos[0], hand.flexion[4, 2], atol=1e-15)
     assert at.data.joint("base").qpos.tolist() == [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
@@ -393,7 +404,7 @@ def test_a_name_of_the_hands_is_refused_and_nothing_is_written(tmp_path: Path) -
 def test_poses_beside_parts_or_things_are_not_scored(name: str, motion: str, tmp_path: Path) -> None:
     scene = open_scene(name, motion, level=1, rate=100.0)
     write_scene_folder(scene, tmp_path / "s")
-    told = "a hand beside several parts or things that move is not scored; expected a scene of one object"
+    told = "a hand beside several bodies is not scored; expected a scene of one object"
     with pytest.raises(InputError, match=rf"scene\.h5 has {name}: {told}"):
         load_scene(tmp_path / "s" / "scene.h5")
     with pytest.raises(InputError, match=f"{name}: {told}"):
@@ -404,21 +415,23 @@ def test_poses_beside_parts_or_things_are_not_scored(name: str, motion: str, tmp
 def test_the_digest_is_of_all_things_and_parts(tmp_path: Path) -> None:
     other = TRAY.replace("[1.0, 0.1]]", "[1.0, 0.09]]")
     # A file has up to six things.
-    less = OWN.replace(OWN[OWN.index('[[thing]]\nname = "stuck"') :], "")
+    less = OWN.replace(OWN[OWN.index('[[body]]\nname = "stuck"') :], "")
     texts = [
         OWN,
         less,
         less + TRAY,
         less + other,
-        OWN.replace("slider.friction = 2.0", "slider.friction = 2.5"),
+        OWN.replace("joint.friction = 2.0", "joint.friction = 2.5"),
         OWN.replace("[0.4, 0.0", "[0.41, 0.0"),
     ]
     things = [own_scene(tmp_path, text) for text in texts]
     laptop = open_scene("laptop", "open", level=1, rate=100.0)
-    assert laptop.parts is not None
-    later = laptop.parts.world.copy()
-    later[-1, 1, 0] += 1e-3
-    moved = replace(laptop, parts=replace(laptop.parts, world=later))
+    base, lid = laptop.solids
+    assert isinstance(lid.motion, Driven)
+    later = lid.motion.poses.position.copy()
+    later[-1, 0] += 1e-3
+    poses = lid.motion.poses._replace(position=later)
+    moved = replace(laptop, bodies=(base, replace(lid, motion=replace(lid.motion, poses=poses))))
     scenes = [*things, laptop, moved]
     assert len({scene_digest(scene) for scene in scenes}) == len(scenes)
     assert scene_digest(own_scene(tmp_path)) == scene_digest(things[0])

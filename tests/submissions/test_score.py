@@ -7,6 +7,7 @@ from xml.etree import ElementTree as Xml
 
 import numpy as np
 import pytest
+from cut_scene import moved_hand
 from sampled import sampled
 from short_grasp import short_grasp, short_scene
 from written_submission import write_submission
@@ -139,9 +140,9 @@ def test_a_scene_comes_back_from_its_folder_bit_for_bit(scene: Scene, tmp_path: 
     assert scene_digest(again) == digest == scene_digest(scene)
     assert again.ticks.phases == scene.ticks.phases and again.ticks.rate == scene.ticks.rate
     for name in HandConfiguration._fields:
-        np.testing.assert_array_equal(getattr(again.ticks, name), getattr(scene.ticks, name))
-    np.testing.assert_array_equal(again.mesh.vertices, scene.mesh.vertices)
-    np.testing.assert_array_equal(again.tree.center, scene.tree.center)
+        np.testing.assert_array_equal(getattr(again.hands[0].ticks, name), getattr(scene.hands[0].ticks, name))
+    np.testing.assert_array_equal(again.solids[0].placed_mesh.vertices, scene.solids[0].placed_mesh.vertices)
+    np.testing.assert_array_equal(again.solids[0].placed_tree.center, scene.solids[0].placed_tree.center)
     example = read_submission(tmp_path / "s" / "example-submission.csv")
     assert scene_digest(scene_of(example)) == digest
     with pytest.raises(HhsimError, match="is not empty"):
@@ -154,9 +155,10 @@ def test_a_scene_comes_back_from_its_folder_bit_for_bit(scene: Scene, tmp_path: 
 def _turned_and_moved(scene: Scene) -> Scene:
     """The scene with its object away from the world's origin, 1.5 times as large."""
     turn, place = rotation_matrix(np.array([0.8, 0.6, 0.0, 0.0])), np.array([0.3, -0.2, 0.1])
-    vertices, center = (1.5 * points @ turn.T + place for points in (scene.mesh.vertices, scene.tree.center))
-    tree = replace(scene.tree, center=center, radius=1.5 * scene.tree.radius, covers=(), errors=())
-    return replace(scene, mesh=replace(scene.mesh, vertices=vertices), tree=tree)
+    (body,) = scene.solids
+    vertices, center = (1.5 * points @ turn.T + place for points in (body.mesh.vertices, body.tree.center))
+    tree = replace(body.tree, center=center, radius=1.5 * body.tree.radius, covers=(), errors=())
+    return replace(scene, bodies=(replace(body, mesh=replace(body.mesh, vertices=vertices), tree=tree),))
 
 
 def test_the_model_of_the_scene_has_the_object_where_it_is(scene: Scene, tmp_path: Path) -> None:
@@ -166,7 +168,7 @@ def test_the_model_of_the_scene_has_the_object_where_it_is(scene: Scene, tmp_pat
     names = [element.get("file", "") for element in model.iter() if element.get("file")]
     assert names == ["hand.xml", "object.obj"]
     corners = [line.split()[1:] for line in (folder / names[1]).read_text().splitlines() if line.startswith("v ")]
-    np.testing.assert_array_equal(np.array(corners, float), scene.mesh.vertices)
+    np.testing.assert_array_equal(np.array(corners, float), scene.solids[0].placed_mesh.vertices)
     (body,) = model.findall("worldbody/body")
     seen, *spheres = body.findall("geom")
     (mesh,) = model.findall("asset/mesh")
@@ -174,7 +176,9 @@ def test_the_model_of_the_scene_has_the_object_where_it_is(scene: Scene, tmp_pat
     assert (body.attrib, seen.get("mesh"), mesh.get("name")) == ({"name": "object"}, "object", "object")
     assert {"pos", "quat", "euler", "scale", "refpos", "refquat"}.isdisjoint({*seen.attrib, *mesh.attrib})
     numbers = [[*map(float, f"{sphere.get('pos')} {sphere.get('size')}".split())] for sphere in spheres]
-    np.testing.assert_array_equal(numbers, np.column_stack([scene.tree.leaf_center, scene.tree.leaf_radius]))
+    np.testing.assert_array_equal(
+        numbers, np.column_stack([scene.solids[0].placed_tree.leaf_center, scene.solids[0].placed_tree.leaf_radius])
+    )
     # Contact bits: of the object's spheres with the hand's geoms alone, of the mesh that is seen with nothing.
     hand = Xml.parse(folder / "hand.xml").find("default/geom")
     assert hand is not None and (hand.get("contype"), hand.get("conaffinity")) == ("1", "0")
@@ -184,12 +188,13 @@ def test_the_model_of_the_scene_has_the_object_where_it_is(scene: Scene, tmp_pat
 
 def test_the_digest_is_of_mesh_hand_motion_and_rate_and_not_of_the_tree(scene: Scene) -> None:
     finer = short_scene(short_grasp(hold=0.12), "cylinder", 3)
-    assert scene_digest(replace(scene, tree=finer.tree)) == scene_digest(scene)
+    other_tree = replace(scene.solids[0], tree=finer.solids[0].tree)
+    assert scene_digest(replace(scene, bodies=(other_tree,))) == scene_digest(scene)
     others = [
         short_scene(short_grasp(hold=0.12), "cube"),
         short_scene(short_grasp(hold=0.12), "cylinder", 2, "left"),
         finer,
-        replace(scene, ticks=replace(scene.ticks, rate=500.0)),
+        moved_hand(scene, 0, rate=500.0),
     ]
     assert len({scene_digest(one) for one in (scene, *others)}) == 5
 
@@ -213,7 +218,7 @@ def test_the_hand_as_numbers_and_the_readmes_words_are_the_hand(side: Side, tmp_
             u = _turned(axis, bend) @ u
             row.append(row[-1] + length * u)
         found.append(row)
-    wanted = scene.hand.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], flexion, abduction)
+    wanted = scene.hands[0].model.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], flexion, abduction)
     assert np.abs(np.array(found) - wanted).max() < 1e-12
 
 

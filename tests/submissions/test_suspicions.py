@@ -36,7 +36,8 @@ def scene() -> Scene:
 
 @cache
 def near() -> NDArray[np.bool_]:
-    return ~_free(scene())
+    body, hand = scene().solids[0], scene().hands[0]
+    return ~_free(body.placed_tree, hand.model, HandConfiguration.of(hand.ticks))
 
 
 def sound() -> Arrays:
@@ -305,8 +306,8 @@ def test_a_hand_may_be_a_tick_behind_and_not_ahead() -> None:
 @pytest.mark.parametrize("method", METHODS.names())
 def test_no_method_of_ours_is_suspected(method: str) -> None:
     options = SolverOptions(method=method).at_rate(RATE)
-    surface = contact_surface("spheres", scene().mesh, scene().tree)
-    record = HandSolver(scene().hand, surface, options).run(*HandConfiguration.of(scene().ticks))
+    surface = contact_surface("spheres", scene().solids[0].placed_mesh, scene().solids[0].placed_tree)
+    record = HandSolver(scene().hands[0].model, surface, options).run(*HandConfiguration.of(scene().hands[0].ticks))
     arrays = {name: values for name, values in sound().items() if name == "time"}
     arrays |= HandConfiguration.of(record)._asdict()
     arrays |= {"phalanx_force": record.phalanx, "palm_force": record.total - record.phalanx.sum(axis=(1, 2))}

@@ -99,7 +99,7 @@ def test_a_table_has_a_row_each(folder: Path) -> None:
 
 
 def test_an_object_may_be_a_thing_of_parts(folder: Path) -> None:
-    (folder / "hinge.toml").write_text('[[part]]\nname = "a"\nbox = [0.1, 0.1, 0.1]\n')
+    (folder / "hinge.toml").write_text('[[body]]\nname = "a"\nbox = [0.1, 0.1, 0.1]\nfixed = true\n')
     named, _ = load(folder, CSV.replace(",cube,", ",laptop,"), "m.csv")
     assert named.request.object == "laptop"
     given, _ = load(folder, CSV.replace(",cube,", ",hinge.toml,"), "m.csv")

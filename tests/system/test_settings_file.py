@@ -14,8 +14,8 @@ from hhsim.system.settings_file import Settings, Version, a_list, between, check
 FINGERS = ("thumb", "index")
 READERS = (
     *("gate.suite", "gate.gate", "hand.model", "recordings.column_map", "recordings.dexmo_regression"),
-    *("scene.contact_goals", "scene.demonstration", "scene.described_scene", "scene.jointed_thing", "scene.script"),
-    *("scene.things", "sweep.plan", "sweep.repair_manifest", "sweep.repair_row"),
+    *("scene.contact_goals", "scene.demonstration", "scene.described_scene", "scene.joint", "scene.script"),
+    *("scene.body_file", "sweep.plan", "sweep.repair_manifest", "sweep.repair_row"),
 )
 """Modules that declare settings."""
 Share = Annotated[float, between(0.0, 1.0)]

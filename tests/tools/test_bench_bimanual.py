@@ -7,6 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from cut_scene import placed_meshes
 from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull
 
@@ -20,7 +21,6 @@ from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.scene.free_object import FreeObject
-from hhsim.scene.things import load_things
 from hhsim.solver.free_engine import Thing
 from hhsim.trees.contact_surface import ContactSurface
 from tools import bench_bimanual as bench
@@ -107,7 +107,7 @@ def test_a_thing_on_edge_is_as_deep_in_the_table_as_its_edge() -> None:
 
 
 def test_a_block_around_a_hole_is_convex_parts_that_leave_the_hole_open() -> None:
-    _, hole = load_things("peg", solid=False).meshes
+    _, hole = placed_meshes("peg", solid=False)
     parts = bench.around_hole(hole)
     assert len(parts) == 48
     hulls = [ConvexHull(part) for part in parts]
@@ -123,12 +123,12 @@ def test_a_block_around_a_hole_is_convex_parts_that_leave_the_hole_open() -> Non
     assert 20 < np.sum(~inside) < 380
     np.testing.assert_array_equal(filled, inside)
     assert bench.around_hole(block((0.04, 0.04, 0.04))) == []
-    peg, _ = load_things("peg", solid=False).meshes
+    peg, _ = placed_meshes("peg", solid=False)
     assert bench.around_hole(peg) == []
 
 
 def test_a_peg_is_as_deep_in_the_wall_of_the_hole_as_it_is_off() -> None:
-    peg, hole = load_things("peg", solid=False).meshes
+    peg, hole = placed_meshes("peg", solid=False)
     middle = hole.bounds.mean(axis=0) * [1.0, 1.0, 0.0]
     things = tuple(
         Thing(ContactSurface(None, (), mesh), FreeObject.of_mesh(mesh, mass=0.05, table=None), name == "hole", name)

@@ -7,6 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from cut_scene import cut
 from driven_scenes import carried, swing
 from file_faults import Fault, at, forge_scene, of_scene
 from planted_faults import planted
@@ -44,9 +45,9 @@ def script(tmp_path_factory: pytest.TempPathFactory) -> Result:
     """The first two seconds of an object that a script of the catalogue carries."""
     path = tmp_path_factory.mktemp("script") / "carry.h5"
     scene = open_scene("cylinder", "carry", level=2)
-    assert scene.driven is not None
-    scene = replace(scene, ticks=scene.ticks.first(2000), driven=scene.driven.first(2000))
-    replay_scene(scene, SolverOptions(), path, description={**scene.description, "hand_file": None, "ticks": 2000})
+    replay_scene(
+        scene.first(2000), SolverOptions(), path, description={**scene.description, "hand_file": None, "ticks": 2000}
+    )
     return load_result(path)
 
 
@@ -58,7 +59,9 @@ def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     motion = Trajectory(**{**parts, "position": parts["position"] + [0.0, 0.0, 1.0]})
     base = open_scene("cylinder", "touch", level=2)
     moving = carried(motion, swing(motion.time, 0.5, 2.0))
-    scene = make_scene(base.mesh, base.tree, base.hand, moving, mode=request.param)
+    scene = make_scene(
+        base.solids[0].placed_mesh, base.solids[0].placed_tree, base.hands[0].model, moving, mode=request.param
+    )
     replay_scene(scene, SolverOptions(), path, description={**scene.description, "samples": request.param})
     return load_result(path)
 
@@ -171,9 +174,7 @@ def test_a_depth_that_is_another_is_found(result: Result, off: float) -> None:
 
 def test_beside_moving_parts_the_deepest_part_counts(tmp_path: Path) -> None:
     scene = open_scene("laptop", "close", level=3)
-    assert scene.parts is not None
-    cut = replace(scene, ticks=scene.ticks.first(150), parts=scene.parts.at(slice(2050, 2200)))
-    replay_scene(cut, SolverOptions(), tmp_path / "parts.h5")
+    replay_scene(cut(scene, slice(2050, 2200)), SolverOptions(), tmp_path / "parts.h5")
     result = load_result(tmp_path / "parts.h5")
     assert len(result.parts) == 2 and np.ptp(result["things/laptop/lid/joint"]) > 0.05
     assert result.summary[DEPTH] > 1e-3

@@ -42,7 +42,7 @@ def pinch() -> Trajectory:
 def honest(tmp_path_factory: pytest.TempPathFactory) -> Result:
     scene = short_scene(short_grasp())
     path = tmp_path_factory.mktemp("honest") / "pinch.h5"
-    in_the_air = make_scene(scene.mesh, scene.tree, HandModel.default(), pinch())
+    in_the_air = make_scene(scene.solids[0].placed_mesh, scene.solids[0].placed_tree, HandModel.default(), pinch())
     replay_scene(in_the_air, SolverOptions(self_contact=True, surface="mesh"), path, description={"hand_file": None})
     return load_result(path)
 
@@ -86,7 +86,9 @@ def test_a_planted_fault_is_found(honest: Result, tmp_path: Path, fault: Fault) 
 def test_the_claim_is_of_runs_that_make_it(honest: Result, tmp_path: Path) -> None:
     scene = short_scene(short_grasp())
     path = tmp_path / "through.h5"
-    in_the_air = make_scene(scene.mesh, scene.tree, HandModel.default(), replace(pinch(), name="through"))
+    in_the_air = make_scene(
+        scene.solids[0].placed_mesh, scene.solids[0].placed_tree, HandModel.default(), replace(pinch(), name="through")
+    )
     replay_scene(in_the_air, SolverOptions(surface="mesh"), path, description={"hand_file": None})
     through = load_result(path)
     assert through.summary["self_depth_graphic"] == through.summary["self_depth_haptic"] > 5e-3

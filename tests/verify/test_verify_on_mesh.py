@@ -43,7 +43,7 @@ def test_a_hand_that_is_on_its_way_on_the_mesh(tmp_path: Path, method: str) -> N
     names = ("position", "orientation", "flexion", "abduction")
     motion = Trajectory(time=np.arange(300) / 1000.0, **{name: getattr(moved, name) for name in names})
     base = open_scene("cube", "touch", level=3)
-    scene = make_scene(base.mesh, base.tree, hand, motion)
+    scene = make_scene(base.solids[0].placed_mesh, base.solids[0].placed_tree, hand, motion)
     replay_scene(scene, SolverOptions(method=method, surface="mesh"), tmp_path / "way.h5")
     result = load_result(tmp_path / "way.h5")
     assert (np.asarray(result["status"]) & 2 > 0).sum() > 20

@@ -21,9 +21,13 @@ from hhsim.view.viewer import view_result
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
     scene = short_scene(short_grasp(hold=0.03))
-    moved = carried(scene.trajectory, swing(scene.trajectory.time))
+    moved = carried(scene.hands[0].trajectory, swing(scene.hands[0].trajectory.time))
     path = tmp_path_factory.mktemp("driven") / "driven.h5"
-    replay_scene(make_scene(scene.mesh, scene.tree, scene.hand, moved), SolverOptions(), path)
+    replay_scene(
+        make_scene(scene.solids[0].placed_mesh, scene.solids[0].placed_tree, scene.hands[0].model, moved),
+        SolverOptions(),
+        path,
+    )
     return load_result(path)
 
 

@@ -57,8 +57,12 @@ def test_a_skin_is_read_back_and_all_else_stays(bare: Result, skinned: Result) -
 
 def test_a_skin_beside_a_moving_object_is_seen_from_it(tmp_path: Path) -> None:
     scene = short_scene(short_grasp(hold=0.01))
-    moving = carried(scene.trajectory, swing(scene.trajectory.time))
-    replay_scene(make_scene(scene.mesh, scene.tree, scene.hand, moving), SolverOptions(), tmp_path / "moving.h5")
+    moving = carried(scene.hands[0].trajectory, swing(scene.hands[0].trajectory.time))
+    replay_scene(
+        make_scene(scene.solids[0].placed_mesh, scene.solids[0].placed_tree, scene.hands[0].model, moving),
+        SolverOptions(),
+        tmp_path / "moving.h5",
+    )
     world = skin_of(load_result(tmp_path / "moving.h5"))
     add_skin(tmp_path / "moving.h5", world, BALL.faces)
     result = load_result(tmp_path / "moving.h5")

@@ -110,7 +110,7 @@ def _scene(hand: HandModel, object_: str, motion: str, seed: int) -> tuple[Spher
         targets = RandomTargets(hand, seed, StressOptions(bound="none"), center=tree.center[0], height=0.25)
         return tree, targets.take(RANDOM_TICKS)
     scene = make_scene(item.mesh, tree, hand, load_script(motion), seed=seed)
-    return scene.tree, HandConfiguration.of(scene.ticks)
+    return scene.solids[0].placed_tree, HandConfiguration.of(scene.hands[0].ticks.seen_from_object())
 
 
 def _programs(

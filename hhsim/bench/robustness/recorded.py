@@ -25,10 +25,10 @@ from hhsim.kernels.tick.state import STATUS_START_INSIDE, WORK_CANDIDATES, WORK_
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import MOST_CONTACT_ERROR, MOST_TICKS, TouchedObject
 from hhsim.metrics.metrics import contact_force_step, force_variation_rate, sample_variation_rate, statistics
-from hhsim.motion.trajectory import ResampleMode, Trajectory
+from hhsim.motion.trajectory import ResampleMode, TickInput, Trajectory
 from hhsim.scene.motion_catalogue import RECORDING_SUFFIXES, imported_suffixes, load_recorded
 from hhsim.scene.recorded_grasp_pose import place_at_grasp
-from hhsim.scene.scene import Scene, make_scene
+from hhsim.scene.scene import make_scene
 from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.method import never_penetrates
 from hhsim.solver.options import SolverOptions
@@ -182,58 +182,67 @@ def _runs(
         for solver in solvers
     ]
     try:
-        scene, text = _scene(motion, hand, at, options)
+        at_hand, ticks, text = _scene(motion, hand, at, options)
     except HhsimError as error:
         yield from (replace(row, reason=str(error)) for row in rows)
         return
-    tips = forward_kinematics(hand, *HandConfiguration.of(scene.ticks)).joints[:, :, 3]
+    tips = forward_kinematics(hand, *HandConfiguration.of(ticks)).joints[:, :, 3]
     fastest = float(np.linalg.norm(np.diff(tips, axis=0), axis=2).max(initial=0.0))
     for row, solver in zip(rows, solvers):
         known = replace(row, placement=text, samples=motion.sample_count, rate=options.rate, fastest=fastest)
         try:
-            yield run_scene(scene, solver, known, check)
+            yield run_scene(hand, *at_hand, ticks, solver, known, check)
         except HhsimError as error:
             yield replace(known, reason=str(error))
 
 
-def _scene(motion: Trajectory, hand: HandModel, at: BenchObject, options: RecordedOptions) -> tuple[Scene, str]:
+def _scene(
+    motion: Trajectory, hand: HandModel, at: BenchObject, options: RecordedOptions
+) -> tuple[tuple[Mesh, SphereTree], TickInput, str]:
+    """Return the object where it is at first, the hand's ticks as the object sees them, and how it was placed."""
     text, middle = "", 0.0
     if options.place == "auto":
         placement = place_at_grasp(motion, hand, at.tree)
         motion, text, middle = placement.motion, placement.text, placement.time
     scene = make_scene(at.mesh, at.tree, hand, motion, rate=options.rate, mode=options.mode)
-    total = scene.ticks.tick_count
+    body, ticks = scene.solids[0], scene.hands[0].ticks.seen_from_object()
+    found, total = (body.placed_mesh, body.placed_tree), ticks.tick_count
     if options.ticks is None or options.ticks >= total:
-        return scene, text
+        return found, ticks, text
     first = min(max(0, round(middle * options.rate) - options.ticks // 2), total - options.ticks)
     keys = ("time", "input_seq", "position", "orientation", "flexion", "abduction")
     part = slice(first, first + options.ticks)
-    arrays: dict[str, Any] = {key: np.ascontiguousarray(getattr(scene.ticks, key)[part]) for key in keys}
-    return replace(scene, ticks=replace(scene.ticks, phases=(), **arrays)), text
+    arrays: dict[str, Any] = {key: np.ascontiguousarray(getattr(ticks, key)[part]) for key in keys}
+    return found, replace(ticks, phases=(), **arrays), text
 
 
 def run_scene(
-    scene: Scene, solver: SolverOptions, known: RecordedFigures, check: Callable[[], None]
+    hand: HandModel,
+    mesh: Mesh,
+    tree: SphereTree,
+    ticks: TickInput,
+    solver: SolverOptions,
+    known: RecordedFigures,
+    check: Callable[[], None],
 ) -> RecordedFigures:
     """Run one scene by one method and measure every tick; `known` figures do not come from the run.
 
     `check` is called between blocks. HhsimError for more candidate pairs than the solver holds.
     """
-    solver = solver.at_rate(scene.ticks.rate)
-    warm_up(scene.hand, solver)
-    surface = contact_surface(solver.surface, scene.mesh, scene.tree).arrays
-    running = HandSolver(scene.hand, surface, solver)
-    safety = SafetyMeasure(scene.hand, pieces_of(solver.surface, scene.mesh, scene.tree), solver)
-    ticks = scene.ticks
+    solver = solver.at_rate(ticks.rate)
+    warm_up(hand, solver)
+    surface = contact_surface(solver.surface, mesh, tree).arrays
+    running = HandSolver(hand, surface, solver)
+    safety = SafetyMeasure(hand, pieces_of(solver.surface, mesh, tree), solver)
     blocks: list[tuple[AnyArray, ...]] = []
     cpu = LogHistogram()
     fingers = np.array([finger in solver.fingers for finger in FINGERS])
-    touched_object = TouchedObject(scene.mesh, surface, hand_shape(scene.hand), fingers, solver.touch)
+    touched_object = TouchedObject(mesh, surface, hand_shape(hand), fingers, solver.touch)
     looked_at, off_mesh = max(1, ticks.tick_count // MOST_TICKS), [np.nan]
     for first in range(0, ticks.tick_count, BLOCK):
         motion = HandConfiguration.of(ticks).at(slice(first, first + BLOCK))
         record = running.run(*motion)
-        safety.add(safety.readings(motion), record, recorded_penetration(scene.hand, surface, record).depth)
+        safety.add(safety.readings(motion), record, recorded_penetration(hand, surface, record).depth)
         touching = record.work[:, WORK_TOUCHING] > 0
         blocks.append((record.status, record.total, touching))
         cpu.add(record.duration_cpu[record.work[:, WORK_CANDIDATES] > 0])

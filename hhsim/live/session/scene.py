@@ -57,10 +57,11 @@ def make_live_scene(
     palm = POSES[pose.kind]
     if motion is not None:
         scene = make_scene(mesh, tree, hand, motion, seed=seed, other=other)
-        where = {name: getattr(scene.trajectory, name).tolist() for name in ("object_position", "object_orientation")}
-        mesh, tree = scene.mesh, scene.tree
+        played = scene.hands[0].trajectory
+        where = {name: getattr(played, name).tolist() for name in ("object_position", "object_orientation")}
+        mesh, tree = scene.solids[0].placed_mesh, scene.solids[0].placed_tree
         # One for both, so that fingers and palm stay together.
-        playback = Playback(scene.trajectory.seen_from_object())
+        playback = Playback(played.seen_from_object())
         if GLOVES[device.kind].plays:
             device = replace(device, playback=playback)
         if palm.plays:

@@ -97,8 +97,8 @@ def test_a_row_says_what_the_ticks_show(folder: Path) -> None:
     for solver in (COUPLED, PROGRESSIVE):
         (row,) = bench_recorded([folder / "a.h5"], [at], [solver], HERE)
         motion = placed()
-        ticks = make_scene(at.mesh, at.tree, HAND, motion).ticks
-        tree = make_scene(at.mesh, at.tree, HAND, motion).tree.arrays()
+        ticks = make_scene(at.mesh, at.tree, HAND, motion).hands[0].ticks
+        tree = make_scene(at.mesh, at.tree, HAND, motion).solids[0].placed_tree.arrays()
         record = HandSolver(HAND, tree, solver).run(ticks.position, ticks.orientation, ticks.flexion, ticks.abduction)
         touching = np.flatnonzero(record.work[:, WORK_TOUCHING] > 0)[:: max(1, ticks.tick_count // 40)]
         assert row.ticks == ticks.tick_count and row.samples == 60

@@ -154,7 +154,7 @@ def test_a_finger_that_slips_off_a_rim_arrives_within_the_tick() -> None:
     # With a nearer target in place of a shorter step it crept: twelve linearisations, and lag.
     mesh = load_object("cup").mesh
     tree = cached_sphere_tree(mesh, TreeOptions(level=4))
-    slide = HandConfiguration.of(make_scene(mesh, tree, HAND, load_script("slide")).ticks)
+    slide = HandConfiguration.of(make_scene(mesh, tree, HAND, load_script("slide")).hands[0].ticks)
     record = HandSolver(HAND, tree.arrays(), SolverOptions()).run(*slide)
     assert record.work[:, WORK_LINEARISATIONS].max() > 4
     assert not (record.status & (STATUS_LAG | STATUS_STUCK)).any()

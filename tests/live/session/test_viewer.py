@@ -43,9 +43,9 @@ Records = np.ndarray[Any, Any]
 def played() -> tuple[LiveSetup, Records]:
     """A session's setup, and the 200 ticks that a loop would publish."""
     scene = short_scene(short_grasp())
-    options, ticks = SolverOptions(), scene.ticks
+    options, ticks = SolverOptions(), scene.hands[0].ticks
     haptic = {name: getattr(ticks, name) for name in ("position", "orientation", "flexion", "abduction")}
-    record = HandSolver(scene.hand, scene.tree.arrays(), options).run(*haptic.values())
+    record = HandSolver(scene.hands[0].model, scene.solids[0].placed_tree.arrays(), options).run(*haptic.values())
     records = np.zeros(ticks.tick_count, LIVE_TICK)
     for name in TickRecord._fields:
         records[name] = getattr(record, name)
@@ -58,7 +58,12 @@ def played() -> tuple[LiveSetup, Records]:
     records["latency_ns"] = np.where(count % 5 == 0, 90_000 + count, -1)
     records["safety"] = np.where(count < 60, Safety.NO_INPUT_YET, 0)
     records["command_stiffness"] = 0.002 * count[:, None] * [1.0, 0.5, 0.25, 0.0, 0.1]
-    setup = make_setup(mesh=scene.mesh, tree=scene.tree, hand=scene.hand, device=configure("sim"))
+    setup = make_setup(
+        mesh=scene.solids[0].placed_mesh,
+        tree=scene.solids[0].placed_tree,
+        hand=scene.hands[0].model,
+        device=configure("sim"),
+    )
     return setup, records
 
 

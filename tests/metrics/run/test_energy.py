@@ -123,8 +123,7 @@ def test_a_grasp_gains_none_however_light_the_object_is(
     mass: float, friction: float, surface: str, tmp_path: Path
 ) -> None:
     scene = free_scene(mass, friction)
-    assert scene.free is not None
-    scene = replace(scene, free=replace(scene.free, torsion=0.0))
+    scene = replace(scene, bodies=(replace(scene.solids[0], torsion=0.0), *scene.bodies[1:]))
     found = replay_scene(scene, SolverOptions(surface=surface), tmp_path / "light.h5").attributes()
     assert found["energy_gained"] == 0.0
 

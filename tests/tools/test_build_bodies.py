@@ -1,4 +1,4 @@
-"""Meshes of things: as they are made, closed, without slivers, and of the volumes that closed forms give."""
+"""Meshes of the shipped bodies: as they are made, closed, without slivers, and of the volumes that closed forms give."""
 
 from importlib.resources import files
 from math import cos, pi, sin, tan
@@ -11,10 +11,10 @@ from hhsim.mesh.file import read_own_ply
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.repair import closed_surface, winding_faults
 from hhsim.trees.contact_surface import contact_surface, encloses
+from tools.build_bodies import MESHES, SIDES
 from tools.build_catalogue import ply_bytes
-from tools.build_things import MESHES, SIDES
 
-FOLDER = files("hhsim.objects") / "things"
+FOLDER = files("hhsim.objects") / "bodies"
 GENUS = {"scissors-half": 1, "hole": 1}
 LEAST_ANGLE = 8.0
 """Smallest angle of a triangle [°]."""

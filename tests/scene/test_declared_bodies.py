@@ -1,39 +1,41 @@
-"""Things of several parts as scenes: meshes, trees, poses in the scene, and faults told in one line."""
+"""Bodies of a file as scenes: meshes, trees, poses in the scene, and faults told in one line."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.mesh.catalogue import names_a_thing, thing_names
-from hhsim.scene.jointed_thing import JointedThing
+from hhsim.mesh.catalogue import body_file_names, names_a_body_file
+from hhsim.mesh.shapes import box_mesh
+from hhsim.scene.declared_bodies import load_bodies, require_no_joints
 from hhsim.scene.motion_catalogue import resolve_trajectory
-from hhsim.scene.parts_of_thing import box_mesh, load_thing, require_no_joints
 from hhsim.scene.scene import open_scene
-from hhsim.scene.things import names_things
+from hhsim.solver.scene_solver import seen_scene
 
-BOOK = """[[part]]
+BOOK = """[[body]]
 name = "back"
 box = [0.1, 0.1, 0.01]
+fixed = true
 
-[[part]]
+[[body]]
 name = "front"
 box = [0.1, 0.1, 0.01]
 position = [0.0, 0.0, {height}]
-parent = "back"
+joint.on = "back"
 joint.type = "slider"
 joint.axis = [0.0, 0.0, 1.0]
 joint.limits = [0.0, 0.1]
 joint.motion = [[0.0, 0.0], [1.0, 0.05]]
 """
 FAULTS = {
-    "overlap": (BOOK.format(height=0.007), "part 'front' begins 3 mm inside part 'back'; expected at most 1 mm"),
+    "overlap": (BOOK.format(height=0.007), "body 'front' begins 3 mm inside body 'back'; expected at most 1 mm"),
     "crossing": (
         # No corner of one is in the other.
         BOOK.format(height=0.0).replace("[0.1, 0.1, 0.01]", "[0.3, 0.01, 0.01]", 1),
-        "begins 10 mm inside part",
+        "begins 10 mm inside body",
     ),
     "no shape": (BOOK.format(height=0.01).replace("box = [0.1, 0.1, 0.01]\n", "", 1), "no mesh and no box"),
     "two shapes": (BOOK.format(height=0.01).replace("box =", 'mesh = "cube"\nbox =', 1), "both a mesh and a box"),
@@ -48,33 +50,35 @@ def test_a_fault_is_one_line_that_names_the_file_and_what_is_wrong(fault: str, t
     path = tmp_path / "book.toml"
     path.write_text(text)
     with pytest.raises(HhsimError) as told:
-        load_thing(path)
+        load_bodies(path)
     assert expected in str(told.value)
     assert str(path) in str(told.value)
     assert "\n" not in str(told.value)
 
 
-def test_joints_that_a_script_moves_are_those_of_the_thing() -> None:
+def test_joints_that_a_script_moves_are_those_of_the_bodies() -> None:
     close = resolve_trajectory("close")
     with pytest.raises(InputError, match="close moves the joint lid; cube has none"):
         require_no_joints(close, "cube")
     with pytest.raises(HhsimError, match="lid"):
-        load_thing("book", close)
+        load_bodies("book", close)
 
 
-def test_the_catalogue_has_things_that_open_and_close() -> None:
-    jointed = [name for name in thing_names() if not names_things(name)]
-    assert jointed == ["book", "laptop", "scissors"]
-    assert names_a_thing("laptop")
-    assert names_a_thing("my/thing.toml")
-    assert not names_a_thing("cube")
-    for name in jointed:
-        assert load_thing(name).mesh.volume > 0.0
+def test_the_catalogue_has_bodies_that_open_and_close_and_others_that_are_free() -> None:
+    assert names_a_body_file("laptop")
+    assert names_a_body_file("my/bodies.toml")
+    assert not names_a_body_file("cube")
+    loaded = {name: load_bodies(name) for name in body_file_names()}
+    driven = [name for name, bodies in loaded.items() if not any(body.is_free for body in bodies.settings)]
+    assert driven == ["book", "laptop", "scissors"]
+    assert sorted(loaded.keys() - driven) == ["blocks", "chest", "door", "drawer", "peg", "pot"]
+    assert all(bodies.mesh.volume > 0.0 and len(bodies.meshes) > 1 for bodies in loaded.values())
 
 
-def test_parts_are_where_their_joints_bring_them_in_the_scene() -> None:
+def test_bodies_are_where_their_joints_bring_them_in_the_scene() -> None:
     scene = open_scene("laptop", "open", solid=False, level=2)
-    parts = scene.parts
+    seen = seen_scene(scene)
+    parts = seen.parts
     assert parts is not None
     lid = parts.values["lid"]
     assert parts.path.shape == (scene.ticks.tick_count, 2, 7)
@@ -86,15 +90,14 @@ def test_parts_are_where_their_joints_bring_them_in_the_scene() -> None:
     # Mesh and tree of the scene are those of the first tick.
     first = [rotation_matrix(pose[None, 3:])[0] @ mesh.vertices.T for pose, mesh in zip(parts.path[0], parts.meshes)]
     corners = np.concatenate([turned.T + pose[:3] for turned, pose in zip(first, parts.path[0])])
-    assert scene.mesh.vertices == pytest.approx(corners, abs=1e-12)
-    assert scene.tree.leaf_count == sum(tree.leaf_count for tree in parts.trees)
+    assert seen.mesh.vertices == pytest.approx(corners, abs=1e-12)
+    assert seen.tree.leaf_count == sum(tree.leaf_count for tree in parts.trees)
 
 
 def test_values_beyond_the_limits_are_told() -> None:
-    thing = load_thing("laptop").thing
-    assert isinstance(thing, JointedThing)
+    script = SimpleNamespace(name="", joints=(("lid", ((0.0, 3.0),)),))
     with pytest.raises(InputError, match=r"joint lid: motion\[1\] has the value 3, beyond the limits"):
-        thing.moved({"lid": [(0.0, 3.0)]})
+        load_bodies("laptop", script)
 
 
 def test_a_box_is_closed_and_wound_outward() -> None:

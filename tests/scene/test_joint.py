@@ -1,6 +1,7 @@
-"""Things of several parts: where a joint's value brings each part, and faults told in one line."""
+"""Joints of bodies: where a joint's value brings each body, and faults told in one line."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,14 +11,17 @@ from scipy.spatial.transform import Rotation
 
 from hhsim.errors import InputError
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.scene.jointed_thing import Joint, JointedThing, Part, read_jointed_thing
+from hhsim.scene.body_file import BodySettings
+from hhsim.scene.declared_bodies import DeclaredBodies, load_bodies
+from hhsim.scene.joint import JointSettings
 
-BASE = '[[part]]\nname = "base"\nmesh = "cube"\n'
-LID = """[[part]]
+BASE = '[[body]]\nname = "base"\nmesh = "cube"\nfixed = true\n'
+LID = """[[body]]
 name = "lid"
 mesh = "cube"
-parent = "base"
-[part.joint]
+position = [1.0, 0.0, 0.0]
+[body.joint]
+on = "base"
 type = "hinge"
 axis = [0.0, 2.0, 0.0]
 limits = [0.0, 2.0]
@@ -25,20 +29,41 @@ motion = [[0.0, 0.0], [1.0, 1.5]]
 """
 
 FAULTS = {
-    "names": (BASE + BASE, "two parts have the name 'base'"),
-    "parent": (BASE + LID.replace('parent = "base"', 'parent = "bass"'), "'bass'"),
+    "names": (BASE + BASE, "two bodies have the name 'base'"),
+    "parent": (BASE + LID.replace('on = "base"', 'on = "bass"'), "'bass'"),
     "circle": (
-        LID + LID.replace('name = "lid"', 'name = "base"').replace('parent = "base"', 'parent = "lid"'),
+        LID + LID.replace('name = "lid"', 'name = "base"').replace('on = "base"', 'on = "lid"'),
         "joints in a circle: lid on base on lid",
     ),
-    "itself": (BASE + LID.replace('parent = "base"', 'parent = "lid"'), "joints in a circle: lid on lid"),
+    "itself": (BASE + LID.replace('on = "base"', 'on = "lid"'), "joints in a circle: lid on lid"),
     "axis": (BASE + LID.replace("2.0, 0.0]\nlimits", "0.0, 0.0]\nlimits"), "axis has length 0"),
-    "not a number": (BASE + LID.replace("1.5", "nan"), "part[2].joint.motion[2]"),
+    "not a number": (BASE + LID.replace("1.5", "nan"), "body[2].joint.motion[2]"),
     "limits": (BASE + LID.replace("[0.0, 2.0]\n", "[2.0, 0.0]\n"), "limits are reversed: 2 is above 0"),
     "value": (BASE + LID.replace("1.5", "2.5"), "motion[2] has the value 2.5, beyond the limits; expected 0 to 2 rad"),
     "times": (BASE + LID.replace("[1.0,", "[0.0,"), "motion[2] is at 0 s, not after 0 s"),
-    "roots": (BASE + BASE.replace("base", "other"), "parts base, other have no parent"),
-    "joint": (BASE + LID.replace('parent = "base"\n', ""), "part 'lid' has a joint and no parent"),
+    "start": (BASE + LID.replace("motion", "start = 1.0\nmotion"), "both a motion and a start; expected one of them"),
+    "begin": (
+        BASE + LID.replace("motion = [[0.0, 0.0], [1.0, 1.5]]", "start = 2.5"),
+        "start has the value 2.5, beyond",
+    ),
+    "free": (
+        BASE.replace("fixed = true", "mass = 1.0") + LID,
+        "body 'lid' is driven on 'base', which is free; expected one that is not",
+    ),
+    "two": (BASE + "poses = { file = 'base.npy' }\n" + LID, "body 'base' has both fixed and poses"),
+    "many": (
+        "".join(BASE.replace("base", f"b{k}").replace("fixed = true\n", "") for k in range(7)),
+        "7 bodies, of which some are free; expected up to 6",
+    ),
+    "planes": (
+        BASE + "".join(f'[[body]]\nname = "{name}"\nplane = "under"\n' for name in ("floor", "table")),
+        "bodies floor and table are planes; expected one at most",
+    ),
+    "only a plane": ('[[body]]\nname = "floor"\nplane = 0.0\n', "body 'floor' is a plane; expected a body with"),
+    "inertia": (
+        BASE.replace("fixed = true", "center = [0.0, 0.0, 0.0]"),
+        "one of inertia and center without the other",
+    ),
     "type": (BASE + LID.replace("hinge", "ball"), "ball"),
 }
 
@@ -46,10 +71,10 @@ FAULTS = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_one_line_that_names_the_file_and_what_is_wrong(fault: str, tmp_path: Path) -> None:
     text, expected = FAULTS[fault]
-    path = tmp_path / "thing.toml"
+    path = tmp_path / "bodies.toml"
     path.write_text(text)
     with pytest.raises(InputError) as raised:
-        read_jointed_thing(path)
+        load_bodies(path)
     message = str(raised.value)
     assert message.startswith(f"{path}: ")
     assert expected in message
@@ -57,9 +82,9 @@ def test_a_fault_is_one_line_that_names_the_file_and_what_is_wrong(fault: str, t
 
 
 def test_a_motion_is_straight_between_its_keyframes_and_constant_outside(tmp_path: Path) -> None:
-    path = tmp_path / "thing.toml"
+    path = tmp_path / "bodies.toml"
     path.write_text(BASE + LID)
-    values = read_jointed_thing(path).joint_values(np.array([-1.0, 0.0, 0.5, 1.0, 9.0]))
+    values = load_bodies(path).values(np.array([-1.0, 0.0, 0.5, 1.0, 9.0]))
     assert list(values) == ["lid"]
     assert np.array_equal(values["lid"], [0.0, 0.0, 0.75, 1.5, 1.5])
 
@@ -71,9 +96,9 @@ def test_a_recorded_motion_of_either_kind_is_as_its_keyframes(tmp_path: Path) ->
     (tmp_path / "lid.csv").write_text("t,angle\n0.0,0.0\n1.0,1.5\n")
     np.savez(tmp_path / "lid.npz", t=[0.0, 1.0], angle=[0.0, 1.5])
     for file in ("lid.csv", "lid.npz"):
-        path = tmp_path / "thing.toml"
+        path = tmp_path / "bodies.toml"
         path.write_text(RECORDED.format(file))
-        assert read_jointed_thing(path).joint_values(np.array([0.5]))["lid"] == 0.75
+        assert load_bodies(path).values(np.array([0.5]))["lid"] == 0.75
 
 
 ROWS = RECORDED.replace('"angle"', "0, rate = 30.0")
@@ -84,9 +109,9 @@ def test_arctics_articulation_is_a_column_of_rows_at_a_rate(tmp_path: Path) -> N
     rows[:, 0] = np.linspace(0.0, 1.5, 31)
     rows[:, 4:] = [1500.0, -900.0, 1200.0]
     np.save(tmp_path / "box.object.npy", rows)
-    path = tmp_path / "thing.toml"
+    path = tmp_path / "bodies.toml"
     path.write_text(ROWS.format("box.object.npy"))
-    values = read_jointed_thing(path).joint_values(np.array([0.0, 1.0 / 60.0, 0.5, 1.0, 2.0]))["lid"]
+    values = load_bodies(path).values(np.array([0.0, 1.0 / 60.0, 0.5, 1.0, 2.0]))["lid"]
     assert values == pytest.approx([0.0, 0.025, 0.75, 1.5, 1.5], abs=1e-6)
 
 
@@ -96,16 +121,16 @@ NAMED = RECORDED.replace('"angle"', '"params/obj_arti", rate = 30.0')
 def test_an_articulation_in_nested_dictionaries_is_named_by_its_keys(tmp_path: Path) -> None:
     held = {"params": {"obj_arti": np.linspace(0.0, 1.5, 31, dtype=np.float32), "obj_rot": np.zeros((31, 3))}}
     np.save(tmp_path / "box.npy", np.array(held, dtype=object))
-    path = tmp_path / "thing.toml"
+    path = tmp_path / "bodies.toml"
     path.write_text(NAMED.format("box.npy"))
-    values = read_jointed_thing(path).joint_values(np.array([0.0, 1.0 / 60.0, 0.5, 2.0]))["lid"]
+    values = load_bodies(path).values(np.array([0.0, 1.0 / 60.0, 0.5, 2.0]))["lid"]
     assert values == pytest.approx([0.0, 0.025, 0.75, 1.5], abs=1e-6)
     path.write_text(NAMED.replace("obj_arti", "arti").format("box.npy"))
     with pytest.raises(InputError, match=r"box\.npy: .*params/arti.*params/obj_arti"):
-        read_jointed_thing(path)
+        load_bodies(path)
     path.write_text(NAMED.replace("obj_arti", "obj_rot").format("box.npy"))
     with pytest.raises(InputError, match=r"box\.npy: shapes \(31,\) and \(31, 3\)"):
-        read_jointed_thing(path)
+        load_bodies(path)
 
 
 @pytest.mark.parametrize(
@@ -128,10 +153,10 @@ def test_a_fault_of_rows_names_their_file(array: np.ndarray | bytes, text: str, 
         file.write_bytes(array)
     elif array is not None:
         np.save(file, array)
-    path = tmp_path / "thing.toml"
+    path = tmp_path / "bodies.toml"
     path.write_text(text.format("lid.npy"))
     with pytest.raises(InputError) as raised:
-        read_jointed_thing(path)
+        load_bodies(path)
     message = str(raised.value)
     assert message.startswith(f"{file}: ")
     assert expected in message
@@ -150,13 +175,13 @@ def test_a_fault_of_rows_names_their_file(array: np.ndarray | bytes, text: str, 
     ],
 )
 def test_rows_are_named_by_number_and_rate_and_tables_by_names(file: str, keys: str, tmp_path: Path) -> None:
-    path = tmp_path / "thing.toml"
+    path = tmp_path / "bodies.toml"
     path.write_text(RECORDED.replace('column = "angle"', keys).format(file))
     with pytest.raises(InputError) as raised:
-        read_jointed_thing(path)
+        load_bodies(path)
     rows = file.endswith("npy")
     expected = "column = 0 and rate = 30.0, no time" if rows else "names of column and time, no rate"
-    assert str(raised.value).startswith(f"{path}: part[2].joint.recording: {file} has ")
+    assert str(raised.value).startswith(f"{path}: body[2].joint.recording: {file} has ")
     assert str(raised.value).endswith(f"expected {expected}")
 
 
@@ -172,10 +197,10 @@ def test_rows_are_named_by_number_and_rate_and_tables_by_names(file: str, keys: 
 def test_a_fault_of_a_recorded_motion_names_its_file(text: str | None, expected: str, tmp_path: Path) -> None:
     if text is not None:
         (tmp_path / "lid.csv").write_text(text)
-    path = tmp_path / "thing.toml"
+    path = tmp_path / "bodies.toml"
     path.write_text(RECORDED.format("lid.csv"))
     with pytest.raises(InputError) as raised:
-        read_jointed_thing(path)
+        load_bodies(path)
     message = str(raised.value)
     assert message.startswith(f"{tmp_path / 'lid.csv'}: ")
     assert expected in message
@@ -195,18 +220,17 @@ def test_poses_are_the_products_of_homogeneous_matrices(
     angle: float,
     shift: float,
 ) -> None:
-    hinge = Joint("hinge", axis, (-3.0, 3.0), ((0.0, angle),), origin)
-    slider = Joint("slider", way, (-0.3, 0.3), ((0.0, shift),))
+    hinge = JointSettings("hinge", axis, origin, "base", (-3.0, 3.0), motion=((0.0, angle),))
+    slider = JointSettings("slider", way, on="lid", limits=(-0.3, 0.3), motion=((0.0, shift),))
+    given: dict[str, Any] = {"mesh": "cube", "position": position}
     given_turn = (0.5, 0.5, -0.5, 0.5)
-    # The parts are not in the order of their joints.
-    thing = JointedThing(
-        (
-            Part("drawer", "cube", position, parent="lid", joint=slider),
-            Part("lid", "cube", position, given_turn, parent="base", joint=hinge),
-            Part("base", "cube", position),
-        )
+    # The bodies are not in the order of their joints.
+    bodies = (
+        BodySettings(name="drawer", joint=slider, **given),
+        BodySettings(name="lid", orientation=given_turn, joint=hinge, **given),
+        BodySettings(name="base", fixed=True, **given),
     )
-    poses = thing.poses(thing.joint_values(np.array([0.0])))
+    poses = DeclaredBodies("bodies", bodies, {}).path(np.array([0.0]))
 
     def matrix(turn: Rotation, place: np.ndarray) -> np.ndarray:
         out = np.eye(4)

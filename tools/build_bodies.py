@@ -1,8 +1,8 @@
-"""Meshes of the things of several parts, and of scenes of several things, by formula; for maintainers and the tests.
+"""Meshes of the bodies of the shipped files of bodies, by formula; for maintainers and the tests.
 
-    python -m tools.build_things
+    python -m tools.build_bodies
 
-writes them to objects/things/. They are closed, wound outward, z up, without slivers; the same formula gives the same
+writes them to objects/bodies/. They are closed, wound outward, z up, without slivers; the same formula gives the same
 bytes. But for the scissors, whose origin is on the pin, the centre of the bounding box is at the origin [mm]:
 
 | file | shape |
@@ -94,7 +94,7 @@ def stitched(rings: Sequence[FloatArray], name: str, *, hollow: bool = False) ->
     if not hollow:
         faces += [fan(start[-1], corners[0])[:, ::-1], fan(start[-1] + 1, corners[-1])]
         points += [rings[0].mean(axis=0)[None], rings[-1].mean(axis=0)[None]]
-    return finished_mesh(np.concatenate(points), faces, name, f"tools.build_things: {name}")
+    return finished_mesh(np.concatenate(points), faces, name, f"tools.build_bodies: {name}")
 
 
 def peg() -> Mesh:
@@ -159,7 +159,7 @@ def extruded(points: FloatArray, faces: IntArray, height: float, name: str) -> M
     count = len(points)
     sides = [np.stack([a, b, b + count], axis=1), np.stack([a, b + count, a + count], axis=1)]
     vertices = np.concatenate([np.column_stack([points, np.full(count, z)]) for z in (0.0, height)])
-    mesh = finished_mesh(vertices, [faces[:, ::-1], faces + count, *sides], name, f"tools.build_things: {name}")
+    mesh = finished_mesh(vertices, [faces[:, ::-1], faces + count, *sides], name, f"tools.build_bodies: {name}")
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     return Mesh(np.round(mesh.vertices + (low + high) / 2.0, 9) + 0.0, mesh.faces, name=name, source=mesh.source)
 
@@ -178,7 +178,7 @@ MESHES: dict[str, Callable[[], Mesh]] = {
 def main() -> None:
     """Write all meshes."""
     for name, make in MESHES.items():
-        mesh, path = make(), REPOSITORY / "objects" / "things" / f"{name}.ply"
+        mesh, path = make(), REPOSITORY / "objects" / "bodies" / f"{name}.ply"
         path.write_bytes(ply_bytes(mesh.vertices, mesh.faces))
         print(f"{path.relative_to(REPOSITORY)} {len(mesh.faces):,} triangles, {path.stat().st_size:,} bytes")
 

@@ -1,0 +1,357 @@
+"""Bodies as OBJECT names them: read with their meshes, given their sphere trees, and put into a scene by a motion."""
+
+from collections.abc import Callable, Container, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from importlib.resources import files
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from msgspec import structs
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError, check_known, named
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.linkage.file import names_a_linkage
+from hhsim.linkage.object_mesh import resolve_object
+from hhsim.mesh.catalogue import (
+    BODIES,
+    MESH_LEVEL,
+    OF_BODIES,
+    body_file_names,
+    names_a_body_file,
+    names_a_file,
+    object_names,
+)
+from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.shapes import box_mesh
+from hhsim.metrics.moving_parts import held_rows, placed_mesh
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickInput, Trajectory
+from hhsim.reproducible import matmul
+from hhsim.scene.body import CLEARANCE, USUAL_FRICTION, Body, Driven, Fixed, Free, HalfSpace, Joint, Motion, triple
+from hhsim.scene.body_file import BodyFile, BodySettings, Drive, read_body_file
+from hhsim.scene.joint import Keyframe, composed
+from hhsim.scene.linkage_bodies import LEVEL_OF_MANY, linkage_bodies
+from hhsim.scene.overlap import Solid, overlap
+from hhsim.trees.hierarchy import build_hierarchy
+from hhsim.trees.sphere_tree import SphereTree
+
+MOST_OVERLAP, MOST_JOINED_OVERLAP = 1e-4, 1e-3
+"""Largest depth [m] of a body in another at the first tick, and in one that it hangs on: hinges are drawn roughly."""
+BRANCHING = 8
+ONE = "object"
+"""Name of the one body of a mesh without a name."""
+
+
+@dataclass(frozen=True, eq=False)
+class DeclaredBodies:
+    """Bodies with their meshes and trees, each in its own frame [m], before a motion places them in the world."""
+
+    name: str
+    settings: tuple[BodySettings, ...]  # with the motions of joints read
+    meshes: Mapping[str, Mesh]  # of each body but a plane, by its name
+    trees: Mapping[str, SphereTree] = field(default_factory=dict)
+    drives: Mapping[str, Drive] = field(default_factory=dict)  # of the bodies that go by their poses
+    level: int = MESH_LEVEL  # usual one of a tree
+    began: float = 0.0  # time [s] of the motions at the first tick
+
+    @classmethod
+    def of_mesh(cls, mesh: Mesh, tree: SphereTree | None = None, level: int = MESH_LEVEL) -> "DeclaredBodies":
+        """Return one fixed body [m], which goes along where the motion moves the object."""
+        name = "".join(c if c.isascii() and (c.isalnum() or c in "_-") else "_" for c in mesh.name) or ONE
+        one = BodySettings(name=name, mesh=ONE, fixed=True)
+        return cls(mesh.name, (one,), {name: mesh}, {} if tree is None else {name: tree}, level=level)
+
+    @property
+    def solid(self) -> tuple[BodySettings, ...]:
+        """Bodies with a mesh."""
+        return tuple(body for body in self.settings if body.plane is None)
+
+    @property
+    def held(self) -> tuple[BodySettings, ...]:
+        """Bodies that a motion is of: the first free one, or all where none is free."""
+        free = [body for body in self.solid if body.is_free]
+        return tuple(free[:1]) or self.solid
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """Mesh of what is held, named for all, where it begins in the frame of the file [m]."""
+        held = [(self.meshes[body.name], self._begin[body.name]) for body in self.held]
+        if len(held) > 1:
+            return placed_mesh([mesh for mesh, _ in held], [_frame(pose) for _, pose in held], self.name)
+        ((mesh, pose),) = held
+        return replace(mesh if _is_still(pose) else mesh.transformed(*_place(pose)), name=self.name)
+
+    @cached_property
+    def tree(self) -> SphereTree:
+        """Sphere tree of what is held, over the leaves of all of it, where it begins in the frame of the file [m]."""
+        held = [(self.trees[body.name], self._begin[body.name]) for body in self.held]
+        about: dict[str, Any] = {OF_BODIES: self.name} if len(self.solid) > 1 else {}
+        if len(held) == 1:
+            ((tree, pose),) = held
+            tree = tree if _is_still(pose) else tree.transformed(*_place(pose))
+            return replace(tree, options={**tree.options, **about})
+        moved = [_frame(pose) for _, pose in held]
+        return joined_tree([tree for tree, _ in held], moved, self.name, self.mesh)
+
+    def with_trees(self, make: Callable[[Mesh], SphereTree]) -> "DeclaredBodies":
+        """Return the bodies with their sphere trees, those of equal meshes made once."""
+        made = {mesh.sha256: make(mesh) for mesh in {mesh.sha256: mesh for mesh in self.meshes.values()}.values()}
+        return replace(self, trees={name: made[mesh.sha256] for name, mesh in self.meshes.items()})
+
+    def begun(self, time: float) -> "DeclaredBodies":
+        """Return the bodies as they move from a time [s] on, which becomes 0 s."""
+        return replace(self, began=self.began + time)
+
+    def values(self, time: FloatArray) -> dict[str, FloatArray]:
+        """Return the values [rad] or [m] of each driven joint at these times [s], (T,), by the name of its body."""
+        joints = {body.name: body.joint for body in self.solid if body.joint and body.joint.is_driven}
+        return {name: joint.values(time + self.began) for name, joint in joints.items()}
+
+    def path(self, time: FloatArray) -> dict[str, ObjectMotion]:
+        """Return the poses of each body with a mesh in the frame of the file at these times [s], (T,), by its name.
+
+        A free one is where it begins. Poses of equal values of the joints are equal to the bit.
+        """
+        values, known = self.values(time), dict[str, ObjectMotion]()
+        waiting = list(self.solid)
+        while waiting:
+            body = next(one for one in waiting if not one.bearer or one.bearer in known)
+            waiting.remove(body)
+            known[body.name] = self._relative(body, time, values)
+            if body.bearer:
+                known[body.name] = composed(known[body.bearer], known[body.name])
+        if self.drives:
+            return {body.name: known[body.name] for body in self.solid}
+        rows = held_rows(np.stack([*values.values(), np.zeros(len(time))], axis=1))
+        return {body.name: known[body.name].at(rows) for body in self.solid}
+
+    def _relative(self, body: BodySettings, time: FloatArray, values: Mapping[str, FloatArray]) -> ObjectMotion:
+        """Return the poses of a body in the frame of the one that bears it, or of the file."""
+        if body.name in self.drives:
+            return self.drives[body.name](time + self.began)
+        place, joint = np.array(body.position), body.joint
+        if joint is not None and (joint.is_driven or joint.start):
+            start = np.full(len(time), joint.start or 0.0)
+            return joint.poses(place, body.turn, values.get(body.name, start))
+        return ObjectMotion(np.tile(place, (len(time), 1)), np.tile(body.turn, (len(time), 1)))
+
+    @cached_property
+    def _begin(self) -> dict[str, ObjectMotion]:
+        return self.path(np.zeros(1))
+
+    def placed(self, ticks: TickInput, motion: Trajectory) -> tuple[Body | HalfSpace, ...]:
+        """Return the bodies in the world at the ticks of a motion, which places the frame of their file or moves it.
+
+        Raises InputError for a free body where the motion moves the object.
+        """
+        carrier = ticks.object_motion
+        moved = next((body.name for body in self.solid if body.is_free), "") if carrier else ""
+        if moved:
+            raise InputError(f"in {motion.name or 'the motion'} the object moves as recorded, so it cannot be free")
+        time, values = ticks.time, self.values(ticks.time)
+        steps = (len(time), 1)
+        frame = ObjectMotion(np.tile(motion.object_position, steps), np.tile(motion.object_orientation, steps))
+        path = self.path(time)
+        poses = {name: frame if _is_still(own) else composed(frame, own) for name, own in path.items()}
+        if carrier is not None:
+            along = carrier.since(carrier.position[0], carrier.orientation[0])
+            carried = {
+                name: ObjectMotion(along.points(own.position), along.orientations(own.orientation))
+                for name, own in poses.items()
+            }
+            poses = {name: carrier if _is_still(path[name]) else own for name, own in carried.items()}
+        found: dict[str, Body | HalfSpace] = {}
+        for body in self.solid:
+            driven: Motion = Fixed()
+            if carrier is not None or body.name in self.drives or body.name in values:
+                own = poses[body.name]
+                driven = Driven(own if carrier else own.at(_held(own)), values.get(body.name))
+            borne = poses[body.bearer] if body.bearer else frame
+            found[body.name] = self._placed(body, poses[body.name].at(0), borne.at(0), driven, values)
+        meshes = [one.placed_mesh for one in found.values() if isinstance(one, Body)]
+        for body in self.settings:
+            if body.plane is not None:
+                lowest = min(float(mesh.bounds[0, 2]) for mesh in meshes) - CLEARANCE
+                height = lowest if body.plane == "under" else body.plane + float(frame.position[0, 2])
+                found[body.name] = HalfSpace(body.name, height, body.friction)
+        return tuple(found[body.name] for body in self.settings)
+
+    def _placed(
+        self, body: BodySettings, pose: ObjectMotion, borne: ObjectMotion, motion: Motion, values: Mapping[str, Any]
+    ) -> Body:
+        """Return a body at its first pose; `borne` is that of what bears it, `motion` counts unless it is free."""
+        joint = None
+        if body.joint is not None:
+            turn, start = rotation_matrix(borne.orientation), values.get(body.name, [body.joint.start or 0.0])
+            axis = (turn * np.array(body.joint.axis)).sum(axis=1)
+            origin = (turn * np.array(body.joint.origin)).sum(axis=1) + borne.position
+            about = body.joint.limits, body.joint.friction, body.joint.on, float(start[0])
+            joint = Joint(body.joint.type, triple(axis), triple(origin), *about)
+        placed = Body(
+            name=body.name,
+            mesh=self.meshes[body.name],
+            tree=self.trees[body.name],
+            position=pose.position,
+            orientation=pose.orientation,
+            motion=motion,
+            joint=joint,
+            friction=USUAL_FRICTION if body.friction is None else body.friction,
+            torsion=body.torsion,
+        )
+        if not body.is_free:
+            return placed
+        if body.inertia is None or body.center is None or body.mass is None:
+            given: dict[str, Any] = {"density": body.density or 1000.0} if body.mass is None else {"mass": body.mass}
+            return replace(placed, motion=Free.of_mesh(placed.placed_mesh, **given))
+        turn = rotation_matrix(pose.orientation)
+        inertia = matmul(matmul(turn, np.array(body.inertia)), turn.T)
+        first, second, third = (triple(row) for row in 0.5 * (inertia + inertia.T))
+        center = triple((turn * np.array(body.center)).sum(axis=1) + pose.position)
+        return replace(placed, motion=Free(body.mass, center, (first, second, third)))
+
+    def require_apart(self) -> None:
+        """Raise InputError for bodies that begin inside each other."""
+        joined = {frozenset((body.name, body.bearer)) for body in self.solid if body.bearer}
+        placed = [self.meshes[body.name].transformed(*_place(self._begin[body.name])) for body in self.solid]
+        require_apart([body.name for body in self.solid], placed, joined)
+
+
+def joined_tree(trees: Sequence[SphereTree], moved: Sequence[RigidMotion], name: str, mesh: Mesh) -> SphereTree:
+    """Return the tree over the leaves of trees, each moved as at the first tick of its motion, of bodies of a name.
+
+    `mesh` is that of all bodies.
+    """
+    centers = [motion.points(tree.leaf_center[None])[0] for motion, tree in zip(moved, trees)]
+    radii = np.concatenate([tree.leaf_radius for tree in trees])
+    level = max(tree.depth for tree in trees)
+    while BRANCHING**level < len(radii):
+        level += 1
+    covers = {"cover": "outer"} if all(tree.options.get("cover") == "outer" for tree in trees) else {}
+    joined = build_hierarchy(np.concatenate(centers), radii, level, BRANCHING)
+    return replace(joined, mesh_sha256=mesh.sha256, options={OF_BODIES: name, **covers})
+
+
+def _frame(pose: ObjectMotion) -> RigidMotion:
+    return RigidMotion(pose.orientation, pose.position)
+
+
+def _place(pose: ObjectMotion) -> tuple[FloatArray, FloatArray]:
+    return rotation_matrix(pose.orientation[0]), pose.position[0]
+
+
+def _is_still(poses: ObjectMotion) -> bool:
+    """Return True for a frame that is that of the file at each of its poses."""
+    return bool((poses.position == 0.0).all() and (poses.orientation == [1.0, 0.0, 0.0, 0.0]).all())
+
+
+def _held(poses: ObjectMotion) -> Any:
+    return held_rows(np.concatenate(poses, axis=1))
+
+
+def require_apart(names: Sequence[str], meshes: Sequence[Mesh], joined: Container[frozenset[str]] = ()) -> None:
+    """Raise InputError for meshes in the world that begin inside each other; `joined` has those that share a joint."""
+    solids = [Solid(mesh) for mesh in meshes]
+    for (one, solid), (other, its) in combinations(zip(names, solids), 2):
+        hinged = frozenset((one, other)) in joined
+        most, depth = MOST_JOINED_OVERLAP if hinged else MOST_OVERLAP, overlap(solid, its)
+        if depth > most:
+            raise InputError(
+                f"body '{other}' begins {1e3 * depth:.3g} mm inside body '{one}'; expected at most "
+                f"{1e3 * most:g} mm of bodies that {'share a joint' if hinged else 'share no joint'}"
+            )
+
+
+def load_bodies(
+    word: str | Path, motion: object = None, *, solid: bool = True, free: Mapping[str, Any] | None = None
+) -> DeclaredBodies:
+    """Load the bodies of a file and their meshes; joints are moved by the motion, if it is a script that has some.
+
+    `word` is a name of the catalogue, or a TOML, URDF or MJCF file, whose bodies are `free` or not; without `solid`
+    the triangles of mesh files are taken as they are. Raises UnknownNameError for no such file, mesh, or joint;
+    InputError for a file that cannot be used, or bodies that begin inside each other.
+    """
+    path = Path(word)
+    if names_a_linkage(path):
+        own, surfaces = linkage_bodies(path, motion, free=free, solid=solid)
+        many = len(own) > 1 and any(body.is_free for body in own)
+        loaded = DeclaredBodies(path.stem, own, surfaces, level=LEVEL_OF_MANY if many else MESH_LEVEL)
+        with named(word):
+            loaded.require_apart()
+        return loaded
+    if not names_a_file(str(word)):
+        check_known("file of bodies", [str(word)], body_file_names())
+        path = Path(str(files("hhsim.objects") / BODIES / f"{word}.toml"))
+    bodies = [
+        structs.replace(body, joint=body.joint and body.joint.read(path.parent)) for body in read_body_file(path).body
+    ]
+    with named(word):
+        settings = _moved(bodies, motion, path.stem)
+        meshes = {body.name: _mesh(body, path.parent, solid) for body in settings if body.plane is None}
+        drives = {body.name: body.poses.drive(body.position, body.turn, path.parent) for body in settings if body.poses}
+        found = DeclaredBodies(path.stem, settings, meshes, drives=drives)
+        found.require_apart()
+    return found
+
+
+def _moved(bodies: Sequence[BodySettings], motion: object, word: str) -> tuple[BodySettings, ...]:
+    """Return the bodies with the motions of joints that a script has in place of their own."""
+    motions: dict[str, Sequence[Keyframe]] = dict(getattr(motion, "joints", ()))
+    joints = {body.name: body.joint for body in bodies if body.joint}
+    if not joints:
+        require_no_joints(motion, word)
+    check_known("joint", motions, joints)
+    for name, keyframes in motions.items():
+        with named(f"joint {name}"):
+            joints[name] = joints[name].moved(keyframes)
+    return BodyFile(tuple(structs.replace(body, joint=joints.get(body.name)) for body in bodies)).body
+
+
+def _mesh(body: BodySettings, folder: Path, solid: bool) -> Mesh:
+    """Load the mesh of a body, in its own frame [m]; InputError names the body."""
+    if body.box is not None:
+        return box_mesh(body.box, body.name)
+    known = body.mesh in object_names()
+    with named(f"body '{body.name}'"):
+        mesh, _ = resolve_object(body.mesh if known else folder / body.mesh, body.unit, solid=solid)
+    return replace(mesh, name=body.name)
+
+
+def require_no_joints(motion: object, word: str) -> None:
+    """Raise InputError for a script that moves joints, on an object that has none."""
+    joints: Sequence[tuple[str, Sequence[Keyframe]]] = getattr(motion, "joints", ())
+    if joints:
+        names = ", ".join(name for name, _ in joints)
+        raise InputError(f"{getattr(motion, 'name', 'the motion')} moves the joint {names}; {word} has none")
+
+
+def load_object(
+    object_: str | Path | Mesh,
+    motion: object = None,
+    *,
+    unit: str | None = None,
+    size: float | None = None,
+    thickness: float | None = None,
+    solid: bool = True,
+    free: Mapping[str, Any] | None = None,
+) -> DeclaredBodies:
+    """Load what OBJECT means: a name of the catalogue, a mesh file, a URDF or MJCF, a file of bodies, or a mesh [m].
+
+    `free` is of a URDF or MJCF, see `linkage_bodies`. Other arguments and errors are those of `load_bodies`, and of
+    `hhsim.linkage.object_mesh.resolve_object`.
+    """
+    if isinstance(object_, Mesh):
+        return DeclaredBodies.of_mesh(object_)
+    if names_a_linkage(object_):
+        if unit is not None or size is not None or thickness is not None:
+            raise InputError(f"unit, size and thickness are for mesh files; {object_} has its size")
+        return load_bodies(object_, motion, solid=solid, free=free)
+    if names_a_body_file(str(object_)):
+        if unit is not None or size is not None or thickness is not None:
+            raise InputError(f"unit, size and thickness are for mesh files; {object_} has its size")
+        return load_bodies(object_, motion, solid=solid)
+    mesh, level = resolve_object(object_, unit, size, thickness, solid)
+    require_no_joints(motion, str(object_))
+    return DeclaredBodies.of_mesh(mesh, level=level)

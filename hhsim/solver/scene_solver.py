@@ -1,0 +1,231 @@
+"""Solver of a scene: the seam between its bodies in the world, and the engines, each of which has its own frame.
+
+With nothing free the frame of a hand's ticks goes along with the object of the motion; beside free bodies hands are
+given in the world, and returned as the first free body sees them.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.moving_parts import MovingParts, placed_mesh
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion
+from hhsim.scene.body import Body, Driven, Fixed, Free, HalfSpace
+from hhsim.scene.declared_bodies import joined_tree
+from hhsim.scene.free_object import FreeObject, Hinge, Slider
+from hhsim.scene.scene import Scene
+from hhsim.solver.free_engine import FreeEngine, Thing
+from hhsim.solver.hand_solver import HandSolver, WarmUp, warm_up
+from hhsim.solver.known_methods import find_method
+from hhsim.solver.linearising_engine import require_jointed
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.two_hands import SideBySideSolver, TwoHandedSolver
+from hhsim.trees.contact_surface import ContactSurface, contact_surface
+from hhsim.trees.sphere_tree import SphereTree
+
+STRAY = 1e-9
+"""Distance [m], or change of a quaternion, by which a body that goes along with a frame strays from it by rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeenScene:
+    """A scene in the frame of its engine, which is the world's at the first tick.
+
+    Attributes:
+        mesh: What a hand closes on at the first tick [m]: the first free body, or all where none is free.
+        tree: Its sphere tree.
+        place: Pose of the object's frame, or of that of the bodies' file, at the first tick, (3,) and (4,), world.
+        carrier: That pose at each tick, which the engine's frame goes along with; None if the frame is the world's.
+        haptic: Hands at the ticks, in the frame.
+        free: The first free body as its engine takes it.
+        parts: Several bodies with their poses, which those of free ones become when ticks have run.
+        others: Bodies beside a free one: as its engine takes them, True if fixed, with the body itself.
+    """
+
+    mesh: Mesh
+    tree: SphereTree
+    place: ObjectMotion
+    carrier: ObjectMotion | None
+    haptic: tuple[HandConfiguration, ...]
+    free: FreeObject | None
+    parts: MovingParts | None
+    others: tuple[tuple[FreeObject, bool, Body], ...] = ()
+
+    def surface(self, kind: str) -> ContactSurface:
+        """Return what hands touch, but bodies beside a free one, as `spheres` or `mesh`."""
+        if self.parts is not None and not self.others:
+            return self.parts.surface(kind)
+        return contact_surface(kind, self.mesh, self.tree)
+
+    def things(self, kind: str) -> list[Thing]:
+        """Return the bodies beside a free one."""
+        driven = {} if self.parts is None else self.parts.driven
+        return [
+            Thing(
+                contact_surface(kind, body.placed_mesh, body.placed_tree), free, fixed, body.name, driven.get(body.name)
+            )
+            for free, fixed, body in self.others
+        ]
+
+
+def seen_scene(scene: Scene) -> SeenScene:
+    """Return a scene as its engine sees it."""
+    solids, first = list(scene.solids), scene.hands[0]
+    given = tuple(HandConfiguration.of(hand.ticks) for hand in scene.hands)
+    moves = [body for body in solids if isinstance(body.motion, Free)]
+    if moves:
+        solids.sort(key=lambda body: body is not moves[0])
+    body = solids[0]
+    place = ObjectMotion(body.position, body.orientation)
+    if len(solids) > 1:
+        place = ObjectMotion(first.trajectory.object_position, first.trajectory.object_orientation)
+    if moves:
+        free = [_free_object(one, scene.plane) for one in solids]
+        if any(one.joint and one.joint.on == body.name for one in solids):
+            free[0] = replace(free[0], name=body.name)
+        others = tuple((own, isinstance(one.motion, Fixed), one) for own, one in zip(free[1:], solids[1:]))
+        mesh, tree = replace(body.placed_mesh, name=scene.name), body.placed_tree
+        parts = _free_parts(scene, solids) if others else None
+        return SeenScene(mesh, tree, place, None, given, free[0], parts, others)
+    if len(solids) == 1:
+        carrier = body.motion.poses if isinstance(body.motion, Driven) else None
+        haptic = given if carrier is None else tuple(_seen(hand, _along(carrier)) for hand in given)
+        mesh = replace(body.placed_mesh, name=scene.name)
+        return SeenScene(mesh, body.placed_tree, place, carrier, haptic, None, None)
+    carrier = first.ticks.object_motion
+    world = [_poses(one, scene.ticks.tick_count) for one in solids]
+    values = {one.name: one.motion.values for one in solids if isinstance(one.motion, Driven)}
+    joints = {name: of for name, of in values.items() if of is not None}
+    along = None if carrier is None else _along(carrier)
+    if along is not None and not all(one.name in joints or _goes_along(one, along) for one in solids):
+        carrier = along = None
+    begin = [RigidMotion(one.orientation[None], one.position[None]) for one in solids]
+    mesh = placed_mesh([one.mesh for one in solids], begin, scene.name)
+    tree = joined_tree([one.tree for one in solids], begin, scene.name, mesh)
+    poses = np.stack([np.concatenate(of, axis=1) for of in world], axis=1)
+    shapes = tuple(one.name for one in solids), tuple(one.mesh for one in solids), tuple(one.tree for one in solids)
+    parts = MovingParts(scene.name, *shapes, poses, joints, along)
+    haptic = given if along is None else tuple(_seen(hand, along) for hand in given)
+    return SeenScene(mesh, tree, place, carrier, haptic, None, parts)
+
+
+def _along(poses: ObjectMotion) -> RigidMotion:
+    return poses.since(poses.position[0], poses.orientation[0])
+
+
+def _seen(hand: HandConfiguration, along: RigidMotion) -> HandConfiguration:
+    places, turns = along.seen_points(hand.position), along.seen_orientations(hand.orientation)
+    return hand._replace(position=places, orientation=turns)
+
+
+def _poses(body: Body, count: int) -> ObjectMotion:
+    if isinstance(body.motion, Driven):
+        return body.motion.poses
+    return ObjectMotion(np.tile(body.position, (count, 1)), np.tile(body.orientation, (count, 1)))
+
+
+def _goes_along(body: Body, along: RigidMotion) -> bool:
+    """Return True if a body stands still in a moving frame."""
+    poses = _poses(body, len(along.turn))
+    seen = along.seen_points(poses.position), along.seen_orientations(poses.orientation)
+    return all(bool((np.abs(values - values[0]) < STRAY).all()) for values in seen)
+
+
+def _free_parts(scene: Scene, solids: Sequence[Body]) -> MovingParts:
+    """Return room for the poses of all bodies at the ticks, and the motion of the driven ones."""
+    driven = {one.name: _along(one.motion.poses) for one in solids if isinstance(one.motion, Driven)}
+    meshes, trees = tuple(one.placed_mesh for one in solids), tuple(one.placed_tree for one in solids)
+    names, room = tuple(one.name for one in solids), np.zeros((scene.ticks.tick_count, len(solids), 7))
+    return MovingParts(scene.name, names, meshes, trees, room, {}, free=True, driven=driven)
+
+
+def _free_object(body: Body, plane: HalfSpace | None) -> FreeObject:
+    """Return a body as the engine of free ones takes it; of one that is not free friction alone counts."""
+    about: dict[str, Any] = {"friction": body.friction, "torsion": body.torsion}
+    if plane is not None:
+        about |= {"table": plane.height, "table_friction": plane.friction}
+    if not isinstance(body.motion, Free):
+        return FreeObject.of_mesh(body.placed_mesh, **about)
+    if (joint := body.joint) is not None:
+        limits = joint.limits and (joint.limits[0] - joint.value, joint.limits[1] - joint.value)
+        if joint.type == "hinge":
+            about["hinge"] = Hinge(joint.axis, joint.origin, limits, joint.friction, joint.on)
+        else:
+            about["slider"] = Slider(joint.axis, limits, joint.friction, joint.on)
+    return FreeObject(**vars(body.motion), **about)
+
+
+class SceneSolver:
+    """Runs the ticks of a scene; the records of each block are as the engine's frame sees the hands.
+
+    `hands` are the solvers of each hand, which place it at the start, also where all have one program. InputError for
+    options that the scene does not go with.
+    """
+
+    def __init__(self, scene: Scene, options: SolverOptions) -> None:
+        self.scene, self.seen = scene, seen_scene(scene)
+        self.options = options.at_rate(scene.ticks.rate)
+        kind, free, two = self.options.surface, self.seen.free, len(scene.hands) > 1
+        self.is_jointed = self.seen.parts is not None and free is None
+        if self.is_jointed and not find_method(self.options.method).beside_parts:
+            require_jointed(self.options)
+        alone = None if two else free
+        others: dict[str, Any] = {"jointed": self.is_jointed, "others": len(self.seen.others)}
+        self.prepared: tuple[WarmUp, ...] = tuple(
+            warm_up(hand.model, self.options, alone, **others) for hand in scene.hands
+        )
+        # Each hand has the surface for itself: what is near it is kept with moving parts.
+        self.surfaces = tuple(self.seen.surface(kind) for _ in scene.hands)
+        self.things = self.seen.things(kind)
+        self.hands = tuple(
+            HandSolver(hand.model, surface, self.options, alone, self.things)
+            for hand, surface in zip(scene.hands, self.surfaces)
+        )
+        self._threads: ThreadPoolExecutor | None = None
+        self._both: TwoHandedSolver | SideBySideSolver | None = None
+        if two and free is not None:
+            self._both = TwoHandedSolver(self.hands, free, self.things)
+        elif two:
+            # Each hand on a thread of its own where they cannot meet.
+            self._threads = ThreadPoolExecutor(len(self.hands))
+            self._both = SideBySideSolver(self.hands, self._threads)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *raised: type[BaseException] | BaseException | TracebackType | None) -> None:
+        if self._threads is not None:
+            self._threads.shutdown()
+
+    @cached_property
+    def _free_engine(self) -> FreeEngine | None:
+        engine = self._both.engine if isinstance(self._both, TwoHandedSolver) else self.hands[0].engine
+        return engine if isinstance(engine, FreeEngine) else None
+
+    def run(self, ticks: slice) -> tuple[TickRecord, ...]:
+        """Run the next ticks, which are these of the scene; return the record of each hand."""
+        haptic = [hand.at(ticks) for hand in self.seen.haptic]
+        return self.run_given(haptic)
+
+    def run_given(self, haptic: Sequence[HandConfiguration]) -> tuple[TickRecord, ...]:
+        """Run ticks with these hands, in the engine's frame."""
+        return (self.hands[0].run(*haptic[0]),) if self._both is None else self._both.run(*haptic)
+
+    def object_ticks(self, hand: int = 0) -> ObjectRecord:
+        """Record of the first free body in the last ticks as that of a hand, see `FreeEngine.seen_by`."""
+        assert self._free_engine is not None
+        return self._free_engine.seen_by(hand)
+
+    @property
+    def all_ticks(self) -> ThingsRecord | None:
+        """Record of all bodies beside a free one in the last ticks; None where there are none."""
+        return None if self._free_engine is None else self._free_engine.all_ticks

@@ -1,0 +1,45 @@
+"""Scenes of which a test runs a part."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.mesh.mesh import Mesh
+from hhsim.scene.body import Body, Driven
+from hhsim.scene.declared_bodies import load_bodies
+from hhsim.scene.scene import Hand, Scene
+
+
+def cut(scene: Scene, bodies: slice) -> Scene:
+    """Return the first ticks of the hands beside bodies that move from their places as in other ticks."""
+    cut_bodies = []
+    for body in scene.bodies:
+        if isinstance(body, Body) and isinstance(body.motion, Driven):
+            poses, values = body.motion.poses.at(bodies), body.motion.values
+            motion = Driven(poses, None if values is None else values[bodies])
+            body = replace(body, motion=motion)
+        cut_bodies.append(body)
+    count = len(range(*bodies.indices(scene.ticks.tick_count)))
+    hands = tuple(replace(hand, ticks=hand.ticks.first(count)) for hand in scene.hands)
+    return replace(scene, hands=hands, bodies=tuple(cut_bodies))
+
+
+def of_hand(scene: Scene, hand: int) -> Scene:
+    """Return a scene of two hands with one of them."""
+    return replace(scene, hands=(scene.hands[hand],))
+
+
+def moved_hand(scene: Scene, hand: int, **changed: object) -> Scene:
+    """Return a scene with other arrays of the ticks of a hand."""
+    hands: list[Hand] = list(scene.hands)
+    hands[hand] = replace(hands[hand], ticks=replace(hands[hand].ticks, **changed))  # type: ignore[arg-type]
+    return replace(scene, hands=tuple(hands))
+
+
+def placed_meshes(word: str, **given: bool) -> list[Mesh]:
+    """Return the meshes of the bodies of a file where they begin in its frame [m]."""
+    bodies = load_bodies(word, **given)
+    begin = bodies.path(np.zeros(1))
+    place = {name: (rotation_matrix(pose.orientation[0]), pose.position[0]) for name, pose in begin.items()}
+    return [bodies.meshes[name].transformed(*place[name]) for name in place]
