@@ -1,4 +1,4 @@
-"""Meshes of the shipped bodies: as they are made, closed, without slivers, and of the volumes that closed forms give."""
+"""Meshes of the shipped bodies: as they are made, closed, without slivers, and of the volumes that closed forms say."""
 
 from importlib.resources import files
 from math import cos, pi, sin, tan
