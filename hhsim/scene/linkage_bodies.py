@@ -58,7 +58,7 @@ def linkage_bodies(
             if not any(body.is_free for body in bodies):
                 raise InputError("nothing is free: its links are fixed to the world, or moved by the motion")
             usual = (NONE if linkage.on_world else UNDER) if linkage.table is None else linkage.table
-            plane = usual if table is None else table
+            plane: Any = usual if table is None else table
             if plane != NONE:
                 name = "table" if all(body.name != "table" for body in bodies) else "table-under-all"
                 bodies.append(BodySettings(name=name, plane=plane))
@@ -114,8 +114,8 @@ def _body(linkage: Linkage, link: Link, motions: Motions, free: bool, given: Map
         stands = {"start": joint.start} if free else {"motion": ((0.0, joint.start),)}
         about["joint"] = _settings(joint, **stands)
     w, x, y, z = quaternion_from_matrix(frame.rotation).tolist()
-    place = {"position": _three(frame.position), "orientation": (w, x, y, z)}
-    return BodySettings(name=link.name, mesh=link.name, **place, **about)
+    about |= {"position": _three(frame.position), "orientation": (w, x, y, z)}
+    return BodySettings(name=link.name, mesh=link.name, **about)
 
 
 def _settings(joint: LinkJoint, **about: Any) -> JointSettings:

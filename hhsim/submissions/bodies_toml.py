@@ -28,8 +28,8 @@ def bodies_toml(scene: Scene, surfaces: Mapping[str, tuple[str, FloatArray | Non
     tables, values = [], {"time": scene.ticks.time}
     for body in scene.bodies:
         if isinstance(body, HalfSpace):
-            about = {"plane": body.height - float(place.position[2]), "friction": body.friction}
-            tables.append(_table({"name": body.name, **about}))
+            height = body.height - float(place.position[2])
+            tables.append(_table({"name": body.name, "plane": height, "friction": body.friction}))
             continue
         driven = body.motion if isinstance(body.motion, Driven) else None
         if driven is not None and driven.values is not None:
