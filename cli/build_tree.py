@@ -94,6 +94,7 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
 @BuiltTree.argument("build")
 @TreeSource.argument("source")
 @MeshFile.argument("mesh_file")
+@click.option("--link", metavar="NAME", default="", help="Link of a URDF or MJCF file that has several.")
 @Output.argument("output")
 @click.option(
     "--plot",
@@ -107,15 +108,17 @@ def command(
     build: BuiltTree,
     source: TreeSource,
     mesh_file: MeshFile,
+    link: str,
     output: Output,
     plot: Path | None,
     seed: int,
 ) -> None:
     """Build the sphere tree of an object and measure its error.
 
-    OBJECT is a name (hhsim objects) or a mesh file. The spheres of each level cover the whole mesh, with a proof in the
-    file; the table says how far they protrude from it, as sampled and as proved. A tree that was built before is taken
-    from the cache. The file is .h5, or with --out FILE.sph the text format of Bradshaw's toolkit.
+    OBJECT is a name (hhsim objects), a mesh file, or a URDF or MJCF file, of which --link names a link. The spheres
+    of each level cover the whole mesh, with a proof in the file; the table says how far they protrude from it, as
+    sampled and as proved. A tree that was built before is taken from the cache. The file is .h5, or with --out
+    FILE.sph the text format of Bradshaw's toolkit.
 
     \b
     Examples:
@@ -127,6 +130,7 @@ def command(
       hhsim build-tree bunny --level 3 --plot bunny-tree.png
       hhsim build-tree mug.stl --unit mm --level 3 --out mug.h5
       hhsim build-tree bowl.stl --unit mm --thickness 2
+      hhsim build-tree drawer.urdf --link handle
       hhsim build-tree mug.obj --unit mm --from mug-medial.sph --out mug-medial.h5
     """
     from hhsim.mesh.mesh import METRES_PER_UNIT
@@ -138,7 +142,7 @@ def command(
     from hhsim.trees.foreign_tree import import_tree, load_sph, save_sph
 
     source.check()
-    mesh, usual_level = mesh_file.read(object_)
+    mesh, usual_level = mesh_file.read(object_, link=link)
     options = build.options(usual_level, seed)
     kind = f"{1e6 * build.max_error:.0f}um" if build.max_error else options.leaves or options.level
     path = output.path(f"{mesh.name}-tree-{source.path.stem if source.path else kind}")

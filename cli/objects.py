@@ -13,8 +13,8 @@ from .console import print_json, print_table
 def command(as_json: bool) -> None:
     """List the objects that come with hhsim.
 
-    Any of the names, or a mesh file of your own, goes into hhsim replay and hhsim build-tree. The level is that of
-    the usual sphere tree; the mass is that of the object where it is free.
+    Any of the names, or a mesh, URDF or MJCF file of your own, goes into hhsim replay and hhsim build-tree. The level
+    is that of the usual sphere tree; the mass is that of the object where it is free.
 
     \b
     Examples:

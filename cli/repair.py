@@ -24,7 +24,7 @@ class ObjectSettings(OptionGroup, heading="Object"):
 
     object: str | None = option(
         metavar="OBJECT|MESH",
-        help="Name of the catalogue (hhsim objects), or a mesh file; of hhsim repair also a TOML of bodies.",
+        help="Name of the catalogue (hhsim objects), or a mesh, URDF or MJCF file; of hhsim repair also a TOML.",
     )
     unit: str | None = option(type=UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
     size: float | None = ranged("size", "MM", "Scale a mesh file to this longest extent [mm], whatever its unit.", 1e-3)

@@ -245,12 +245,12 @@ def command(
 ) -> int:
     """Replay a hand motion against an object, every tick measured.
 
-    OBJECT is a name (hhsim objects), a mesh file, or the TOML of several bodies; TRAJECTORY is a name (hhsim
-    trajectories), a .toml script or a recording of one of the formats of hhsim import. Above the table stands the
-    verdict, beside the figures their limits and, in scenes of the paper, the paper's figures; every tick is in the
-    file. A recording whose hand touches nothing, or begins inside the object, gets its object placed. The exit code is
-    1 where more than half of the ticks are stuck; hhsim gate fails on any missed limit. Ctrl-C stops the replay and
-    keeps the ticks so far.
+    OBJECT is a name (hhsim objects), a mesh, URDF or MJCF file, or the TOML of several bodies; TRAJECTORY is a name
+    (hhsim trajectories), a .toml script or a recording of one of the formats of hhsim import. Above the table
+    stands the verdict, beside the figures their limits and, in scenes of the paper, the paper's figures; every tick
+    is in the file. A recording whose hand touches nothing, or begins inside the object, gets its object placed. The
+    exit code is 1 where more than half of the ticks are stuck; hhsim gate fails on any missed limit. Ctrl-C stops
+    the replay and keeps the ticks so far.
 
     OBJECT may also be a result or a recorded session: its ticks run again with their options, and each array is
     identical, within rounding or different; the exit code is 1 where one is different. As TRAJECTORY, such a file is
@@ -268,6 +268,7 @@ def command(
       hhsim replay cube results/session.h5 --method progressive
       hhsim replay cube grasp --free --mass 0.1 --friction 0.6
       hhsim replay laptop close --surface mesh
+      hhsim replay drawer.urdf grasp --free
       hhsim replay cube pinch --rerun spawn
     """
     if names_a_result(object_):
@@ -290,8 +291,9 @@ def command(
     free.require(solver_options, motion, way_out=": --object-pose fixed keeps it where it is at first")
     remarks = import_remarks(motion, trajectory)
     solid = solver.surface != "mesh"
-    bodies = mesh_file.bodies(object_, motion, solid=solid)
-    if len(bodies.settings) > 1 and (free.free or tree.path is not None or rerun is not None):
+    links = free.of_links(object_)
+    bodies = mesh_file.bodies(object_, motion, solid=solid, free=links)
+    if len(bodies.solid) > 1 and ((free.free and links is None) or tree.path is not None or rerun is not None):
         raise click.UsageError(f"--free, --tree and --rerun are for one object, not for '{object_}'")
     if any(body.is_free for body in bodies.settings):
         require_free(solver_options)

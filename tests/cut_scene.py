@@ -37,9 +37,9 @@ def moved_hand(scene: Scene, hand: int, **changed: object) -> Scene:
     return replace(scene, hands=tuple(hands))
 
 
-def placed_meshes(word: str, **given: bool) -> list[Mesh]:
+def placed_meshes(word: str, *, solid: bool = True) -> list[Mesh]:
     """Return the meshes of the bodies of a file where they begin in its frame [m]."""
-    bodies = load_bodies(word, **given)
+    bodies = load_bodies(word, solid=solid)
     begin = bodies.path(np.zeros(1))
     place = {name: (rotation_matrix(pose.orientation[0]), pose.position[0]) for name, pose in begin.items()}
     return [bodies.meshes[name].transformed(*place[name]) for name in place]

@@ -25,7 +25,7 @@ LAYERS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("shown, and with a glove", ("report", "live", "view", "render")),
     ("judged", ("gate", "verify", "bench", "submissions")),
     ("a run, tick by tick", ("replay", "scene", "solver", "metrics")),
-    ("motions, files", ("exchange", "recordings", "result", "motion")),
+    ("motions, files", ("linkage", "exchange", "recordings", "result", "motion")),
     ("objects, the hand", ("system", "table", "mesh", "trees", "hand")),
     ("kernels: numba only, arrays in and out", KERNELS),
 )

@@ -15,7 +15,8 @@ PACKAGES = (
         for part in ("", ".hand", ".parallel", ".mesh", ".cover", ".contact", ".surfaces", ".qp", ".tick")
     ),
     *("hhsim.kernels.parts", "hhsim.kernels.free", "hhsim.kernels.live"),
-    *("hhsim.system", "hhsim.table", "hhsim.mesh", "hhsim.trees", "hhsim.hand", "hhsim.exchange", "hhsim.motion"),
+    *("hhsim.system", "hhsim.table", "hhsim.mesh", "hhsim.trees", "hhsim.hand", "hhsim.exchange"),
+    *("hhsim.linkage", "hhsim.motion"),
     "hhsim.result",
     *(
         "hhsim.recordings",

@@ -1,6 +1,6 @@
 """Options of a free object."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -79,17 +79,29 @@ class FreeChoice(OptionGroup, heading="Free object"):
             name = next(iter(given)).replace("_", "-")
             raise click.UsageError(f"--{name} is for a free object: add --free")
 
+    def of_links(self, word: str) -> dict[str, Any] | None:
+        """Return what --free says of a URDF or MJCF file, SI; None without it, or for another object."""
+        from hhsim.linkage.file import names_a_linkage
+
+        given = self.given()
+        if not given.pop("free") or not names_a_linkage(word):
+            return None
+        for name in {"torsion", "table"} & set(given):
+            given[name] = given[name] if given[name] in (UNDER, NONE) else 1e-3 * float(given[name])
+        return given
+
     def object(self, mesh: "Mesh", word: str) -> "FreeObject | None":
         """Return the free object of a mesh [m] at its first place, `word` its name or file; None without --free.
 
-        Raises HhsimError for a mesh without inside, or impossible numbers.
+        Links state it themselves, see `of_links`. Raises HhsimError for a mesh without inside, or impossible numbers.
         """
+        from hhsim.linkage.file import names_a_linkage
         from hhsim.mesh.catalogue import names_a_file, object_description
         from hhsim.scene.body import CLEARANCE
         from hhsim.scene.free_object import FreeObject
 
         given = self.given()
-        if not given.pop("free"):
+        if not given.pop("free") or names_a_linkage(word):
             return None
         if not names_a_file(word):
             known = object_description(word)

@@ -1,7 +1,7 @@
-"""Argument OBJECT, a name of the catalogue or a mesh file, and the options of a mesh file."""
+"""Argument OBJECT, a name of the catalogue, a mesh file, a URDF or an MJCF, and the options of a mesh file."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.shell_completion import CompletionItem
@@ -29,20 +29,22 @@ class MeshSize(OptionGroup, heading="Mesh file"):
     unit: str | None = option(type=UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
     size: float | None = ranged("size", "MM", "Scale a mesh file to this longest extent [mm], whatever its unit.", 1e-3)
 
-    def read(self, object_: str, *, solid: bool = True) -> tuple["Mesh", int]:
-        """Load the mesh [m] of OBJECT, and its usual tree level, as `hhsim.mesh.catalogue.resolve_object`."""
-        from hhsim.mesh.catalogue import resolve_object
+    def read(self, object_: str, *, solid: bool = True, link: str = "") -> tuple["Mesh", int]:
+        """Load the mesh [m] of OBJECT, and its usual tree level, as `hhsim.linkage.object_mesh.resolve_object`."""
+        from hhsim.linkage.object_mesh import resolve_object
 
         thickness = metres(getattr(self, "thickness", None))
-        return resolve_object(object_, self.unit, metres(self.size), thickness, solid)
+        return resolve_object(object_, self.unit, metres(self.size), thickness, solid, link)
 
-    def bodies(self, object_: str, motion: "Motion", *, solid: bool = True) -> "DeclaredBodies":
+    def bodies(
+        self, object_: str, motion: "Motion", *, solid: bool = True, free: dict[str, Any] | None = None
+    ) -> "DeclaredBodies":
         """Load what OBJECT names, as `hhsim.scene.declared_bodies.load_object`."""
         from hhsim.scene.declared_bodies import load_object
 
         thickness = metres(getattr(self, "thickness", None))
         size = metres(self.size)
-        return load_object(object_, motion, unit=self.unit, size=size, thickness=thickness, solid=solid)
+        return load_object(object_, motion, unit=self.unit, size=size, thickness=thickness, solid=solid, free=free)
 
 
 class MeshFile(MeshSize):
@@ -54,11 +56,12 @@ class MeshFile(MeshSize):
 
     def unit_length(self, object_: str) -> float:
         """Return the length [m] of the mesh's unit, for a file of its sphere tree."""
+        from hhsim.linkage.file import names_a_linkage
         from hhsim.mesh.catalogue import names_a_file
         from hhsim.mesh.file import read_triangles
         from hhsim.mesh.mesh import METRES_PER_UNIT, Mesh
 
-        if not names_a_file(object_):
+        if not names_a_file(object_) or names_a_linkage(object_):
             return 1.0
         if self.size is None:
             return METRES_PER_UNIT[self.unit or "m"]

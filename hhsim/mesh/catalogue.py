@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hhsim.errors import InputError, MeshError, check_known
+from hhsim.errors import MeshError, check_known
 
 if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
@@ -102,32 +102,3 @@ def load_object(name: str) -> CatalogueObject:
 def names_a_file(word: str) -> bool:
     """Return True if a word means a file and no catalogue name: it has a suffix or a folder."""
     return bool(Path(word).suffix) or "/" in word or "\\" in word
-
-
-def resolve_object(
-    name_or_path: str | Path,
-    unit: str | None = None,
-    size: float | None = None,
-    thickness: float | None = None,
-    solid: bool = True,
-) -> tuple["Mesh", int]:
-    """Return the mesh that a catalogue name or a mesh file means, and its default sphere-tree level.
-
-    Unit, size and thickness [m] are of a mesh file, as for `hhsim.mesh.mesh.load_mesh`; a unit of None is m. Without
-    `solid` the triangles of a mesh file are taken as they are, unless sheets are asked for. Raises UnknownNameError,
-    with the near names, for no such object; InputError for no such file, or a unit, size or thickness for an object
-    that has its own; MeshError for a mesh that cannot be used.
-    """
-    word = str(name_or_path)
-    if not names_a_file(word):
-        if unit is not None or size is not None:
-            raise InputError(f"unit and size are for mesh files; '{word}' is an object that has its size")
-        if thickness is not None:
-            raise InputError(f"thickness is for mesh files; '{word}' is a closed object")
-        item = load_object(word)
-        return item.mesh, item.level
-    if unit is not None and size is not None:
-        raise InputError("unit and size exclude each other: size scales whatever the unit is")
-    from hhsim.mesh.mesh import load_mesh
-
-    return load_mesh(word, unit or "m", size, thickness=thickness, solid=solid or thickness is not None), MESH_LEVEL

@@ -146,10 +146,6 @@ def load_mesh(
         InputError: No such file, an unknown unit, or a size or a thickness out of its range.
         MeshError: Unreadable, empty, not finite, of absurd size, or without an inside where it is to be solid.
     """
-    # The checks bring the compiler; who only reads the catalogue does without it.
-    from hhsim.mesh.repair import turned_triangles
-    from hhsim.mesh.solidify import solid_surface
-
     path = Path(path)
     if unit not in METRES_PER_UNIT:
         raise InputError(f"unknown unit '{unit}': known: {', '.join(METRES_PER_UNIT)}")
@@ -167,27 +163,44 @@ def load_mesh(
     if not SMALLEST_NUMBER <= longest <= LARGEST_NUMBER:
         expected = f"expected {SMALLEST_NUMBER:g} to {LARGEST_NUMBER:g}; is a vertex damaged?"
         raise MeshError(f"{path}: longest extent {longest:.3g} in the file: {expected}")
-    if not SMALLEST_EXTENT <= longest * unit_length <= LARGEST_EXTENT:
-        hint = "is --size wrong?" if size is not None else size_hint(longest * unit_length, unit)
-        expected = f"expected {SMALLEST_EXTENT:g} to {LARGEST_EXTENT:g} m for a hand; {hint}"
-        raise MeshError(f"{path}: longest extent {longest * unit_length:.3g} m: {expected}")
-    warnings: tuple[str, ...] = ()
-    if solid:
-        thick = None if thickness is None else thickness / unit_length
-        surface = solid_surface(mesh.vertices, mesh.faces, str(path), unit_length, thick)
-        repairs, warnings = (*surface.merged, *surface.repairs), tuple(surface.warnings)
-        mesh = replace(mesh, vertices=surface.vertices, faces=surface.faces, repairs=repairs)
-    else:
-        turned, said = turned_triangles(mesh.vertices, mesh.faces)
-        if turned.any():
-            faces = np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces)
-            mesh = replace(mesh, faces=faces, repairs=tuple(said))
-    mesh = mesh.scaled(unit_length)
+    hint = "is --size wrong?" if size is not None else size_hint(longest * unit_length, unit)
+    mesh = with_inside(mesh, unit_length, hint, None if thickness is None else thickness / unit_length, solid)
     longest = float(mesh.extent.max())
     if size is None and not SMALLEST_USUAL_EXTENT <= longest <= LARGEST_USUAL_EXTENT:
         shown = f"{longest:.3g} m" if longest > 1.0 else f"{1000.0 * longest:.3g} mm"
-        warnings = (f"longest extent {shown}: {size_hint(longest, unit)}", *warnings)
-    return replace(mesh, warnings=warnings)
+        warnings = (f"longest extent {shown}: {size_hint(longest, unit)}", *mesh.warnings)
+        mesh = replace(mesh, warnings=warnings)
+    return mesh
+
+
+def with_inside(
+    mesh: Mesh, unit_length: float = 1.0, hint: str = "", thickness: float | None = None, solid: bool = True
+) -> Mesh:
+    """Return triangles in a unit of so many metres as a mesh in metres that has an inside, as of `load_mesh`.
+
+    `thickness` is in that unit; `hint` ends the message for a mesh that no hand can use. Raises MeshError, which begins
+    with the mesh's source.
+    """
+    # The checks bring the compiler; who only reads the catalogue does without it.
+    from hhsim.mesh.repair import turned_triangles
+    from hhsim.mesh.solidify import solid_surface
+
+    longest = float(mesh.extent.max()) * unit_length
+    if not SMALLEST_EXTENT <= longest <= LARGEST_EXTENT:
+        expected = f"expected {SMALLEST_EXTENT:g} to {LARGEST_EXTENT:g} m for a hand; {hint}"
+        raise MeshError(f"{mesh.source}: longest extent {longest:.3g} m: {expected}")
+    if solid:
+        surface = solid_surface(mesh.vertices, mesh.faces, mesh.source, unit_length, thickness)
+        repairs = (*surface.merged, *surface.repairs)
+        found = replace(
+            mesh, vertices=surface.vertices, faces=surface.faces, repairs=repairs, warnings=tuple(surface.warnings)
+        )
+        return found.scaled(unit_length)
+    turned, said = turned_triangles(mesh.vertices, mesh.faces)
+    if turned.any():
+        faces = np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces)
+        mesh = replace(mesh, faces=faces, repairs=tuple(said))
+    return mesh.scaled(unit_length)
 
 
 def size_hint(longest: float, unit: str) -> str:

@@ -132,7 +132,8 @@ def placed_mesh(meshes: Sequence[Mesh], moved: Sequence[RigidMotion], name: str 
     vertices = [motion.points(mesh.vertices[None])[0] for motion, mesh in zip(moved, meshes)]
     first = np.cumsum([0, *map(len, vertices)])
     faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, first)])
-    return Mesh(np.concatenate(vertices), faces, name=name, source="parts")
+    warnings = tuple(dict.fromkeys(warning for mesh in meshes for warning in mesh.warnings))
+    return Mesh(np.concatenate(vertices), faces, name=name, source="parts", warnings=warnings)
 
 
 def bodies_mesh(result: Result) -> Mesh:

@@ -20,6 +20,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import DamagedFileError, InputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
+from hhsim.linkage.urdf import mesh_file
 from hhsim.mesh.file import read_triangles
 from hhsim.system.child_reader import read_in_child
 from hhsim.system.input_file import read_input_text
@@ -352,7 +353,7 @@ def _prepare(root: ElementTree.Element, path: Path) -> tuple[dict[str, tuple[str
     root.insert(0, ElementTree.fromstring(OPTIONS))
     assets: dict[str, bytes] = {}
     for number, mesh in enumerate(root.iter("mesh")):
-        vertices, faces = read_triangles(_mesh_path(mesh.get("filename", ""), path))
+        vertices, faces = read_triangles(mesh_file(mesh.get("filename", ""), path))
         text = io.StringIO()
         np.savetxt(text, vertices, "v %.9g %.9g %.9g")
         np.savetxt(text, faces + 1, "f %d %d %d")
@@ -360,13 +361,3 @@ def _prepare(root: ElementTree.Element, path: Path) -> tuple[dict[str, tuple[str
         assets[name] = text.getvalue().encode()
         mesh.set("filename", name)
     return mimics, assets
-
-
-def _mesh_path(name: str, path: Path) -> Path:
-    """Return the file that a URDF names; of a `package://` address the rest, in a folder above the URDF."""
-    plain = re.sub(r"^(package|file)://", "", name)
-    parts = Path(plain).parts
-    folders = (path.parent, *path.parent.resolve().parents)
-    # The package's own folder may have another name.
-    tries = [folder.joinpath(*tail) for tail in (parts, parts[1:]) for folder in folders if tail]
-    return next((found for found in tries if found.is_file()), path.parent / plain)

@@ -14,7 +14,8 @@ from msgspec import structs
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, check_known, named
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.mesh.box import box_mesh
+from hhsim.linkage.file import names_a_linkage
+from hhsim.linkage.object_mesh import resolve_object
 from hhsim.mesh.catalogue import (
     BODIES,
     MESH_LEVEL,
@@ -23,15 +24,16 @@ from hhsim.mesh.catalogue import (
     names_a_body_file,
     names_a_file,
     object_names,
-    resolve_object,
 )
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.shapes import box_mesh
 from hhsim.metrics.moving_parts import held_rows, placed_mesh
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickInput, Trajectory
 from hhsim.reproducible import matmul
 from hhsim.scene.body import CLEARANCE, USUAL_FRICTION, Body, Driven, Fixed, Free, HalfSpace, Joint, Motion, triple
 from hhsim.scene.body_file import BodyFile, BodySettings, Drive, read_body_file
 from hhsim.scene.joint import Keyframe, composed
+from hhsim.scene.linkage_bodies import LEVEL_OF_MANY, linkage_bodies
 from hhsim.scene.overlap import Solid, overlap
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.sphere_tree import SphereTree
@@ -262,14 +264,23 @@ def require_apart(names: Sequence[str], meshes: Sequence[Mesh], joined: Containe
             )
 
 
-def load_bodies(word: str | Path, motion: object = None, *, solid: bool = True) -> DeclaredBodies:
+def load_bodies(
+    word: str | Path, motion: object = None, *, solid: bool = True, free: Mapping[str, Any] | None = None
+) -> DeclaredBodies:
     """Load the bodies of a file and their meshes; joints are moved by the motion, if it is a script that has some.
 
-    `word` is a name of the catalogue, or a TOML file; without `solid` the triangles of mesh files are taken as they
-    are. Raises UnknownNameError for no such file, mesh, or joint; InputError for a file that cannot be used, or bodies
-    that begin inside each other.
+    `word` is a name of the catalogue, or a TOML, URDF or MJCF file, whose bodies are `free` or not; without `solid`
+    the triangles of mesh files are taken as they are. Raises UnknownNameError for no such file, mesh, or joint;
+    InputError for a file that cannot be used, or bodies that begin inside each other.
     """
     path = Path(word)
+    if names_a_linkage(path):
+        own, surfaces = linkage_bodies(path, motion, free=free, solid=solid)
+        many = len(own) > 1 and any(body.is_free for body in own)
+        loaded = DeclaredBodies(path.stem, own, surfaces, level=LEVEL_OF_MANY if many else MESH_LEVEL)
+        with named(word):
+            loaded.require_apart()
+        return loaded
     if not names_a_file(str(word)):
         check_known("file of bodies", [str(word)], body_file_names())
         path = Path(str(files("hhsim.objects") / BODIES / f"{word}.toml"))
@@ -324,13 +335,19 @@ def load_object(
     size: float | None = None,
     thickness: float | None = None,
     solid: bool = True,
+    free: Mapping[str, Any] | None = None,
 ) -> DeclaredBodies:
-    """Load what OBJECT means: a name of the catalogue, a mesh file, a file of bodies, or a mesh [m].
+    """Load what OBJECT means: a name of the catalogue, a mesh file, a URDF or MJCF, a file of bodies, or a mesh [m].
 
-    Other arguments and errors are those of `load_bodies`, and of `hhsim.mesh.catalogue.resolve_object`.
+    `free` is of a URDF or MJCF, see `linkage_bodies`. Other arguments and errors are those of `load_bodies`, and of
+    `hhsim.linkage.object_mesh.resolve_object`.
     """
     if isinstance(object_, Mesh):
         return DeclaredBodies.of_mesh(object_)
+    if names_a_linkage(object_):
+        if unit is not None or size is not None or thickness is not None:
+            raise InputError(f"unit, size and thickness are for mesh files; {object_} has its size")
+        return load_bodies(object_, motion, solid=solid, free=free)
     if names_a_body_file(str(object_)):
         if unit is not None or size is not None or thickness is not None:
             raise InputError(f"unit, size and thickness are for mesh files; {object_} has its size")

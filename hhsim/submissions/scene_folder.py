@@ -19,6 +19,7 @@ from hhsim.hand.model import HandModel
 from hhsim.motion.csv_file import POSE_COLUMNS, format_csv
 from hhsim.scene.scene import Scene
 from hhsim.solver.scene_solver import seen_scene
+from hhsim.submissions.bodies_toml import BODIES_FILE, JOINTS_FILE, bodies_toml
 from hhsim.submissions.pose_file import Submission, format_poses
 from hhsim.submissions.scene_file import (
     recorded_poses,
@@ -71,6 +72,8 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
     spheres = [(*leaf, body.name) for body, its in zip(bodies, leaves) for leaf in its]
     names = ("object_position", "object_orientation", "name", "source")
     about = {name: getattr(scene.hands[0].trajectory, name) for name in names}
+    # The one object has a name of its own there.
+    files_of = {body.name: bodies[0] for body in scene.solids} | {body.name: body for body in bodies if parts}
     files: dict[str, str | bytes] = {
         SCENE_FILE: scene_content(scene),
         "scene.json": json.dumps(description, indent=2) + "\n",
@@ -82,6 +85,7 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
         "hand.xml": hand_mjcf(hand),
         "scene.xml": scene_mjcf(scene),
         "README.md": _readme(scene, digest),
+        **bodies_toml(scene, {name: (f"{file.name}.obj", file.pose) for name, file in files_of.items()}),
     }
     if parts is None:
         files[EXAMPLE] = format_poses(example_submission(scene))
@@ -170,6 +174,7 @@ not in the object. {send}
 | `hand.json` | the hand as numbers [m, rad], palm frame |
 | `hand.urdf`, `hand.xml` | the same as URDF and MJCF; joints are called as the columns |
 | `scene.xml` | hand and object as MJCF: the mesh is seen, its spheres collide; keyframe `start` is the first tick |
+| `{BODIES_FILE}` | the bodies for hhsim: `hhsim replay {BODIES_FILE} motion.csv`; values of joints in `{JOINTS_FILE}` |
 {last}\
 | `{SCENE_FILE}` | all of it for hhsim; motion under `/motion`, bodies under `/bodies`, hand under `/hands` |
 | `scene.json` | digest, rate, phases |

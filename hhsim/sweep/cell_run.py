@@ -10,7 +10,8 @@ from pathlib import Path
 
 from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
-from hhsim.mesh.catalogue import names_a_file, resolve_object
+from hhsim.linkage.object_mesh import resolve_object
+from hhsim.mesh.catalogue import names_a_file
 from hhsim.mesh.mesh import Mesh
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary, repeated_document
@@ -147,7 +148,7 @@ def cell_hand(cell: Cell, plan_folder: Path, motion: Motion) -> HandModel:
 def cell_object(cell: Cell, plan_folder: Path) -> tuple[Mesh, SphereTree]:
     """Return the mesh [m] of a cell and its sphere tree.
 
-    Raises HhsimError as `hhsim.mesh.catalogue.resolve_object`, or for no tree of that level or error.
+    Raises HhsimError as `hhsim.linkage.object_mesh.resolve_object`, or for no tree of that level or error.
     """
     shape, solid = cell.object, cell.surface != "mesh"
     size, thickness = (None if given is None else 1e-3 * given for given in (shape.size_mm, shape.thickness_mm))

@@ -26,8 +26,8 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel, Side
 from hhsim.hand.quaternion import quaternion
-from hhsim.mesh.box import box_mesh
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.shapes import box_mesh
 from hhsim.metrics.field.field_table import field_rows
 from hhsim.metrics.field.hands import Bodies, FieldHands, FieldPair
 from hhsim.metrics.moving_parts import MovingParts, result_parts

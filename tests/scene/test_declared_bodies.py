@@ -8,8 +8,8 @@ import pytest
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.mesh.box import box_mesh
 from hhsim.mesh.catalogue import body_file_names, names_a_body_file
+from hhsim.mesh.shapes import box_mesh
 from hhsim.scene.declared_bodies import load_bodies, require_no_joints
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.scene import open_scene

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
-from hhsim.mesh.box import box_mesh
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.shapes import box_mesh
 from hhsim.scene.declared_bodies import load_bodies
 from hhsim.scene.overlap import Solid, overlap
 from hhsim.verify.things_apart import _Thing

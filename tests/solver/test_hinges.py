@@ -11,8 +11,8 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.mesh.box import box_mesh
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.shapes import box_mesh
 from hhsim.scene.free_object import FreeObject, Hinge
 from hhsim.solver.free_engine import Thing
 from hhsim.solver.hand_solver import HandSolver

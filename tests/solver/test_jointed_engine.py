@@ -14,7 +14,7 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_NO_PLACE, STATUS_START_INSIDE
-from hhsim.mesh.box import box_mesh
+from hhsim.mesh.shapes import box_mesh
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.scene import Scene, open_scene

@@ -9,8 +9,8 @@ from free_scenes import far_hand, tongs, tongs_at
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
-from hhsim.mesh.box import box_mesh
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.shapes import box_mesh
 from hhsim.scene.free_object import FreeObject, Hinge, Slider
 from hhsim.solver.free_engine import Thing
 from hhsim.solver.hand_solver import HandSolver

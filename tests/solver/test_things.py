@@ -15,8 +15,8 @@ from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
-from hhsim.mesh.box import box_mesh
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.shapes import box_mesh
 from hhsim.scene.free_object import FreeObject
 from hhsim.solver.free_engine import Thing
 from hhsim.solver.hand_solver import HandSolver

@@ -1,0 +1,1 @@
+"""Rigid links on joints as URDF and MJCF describe them."""

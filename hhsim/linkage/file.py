@@ -1,0 +1,91 @@
+"""Linkage files: the words that mean one, and their reading in a child process."""
+
+import functools
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from xml.etree import ElementTree
+
+from hhsim.errors import DamagedFileError, InputError, named
+from hhsim.linkage.linkage import Linkage
+from hhsim.linkage.mjcf import read_mjcf
+from hhsim.linkage.urdf import mesh_file, read_urdf
+from hhsim.reproducible import sine_and_cosine
+from hhsim.system.child_reader import read_in_child
+from hhsim.system.input_file import check_ordinary, read_input
+
+SUFFIXES = (".urdf", ".xml", ".mjcf")
+"""Suffixes of URDF and MJCF."""
+MOST_BYTES = 32 << 20
+"""Largest URDF or MJCF [byte], without its meshes."""
+MOST_MESH_BYTES = 1 << 29
+"""Most bytes of meshes that a file may name."""
+REFUSAL = "cannot be read: damaged, or too large"
+
+
+def names_a_linkage(word: str | Path) -> bool:
+    """Return True if a word means a URDF or MJCF file, by its suffix."""
+    return Path(word).suffix.lower() in SUFFIXES
+
+
+def read_linkage(path: Path) -> Linkage:
+    """Read a URDF or MJCF file and its meshes; InputError names the file, the element, and what would be right."""
+    with named(path):
+        try:
+            check_ordinary(path, MOST_BYTES)
+            state = path.stat()
+        except FileNotFoundError:
+            raise InputError("no such file; expected a URDF or an MJCF file") from None
+        except OSError as error:
+            raise InputError(f"{error.strerror or error}; expected a URDF or an MJCF file") from None
+        if path.is_dir():
+            raise InputError("a folder; expected a URDF or an MJCF file")
+        return _read(path, state.st_mtime_ns)
+
+
+@functools.lru_cache(maxsize=2)
+def _read(path: Path, _changed: int) -> Linkage:
+    """Read a file as it was when it was changed last [ns]."""
+    try:
+        kind, size = read_in_child(lambda: _look(path), REFUSAL)
+        if kind == "mujoco":
+            _require_mujoco()
+        # Before the fork: what a child loads is lost with it.
+        import_module("trimesh")
+        sine_and_cosine(0.0)
+        read = read_mjcf if kind == "mujoco" else read_urdf
+        return read_in_child(lambda: read(_root(path), path), REFUSAL, size)
+    except DamagedFileError as error:
+        raise InputError(str(error)) from None
+
+
+def _root(path: Path) -> ElementTree.Element:
+    try:
+        root = ElementTree.fromstring(read_input(path, MOST_BYTES))
+    except (OSError, ElementTree.ParseError) as error:
+        raise InputError(f"no XML: {error}; expected a URDF or an MJCF file") from None
+    if root.tag not in ("robot", "mujoco"):
+        raise InputError(f"its first element is <{root.tag}>; expected <robot> (URDF) or <mujoco> (MJCF)")
+    return root
+
+
+def _look(path: Path) -> tuple[str, int]:
+    """Return the first element's name, and the bytes of all files that the others name; InputError for too many."""
+    root = _root(path)
+    folders = {path.parent, *(path.parent / (each.get("meshdir") or ".") for each in root.iter("compiler"))}
+    size = path.stat().st_size
+    for file in {name for element in root.iter() if (name := element.get("filename") or element.get("file"))}:
+        tries = [mesh_file(file, path)] if root.tag == "robot" else [folder / file for folder in folders]
+        size += next((each.stat().st_size for each in tries if each.is_file()), 0)
+    if size > MOST_MESH_BYTES:
+        raise InputError(f"{size:,} bytes with its meshes; expected {MOST_MESH_BYTES:,} at most")
+    return root.tag, size
+
+
+def _require_mujoco() -> None:
+    if find_spec("mujoco") is None:
+        raise InputError("an MJCF is read by mujoco, which is not installed: pip install 'hhsim[mjcf]'")
+    try:
+        import_module("mujoco")
+    except ImportError as error:
+        raise InputError(f"mujoco cannot be loaded ({error}): pip install 'hhsim[mjcf]'") from None

@@ -1,0 +1,328 @@
+"""Rigid links on hinges and sliders: one description of what URDF and MJCF say, and the merging of fixed joints."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal, NamedTuple, TypeAlias
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError
+from hhsim.hand.quaternion import quaternion, rotation_matrix
+from hhsim.mesh.shapes import Triangles
+from hhsim.reproducible import matmul, norm, principal_axes
+
+JointType: TypeAlias = Literal["hinge", "slider"]
+MOST_LINKS = 1000
+MOST_CORNERS = 2_000_000
+"""Largest numbers of links, and of vertices of all their shapes."""
+LARGEST = 1000.0
+"""Largest coordinate, length or limit [m or rad], and mass [kg]: beyond it the file has another unit, or is damaged."""
+LEAST_LENGTH = 1e-9
+"""An axis or a quaternion that is shorter has no direction."""
+SMALLEST = 1e-6
+"""A shape whose longest extent is smaller [m] is scaled to nothing."""
+WORLD = "world"
+"""Name of the link that is the world: what is fixed to it cannot be free."""
+
+
+class Frame(NamedTuple):
+    """Place of a frame in another one: `rotation @ point + position`."""
+
+    rotation: FloatArray  # shape (3, 3)
+    position: FloatArray  # [m], shape (3,)
+
+    def points(self, points: FloatArray) -> FloatArray:
+        """Return points [m] (..., 3) of this frame in the other one."""
+        return matmul(points, self.rotation.T) + self.position
+
+    def after(self, other: "Frame") -> "Frame":
+        """Return the place of a frame, given in this one, in the other one."""
+        return Frame(matmul(self.rotation, other.rotation), self.points(other.position))
+
+    def inverse(self) -> "Frame":
+        """Return the place of the other frame in this one."""
+        return Frame(self.rotation.T, -matmul(self.rotation.T, self.position))
+
+
+HERE = Frame(np.eye(3), np.zeros(3))
+
+
+class Inertial(NamedTuple):
+    """Mass [kg] of a link, its centre [m] (3,) and inertia about it [kg·m²] (3, 3), both None where unknown."""
+
+    mass: float
+    center: FloatArray | None = None
+    inertia: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """Rigid link. Arrays are in its own frame, unless said otherwise."""
+
+    name: str
+    shapes: tuple[Triangles, ...] = ()  # surfaces that touch, closed or not
+    inertial: Inertial | None = None  # None: by the density of what moves it
+    friction: float | None = None  # coefficient of sliding friction; None: unstated
+    torsion: float | None = None  # moment about its normal that a contact bears per newton of its force [m]
+
+    @property
+    def triangles(self) -> Triangles:
+        """Vertices [m] (V, 3) and faces (F, 3) of all shapes."""
+        starts = np.cumsum([0, *(len(vertices) for vertices, _ in self.shapes)])
+        faces = [faces + start for (_, faces), start in zip(self.shapes, starts)]
+        return np.concatenate([vertices for vertices, _ in self.shapes]), np.concatenate(faces)
+
+
+@dataclass(frozen=True, eq=False)
+class LinkJoint:
+    """Joint of a link and its parent; `frame` is the link's place in its parent's frame with the joint at 0."""
+
+    name: str
+    type: JointType | Literal["fixed", "free"]
+    parent: str  # name of a link; "" is the world
+    child: str
+    frame: Frame = HERE
+    axis: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))  # in the parent's frame, of length 1
+    origin: FloatArray = field(default_factory=lambda: np.zeros(3))  # point of the axis, in the parent's frame [m]
+    limits: tuple[float, float] | None = None  # least and greatest value [rad] or [m]; None: without end
+    friction: float = 0.0  # largest moment [N·m] or force [N] of dry friction
+    start: float = 0.0  # value at which the file's scene begins [rad] or [m]
+
+
+@dataclass(frozen=True, eq=False)
+class Linkage:
+    """Links in an order in which parents come first, and the joint of each that moves on its parent or the world."""
+
+    name: str
+    links: tuple[Link, ...]  # each has shapes
+    joints: Mapping[str, LinkJoint]  # by the name of the child; a link without one is fixed, its frame the file's own
+    on_world: bool = False  # True if the file fixes what has no joint to the world, so that it is not free
+    table: float | None = None  # height of a floor [m], in the file's frame
+    notes: tuple[str, ...] = ()  # what was left out or assumed, one plain sentence each
+
+    def link(self, name: str) -> Link:
+        """Return a link by its name; InputError lists them."""
+        for link in self.links:
+            if link.name == name:
+                return link
+        raise InputError(f"no link '{name}'; it has {', '.join(link.name for link in self.links)}")
+
+    def start_frames(self) -> dict[str, Frame]:
+        """Return the frame of each link in that of the file where the joints begin, by its name; "" is the file's."""
+        found: dict[str, Frame] = {"": HERE}
+        for link in self.links:
+            joint = self.joints.get(link.name)
+            own = HERE if joint is None else joint.frame
+            if joint is not None and joint.type == "hinge":
+                turn = rotation_matrix(quaternion(joint.start * joint.axis))
+                own = Frame(turn, joint.origin - matmul(turn, joint.origin)).after(own)
+            elif joint is not None and joint.type == "slider":
+                own = Frame(own.rotation, own.position + joint.start * joint.axis)
+            found[link.name] = found["" if joint is None else joint.parent].after(own)
+        return found
+
+
+def merged_linkage(
+    name: str,
+    links: Sequence[Link],
+    joints: Sequence[LinkJoint],
+    notes: Iterable[str] = (),
+    *,
+    on_world: bool = False,
+    table: float | None = None,
+) -> Linkage:
+    """Return a linkage in which links on fixed joints are one with their parents.
+
+    A merged link has the name and the frame of its first one; links without shapes at the ends of chains are left out.
+    Raises InputError for names that are given twice, joints of links that there are not, joints in a circle, several
+    roots, links between two joints that have no shape, or no shapes at all.
+    """
+    notes = list(notes)
+    _require_tree(links, joints)
+    parent_joint = {joint.child: joint for joint in joints}
+    # Of each link the first one of its rigid group, and its frame there.
+    first: dict[str, str] = {"": ""}
+    places: dict[str, Frame] = {"": HERE}
+    order = _parents_first(links, parent_joint)
+    groups: dict[str, list[Link]] = {}
+    for link in order:
+        joint = parent_joint.get(link.name)
+        is_rigid = joint is not None and joint.type == "fixed"
+        first[link.name] = first[joint.parent] if joint is not None and is_rigid else link.name
+        places[link.name] = places[joint.parent].after(joint.frame) if joint is not None and is_rigid else HERE
+        groups.setdefault(first[link.name], []).append(link)
+    merged = {key: _one_link(key, group, [places[link.name] for link in group]) for key, group in groups.items()}
+    moving: dict[str, LinkJoint] = {}
+    for key in merged:
+        joint = parent_joint.get(key)
+        if joint is not None:
+            base = places[joint.parent]
+            moving[key] = replace(
+                joint,
+                parent=first[joint.parent],
+                frame=base.after(joint.frame),
+                axis=matmul(base.rotation, joint.axis),
+                origin=base.points(joint.origin),
+            )
+    for key in reversed([key for key in merged if not merged[key].shapes]):
+        below = [joint.name for joint in moving.values() if joint.parent == key]
+        if below and key in moving:
+            raise InputError(
+                f"link '{key}' has no collision and no visual shape, and moves between the joints "
+                f"'{moving[key].name}' and '{below[0]}'; expected a shape in each link that moves"
+            )
+        if key in moving:
+            notes.append(f"link '{key}' has no shape: it is left out, with the joint '{moving[key].name}'")
+            del moving[key]
+        else:
+            moving = {k: replace(joint, parent="") if joint.parent == key else joint for k, joint in moving.items()}
+            on_world = True
+        del merged[key]
+    if not merged:
+        raise InputError("no link has a collision or a visual shape; expected a mesh, box, cylinder or sphere")
+    unique = _plain_names([link.name for link in merged.values()])
+    plain = {key: unique[link.name] for key, link in merged.items()}
+    found = tuple(replace(link, name=plain[key]) for key, link in merged.items())
+    of_joints = _plain_names([joint.name for joint in moving.values()])
+    named = {}
+    for key, joint in moving.items():
+        # What is free hangs on nothing, wherever it was written.
+        parent = plain[joint.parent] if joint.parent and joint.type != "free" else ""
+        named[plain[key]] = replace(joint, name=of_joints[joint.name], child=plain[key], parent=parent)
+    return Linkage(name, found, named, on_world, table, tuple(notes))
+
+
+def required_axis(axis: FloatArray) -> FloatArray:
+    """Return an axis at length 1; InputError if it has no direction."""
+    length = float(norm(axis))
+    if not LEAST_LENGTH <= length < np.inf:
+        raise InputError(f"its axis is {_row(axis)}; expected a direction such as 0 0 1")
+    return np.asarray(axis / length)
+
+
+def required_limits(limits: tuple[float, float], type_: JointType) -> tuple[float, float]:
+    """Return limits [rad] or [m] in their order; InputError where the least one is above the greatest, or NaN."""
+    least, most = limits
+    if not least <= most:
+        raise InputError(f"its limits are {least:g} to {most:g}; expected the least value first")
+    if max(abs(least), abs(most)) > LARGEST:
+        unit = "rad: continuous joints have no limits" if type_ == "hinge" else "m"
+        raise InputError(f"its limits are {least:g} to {most:g}; expected numbers within ±{LARGEST:g} {unit}")
+    return least, most
+
+
+def required_inertial(mass: float, center: FloatArray, inertia: FloatArray) -> Inertial | None:
+    """Return mass, centre and inertia; None for a mass of 0, without an inertia where it is none of a solid.
+
+    Raises InputError for a negative mass, or what is no number.
+    """
+    if not 0.0 <= mass <= LARGEST:
+        raise InputError(f"its mass is {mass:g} kg; expected 0 to {LARGEST:g}")
+    if not (np.abs(center) <= LARGEST).all() or not np.isfinite(inertia).all():
+        raise InputError("its centre of mass or its inertia is no number, or too large; expected m and kg·m²")
+    if mass == 0.0:
+        return None
+    moments = principal_axes(0.5 * (inertia + inertia.T))[0]
+    # Of a solid each principal moment is at most the sum of the two others.
+    is_solid = moments[0] > 0.0 and moments[2] <= (moments[0] + moments[1]) * (1.0 + 1e-6)
+    return Inertial(mass, center, inertia) if is_solid else Inertial(mass)
+
+
+def required_shape(vertices: FloatArray) -> None:
+    """Raise InputError for a shape of no size, or of one that no object has."""
+    extent = float(np.ptp(vertices, axis=0).max()) if np.isfinite(vertices).all() else np.nan
+    if not SMALLEST <= extent <= LARGEST or np.abs(vertices).max() > LARGEST:
+        raise InputError(
+            f"its longest extent is {extent:.3g} m; expected {SMALLEST:g} to {LARGEST:g}: is its scale wrong?"
+        )
+
+
+def _require_tree(links: Sequence[Link], joints: Sequence[LinkJoint]) -> None:
+    names = [link.name for link in links]
+    if not names:
+        raise InputError("no links; expected at least one, with a shape")
+    if len(names) > MOST_LINKS:
+        raise InputError(f"{len(names):,} links; expected {MOST_LINKS:,} at most")
+    for kind, given in (("links", names), ("joints", [joint.name for joint in joints])):
+        twice = sorted({one for one in given if given.count(one) > 1})
+        if twice:
+            raise InputError(f"two {kind} have the name '{twice[0]}'; expected a name for each")
+    corners = sum(len(vertices) for link in links for vertices, _ in link.shapes)
+    if corners > MOST_CORNERS:
+        raise InputError(f"its shapes have {corners:,} vertices; expected {MOST_CORNERS:,} at most")
+    known, bearers = {*names, ""}, dict[str, LinkJoint]()
+    for joint in joints:
+        for role, link in (("parent", joint.parent), ("child", joint.child)):
+            if link not in known:
+                raise InputError(f"joint '{joint.name}': its {role} is '{link}', which is no link of the file")
+        if joint.child in bearers:
+            both = f"'{bearers[joint.child].name}' and '{joint.name}'"
+            raise InputError(f"link '{joint.child}' is the child of two joints, {both}; expected one")
+        bearers[joint.child] = joint
+    for name in names:
+        chain = [name]
+        while chain[-1] in bearers:
+            chain.append(bearers[chain[-1]].parent)
+            if chain[-1] in chain[:-1]:
+                circle = " on ".join(chain[chain.index(chain[-1]) :])
+                raise InputError(f"joints in a circle: {circle}; expected one link that hangs on no other")
+    roots = [name for name in names if name not in bearers]
+    if len(roots) > 1:
+        raise InputError(f"links {', '.join(roots[:4])} hang on no joint; expected one such link")
+
+
+def _parents_first(links: Sequence[Link], parent_joint: Mapping[str, LinkJoint]) -> list[Link]:
+    depth: dict[str, int] = {}
+    for link in links:
+        chain = [link.name]
+        while chain[-1] in parent_joint:
+            chain.append(parent_joint[chain[-1]].parent)
+        depth[link.name] = len(chain)
+    return sorted(links, key=lambda link: depth[link.name])
+
+
+def _one_link(name: str, group: Sequence[Link], places: Sequence[Frame]) -> Link:
+    shapes = tuple(
+        (place.points(vertices), faces) for link, place in zip(group, places) for vertices, faces in link.shapes
+    )
+    # Named for what is seen: a root without shapes is often called world or base.
+    name = next((link.name for link in group if link.shapes), name) if name in ("", WORLD) else name
+    frictions = [(link.friction, link.torsion) for link in group if link.shapes and link.friction is not None]
+    friction, torsion = max(frictions, default=(None, None), key=lambda pair: pair[0] or 0.0)
+    return Link(name, shapes, _one_inertial(group, places), friction, torsion)
+
+
+def _one_inertial(group: Sequence[Link], places: Sequence[Frame]) -> Inertial | None:
+    """Return the common mass, centre and inertia; None if a link with shapes states no mass."""
+    known = [(link.inertial, place) for link, place in zip(group, places) if link.inertial is not None]
+    if not known or any(link.inertial is None for link in group if link.shapes):
+        return None
+    mass = sum(one.mass for one, _ in known)
+    if any(one.inertia is None for one, _ in known):
+        return Inertial(mass)
+    centers = [place.points(np.asarray(one.center)) for one, place in known]
+    center = np.asarray(sum(one.mass * at for (one, _), at in zip(known, centers)) / mass)
+    inertia = np.zeros((3, 3))
+    for (one, place), at in zip(known, centers):
+        off = at - center
+        turned = matmul(matmul(place.rotation, np.asarray(one.inertia)), place.rotation.T)
+        inertia = inertia + turned + one.mass * (float((off * off).sum()) * np.eye(3) - np.outer(off, off))
+    return Inertial(mass, center, inertia)
+
+
+def _plain_names(names: Sequence[str]) -> dict[str, str]:
+    """Return names of letters, digits, - and _ alone, each once, by the names of a file."""
+    plain: dict[str, str] = {}
+    for name in names:
+        word = base = re.sub(r"[^A-Za-z0-9_-]", "_", name)[:80] or "link"
+        number = 2
+        while word in plain.values():
+            word, number = f"{base}-{number}", number + 1
+        plain[name] = word
+    return plain
+
+
+def _row(values: FloatArray) -> str:
+    return " ".join(f"{value:g}" for value in values)

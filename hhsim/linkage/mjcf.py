@@ -1,0 +1,206 @@
+"""MJCF (mujoco.readthedocs.io): bodies and joints of a `<mujoco>`, as MuJoCo compiles them."""
+
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError, named
+from hhsim.hand.quaternion import quaternion, rotation_matrix
+from hhsim.linkage.linkage import (
+    LARGEST,
+    Frame,
+    Inertial,
+    JointType,
+    Link,
+    Linkage,
+    LinkJoint,
+    merged_linkage,
+    required_axis,
+    required_inertial,
+    required_limits,
+    required_shape,
+)
+from hhsim.mesh.shapes import Triangles, box, capsule, cylinder, ellipsoid
+from hhsim.reproducible import matmul
+
+RIGID = "rigid bodies: hhsim has no soft ones"
+ELEMENTS = {
+    "tendon/*": "joints that move by themselves",
+    "equality/*": "joints that move by themselves",
+    "deformable/flex": RIGID,
+    "flexcomp": RIGID,
+    "composite": RIGID,
+    "plugin": "bodies, joints and geoms alone",
+}
+"""Elements that move bodies as no hinge or slider does, and what would do."""
+COUNTS = {"ntendon": "tendon/*", "nflex": "deformable/flex", "neq": "equality/*"}
+"""MuJoCo's numbers of them, for those of included files."""
+LEFT_OUT = {"nu": "actuators", "nsensor": "sensors"}
+MOST_GEOMS = 10_000
+
+
+def read_mjcf(root: Element, path: Path) -> Linkage:
+    """Return the linkage of the `<mujoco>` of a file; InputError names the element, or has MuJoCo's reason."""
+    import mujoco
+
+    for where, expected in ELEMENTS.items():
+        for element in root.iterfind(f".//{where}"):
+            raise InputError(f"<{element.tag}> '{element.get('name', '')}'; expected {expected}")
+    # Its warnings go to a file in the current folder otherwise.
+    mujoco.set_mju_user_warning(lambda text: None)
+    try:
+        model: Any = mujoco.MjSpec.from_file(str(path)).compile()
+    except ValueError as error:
+        raise InputError(f"MuJoCo cannot read it: {' '.join(str(error).split())}") from None
+    except RuntimeError as error:
+        # It has one message for whatever it does not expect, which is most often that there is not enough memory.
+        raise InputError(f"MuJoCo breaks down over it, as over a shape that is too large: {error}") from None
+    return _Model(model, mujoco).linkage(path.stem)
+
+
+class _Model:
+    """A compiled model, and what is made of it."""
+
+    def __init__(self, model: Any, mujoco: Any) -> None:
+        self.model, self.kinds, self.joint_kinds = model, mujoco.mjtGeom, mujoco.mjtJoint
+        self.names = [model.body(body).name or f"body{body}" for body in range(model.nbody)]
+        self.notes: list[str] = []
+        self.table: float | None = None
+
+    def linkage(self, name: str) -> Linkage:
+        model = self.model
+        for count, where in COUNTS.items():
+            if getattr(model, count):
+                what = where.partition("/")[0]
+                raise InputError(f"a file that it includes has a <{what}>; expected {ELEMENTS[where]}")
+        if model.ngeom > MOST_GEOMS:
+            raise InputError(f"{model.ngeom:,} geoms; expected {MOST_GEOMS:,} at most")
+        for count, what in LEFT_OUT.items():
+            if getattr(model, count):
+                self.notes.append(f"its {what} are left out: the motion moves the joints")
+        links = [self.link(body) for body in range(model.nbody)]
+        joints = [self.joint(body) for body in range(1, model.nbody)]
+        moves = any(joint.type != "fixed" for joint in joints)
+        return merged_linkage(name, links, joints, self.notes, on_world=moves, table=self.table)
+
+    def link(self, body: int) -> Link:
+        model = self.model
+        with named(f"body '{self.names[body]}'"):
+            own = np.flatnonzero(model.geom_bodyid == body)
+            collides = (model.geom_contype[own] != 0) | (model.geom_conaffinity[own] != 0)
+            # What touches is what collides; a body without such geoms is as it looks.
+            geoms = [int(geom) for geom in (own[collides] if collides.any() else own)]
+            solid = [geom for geom in geoms if not self._is_floor(geom, body)]
+            shapes = tuple(self.shape(geom) for geom in solid)
+            touching = [geom for geom in solid if shapes]
+            frictions = [
+                (float(model.geom_friction[geom, 0]), float(model.geom_friction[geom, 1]), int(model.geom_condim[geom]))
+                for geom in touching
+            ]
+            friction, torsion, dimensions = max(frictions, default=(None, None, 0))
+            # Below 4 dimensions a contact of MuJoCo bears no moment.
+            torsion = None if friction is None else torsion if dimensions >= 4 else 0.0
+            return Link(self.names[body], shapes, self.inertial(body) if body else None, friction, torsion)
+
+    def _is_floor(self, geom: int, body: int) -> bool:
+        """Return True for a plane, which becomes the table; InputError for one that is not level, or moves."""
+        model = self.model
+        if self.kinds(int(model.geom_type[geom])) != self.kinds.mjGEOM_PLANE:
+            return False
+        turn = rotation_matrix(model.geom_quat[geom])
+        if body or turn[2, 2] < 1.0 - 1e-9:
+            raise InputError(f"geom '{self._geom(geom)}' is a plane; expected a level one of the world, as the table")
+        height = float(model.geom_pos[geom, 2])
+        self.table = height if self.table is None else max(height, self.table)
+        return True
+
+    def shape(self, geom: int) -> Triangles:
+        model, kinds = self.model, self.kinds
+        kind, (a, b, c) = kinds(int(model.geom_type[geom])), model.geom_size[geom].tolist()
+        with named(f"geom '{self._geom(geom)}'"):
+            if kind == kinds.mjGEOM_MESH:
+                vertices, faces = self._mesh(int(model.geom_dataid[geom]))
+            elif kind == kinds.mjGEOM_BOX:
+                vertices, faces = box([2.0 * a, 2.0 * b, 2.0 * c])
+            elif kind == kinds.mjGEOM_CYLINDER:
+                vertices, faces = cylinder(a, 2.0 * b)
+            elif kind == kinds.mjGEOM_CAPSULE:
+                vertices, faces = capsule(a, 2.0 * b)
+            elif kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
+                vertices, faces = ellipsoid([a, a, a] if kind == kinds.mjGEOM_SPHERE else [a, b, c])
+            else:
+                word = kind.name.removeprefix("mjGEOM_").lower()
+                raise InputError(f"its type is {word}; expected mesh, box, cylinder, capsule, sphere or ellipsoid")
+            required_shape(vertices)
+        return _frame(model.geom_quat[geom], model.geom_pos[geom]).points(vertices), faces
+
+    def _mesh(self, mesh: int) -> Triangles:
+        model = self.model
+        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+        start, faces = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+        vertices = np.array(model.mesh_vert[first : first + count], np.float64)
+        return vertices, np.array(model.mesh_face[start : start + faces], np.int64)
+
+    def inertial(self, body: int) -> Inertial | None:
+        model = self.model
+        turn = rotation_matrix(model.body_iquat[body])
+        inertia = matmul(turn * model.body_inertia[body], turn.T)
+        return required_inertial(float(model.body_mass[body]), np.array(model.body_ipos[body]), inertia)
+
+    def joint(self, body: int) -> LinkJoint:
+        model, name = self.model, self.names[body]
+        parent = self.names[model.body_parentid[body]]
+        frame = _frame(model.body_quat[body], model.body_pos[body])
+        count, first = int(model.body_jntnum[body]), int(model.body_jntadr[body])
+        with named(f"body '{name}'"):
+            if not (np.abs(frame.position) <= LARGEST).all():
+                raise InputError(f"its pos is {frame.position.tolist()}; expected numbers within ±{LARGEST:g} m")
+            if model.body_mocapid[body] >= 0:
+                self.notes.append(f"body '{name}' is moved from outside (mocap): it stands still")
+            if not count:
+                return LinkJoint(f"of {name}", "fixed", parent, name, frame)
+            if count > 1:
+                names = ", ".join(f"'{self._joint(first + k)}'" for k in range(count))
+                raise InputError(f"it has {count} joints, {names}; expected one a body")
+        word = self._joint(first)
+        with named(f"joint '{word}'"):
+            kind = self.joint_kinds(int(model.jnt_type[first]))
+            if kind == self.joint_kinds.mjJNT_FREE:
+                return LinkJoint(word, "free", parent, name, frame)
+            if kind == self.joint_kinds.mjJNT_BALL:
+                raise InputError("its type is ball; expected hinge, slide or free")
+            turns = kind == self.joint_kinds.mjJNT_HINGE
+            limits, dof, start = None, int(model.jnt_dofadr[first]), float(model.qpos0[model.jnt_qposadr[first]])
+            if model.jnt_limited[first]:
+                least, most = model.jnt_range[first].tolist()
+                limits = required_limits((least, most), "hinge" if turns else "slider")
+            for field, what in (("jnt_stiffness", "spring"), ("dof_damping", "damping")):
+                if np.any(getattr(model, field)[first if what == "spring" else dof]):
+                    self.notes.append(f"joint '{word}': its {what} is left out: hhsim has dry friction alone")
+            axis = matmul(frame.rotation, required_axis(np.array(model.jnt_axis[first])))
+            origin = frame.points(np.array(model.jnt_pos[first]))
+            # Its frame is that of the start; ours has the joint at 0.
+            if turns:
+                back = rotation_matrix(quaternion(-start * axis))
+                frame = Frame(matmul(back, frame.rotation), matmul(back, frame.position - origin) + origin)
+            else:
+                frame = Frame(frame.rotation, frame.position - start * axis)
+            if limits is not None:
+                start = min(max(start, limits[0]), limits[1])
+            friction = float(model.dof_frictionloss[dof])
+            type_: JointType = "hinge" if turns else "slider"
+            return LinkJoint(word, type_, parent, name, frame, axis, origin, limits, friction, start)
+
+    def _geom(self, geom: int) -> str:
+        return self.model.geom(geom).name or f"number {geom}"
+
+    def _joint(self, joint: int) -> str:
+        body = self.names[self.model.jnt_bodyid[joint]]
+        return self.model.joint(joint).name or f"{body}-joint"
+
+
+def _frame(turn: FloatArray, place: FloatArray) -> Frame:
+    return Frame(rotation_matrix(np.array(turn)), np.array(place, np.float64))

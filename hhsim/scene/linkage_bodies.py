@@ -1,0 +1,135 @@
+"""Links on joints, as URDF and MJCF describe them, as the bodies of a scene.
+
+What hangs on no joint stands still, or is free with `--free`, unless the file fixes it to the world: in a URDF by a
+link named `world`, in an MJCF that has joints by having none itself. A joint follows the motion where that has values
+for its name or its link's, or where both have one joint alone. Any other one stands where the file begins, at the value
+nearest to 0 within its limits (URDF) or at its ref (MJCF), or is free with `--free`. Values beyond the limits that are
+all within them with the other sign are taken so: two files may turn an axis opposite ways.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError, check_known, named
+from hhsim.hand.quaternion import quaternion_from_matrix
+from hhsim.linkage.file import read_linkage
+from hhsim.linkage.linkage import HERE, Link, Linkage, LinkJoint
+from hhsim.linkage.object_mesh import link_mesh
+from hhsim.mesh.mesh import Mesh
+from hhsim.scene.body_file import BodyFile, BodySettings
+from hhsim.scene.joint import JointSettings, Keyframe
+
+LEVEL_OF_MANY = 3
+"""Usual level of the trees of several free bodies: each meets the others by its leaves, of which it may have 1,024."""
+UNDER, NONE = "under", "none"
+Motions = Mapping[str, Sequence[Keyframe]]
+
+
+def linkage_bodies(
+    path: Path, motion: object = None, *, free: Mapping[str, Any] | None = None, solid: bool = True
+) -> tuple[tuple[BodySettings, ...], dict[str, Mesh]]:
+    """Return the links of a URDF or MJCF file as bodies, and their meshes [m] by their names, each in its own frame.
+
+    Args:
+        path: The file.
+        motion: A script may move joints.
+        free: None where everything stands but what the motion moves; else `mass`, `density`, `friction`, `torsion` of
+            the only link in place of the file's [kg, kg/m³, 1, m], and `table`: under, none, or a height [m].
+        solid: False takes the triangles as they are.
+
+    Raises:
+        InputError: As `read_linkage`; values of joints beyond their limits, driven joints on what is free, or `free`
+            properties of one body where there are several.
+    """
+    linkage = read_linkage(path)
+    with named(path):
+        given = dict(free or {})
+        table = given.pop("table", None)
+        if given and len(linkage.links) > 1:
+            raise InputError(f"{next(iter(given))} is of one body; it has {len(linkage.links)}, which state their own")
+        motions, notes = joint_motions(linkage, motion)
+        bodies = [_body(linkage, link, motions, free is not None, given) for link in linkage.links]
+        if free is not None:
+            if not any(body.is_free for body in bodies):
+                raise InputError("nothing is free: its links are fixed to the world, or moved by the motion")
+            usual = (NONE if linkage.on_world else UNDER) if linkage.table is None else linkage.table
+            plane: Any = usual if table is None else table
+            if plane != NONE:
+                name = "table" if all(body.name != "table" for body in bodies) else "table-under-all"
+                bodies.append(BodySettings(name=name, plane=plane))
+        meshes = {link.name: link_mesh(linkage, link.name, str(path), solid) for link in linkage.links}
+        first = linkage.links[0].name
+        meshes[first] = replace(meshes[first], warnings=(*meshes[first].warnings, *notes))
+        return BodyFile(tuple(bodies)).body, meshes
+
+
+def joint_motions(linkage: Linkage, motion: object) -> tuple[dict[str, tuple[Keyframe, ...]], list[str]]:
+    """Return the keyframes of each joint that a motion moves, by the name of its link, and notes on them.
+
+    Raises UnknownNameError for a joint that the file has not, InputError for values beyond its limits.
+    """
+    given: Motions = dict(getattr(motion, "joints", ()))
+    joints = {child: joint for child, joint in linkage.joints.items() if joint.type != "free"}
+    known = {joint.name: child for child, joint in joints.items()} | {child: child for child in joints}
+    notes, found = list(linkage.notes), dict[str, tuple[Keyframe, ...]]()
+    if len(given) == 1 and len(joints) == 1:
+        (word,), (child,) = given, joints
+        known.setdefault(word, child)
+    check_known("joint", given, known)
+    for word, keyframes in given.items():
+        child = known[word]
+        joint = joints[child]
+        values = np.array([value for _, value in keyframes])
+        least, most = joint.limits or (-np.inf, np.inf)
+        if not ((values >= least) & (values <= most)).all() and ((-values >= least) & (-values <= most)).all():
+            keyframes = [(time, -value) for time, value in keyframes]
+            notes.append(f"joint '{joint.name}' turns the other way round than '{word}' in the motion: see its limits")
+        with named(f"joint '{joint.name}'"):
+            _settings(joint).moved(keyframes)
+        found[child] = tuple(keyframes)
+    return found, notes
+
+
+def _body(linkage: Linkage, link: Link, motions: Motions, free: bool, given: Mapping[str, Any]) -> BodySettings:
+    joint, own = linkage.joints.get(link.name), link.inertial
+    frame = HERE if joint is None else joint.frame
+    about: dict[str, Any] = {"friction": link.friction, "torsion": link.torsion or 0.0}
+    if own is not None and not {"mass", "density"} & set(given):
+        about["mass"] = own.mass
+        if own.center is not None and own.inertia is not None:
+            half = 0.5 * (own.inertia + own.inertia.T)
+            about |= {"center": _three(own.center), "inertia": tuple(_three(row) for row in half)}
+    about |= given
+    if joint is None or joint.type == "free":
+        about["fixed"] = not free or (joint is None and linkage.on_world)
+    elif link.name in motions:
+        about["joint"] = _settings(joint).moved(motions[link.name])
+    else:
+        # A joint that nothing moves stands by a motion of one value.
+        stands = {"start": joint.start} if free else {"motion": ((0.0, joint.start),)}
+        about["joint"] = _settings(joint, **stands)
+    w, x, y, z = quaternion_from_matrix(frame.rotation).tolist()
+    about |= {"position": _three(frame.position), "orientation": (w, x, y, z)}
+    return BodySettings(name=link.name, mesh=link.name, **about)
+
+
+def _settings(joint: LinkJoint, **about: Any) -> JointSettings:
+    return JointSettings(
+        type="slider" if joint.type == "slider" else "hinge",
+        axis=_three(joint.axis),
+        origin=_three(joint.origin),
+        on=joint.parent,
+        limits=joint.limits,
+        friction=joint.friction,
+        **({"start": joint.start} | about if "motion" not in about else about),
+    )
+
+
+def _three(values: FloatArray) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z

@@ -1,0 +1,97 @@
+"""URDF and MJCF files as the objects of commands."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Run
+from linkage_samples import BOX, joint, link, urdf
+from short_grasp import short_grasp_text
+
+from hhsim.result.reader import load_result
+
+pytestmark = pytest.mark.slow
+INERTIAL = '<inertial><mass value="0.3"/><inertia ixx="2e-4" iyy="2e-4" izz="1e-4"/></inertial>'
+BLOCK = urdf(link("block", BOX.format("0.06 0.06 0.06") + INERTIAL), name="block")
+LID = BOX.format("0.06 0.06 0.01").replace("<geometry", '<origin xyz="0 0.03 0"/><geometry')
+
+
+@pytest.fixture
+def work(tmp_path: Path) -> Path:
+    (tmp_path / "short.toml").write_text(short_grasp_text())
+    (tmp_path / "opens.toml").write_text(short_grasp_text() + "\n[joint]\nhinge = [[0.0, 0.0], [0.1, 0.4]]\n")
+    (tmp_path / "block.urdf").write_text(BLOCK)
+    hinge = joint(
+        "block", "lid", name="hinge", origin='xyz="0 -0.03 0.0351"', axis="1 0 0", limit='lower="0" upper="2"'
+    )
+    (tmp_path / "pot.urdf").write_text(urdf(link("block", BOX.format("0.06 0.06 0.06")), link("lid", LID), hinge))
+    return tmp_path
+
+
+def test_a_file_of_one_link_is_replayed_as_its_mesh_and_free_with_its_mass(run: Run, work: Path) -> None:
+    answer = run("replay", "block.urdf", "short.toml", "--out", "one.h5")
+    assert answer.code == 0, answer.err
+    assert answer.out.startswith("block, short, coupled: 200 ticks\n")
+    result = load_result(work / "one.h5")
+    assert result.scene["object"] == "block.urdf" and result["contacts/candidates"].max() > 0
+    assert run("replay", "one.h5").code == 0
+    answer = run("replay", "block.urdf", "short.toml", "--free", "--out", "free.h5", "--ticks", "20")
+    assert answer.code == 0, answer.err
+    assert load_result(work / "free.h5").body.properties["mass"] == 0.3
+
+
+def test_a_joint_goes_as_the_motion_has_it(run: Run, work: Path) -> None:
+    answer = run("replay", "pot.urdf", "opens.toml", "--out", "moved.h5", "--level", "2")
+    assert answer.code == 0, answer.err
+    result = load_result(work / "moved.h5")
+    assert list(result.bodies) == ["block", "lid"]
+    place, turn = result.bodies["lid"].poses()
+    np.testing.assert_allclose(place[-1], place[0], atol=1e-12)
+    assert 2.0 * np.arccos(abs((turn[-1] * turn[0]).sum())) == pytest.approx(0.4, abs=1e-6)
+    assert run("replay", "moved.h5").code == 0
+
+
+def test_links_are_free_with_their_joints(run: Run, work: Path) -> None:
+    answer = run("replay", "pot.urdf", "short.toml", "--free", "--ticks", "5", "--out", "both.h5")
+    assert answer.code == 0, answer.err
+    result = load_result(work / "both.h5")
+    assert list(result.bodies) == ["block", "lid"]
+    answer = run("replay", "pot.urdf", "short.toml", "--free", "--mass", "1")
+    assert answer.code == 2
+    assert "pot.urdf: mass is of one body; it has 2, which state their own" in answer.err
+
+
+def test_the_tree_of_a_link_is_built_by_its_name(run: Run, work: Path) -> None:
+    answer = run("build-tree", "pot.urdf", "--link", "lid", "--level", "1", "--out", "lid.h5", "--json")
+    assert answer.code == 0, answer.err
+    document = json.loads(answer.out)
+    assert document["object"] == "lid" and document["extent"] == pytest.approx([0.06, 0.06, 0.01])
+    for words, message in (
+        (["pot.urdf"], "pot.urdf: 2 links, block, lid; expected one, or the name of one (--link)"),
+        (["pot.urdf", "--link", "cover"], "pot.urdf: no link 'cover'; it has block, lid"),
+        (["cube", "--link", "lid"], "a link is of a URDF or MJCF file; 'cube' is none"),
+        (["block.urdf", "--unit", "mm"], "unit and size are for mesh files; block.urdf states its sizes"),
+    ):
+        answer = run("build-tree", *words)
+        assert answer.code == 2 and message in answer.err and answer.err.count("\n") == 1
+
+
+def test_a_damaged_file_is_one_line_and_leaves_nothing(run: Run, work: Path) -> None:
+    (work / "bad.urdf").write_text(BLOCK.replace('size="0.06', 'size="x'))
+    for command in (
+        ["replay", "bad.urdf", "short.toml"],
+        ["scene", "bad.urdf", "short.toml"],
+        ["build-tree", "bad.urdf"],
+    ):
+        answer = run(*command)
+        assert answer.code == 2
+        assert answer.err == "hhsim: error: bad.urdf: link 'block': <box size=\"x 0.06 0.06\">; expected 3 numbers\n"
+    assert not (work / "results").exists() or not any((work / "results").iterdir())
+
+
+def test_a_scene_of_links_is_written_for_other_software(run: Run, work: Path) -> None:
+    answer = run("scene", "pot.urdf", "opens.toml", "--level", "1", "--out", "folder")
+    assert answer.code == 0, answer.err
+    names = {"block.obj", "lid.obj", "bodies.toml", "joints.csv"}
+    assert names <= {path.name for path in (work / "folder").iterdir()}

@@ -1,0 +1,91 @@
+"""Small linkages, written by the tests, and the places of their links by plain matrices."""
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from hhsim.linkage.linkage import Linkage
+from hhsim.mesh.shapes import box
+
+BOX = '<collision><geometry><box size="{}"/></geometry></collision>'
+
+
+def urdf(*content: str, name: str = "thing") -> str:
+    return f'<?xml version="1.0"?><robot name="{name}">{"".join(content)}</robot>'
+
+
+def link(name: str, content: str = BOX.format("0.1 0.06 0.02")) -> str:
+    return f'<link name="{name}">{content}</link>'
+
+
+def joint(
+    parent: str,
+    child: str,
+    type_: str = "revolute",
+    *,
+    name: str = "",
+    origin: str = "",
+    axis: str = "0 0 1",
+    limit: str = 'lower="-1" upper="2"',
+    more: str = "",
+) -> str:
+    limits = f"<limit {limit}/>" if limit and type_ in ("revolute", "prismatic") else ""
+    place = f"<origin {origin}/>" if origin else ""
+    turned = f'<axis xyz="{axis}"/>' if axis and type_ != "fixed" else ""
+    return (
+        f'<joint name="{name or child + "_joint"}" type="{type_}"><parent link="{parent}"/><child link="{child}"/>'
+        f"{place}{turned}{limits}{more}</joint>"
+    )
+
+
+def random_urdf(seed: int, links: int = 9) -> str:
+    """A tree of links on joints of all types, each at a random place, with a box at a random place in it."""
+    rng = np.random.default_rng(seed)
+
+    def row(values: np.ndarray) -> str:
+        return " ".join(f"{value:.17g}" for value in values)
+
+    content = []
+    for k in range(links):
+        place = f'<origin xyz="{row(rng.uniform(-0.2, 0.2, 3))}" rpy="{row(rng.uniform(-3, 3, 3))}"/>'
+        shape = f'<geometry><box size="{row(rng.uniform(0.02, 0.1, 3))}"/></geometry>'
+        inertia = 'ixx="1e-3" iyy="1.2e-3" izz="0.9e-3" ixy="1e-4" ixz="-2e-5" iyz="0"'
+        inertial = f'<inertial>{place}<mass value="{rng.uniform(0.1, 2.0)}"/><inertia {inertia}/></inertial>'
+        content.append(link(f"l{k}", f"<collision>{place}{shape}</collision>{inertial}"))
+        if k:
+            type_ = str(rng.choice(["revolute", "continuous", "prismatic", "fixed"]))
+            origin = f'xyz="{row(rng.uniform(-0.3, 0.3, 3))}" rpy="{row(rng.uniform(-3, 3, 3))}"'
+            # yourdfpy takes a slider's axis by its length, which the format wants to be 1.
+            axis = rng.normal(size=3)
+            content.append(
+                joint(f"l{rng.integers(k)}", f"l{k}", type_, origin=origin, axis=row(axis / np.linalg.norm(axis)))
+            )
+    return urdf(*content)
+
+
+def places(linkage: Linkage, values: dict[str, float]) -> dict[str, np.ndarray]:
+    """Place of each link in the file's frame as a 4 × 4 matrix, at values by the names of the joints."""
+    found: dict[str, np.ndarray] = {}
+    for each in linkage.links:
+        here = np.eye(4)
+        moving = linkage.joints.get(each.name)
+        if moving is not None:
+            here[:3, :3], here[:3, 3] = moving.frame
+            move, value = np.eye(4), values.get(moving.name, 0.0)
+            if moving.type == "hinge":
+                move[:3, :3] = Rotation.from_rotvec(value * moving.axis).as_matrix()
+                move[:3, 3] = moving.origin - move[:3, :3] @ moving.origin
+            elif moving.type == "slider":
+                move[:3, 3] = value * moving.axis
+            here = (found[moving.parent] if moving.parent else np.eye(4)) @ move @ here
+        found[each.name] = here
+    return found
+
+
+def write_box(path: Path, edges: tuple[float, float, float] = (100.0, 60.0, 20.0)) -> Path:
+    """Write a box as an OBJ of these edges, which has no unit."""
+    vertices, faces = box(edges)
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices.tolist()] + [f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist()]
+    path.write_text("\n".join(lines) + "\n")
+    return path
