@@ -27,8 +27,8 @@ class CoulombProgram(NamedTuple):
 
 def last_program(solver: Any) -> CoulombProgram:
     """The program that the solver's last tick ended with."""
-    state = solver.engine.states[0]
-    problem, friction, loaded = state.free_problem, state.friction, state.loaded
+    world = solver.engine.world
+    problem, friction, loaded = world.problem, world.friction, world.loaded
     width = 6 * (problem.hands + problem.things)
     count = width + 3 * FINGER_COUNT * problem.hands
     dense, owners = {}, {}
@@ -65,23 +65,21 @@ def last_program(solver: Any) -> CoulombProgram:
         start.append(begun)
         multiplier.append(borne)
         if owner >= 0 and friction.has_friction[owner] and borne[0] > 0.0:
-            slip = begun + whole[1:] @ _scaled(state)
+            slip = begun + whole[1:] @ _scaled(world)
             astray = max(astray, abs(float(np.linalg.norm(slip)) - float(friction.shift[owner])))
     target = np.array(problem.target[:count])
     a, b, c, loads = (np.array(values) for values in (rows, gap, start, multiplier))
-    return CoulombProgram(target, a, b, c, _scaled(state), loads, _weights(state), astray)
+    return CoulombProgram(target, a, b, c, _scaled(world), loads, _weights(world), astray)
 
 
-def _weights(state: Any) -> FloatArray:
-    hand = state.free_problem.inverse_root
-    return np.concatenate(
-        [hand[:6], *(body.inverse_root for body in state.bodies[: state.free_problem.things]), hand[6:]]
-    )
+def _weights(world: Any) -> FloatArray:
+    hand = world.problem.inverse_root
+    return np.concatenate([hand[:6], *(body.inverse_root for body in world.bodies[: world.problem.things]), hand[6:]])
 
 
-def _scaled(state: Any) -> FloatArray:
-    weights = _weights(state)
-    scaled: FloatArray = np.array(state.free_problem.delta[: len(weights)]) / weights
+def _scaled(world: Any) -> FloatArray:
+    weights = _weights(world)
+    scaled: FloatArray = np.array(world.problem.delta[: len(weights)]) / weights
     return scaled
 
 

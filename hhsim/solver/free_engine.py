@@ -13,10 +13,10 @@ from hhsim.hand.model import palm_arrays
 from hhsim.kernels.contact.hand_pairs import hand_reach
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import HINGE, SLIDER, Support
-from hhsim.kernels.free.edges import Edges
+from hhsim.kernels.free.edges import EDGE_PAIRS, Edges
 from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
 from hhsim.kernels.free.rows import SLACKS, friction_count
-from hhsim.kernels.free.state import MOST_HANDS, MOST_THINGS, free_state_dtype
+from hhsim.kernels.free.state import MOST_HANDS, MOST_THINGS, world_dtype
 from hhsim.kernels.free.tick import Free, rebuild, run_many
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration
@@ -24,7 +24,7 @@ from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
-from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, tick_state_dtype
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import RigidMotion
@@ -32,7 +32,7 @@ from hhsim.reproducible import across, matmul, principal_axes
 from hhsim.scene.free_object import FreeObject, Hinge, Slider
 from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.solver.surface import surface_of
-from hhsim.solver.workspace import TickWorkspace, fresh_state, tick_record
+from hhsim.solver.workspace import TickWorkspace, fresh_state, tick_record, zeroed
 from hhsim.trees.contact_surface import ContactSurface
 from hhsim.trees.hierarchy import build_hierarchy
 
@@ -148,10 +148,12 @@ class FreeEngine:
         if things > MOST_THINGS:
             raise InputError(f"{things} things; expected up to {MOST_THINGS}")
         many = hands + things > 2
-        dtype = free_state_dtype(surface_of(surfaces[0]).candidates, many)
-        self.qp = new_work(*(dtype["free_problem"][name].shape[0] for name in ("delta", "rhs")))
+        world, pairs = zeroed(world_dtype(many)), things * (hands + things - 1)
+        self.world, problem, friction = world[0], world[0].problem, world[0].friction
+        self.qp = new_work(len(problem.delta), len(problem.rhs))
         springs, modelled = workspace.options.stiffness.diagonal(), workspace.options.modelled()
-        self.states = fresh_state(dtype, springs, modelled, things * (hands + things - 1))
+        dtype = tick_state_dtype(surface_of(surfaces[0]).candidates)
+        self.states = fresh_state(dtype, springs, modelled, pairs)
         supports = [support_of(thing.surface.arrays, thing.surface.mesh) for thing in self.things]
         movers, edges = [hand.hand for hand in self.hands], [NO_EDGES]
         if others:
@@ -163,6 +165,8 @@ class FreeEngine:
             workspace.tick_options,
             filled(supports, most),
             self.states,
+            world,
+            zeroed(EDGE_PAIRS, pairs),
             filled(movers, MOST_HANDS + MOST_THINGS if many else 1),
             filled(surfaces, most),
             filled(edges, most),
@@ -171,12 +175,11 @@ class FreeEngine:
         self.all_ticks: ThingsRecord | None = None
         self._ticks = 0
         self._name_pairs()
-        problem, friction = self.states[0].free_problem, self.states[0].friction
         problem.hands, problem.things, friction.room = hands, things, friction_count(things)
         problem.slacks, problem.no_block[:] = 0, -1
-        self.states[0].meeting.reach[:hands] = [hand_reach(hand.hand) for hand in self.hands]
+        self.world.meeting.reach[:hands] = [hand_reach(hand.hand) for hand in self.hands]
         problem.inverse_root[:] = self.states[0].problem.inverse_root
-        for k, (thing, support, body) in enumerate(zip(self.things, supports, self.states[0].bodies)):
+        for k, (thing, support, body) in enumerate(zip(self.things, supports, self.world.bodies)):
             self._place(thing, support, body)
             bearer = self._bearer(thing)
             if bearer is not None:
@@ -188,14 +191,14 @@ class FreeEngine:
             # As if the tick before had ended with these velocities: by them it is foreseen what slips.
             column = 6 if k == 0 else 6 * (hands + k)
             step = body.period * np.concatenate([body.velocity, body.spin])
-            self.states[0].body_safe_total[column : column + 6] = step
+            self.world.safe_total[column : column + 6] = step
 
     def _name_pairs(self) -> None:
         """Say what each pair is of, the hands and the first thing first."""
         hands, things = range(len(self.hands)), range(len(self.things))
         pairs = [(h, -1, 0) for h in hands] + [(h, -1, k) for h in hands for k in things[1:]]
         pairs += [(0, other, k) for other in things for k in things if other != k]
-        problem, self._pairs = self.states[0].free_problem, pairs
+        problem, self._pairs = self.world.problem, pairs
         count = len(pairs)
         problem.hand[:count], problem.other[:count], problem.thing[:count] = np.array(pairs).T
         for state, (_, other, thing) in zip(self.states, pairs):
@@ -296,19 +299,21 @@ class FreeEngine:
 
     def begin(self) -> None:
         """See `Engine.begin`; the graphic hand stands in the workspace as the object sees it."""
-        for state, hand in zip(self.states, self.hands):
+        world = self.world
+        places = zip(self.states, self.hands, world.palm_position, world.palm_orientation)
+        for state, hand, position, orientation in places:
             plain = hand.states[0]
             for name in HapticBlock._fields:
                 state.pose[name][:] = plain.pose[name]
                 state.haptic[name][:] = plain.haptic[name]
-            copy_values(np.array(plain.haptic.position), state.palm_position)
-            copy_values(np.array(plain.haptic.orientation), state.palm_orientation)
+            copy_values(np.array(plain.haptic.position), position)
+            copy_values(np.array(plain.haptic.orientation), orientation)
         workspace = self.workspace
-        for body in self.states[0].bodies:
+        for body in world.bodies:
             quaternion_to_matrix(np.array(body.orientation), body.rotation)
         if not rebuild(self.method, self.states):
             raise workspace.full()
-        problem = self.states[0].free_problem
+        problem = world.problem
         for state, thing, other in zip(self.states, problem.thing, problem.other):
             depth = -float(state.candidates.nearest[PALM_BODY])
             if other >= 0 and depth > 0.0:
@@ -320,8 +325,8 @@ class FreeEngine:
 
         It is beside things that stand still and do not rub. Raises HhsimError where more pairs were near than fit.
         """
-        first = self.states[0]
-        bodies, problem, total = first.bodies, first.free_problem, first.body_safe_total.copy()
+        world = self.world
+        bodies, problem, total = world.bodies, world.problem, world.safe_total.copy()
         kept, slacks = bodies.copy(), int(problem.slacks)
         for name in ("is_free", "is_driven", "inverse_root", "joint", "pair_joint", "has_table", "friction", "torsion"):
             bodies[name] = 0
@@ -336,7 +341,7 @@ class FreeEngine:
             raise self.workspace.full()
         for state, hand in zip(self.states, self.hands):
             copy_configuration(state.pose, hand.states[0].pose)
-        bodies[:], problem.slacks, first.body_safe_total[:] = kept, slacks, total
+        bodies[:], problem.slacks, world.safe_total[:] = kept, slacks, total
         self.begin()
 
     def run(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord | None = None) -> int:

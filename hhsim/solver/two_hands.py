@@ -186,7 +186,7 @@ class TwoHandedSolver:
         if not self._started:
             begun = [hand.begin(given) for hand, given in zip(self.hands, (right, left))]
             spaces = [hand.workspace for hand in self.hands]
-            parted = _part(spaces, self.engine.states[0].meeting)
+            parted = _part(spaces, self.engine.world.meeting)
             if parted:
                 begun = [start | STATUS_START_INSIDE for start in begun]
             # Beside one thing alone each hand has come as near as it can.

@@ -77,7 +77,7 @@ class Pressed:
 
     def load(self, weight: float, ticks: int) -> Run:
         """Run some ticks with a weight [N]."""
-        self.solver.engine.states[0].bodies[0].gravity[2] = -weight / MASS
+        self.solver.engine.world.bodies[0].gravity[2] = -weight / MASS
         held = [HandConfiguration(*(np.repeat(values[-1:], ticks, axis=0) for values in one)) for one in self.way]
         return Run(self.solver.run(*held), self.solver.object_ticks(0))
 
@@ -103,7 +103,7 @@ def test_a_block_between_two_hands_bears_another_one_which_falls_with_it_when_th
     mesh = box([0.02] * 3, np.array([0.0, 0.0, 0.5 * EDGE + 0.01 + 1e-6]))
     upper = FreeObject.of_mesh(mesh, mass=0.1, friction=FRICTION, gravity=(0.0, 0.0, 0.0))
     block = Pressed(others=[Thing(contact_surface("mesh", mesh, None), upper, name="upper")])
-    bodies = block.solver.engine.states[0].bodies
+    bodies = block.solver.engine.world.bodies
     for share in np.linspace(0.05, 0.5, 20):
         bodies[1].gravity[2] = -0.4 * share * MOST / 0.1
         block.load(share * MOST, 10)

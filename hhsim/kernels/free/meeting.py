@@ -32,17 +32,17 @@ MEETING_KIND = -2
 
 
 @jit_inline
-def _hands(movers: Any, states: States) -> Any:
+def _hands(movers: Any, states: States, world: Record) -> Any:
     # Dynamic indices: with one hand there is no second mover, and this is never run.
-    last = hand_count(states[0].free_problem) - 1
+    last = hand_count(world.problem) - 1
     return (movers[0], movers[last]), (states[0:1], states[last : last + 1])
 
 
 @jit_noinline
-def keep_meetings(movers: Any, states: States) -> None:
+def keep_meetings(movers: Any, states: States, world: Record) -> None:
     """Begin a program with the rows that bore a force in the one before."""
-    pairs = states[0].meeting
-    hands, two = _hands(movers, states)
+    pairs = world.meeting
+    hands, two = _hands(movers, states, world)
     held, pairs.count = pairs.count, 0
     for i in range(held):
         if pairs.multiplier[i] > 0.0:
@@ -50,11 +50,11 @@ def keep_meetings(movers: Any, states: States) -> None:
 
 
 @jit
-def _most_motion(states: States) -> float:
+def _most_motion(states: States, world: Record) -> float:
     # Bound of how much nearer any points of the hands come to each other in the step at hand [m].
     total = 0.0
     for h in range(2):
-        delta, spread, reach = states[h].step.delta, states[h].problem.abduction_step, states[0].meeting.reach[h]
+        delta, spread, reach = states[h].step.delta, states[h].problem.abduction_step, world.meeting.reach[h]
         bent = 0.0
         for f in range(FINGER_COUNT):
             turn = abs(spread[f])
@@ -67,64 +67,64 @@ def _most_motion(states: States) -> float:
 
 
 @jit
-def may_meet(offset: float, states: States) -> bool:
+def may_meet(offset: float, states: States, world: Record) -> bool:
     """Return whether the step at hand might bring the hands nearer to each other than the clearance [m]."""
-    _spread_fingers(states)
-    states[0].may_meet = states[0].apart <= offset + _most_motion(states)
-    return as_bool(states[0].may_meet == 1)
+    _spread_fingers(states, world.problem)
+    world.may_meet = world.apart <= offset + _most_motion(states, world)
+    return as_bool(world.may_meet == 1)
 
 
 @jit_noinline
-def add_meetings(movers: Any, options: TickOptions, states: States) -> bool:
+def add_meetings(movers: Any, options: TickOptions, states: States, world: Record) -> bool:
     """Add rows of pairs that the step at hand would bring together; return whether one is new."""
-    pairs = states[0].meeting
-    hands, two = _hands(movers, states)
+    pairs = world.meeting
+    hands, two = _hands(movers, states, world)
     bound_motions(hands, two, pairs)
     look_at_pairs(hands, two, SEEN, options.margin, options.offset, pairs)
-    states[0].apart = min(pairs.least, SEEN)
+    world.apart = min(pairs.least, SEEN)
     return as_bool(add_broken_pairs(hands, two, options.offset, pairs))
 
 
 @jit
-def stay_apart(fraction: float, states: States) -> bool:
+def stay_apart(fraction: float, states: States, world: Record) -> bool:
     """Return whether the hands are known to be out of each other after a share of a step."""
-    states[0].apart -= fraction * _most_motion(states)
-    return as_bool(states[0].apart > 0.0)
+    world.apart -= fraction * _most_motion(states, world)
+    return as_bool(world.apart > 0.0)
 
 
 @jit_noinline
-def measure_hands(movers: Any, states: States) -> float:
+def measure_hands(movers: Any, states: States, world: Record) -> float:
     """Compute the distance of the hands [m], negative if they are in each other, up to `SEEN`."""
-    hands, two = _hands(movers, states)
-    states[0].apart = min(hands_nearest(hands, two, SEEN, states[0].meeting), SEEN)
-    return float(states[0].apart)
+    hands, two = _hands(movers, states, world)
+    world.apart = min(hands_nearest(hands, two, SEEN, world.meeting), SEEN)
+    return float(world.apart)
 
 
 @jit
-def _spread_fingers(states: States) -> None:
+def _spread_fingers(states: States, problem: Record) -> None:
     # Each hand's own abduction step is that of the program.
-    step = states[0].free_problem.abduction_step
-    for h in range(hand_count(states[0].free_problem)):
+    step = problem.abduction_step
+    for h in range(hand_count(problem)):
         for f in range(FINGER_COUNT):
             states[h].problem.abduction_step[f] = step[FINGER_COUNT * h + f]
 
 
 @jit
-def share_of_meetings(states: States) -> float:
+def share_of_meetings(states: States, world: Record) -> float:
     """Return the share of the step that the pairs vouch for, after `may_meet`; 1 with one hand."""
-    if hand_count(states[0].free_problem) < 2 or states[0].may_meet == 0:
+    if hand_count(world.problem) < 2 or world.may_meet == 0:
         return 1.0
-    return float(clear_share(min(states[0].trust.radius, states[1].trust.radius), states[0].meeting))
+    return float(clear_share(min(states[0].trust.radius, states[1].trust.radius), world.meeting))
 
 
 @jit
-def meeting_rows(states: States, offset: float, row: int, problem: Record) -> int:
+def meeting_rows(states: States, meeting: Record, offset: float, row: int, problem: Record) -> int:
     """Write the rows of pairs from a row on, and return the one behind them."""
-    pairs, common, weight = states[0].meeting, problem.common, problem.inverse_root
+    pairs, common, weight = meeting, problem.common, problem.inverse_root
     last = hand_count(problem) - 1
     two = states[0:1], states[last : last + 1]
     problem.meeting_row = row
-    _spread_fingers(states)
+    _spread_fingers(states, problem)
     for i in range(pairs.count):
         for j in range(variable_count(problem)):
             common[j, row] = 0.0
@@ -156,9 +156,9 @@ def spread_blocks(problem: Record) -> None:
 
 
 @jit
-def bear_meetings(states: States) -> None:
+def bear_meetings(states: States, world: Record) -> None:
     """Add the forces of the hands on each other to those on each hand."""
-    pairs = states[0].meeting
+    pairs = world.meeting
     for h in range(2):
         warm, sign = states[h].warm, 1.0 if h == 0 else -1.0
         for i in range(pairs.count):

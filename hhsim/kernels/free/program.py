@@ -299,28 +299,28 @@ def begin_search(coulomb: Record) -> int:
 
 
 @jit
-def _solve_once(options: TickOptions, rows: WideRows, guessed: int, state: Record, qp: QpWork) -> int:
+def _solve_once(options: TickOptions, rows: WideRows, guessed: int, world: Record, step: Record, qp: QpWork) -> int:
     """Solve the program for the Γ at hand, and read its solution; returns a status of `kernels.qp.active_set`."""
-    problem, loaded, tolerance, relaxation = state.free_problem, state.loaded, options.tolerance, options.relaxation
+    problem, loaded, tolerance, relaxation = world.problem, world.loaded, options.tolerance, options.relaxation
     variables, target = variable_count(problem), problem.target[:]
     if rows.n_common > common_count(problem):
         spread_blocks(problem)
     status = solve(variables, rows, target, tolerance, relaxation, loaded.guess[:], guessed, qp)
-    state.step.iterations += qp.counts[1]
+    step.iterations += qp.counts[1]
     if status == OPTIMAL:
         problem.solutions += 1
-        _read(state.bodies, problem, state.friction, loaded, state.meeting, qp)
+        _read(world.bodies, problem, world.friction, loaded, world.meeting, qp)
     return status
 
 
 @jit
-def _next_slips(floats: float, states: States, state: Record, qp: QpWork) -> None:
+def _next_slips(floats: float, states: States, world: Record, qp: QpWork) -> None:
     """Foresee the slips by a step of Newton's method, and the directions of friction."""
-    bodies, problem, friction, loaded = state.bodies, state.free_problem, state.friction, state.loaded
-    keep_slips(friction, loaded, state.coulomb)
-    foresee_slips(states, bodies, floats, problem, friction, qp, state.coulomb)
-    find_leanings(bodies, floats, problem, friction, loaded, state.leanings)
-    turn_contacts(friction, state.leanings)
+    bodies, problem, friction, loaded = world.bodies, world.problem, world.friction, world.loaded
+    keep_slips(friction, loaded, world.coulomb)
+    foresee_slips(states, bodies, floats, problem, friction, qp, world.coulomb)
+    find_leanings(bodies, floats, problem, friction, loaded, world.leanings)
+    turn_contacts(friction, world.leanings)
 
 
 @jit
@@ -332,18 +332,18 @@ def _end_search(friction: Record, loaded: Record, coulomb: Record) -> None:
 
 
 @jit
-def solve_free(options: TickOptions, states: States, rounds: int, clipped: bool, state: Record, qp: QpWork) -> int:
+def solve_free(options: TickOptions, states: States, world: Record, rounds: int, clipped: bool, qp: QpWork) -> int:
     """Solve for a step of hands and things, with one Γ after another until friction is Coulomb's.
 
     The problem's `delta` and the pairs' steps are written where the status is OPTIMAL. Γ of a step that is clipped is
-    for a part of the tick's slip, and is not kept. `state` is the first of `states`. Returns a status of
+    for a part of the tick's slip, and is not kept. Returns a status of
     `kernels.qp.active_set`.
     """
-    bodies, step = state.bodies, state.step
-    problem, friction, loaded, coulomb = state.free_problem, state.friction, state.loaded, state.coulomb
-    offset, relaxed = options.offset, state.program.is_relaxed
-    friction_rows(states, bodies, offset, relaxed, problem, friction)
-    meets = as_bool(hand_count(problem) > 1 and state.meeting.count > 0)
+    bodies, step = world.bodies, states[0].step
+    problem, friction, loaded, coulomb = world.problem, world.friction, world.loaded, world.coulomb
+    offset, relaxed = options.offset, states[0].program.is_relaxed
+    friction_rows(states, bodies, offset, relaxed, problem, friction, world.meeting)
+    meets = as_bool(hand_count(problem) > 1 and world.meeting.count > 0)
     rows = WideRows(
         variable_count(problem) if meets else common_count(problem),
         problem.common[:],
@@ -359,7 +359,7 @@ def solve_free(options: TickOptions, states: States, rounds: int, clipped: bool,
     seeks = rounds > 1
     repairs = as_int64(0)
     for i in range(rounds + REPAIRS + 2):
-        status = _solve_once(options, rows, guessed, state, qp)
+        status = _solve_once(options, rows, guessed, world, step, qp)
         if status != OPTIMAL:
             return status
         if _is_settled(states, bodies, offset, problem, friction):
@@ -370,7 +370,7 @@ def solve_free(options: TickOptions, states: States, rounds: int, clipped: bool,
         seeks = seeks and i < rounds - 1 and problem.gamma_error <= CONVERGES * best and step.iterations < SEARCH
         if seeks:
             best = problem.gamma_error
-            _next_slips(floats, states, state, qp)
+            _next_slips(floats, states, world, qp)
         elif worse:
             _end_search(friction, loaded, coulomb)
         else:
@@ -395,8 +395,8 @@ def solve_free(options: TickOptions, states: States, rounds: int, clipped: bool,
         for j in range(guessed):
             loaded.guess[j] = loaded.row[j]
     if not clipped:
-        find_leanings(bodies, floats, problem, friction, loaded, state.leanings)
-        _hold(offset, friction, state.leanings, state.held)
+        find_leanings(bodies, floats, problem, friction, loaded, world.leanings)
+        _hold(offset, friction, world.leanings, world.held)
     if loaded.count > 0:
         _rest(bodies, problem)
     take_steps(states, bodies, 1.0, problem)

@@ -333,8 +333,9 @@ def _record_contact(body: Record, of: int, k: int, borne: Record, row: int, reco
 
 @record_object.of(ObjectRecord)
 @jit
-def _record_object(record: ObjectRecord, state: Record, i: int) -> None:
-    body, borne = state.bodies[0], state.borne
+def _record_object(record: ObjectRecord, method: Any, i: int) -> None:
+    world = method.world[0]
+    body, borne = world.bodies[0], world.borne
     _record_motion(body, borne.hand_wrench[0], borne.table_wrench[0], i, record)
     record.friction_residual[i] = max(borne.residual, borne.bare)
     row = record.contact[i]
@@ -346,10 +347,11 @@ def _record_object(record: ObjectRecord, state: Record, i: int) -> None:
 
 @record_object.of(ThingsRecord)
 @jit
-def _record_things(record: ThingsRecord, state: Record, i: int) -> None:
-    borne, problem, first = state.borne, state.free_problem, record.things[0]
+def _record_things(record: ThingsRecord, method: Any, i: int) -> None:
+    world = method.world[0]
+    borne, problem, bodies, first = world.borne, world.problem, world.bodies, record.things[0]
     for t in range(thing_count(problem)):
-        body = state.bodies[t]
+        body = bodies[t]
         _record_motion(body, borne.hand_wrench[t], borne.table_wrench[t], i, record.things[t])
         wrench, out = borne.thing_wrench[t], record.thing_wrench[t, i]
         if body.joint == HINGE:
@@ -362,13 +364,13 @@ def _record_things(record: ThingsRecord, state: Record, i: int) -> None:
         of = borne.body[k]
         thing, other = thing_of(problem, of), other_of(problem, of)
         if other >= 0:
-            name, body = -2 - other, state.bodies[other]
+            name, body = -2 - other, bodies[other]
             _record_point(body, borne.lever[k], record.other_point[row])
         elif of >= 0:
             name = of % BODY_COUNT + BODY_COUNT * problem.hand[of // BODY_COUNT]
         else:
             name = as_int64(-1)
-        _record_contact(state.bodies[thing], name, k, borne, row, first)
+        _record_contact(bodies[thing], name, k, borne, row, first)
         record.thing[row] = thing
         row += 1
     first.contact[i + 1] = row

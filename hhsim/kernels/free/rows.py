@@ -356,7 +356,7 @@ def touches(states: States, problem: Record, hand: int, finger: int) -> bool:
 
 @jit
 def friction_rows(
-    states: States, bodies: Record, offset: float, relaxed: bool, problem: Record, friction: Record
+    states: States, bodies: Record, offset: float, relaxed: bool, problem: Record, friction: Record, meeting: Record
 ) -> None:
     """Write the rows of friction, of the table, of joints and of hands that meet, and the groups of all rows.
 
@@ -364,7 +364,7 @@ def friction_rows(
     """
     pairs, hands = pair_count(problem), hand_count(problem)
     # Hands that meet may bend any finger to its limit.
-    meets = as_bool(hands > 1 and states[0].meeting.count > 0)
+    meets = as_bool(hands > 1 and meeting.count > 0)
     problem.groups = 0
     for p in range(pairs):
         first, limits, fingers = problem.first[p], problem.last[p], first_finger(problem, problem.hand[p])
@@ -410,7 +410,7 @@ def friction_rows(
     _add_group(problem, table, row, -1)
     meetings = row
     if hand_count(problem) > 1:
-        row = meeting_rows(states, offset, row, problem)
+        row = meeting_rows(states, meeting, offset, row, problem)
         _add_group(problem, meetings, row, -1)
     problem.rows = row
     for i in range(friction.of_hand if problem.is_fresh == 1 else 0):

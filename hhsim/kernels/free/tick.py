@@ -13,6 +13,7 @@ pairs of their bodies, added where a step would bring them together until none d
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
@@ -111,8 +112,9 @@ class Free(NamedTuple):
 
     options: TickOptions
     supports: tuple[Support, ...]  # of each thing, its parts that can stand on a table
-    # Of each pair; the first one, which a tick is given, has the fields of the program and of the things.
-    states: States
+    states: States  # of each pair; a tick is given the first one
+    world: NDArray[np.void]  # one record of `kernels.free.state.world_dtype`
+    edge_pairs: NDArray[np.void]  # of each pair
     movers: tuple[HandArrays, ...]  # of each hand; then, of several things, each as a palm without fingers
     surfaces: Any  # of each thing
     edges: tuple[Edges, ...]  # of each thing
@@ -121,7 +123,7 @@ class Free(NamedTuple):
 @jit_inline
 def _mover(method: Free, p: int) -> HandArrays:
     """Return the arrays of what moves in a pair: of a hand, or of a thing as a palm without fingers."""
-    problem = method.states[0].free_problem
+    problem = method.world[0].problem
     if is_one(problem):
         return method.movers[0]
     other = problem.other[p]
@@ -131,15 +133,16 @@ def _mover(method: Free, p: int) -> HandArrays:
 @jit_inline
 def _surface(method: Free, p: int) -> Any:
     """Return the surface of the thing of a pair."""
-    problem = method.states[0].free_problem
+    problem = method.world[0].problem
     return method.surfaces[as_int64(0) if is_one(problem) else problem.thing[p]]
 
 
 @jit
 def _measure_edges(method: Free, p: int) -> None:
     """Measure a pair's edges, if two things meet in it, after its other distances."""
-    first, each, options = method.states[0], method.states[p], method.options
-    problem = first.free_problem
+    world = method.world[0]
+    each, options = method.states[p], method.options
+    problem = world.problem
     other, thing = other_in(problem, p), problem.thing[p]
     # Each two things meet in two pairs: their edges once.
     if 0 <= other < thing and each.modelled[PALM_BODY] == 1:
@@ -149,12 +152,12 @@ def _measure_edges(method: Free, p: int) -> None:
             method.movers[hand_count(problem) + other],
             method.edges[other],
             method.edges[thing],
-            first.bodies[thing].center[:],
+            world.bodies[thing].center[:],
             each.pose,
             needed,
             far,
             each.candidates,
-            each.edges,
+            method.edge_pairs[p],
             problem.scratch[:],
         )
 
@@ -162,30 +165,33 @@ def _measure_edges(method: Free, p: int) -> None:
 @jit
 def _record_edges(method: Free, p: int) -> None:
     """Add a pair's edges within reach to its contact records, if two things meet in it."""
-    each, problem = method.states[p], method.states[0].free_problem
+    each, problem = method.states[p], method.world[0].problem
     other, thing = other_in(problem, p), problem.thing[p]
     if 0 <= other < thing and each.modelled[PALM_BODY] == 1:
-        record_edges(method.edges[thing], min(each.trust.reach, each.trust.radius), each.edges, each.contacts)
+        record_edges(method.edges[thing], min(each.trust.reach, each.trust.radius), method.edge_pairs[p], each.contacts)
 
 
 @jit
-def _see_haptic(hand: HandArrays, body: Record, state: Record) -> None:
+def _see_haptic(hand: HandArrays, world: Record, h: int, state: Record) -> None:
     haptic = state.haptic
-    see_hand(body, state.palm_position[:], state.palm_orientation[:], haptic.position[:], haptic.orientation[:])
+    place, turn = world.palm_position[h], world.palm_orientation[h]
+    see_hand(world.bodies[0], place, turn, haptic.position[:], haptic.orientation[:])
     update_kinematics(hand, haptic)
 
 
 @jit
-def _aim(state: Record, body: Record, target_out: Array, abduction_out: Array) -> None:
+def _aim(state: Record, world: Record, h: int, target_out: Array, abduction_out: Array) -> None:
     haptic = state.haptic
-    see_hand(body, state.palm_position[:], state.palm_orientation[:], haptic.position[:], haptic.orientation[:])
+    place, turn = world.palm_position[h], world.palm_orientation[h]
+    see_hand(world.bodies[0], place, turn, haptic.position[:], haptic.orientation[:])
     step_to_haptic(state, target_out, abduction_out)
 
 
 @jit
-def _place_pairs(method: Free, state: Record) -> None:
+def _place_pairs(method: Free) -> None:
     """Place what moves in each pair but the first ones where it is: there it was moved along, step by step."""
-    problem, bodies, scratch = state.free_problem, state.bodies, state.free_problem.scratch
+    world = method.world[0]
+    problem, bodies, scratch = world.problem, world.bodies, world.problem.scratch
     for p in range(hand_count(problem), pair_count(problem)):
         each, other = method.states[p], problem.other[p]
         pose = each.pose
@@ -197,7 +203,7 @@ def _place_pairs(method: Free, state: Record) -> None:
             show_hand(bodies[0], first.position[:], first.orientation[:], scratch[0:3], pose.orientation[:])
             copy_values(first.flexion[:], pose.flexion[:])
             copy_values(first.abduction[:], pose.abduction[:])
-        turn_here = each.scratch_turn
+        turn_here = world.scratch_turn
         copy_values(pose.orientation[:], turn_here[:])
         see_hand(bodies[problem.thing[p]], scratch[0:3], turn_here[:], pose.position[:], pose.orientation[:])
         update_kinematics(_mover(method, p), pose)
@@ -217,7 +223,8 @@ def _find_turns(problem: Record, bodies: Record) -> None:
 @jit
 def _find_contacts(method: Free, state: Record) -> int:
     """Find each pair's contacts and their rows, further pairs' behind the first one's limits; return how many or -1."""
-    problem, joined = state.free_problem, state.contacts
+    world = method.world[0]
+    problem, joined = world.problem, state.contacts
     row, kept = as_int64(0), as_int64(0)
     for p in range(pair_count(problem)):
         each, arrays = method.states[p], _mover(method, p)
@@ -225,11 +232,11 @@ def _find_contacts(method: Free, state: Record) -> int:
         if not find_program_contacts(arrays, _surface(method, p), method.options, each):
             return as_int64(-1)
         _record_edges(method, p)
-        each.found = contacts.start[FINGER_COUNT + 1]
+        world.found[p] = contacts.start[FINGER_COUNT + 1]
         reach = min(each.trust.reach, each.trust.radius)
         drop_redundant_contacts(arrays, reach, contacts, each.open_distance[:])
         if problem.other[p] >= 0:
-            keep_lowest(contacts, each.open_distance[:], state.friction)
+            keep_lowest(contacts, each.open_distance[:], world.friction)
         count = contacts.start[FINGER_COUNT + 1]
         if row + count > joined.key.shape[0]:
             return as_int64(-1)
@@ -249,7 +256,7 @@ def _find_contacts(method: Free, state: Record) -> int:
 @jit
 def _write_contacts(method: Free, state: Record) -> None:
     """Write the rows of all contacts and joint limits, but for the things' columns."""
-    problem, relaxed, offset = state.free_problem, state.program.is_relaxed, method.options.offset
+    problem, relaxed, offset = method.world[0].problem, state.program.is_relaxed, method.options.offset
     build_rows(method.movers[0], state.pose, state.contacts, offset, relaxed, problem)
     problem.is_fresh, problem.share = 1, 1.0
     for p in range(1, pair_count(problem)):
@@ -276,13 +283,14 @@ def _write_contacts(method: Free, state: Record) -> None:
 @jit
 def _prepare(method: Free, state: Record) -> int:
     """Build the program at the present poses; return how many rows contacts have, -1 where they do not fit."""
+    world = method.world[0]
     began = monotonic_ns()
     options, contacts, problem, friction, bodies = (
         method.options,
         state.contacts,
-        state.free_problem,
-        state.friction,
-        state.bodies,
+        world.problem,
+        world.friction,
+        world.bodies,
     )
     _find_turns(problem, bodies)
     total = _find_contacts(method, state)
@@ -293,17 +301,17 @@ def _prepare(method: Free, state: Record) -> int:
         bodies[k].clipped[:] = 0.0
     for h in range(hand_count(problem)):
         each, target = method.states[h], problem.hand_target[DOF * h : DOF * h + DOF]
-        _aim(each, bodies[0], target, problem.abduction_step[FINGER_COUNT * h : FINGER_COUNT * h + FINGER_COUNT])
+        _aim(each, world, h, target, problem.abduction_step[FINGER_COUNT * h : FINGER_COUNT * h + FINGER_COUNT])
         for f in range(FINGER_COUNT):
             if not touches(method.states, problem, h, f):
                 clamp_to_limits(_mover(method, h), each.pose, f, target)
     _write_contacts(method, state)
     object_columns(method.states, bodies, contacts, problem)
     # A contact floats by what Γ was short of its slip, and goes on rubbing.
-    close = CLOSE * options.offset + FLOATS * state.borne.residual
+    close = CLOSE * options.offset + FLOATS * world.borne.residual
     find_frictions(bodies, contacts, problem, close, friction)
-    if hand_count(problem) > 1 and state.meeting.count > 0:
-        keep_meetings(method.movers, method.states)
+    if hand_count(problem) > 1 and world.meeting.count > 0:
+        keep_meetings(method.movers, method.states, world)
     joints = as_int64(0)
     for k in range(thing_count(problem)):
         joints += 1 if has_joint_rows(bodies[k]) else 0
@@ -315,13 +323,13 @@ def _prepare(method: Free, state: Record) -> int:
         step, abduction = problem.total[:], problem.abduction_total[:]
     # Directions that went on turning would give each program another one, and the tick no end.
     turns = as_bool(state.work[WORK_LINEARISATIONS] < SEARCHED)
-    begin_frictions(method.states, bodies, step, abduction, problem, state.held, turns, friction)
+    begin_frictions(method.states, bodies, step, abduction, problem, world.held, turns, friction)
     scale_target(bodies, problem)
     count = total + friction.count - friction.of_hand + joints
     for p in range(pair_count(problem)):
         each = method.states[p]
         given = _mover(method, p), _surface(method, p), options
-        count_linearisation(*given, each.found, count, each)
+        count_linearisation(*given, world.found[p], count, each)
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began
     return count
 
@@ -329,11 +337,11 @@ def _prepare(method: Free, state: Record) -> int:
 @jit
 def _solve(method: Free, count: int, clipped: bool, state: Record, qp: QpWork) -> int:
     status = _solve_program(method, count, clipped, state, qp)
-    if hand_count(state.free_problem) > 1:
+    if hand_count(method.world[0].problem) > 1:
         for _ in range(ROUNDS):
-            if status != OPTIMAL or not may_meet(method.options.offset, method.states):
+            if status != OPTIMAL or not may_meet(method.options.offset, method.states, method.world[0]):
                 break
-            if not add_meetings(method.movers, method.options, method.states):
+            if not add_meetings(method.movers, method.options, method.states, method.world[0]):
                 break
             status = _solve_rows(method, clipped, state, qp)
     return status
@@ -341,12 +349,13 @@ def _solve(method: Free, count: int, clipped: bool, state: Record, qp: QpWork) -
 
 @jit
 def _solve_program(method: Free, count: int, clipped: bool, state: Record, qp: QpWork) -> int:
-    problem = state.free_problem
-    if count == 0 and (hand_count(problem) < 2 or state.meeting.count == 0):
+    world = method.world[0]
+    problem = world.problem
+    if count == 0 and (hand_count(problem) < 2 or world.meeting.count == 0):
         take_targets(problem)
-        state.loaded.count = 0
+        world.loaded.count = 0
         problem.gamma_error = 0.0
-        take_steps(method.states, state.bodies, 1.0, problem)
+        take_steps(method.states, world.bodies, 1.0, problem)
         return OPTIMAL
     return _solve_rows(method, clipped, state, qp)
 
@@ -356,44 +365,45 @@ def _solve_rows(method: Free, clipped: bool, state: Record, qp: QpWork) -> int:
     began = monotonic_ns()
     rounds = as_int64(1)
     if state.work[WORK_LINEARISATIONS] <= SEARCHED and not clipped:
-        rounds = begin_search(state.coulomb)
-    status = solve_free(method.options, method.states, rounds, clipped, state, qp)
+        rounds = begin_search(method.world[0].coulomb)
+    status = solve_free(method.options, method.states, method.world[0], rounds, clipped, qp)
     state.step.duration[DURATION_PALM] += monotonic_ns() - began
     return status
 
 
 @jit
-def _take_back(method: Free, state: Record) -> None:
+def _take_back(method: Free) -> None:
     """Return to the last poses without penetration."""
-    for p in range(pair_count(state.free_problem)):
+    world = method.world[0]
+    for p in range(pair_count(world.problem)):
         take_back(method.states[p])
         method.states[p].progress.failed_steps = 0
-    state.apart = 0.0
-    for k in range(thing_count(state.free_problem)):
-        take_body_back(state.bodies[k])
-    copy_values(state.body_safe_total[:], state.free_problem.total[:])
-    copy_values(state.body_safe_abduction[:], state.free_problem.abduction_total[:])
+    world.apart = 0.0
+    for k in range(thing_count(world.problem)):
+        take_body_back(world.bodies[k])
+    copy_values(world.safe_total[:], world.problem.total[:])
+    copy_values(world.safe_abduction[:], world.problem.abduction_total[:])
 
 
 @jit
-def _measure(method: Free, state: Record) -> bool:
+def _measure(method: Free) -> bool:
     """Compute the distances of each pair; False where they do not fit into the arrays."""
     fits = True
-    for p in range(pair_count(state.free_problem)):
+    for p in range(pair_count(method.world[0].problem)):
         arrays, its = _mover(method, p), _surface(method, p)
         fits = evaluate_pose(arrays, its, method.options, method.states[p]) and fits
         _measure_edges(method, p)
-    state.progress.pairs_overflow = not fits
+    method.states[0].progress.pairs_overflow = not fits
     return fits
 
 
 @jit
-def _retry(method: Free, state: Record) -> bool:
+def _retry(method: Free) -> bool:
     """Return to the last poses without penetration with a smaller trust radius; False where the pairs do not fit."""
-    _take_back(method, state)
-    for p in range(pair_count(state.free_problem)):
+    _take_back(method)
+    for p in range(pair_count(method.world[0].problem)):
         method.states[p].trust.radius *= TRUST_DECAY
-    return _measure(method, state)
+    return _measure(method)
 
 
 @recover.of(Free)
@@ -403,26 +413,27 @@ def _recover(method: Free, hand: HandArrays, surface: Any, state: Record) -> boo
         state.program.is_relaxed = True
         return True
     if state.progress.failed_steps > 0:
-        return _retry(method, state)
+        return _retry(method)
     if not state.program.holds_abduction:
-        for p in range(pair_count(state.free_problem)):
+        for p in range(pair_count(method.world[0].problem)):
             method.states[p].program.holds_abduction = True
         return True
     return False
 
 
 @jit
-def _allowed(method: Free, state: Record) -> tuple[float, float]:
+def _allowed(method: Free) -> tuple[float, float]:
     """Compute the share of the step that all pairs at hand vouch for, and how far the farthest mover goes in it [m]."""
-    problem, fraction, longest = state.free_problem, 1.0, 0.0
+    world = method.world[0]
+    problem, fraction, longest = world.problem, 1.0, 0.0
     for p in range(pair_count(problem)):
         each = method.states[p]
         for f in range(FINGER_COUNT if problem.other[p] < 0 else 0):
             each.problem.abduction_step[f] = problem.abduction_step[FINGER_COUNT * problem.hand[p] + f]
         share, motion = allowed_fraction(_mover(method, p), method.options, each)
-        each.longest = motion
+        world.longest[p] = motion
         fraction, longest = min(fraction, share), max(longest, motion)
-    return min(fraction, share_of_meetings(method.states)), longest
+    return min(fraction, share_of_meetings(method.states, world)), longest
 
 
 @jit
@@ -433,8 +444,9 @@ def _clip_target(method: Free, only_restore: bool, state: Record) -> tuple[float
     be carried along by it, for no force, and its springs drawn out by nobody. The targets are moved by what is taken
     off, so that springs and inertia pull as they did.
     """
-    problem = state.free_problem
-    fraction, longest = _allowed(method, state)
+    world = method.world[0]
+    problem = world.problem
+    fraction, longest = _allowed(method)
     if only_restore:
         fraction = 0.0
     elif fraction >= 0.5:
@@ -446,26 +458,27 @@ def _clip_target(method: Free, only_restore: bool, state: Record) -> tuple[float
             problem.hand_target[DOF * h + j] -= off * problem.delta[12 * h + j]
         for j in range(6, DOF):
             problem.hand_target[DOF * h + j] -= off * problem.delta[fingers - 6 + j]
-    for k in range(thing_count(state.free_problem)):
-        body, column = state.bodies[k], thing_column(problem, k)
+    for k in range(thing_count(world.problem)):
+        body, column = world.bodies[k], thing_column(problem, k)
         for j in range(OBJECT_DOF):
             body.clipped[j] = off * problem.delta[column + j]
             problem.body_target[OBJECT_DOF * k + j] -= body.clipped[j]
     for f in range(FINGER_COUNT * hand_count(problem)):
         problem.abduction_step[f] *= fraction
     _write_anew(method, state)
-    scale_target(state.bodies, problem)
-    clip_shifts(fraction, state.friction)
+    scale_target(world.bodies, problem)
+    clip_shifts(fraction, world.friction)
     return longest, fraction
 
 
 @jit
 def _write_anew(method: Free, state: Record) -> None:
     """Write the rows of contacts and limits once more."""
+    world = method.world[0]
     _write_contacts(method, state)
-    if pair_count(state.free_problem) > hand_count(state.free_problem):
+    if pair_count(world.problem) > hand_count(world.problem):
         # What this writes anew has not been turned to the frame of the first thing.
-        object_columns(method.states, state.bodies, state.contacts, state.free_problem)
+        object_columns(method.states, world.bodies, state.contacts, world.problem)
 
 
 @solve_linearisation.of(Free)
@@ -473,30 +486,32 @@ def _write_anew(method: Free, state: Record) -> None:
 def _solve_linearisation(
     method: Free, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork
 ) -> tuple[int, float]:
+    world = method.world[0]
     count, full_motion = _prepare(method, state), WHOLE_TARGET
     if count < 0:
         return as_int64(OVERFLOW), full_motion
     status = _solve(method, count, as_bool(False), state, qp)
-    if status == OPTIMAL and (count > 0 or (hand_count(state.free_problem) > 1 and state.meeting.count > 0)):
+    if status == OPTIMAL and (count > 0 or (hand_count(world.problem) > 1 and world.meeting.count > 0)):
         full_motion, share = _clip_target(method, only_restores(method.options, state, done), state)
         if full_motion != WHOLE_TARGET:
             status = _solve(method, count, as_bool(True), state, qp)
-            two = hand_count(state.free_problem) > 1
-            if status == OPTIMAL and two and _allowed(method, state)[0] < LEAST_SHARE:
+            two = hand_count(world.problem) > 1
+            if status == OPTIMAL and two and _allowed(method)[0] < LEAST_SHARE:
                 # A contact that is reached with the whole step has no load on a part of the way: what it bore would
                 # draw the hand all the way there, and a small share of that mends no clearance.
                 _write_anew(method, state)
-                state.free_problem.share = share
+                world.problem.share = share
                 status = _solve(method, count, as_bool(True), state, qp)
     return status, full_motion
 
 
 @jit
-def _table(method: Free, state: Record) -> tuple[float, int, int]:
+def _table(method: Free) -> tuple[float, int, int]:
     """Compute the distance [m] of things and table; also returns the lowest thing, and its lowest point."""
+    world = method.world[0]
     least, thing, lowest = np.inf, as_int64(0), as_int64(-1)
-    for k in range(thing_count(state.free_problem)):
-        body = state.bodies[k]
+    for k in range(thing_count(world.problem)):
+        body = world.bodies[k]
         body.measured_distance = np.inf
         if body.has_table == 1:
             distance, point = table_distances(body, method.supports[k])
@@ -509,14 +524,15 @@ def _table(method: Free, state: Record) -> tuple[float, int, int]:
 @jit
 def _move_all(method: Free, fraction: float, state: Record) -> None:
     """Make a share of the step of hands and things, and find what bears it."""
-    problem, bodies, states = state.free_problem, state.bodies, method.states
+    world = method.world[0]
+    problem, bodies, states = world.problem, world.bodies, method.states
     for j in range(variable_count(problem)):
         problem.total[j] += fraction * problem.delta[j]
     for f in range(FINGER_COUNT * hand_count(problem)):
         problem.abduction_total[f] += fraction * problem.abduction_step[f]
-    find_borne(states, bodies, state.contacts, problem, state.friction, state.loaded, state.tried)
+    find_borne(states, bodies, state.contacts, problem, world.friction, world.loaded, world.tried)
     if hand_count(problem) > 1:
-        bear_meetings(states)
+        bear_meetings(states, world)
     # What comes next in the tick is added to it in the frame of each thing as it then stands.
     for h in range(hand_count(problem)):
         for j in (12 * h, 12 * h + 3):
@@ -535,55 +551,56 @@ def _move_all(method: Free, fraction: float, state: Record) -> None:
 
 
 @jit
-def _keep(state: Record) -> None:
+def _keep(world: Record) -> None:
     """Keep the things' poses, and what bears them, as those of an accepted step."""
-    problem = state.free_problem
-    for k in range(thing_count(state.free_problem)):
-        keep_body(state.bodies[k])
-        state.bodies[k].table_distance = state.bodies[k].measured_distance
-    copy_values(problem.total[:], state.body_safe_total[:])
-    copy_values(problem.abduction_total[:], state.body_safe_abduction[:])
-    state.tried.residual = problem.gamma_error
-    copy_borne(state.tried, state.borne)
+    problem = world.problem
+    for k in range(thing_count(problem)):
+        keep_body(world.bodies[k])
+        world.bodies[k].table_distance = world.bodies[k].measured_distance
+    copy_values(problem.total[:], world.safe_total[:])
+    copy_values(problem.abduction_total[:], world.safe_abduction[:])
+    world.tried.residual = problem.gamma_error
+    copy_borne(world.tried, world.borne)
 
 
 @advance.of(Free)
 @jit
 def _advance(method: Free, hand: HandArrays, surface: Any, full_motion: float, state: Record) -> bool:
     """Make the step as far as the pairs at hand vouch for, and judge it by the true distances and the table's."""
+    world = method.world[0]
     began = monotonic_ns()
-    options, problem, progress, states = method.options, state.free_problem, state.progress, method.states
+    options, problem, progress, states = method.options, world.problem, state.progress, method.states
     pairs = pair_count(problem)
     for p in range(pairs):
         for f in range(FINGER_COUNT if problem.other[p] < 0 else 0):
             clamp_to_limits(_mover(method, p), states[p].pose, f, states[p].step.delta[:])
-    fraction, longest = _allowed(method, state)
+    fraction, longest = _allowed(method)
     _move_all(method, fraction, state)
     least = np.inf
     for p in range(pairs):
-        motion = states[p].longest
+        motion = world.longest[p]
         foreseen = max(REACH_FLOOR * options.step_tolerance, motion)
         update_reach(options, fraction, motion, full_motion, foreseen, states[p])
-    fits = _measure(method, state)
+    fits = _measure(method)
     for p in range(pairs):
         least = min(least, least_distance(states[p]))
-    if hand_count(problem) > 1 and not stay_apart(fraction, states):
-        least = min(least, measure_hands(method.movers, states))
-    table, thing, lowest = _table(method, state)
+    if hand_count(problem) > 1 and not stay_apart(fraction, states, world):
+        least = min(least, measure_hands(method.movers, states, world))
+    table, thing, lowest = _table(method)
     if table < 0.0:
-        keep_entry(thing, lowest, state.friction)
+        keep_entry(thing, lowest, world.friction)
     done = False
     if not fits:
         progress.lag = max(full_motion, longest) - fraction * longest
         done = True
     elif least >= 0.0 and table >= 0.0:
-        _keep(state)
-        done = held = joints_hold(states, state.bodies, problem)
+        _keep(world)
+        done = held = joints_hold(states, world.bodies, problem)
         for p in range(pairs):
-            done = accept(options, fraction, states[p].longest, full_motion, states[p]) and done
+            done = accept(options, fraction, world.longest[p], full_motion, states[p]) and done
         if not held:
             progress.lag = max(progress.lag, longest)
-        if hand_count(problem) > 1 and state.meeting.count > 0 and longest > options.step_tolerance:
+        if hand_count(problem) > 1 and world.meeting.count > 0 and longest > options.step_tolerance:
             # Hands that meet bend their rows: they have not arrived after a whole step that is long.
             done = False
             for h in range(hand_count(problem)):
@@ -596,7 +613,7 @@ def _advance(method: Free, hand: HandArrays, surface: Any, full_motion: float, s
             states[p].progress.failed_steps = progress.failed_steps
             states[p].progress.lag = max(full_motion, longest)
         if progress.failed_steps > MOST_FAILED_STEPS:
-            done = not _retry(method, state)
+            done = not _retry(method)
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began
     return done
 
@@ -605,23 +622,24 @@ def _advance(method: Free, hand: HandArrays, surface: Any, full_motion: float, s
 @jit
 def _finish_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
     """Return to the last poses without penetration, take the velocities and the forces; returns status bits."""
+    world = method.world[0]
     began = monotonic_ns()
-    options, progress, borne, states = method.options, state.progress, state.borne, method.states
-    problem, bodies = state.free_problem, state.bodies
+    options, progress, borne, states = method.options, state.progress, world.borne, method.states
+    problem, bodies = world.problem, world.bodies
     cut_short, pairs_overflow = is_budget_spent(options, state), progress.pairs_overflow
     if progress.failed_steps > 0 or pairs_overflow:
-        _take_back(method, state)
-        pairs_overflow = not _measure(method, state) or pairs_overflow
+        _take_back(method)
+        pairs_overflow = not _measure(method) or pairs_overflow
     for p in range(pair_count(problem)):
         each = states[p]
         if p < hand_count(problem):
-            _see_haptic(_mover(method, p), bodies[0], each)
-        each.status = tick_status(cut_short, as_bool(False), each)
+            _see_haptic(_mover(method, p), world, p, each)
+        world.status[p] = tick_status(cut_short, as_bool(False), each)
         if pairs_overflow:
-            each.status |= STATUS_CAPACITY_EXCEEDED
+            world.status[p] |= STATUS_CAPACITY_EXCEEDED
         if p >= hand_count(problem):
             # A thing that has distance still to go past another one has it whatever the hand has.
-            state.status |= each.status & STATUS_LAG
+            world.status[0] |= world.status[p] & STATUS_LAG
     if progress.is_accepted:
         for k in range(thing_count(problem)):
             take_velocity(bodies[k])
@@ -653,7 +671,7 @@ def _finish_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp
         end_work(each)
     state.step.duration[DURATION_DETECT] += detected - began
     state.step.duration[DURATION_FORCE] += monotonic_ns() - detected
-    return state.status
+    return world.status[0]
 
 
 @may_end.of(Free)
@@ -667,11 +685,12 @@ def _may_end(method: Free, state: Record) -> bool:
 @jit
 def _tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
     """Take the user's hands, which are the world's, and converge; they are then as the object sees them."""
-    for h in range(hand_count(state.free_problem)):
+    world = method.world[0]
+    for h in range(hand_count(world.problem)):
         each = method.states[h]
         if each.input.is_valid:
-            copy_values(each.haptic.position[:], each.palm_position[:])
-            copy_values(each.haptic.orientation[:], each.palm_orientation[:])
+            copy_values(each.haptic.position[:], world.palm_position[h])
+            copy_values(each.haptic.orientation[:], world.palm_orientation[h])
     return converge(method, hand, surface, state, qp)
 
 
@@ -679,34 +698,36 @@ def _tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp: QpWor
 @jit
 def _begin_motion(method: Free, hand: HandArrays, surface: Any, state: Record) -> None:
     """Let the things go on by their velocity and their weight."""
-    problem = state.free_problem
-    _place_pairs(method, state)
-    begin_joints(method.states, state.bodies, problem)
+    world = method.world[0]
+    problem = world.problem
+    _place_pairs(method)
+    begin_joints(method.states, world.bodies, problem)
     for p in range(1, pair_count(problem)):
         begin_tick(method.options, method.states[p])
-    for k in range(thing_count(state.free_problem)):
-        predict(state.bodies[k])
-        keep_body(state.bodies[k])
-    copy_values(state.body_safe_total[:], problem.before[:])
-    copy_values(state.body_safe_abduction[:], problem.before_abduction[:])
+    for k in range(thing_count(world.problem)):
+        predict(world.bodies[k])
+        keep_body(world.bodies[k])
+    copy_values(world.safe_total[:], problem.before[:])
+    copy_values(world.safe_abduction[:], problem.before_abduction[:])
     problem.total[:] = 0.0
     problem.abduction_total[:] = 0.0
     problem.solutions = 0
-    state.friction.entries[:] = 0
-    state.body_safe_total[:] = 0.0
-    state.body_safe_abduction[:] = 0.0
+    world.friction.entries[:] = 0
+    world.safe_total[:] = 0.0
+    world.safe_abduction[:] = 0.0
 
 
 @jit
 def rebuild(method: Free, states: States) -> bool:
     """Take the poses of hands and things as they now stand, as each sees what is near; returns whether pairs fit."""
-    state, fits = states[0], True
-    state.apart = 0.0
-    _place_pairs(method, state)
-    _table(method, state)
-    for k in range(thing_count(state.free_problem)):
-        state.bodies[k].table_distance = state.bodies[k].measured_distance
-    for p in range(pair_count(state.free_problem)):
+    world = method.world[0]
+    fits = True
+    world.apart = 0.0
+    _place_pairs(method)
+    _table(method)
+    for k in range(thing_count(world.problem)):
+        world.bodies[k].table_distance = world.bodies[k].measured_distance
+    for p in range(pair_count(world.problem)):
         given = _mover(method, p), _surface(method, p), method.options
         fits = rebuild_candidates(*given, states[p : p + 1]) and fits
         _measure_edges(method, p)
@@ -727,14 +748,15 @@ def run_many(
 
     `driven` has position [m] and orientation of each thing's centre at each tick, (K, B, 7), read of driven ones.
     """
+    world = method.world[0]
     state = states[0]
-    hands = hand_count(state.free_problem)
+    hands = hand_count(world.problem)
     for i in range(haptic[0].position.shape[0]):
         cpu = thread_cpu_ns()
         wall = monotonic_ns()
         for h in range(hands):
             given = haptic[h]
-            states[h].taken = set_haptic(
+            world.taken[h] = set_haptic(
                 method.movers[h],
                 given.position[i],
                 given.orientation[i],
@@ -742,15 +764,15 @@ def run_many(
                 given.abduction[i],
                 states[h],
             )
-        for k in range(thing_count(state.free_problem)):
-            if state.bodies[k].is_driven == 1:
-                drive_body(state.bodies[k], driven[k, i])
+        for k in range(thing_count(world.problem)):
+            if world.bodies[k].is_driven == 1:
+                drive_body(world.bodies[k], driven[k, i])
         tick(method, method.movers[0], method.surfaces[0], state, qp)
         wall = monotonic_ns() - wall
         cpu = thread_cpu_ns() - cpu
         for h in range(hands):
-            record_tick(states[h], states[h].taken | states[h].status, wall, cpu, i, record[h])
-        record_object(object_record, state, i)
-        if state.status & STATUS_CAPACITY_EXCEEDED:
+            record_tick(states[h], world.taken[h] | world.status[h], wall, cpu, i, record[h])
+        record_object(object_record, method, i)
+        if world.status[0] & STATUS_CAPACITY_EXCEEDED:
             return i + 1
     return haptic[0].position.shape[0]

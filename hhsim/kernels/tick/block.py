@@ -68,13 +68,13 @@ class NoObject(NamedTuple):
 
 
 @generic
-def record_object(object_record: Any, state: Record, i: int) -> None:
+def record_object(object_record: Any, method: Any, i: int) -> None:
     """Copy what became of the object in the last tick to row i of its record."""
 
 
 @record_object.of(NoObject)
 @jit_inline
-def _record_none(object_record: NoObject, state: Record, i: int) -> None:
+def _record_none(object_record: NoObject, method: Any, i: int) -> None:
     pass
 
 
@@ -127,7 +127,7 @@ def run_block(
         wall = monotonic_ns() - wall
         cpu = thread_team_cpu_ns(state.thread_team) - cpu
         record_tick(state, status, wall, cpu, i, record)
-        record_object(object_record, state, i)
+        record_object(object_record, method, i)
         if status & STATUS_CAPACITY_EXCEEDED:
             # Not by leaving the loop for something behind it: compiled, that costs every tick 0.4 µs.
             return i + 1

@@ -5,6 +5,7 @@ directions.
 """
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,11 +31,11 @@ def harvest(solver: HandSolver, haptic: HandConfiguration, ticks: range) -> Iter
     for tick in ticks:
         solver.run(*haptic.at(slice(done, tick + 1)))
         done = tick + 1
-        state = solver.engine.states[0]  # type: ignore[attr-defined]
-        if state.loaded.count and not state.program.is_relaxed:
+        engine: Any = solver.engine
+        if engine.world.loaded.count and not engine.states[0].program.is_relaxed:
             program = last_program(solver)
             # The tick itself says by how much its friction is off the way of the slip, which the program's Γ does not.
-            if max(program.astray, float(state.free_problem.gamma_error)) <= FLOATS:
+            if max(program.astray, float(engine.world.problem.gamma_error)) <= FLOATS:
                 yield program
 
 
@@ -68,7 +69,7 @@ def judge(program: CoulombProgram) -> float:
 def test_what_two_fingers_lose_slips_as_coulomb_says(torsion: float) -> None:
     mass, friction = 0.1, 0.5
     solver, closed = gripped(mass, friction, mass * GRAVITY / (2.0 * friction), torsion=torsion)
-    body = solver.engine.states[0].bodies[0]  # type: ignore[attr-defined]
+    body = solver.engine.world.bodies[0]  # type: ignore[attr-defined]
     # Twice what friction bears.
     body.gravity[2] = -2.0 * friction * squeeze_of(solver) / mass
     slips = [judge(program) for program in harvest(solver, HandConfiguration(*tongs_at(np.full(40, closed))), TICKS)]

@@ -57,7 +57,7 @@ def test_a_body_in_free_flight_keeps_its_momentum() -> None:
 @pytest.mark.parametrize(("mass", "friction"), [(0.01, 0.2), (0.01, 1.0), (0.1, 0.5), (1.0, 0.2), (1.0, 1.0)])
 def test_a_pinch_holds_up_to_its_threshold_and_no_further(mass: float, friction: float) -> None:
     solver, closed = gripped(mass, friction, mass * GRAVITY / (2.0 * friction))
-    body = solver.engine.states[0].bodies[0]  # type: ignore[attr-defined]
+    body = solver.engine.world.bodies[0]  # type: ignore[attr-defined]
     squeeze = squeeze_of(solver)
     pulled = 0.0
     for share, holds in ((0.5, True), (0.9, True), (0.99, True), (1.01, False)):
@@ -75,7 +75,7 @@ def test_a_pinch_holds_up_to_its_threshold_and_no_further(mass: float, friction:
 
 def test_a_contact_bears_torsion_up_to_its_radius_times_its_force() -> None:
     solver, closed = gripped(0.1, 0.5, 1.0, torsion=0.003)
-    body = solver.engine.states[0].bodies[0]  # type: ignore[attr-defined]
+    body = solver.engine.world.bodies[0]  # type: ignore[attr-defined]
     squeeze = squeeze_of(solver)
     body.damping = 0.0
     body.inverse_root[:] *= np.sqrt(1.0 + 20.0 * DT)
