@@ -22,7 +22,7 @@ ABSURD = (
 WORDS = {
     *("--method", "--fingers", "--qp", "--object", "--motion", "--surface", "--case", "--columns", "--name"),
     *("--source", "--licence", "--format", "--object-track", "--profile", "--host", "--pose-host"),
-    *("--scheduler", "--serial", "--rerun", "--trajectory", "--palm-axes", "--robot"),
+    *("--scheduler", "--serial", "--rerun", "--trajectory", "--palm-axes", "--robot", "--link"),
 }
 """Options whose texts hold no number."""
 READ_LATER = {

@@ -180,7 +180,7 @@ def test_a_planted_fault_shrinks_to_a_file_that_replays_to_the_same_failure(
     words = [*command.split()[1:], "--json", "--out"]
     sound = run(*words, "sound.h5")
     assert sound.code == 0
-    monkeypatch.setattr("hhsim.replay.replay.HandSolver", SlippingSolver)
+    monkeypatch.setattr("hhsim.solver.scene_solver.HandSolver", SlippingSolver)
     assert run(*words, "faulty.h5").code == 0
     with h5py.File(tmp_path / "sound.h5") as good, h5py.File(tmp_path / "faulty.h5") as bad:
         assert max(good["hands/right/tick/penetration_depth"]) <= 1e-6
