@@ -18,7 +18,7 @@ from hhsim.gate.metrics import RunFigures, cpu_p50, run_figures
 from hhsim.gate.suite import GateScene
 from hhsim.gate.verdict import base_first
 from hhsim.kernels.machine_calibration import ROWS, SPHERES, time_reference
-from hhsim.result.reader import Result, load_result
+from hhsim.result.reader import Result, load_hand, load_result
 from hhsim.system.deferred_sigint import interruptible_between
 
 T = TypeVar("T")
@@ -61,18 +61,17 @@ class Side:
             return self._read(scene, folder / scene.session, read)
         with tempfile.TemporaryDirectory(prefix="hhsim-gate-") as place:
             out = Path(place) / "run.h5"
-            judged = out / scene.hand if scene.hand else out
             answer = run_python(self.python, MAIN, [*command, "--quiet", "--out", str(out)], folder)
             # Code 1: the run ended and missed a limit, which its ticks show.
-            if answer.returncode not in (0, 1) or not (out.exists() and load_result(judged).complete):
+            if answer.returncode not in (0, 1) or not (out.exists() and load_result(out).complete):
                 lines = [line for line in answer.stderr.strip().splitlines() if line.strip()]
                 reason = lines[-1].removeprefix("hhsim: error: ") if lines else f"exit code {answer.returncode}"
                 raise self._failed(scene, reason, refused=answer.returncode == BAD_INPUT)
-            return self._read(scene, judged, read)
+            return self._read(scene, out, read)
 
     def _read(self, scene: GateScene, path: Path, read: Callable[[Result], T]) -> T:
         try:
-            result = load_result(path)
+            result = load_hand(path, scene.hand or "")
             if result.ticks:
                 return read(result)
         except InputError as error:
