@@ -91,6 +91,7 @@ def test_a_file_that_is_not_there_is_told_before_anything_starts(run: Run, optio
     assert answer.err.startswith("hhsim: error: nobody.toml: no such file") and answer.err.count("\n") == 1
 
 
+@keeps_time
 def test_a_session_of_a_simulated_glove_and_the_hand_in_a_file_is_one_document_and_one_file(
     run: Run, tmp_path: Path
 ) -> None:
@@ -99,6 +100,8 @@ def test_a_session_of_a_simulated_glove_and_the_hand_in_a_file_is_one_document_a
         *("live", "glove", "cube", "--device", "sim", "--trajectory", "pinch", "--duration", "0.4", "--rate", "500"),
         *("--record", "session.h5", "--no-realtime", "--json", "--hand-file", "me.toml", "--hand", "left"),
     )
+    if answer.code and "no sign of life" in answer.err:
+        raise Late(answer.err)
     assert answer.code == 0, answer.err
     document = json.loads(answer.out)
     assert (document["reason"], document["error"], document["session"]) == ("duration", None, "session.h5")
