@@ -39,7 +39,7 @@ class Reference(types.Type):  # type: ignore[misc]
 
     @property
     def key(self) -> Any:
-        """What makes two types equal."""
+        """Class and types of the fields: equal types have the same."""
         return self.instance_class, self.types
 
     def field(self, name: str) -> int:

@@ -87,7 +87,7 @@ def _checked(options: SolverOptions) -> SolverOptions:
 
 
 class HandRun:
-    """What a run writes of one hand, block by block; `hand` is its number, `described` of the scene as plain values."""
+    """Part of a run that is one hand's: its columns and figures; `described` is of the scene, as plain values."""
 
     def __init__(self, solver: SceneSolver, hand: int, described: Mapping[str, Any]) -> None:
         scene, seen, options, of_hand = solver.scene, solver.seen, solver.options, solver.scene.hands[hand]

@@ -188,7 +188,7 @@ def _poses_of_parts(result: Result) -> list[Claim]:
 
 
 def _off_joint(result: Result, body: Body) -> FloatArray:
-    """How far a body is off its joint with the other body beside which it moves most alike, [m, rad], shape (T,)."""
+    """Compute how far a body is off its joint with the body beside which it moves most alike, [m, rad], shape (T,)."""
     value = body["joint"] - body["joint"][0]
     found = []
     for other in result.bodies.values():

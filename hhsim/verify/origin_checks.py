@@ -199,7 +199,7 @@ def _described(result: Result) -> Claim:
 
 
 def _apart(result: Result) -> dict[str, tuple[bool, bool]]:
-    """What is said of hands that keep out of each other, and whether hands that run together do."""
+    """Return whether two hands are said to keep out of each other, and whether these options keep them so."""
     if result.other is None or BETWEEN_COLUMNS[0].name not in result or "recording" in result.scene:
         return {}
     solver = result.scene["solver"]
