@@ -69,9 +69,6 @@ CHARTS: Mapping[str, Chart] = {
     ),
     "stress": Chart("Slowest hundredth of the ticks", x="cpu_p99", labels=("object", "level")),
     "recorded": Chart("Slowest hundredth of the ticks", x="cpu_p99", labels=("recording", "object")),
-    "qp": Chart("KKT residual of the programs", "program", x="residual_max", labels=("program",)),
-    "mesh-size": Chart("Time of a tick by triangles", x="triangles", y="tick_p50"),
-    "threads": Chart("Wall time of a tick by threads", "case", x="threads", y="total"),
 }
 
 
