@@ -9,7 +9,7 @@ from hhsim.solver.options import SolverOptions, Stiffness
 
 OF_THE_SCENE = ("level", "max_error", "rate", "samples", "seed", "ticks", "tremor_mm_deg", "hand_file")
 """Options of the scene that are named; the level where it is not the object's own."""
-USUAL_SCENE = {"rate": 1000.0, "samples": "interpolate", "seed": 0}
+USUAL_SCENE: dict[str, Any] = {"rate": 1000.0, "samples": "interpolate", "seed": 0}
 """Defaults of a scene; the level's default depends on the object."""
 
 

@@ -76,7 +76,7 @@ def _around(result: Result) -> list[str]:
 
 def _telling(words: Sequence[Sequence[str]]) -> list[list[str]]:
     """Return of each result's words those that not every result has."""
-    shared = set.intersection(*map(set, words))
+    shared = set(words[0]).intersection(*words) if words else set()
     return [[word for word in of if word not in shared] for of in words]
 
 
