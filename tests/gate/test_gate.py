@@ -231,16 +231,6 @@ def test_what_is_no_baseline_is_refused(text: str, tmp_path: Path) -> None:
         load_baseline(tmp_path / "none.json")
 
 
-@pytest.mark.parametrize("margin", [0.07e-3, 0.7e-3, 1e-3 / 3.0])
-def test_an_option_of_many_digits_is_the_same_in_a_baseline(result: Path, margin: float) -> None:
-    change_scene(result, lambda scene: scene["solver"].update(margin=margin))
-    loaded = load_result(result)
-    baseline = load_result_of(run_figures(loaded), result)
-    assert gate_result(loaded, TINY, baseline).verdict == "same"
-    change_scene(result, lambda scene: scene["solver"].update(margin=margin * (1.0 + 1e-9)))
-    assert gate_result(load_result(result), TINY, baseline).verdict == "not comparable"
-
-
 @pytest.mark.parametrize(
     ("change", "reason"),
     [

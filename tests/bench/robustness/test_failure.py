@@ -1,14 +1,12 @@
 """Shrinking: what is left fails, and the file shows the same failure."""
 
-import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
-from kept_failure import provenance_of, rerun_failure
+from kept_failure import rerun_failure
 from sphere_scenes import bumpy_ball
 
 from hhsim.bench.robustness.failure import (
@@ -27,9 +25,8 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK, WORK_TOUCHING
-from hhsim.motion.file import load_trajectory
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.solver.options import SolverOptions
 
 HAND = HandModel.default()
 BALL = bumpy_ball(300)
@@ -132,17 +129,6 @@ def test_a_planted_fault_shrinks_to_a_file_that_replays_to_the_same_failure(
         assert max(good["hands/right/tick/penetration_depth"]) <= 1e-6
         assert bad["hands/right/tick/penetration_depth"][shrunk.tick] > 1e-4
         np.testing.assert_array_equal(bad["hands/right/tick/graphic/position"], shrunk.trace.graphic.position)
-
-
-def test_a_kept_file_says_where_it_is_from(tmp_path: Path) -> None:
-    motion = RandomTargets(HAND, 1, JUMPS).take(50)
-    shrunk = shrink(motion, lambda motion: Trace(motion.position[:, 0] > 0.0, motion))
-    options = SolverOptions(surface="mesh", stiffness=Stiffness(2000.0, 3.0, 0.4))
-    made = provenance(options, kind="stuck", hand="left", stress=asdict(JUMPS))
-    assert keep_failure(tmp_path / "kept.h5", shrunk, made).endswith("--method coupled --samples hold --surface mesh")
-    trajectory = load_trajectory(tmp_path / "kept.h5")
-    assert trajectory.name == "kept"
-    assert asdict(provenance_of(trajectory)) == json.loads(json.dumps(asdict(made)))
 
 
 def test_every_kind_of_failure_is_seen() -> None:
