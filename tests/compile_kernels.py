@@ -66,11 +66,12 @@ def free() -> None:
 
 
 def phases() -> None:
-    """A tick of either method phase by phase, its programs taken out and solved."""
-    from hhsim.bench.qp.bench import bench_qp
-    from hhsim.bench.qp.recorded_problems import QpBenchOptions
+    """A tick phase by phase, its program solved by another solver."""
+    from hhsim.hand.model import HandModel
+    from hhsim.solver.hand_solver import warm_up
+    from hhsim.solver.options import SolverOptions
 
-    bench_qp(QpBenchOptions(problems=20, objects=("sphere",), motions=("grasp",)))
+    warm_up(HandModel.default(), SolverOptions(qp="clarabel"))
 
 
 def sessions(**changes: Any) -> None:

@@ -27,7 +27,7 @@ PACKAGES = (
         "hhsim.scene",
     ),
     *("hhsim.solver", "hhsim.solver.methods", "hhsim.replay", "hhsim.submissions", "hhsim.verify"),
-    *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.qp", "hhsim.bench.manipulation"),
+    *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.manipulation"),
     *("hhsim.gate", "hhsim.render", "hhsim.view"),
     *(f"hhsim.live{part}" for part in ("", ".link", ".devices", ".drivers", ".pose", ".ipc", ".loop", ".session")),
     "hhsim.report",

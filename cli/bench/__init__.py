@@ -10,10 +10,7 @@ SUITES = {
     "hard": "Every hard case, for every method: pass or fail, and the figure.",
     "stress": "Random targets on any object, as long as you like; a failing motion is kept, shrunk to a few ticks.",
     "recorded": "Recordings of real hands against any objects: penetration, force variation, time, lag, stuck.",
-    "qp": "The programs of real ticks: our answers to them, and a test set for qpbenchmark.",
     "trees": "Sphere trees: error against spheres against CPU time, beside other programs.",
-    "mesh-size": "Contact with ever more triangles: time of a tick, time and memory to get ready.",
-    "threads": "One thread or several: detection, response and total, by how much of the hand is in contact.",
 }
 """Suites with one line each."""
 

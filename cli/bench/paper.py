@@ -32,6 +32,9 @@ class PaperSettings(OptionGroup):
     quick: bool = option(is_flag=True, help="Every row, from coarse spheres, 3 instances and one repetition.")
     instances: int | None = option(type=COUNT, metavar="N", help="Instances of each case of Fig. 15. Default: 100.")
     repetitions: int | None = option(type=COUNT, metavar="N", help="Repetitions of every run. Default: 3.")
+    threads: int | None = option(
+        type=click.IntRange(1, 5), metavar="N", help="Threads that share a tick of progressive. Default: 1."
+    )
     seed: int = shared(options.seed)
 
 

@@ -9,24 +9,20 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from hhsim.errors import HhsimError, InputError
-from hhsim.mesh.catalogue import usual_level
+from hhsim.errors import InputError
+from hhsim.gate.unusual_options import unusual_options
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary_table import stored_rows
 from hhsim.replay.verdict import UNTOUCHED, verdict
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import FORMAT, SUFFIXES
 from hhsim.result.wording import motion_name, object_name
-from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.sweep.folder import CELLS, is_sweep, read_row
 from hhsim.sweep.folder import FAILED as FAILED_ENDING
-from hhsim.sweep.plan import BOTH, USUAL_SCENE
+from hhsim.sweep.plan import BOTH
 from hhsim.system.counted import counted
 from hhsim.system.hdf5_input import hdf5_format
 from hhsim.system.progress import Progress, silent
-
-TOLD = ("level", "max_error", "rate", "samples", "seed", "ticks", "tremor_mm_deg", "hand_file")
-"""Options of the scene that are named; the level where it is not the object's own."""
 
 
 @dataclass(frozen=True)
@@ -118,31 +114,7 @@ def entry_of_result(result: Result) -> Entry:
 
 def option_words(scene: Mapping[str, Any]) -> str:
     """Return the options of a scene that are not usual for its method and surface, as `name=value`, in order."""
-    solver = dict(scene.get("solver", {}))
-    rate = float(scene.get("rate") or 1000.0)
-    told = {name: scene.get(name) for name in TOLD if scene.get(name) is not None}
-    told = {name: value for name, value in told.items() if USUAL_SCENE.get(name) != value}
-    if "level" in told and told["level"] == usual_level(str(scene.get("object") or "")):
-        del told["level"]
-    usual = _usual_options(solver, rate)
-    stiffness, usual_stiffness = dict(solver.pop("stiffness", {})), usual.pop("stiffness")
-    for name, value in (*solver.items(), *((f"stiffness.{name}", value) for name, value in stiffness.items())):
-        part = name.removeprefix("stiffness.")
-        before = usual_stiffness.get(part) if part != name else usual.get(name)
-        if name not in ("method", "surface", "period") and value != before:
-            told[name] = value
-    return ", ".join(f"{name}={_spelled(value)}" for name, value in told.items())
-
-
-def _usual_options(solver: Mapping[str, Any], rate: float) -> dict[str, Any]:
-    try:
-        method, surface = str(solver.get("method", "coupled")), str(solver.get("surface", "spheres"))
-        options = SolverOptions(method=method, surface=surface)
-    except HhsimError:
-        # The method is not installed here, or unknown: the defaults of the others.
-        options = SolverOptions()
-    found = options.at_rate(rate).to_json()
-    return {**found, "fingers": list(found["fingers"]), "stiffness": dict(vars(Stiffness()))}
+    return ", ".join(f"{name}={_spelled(value)}" for name, value in unusual_options(scene).items())
 
 
 def _figures(summary: Mapping[str, Any], repeated: Mapping[str, Any]) -> dict[str, Any]:

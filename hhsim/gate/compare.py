@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from hhsim.gate.input_hash import RunInputs, differences, new_options, run_inputs, tick_digest
-from hhsim.gate.verdict import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
+from hhsim.gate.verdict import NOT_COMPARABLE, SAME, WITHIN, word_of
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary_table import SummaryRow
@@ -95,12 +95,10 @@ def compared(base: SummaryRow, head: SummaryRow, comparison: Comparison) -> Comp
         return ComparedFigure(ratio, NOT_COMPARABLE)
     if head.shown == base.shown:
         return ComparedFigure(ratio, SAME)
-    noise = SEEDED_NOISE.get(head.name, metric.noise)
-    difference = abs(head.value - base.value)
-    if 1.0 / (1.0 + noise) <= ratio <= 1.0 + noise or difference <= comparison.spread.get(head.name, 0.0):
+    if abs(head.value - base.value) <= comparison.spread.get(head.name, -1.0):
         return ComparedFigure(ratio, WITHIN)
     ours, before = (abs(row.value) if metric.signed else row.value for row in (head, base))
-    return ComparedFigure(ratio, SAME if ours == before else WORSE if ours > before else BETTER)
+    return ComparedFigure(ratio, word_of(ours, before, SEEDED_NOISE.get(head.name, metric.noise)))
 
 
 def _spread(base: Result, head: Result) -> dict[str, float]:

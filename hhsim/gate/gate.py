@@ -260,10 +260,8 @@ def _judged(
     """Rows of a run but its time; figures of a base with other inputs are left out."""
     inputs = [] if base is None else [verdicts.judge_inputs(name, head, base, motion_may_change)]
     alike = None if base is None or differences(base.inputs, head.inputs) else base
-    counters = [] if alike is None else verdicts.judge_counters(name, head, alike, slack)
     bits = [] if alike is None else verdicts.judge_bits(name, head, alike)
-    errors, others = verdicts.judge_errors(name, head, alike, limits), verdicts.judge_others(name, head, limits)
-    return [*inputs, *bits, *errors, *others, *counters]
+    return [*inputs, *bits, *verdicts.judge_figures(name, head, alike, limits, slack)]
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from hhsim.gate.input_hash import differences, new_options
 from hhsim.gate.metrics import COUNTERS, OF_MISHAPS, RunFigures, compared_metrics, limitable
 from hhsim.gate.shown_poses import told_difference
 from hhsim.metrics.run.force import TREMBLING
-from hhsim.metrics.run_metric import Figure
+from hhsim.metrics.run_metric import Figure, Judged
 from hhsim.replay.summary_table import promised
 
 LEAST_PROCESSES = 3
@@ -61,9 +61,8 @@ def compare_times(base: Sequence[float], head: Sequence[float], limit: float) ->
             raise InputError(f"times of {name} that are not positive: the clock cannot be used")
     one, other = float(np.median(base)), float(np.median(head))
     ratio = other / one
-    verdict = WORSE if ratio > 1.0 + limit else BETTER if ratio < 1.0 / (1.0 + limit) else WITHIN
     spread = max((max(times) - min(times)) / float(np.median(times)) for times in (base, head))
-    return TimeComparison(one, other, ratio, spread, verdict)
+    return TimeComparison(one, other, ratio, spread, word_of(other, one, limit, -1.0))
 
 
 def base_first(pair: int) -> bool:
@@ -97,87 +96,109 @@ class GateRow:
         return {**{name: getattr(self, name) for name in names}, **numbers}
 
 
-def judge_errors(scene: str, head: RunFigures, base: RunFigures | None, limits: Mapping[str, float]) -> list[GateRow]:
-    """Judge errors by absolute limits, or by the base's value and `Judged.growth` where there is none.
+@dataclass(frozen=True)
+class Rule:
+    """Judgement of a figure; NaN where there is no such limit."""
 
-    Undefined figures, such as the force of a missing hold, are not judged, unless the base has them.
+    figure: Figure
+    kind: str  # as of `GateRow`
+    absolute: float = math.nan  # largest value
+    growth: float = math.nan  # largest excess over the base's value where there is no absolute limit
+    relative: float = math.nan  # the same as a share of the base's value, in whole numbers
+    noise: float = SLIGHT  # relative difference from the base's value that is noise
+    rounding: float = 0.0  # difference up to which values are the same
+
+    def limit(self, base: float) -> float:
+        """Return the largest value beside that of the base, NaN for none."""
+        if not math.isnan(self.absolute):
+            return self.absolute
+        share = base * self.relative
+        return base + (self.growth if math.isnan(share) else math.floor(share))
+
+    @property
+    def allows(self) -> str:
+        """Growth over the base that is allowed, in words."""
+        if not math.isnan(self.relative):
+            return f"{100.0 * self.relative:g} %"
+        return f"{self.growth / self.figure.scale:g} {self.figure.unit}"
+
+
+def judge(scene: str, rule: Rule, head: float | None, base: float = math.nan, remark: str = "") -> GateRow:
+    """Judge a figure of head, None where its method does not tell it, by its limit; the base has NaN for none.
+
+    A remark is the reason of a figure within its limit, and the cause of one beyond an absolute one.
     """
-    rows = []
-    method = str(head.inputs.solver.get("method", ""))
+    value, limit, limited = math.nan if head is None else head, rule.limit(base), not math.isnan(rule.absolute)
+    passed, reason = True, remark
+    if head is None and not math.isnan(base):
+        passed, reason = False, LOST
+    elif math.isnan(value):
+        # A figure that only the base has is lost.
+        passed = math.isnan(base)
+        reason = UNTOLD if head is None else NO_VALUE if passed else f"{NO_VALUE}, and the base has it"
+    elif not (value <= limit or math.isnan(limit)):
+        over = (OVER if math.isfinite(value) else "not finite") + (f": {remark}" if remark else "")
+        passed, reason = False, over if limited else f"more than {rule.allows} above the base"
+    sizes = (abs(value), abs(base)) if rule.figure.signed else (value, base)
+    word = word_of(*sizes, rule.noise, max(rule.rounding, ROUNDING * abs(base)))
+    figure = rule.figure
+    return GateRow(
+        *(scene, rule.kind, figure.name, figure.label, figure.unit, value, base, limit, word, passed, reason)
+    )
+
+
+def word_of(value: float, before: float, noise: float, rounding: float = 0.0) -> str:
+    """Return the word for a value beside an earlier one, of figures of which less is better; "" where one is NaN."""
+    if math.isnan(before) or math.isnan(value):
+        return ""
+    if abs(value - before) <= rounding:
+        return SAME
+    if before <= value * (1.0 + noise) and value <= before * (1.0 + noise):
+        return WITHIN
+    return WORSE if value > before else BETTER
+
+
+def judge_figures(
+    scene: str, head: RunFigures, base: RunFigures | None, limits: Mapping[str, float], slack: Mapping[str, float]
+) -> list[GateRow]:
+    """Judge errors by limits or the base, figures that only limits judge, and work counters, which are exact.
+
+    Undefined figures, such as the force of a missing hold, are not judged, unless the base has them. Work may grow by
+    the slack, a share of the base's.
+    """
+    rows, method = [], str(head.inputs.solver.get("method", ""))
     trembling = math.isfinite(head.errors.get(TREMBLING, math.nan))
     for name, metric in compared_metrics().items():
-        value = head.errors.get(name, math.nan)
-        before = math.nan if base is None else base.errors.get(name, math.nan)
-        growth = metric.judged.growth if metric.judged else math.nan
-        limit = limits.get(name, before + growth)
-        limited = name in limits and limit is not False
-        limit = math.nan if limit is False else limit
-        lost = name not in head.errors and not math.isnan(before)
-        nothing = math.isnan(value) or (value == 0.0 and math.isnan(before))
-        if nothing and not limited and not lost:
-            continue
-        passed, reason = True, ""
-        if lost:
-            passed, reason = False, LOST
-        elif limited and math.isnan(value):
-            # A figure that only the base has is lost.
-            passed = math.isnan(before)
-            reason = UNTOLD if name not in head.errors else NO_VALUE if passed else f"{NO_VALUE}, and the base has it"
-        elif limited and not value <= limit:
-            passed = False
-            reason = OVER if math.isfinite(value) else "not finite"
-        elif not limited and value > limit:
-            passed, reason = False, f"more than {growth / metric.scale:g} {metric.unit} above the base"
-        elif name == "stuck_ticks" and head.mostly_stuck:
-            passed, reason = False, "more than half of the ticks"
-        elif not limited and not promised(name, head.promises):
-            reason = f"not promised by {method}"
-        rounding = max(metric.judged.rounding if metric.judged else 0.0, ROUNDING * abs(before))
-        sizes = (abs(value), abs(before)) if metric.signed else (value, before)
-        word = _word(*sizes, SLIGHT * abs(before), rounding)
+        value, before = head.errors.get(name), math.nan if base is None else base.errors.get(name, math.nan)
+        by, stated = metric.judged or Judged(), limits.get(name, math.nan)
         figure = metric if trembling or metric.moving_hold is None else metric.moving_hold
-        rows.append(_row(scene, "error", name, figure, value, before, limit, word, passed, reason))
-    return rows
-
-
-def judge_others(scene: str, head: RunFigures, limits: Mapping[str, float]) -> list[GateRow]:
-    """Judge figures that only the suite limits, and suspicions about a submission."""
-    rows = []
-    for name, figure in limitable().items():
-        value, limit = head.others.get(name, math.nan), limits.get(name, False)
-        if limit is False or name in compared_metrics():
+        of = {"growth": by.growth} if math.isnan(stated) else {} if stated is False else {"absolute": stated}
+        limited = "absolute" in of
+        absent = value is None or math.isnan(value) or (value == 0.0 and math.isnan(before))
+        if absent and not limited and (value is not None or math.isnan(before)):
             continue
-        passed = math.isnan(value) or value <= limit
-        reason = "" if passed else OVER
-        if math.isnan(value):
-            reason = NO_VALUE if name in head.others else UNTOLD
-        elif name in OF_MISHAPS and head.mishap and not passed:
-            reason = f"{OVER}: {head.mishap}"
-        elif name in OF_MISHAPS[:1]:
-            reason = head.stopped
-        rows.append(_row(scene, "limit", name, figure, value, math.nan, limit, "", passed, reason))
+        told = "" if limited or promised(name, head.promises) else f"not promised by {method}"
+        row = judge(scene, Rule(figure, "error", rounding=by.rounding, **of), value, before, told)
+        if name == "stuck_ticks" and head.mostly_stuck and row.passed:
+            row = replace(row, passed=False, reason="more than half of the ticks")
+        rows.append(row)
+    for name, stated in ((name, limits[name]) for name in limitable() if limits.get(name, False) is not False):
+        if name not in compared_metrics():
+            value, cause = head.others.get(name), ""
+            if name in OF_MISHAPS and value is not None and not value <= stated:
+                cause = head.mishap
+            elif name in OF_MISHAPS[:1]:
+                cause = head.stopped
+            rows.append(judge(scene, Rule(limitable()[name], "limit", stated), value, remark=cause))
     if head.suspicions:
-        count, reason = float(len(head.suspicions)), "; ".join(head.suspicions)
-        suspected = Figure("suspicions", "suspected")
-        rows.append(_row(scene, "run", suspected.name, suspected, count, math.nan, 0.0, "", False, reason))
-    return rows
-
-
-def judge_counters(scene: str, head: RunFigures, base: RunFigures, slack: Mapping[str, float]) -> list[GateRow]:
-    """Judge work counters by those of the base: integers, so that any growth beyond the slack is real."""
-    rows = []
-    for name, (_, figure) in COUNTERS.items():
-        if name not in base.counters:
-            continue
-        before = float(base.counters[name])
-        if name not in head.counters:
-            rows.append(_row(scene, "counter", name, figure, math.nan, before, math.nan, "", False, LOST))
-            continue
-        value, limit = float(head.counters[name]), math.floor(before * (1.0 + slack[name]))
-        passed = value <= limit
-        reason = "" if passed else f"more than {100.0 * slack[name]:g} % above the base"
-        word = _word(value, before, limit - before)
-        rows.append(_row(scene, "counter", name, figure, value, before, limit, word, passed, reason))
+        rule = Rule(Figure("suspicions", "suspected"), "run", absolute=0.0)
+        rows.append(judge(scene, rule, float(len(head.suspicions))))
+        rows[-1] = replace(rows[-1], reason="; ".join(head.suspicions))
+    for name, (_, figure) in COUNTERS.items() if base is not None else ():
+        if base is not None and name in base.counters:
+            rule = Rule(figure, "counter", relative=slack[name], noise=slack[name])
+            count = head.counters.get(name)
+            rows.append(judge(scene, rule, None if count is None else float(count), float(base.counters[name])))
     return rows
 
 
@@ -207,9 +228,8 @@ def judge_time(
     found = compare_times(base, head, limit)
     reason = f"{100.0 * (found.ratio - 1.0):+.1f} %, processes of a side within {100.0 * found.spread:.0f} %"
     label = "tick in contact, CPU, p50" + (" / reference workload" if divided else "")
-    figure = Figure("tick_cpu_p50", label, unit="" if divided else "µs")
-    figures = found.head, found.base, found.base * (1.0 + limit)
-    return _row(scene, "time", figure.name, figure, *figures, found.verdict, found.verdict != WORSE, reason)
+    unit, numbers = "" if divided else "µs", (found.head, found.base, found.base * (1.0 + limit))
+    return GateRow(scene, "time", "tick_cpu_p50", label, unit, *numbers, found.verdict, found.verdict != WORSE, reason)
 
 
 def failed_run(scene: str, reason: str, *, refused: bool = False) -> GateRow:
@@ -242,17 +262,3 @@ def overall(rows: Sequence[GateRow]) -> tuple[str, int]:
         if word in words:
             return (WITHIN if word == WORSE else word), EXIT_OK
     return (SAME if words else ""), EXIT_OK
-
-
-def _row(scene: str, kind: str, name: str, figure: Figure, *judged: Any) -> GateRow:
-    return GateRow(scene, kind, name, figure.label, figure.unit, *judged)
-
-
-def _word(value: float, before: float, slack: float, rounding: float = 0.0) -> str:
-    if math.isnan(before) or math.isnan(value):
-        return ""
-    if abs(value - before) <= rounding:
-        return SAME
-    if abs(value - before) <= slack:
-        return WITHIN
-    return WORSE if value > before else BETTER

@@ -6,13 +6,16 @@ import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 from hhsim.metrics.run_ticks import RunTicks
 from hhsim.table.table import shown, stored_unit, unit_size
 
 PAPER_RATE = 1000.0
 """Rate of the paper's haptic loop [Hz]."""
+
+
+F = TypeVar("F", bound="Figure")
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,6 @@ class RunMetric(Figure):
     which, and `hhsim.replay.summary` computes it.
     """
 
-    place: int = 1000  # place in the table; of equal ones, in the order of their modules
     needs: tuple[str, ...] = ()  # datasets of /tick that `compute` reads, or a run of its own makes anew
     compute: Callable[[RunTicks], float] | None = None  # function of the ticks; None for a figure of runs of its own
     own_run: str = ""  # reason why it does not follow from the ticks, or ""
@@ -78,17 +80,18 @@ class RunMetric(Figure):
     unless_zero: bool = False  # True if it has no line where it is 0
 
 
-def placed(first: int, *metrics: RunMetric, **also: Any) -> tuple[RunMetric, ...]:
-    """Return figures in places of the table one after another; `also` holds for each of them."""
-    return tuple(replace(metric, place=place, **also) for place, metric in enumerate(metrics, first))
+def each_with(*metrics: F, **also: Any) -> tuple[F, ...]:
+    """Return figures with what holds for each of them."""
+    return tuple(replace(metric, **also) for metric in metrics)
 
 
 def declared_figures(package: ModuleType) -> dict[str, Any]:
-    """Return the `METRICS` of each module of a package by name, in the order of places; ValueError for a name twice."""
+    """Return the `METRICS` of each module of a package by name, in its `ORDER`; ValueError for a name twice."""
+    names = [module.name for module in pkgutil.iter_modules(package.__path__)]
     found: list[Any] = []
-    for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
-        found += getattr(importlib.import_module(module.name), "METRICS", ())
-    metrics = {metric.name: metric for metric in sorted(found, key=lambda metric: metric.place)}
+    for name in (*package.ORDER, *(name for name in names if name not in package.ORDER)):
+        found += getattr(importlib.import_module(f"{package.__name__}.{name}"), "METRICS", ())
+    metrics = {metric.name: metric for metric in found}
     if len(metrics) < len(found):
         raise ValueError(f"two figures of one name among {sorted(metric.name for metric in found)}")
     return metrics

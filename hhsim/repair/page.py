@@ -1,5 +1,7 @@
 """HTML page of the repair of one recording: verdict, figures before and after, curves and pictures."""
 
+from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +15,7 @@ from hhsim.system.counted import counted
 from hhsim.table.html import render
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
 GENERATOR = "hhsim repair"
 PANEL = 1.4
@@ -54,32 +56,21 @@ def depth_figure(before: FieldHands, after: FieldHands) -> style.ReportFigure:
     time = before.time
     depth = [1e3 * np.maximum(-hand.distance, 0.0) for hand in (before, after)]
     moved = 1e3 * np.linalg.norm(after.joints - before.joints, axis=2).max(axis=1)
-    panels: list[tuple[str, list[tuple[str, FloatArray, str]]]] = [
-        ("Depth in the object [mm]", [("recorded", depth[0], style.VERMILLION), ("repaired", depth[1], style.BLUE)]),
-        ("Largest move of a joint [mm]", [("repaired", moved, style.BLUE)]),
-    ]
+    curves = ("recorded", depth[0], style.VERMILLION), ("repaired", depth[1], style.BLUE)
 
-    def draw(figure: "Figure", narrow: bool) -> None:
-        for k, (title, curves) in enumerate(panels):
-            size = figure.get_size_inches()[0] - style.LEFT - style.RIGHT, PANEL
-            axes = style.add_panel(
-                figure,
-                style.LEFT,
-                style.TOP + style.LEGEND_LINE + style.TITLE + k * (style.TITLE + PANEL + style.BOTTOM),
-                size,
-            )
-            lines = [axes.plot(time, values, color=color, linewidth=1.0)[0] for _, values, color in curves]
-            style.gridded(axes)
-            axes.set_xlim(time[0], time[-1])
-            axes.set_ylim(bottom=0.0)
-            style.panel_title(axes, title, 12.0 if len(lines) > 1 else 3.0)
-            if len(lines) > 1:
-                style.fitted_legend([name for name, _, _ in curves], size[0]).draw(axes, lines)
-        axes.set_xlabel("time [s]")
+    def draw(curves: Iterable[tuple[str, FloatArray, str]], axes: "Axes") -> None:
+        for name, values, color in curves:
+            axes.plot(time, values, color=color, linewidth=1.0, label=name)
+        axes.set_ylim(bottom=0.0)
 
-    drawing = style.Drawing(
-        draw, lambda width, narrow: style.TOP + style.LEGEND_LINE + 2 * (style.TITLE + PANEL + style.BOTTOM)
+    def over_all(axes: "Sequence[Axes]", narrow: bool) -> None:
+        axes[-1].set(xlim=(time[0], time[-1]), xlabel="time [s]")
+
+    panels = (
+        style.Panel("Depth in the object [mm]", PANEL, partial(draw, curves), [name for name, *_ in curves]),
+        style.Panel("Largest move of a joint [mm]", PANEL, partial(draw, [("", moved, style.BLUE)])),
     )
+    drawing = style.chart(panels, over_all)
     largest = f"recorded {depth[0].max():.1f} mm, repaired {depth[1].max():.3f} mm"
     alt = f"Depth over time; largest: {largest}; largest move of a joint {moved.max():.1f} mm"
     return style.drawn_figure("depth", "Depth and correction.", f"Largest depth: {largest}.", alt, drawing)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.bench.speed_error_table import ALL
+from hhsim.bench.table import BenchTable
 from hhsim.bench.trees import largest_error
 from hhsim.render.figure import save_figure
 from hhsim.report.figure import BLUE, INK, LIMIT, Drawing, ReportFigure, drawn_figure, new_figure, run_style, time_text
@@ -48,6 +49,11 @@ CAPTIONS = {
     "trees": "Error: the larger of how far the leaf spheres reach out of the mesh and how far the mesh lies outside of "
     "them. Other programs: as measured in November 2026 on one core of a 2-core machine.",
 }
+
+
+def has_trade_off(found: BenchTable) -> bool:
+    """Return True for a table with the columns of such a picture."""
+    return TRADE_OFF_COLUMNS.get(found.suite) in {column.name for column in found.columns}
 
 
 def bench_trade_off(suite: str, rows: Sequence[Row]) -> ReportFigure | None:

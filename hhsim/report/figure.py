@@ -4,7 +4,7 @@ Sizes are those on paper: a figure is as wide as the text of an A4 page, its tex
 second time for a phone. Colours are Okabe and Ito's for the colour-blind ("Color Universal Design", 2008).
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -49,6 +49,15 @@ LETTER, SIGN, LEGEND_LINE = 0.075, 0.36, 0.17
 """Width of a letter and of a sign in a legend, and height of its lines [inches]."""
 TITLE, TOP, BOTTOM, RIGHT = 0.27, 0.02, 0.45, 0.1
 """Space for the title of a panel, above all panels, below them for the axis, and right of them [inches]."""
+LEGEND: Any = {
+    "bbox_to_anchor": (0.0, 1.0),
+    "borderaxespad": 0.15,
+    "borderpad": 0.1,
+    "labelspacing": 0.2,
+    "handlelength": 1.4,
+    "handletextpad": 0.4,
+    "columnspacing": 0.9,
+}
 
 
 @dataclass(frozen=True)
@@ -154,48 +163,91 @@ def gridded(axes: "Axes") -> None:
 
 
 @dataclass(frozen=True)
-class Legend:
-    """Names of a legend, cut to fit its width, and how many of them stand in a line."""
+class Panel:
+    """One panel of a chart: title with unit, height [inches], what draws it, and names of its legend, if any."""
 
-    names: list[str]
-    columns: int
-
-    @property
-    def height(self) -> float:
-        """Height [inches]; 0 without a name."""
-        return LEGEND_LINE * -(-len(self.names) // self.columns)
-
-    def draw(self, place: "Axes | Figure", handles: Sequence[Any]) -> None:
-        """Draw the legend above a panel, or at the top of a figure."""
-        loc: Any = "upper left" if hasattr(place, "canvas") else "lower left"
-        place.legend(
-            handles, self.names, loc=loc, bbox_to_anchor=(0.0, 1.0), ncols=self.columns, borderaxespad=0.15,
-            borderpad=0.1, handlelength=1.4, handletextpad=0.4, columnspacing=0.9, labelspacing=0.2,
-        )  # fmt: skip
+    title: str
+    height: float
+    draw: "Callable[[Axes], None]"
+    names: Sequence[str] = ()
 
 
-def fitted_legend(labels: Sequence[str], width: float) -> Legend:
-    """Return the legend of labels in a space `width` [inches] wide."""
-    most = max(2, int((width - SIGN) / LETTER))
-    names = [label if len(label) <= most else f"{label[: most - 1]}…" for label in labels]
-    widths = [SIGN + LETTER * len(name) for name in names]
-    columns = len(names) if sum(widths) <= width else int(width / max(widths))
-    return Legend(names, max(1, columns))
+def chart(
+    panels: Sequence[Panel],
+    over_all: "Callable[[Sequence[Axes], bool], None] | None" = None,
+    names: Mapping[str, tuple[str, str]] | None = None,
+    least: float = 0.0,
+) -> Drawing:
+    """Return the drawing of panels, each below its title and its legend.
+
+    Args:
+        panels: In their order.
+        over_all: What draws over all panels, laid out narrow or not, once they are drawn: they stand one below another
+            over one x axis. None for panels with axes of their own, beside one another.
+        names: Colour and mark by label, in a legend above all panels.
+        least: Least width of a panel with its labels [inches].
+    """
+
+    def legend(labels: Sequence[str], width: float) -> tuple[list[str], int, float]:
+        """Return labels cut to fit this width [inches], how many stand in a line, and the height of all lines."""
+        most = max(2, int((width - SIGN) / LETTER))
+        cut = [label if len(label) <= most else f"{label[: most - 1]}…" for label in labels]
+        widths = [SIGN + LETTER * len(label) for label in cut] or [width]
+        across = len(cut) if sum(widths) <= width else max(1, int(width / max(widths)))
+        return cut, across, LEGEND_LINE * -(-len(cut) // max(across, 1))
+
+    def placed(width: float, narrow: bool) -> tuple[list[tuple[float, float, float, float]], float]:
+        """Return each panel's place: left, down, width and height of its legend; and the height of the whole."""
+        across = 1 if over_all or narrow else max(1, min(len(panels), int(width / least)))
+        share, below = width / across, 0.0 if over_all else BOTTOM
+        down, places = TOP + legend(list(names or ()), width)[2], []
+        for row in (panels[start : start + across] for start in range(0, len(panels), across)):
+            heights = [legend(panel.names, share - LEFT)[2] for panel in row]
+            down += TITLE + max(heights)
+            places += [(k * share + LEFT, down, share - LEFT - RIGHT, height) for k, height in enumerate(heights)]
+            down += max(panel.height for panel in row) + below
+        return places, down + BOTTOM - below
+
+    def draw(figure: "Figure", narrow: bool) -> None:
+        from matplotlib.lines import Line2D
+
+        width, height = (float(side) for side in figure.get_size_inches())
+        drawn: list[Axes] = []
+        for panel, (left, down, across, above) in zip(panels, placed(width, narrow)[0]):
+            box = (left / width, 1.0 - (down + panel.height) / height, across / width, panel.height / height)
+            axes = figure.add_axes(box, sharex=drawn[0] if over_all and drawn else None)
+            drawn.append(axes)
+            gridded(axes)
+            axes.annotate(
+                panel.title, (0.0, 1.0), (-72 * (LEFT - 0.06), 4 + 72 * above), xycoords="axes fraction",
+                textcoords="offset points", fontweight="bold", va="bottom",
+            )  # fmt: skip
+            panel.draw(axes)
+            if panel.names and (handles := axes.get_legend_handles_labels()[0]):
+                of_all, columns, _ = legend(panel.names, across + RIGHT)
+                axes.legend(handles, of_all, loc="lower left", ncols=columns, **LEGEND)
+        if names:
+            labels, columns, _ = legend(list(names), width)
+            signs = [Line2D([], [], color=color, marker=mark, linewidth=1.2) for color, mark in names.values()]
+            figure.legend(signs, labels, loc="upper left", ncols=columns, **LEGEND)
+        if over_all:
+            for axes in drawn[:-1]:
+                axes.tick_params(labelbottom=False)
+            over_all(drawn, narrow)
+
+    return Drawing(draw, lambda width, narrow: placed(width, narrow)[1])
 
 
-def add_panel(figure: "Figure", left: float, down: float, size: tuple[float, float], **options: Any) -> "Axes":
-    """Add axes of this width and height, `left` from the left side and `down` from the top [inches]."""
-    width, height = figure.get_size_inches()
-    box = (left / width, 1.0 - (down + size[1]) / height, size[0] / width, size[1] / height)
-    return figure.add_axes(box, **options)
+def inches(axes: "Axes") -> float:
+    """Return how wide a panel is [inches]."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    return axes.get_position().width * float(figure.get_figwidth())
 
 
-def panel_title(axes: "Axes", text: str, up: float, left: float = LEFT - 0.06) -> None:
-    """Write a title above a panel, `up` points above and `left` inches left of its corner."""
-    axes.annotate(
-        text, (0.0, 1.0), (-72 * left, up), xycoords="axes fraction", textcoords="offset points", fontweight="bold",
-        va="bottom",
-    )  # fmt: skip
+def note(axes: "Axes", text: str) -> None:
+    """Write in the middle of a panel why it is empty."""
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=SOFT)
 
 
 def time_text(seconds: float) -> str:

@@ -7,8 +7,7 @@ from pathlib import Path
 from hhsim.bench.table import is_table, load_table
 from hhsim.errors import InputError
 from hhsim.render.figure import save_figure
-from hhsim.report.bench_chart import bench_figure
-from hhsim.report.bench_trade_off import TRADE_OFFS
+from hhsim.report.bench_trade_off import TRADE_OFFS, bench_trade_off, has_trade_off
 from hhsim.report.figure import ReportFigure, new_figure
 from hhsim.report.histogram import histogram_figure
 from hhsim.report.pictures import overview_picture
@@ -84,7 +83,7 @@ def _table_figure(path: Path, name: str, *, alone: bool) -> ReportFigure:
         )
     if not alone:
         raise InputError(f"{path} is a table of hhsim bench, which has a figure of its own: name it alone")
-    figure = bench_figure(found)
+    figure = bench_trade_off(found.suite, found.rows) if has_trade_off(found) else None
     if figure is None:
         raise InputError(f"{path}: no row of the table has both a time and a distance from the mesh to draw")
     return figure

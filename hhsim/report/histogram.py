@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,12 +15,11 @@ from hhsim.system.counted import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 BINS_A_DECADE = 30
 PANEL = 1.5
-STEP = style.TITLE + style.LEGEND_LINE + PANEL
-"""Height of each panel, without and with its title and legend [inches]."""
+"""Height of each panel [inches]."""
+NAMES, CONTACT_NAMES = ("CPU", "wall"), ("CPU, all", "CPU, contact", "wall, contact")
 HALO = {"boxstyle": "square,pad=0.05", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
 """Box behind text that crosses lines."""
 TIMES = tuple(factor * 10.0**power for power in range(-7, 2) for factor in (1.0, 2.0, 5.0))
@@ -44,24 +44,17 @@ def histogram_figure(results: Mapping[str, Result]) -> style.ReportFigure:
     runs = [_times(label, result) for label, result in results.items()]
     edges = _edges(runs)
 
-    def draw(figure: "Figure", narrow: bool) -> None:
-        first: Axes | None = None
-        for number, run in enumerate(runs):
-            size = float(figure.get_figwidth()) - style.LEFT - style.RIGHT, PANEL
-            axes = style.add_panel(figure, style.LEFT, style.TOP + (number + 1) * STEP - PANEL, size, sharex=first)
-            first = first or axes
-            _draw_panel(axes, run, edges, style.run_style(number)[0], len(runs) > 1)
-            axes.tick_params(labelbottom=number == len(runs) - 1)
-        if first is not None:
-            _scale(first, edges, narrow)
-            figure.axes[-1].set_xlabel("time of a tick")
+    def panel(number: int, run: TickTimes) -> style.Panel:
+        title = f"{run.label}: number of ticks" if len(runs) > 1 else "number of ticks"
+        draw = partial(_draw_panel, run=run, edges=edges, color=style.run_style(number)[0])
+        return style.Panel(title, PANEL, draw, CONTACT_NAMES if run.contact else NAMES)
 
-    def height(width: float, narrow: bool) -> float:
-        return style.TOP + len(runs) * STEP + style.BOTTOM
+    def over_all(axes: "Sequence[Axes]", narrow: bool) -> None:
+        _scale(axes[0], edges, narrow)
+        axes[-1].set_xlabel("time of a tick")
 
-    return style.drawn_figure(
-        "tick-times", "How long the ticks took", _caption(runs), _alt(runs), style.Drawing(draw, height)
-    )
+    drawing = style.chart([panel(number, run) for number, run in enumerate(runs)], over_all)
+    return style.drawn_figure("tick-times", "How long the ticks took", _caption(runs), _alt(runs), drawing)
 
 
 def _times(label: str, result: Result) -> TickTimes:
@@ -81,18 +74,15 @@ def _edges(runs: Sequence[TickTimes]) -> FloatArray:
     return np.asarray(style.BUDGET * 10.0 ** (bins / BINS_A_DECADE))
 
 
-def _draw_panel(axes: "Axes", run: TickTimes, edges: FloatArray, color: str, named: bool) -> None:
-    def stairs(times: FloatArray, label: str, **look: Any) -> None:
+def _draw_panel(axes: "Axes", run: TickTimes, edges: FloatArray, color: str) -> None:
+    def stairs(times: FloatArray, **look: Any) -> None:
         counts = np.histogram(np.maximum(times, style.LEAST_TIME), edges)[0]
-        axes.stairs(counts, edges, baseline=0.0, label=label, **look)
+        axes.stairs(counts, edges, baseline=0.0, label="ticks", **look)
 
-    style.gridded(axes)
-    style.panel_title(axes, f"{run.label}: number of ticks" if named else "number of ticks", 4 + 72 * style.LEGEND_LINE)
-    which = ", contact" if run.contact else ""
     if run.contact:
-        stairs(run.all_cpu, "CPU, all", fill=True, color="#d8dee4")
-    stairs(run.cpu, f"CPU{which}", fill=True, color=color, alpha=0.75)
-    stairs(run.wall, f"wall{which}", color=style.INK, linewidth=0.9)
+        stairs(run.all_cpu, fill=True, color="#d8dee4")
+    stairs(run.cpu, fill=True, color=color, alpha=0.75)
+    stairs(run.wall, color=style.INK, linewidth=0.9)
     most = max(1, run.all_cpu.size)
     # The space above the bars is for two lines of text.
     axes.set_ylim(0.6, 10.0 ** (1.3 * np.log10(most) + 0.6))
@@ -108,7 +98,7 @@ def _draw_panel(axes: "Axes", run: TickTimes, edges: FloatArray, color: str, nam
     )  # fmt: skip
     statistics = metrics.tick_statistics(1e9 * run.cpu)
     if statistics.count == 0:
-        axes.text(0.5, 0.5, "no tick", transform=axes.transAxes, ha="center", va="center", color=style.SOFT)
+        style.note(axes, "no tick")
         return
     for line, (name, value) in enumerate((("p50", statistics.p50), ("p99", statistics.p99))):
         axes.axvline(1e-6 * value, color=style.INK, linewidth=0.9, linestyle=(0, (3, 2)))
@@ -117,8 +107,6 @@ def _draw_panel(axes: "Axes", run: TickTimes, edges: FloatArray, color: str, nam
             f"{name} {style.time_text(1e-6 * value)}", (1e-6 * value, 1.0), (3.0, -2.0 - 72 * style.LEGEND_LINE * line),
             xycoords=("data", "axes fraction"), textcoords="offset points", va="top", bbox=HALO,
         )  # fmt: skip
-    handles, names = axes.get_legend_handles_labels()
-    style.Legend(names, len(names)).draw(axes, handles)
 
 
 def _scale(axes: "Axes", edges: FloatArray, narrow: bool) -> None:

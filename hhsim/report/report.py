@@ -11,7 +11,7 @@ from hhsim.bench import table as bench_file
 from hhsim.errors import InputError, OutputError
 from hhsim.gate.compare import Comparison, compare
 from hhsim.metrics.session_faults import how_it_ended
-from hhsim.report.bench_chart import bench_section
+from hhsim.report.bench_section import bench_section
 from hhsim.report.figure import Album, PageFigure
 from hhsim.report.histogram import histogram_figure
 from hhsim.report.pictures import CUT, HANDS, held_picture, overview_picture, overview_view, worst_cards

@@ -24,7 +24,6 @@ from hhsim.view.plots import force_values
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 FORCES = ("resultant", *FINGERS, "palm")
 PAIRS = ("within the margin", "touching")
@@ -91,16 +90,6 @@ class Run:
         return result_free_run(self.result) if self.result.ticks else None
 
 
-@dataclass(frozen=True)
-class Panel:
-    """One panel: title with unit, height on the page [inches], what draws its curves, and their names in the legend."""
-
-    title: str
-    height: float
-    draw: "Callable[[Axes, Sequence[Run]], None]"
-    names: tuple[str, ...] = ()
-
-
 def series_figure(results: Mapping[str, Result]) -> style.ReportFigure:
     """Draw forces, CPU time of the tick, contacts, depth and force variation over time, phases shaded.
 
@@ -110,62 +99,38 @@ def series_figure(results: Mapping[str, Result]) -> style.ReportFigure:
     runs = [Run(label, result, worst_ticks(result) if alone else []) for label, result in results.items()]
     depth_unit, depth_scale = _length_unit(runs)
     surface = " or ".join(dict.fromkeys(run.result.surface for run in runs))
-    panels: tuple[Panel, ...] = (
-        Panel("force on the hand [N]", 1.75, _draw_forces, FORCES if alone else tuple(results)),
-        Panel("CPU time of the tick", 1.3, _draw_times),
-        Panel("pairs of hand and object", 0.95, _draw_pairs, PAIRS),
-        Panel(f"penetration of the {surface} [{depth_unit}]", 0.75, partial(_draw_depth, scale=depth_scale)),
-        Panel("change of the force in one tick [%]", 1.0, _draw_variation),
-    )
+    fingers = FINGERS if alone else ()
+
+    def panel(title: str, height: float, draw: "Callable[[Axes, Sequence[Run]], None]", *names: str) -> style.Panel:
+        return style.Panel(title, height, partial(draw, runs=runs), names)
+
+    panels = [
+        panel("force on the hand [N]", 1.75, _draw_forces, *(FORCES if alone else results)),
+        panel("CPU time of the tick", 1.3, _draw_times),
+        panel("pairs of hand and object", 0.95, _draw_pairs, *PAIRS),
+        panel(f"penetration of the {surface} [{depth_unit}]", 0.75, partial(_draw_depth, scale=depth_scale)),
+        panel("change of the force in one tick [%]", 1.0, _draw_variation),
+    ]
     if any(run.stiffness is not None for run in runs):
-        panels += (Panel("stiffness told to the fingers, 0 to 1", 0.95, _draw_stiffness, FINGERS if alone else ()),)
+        panels.append(panel("stiffness told to the fingers, 0 to 1", 0.95, _draw_stiffness, *fingers))
     if any(run.free for run in runs):
-        panels += (
-            Panel("rise of the object [mm]", 0.75, _draw_rise),
-            Panel("friction of the hand, of what its contacts bear [%]", 0.75, _draw_friction),
-        )
+        panels += [
+            panel("rise of the object [mm]", 0.75, _draw_rise),
+            panel("friction of the hand, of what its contacts bear [%]", 0.75, _draw_friction),
+        ]
 
-    def legends(width: float) -> list[style.Legend]:
-        return [style.fitted_legend(panel.names, width - style.LEFT) for panel in panels]
-
-    def draw(figure: "Figure", narrow: bool) -> None:
-        names = legends(float(figure.get_figwidth()))
-        axes = _placed(figure, panels, names)
-        for panel, place in zip(panels, axes):
-            style.gridded(place)
-            panel.draw(place, runs)
+    def over_all(axes: "Sequence[Axes]", narrow: bool) -> None:
         _draw_phases(axes, runs[0])
         _draw_axis(axes, runs)
         _draw_marks(axes, runs)
-        for legend, place in zip(names, axes):
-            handles, _ = place.get_legend_handles_labels()
-            if handles and legend.names:
-                legend.draw(place, handles)
-
-    def height(width: float, narrow: bool) -> float:
-        above = sum(style.TITLE + legend.height for legend in legends(width))
-        return style.TOP + above + sum(panel.height for panel in panels) + style.BOTTOM
 
     alt = _alt(runs, len(panels))
     title = "Force, time and contacts over the run"
-    return style.drawn_figure("series", title, _caption(runs), alt, style.Drawing(draw, height))
+    return style.drawn_figure("series", title, _caption(runs), alt, style.chart(panels, over_all))
 
 
 BETWEEN = 0.11
 """Space between two names of phases [inches]."""
-
-
-def _placed(figure: "Figure", panels: Sequence[Panel], legends: Sequence[style.Legend]) -> "list[Axes]":
-    width, down = float(figure.get_figwidth()) - style.LEFT - style.RIGHT, style.TOP
-    places: list[Axes] = []
-    for panel, legend in zip(panels, legends):
-        down += style.TITLE + legend.height
-        places.append(
-            style.add_panel(figure, style.LEFT, down, (width, panel.height), sharex=places[0] if places else None)
-        )
-        down += panel.height
-        style.panel_title(places[-1], panel.title, 4 + 72 * legend.height)
-    return places
 
 
 def _curve(
@@ -253,7 +218,7 @@ def _draw_depth(axes: "Axes", runs: Sequence[Run], scale: float) -> None:
     some = any((run.result["penetration_depth"] > 0.0).any() for run in runs)
     axes.set_ylim(0.0, 1.15 * axes.get_ylim()[1] if some else 1.0)
     if not some and any(run.result.ticks for run in runs):
-        axes.text(0.5, 0.5, "none in any tick", transform=axes.transAxes, ha="center", va="center", color=style.SOFT)
+        style.note(axes, "none in any tick")
     _mark(axes, runs, "deepest", lambda run, tick: scale * float(run.result["penetration_depth"][tick]), "deepest")
 
 
@@ -313,7 +278,7 @@ def _draw_phases(axes: "Sequence[Axes]", run: Run) -> None:
     if len(at) == 0:
         return
     across = max(float(at[-1] - at[0]), 1e-9)
-    inches = axes[0].get_position().width * axes[0].figure.get_figwidth()  # type: ignore[union-attr]
+    inches = style.inches(axes[0])
     for phase in run.result.phases:
         first, last = float(at[phase.first_tick]), float(at[min(phase.last_tick, len(at) - 1)])
         for place in axes:
@@ -331,7 +296,7 @@ def _draw_phases(axes: "Sequence[Axes]", run: Run) -> None:
 def _draw_marks(axes: "Sequence[Axes]", runs: Sequence[Run]) -> None:
     """Draw a line through all panels at each mark, and its word at the top where it fits."""
     low, high = axes[0].get_xlim()
-    inches = axes[0].get_position().width * axes[0].figure.get_figwidth()  # type: ignore[union-attr]
+    inches = style.inches(axes[0])
     word_width = style.LETTER * MARK_LETTERS * (high - low) / inches
     for number, run in enumerate(runs):
         color, named = style.LIMIT if len(runs) == 1 else style.run_style(number)[0], np.inf
@@ -357,11 +322,9 @@ def _draw_axis(axes: "Sequence[Axes]", runs: Sequence[Run]) -> None:
     ends += [(at, at) for run in runs for at, _ in run.marks]
     low, high = (min(a for a, _ in ends), max(b for _, b in ends)) if ends else (0.0, 1.0)
     axes[0].set_xlim(low, high if high > low else low + 1.0)
-    for place in axes[:-1]:
-        place.tick_params(labelbottom=False)
     axes[-1].set_xlabel("time [s]" if all(map(_timed, runs)) else "tick")
     if not ends:
-        axes[0].text(0.5, 0.5, "no tick", transform=axes[0].transAxes, ha="center", va="center", color=style.SOFT)
+        style.note(axes[0], "no tick")
 
 
 def _caption(runs: Sequence[Run]) -> str:

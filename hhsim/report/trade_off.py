@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +12,6 @@ from hhsim.report import figure as style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
     from matplotlib.text import Annotation
 
 MARKS = ("o", "s", "D", "^", "v", "P", "X")
@@ -20,8 +20,8 @@ PAPER_RANGE = (310e-6, 1000e-6)
 """Mean times of a tick that the paper states, simple objects to 250 contacts, on a 6-core 3.7 GHz machine [s]."""
 ROUNDING = 1e-6
 """Smaller errors, in the unit of their axis, are drawn as 0."""
-RIGHT, TIME_LABEL = 0.08, 0.44
-"""Width right of a panel, and of a time label with the gap to the next one [inches]."""
+TIME_LABEL = 0.44
+"""Width of a time label with the gap to the next one [inches]."""
 MARK_INCHES = 0.06
 """Half of a mark's width."""
 Place = tuple[float, float, str, str]
@@ -75,34 +75,11 @@ def trade_off_drawing(
 
     `names` has colour and mark by label in the legend.
     """
-
-    def across_of(width: float, narrow: bool) -> int:
-        return 1 if narrow else max(1, min(len(panels), int(width / size[0])))
-
-    def draw(figure: "Figure", narrow: bool) -> None:
-        from matplotlib.lines import Line2D
-
-        width = float(figure.get_figwidth())
-        across, legend = across_of(width, narrow), style.fitted_legend(list(names), width)
-        share = (width - RIGHT) / across
-        inside = share - style.LEFT - RIGHT, size[1]
-        for number, panel in enumerate(panels):
-            row, column = divmod(number, across)
-            down = legend.height + (row + 1) * style.TITLE + row * (size[1] + style.BOTTOM)
-            _draw_panel(style.add_panel(figure, column * share + style.LEFT, down, inside), panel, inside[0])
-        handles = [Line2D([], [], color=color, marker=mark, linewidth=1.2) for color, mark in names.values()]
-        legend.draw(figure, handles)
-
-    def height(width: float, narrow: bool) -> float:
-        rows = -(-len(panels) // across_of(width, narrow))
-        return style.fitted_legend(list(names), width).height + rows * (style.TITLE + size[1] + style.BOTTOM) + 0.05
-
-    return style.Drawing(draw, height)
+    drawn = [style.Panel(panel.title, size[1], partial(_draw_panel, panel=panel)) for panel in panels]
+    return style.chart(drawn, names=names, least=size[0])
 
 
-def _draw_panel(axes: "Axes", panel: TradeOff, width: float) -> None:
-    style.gridded(axes)
-    style.panel_title(axes, panel.title, 6, style.LEFT - 0.16)
+def _draw_panel(axes: "Axes", panel: TradeOff) -> None:
     errors = [0.0 if abs(mark.error) < ROUNDING else mark.error for mark in panel.marks if np.isfinite(mark.error)]
     some = [error for error in errors if error > 0.0]
     paper = panel.paper if panel.paper is not None and np.isfinite(panel.paper) else None
@@ -114,7 +91,7 @@ def _draw_panel(axes: "Axes", panel: TradeOff, width: float) -> None:
     has_zero = len(some) < max(1, len(errors))
     axes.set(xscale="log", yscale="log", ylim=(zero * 10.0 ** (-0.1 * decades) if has_zero else low, high))
     axes.axhline(low, color=style.SOFT, linewidth=0.5, linestyle=":")
-    _draw_axis(axes, panel, width)
+    _draw_axis(axes, panel)
     if paper is not None:
         axes.plot(PAPER_RANGE, [paper] * 2, color=style.SOFT, linewidth=3.0, solid_capstyle="round")
         axes.annotate(
@@ -136,7 +113,7 @@ def _draw_panel(axes: "Axes", panel: TradeOff, width: float) -> None:
         costs, steps = [best[0][0], *(cost for cost, _ in best), 1e9], [1e9, *(off for _, off in best), best[-1][1]]
         axes.plot(costs, steps, color=style.SOFT, linewidth=0.9, drawstyle="steps-post", zorder=2)
     if not errors:
-        axes.text(0.5, 0.5, "not measured", transform=axes.transAxes, ha="center", va="center", color=style.SOFT)
+        style.note(axes, "not measured")
     powers = [10.0**k for k in range(round(np.log10(low)), round(np.log10(high)) + 1)]
     powers = powers[:: 1 + len(powers) // 7]
     # An energy may be below the optimum; a depth is not below 0.
@@ -154,8 +131,8 @@ def _draw_panel(axes: "Axes", panel: TradeOff, width: float) -> None:
     ])  # fmt: skip
 
 
-def _draw_axis(axes: "Axes", panel: TradeOff, width: float) -> None:
-    """Draw the axis below with the line of the budget; its panel's width [inches] decides how many labels fit."""
+def _draw_axis(axes: "Axes", panel: TradeOff) -> None:
+    """Draw the axis below with the line of the budget; the panel's width decides how many labels fit."""
     ends = [end for mark in panel.marks for end in (mark.cost, mark.until) if end is not None]
     costs = [end for end in ends if np.isfinite(end) and end > 0.0]
     costs += [] if panel.budget is None else [1e-5, panel.budget]
@@ -163,11 +140,13 @@ def _draw_axis(axes: "Axes", panel: TradeOff, width: float) -> None:
     axes.set_xlim(low, high)
     if panel.budget is not None:
         axes.axvline(panel.budget, color=style.LIMIT, linewidth=1.2)
-    decade = width / float(np.log10(high / low))
+    decade = style.inches(axes) / float(np.log10(high / low))
     step = int(np.ceil(TIME_LABEL / decade))
     powers = [k for k in range(-8, 8) if low <= 10.0**k <= high]
     # Counted from 1 ms, which always has its label; a label near the right end would be cut.
-    fits = [(k + 3) % step == 0 and decade * np.log10(high / 10.0**k) > 0.5 * TIME_LABEL - 2.0 * RIGHT for k in powers]
+    fits = [
+        (k + 3) % step == 0 and decade * np.log10(high / 10.0**k) > 0.5 * TIME_LABEL - 2.0 * style.RIGHT for k in powers
+    ]
     labels = [panel.spelled(10.0**k).replace(".0 ", " ") if fit else "" for k, fit in zip(powers, fits)]
     axes.set_xticks([10.0**k for k in powers], labels)
     axes.set_xlabel(panel.axis)

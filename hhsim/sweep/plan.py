@@ -24,6 +24,7 @@ from msgspec import Meta, structs
 import hhsim
 from hhsim import __version__
 from hhsim.errors import InputError, check_known, named
+from hhsim.gate.unusual_options import USUAL_SCENE
 from hhsim.mesh.catalogue import names_a_file, object_names, usual_level
 from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.described_scene import SceneWords
@@ -43,8 +44,6 @@ OF_THE_SCENE = ("level", "max_error", "rate", "samples", "place_object", "hand",
 """Options of a plan besides the solver's, by the names of `SceneWords`, SI."""
 BOTH = " = "
 """Separator of the names of sets of options that are the same for a cell."""
-USUAL_SCENE = {"rate": 1000.0, "samples": "interpolate", "seed": 0}
-"""Defaults of a scene; the level's default depends on the object."""
 WILD = frozenset("*?[")
 
 

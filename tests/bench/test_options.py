@@ -7,11 +7,8 @@ from typing import Any
 import pytest
 from conftest import Run
 
-from hhsim.bench.mesh_size import MeshSizeOptions
 from hhsim.bench.paper.bench import PaperOptions
-from hhsim.bench.paper.threads import ThreadsOptions
 from hhsim.bench.peers import PeersOptions
-from hhsim.bench.qp.recorded_problems import QpBenchOptions
 from hhsim.bench.robustness.random_targets import StressOptions
 from hhsim.bench.speed_error import SpeedErrorOptions
 from hhsim.bench.trees import TreesOptions
@@ -24,9 +21,6 @@ UNKNOWN: tuple[tuple[type, str, str, str], ...] = (
     (SpeedErrorOptions, "backends", "quadprg", "unknown QP solver 'quadprg'"),
     (SpeedErrorOptions, "surfaces", "mash", "unknown surface 'mash': did you mean mesh"),
     (TreesOptions, "objects", "bunyn", "bunny"),
-    (ThreadsOptions, "objects", "cap", "'cap'"),
-    (QpBenchOptions, "objects", "spere", "sphere"),
-    (QpBenchOptions, "motions", "graps", "grasp"),
     (PaperOptions, "methods", "best", "best"),
     (PaperOptions, "objects", "mug", "mug"),
 )
@@ -38,12 +32,9 @@ IMPOSSIBLE: tuple[tuple[type, dict[str, Any], str], ...] = (
     (PeersOptions, {"motions": ("never",)}, "touches nothing"),
     (PeersOptions, {"objects": ()}, "objects = .*at least one name"),
     (TreesOptions, {"spheres": (40_000,)}, "32768"),
-    (ThreadsOptions, {"threads": (1,)}, "nothing to be compared with"),
-    (ThreadsOptions, {"threads": (1, 6)}, "= 6; expected a whole number from 1 to 5"),
-    (MeshSizeOptions, {"object_name": "buny"}, "bunny"),
-    (MeshSizeOptions, {"subdivisions": (7,)}, "= 7; expected a whole number from 1 to 6"),
     (PaperOptions, {"methods": ()}, "methods = .*at least one name"),
     (PaperOptions, {"repetitions": 0}, "repetitions = 0"),
+    (PaperOptions, {"threads": 6}, "= 6; expected a whole number from 1 to 5"),
     (StressOptions, {"hold": 0}, "hold"),
     (StressOptions, {"bound": "finger"}, "unknown bound 'finger': known: hand, none, palm"),
     (StressOptions, {"flexion_range": (0.5, 1.5)}, "flexion_range"),
@@ -60,8 +51,6 @@ COMMANDS = (
     ("hard flat-finger", "hard case 'flat-finger' is made of triangles alone: it takes --surface mesh"),
     ("hard --method couple", "unknown method 'couple': did you mean coupled?"),
     ("trees --plot a.h5", "no picture by its ending"),
-    ("qp --programs qp.npz", ".parquet"),
-    ("qp --programs thesis.parquet", "exists and is no Parquet file"),
     ("paper --quick --plot thesis.parquet", "thesis.parquet"),
     ("recorded nowhere", "nowhere: no such file or folder"),
 )

@@ -59,12 +59,6 @@ def test_every_method_is_run_with_every_level_and_number_once() -> None:
         assert usual.solver_options() == SolverOptions(method=method)
 
 
-def test_a_rate_without_a_tick_in_the_hold_or_in_contact_is_no_error() -> None:
-    runs = measure(replace(SMALL, rate=1.0, levels=(1,), repetitions=1))
-    assert [run.failure for run in runs] == [""] * 4
-    assert len(table_rows(runs)) == 10
-
-
 def test_every_configuration_runs_on_every_scene(small: list[Run]) -> None:
     whole = [run for run in small if not run.configuration.stretch]
     assert [run.configuration for run in whole] == configurations(SMALL)
@@ -88,14 +82,6 @@ def test_every_configuration_runs_on_every_scene(small: list[Run]) -> None:
     assert other.errors.off_optimum_max == pytest.approx(ours.errors.off_optimum_max, abs=1e-4)
 
 
-def test_finer_spheres_are_nearer_to_the_mesh_and_to_the_optimum(small: list[Run]) -> None:
-    coarse, fine = (run.errors for run in small[:2])
-    assert coarse is not None
-    assert fine is not None
-    assert fine.contact_error_max < 0.5 * coarse.contact_error_max
-    assert fine.off_optimum_mean < 0.5 * coarse.off_optimum_mean
-
-
 def test_the_mesh_is_a_configuration_beside_the_levels_of_spheres() -> None:
     both = replace(SMALL, surfaces=("spheres", "mesh"), methods=tuple(METHODS))
     found = configurations(both)
@@ -110,18 +96,6 @@ def test_the_mesh_is_a_configuration_beside_the_levels_of_spheres() -> None:
     assert (own.surface, own.level) == ("spheres", 2)
     (own, _) = backend_configurations(replace(SMALL, surfaces=("mesh", "spheres")))
     assert (own.surface, own.level) == ("mesh", NO_LEVEL)
-
-
-@pytest.mark.soak
-def test_the_mesh_is_the_truth(small: list[Run]) -> None:
-    runs = measure(replace(SMALL, surfaces=("mesh",), repetitions=1))
-    assert [run.configuration.level for run in runs] == [NO_LEVEL] * 4
-    assert [run.failure for run in runs] == [""] * 4
-    (mesh, *_), (_, fine, *_) = runs, small
-    assert mesh.errors is not None and fine.errors is not None
-    assert mesh.errors.mesh_error < 1.1e-6 < 0.01 * fine.errors.mesh_error
-    assert mesh.errors.off_optimum_mean < 0.01 * fine.errors.off_optimum_mean
-    assert "distances from the true mesh are coal's" in remarks(runs)[0]
 
 
 ZEROS = RunErrors(**dict.fromkeys(RunErrors.__dataclass_fields__, 0))
@@ -252,10 +226,3 @@ def test_the_frontier_holds_exactly_what_no_other_point_beats(points: list[tuple
     whole = [p for p in points if not (np.isnan(p[0]) or np.isnan(p[1]))]
     unbeaten = {(x, y) for x, y in whole if not any(a <= x and b <= y and (a < x or b < y) for a, b in whole)}
     assert set(values) == unbeaten
-
-
-def test_a_gain_keeps_hair_breadths_off() -> None:
-    time, error = [1.0, 2.0, 3.0, 4.0], [1.0, 0.96, 0.91, 0.5]
-    assert frontier(time, error).tolist() == [0, 1, 2, 3]
-    assert frontier(time, error, 0.05).tolist() == [0, 2, 3]
-    assert frontier([1.0, 2.0], [0.0, 0.0], 0.05).tolist() == [0]

@@ -1,6 +1,5 @@
 """Tables of the bench: every bit comes back, units stand beside the numbers, and nothing foreign is destroyed."""
 
-import csv
 import json
 import math
 from pathlib import Path
@@ -8,8 +7,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from hhsim.bench.table import check_table_path, csv_path, load_table, write_table
 from hhsim.errors import InputError, OutputError
@@ -60,31 +57,6 @@ def test_the_file_says_what_a_result_says_of_its_origin(tmp_path: Path) -> None:
         for column in COLUMNS:
             found = file[column.name].attrs
             assert (found["units"], found["long_name"]) == (column.unit or "1", column.says)
-
-
-def test_the_csv_says_the_same(tmp_path: Path) -> None:
-    write_table(tmp_path / "a.h5", "hard", COLUMNS, ROWS, OPTIONS)
-    with (tmp_path / "a.csv").open(encoding="utf-8", newline="") as file:
-        lines = list(csv.reader(file))
-    assert lines == [
-        ["method", "level", "tick_p50 [s]", "passed"],
-        ["coupled", "4", "2.5e-05", "1"],
-        ['a, "b"\nμ', "-3", "", "0"],
-        ["", str(2**60), "1.0", "0"],
-    ]
-
-
-# Few files, of many numbers each: writing one is what takes time.
-@settings(max_examples=15)
-@given(st.lists(st.floats(), min_size=1, max_size=150))
-def test_numbers_come_back_bit_for_bit(tmp_path_factory: pytest.TempPathFactory, numbers: list[float]) -> None:
-    path = tmp_path_factory.mktemp("bench") / "a.h5"
-    write_table(path, "hard", [Column("x", "a number", "m")], [{"x": number} for number in numbers], {})
-    assert np.array_equal([row["x"] for row in load_table(path).rows], numbers, equal_nan=True)
-    cells = csv_path(path).read_text().splitlines()[1:]
-    # csv writes a lone empty cell as "", to tell it from an empty line.
-    read = [math.nan if cell in ("", '""') else float(cell) for cell in cells]
-    assert np.array_equal(read, numbers, equal_nan=True)
 
 
 def test_a_table_may_have_no_rows_and_a_column_no_numbers(tmp_path: Path) -> None:

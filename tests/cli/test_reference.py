@@ -85,11 +85,9 @@ def test_what_means_the_same_is_explained_alike(name: str) -> None:
 
 def library_defaults() -> Iterator[tuple[str, str, str]]:
     """Command, option and what the library takes where the option is not given, as the help should spell it."""
-    from hhsim.bench import mesh_size, speed_error
+    from hhsim.bench import speed_error
     from hhsim.bench import trees as bench_trees
     from hhsim.bench.paper import bench as bench_paper
-    from hhsim.bench.paper import threads as bench_threads
-    from hhsim.bench.qp import recorded_problems as qp_harvest
     from hhsim.gate.suite import default_suite
     from hhsim.live.devices.registry import configure
     from hhsim.live.ipc import config as live_setup
@@ -115,16 +113,12 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
             {"objects": "object", "motions": "motion", "surfaces": "surface", "levels": "level"},
         ),
         ("trees", bench_trees.TreesOptions(), {"objects": "object", "spheres": ""}),
-        ("mesh-size", mesh_size.MeshSizeOptions(), {"subdivisions": ""}),
-        ("threads", bench_threads.ThreadsOptions(), {"objects": "object", "threads": ""}),
     )
     for suite, run, fields in suites:
         for field, one in fields.items():
             value = getattr(run, field)
             values = value if isinstance(value, tuple) else (value,)
             yield f"hhsim bench {suite}", f"--{one or field}", ",".join(map(str, values))
-    yield "hhsim bench qp", "--object", ",".join(qp_harvest.OBJECTS)
-    yield "hhsim bench qp", "--motion", ",".join(qp_harvest.MOTIONS)
     yield "hhsim gate", "--processes", f"as the suite says, else {default_suite().time.processes}"
     served: list[Any] = [
         (kind, configure(kind).options) for kind in ("dexmo", "doglove", "manus", "opengloves", "openxr", "udp")

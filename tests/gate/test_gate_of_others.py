@@ -1,8 +1,6 @@
 """A gate for other people's work: a method, a recording, a submission and a session, and what goes wrong in each."""
 
 import json
-import os
-import re
 import shutil
 import subprocess
 import sys
@@ -13,7 +11,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from built_wheel import build_wheel
 from conftest import Answer, Run
 from file_faults import Fault, at, attribute
 from gate_scene import SHORT
@@ -268,59 +265,6 @@ def test_a_regression_of_others_is_red_and_named_in_one_line(head: Path, gate: G
     assert line in answer.err
     (told,) = (said for said in answer.err.splitlines() if line in said)
     assert told.startswith("hhsim: gate: ")
-
-
-@pytest.mark.soak
-def test_the_workflow_gates_a_project_from_the_wheel(repository: Path, project: Path, tmp_path: Path) -> None:
-    """The steps of the example for GitHub, its actions done by hand: green, then red for each regression."""
-    yaml = pytest.importorskip("yaml", reason="pip install 'hhsim[test]' brings pyyaml")
-    workflow = yaml.safe_load((repository / "examples" / "gate-github-actions.yml").read_text())
-    steps = {step["name"]: step["run"] for step in workflow["jobs"]["gate"]["steps"] if "name" in step}
-    wheel = build_wheel(repository, tmp_path)
-    for side in ("base", "head"):
-        shutil.copytree(project, tmp_path / side)
-    (tmp_path / "bin").mkdir()
-    (tmp_path / "bin" / "python").symlink_to(sys.executable)
-    environment = {
-        **os.environ,
-        **workflow["env"],
-        "PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}",
-        "PYTHONPATH": str(installed_but_hhsim(tmp_path / "libraries")),
-        "GITHUB_STEP_SUMMARY": str(tmp_path / "summary.md"),
-        "PIP_NO_INDEX": "1",
-        "PIP_NO_DEPS": "1",
-        "PIP_FIND_LINKS": str(wheel.parent),
-    }
-
-    def step(name: str, folder: Path) -> "subprocess.CompletedProcess[str]":
-        command = ["bash", "-e", "-c", steps[name]]
-        return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
-
-    installed = step("Install both", tmp_path)
-    assert installed.returncode == 0, installed.stderr
-    where = [str(tmp_path / "head" / ".venv" / "bin" / "python"), "-P", "-c", "import hhsim; print(hhsim.__file__)"]
-    assert str(tmp_path) in subprocess.run(where, env=environment, capture_output=True, text=True).stdout
-    answer = step("Gate", tmp_path / "head")
-    assert answer.returncode == 0, answer.stdout + answer.stderr
-    for plant, line in REGRESSIONS.values():
-        for name in (path.name for path in project.iterdir() if path.is_file()):
-            shutil.copy(project / name, tmp_path / "head" / name)
-        only(tmp_path / "head", line.split(",")[0])
-        plant(tmp_path / "head")
-        (tmp_path / "summary.md").unlink()
-        answer = step("Gate", tmp_path / "head")
-        assert answer.returncode == 1, answer.stdout + answer.stderr
-        assert line in answer.stdout and line.split(": ")[0].split(", ")[1] in (tmp_path / "summary.md").read_text()
-
-
-def installed_but_hhsim(folder: Path) -> Path:
-    """Every library that is installed beside hhsim, for an environment that has none."""
-    folder.mkdir()
-    for path in (entry for entry in sys.path if entry.endswith("site-packages")):
-        for library in Path(path).iterdir():
-            if not re.match(r"hhsim|__editable__|pip|setuptools|.*\.pth$", library.name):
-                (folder / library.name).symlink_to(library)
-    return folder
 
 
 def test_a_limit_on_what_a_run_does_not_have_is_told_in_a_line(head: Path, gate: Gate) -> None:

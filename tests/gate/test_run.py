@@ -237,24 +237,6 @@ def test_the_shell_example_gates_base_and_head(repository: Path, tmp_path: Path,
     assert (tmp_path / "reports" / "gate.md").read_text().startswith("## ✅ hhsim gate")
 
 
-def test_the_shell_example_says_no(repository: Path, tmp_path: Path) -> None:
-    """Without a base no time is judged, and what the gate answers is the script's answer."""
-    gate = tmp_path / "hhsim"
-    gate.write_text('#!/bin/sh\necho "MISSED by $@"\nexit 1\n')
-    gate.chmod(0o755)
-    environment = {**os.environ, "HHSIM": str(gate)}
-    environment.pop("BASE_PYTHON", None)
-    script = repository / "examples" / "gate.sh"
-    answer = subprocess.run([str(script)], cwd=tmp_path, env=environment, capture_output=True, text=True)
-    assert answer.returncode == 1, answer.stdout + answer.stderr
-    program, *arguments = answer.stdout.split()[2:]
-    assert program == "gate"
-    context = importlib.import_module("hhsim.cli.gate").command.make_context("gate", list(arguments))
-    assert context.params["base_python"] is None
-    assert (tmp_path / "gate-reports").is_dir()
-    assert "--no-time" in arguments
-
-
 def test_the_github_example_is_yaml_whose_gate_line_the_command_takes(repository: Path) -> None:
     yaml = pytest.importorskip("yaml", reason="pip install 'hhsim[test]' brings pyyaml")
     command = importlib.import_module("hhsim.cli.gate").command

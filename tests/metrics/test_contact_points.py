@@ -10,15 +10,10 @@ from sphere_scenes import bumpy_ball, palm_centers
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.contact_points import find_contact_pairs
-from hhsim.kernels.contact.penetration import clearances
 from hhsim.kernels.contact.surface import ContactPoints
-from hhsim.kernels.hand.hand_shape import HandShape
-from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.mesh.features import mesh_features
 from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.metrics.contact_points import find_contact_points
-from hhsim.metrics.metrics import penetration
 from hhsim.trees.sphere_tree import SphereTree
 
 TOUCH = 1e-3
@@ -138,15 +133,6 @@ def test_a_body_that_was_away_is_seen_again_when_it_comes(hand: HandModel, tree:
     assert step == 0.0 or len(set(counts)) > 1
 
 
-def test_threads_change_nothing(
-    hand: HandModel, tree: SphereTree, placed: PlacedHand, found: ContactPoints, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("hhsim.metrics.contact_points.TICKS_A_THREAD", 1)
-    monkeypatch.setattr("hhsim.metrics.contact_points.usual_threads", lambda: 5)
-    for ours, expected in zip(find_contact_points(tree.arrays(), hand_shape(hand), placed, TOUCH), found):
-        np.testing.assert_array_equal(ours, expected)
-
-
 def test_each_point_lies_on_its_body_with_the_normal_out_of_the_object(
     hand: HandModel, tree: SphereTree, placed: PlacedHand, found: ContactPoints
 ) -> None:
@@ -167,24 +153,6 @@ def test_each_point_lies_on_its_body_with_the_normal_out_of_the_object(
         along = away @ normal
         straight = np.linalg.norm(away - along[:, None] * normal, axis=1) < 1e-9
         assert (straight & (along - tree.leaf_radius <= TOUCH)).any()
-
-
-@pytest.mark.skipif(not JIT_ENABLED, reason="without the compiler there are no signatures")
-def test_what_is_read_only_is_measured_by_the_same_kernels(
-    hand: HandModel, tree: SphereTree, placed: PlacedHand
-) -> None:
-    def measured(shape: HandShape, stored: PlacedHand) -> tuple[bytes, int]:
-        points = find_contact_points(tree.arrays(), shape, stored, TOUCH)
-        depth = penetration(tree.arrays(), shape, stored)
-        signatures = find_contact_pairs.signatures, clearances.signatures  # type: ignore[attr-defined]
-        return points.point.tobytes() + depth.depth.tobytes(), sum(map(len, signatures))
-
-    shape = hand_shape(hand)
-    usual = measured(shape, placed)
-    stored = [values.copy() for values in (*shape, *placed)]
-    for values in stored:
-        values.flags.writeable = False
-    assert measured(HandShape(*stored[:3]), PlacedHand(*stored[3:])) == usual
 
 
 def test_fingers_and_ticks_can_be_left_out(

@@ -19,10 +19,9 @@ from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh.catalogue import load_object
-from hhsim.mesh.mesh import Mesh
 from hhsim.metrics import mesh_penetration as module
 from hhsim.metrics.contact_points import find_contact_points
-from hhsim.metrics.mesh_penetration import TouchedObject, contact_error, mesh_clearance
+from hhsim.metrics.mesh_penetration import contact_error, mesh_clearance
 from hhsim.metrics.run_ticks import PLACED, result_ticks
 from hhsim.motion.trajectory import Trajectory
 from hhsim.render.triangle_soup import FINE, SPHERE, Surface, hand_surface, joined, piece_surfaces, round_cone_surface
@@ -32,7 +31,6 @@ from hhsim.scene.scene import make_scene
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
-from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.claim import HOLDS, Claim
 from hhsim.verify.depth_checks import contact_error_claim
 from hhsim.verify.tick_data import JudgedTicks
@@ -127,26 +125,6 @@ def test_it_is_what_trimesh_measures_at_every_contact(grasp: Result) -> None:
     np.testing.assert_allclose(run.contact_error[looked], expected[looked], atol=1e-9)
     assert grasp.summary["contact_error_max"] == np.nanmax(run.contact_error) > 1e-3
     assert (np.isfinite(run.contact_error) == [len(found) > 0 for found in points]).all()
-
-
-def test_a_finger_on_the_ball_around_a_cube() -> None:
-    """The ball through a cube's corners, touched over the middle of its upper face."""
-    hand = HandModel.default()
-    cube = trimesh.creation.box((0.1, 0.1, 0.1))
-    radius = 0.05 * np.sqrt(3.0)
-    tree = SphereTree(np.zeros((1, 3)), np.array([radius]), np.array([0]), np.array([-1])).arrays()
-    touched = TouchedObject(Mesh(cube.vertices, cube.faces), tree, hand_shape(hand), np.ones(5, bool), 1e-5)
-    joints = np.full((3, 5, 4, 3), 5.0)
-    joints[..., 0] += 0.1 * np.arange(4)
-    tip = hand.radius[1, 3]
-    joints[1:, 1, :, :] = [0.0, 0.0, radius + tip + 0.2]
-    joints[1:, 1, 3] = [0.0, 0.0, radius + tip]
-    away = np.full((3, 3), 9.0)
-    placed = PlacedHand(joints, away, np.tile([1.0, 0.0, 0.0, 0.0], (3, 1)))
-    error = touched.contact_error(placed, np.array([True, True, False]))
-    np.testing.assert_allclose(error, [np.nan, radius - 0.05, np.nan], atol=1e-9)
-    none = TouchedObject(touched.mesh, tree, touched.shape, np.zeros(5, bool), 1e-5)
-    assert np.isnan(none.contact_error(placed, np.ones(3, bool))).all()
 
 
 def judged(grasp: Result, folder: Path, figure: float, every: int = 1) -> Claim:

@@ -77,14 +77,6 @@ def test_letters_of_a_pdf_are_letters_and_no_date_is_in_it(series: ReportFigure,
     assert b"CreationDate" not in data
 
 
-@pytest.mark.parametrize("suffix", sampled([".pdf", ".svg", ".png"], lambda _, suffix: suffix != ".png"))
-def test_the_same_results_give_the_same_bytes(path: Path, series: ReportFigure, tmp_path: Path, suffix: str) -> None:
-    for name, figure in (("one", series), ("two", make_figure([path, path], "series"))):
-        write_figure(figure, tmp_path / f"{name}{suffix}", 3.46)
-    one, two = ((tmp_path / f"{name}{suffix}").read_bytes() for name in ("one", "two"))
-    assert one == two
-
-
 @pytest.mark.parametrize("name", sampled(["ticks", "speed-error", "hand"], lambda _, name: name != "speed-error"))
 def test_every_figure_is_drawn_within_its_page(
     path: Path, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch

@@ -167,19 +167,6 @@ def test_a_folder_of_others_and_one_that_is_worked_in_are_left_alone(tmp_path: P
         run(path, tmp_path / "out")
 
 
-@pytest.mark.soak
-@pytest.mark.filterwarnings("ignore")
-def test_a_cluster_writes_the_same_and_survives_what_kills_its_workers(tmp_path: Path) -> None:
-    pytest.importorskip("distributed")
-    path = write_manifest(tmp_path, "copy 9", "crash 1", "hang 0", "copy 8", more=LIMIT)
-    run(path, tmp_path / "here")
-    run_manifest(path, tmp_path / "there", fake_repairs.repaired, workers=1, scheduler=engines.LOCAL)
-    here, there = states(tmp_path / "here"), states(tmp_path / "there")
-    assert there.pop("r1")[1].startswith("its worker was lost") and here.pop("r1")
-    assert here == there
-    assert ran(tmp_path / "there") == ["r0", "r1", "r2", "r3"]
-
-
 @pytest.mark.usefixtures("in_this_process")
 @pytest.mark.parametrize("kills", [1, pytest.param(5, marks=pytest.mark.soak)])
 def test_killed_and_resumed_it_has_the_same_files(tmp_path: Path, kills: int) -> None:

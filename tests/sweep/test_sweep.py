@@ -182,26 +182,6 @@ def test_an_estimate_rests_on_all_of_a_motion_where_its_beginning_is_cheap(
     assert found.elapsed(2) == found.seconds / 2
 
 
-def test_what_is_left_is_told_anew_as_cells_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    took = {"coupled": 100.0, "penalty": 900.0, "progressive": 500.0}
-
-    def pretended(tasks: Sequence[CellTask], options: SweepOptions) -> Any:
-        for task in tasks:
-            yield TaskEnd(task.digest, ticks=200, seconds=took[task.cell.method])
-
-    monkeypatch.setattr(module, "_engine", pretended)
-    told: list[str] = []
-    path = write_plan(tmp_path, PLAN.replace('"penalty"', '"penalty", "progressive"') + "\n[options.finer]\nlevel = 3")
-    plan = load_plan(path)
-    run_sweep(plan, SweepFolder(tmp_path / "out"), SweepOptions(jobs=1), lambda what, *_: told.append(what))
-    order = [planned.cell.method for planned in plan.cells]
-    cells = [what for what in told if what.startswith("cells")]
-    assert order[:2] == ["coupled", "coupled"] and cells[0] == cells[-1] == "cells"
-    # Five left, all as the first one; then three, of which nothing like them was run, as the mean of those that were.
-    assert cells[1] == f"cells (about {5 * 100 / 60:.0f} min left)"
-    assert cells[3] == f"cells (about {(100 + 100 + 900) / 60:.0f} min left)"
-
-
 def test_times_of_cells_that_are_run_repeatedly_are_kept_and_more_runs_are_run(
     tmp_path: Path, in_this_process: list[str]
 ) -> None:

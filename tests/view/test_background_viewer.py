@@ -4,7 +4,6 @@ A process that has imported rerun, as that of the tests has, cannot be forked; w
 """
 
 import os
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -17,7 +16,7 @@ from short_grasp import short_grasp, short_scene
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.solver.options import SolverOptions
-from hhsim.view.background_viewer import ViewAhead, can_fork
+from hhsim.view.background_viewer import can_fork
 from hhsim.view.sink import parse_target
 from hhsim.view.viewer import view_result
 
@@ -119,30 +118,6 @@ def test_a_replay_that_fails_leaves_neither_file_nor_process(result: Result, tmp
     with pytest.raises(ProcessLookupError):
         os.kill(int(answer.stdout), 0)
     assert list(tmp_path.iterdir()) == []
-
-
-@linux
-def test_ctrl_c_while_it_is_shown_removes_what_is_half_written(result: Result, tmp_path: Path) -> None:
-    # Ctrl-C of a terminal reaches both processes.
-    body = """
-    def interrupt(*step):
-        assert [path.suffix for path in target.path.parent.iterdir()] == [".rrd"]
-        os.killpg(0, signal.SIGINT)
-    viewer.show(result, interrupt)
-"""
-    words = [sys.executable, "-c", FORKED.format(body=body), str(result.path), str(tmp_path / "x.rrd")]
-    answer = subprocess.run(words, capture_output=True, text=True, start_new_session=True)
-    assert answer.returncode == -signal.SIGINT
-    assert answer.stderr.splitlines()[-1] == "KeyboardInterrupt"
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_without_a_fork_it_is_shown_here(result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hhsim.view.background_viewer.can_fork", lambda: False)
-    with ViewAhead(parse_target(str(tmp_path / "here.rrd"))) as viewer:
-        viewer.settle()
-        assert viewer.show(result.path).shown == 150
-    assert len(Recording(tmp_path / "here.rrd").rows("/plots/force", "Scalars:scalars")) == 150
 
 
 def test_a_process_with_rerun_in_it_is_not_forked() -> None:

@@ -21,7 +21,7 @@ from hhsim.render.triangle_soup import PHALANGES, piece_poses
 from hhsim.result.reader import Result, load_result
 from hhsim.view.plots import CONTACTS, DEPTH, FORCE, RESULT_PLOTS, TIME, VARIATION
 from hhsim.view.scene_log import FORCE_LENGTH, NORMAL_LENGTH
-from hhsim.view.sink import check_target, open_viewer, parse_target, viewer_program
+from hhsim.view.sink import check_target, parse_target, viewer_program
 from hhsim.view.viewer import view_result
 
 
@@ -152,16 +152,6 @@ def test_a_thinned_recording_keeps_the_worst_of_the_ticks_between(result: Result
     np.testing.assert_allclose(force, np.linalg.norm(result["force/total"][::7], axis=1), rtol=1e-15)
 
 
-def test_blocks_join_without_a_seam(result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hhsim.view.viewer.BLOCK_TICKS", 50)
-    path = tmp_path / "blocks.rrd"
-    view_result(result, parse_target(str(path)), every=3)
-    blocks = Recording(path)
-    assert blocks.array("/plots/contacts", "Scalars:scalars").shape == (60, 2)
-    position = blocks.array("/world/haptic/palm", "Transform3D:translation")[:, 0]
-    np.testing.assert_allclose(position, result["haptic/position"][::3], atol=1e-7)
-
-
 def test_a_run_that_was_stopped_is_shown_as_far_as_it_went(result: Result, tmp_path: Path) -> None:
     stopped = tmp_path / "stopped.h5"
     shutil.copy(result.path, stopped)
@@ -244,18 +234,6 @@ def test_a_viewer_that_is_open_gets_the_same(result: Result, written: Path, tmp_
         ("/plots/variation", "Scalars:scalars"),
     ):
         np.testing.assert_equal(sent.rows(entity, column), whole.rows(entity, column))
-
-
-def test_spawn_opens_a_viewer_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with listening(tmp_path / "got.rrd") as (port, _):
-        monkeypatch.setattr("hhsim.view.sink.viewer_program", lambda: pytest.fail("one is open already"))
-        open_viewer(port)
-    broken = tmp_path / "rerun"
-    broken.write_text("#!/bin/sh\necho no graphics adapter >&2\nexit 3\n")
-    broken.chmod(0o755)
-    monkeypatch.setattr("hhsim.view.sink.viewer_program", lambda: str(broken))
-    with pytest.raises(InputError, match="does not start: no graphics adapter"):
-        open_viewer(port)
 
 
 def test_a_notebook_shows_the_same_in_its_cell(

@@ -7,7 +7,7 @@ one thread on the machine at hand; the paper's are of an Intel Core i7-8700, 3.7
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -16,12 +16,13 @@ from hhsim.bench.paper.scene import Scenario, Stage, make_stage, paper_scenarios
 from hhsim.bench.run_errors import in_turns
 from hhsim.errors import check_known
 from hhsim.hand.model import HandModel
+from hhsim.kernels.hand.kinematics import FINGER_COUNT
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.solver.hand_solver import warm_up
-from hhsim.solver.method import METHODS
+from hhsim.solver.method import METHODS, methods_that
 from hhsim.solver.options import SolverOptions
 from hhsim.system.progress import Progress, silent
-from hhsim.system.settings_file import Count, Names, check_fields
+from hhsim.system.settings_file import Count, Names, between, check_fields
 from hhsim.system.thread_pool import usual_threads
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -44,12 +45,17 @@ class PaperOptions:
     instances: Count = 100  # limit of the instances of a case of Fig. 15
     repetitions: Count = 3  # of every run
     seed: int = 0  # of the instances' places
+    threads: Annotated[int, between(1, FINGER_COUNT)] = 1  # that share a tick of a method that takes several
 
     def __post_init__(self) -> None:
         """Raise InputError for unknown names, empty lists and numbers out of range."""
         check_known("method", self.methods, list(METHODS))
         check_known("object", self.objects or (), object_names())
         check_fields(self)
+
+    def solver(self, method: str) -> SolverOptions:
+        """Return the options of a method: with the threads if it takes several."""
+        return SolverOptions(method=method, threads=self.threads if method in methods_that("takes_threads") else 1)
 
     @property
     def whole(self) -> bool:
@@ -90,10 +96,10 @@ def measure(options: PaperOptions, progress: Progress = silent) -> PaperRuns:
     """Play everything; errors as `make_stages` and `play_in_turns`."""
     hand = HandModel.default()
     for method in options.methods:
-        warm_up(hand, SolverOptions(method=method))
+        warm_up(hand, options.solver(method))
     scenarios = [s for s in paper_scenarios() if options.objects is None or s.object_name in options.objects]
     stages = make_stages(scenarios, hand, options.level, options.instances, options.seed, progress)
-    solvers = [SolverOptions(method=method) for method in options.methods]
+    solvers = [options.solver(method) for method in options.methods]
     runs = play_in_turns(stages, solvers, options.repetitions, progress)
     return PaperRuns(tuple(runs), tuple(_at_contacts(options, stages, progress)))
 
@@ -139,7 +145,7 @@ def _at_contacts(options: PaperOptions, stages: Sequence[Stage], progress: Progr
                 continue
             for number, method in enumerate(options.methods):
                 progress(f"{wanted:.0f} contacts", number, len(options.methods))
-                margin, run = at_contacts(stage, SolverOptions(method=method), wanted)
+                margin, run = at_contacts(stage, options.solver(method), wanted)
                 for _ in range(1, options.repetitions):
                     play_again(run)
                 found.append(ContactRun(case, wanted, margin, run))

@@ -9,7 +9,7 @@ from hhsim.bench.robustness import case, postures
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.postures import FIST, HALF, INDEX, POINTING, shifted
 from hhsim.bench.robustness.sphere_objects import BALL_RADIUS, ball, mould, plate, right_hand, ring, tree_of
-from hhsim.bench.robustness.triangle_objects import ball_mesh, box_mesh, joined_mesh, ring_mesh, roof_mesh
+from hhsim.bench.robustness.triangle_objects import ball_mesh, joined_mesh, ring_mesh, roof_mesh
 from hhsim.bench.run_errors import hand_clearance, placed_of
 from hhsim.hand.configuration import sequence
 from hhsim.hand.forward_kinematics import PlacedHand
@@ -17,6 +17,7 @@ from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.shapes import box_mesh
 from hhsim.motion.analytic_motion import UPRIGHT, random_targets, still
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -94,7 +95,7 @@ def _opposed(seed: int) -> Sequence[HardRun]:
 
 def _wedge() -> tuple[SphereTree, Mesh]:
     points = plate(0.08, 0.08, 3e-3, 0.0) + [0.0, 0.04, 0.0]
-    wall = box_mesh(0.08, 0.08, 4.6e-3).transformed(np.eye(3), (0.0, 0.04, 0.0))
+    wall = box_mesh((0.08, 0.08, 4.6e-3)).transformed(np.eye(3), (0.0, 0.04, 0.0))
     spheres, walls = [], []
     for sign in (-1.0, 1.0):
         cosine, sine = np.cos(WEDGE_ANGLE), sign * np.sin(WEDGE_ANGLE)
@@ -111,7 +112,8 @@ def _judge_released(outcomes: Sequence[Outcome]) -> Sequence[Figure]:
 
 
 def _inside(seed: int) -> Sequence[HardRun]:
-    usual, wall = ((ball(4000), ball_mesh()), (tree_of(plate(0.3, 0.3, 3e-3, 0.0), 2.3e-3), box_mesh(0.3, 0.3, 4.6e-3)))
+    usual = ball(4000), ball_mesh()
+    wall = tree_of(plate(0.3, 0.3, 3e-3, 0.0), 2.3e-3), box_mesh((0.3, 0.3, 4.6e-3))
     runs = []
     for name, start, item in (
         ("palm in the middle", still((0.0, 0.0, 0.0), flexion=HALF), usual),

@@ -1,13 +1,13 @@
 """Failures of a tick: trials of a motion for one, its shrinking, and the file that it is kept in.
 
-A long motion that fails is shrunk to a few ticks that still fail by delta debugging (Zeller & Hildebrandt, "Simplifying
-and isolating failure-inducing input", 2002). A fresh solver runs every candidate from its first sample, as
-`hhsim replay` does. The file is an ordinary trajectory, so that `hhsim replay OBJECT failing.h5` shows the failure; its
-`source` is JSON with the failure's origin and the command that replays it.
+A long motion that fails is shrunk to its last ticks that still fail, from the hand that was shown before them. A fresh
+solver runs every candidate from its first sample, as `hhsim replay` does. The file is an ordinary trajectory, so that
+`hhsim replay OBJECT failing.h5` shows the failure; its `source` is JSON with the failure's origin and the command that
+replays it.
 """
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,11 +28,6 @@ from hhsim.motion.file import save_trajectory
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 
-MOST_RUNS = 3000
-"""Limit of the candidates that are tried."""
-MOST_TICKS = 1_000_000
-"""Limit of the ticks of all candidates."""
-
 
 class Trace(NamedTuple):
     """Failed ticks of a run, shape (T,), and the graphic hand after each tick."""
@@ -49,13 +44,12 @@ Trial = Callable[[HandConfiguration], Trace]
 class Shrunk:
     """A motion that fails, whose first sample is where the graphic hand starts, and its trace.
 
-    The motion was longer, `ticks_before`; `runs` candidates were tried.
+    The motion was longer, `ticks_before`.
     """
 
     motion: HandConfiguration
     trace: Trace
     ticks_before: int
-    runs: int
 
     @property
     def tick(self) -> int:
@@ -63,88 +57,40 @@ class Shrunk:
         return int(np.argmax(self.trace.failed))
 
 
-def delta_debug(motion: HandConfiguration, trial: Trial, *, graphic: HandConfiguration | None = None) -> Shrunk:
-    """Shrink a failing motion; InputError if neither it nor any end of it fails.
+def shrink(motion: HandConfiguration, trial: Trial, *, graphic: HandConfiguration | None = None) -> Shrunk:
+    """Return the shortest of the last 1, 2, 4, … samples up to the failure that still fail, or the motion up to it.
 
-    It cuts off the ticks after the failure, starts later and drops ticks between, as long as the motion still fails;
-    ticks that are no reading repeat the last one, as for the solver. `graphic` is the hand after each tick of a longer
-    run that `motion` is the last stretch of and whose last tick fails; needed if the motion does not fail by itself.
+    They begin with the graphic hand that was shown before them; ticks that are no reading repeat the last one, as for
+    the solver. `graphic` is the hand after each tick of a longer run that `motion` is the last stretch of and whose
+    last tick fails; needed if the motion does not fail by itself. InputError if neither it nor any end of it fails.
     """
-    search = _Search(trial)
     whole = replayed(motion)
-    best = search.failing(whole)
-    if best is None and graphic is not None:
-        # The long run had the solver's memory too; without it a start close to the failure may fail as well.
-        best = search.first(_starts(whole, graphic, whole.ticks - 1))
-    if best is None:
+    best = _failing(whole, trial)
+    if best is None and graphic is None:
         raise InputError(f"the motion of {motion.ticks:,} ticks does not fail when it is run from its first sample on")
-    ticks = 0
-    while ticks != best.motion.ticks:
-        ticks = best.motion.ticks
-        best = search.first(_starts(best.motion, best.graphic, ticks - 1)) or best
-        best = _drop(best, search)
-    return Shrunk(best.motion, Trace(best.failed, best.graphic), motion.ticks, search.runs)
-
-
-class _Failing(NamedTuple):
-    motion: HandConfiguration
-    failed: BoolArray
-    graphic: HandConfiguration
-
-
-class _Search:
-    """Runs candidates, counts them, and cuts off what follows the failure."""
-
-    def __init__(self, trial: Trial) -> None:
-        self._trial = trial
-        self.runs = 0
-        self.ticks = 0
-
-    def failing(self, motion: HandConfiguration) -> _Failing | None:
-        """Return the motion up to its first failing tick; None if it does not fail, or a limit is reached."""
-        if motion.ticks == 0 or self.runs >= MOST_RUNS or self.ticks >= MOST_TICKS:
-            return None
-        motion = replayed(motion)
-        self.runs += 1
-        self.ticks += motion.ticks
-        trace = self._trial(motion)
-        if not trace.failed.any():
-            return None
-        end = int(np.argmax(trace.failed)) + 1
-        return _Failing(motion.part(0, end), trace.failed[:end], trace.graphic.part(0, end))
-
-    def first(self, candidates: Iterator[HandConfiguration]) -> _Failing | None:
-        """Return the first of the candidates that fails."""
-        return next((found for motion in candidates if (found := self.failing(motion)) is not None), None)
-
-
-def _starts(motion: HandConfiguration, graphic: HandConfiguration, failed: int) -> Iterator[HandConfiguration]:
-    """Last 1, 2, 4, … samples up to the failing one, after the graphic hand that was shown before them."""
-    length = 1
-    while length < failed:
-        first = failed + 1 - length
-        yield sequence(graphic.part(first - 1, first), motion.part(first, failed + 1))
-        length *= 2
-
-
-def _drop(best: _Failing, search: _Search) -> _Failing:
-    """Zeller's ddmin over the samples after the first one."""
-    pieces = 2
-    while best.motion.ticks > 2:
-        middle = np.arange(1, best.motion.ticks)
-        pieces = min(pieces, len(middle))
-        cuts = np.array_split(middle, pieces)
-        found = search.first(
-            best.motion.at(np.setdiff1d(np.arange(best.motion.ticks), cut, assume_unique=True)) for cut in cuts
+    # The long run had the solver's memory too; without it a start close to the failure may fail as well.
+    kept, shown = (whole, graphic) if best is None else (best[0], best[1].graphic)
+    assert shown is not None
+    last = kept.ticks - 1
+    lengths = (2**power for power in range(last.bit_length()))
+    starts = (last + 1 - length for length in lengths if length < last)
+    candidates = (sequence(shown.part(start - 1, start), kept.part(start, last + 1)) for start in starts)
+    best = next((found for one in candidates if (found := _failing(one, trial)) is not None), best)
+    if best is None:
+        raise InputError(
+            f"no end of the motion of {motion.ticks:,} ticks fails when it is run from its first sample on"
         )
-        if found is not None:
-            best = found
-            pieces = max(pieces - 1, 2)
-        elif pieces == len(middle):
-            break
-        else:
-            pieces *= 2
-    return best
+    return Shrunk(*best, motion.ticks)
+
+
+def _failing(motion: HandConfiguration, trial: Trial) -> tuple[HandConfiguration, Trace] | None:
+    """Return a motion and its trace up to its first failing tick; None if it does not fail."""
+    motion = replayed(motion)
+    trace = trial(motion)
+    if not trace.failed.any():
+        return None
+    end = int(np.argmax(trace.failed)) + 1
+    return motion.part(0, end), Trace(trace.failed[:end], trace.graphic.part(0, end))
 
 
 Solver = Callable[[], HandSolver]
@@ -182,7 +128,7 @@ def failure_of(kind: str, hand: HandModel, pieces: Pieces, options: SolverOption
 
 
 def make_trial(hand: HandModel, solver: Solver, fails: Fails) -> Trial:
-    """Return a trial for `delta_debug`: a fresh solver runs the motion from its first sample on, as a replay does."""
+    """Return a trial for `shrink`: a fresh solver runs the motion from its first sample on, as a replay does."""
 
     def trial(motion: HandConfiguration) -> Trace:
         fresh = solver()

@@ -9,11 +9,12 @@ from hhsim.bench.robustness import case
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.postures import HALF, POINTING, RIM, crossings, handling, tip_at
 from hhsim.bench.robustness.sphere_objects import ball, disc, plate, tree_of
-from hhsim.bench.robustness.triangle_objects import ball_mesh, box_mesh, disc_mesh
+from hhsim.bench.robustness.triangle_objects import ball_mesh, disc_mesh
 from hhsim.bench.run_errors import hand_clearance, placed_of
 from hhsim.hand.configuration import sequence
 from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
+from hhsim.mesh.shapes import box_mesh
 from hhsim.motion.analytic_motion import UPRIGHT, hold_readings, sound_samples, still
 
 TOUCHING = 1e-5
@@ -86,7 +87,7 @@ def _teleport(seed: int) -> Sequence[HardRun]:
     return [
         case.ball_run("through air", air),
         case.ball_run("across a ball", across_ball),
-        HardRun("across a wall", across_wall, wall, box_mesh(2.0 * WALL, 2.0 * WALL, 4.6e-3)),
+        HardRun("across a wall", across_wall, wall, box_mesh((2.0 * WALL, 2.0 * WALL, 4.6e-3))),
         case.ball_run("back and forth", sequence(*jumps)),
     ]
 

@@ -18,11 +18,11 @@ from hhsim.arrays import BoolArray, FloatArray
 from hhsim.bench.robustness.failure import (
     Provenance,
     Shrunk,
-    delta_debug,
     failure_of,
     keep_failure,
     make_trial,
     recorded_penetration,
+    shrink,
 )
 from hhsim.bench.robustness.local_optimality import Pieces, pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
@@ -251,11 +251,11 @@ def _keep(
     end = motion.ticks - behind
     trial = make_trial(case.hand, case.new_solver, failure_of(kind, case.hand, case.pieces, case.solver))
     try:
-        shrunk = delta_debug(motion.part(0, end), trial, graphic=graphic.part(0, end))
+        shrunk = shrink(motion.part(0, end), trial, graphic=graphic.part(0, end))
     except InputError:
         # The solver's memory of what came before the stretch decides: keep the whole way there.
         whole = replayed(case.targets().take(tick + 1))
-        shrunk = Shrunk(whole, trial(whole), tick + 1, 1)
+        shrunk = Shrunk(whole, trial(whole), tick + 1)
     last = shrunk.tick
     record = case.new_solver().run(*shrunk.motion)
     depth = float(recorded_penetration(case.hand, case.surface, record).depth[last])

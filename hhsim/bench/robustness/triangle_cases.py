@@ -15,6 +15,7 @@ from hhsim.bench.robustness.sphere_objects import right_hand
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.quaternion import quaternion
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.shapes import box_mesh
 from hhsim.metrics.metrics import FROZEN_LIMIT, force_ripple
 from hhsim.motion.analytic_motion import random_targets, still
 
@@ -61,8 +62,8 @@ def _thin(seed: int) -> Sequence[HardRun]:
     runs = []
     for thickness, mesh in (
         ("of no thickness", shapes.sheet_mesh(SHEET, SHEET)),
-        ("1 nm thick", shapes.box_mesh(SHEET, SHEET, 1e-9)),
-        ("1 µm thick", shapes.box_mesh(SHEET, SHEET, 1e-6)),
+        ("1 nm thick", box_mesh((SHEET, SHEET, 1e-9))),
+        ("1 µm thick", box_mesh((SHEET, SHEET, 1e-6))),
     ):
         for name, side in (("from above", 1.0), ("from below", -1.0)):
             tip = _poking(side)

@@ -26,11 +26,6 @@ def ball_mesh(radius: float = BALL_RADIUS, subdivisions: int = 4) -> Mesh:
     return _made("icosphere", subdivisions=subdivisions, radius=radius)
 
 
-def box_mesh(width: float, depth: float, height: float) -> Mesh:
-    """Return a box about the origin [m], along x, y, z."""
-    return _made("box", extents=(width, depth, height))
-
-
 def disc_mesh(radius: float, thickness: float) -> Mesh:
     """Return a round leaf about the plane z = 0 and the origin [m]."""
     return _made("cylinder", radius=radius, height=thickness, sections=SECTIONS)

@@ -7,7 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hhsim.metrics.field.hands import BeforeAfter, FieldHands, FieldMetric, FieldPair, mean, of_each, of_repair, placed
+from hhsim.metrics.field.hands import BeforeAfter, FieldHands, FieldMetric, FieldPair, mean, of_each, of_repair
+from hhsim.metrics.run_metric import each_with
 
 THRESHOLDS = (0.005, 0.002)
 """Largest distance of a contact from the object's surface [m]."""
@@ -31,15 +32,14 @@ def contacts_kept(pair: FieldPair, threshold: float) -> float:
     return 100.0 * float(after[before].mean()) if before.any() else float("nan")
 
 
-def _figures(place: int, threshold: float) -> tuple[FieldMetric, ...]:
+def _figures(threshold: float) -> tuple[FieldMetric, ...]:
     def at(compute: Callable[[FieldHands, float], float]) -> Callable[[FieldPair], BeforeAfter]:
         return of_each(lambda hands: compute(hands, threshold))
 
     size, within = f"{1e3 * threshold:g}mm", f"within {1e3 * threshold:g} mm"
     tips = "distal phalanges, inside counts"
     kept = of_repair(lambda pair: contacts_kept(pair, threshold))
-    return placed(
-        place,
+    return each_with(
         FieldMetric(
             f"frames_in_contact_{size}",
             f"frames {within}",
@@ -56,4 +56,4 @@ def _figures(place: int, threshold: float) -> tuple[FieldMetric, ...]:
     )
 
 
-METRICS = (*_figures(40, THRESHOLDS[0]), *_figures(43, THRESHOLDS[1]))
+METRICS = (*_figures(THRESHOLDS[0]), *_figures(THRESHOLDS[1]))

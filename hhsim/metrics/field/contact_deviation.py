@@ -30,12 +30,7 @@ def contact_deviation(hands: FieldHands) -> float:
 
 METRICS = (
     FieldMetric(
-        "contact_deviation",
-        "CDev",
-        3,
-        "mm",
-        place=100,
-        parameters=f"true contacts within {1e3 * CONTACT:g} mm",
+        "contact_deviation", "CDev", 3, "mm", parameters=f"true contacts within {1e3 * CONTACT:g} mm",
         compute=of_each(contact_deviation),
     ),
-)
+)  # fmt: skip

@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.metrics.field.hands import FieldMetric, FieldPair, largest, mean, of_repair, placed
+from hhsim.metrics.field.hands import FieldMetric, FieldPair, largest, mean, of_repair
+from hhsim.metrics.run_metric import each_with
 
 INSIDE = 1e-6
 """Depth of the hand's surface or joints above which a frame was inside [m]."""
@@ -41,21 +42,16 @@ def _figure(name: str, label: str, parameters: str, compute: Callable[[FieldPair
     return FieldMetric(name, label, 3, "mm", parameters=parameters, compute=of_repair(compute))
 
 
-METRICS = placed(
-    80,
+METRICS = each_with(
     _figure("mpjpe", "MPJPE", "21 joints", lambda pair: mean(joint_shift(pair))),
     _figure("mpvpe", "MPVPE", "vertices of the skin", vertex_error),
     _figure(
-        "correction_inside",
-        "MPJPE, median of frames that were inside",
-        "21 joints",
+        "correction_inside", "MPJPE, median of frames that were inside", "21 joints",
         lambda pair: _median(joint_shift(pair).mean(axis=1)[was_inside(pair)]),
     ),
     _figure(
-        "correction_outside",
-        "MPJPE, frames that needed nothing",
-        "21 joints",
+        "correction_outside", "MPJPE, frames that needed nothing", "21 joints",
         lambda pair: mean(joint_shift(pair)[~was_inside(pair)]),
     ),
     _figure(LARGEST, "correction of a joint, max", "21 joints", lambda pair: largest(joint_shift(pair))),
-)
+)  # fmt: skip

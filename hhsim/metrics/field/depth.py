@@ -10,7 +10,8 @@ from functools import partial
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.metrics.field.hands import FieldHands, FieldMetric, largest, mean, of_frames, placed
+from hhsim.metrics.field.hands import FieldHands, FieldMetric, largest, mean, of_frames
+from hhsim.metrics.run_metric import each_with
 
 
 def depths(distance: FloatArray | None) -> FloatArray:
@@ -21,11 +22,10 @@ def depths(distance: FloatArray | None) -> FloatArray:
 
 
 def _figures(
-    place: int, name: str, label: str, distance: Callable[[FieldHands], FloatArray | None], parameters: str
+    name: str, label: str, distance: Callable[[FieldHands], FloatArray | None], parameters: str
 ) -> tuple[FieldMetric, ...]:
     of = partial(of_frames, lambda _, hands: depths(distance(hands)))
-    return placed(
-        place,
+    return each_with(
         FieldMetric(f"depth_{name}_max", f"PD, {label}, max", compute=of(largest)),
         FieldMetric(f"depth_{name}_mean", f"PD, {label}, mean of frames", compute=of(mean)),
         unit="mm",
@@ -35,7 +35,7 @@ def _figures(
 
 
 METRICS = (
-    *_figures(0, "joints", "joints", lambda hands: hands.joint_distance, "21 joint centres"),
-    *_figures(2, "skin", "skin", lambda hands: hands.skin_distance, "vertices of the skin"),
-    *_figures(4, "cones", "cones", lambda hands: hands.cone_distance, "surface of cones and palm spheres"),
+    *_figures("joints", "joints", lambda hands: hands.joint_distance, "21 joint centres"),
+    *_figures("skin", "skin", lambda hands: hands.skin_distance, "vertices of the skin"),
+    *_figures("cones", "cones", lambda hands: hands.cone_distance, "surface of cones and palm spheres"),
 )

@@ -12,8 +12,9 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError
-from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, largest, mean, of_frames, placed
+from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, largest, mean, of_frames
 from hhsim.metrics.field.solid import hand_solids
+from hhsim.metrics.run_metric import each_with
 from hhsim.system.silent import silent
 
 STEPS, STEP = 35, 1.0 / 240.0
@@ -119,8 +120,7 @@ def _displacements(pair: FieldPair, hands: FieldHands) -> FloatArray:
     return simulation_displacements(hands, frames) if frames else np.zeros(0)
 
 
-METRICS = placed(
-    110,
+METRICS = each_with(
     FieldMetric("displacement_mean", "SD, PyBullet, mean", compute=of_frames(_displacements, mean)),
     FieldMetric("displacement_max", "SD, PyBullet, max", compute=of_frames(_displacements, largest)),
     unit="cm",

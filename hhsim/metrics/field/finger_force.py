@@ -4,7 +4,8 @@ Nobody else publishes a force that is not made of the depth, as EgoPHI's is (-k 
 """
 
 from hhsim.hand.fingers import FINGERS
-from hhsim.metrics.field.hands import FieldMetric, FieldPair, largest, mean, of_repair, placed
+from hhsim.metrics.field.hands import FieldMetric, FieldPair, largest, mean, of_repair
+from hhsim.metrics.run_metric import each_with
 
 
 def pressing_force(pair: FieldPair, finger: int) -> float:
@@ -21,15 +22,11 @@ def _of_finger(finger: int) -> FieldMetric:
     return FieldMetric(f"force_{name}", f"force of the {name} where it presses, mean", 3, "N", compute=compute)
 
 
-METRICS = placed(
-    120,
+METRICS = each_with(
     *map(_of_finger, range(len(FINGERS))),
     FieldMetric(
-        "force_max",
-        "force of a finger, max",
-        3,
-        "N",
+        "force_max", "force of a finger, max", 3, "N",
         compute=of_repair(lambda pair: float("nan") if pair.force is None else largest(pair.force)),
     ),
     parameters="of the coupling",
-)
+)  # fmt: skip

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -242,13 +241,7 @@ class FieldMetric(Figure):
     """Figure of a recorded hand and its repair, in SI units, or in % where it is defined so."""
 
     compute: Callable[[FieldPair], BeforeAfter]
-    place: int = 1000  # place in the table; of equal ones, in the order of their modules
     parameters: str | Callable[[FieldPair], str] = ""  # parameters of the definition, as the table prints them
-
-
-def placed(first: int, *metrics: FieldMetric, **also: Any) -> tuple[FieldMetric, ...]:
-    """Return figures in places of the table one after another; `also` holds for each of them."""
-    return tuple(replace(metric, place=place, **also) for place, metric in enumerate(metrics, first))
 
 
 def of_each(compute: Callable[[FieldHands], float]) -> Callable[[FieldPair], BeforeAfter]:

@@ -9,7 +9,8 @@ import math
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, mean, of_each, of_repair, placed
+from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, mean, of_each, of_repair
+from hhsim.metrics.run_metric import each_with
 
 RATIO = "acceleration_ratio"
 """Name of the figure that the verdict judges."""
@@ -50,8 +51,7 @@ def _rate(pair: FieldPair) -> str:
     return f"{1.0 / float(np.median(steps)):.4g} Hz" if steps.size else ""
 
 
-METRICS = placed(
-    60,
+METRICS = each_with(
     FieldMetric("acceleration", "ACC", 3, "m/s²", compute=of_each(acceleration)),
     FieldMetric("jerk", "jerk", 1, "m/s³", compute=of_each(jerk)),
     FieldMetric(RATIO, "ACC, after over before", 3, compute=of_repair(acceleration_ratio)),

@@ -15,8 +15,9 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, largest, mean, object_bvh, of_frames, placed
+from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, largest, mean, object_bvh, of_frames
 from hhsim.metrics.field.solid import SEGMENTS, cones_contain, cones_near, hand_solids, manifold_of
+from hhsim.metrics.run_metric import each_with
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -93,7 +94,7 @@ def _inside(solid: "Manifold", points: FloatArray) -> int:
     return int((winding > 0.5).sum())
 
 
-def _figures(place: int, kind: int, name: str, label: str, parameters: str) -> tuple[FieldMetric, ...]:
+def _figures(kind: int, name: str, label: str, parameters: str) -> tuple[FieldMetric, ...]:
     of = partial(of_frames, lambda pair, hands: volumes(hands, pair.pitch)[:, kind])
 
     def stated(pair: FieldPair) -> str:
@@ -101,8 +102,7 @@ def _figures(place: int, kind: int, name: str, label: str, parameters: str) -> t
         size = f", pitch {1e3 * pair.pitch:g} mm" if kind else f", {SEGMENTS} edges around a cone"
         return f"{parameters}{size}; {surface}"
 
-    return placed(
-        place,
+    return each_with(
         FieldMetric(f"{name}_mean", f"IV, {label}, mean of frames", compute=of(mean)),
         FieldMetric(f"{name}_max", f"IV, {label}, max", compute=of(largest)),
         unit="cm³",
@@ -112,7 +112,7 @@ def _figures(place: int, kind: int, name: str, label: str, parameters: str) -> t
 
 
 METRICS = (
-    *_figures(20, 0, "volume_exact", "exact", "Boolean of meshes"),
-    *_figures(22, 1, "volume_voxels", "voxels inside", "centres in object and hand"),
-    *_figures(24, 2, "volume_trimesh", "GraspTTA's line", "trimesh's voxelized"),
+    *_figures(0, "volume_exact", "exact", "Boolean of meshes"),
+    *_figures(1, "volume_voxels", "voxels inside", "centres in object and hand"),
+    *_figures(2, "volume_trimesh", "GraspTTA's line", "trimesh's voxelized"),
 )

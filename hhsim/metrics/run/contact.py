@@ -1,46 +1,58 @@
-"""Contacts of the shown hand: pairs near the object, penetration depth, and distance off the true mesh."""
+"""Contacts of the shown hand, and depths: of both hands in themselves and in the object, and off the true mesh."""
+
+from collections.abc import Callable
 
 import numpy as np
 
+from hhsim.metrics.run.input_hand import NEEDS, of_input
 from hhsim.metrics.run_metric import Judged, RunMetric
-from hhsim.metrics.run_ticks import PLACED
+from hhsim.metrics.run_ticks import PLACED, RunTicks
 
 NO_DEPTH = 1e-6
 """Depth up to which nothing penetrates, or penetrates deeper than before [m]."""
 
+
+def _in_itself(whose: str) -> Callable[[RunTicks], float]:
+    def compute(run: RunTicks) -> float:
+        if run.hand is None:
+            return np.nan
+        # A hand that is not finite has no depth, and hides none.
+        return float(np.fmax.reduce(-run.self_clearance(whose), initial=0.0))
+
+    return compute
+
+
 METRICS = (
     RunMetric(
-        *("candidates_max", "candidate pairs, most"),
-        paper="whole hand: ≈ 250",
-        less_is_better=False,
-        place=10,
-        needs=("contacts/candidates",),
-        compute=lambda run: run["contacts/candidates"].max(initial=0),
+        "candidates_max", "candidate pairs, most", paper="whole hand: ≈ 250", less_is_better=False,
+        needs=("contacts/candidates",), compute=lambda run: run["contacts/candidates"].max(initial=0),
     ),
     RunMetric(
-        *("touching_max", "touching pairs, most"),
-        less_is_better=False,
-        place=11,
-        needs=("contacts/touching",),
+        "touching_max", "touching pairs, most", less_is_better=False, needs=("contacts/touching",),
         compute=lambda run: run["contacts/touching"].max(initial=0),
     ),
     RunMetric(
-        *("penetration_max", "penetration, max", 3, "µm"),
-        paper="≈ 100",
-        place=30,
-        needs=("penetration_depth",),
+        "self_depth_haptic", "input hand in itself, max", digits=2, unit="mm", less_is_better=False,
+        needs=("haptic/flexion", "haptic/abduction"), compute=_in_itself("haptic"), unless_zero=True,
+    ),
+    RunMetric(
+        "input_depth_max", "input depth, max", digits=2, unit="mm", less_is_better=False, short="input depth",
+        needs=NEEDS, compute=of_input("depth"),
+    ),
+    RunMetric(
+        "penetration_max", "penetration, max", digits=3, unit="µm", paper="≈ 100", needs=("penetration_depth",),
         # A hand that is not finite has no depth, and hides none.
-        compute=lambda run: np.fmax.reduce(run["penetration_depth"], initial=0.0),
-        short="depth",
+        compute=lambda run: np.fmax.reduce(run["penetration_depth"], initial=0.0), short="depth",
         judged=Judged(rounding=1e-9, limit=NO_DEPTH, growth=NO_DEPTH, promise="never_penetrates"),
     ),
     RunMetric(
-        *("contact_error_max", "contacts off the mesh, max", 3, "mm"),
-        place=31,
-        short="off the mesh",
-        needs=PLACED,
+        "contact_error_max", "contacts off the mesh, max", digits=3, unit="mm", short="off the mesh", needs=PLACED,
         # Ticks without contact are left out; NaN without any contact.
         compute=lambda run: float(np.fmax.reduce(run.contact_error, initial=np.nan)),
         judged=Judged(rounding=1e-9, limit=1e-3),
     ),
-)
+    RunMetric(
+        "self_depth_graphic", "shown hand in itself, max", digits=2, unit="mm",
+        needs=("graphic/flexion", "graphic/abduction"), compute=_in_itself("graphic"), unless_zero=True,
+    ),
+)  # fmt: skip

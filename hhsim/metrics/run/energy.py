@@ -110,12 +110,9 @@ def _by_spread(run: RunTicks, shown: HandConfiguration) -> FloatArray:
 
 METRICS = (
     RunMetric(
-        *("energy_gained", "energy gained in a tick, max", 3, "µJ"),
-        place=43,
-        needs=(*HAPTIC, *GRAPHIC, TOTAL, "status"),
-        free_only=True,
-        short="energy_gained",
+        "energy_gained", "energy gained in a tick, max", digits=3, unit="µJ",
+        needs=(*HAPTIC, *GRAPHIC, TOTAL, "status"), free_only=True, short="energy_gained",
         compute=lambda run: float(np.fmax.reduce(energy_gains(run), initial=0.0)),
         judged=Judged(rounding=1e-12, limit=0.0),
     ),
-)
+)  # fmt: skip

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from hhsim.metrics.metrics import FORCE_FLOOR, Statistics, contact_force_step, force_ripple, force_step, statistics
-from hhsim.metrics.run_metric import Figure, Judged, RunMetric, placed
+from hhsim.metrics.run_metric import Figure, Judged, RunMetric
 from hhsim.metrics.run_ticks import RunTicks
 
 TOTAL, VARIATION, TOUCHING = "force/total", "force_variation_rate", "contacts/touching"
@@ -31,99 +31,62 @@ def _step_share(run: RunTicks) -> float:
     return 100.0 * _step(run) / mean if mean >= FORCE_FLOOR else math.nan
 
 
-IN_CONTACT = placed(
-    36,
+METRICS = (
     RunMetric(
-        *("force_contact_mean", "force in contact, mean", 2, "N"),
-        less_is_better=False,
-        needs=(TOTAL, TOUCHING),
-        compute=lambda run: _in_contact(run).mean,
-        short="force",
+        "force_contact_mean", "force in contact, mean", digits=2, unit="N", less_is_better=False,
+        needs=(TOTAL, TOUCHING), compute=lambda run: _in_contact(run).mean, short="force",
     ),
     RunMetric(
-        *("force_contact_max", "force in contact, largest", 2, "N"),
-        less_is_better=False,
-        needs=(TOTAL, TOUCHING),
-        compute=lambda run: _in_contact(run).max,
+        "force_contact_max", "force in contact, largest", digits=2, unit="N", less_is_better=False,
+        needs=(TOTAL, TOUCHING), compute=lambda run: _in_contact(run).max,
     ),
     RunMetric(
-        *("force_contact_step", "largest force step in contact", 3, "N"),
-        needs=(TOTAL, TOUCHING),
-        compute=_step,
-        per_tick=True,
-        judged=Judged(rounding=1e-9),
-        short="force step",
+        "force_contact_step", "largest force step in contact", digits=3, unit="N", needs=(TOTAL, TOUCHING),
+        compute=_step, per_tick=True, judged=Judged(rounding=1e-9), short="force step",
     ),
     RunMetric(
-        *("force_contact_step_share", "largest force step in contact, of the mean", 1, "%"),
-        needs=(TOTAL, TOUCHING),
-        compute=_step_share,
-        per_tick=True,
-        judged=Judged(rounding=1e-6),
-    ),
-)
-METRICS = IN_CONTACT + placed(
-    39,
-    RunMetric(
-        *("force_variation_contact", "force variation in contact, mean", 4, "%"),
-        needs=(VARIATION, TOTAL, TOUCHING),
-        compute=lambda run: statistics(run[VARIATION], run.touch).mean,
-        per_tick=True,
-        judged=Judged(rounding=1e-6),
-        short="variation",
+        "force_contact_step_share", "largest force step in contact, of the mean", digits=1, unit="%",
+        needs=(TOTAL, TOUCHING), compute=_step_share, per_tick=True, judged=Judged(rounding=1e-6),
     ),
     RunMetric(
-        *("force_hold_mean", "force in the hold, mean", 2, "N"),
-        less_is_better=False,
-        needs=(TOTAL,),
+        "force_variation_contact", "force variation in contact, mean", digits=4, unit="%",
+        needs=(VARIATION, TOTAL, TOUCHING), compute=lambda run: statistics(run[VARIATION], run.touch).mean,
+        per_tick=True, judged=Judged(rounding=1e-6), short="variation",
+    ),
+    RunMetric(
+        "force_hold_mean", "force in the hold, mean", digits=2, unit="N", less_is_better=False, needs=(TOTAL,),
         compute=lambda run: statistics(np.linalg.norm(run[TOTAL], axis=1), run.hold).mean,
     ),
     RunMetric(
-        *("force_variation_hold", "force variation in the hold, frozen input", 6, "%"),
-        needs=(VARIATION,),
-        compute=lambda run: _variation(run).mean,
-        per_tick=True,
-        judged=Judged(rounding=1e-6),
+        "force_variation_hold", "force variation in the hold, frozen input", digits=6, unit="%", needs=(VARIATION,),
+        compute=lambda run: _variation(run).mean, per_tick=True, judged=Judged(rounding=1e-6),
         moving_hold=Figure("force_variation_hold", "force variation in the hold, mean", 4, "%", paper="0.18"),
         short="variation",
     ),
     RunMetric(
-        *("force_variation_hold_std", "force variation in the hold, std", 4, "%"),
-        paper="0.32",
-        needs=(VARIATION,),
-        compute=lambda run: _variation(run).std,
-        per_tick=True,
+        "force_variation_hold_std", "force variation in the hold, std", digits=4, unit="%", paper="0.32",
+        needs=(VARIATION,), compute=lambda run: _variation(run).std, per_tick=True,
         # Of a frozen hold the spread says nothing that its mean does not.
         moving_hold_only=True,
     ),
     RunMetric(
-        *(TREMBLING, "force variation in the hold, trembling hand, mean", 4, "%"),
-        paper="0.18",
-        needs=(TOTAL,),
-        own_run=ANOTHER_RUN,
-        per_tick=True,
-        judged=Judged(rounding=1e-6, limit=0.5),
-        short="variation",
+        TREMBLING, "force variation in the hold, trembling hand, mean", digits=4, unit="%", paper="0.18",
+        needs=(TOTAL,), own_run=ANOTHER_RUN, per_tick=True, judged=Judged(rounding=1e-6, limit=0.5), short="variation",
     ),
     RunMetric(
-        *("force_variation_tremor_std", "force variation in the hold, trembling hand, std", 4, "%"),
-        paper="0.32",
-        needs=(TOTAL,),
-        own_run=ANOTHER_RUN,
-        per_tick=True,
+        "force_variation_tremor_std", "force variation in the hold, trembling hand, std", digits=4, unit="%",
+        paper="0.32", needs=(TOTAL,), own_run=ANOTHER_RUN, per_tick=True,
     ),
     RunMetric(
-        *("force_ripple_hold", "force ripple in the hold, 50 to 400 Hz", 5, "N"),
-        needs=(TOTAL,),
+        "force_ripple_hold", "force ripple in the hold, 50 to 400 Hz", digits=5, unit="N", needs=(TOTAL,),
         # The worst hold of those that are long enough.
         compute=lambda run: statistics([force_ripple(run[TOTAL][part], run.rate) for part in run.holds]).max,
         judged=Judged(rounding=1e-9, limit=1e-3),
     ),
     RunMetric(
-        *("force_step", "largest force step while moving", 1, "% of hold"),
-        needs=(TOTAL,),
+        "force_step", "largest force step while moving", digits=1, unit="% of hold", needs=(TOTAL,),
         # Fingers that oppose each other on a free object leave its weight in the total, however hard they press.
         compute=lambda run: force_step(run[TOTAL], ~run.hold, run.hold, run.free.grip if run.free else None),
         judged=Judged(rounding=1e-6, limit=20.0),
     ),
-)
+)  # fmt: skip

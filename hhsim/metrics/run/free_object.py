@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
-from hhsim.metrics.run_metric import Judged, RunMetric, placed
+from hhsim.metrics.run_metric import Judged, RunMetric, each_with
 from hhsim.metrics.run_ticks import FreeRun, RunTicks
 
 ROUNDING = 1e-9
@@ -75,43 +75,35 @@ def _friction_residual(run: RunTicks, share: float) -> float:
     return float(np.percentile(found, share)) if found.size else 0.0
 
 
-METRICS = placed(
-    40,
+METRICS = each_with(
     RunMetric(
-        *("object_raised", "object raised, max", 2, "mm"),
-        less_is_better=False,
-        of_body=True,
-        short="object_raised",
-        compute=lambda run: _free(run).raised,
-    ),
-    RunMetric(*("object_slip", "slip of a finger on the object, in all", 3, "mm"), short="object_slip", compute=_slip),
-    RunMetric(*("object_creep", "creep of the held object, max", 3, "µm/s"), short="object_creep", compute=_creep),
-    RunMetric(
-        *("object_momentum", "object's momentum less the forces on it, max", 6, "N"),
-        needs=("status",),
-        of_body=True,
-        compute=_momentum,
+        "object_raised", "object raised, max", digits=2, unit="mm", less_is_better=False, of_body=True,
+        short="object_raised", compute=lambda run: _free(run).raised,
     ),
     RunMetric(
-        *("cone_outside", "contacts outside their friction cone", 3, "%"),
-        of_body=True,
-        compute=_outside_cone,
-        judged=Judged(limit=0.0),
+        "object_slip", "slip of a finger on the object, in all", digits=3, unit="mm", short="object_slip", compute=_slip
     ),
     RunMetric(
-        *("table_depth_max", "object in the table, max", 3, "µm"),
-        of_body=True,
-        short="table_depth",
-        compute=lambda run: max(0.0, -float(_free(run)["table_distance"].min())),
-        judged=Judged(limit=1e-6),
+        "object_creep", "creep of the held object, max", digits=3, unit="µm/s", short="object_creep", compute=_creep
+    ),
+    RunMetric(
+        "object_momentum", "object's momentum less the forces on it, max", digits=6, unit="N", needs=("status",),
+        of_body=True, compute=_momentum,
+    ),
+    RunMetric(
+        "cone_outside", "contacts outside their friction cone", digits=3, unit="%", of_body=True,
+        compute=_outside_cone, judged=Judged(limit=0.0),
+    ),
+    RunMetric(
+        "table_depth_max", "object in the table, max", digits=3, unit="µm", of_body=True, short="table_depth",
+        compute=lambda run: max(0.0, -float(_free(run)["table_distance"].min())), judged=Judged(limit=1e-6),
     ),
     *(
         RunMetric(
-            *(f"friction_residual_{name}", f"friction is off the slip by, {name}", 3, "µm"),
-            of_body=True,
+            f"friction_residual_{name}", f"friction is off the slip by, {name}", digits=3, unit="µm", of_body=True,
             compute=partial(_friction_residual, share=share),
         )
         for name, share in (("p50", 50.0), ("p99", 99.0), ("max", 100.0))
     ),
     free_only=True,
-)
+)  # fmt: skip

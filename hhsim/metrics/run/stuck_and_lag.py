@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_NO_PLACE, STATUS_STUCK
-from hhsim.metrics.run_metric import Judged, RunMetric, placed
+from hhsim.metrics.run_metric import Judged, RunMetric
 from hhsim.metrics.run_ticks import RunTicks
 
 MOST_STUCK = 0.5
@@ -26,16 +26,12 @@ def _flagged(name: str, label: str, flag: int, **more: Any) -> RunMetric:
     return RunMetric(name, label, needs=("status",), compute=compute, **more)
 
 
-METRICS = placed(
-    70,
+METRICS = (
     _flagged("stuck_ticks", "stuck ticks", STATUS_STUCK, short="stuck", judged=Judged(limit=0.0)),
     _flagged("lag_ticks", "ticks with lag", STATUS_LAG, short="lag", judged=Judged(limit=0.0)),
     _flagged("no_place_ticks", "ticks without a place", STATUS_NO_PLACE, short="no place", unless_zero=True),
     RunMetric(
-        *("lag_max", "lag, max", 2, "mm"),
-        unless_zero=True,
-        needs=("lag",),
-        compute=lambda run: run["lag"].max(initial=0.0),
-        judged=Judged(rounding=1e-9),
+        "lag_max", "lag, max", digits=2, unit="mm", unless_zero=True, needs=("lag",),
+        compute=lambda run: run["lag"].max(initial=0.0), judged=Judged(rounding=1e-9),
     ),
-)
+)  # fmt: skip

@@ -8,7 +8,7 @@ from sampled import sampled
 
 from hhsim.bench.manipulation.answers import CASES, COLUMNS, QUICK, Answer, ManipulationOptions, measure, missed, slope
 from hhsim.bench.manipulation.mujoco_block import CONFIGURATIONS
-from hhsim.bench.manipulation.stage import LENGTHS, REACH, Pinch, clearance, closed, gripped, gripper, gripper_options
+from hhsim.bench.manipulation.stage import Pinch, clearance, gripped
 from hhsim.errors import InputError, UnknownNameError
 
 SHORT = ManipulationOptions(rest=1.0, held=1.0)
@@ -65,26 +65,3 @@ def test_mujoco_rests_on_the_same_table_and_is_never_promised() -> None:
 def test_what_cannot_be_played_is_refused(named: dict[str, object], error: type[Exception]) -> None:
     with pytest.raises(error):
         ManipulationOptions(**named)  # type: ignore[arg-type]
-
-
-def test_an_outcome_says_whether_it_came_along_and_how_it_creeps() -> None:
-    pinch = Pinch(hold=1.0)
-    height = np.append(np.zeros(pinch.held_from), np.full(1000, 0.029))
-    height[-1] += 1e-6
-    found = pinch.outcome(height, 0.0)
-    assert found.lifted and found.creep == pytest.approx(1e-6)
-    left = pinch.outcome(0.5 * height, 0.0)
-    assert not left.lifted and np.isnan(left.creep)
-
-
-def test_the_gripper_has_its_fingers_opposed_and_its_coupling_as_stated() -> None:
-    hand = gripper(0.044, 0.008)
-    hands = closed(np.array([0.0, 0.002]), np.zeros((2, 3)))
-    straight, bent = (
-        hand.joints(np.zeros(3), hands.orientation[0], hands.flexion[k], hands.abduction[k]) for k in (0, 1)
-    )
-    np.testing.assert_allclose(straight[:2, 3], [[-0.03, REACH, 0.0], [0.03, REACH, 0.0]], atol=1e-15)
-    np.testing.assert_allclose(bent[:2, 3, 0] - straight[:2, 3, 0], [0.002, -0.002], atol=1e-6)
-    levers = np.cumsum(LENGTHS[::-1])
-    options = gripper_options(500.0)
-    assert (levers**2).sum() / options.stiffness.flexion == pytest.approx(1.0 / 500.0)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from conftest import Run
 
-from hhsim.bench.paper.bench import QUICK, PaperOptions, PaperRuns, measure
+from hhsim.bench.paper.bench import PaperOptions, PaperRuns, measure
 from hhsim.bench.paper.run import COUNTS, GLOVE, NOISES, SceneRun, play, play_again
 from hhsim.bench.paper.scene import Scenario, held_ticks, make_stage
 from hhsim.bench.paper.table import PaperRow, missed, paper_rows
@@ -21,7 +21,6 @@ from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
-from hhsim.metrics.run.registry import run_metrics
 from hhsim.motion.analytic_motion import still
 from hhsim.render import paper_figures
 from hhsim.replay import summary
@@ -84,18 +83,6 @@ def test_rows_are_what_the_runs_say(runs: PaperRuns) -> None:
     assert row(runs, "variation_glove_size").ours == pytest.approx(float(np.median(variations)))
 
 
-def test_times_of_the_paper_stand_beside_the_same_of_ours(runs: PaperRuns) -> None:
-    # It states means, for Fig. 14 a limit of all ticks and what most are below; no percentile, and nothing of Fig. 13.
-    stated = {one.name: one for one in paper_rows(runs, OPTIONS) if one.unit == "s" and not math.isnan(one.paper)}
-    assert {name.split("_")[0] + " " + one.label.split(" tick")[0] for name, one in stated.items()} == {
-        *("mean mean", "contacts mean", "interaction median", "interaction longest")
-    }
-    (run,) = runs.of("coupled", "14")
-    longest = row(runs, "interaction_max_bunny")
-    assert (longest.paper, longest.ours) == (1.5e-3, float(run.tick_cpu.max()))
-    assert "mean" in run_metrics()["tick_cpu_p50"].paper and not run_metrics()["tick_cpu_p99"].paper
-
-
 def test_pictures_show_paper_beside_coupled_and_forces_in_red(
     runs: PaperRuns, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -137,17 +124,6 @@ def test_the_margin_brings_about_as_many_contacts_as_the_paper_states(runs: Pape
         assert found.run.options.margin == found.margin
 
 
-def test_ticks_in_contact_are_those_of_closing_holding_and_sliding(runs: PaperRuns) -> None:
-    (run,) = runs.of("coupled", "14")
-    phases = {phase.name: phase for phase in run.stage.motions[0].phases}
-    assert not run.contact[: phases["approach"].last_tick + 1].any()
-    assert not run.contact[phases["release"].first_tick :].any()
-    assert run.contact[phases["slide"].first_tick : phases["slide"].last_tick].all()
-    assert (run.candidates[run.contact] > 0).all()
-    assert (run.undisturbed <= run.contact).all()
-    assert [moment.name for moment in run.shown] == ["hold 1", "slide", "hold 2"]
-
-
 def test_a_repetition_that_differs_is_an_error(runs: PaperRuns) -> None:
     run = replace(runs.scenes[0], digest="other", cpu=[], wall=[], parts=[])
     with pytest.raises(HhsimError, match="a repetition gave another hand"):
@@ -164,20 +140,6 @@ def test_only_our_methods_have_bars_and_what_is_not_measured_keeps_none() -> Non
     assert math.isnan(replace(one, paper=math.nan).ratio)
 
 
-def test_bars_of_all_holds_hold_for_the_whole_evaluation_only(runs: PaperRuns) -> None:
-    part = {one.name: one.bar for one in paper_rows(runs, OPTIONS) if one.method == "coupled"}
-    whole = {
-        one.name: one.bar
-        for one in paper_rows(runs, replace(OPTIONS, objects=None, level=None))
-        if one.method == "coupled"
-    }
-    assert {name for name in whole if math.isnan(part[name]) and not math.isnan(whole[name])} == {
-        "touches",
-        *(f"variation_glove_{part}" for part in ("size", *"xyz")),
-    }
-    assert PaperOptions().whole and not PaperOptions(**QUICK).whole
-
-
 def test_instances_are_different_hands_and_the_same_again_for_the_same_seed() -> None:
     tree = cached_sphere_tree(load_object("cube").mesh, TreeOptions(level=3))
     scenario = Scenario("15", "cube", "pinch", "TF", 4)
@@ -192,18 +154,6 @@ def test_instances_are_different_hands_and_the_same_again_for_the_same_seed() ->
     run = play(one, SolverOptions())
     assert len(run.touches) == 4 * 2 and run.missed == []
     assert run.depth.max() <= 1e-6 and not run.variation and run.curves is None
-
-
-@pytest.mark.parametrize(
-    ("object_name", "motion", "case"), [("shamrock", "whole-hand", "WH"), ("bunny", "pinch", "TF")]
-)
-def test_every_instance_touches_what_the_scene_names(object_name: str, motion: str, case: str) -> None:
-    # The two cases in which places where the fingers reach most often lose a touch when the palm gives way.
-    tree = cached_sphere_tree(load_object(object_name).mesh, TreeOptions(level=3))
-    run = play(make_stage(Scenario("15", object_name, motion, case, 12), HAND, tree, 12), SolverOptions())
-    named = 6 if case == "WH" else 2
-    assert len(run.touches) == 12 * named and run.missed == []
-    assert run.depth.max() <= 1e-6
 
 
 def test_a_glove_s_samples_are_held_and_flicker_by_a_count(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -12,12 +11,11 @@ from sampled import sampled
 from sphere_scenes import brute_pairs, record_clearance
 
 from hhsim.bench.robustness.case import DEEPEST, HardCase, HardRun, Outcome
-from hhsim.bench.robustness.hard import common_figures, hard_cases, judge_case, run_scene
-from hhsim.bench.robustness.invariance_cases import LOOP, SAME
+from hhsim.bench.robustness.hard import common_figures, hard_cases, run_scene
+from hhsim.bench.robustness.invariance_cases import LOOP
 from hhsim.bench.robustness.postures import INDEX
 from hhsim.bench.robustness.triangle_cases import SLIDE
 from hhsim.bench.run_errors import placed_of
-from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.state import WORK_TOUCHING
 from hhsim.solver.options import SolverOptions
@@ -27,7 +25,6 @@ pytestmark = pytest.mark.slow
 METHODS = ("coupled", "progressive")
 CASES = {case.name: case for case in hard_cases(ticks=4 * LOOP)}
 ON_MESH = {case.name: case for case in hard_cases(ticks=4 * LOOP, surfaces=("mesh",))}
-BARE_SPHERES = ("degenerate-spheres", "many-pairs", "too-many-pairs", "cast-in", "touching-at-rest", "wire")
 QUICK = (("sharp-edge", "coupled"), ("flat-finger", "progressive"), ("many-at-a-vertex", "coupled"))
 """On the mesh, every time; all of them by either method in the soak."""
 SOME_PAIRS, ALL_PAIRS = 5e5, 4e9
@@ -108,26 +105,6 @@ def test_every_hard_case_is_passed_on_the_mesh(name: str, method: str) -> None:
     assert_passed(ON_MESH[name], outcomes, SOME_PAIRS)
 
 
-@pytest.mark.parametrize("method", sampled(METHODS, lambda _, method: method == "progressive"))
-def test_on_triangles_no_step_hangs_on_when_a_list_was_made(method: str) -> None:
-    # Rounding alone moves the walks to other ticks: what a list that waits lacks must not cut a step short.
-    case = ON_MESH["far-from-origin"]
-    options = SolverOptions(method=method, surface="mesh")
-    for figure in case.judge([run_scene(run, options) for run in scenes(case.name)]):
-        assert figure.value <= SAME, figure
-
-
-def test_cases_keep_the_spheres_only_where_they_are_nothing_else() -> None:
-    without = [name for name in CASES if name not in ALIKE and any(run.mesh is None for run in scenes(name))]
-    assert tuple(without) == BARE_SPHERES
-    triangles = ON_MESH.keys() - CASES.keys()
-    assert len(triangles) == 9
-    for name in triangles:
-        assert all(run.tree is None and run.mesh is not None for run in scenes(name)), name
-    with pytest.raises(InputError, match=r"'triangle-soup' is made of triangles alone: it takes --surface mesh"):
-        hard_cases(("triangle-soup",))
-
-
 @cache
 def over_facets(method: str) -> list[Outcome]:
     """The first cylinder whose facets are narrower than a fingertip; as the method comes, and to convergence."""
@@ -145,52 +122,6 @@ def test_a_finger_that_slides_over_facets_does_not_stop_at_an_edge(method: str) 
         assert not np.delete(outcome.ticks.phalanx, INDEX, axis=1).any()
         assert outcome.safety.stuck == outcome.safety.lagging == 0
         assert (np.linalg.norm(outcome.ticks.total[SLIDE], axis=1) > 0.05).all()
-
-
-def test_the_bars_of_sliding_over_facets_can_be_kept() -> None:
-    # What no linearisation is left to be done for keeps them: they ask for nothing that the facets do not allow.
-    _, optimum = over_facets("coupled")
-    figures = ON_MESH["facets"].judge([optimum, optimum])
-    assert all(figure.passed for figure in figures), [figure for figure in figures if not figure.passed]
-    broken = np.array(optimum.ticks.total)
-    broken[SLIDE.start + 100 :] *= 1.03
-    stopped = np.array(optimum.ticks.joints)
-    stopped[SLIDE.start + 101] = stopped[SLIDE.start + 100]
-    for record, name in (
-        (optimum.ticks._replace(total=broken), "largest force step"),
-        (optimum.ticks._replace(joints=stopped), "least in a tick"),
-    ):
-        figures = ON_MESH["facets"].judge([replace(optimum, record=record), optimum])
-        assert any(name in figure.name and not figure.passed for figure in figures)
-
-
-@pytest.mark.parametrize(
-    ("method", "seed"),
-    [
-        ("progressive", 3),
-        pytest.param("coupled", 3, marks=pytest.mark.soak),
-        pytest.param("coupled", 2, marks=pytest.mark.soak),
-        pytest.param("progressive", 2, marks=pytest.mark.soak),
-    ],
-)
-def test_triangles_in_the_plane_of_a_floor_are_nothing_of_their_own(method: str, seed: int) -> None:
-    case = ON_MESH["overlaps"]
-    result = judge_case(case, case.build(seed), SolverOptions(method=method, surface="mesh"))
-    assert not result.reason and result.penetration == 0.0 and result.safety.unexplained == 0
-    assert result.passed, [figure for figure in result.figures if not figure.passed]
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("surface", ["spheres", "mesh"])
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_other_seeds_are_passed_too(seed: int, method: str, surface: str) -> None:
-    for case in hard_cases(ticks=4 * LOOP, surfaces=(surface,)):
-        # The facets are the same with every seed.
-        if case.name == "facets":
-            continue
-        result = judge_case(case, case.build(seed), SolverOptions(method=method, surface=surface))
-        assert result.passed, (case.name, result.reason, [figure for figure in result.figures if not figure.passed])
 
 
 def test_scenes_provoke_what_they_are_named_for() -> None:

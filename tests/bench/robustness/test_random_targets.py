@@ -51,20 +51,6 @@ def test_targets_are_as_wide_as_they_say() -> None:
     assert (np.ptp(motion.abduction, axis=0) > 0.95 * (HAND.abduction_max - HAND.abduction_min)).all()
 
 
-def test_the_motion_begins_upright_above_the_object() -> None:
-    motion = RandomTargets(HAND, 9, center=np.array([0.1, 0.0, 0.0]), height=0.4).take(60)
-    np.testing.assert_array_equal(motion.position, np.tile([0.1, 0.0, 0.4], (60, 1)))
-    np.testing.assert_array_equal(motion.orientation, np.tile([1.0, 0.0, 0.0, 0.0], (60, 1)))
-    assert not motion.flexion.any() and not motion.abduction.any()
-
-
-def test_a_target_depends_on_the_seed_and_its_number_alone() -> None:
-    often = RandomTargets(HAND, 3, JUMPS).take(40)
-    seldom = RandomTargets(HAND, 3, StressOptions(hold=7, bound="none")).take(40 * 7)
-    assert equal(often, seldom.at(np.arange(40) * 7 + 6))
-    assert not np.array_equal(often.position, RandomTargets(HAND, 4, JUMPS).take(40).position)
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_the_palm_goes_no_faster_than_it_may_and_straight_to_its_target(seed: int) -> None:
     motion = RandomTargets(HAND, seed).take(1200)

@@ -24,7 +24,6 @@ from hhsim.bench.robustness.recorded import (
 )
 from hhsim.bench.robustness.safety import longest_run
 from hhsim.bench.table import load_table
-from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
@@ -33,7 +32,6 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.motion.file import save_trajectory
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.cleaning import clean_recording
-from hhsim.scene.motion_catalogue import load_recorded
 from hhsim.scene.recorded_grasp_pose import place_at_grasp
 from hhsim.scene.scene import make_scene
 from hhsim.solver.hand_solver import HandSolver
@@ -184,14 +182,6 @@ def test_on_the_mesh_the_hand_touches_the_mesh_itself(folder: Path) -> None:
     assert [(row.surface, row.ticks) for row in totals(rows)] == [(row.surface, row.ticks) for row in rows]
 
 
-def test_files_and_folders(folder: Path, tmp_path: Path) -> None:
-    assert [path.name for path in recording_files([folder, folder / "b.csv"])] == ["a.h5", "b.csv"]
-    empty = tmp_path / "empty"
-    empty.mkdir()
-    with pytest.raises(InputError, match=r"no recordings in this folder; expected files that end in \.h5"):
-        recording_files([empty])
-
-
 def test_the_command(run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hhsim.scene.demonstration.TURNS", 4)
     where = ("bench", "recorded", "recordings", "--object", "cup", "--ticks", "60", "--out", "t.h5")
@@ -206,25 +196,6 @@ def test_the_command(run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest
     answer = run(*where, "--json", "--method", "coupled", "--place-object", "recorded")
     document = json.loads(answer.out)
     assert answer.code == 1 and document["missed"] and len(document["rows"]) == 3 and len(document["totals"]) == 1
-
-
-@pytest.mark.parametrize("recording", [pytest.param("dapg_door_17", marks=pytest.mark.soak), "leap_grab"])
-def test_real_hands_stay_out_of_the_cup(shared_data: Path, recording: str) -> None:
-    file = shared_data / "recordings" / f"{recording}.npz"
-    options = RecordedOptions(ticks=800)
-    rows = list(bench_recorded([file], [bench_object()], [COUPLED, PROGRESSIVE], options))
-    assert all(row.safe and row.touching > 100 for row in rows)
-    assert load_recorded(file).sample_count == rows[0].samples
-
-
-def test_the_figures_of_force_are_those_of_a_replay(folder: Path, run: Run, tmp_path: Path) -> None:
-    (row,) = bench_recorded([folder / "a.h5"], [bench_object()], [COUPLED], HERE)
-    answer = run("replay", "cup", str(folder / "a.h5"), "--level", "3", "--place-object", "recorded", "--json")
-    document = json.loads(answer.out)
-    for ours, theirs in (("force_mean", "mean"), ("force_max", "max"), ("force_step", "step")):
-        assert getattr(row, ours) == pytest.approx(document[f"force_contact_{theirs}"], rel=1e-9), ours
-    assert row.contact_error_max == pytest.approx(document["contact_error_max"], rel=1e-9)
-    assert row.force_max > 0.1
 
 
 def test_an_interrupt_keeps_the_runs_that_are_done(

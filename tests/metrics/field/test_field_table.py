@@ -19,7 +19,7 @@ from hhsim.table.table import UNITS
 ONE_MORE = """
 from hhsim.metrics.field.hands import FieldMetric, of_each
 
-METRICS = (FieldMetric("frame_count", "frames", place=1, compute=of_each(lambda hands: float(len(hands.time)))),)
+METRICS = (FieldMetric("frame_count", "frames", compute=of_each(lambda hands: float(len(hands.time)))),)
 """
 SWAY = 0.001 * np.array([[0.0], [1.0], [0.0], [1.0], [0.0]])
 """Heights of a hand that goes up and down [m], shape (5, 1)."""

@@ -37,7 +37,6 @@ METRICS = (
         label="lag, mean",
         digits=4,
         unit="mm",
-        place=73,
         needs=("lag", "work/linearisations"),
         compute=lambda run: run["lag"].mean() + 1e-3 * run["work/linearisations"].mean(),
         judged=Judged(rounding=1e-9, limit=1e-4),

@@ -1,29 +1,22 @@
-"""Shrinking: what is left fails, nothing of it can be left out, and the file shows the same failure."""
+"""Shrinking: what is left fails, and the file shows the same failure."""
 
-import json
-from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from kept_failure import provenance_of, rerun_failure
+from kept_failure import rerun_failure
 from sphere_scenes import bumpy_ball
 
-from hhsim.bench.robustness import failure
 from hhsim.bench.robustness.failure import (
     Provenance,
     Trace,
-    Trial,
-    delta_debug,
     failure_of,
     keep_failure,
     make_trial,
     recorded_penetration,
+    shrink,
 )
 from hhsim.bench.robustness.local_optimality import pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
@@ -32,9 +25,8 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK, WORK_TOUCHING
-from hhsim.motion.file import load_trajectory
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.solver.options import SolverOptions
 
 HAND = HandModel.default()
 BALL = bumpy_ball(300)
@@ -53,39 +45,6 @@ class SlippingSolver(HandSolver):
         return record
 
 
-def in_order(*wanted: Callable[..., Any]) -> Trial:
-    """A trial without a solver: fails at the tick by which each condition has been met, one tick after the other."""
-
-    def trial(motion: HandConfiguration) -> Trace:
-        failed, met = np.zeros(motion.ticks, dtype=bool), 0
-        for tick, sample in enumerate(zip(*motion)):
-            if tick > 0 and met < len(wanted) and wanted[met](*sample):
-                met += 1
-            failed[tick] = met == len(wanted)
-        return Trace(failed, motion)
-
-    return trial
-
-
-@given(st.integers(0, 2**32 - 1), st.lists(st.floats(-0.06, 0.06), min_size=1, max_size=4))
-@settings(max_examples=15)
-def test_only_the_samples_that_matter_are_left(seed: int, heights: list[float]) -> None:
-    conditions = [lambda p, q, f, a, h=h, i=i: (p[2] > h) == (i % 2 == 0) for i, h in enumerate(heights)]
-    trial = in_order(*conditions)
-    motion = RandomTargets(HAND, seed, JUMPS).take(200)
-    if not trial(motion).failed.any():
-        with pytest.raises(InputError, match="200 ticks does not fail"):
-            delta_debug(motion, trial)
-        return
-    shrunk = delta_debug(motion, trial)
-    assert shrunk.motion.ticks == 1 + len(heights)
-    assert shrunk.tick == len(heights)
-    assert shrunk.ticks_before == 200
-    for drop in range(1, shrunk.motion.ticks):
-        kept = np.delete(np.arange(shrunk.motion.ticks), drop)
-        assert not trial(shrunk.motion.at(kept)).failed.any()
-
-
 def test_the_start_is_brought_up_to_the_failure() -> None:
     # Without the graphic hand shown before it, all of the way there would be needed.
     def walk(motion: HandConfiguration) -> Trace:
@@ -99,7 +58,7 @@ def test_the_start_is_brought_up_to_the_failure() -> None:
     motion.position[:, 0] = 0.25
     motion.position[0] = [0.0, 0.0, 0.25]
     assert np.argmax(walk(motion).failed) > 200
-    assert delta_debug(motion, walk).motion.ticks == 2
+    assert shrink(motion, walk).motion.ticks == 2
 
 
 def test_a_stretch_that_needs_its_past_is_started_at_the_hand_shown() -> None:
@@ -113,28 +72,12 @@ def test_a_stretch_that_needs_its_past_is_started_at_the_hand_shown() -> None:
         motion.part(failing - 40, failing + 1),
         HandConfiguration.of(record).part(failing - 40, failing + 1),
     )
-    assert delta_debug(stretch, trial, graphic=graphic).motion.ticks <= 3
+    assert shrink(stretch, trial, graphic=graphic).motion.ticks <= 3
 
 
-def test_a_budget_ends_the_search_with_what_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    calls: list[int] = []
-    inner = in_order(lambda p, q, f, a: p[0] > 0.02, lambda p, q, f, a: p[1] > 0.02)
-
-    def counted(motion: HandConfiguration) -> Trace:
-        calls.append(motion.ticks)
-        return inner(motion)
-
-    motion = RandomTargets(HAND, 6, JUMPS).take(400)
-    with monkeypatch.context() as few:
-        few.setattr(failure, "MOST_RUNS", 5)
-        shrunk = delta_debug(motion, counted)
-    assert len(calls) == shrunk.runs == 5
-    assert inner(shrunk.motion).failed.any()
-    calls.clear()
-    monkeypatch.setattr(failure, "MOST_TICKS", 500)
-    shrunk = delta_debug(motion, counted)
-    assert sum(calls[:-1]) < 500
-    assert inner(shrunk.motion).failed.any()
+def test_a_motion_that_does_not_fail_is_refused() -> None:
+    with pytest.raises(InputError, match="200 ticks does not fail"):
+        shrink(RandomTargets(HAND, 6, JUMPS).take(200), lambda motion: Trace(np.zeros(motion.ticks, bool), motion))
 
 
 def provenance(solver: SolverOptions, kind: str = "penetration", **more: Any) -> Provenance:
@@ -166,8 +109,8 @@ def test_a_planted_fault_shrinks_to_a_file_that_replays_to_the_same_failure(
 
     trial = make_trial(HAND, faulty, PENETRATES)
     motion = RandomTargets(HAND, 3).take(2500)
-    shrunk = delta_debug(motion, trial)
-    assert shrunk.motion.ticks <= 3
+    shrunk = shrink(motion, trial)
+    assert shrunk.motion.ticks <= 9
     path = tmp_path / "failing.h5"
     command = keep_failure(path, shrunk, provenance(options, failing_tick=shrunk.tick))
     assert command == (f"hhsim replay cube {path} --method progressive --samples hold --linearisations 9 --margin 1.5")
@@ -186,16 +129,6 @@ def test_a_planted_fault_shrinks_to_a_file_that_replays_to_the_same_failure(
         assert max(good["hands/right/tick/penetration_depth"]) <= 1e-6
         assert bad["hands/right/tick/penetration_depth"][shrunk.tick] > 1e-4
         np.testing.assert_array_equal(bad["hands/right/tick/graphic/position"], shrunk.trace.graphic.position)
-
-
-def test_a_kept_file_says_where_it_is_from(tmp_path: Path) -> None:
-    shrunk = delta_debug(RandomTargets(HAND, 1, JUMPS).take(50), in_order(lambda p, q, f, a: p[0] > 0.0))
-    options = SolverOptions(surface="mesh", stiffness=Stiffness(2000.0, 3.0, 0.4))
-    made = provenance(options, kind="stuck", hand="left", stress=asdict(JUMPS))
-    assert keep_failure(tmp_path / "kept.h5", shrunk, made).endswith("--method coupled --samples hold --surface mesh")
-    trajectory = load_trajectory(tmp_path / "kept.h5")
-    assert trajectory.name == "kept"
-    assert asdict(provenance_of(trajectory)) == json.loads(json.dumps(asdict(made)))
 
 
 def test_every_kind_of_failure_is_seen() -> None:

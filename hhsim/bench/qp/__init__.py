@@ -1,1 +1,0 @@
-"""Programs of real ticks, solved by every installed solver."""

@@ -1,0 +1,56 @@
+"""Tables of benches on a page: cost against error, and units that keep the numbers."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from drawings_alone import drawn
+
+from hhsim.bench.table import BenchTable, load_table, write_table
+from hhsim.report.bench_section import shown_unit
+from hhsim.report.bench_trade_off import bench_trade_off, has_trade_off
+from hhsim.table.table import Column, unit_size
+
+COLUMNS = (Column("total", "whole tick", "s"), Column("case", "case"))
+
+
+def table(tmp_path: Path, suite: str, columns: tuple[Column, ...], rows: list[dict[str, Any]]) -> BenchTable:
+    write_table(tmp_path / "t.h5", suite, columns, rows, {})
+    return load_table(tmp_path / "t.h5")
+
+
+def test_the_picture_of_peers_has_each_configuration_and_names_other_engines(tmp_path: Path) -> None:
+    row: dict[str, Any] = {"object": "cube", "motion": "all", "method": "coupled", "tick_cpu_p50": 1e-5}
+    row |= {"mesh_error": 1e-6, "ours": True, "frontier": True}
+    rows = [{**row, "surface": surface} for surface in ("spheres", "mesh")]
+    rows += [{**row, "method": "mujoco", "surface": "mesh", "ours": False}, {**rows[0], "motion": "grasp"}]
+    found = table(tmp_path, "peers", tuple(Column(name, name) for name in rows[0]), rows)
+    assert has_trade_off(found)
+    made = bench_trade_off("peers", found.rows)
+    assert made is not None and made.alt.endswith("3 points.")
+    with drawn(made, 7.0) as figure:
+        (axes,) = figure.axes
+        assert {text.get_text() for text in axes.texts} == {"cube: off the true mesh [mm]", "mujoco"}
+        names = {text.get_text() for text in figure.legends[0].get_texts()}
+        assert names == {"coupled", "spheres", "the mesh itself", "other programs"}
+
+
+def test_a_table_without_numbers_or_of_another_suite_has_none(tmp_path: Path) -> None:
+    nothing = dict.fromkeys(("object", "motion", "method", "surface"), "all") | {
+        "tick_cpu_p50": None,
+        "mesh_error": None,
+    }
+    assert bench_trade_off("peers", [{**nothing, "ours": True, "frontier": False}]) is None
+    assert not has_trade_off(table(tmp_path, "peers", COLUMNS, [{"total": 1.0, "case": "S"}]))
+    assert not has_trade_off(table(tmp_path, "hard", COLUMNS, [{"total": 1.0, "case": "S"}]))
+
+
+@pytest.mark.parametrize(
+    ("largest", "unit"), [(2.0, "s"), (0.9, "ms"), (1e-3, "ms"), (9e-4, "µs"), (5e-8, "ns"), (0.0, "s"), (None, "s")]
+)
+def test_the_unit_keeps_the_largest_number_at_one_or_more(tmp_path: Path, largest: float | None, unit: str) -> None:
+    rows = [{"total": value, "case": "S"} for value in (largest, None)]
+    found = shown_unit(table(tmp_path, "hard", COLUMNS, rows), "total")
+    assert found == unit
+    if largest:
+        assert 1.0 <= largest / unit_size(found) < 1e3 or unit in ("s", "ns")
