@@ -43,7 +43,6 @@ from hhsim.kernels.tick.step_length import WHOLE_TARGET
 from hhsim.mesh.catalogue import object_description, object_names
 from hhsim.metrics.metrics import tracking_energy
 from hhsim.scene.body import CLEARANCE
-from hhsim.scene.free_object import FreeObject
 from hhsim.scene.scene import Scene, open_scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
@@ -264,10 +263,8 @@ def scenes(recordings: Path | None) -> Iterator[tuple[str, str, Scene]]:
         scene = open_scene(object_, "lift")
         known = object_description(object_)
         table = float(scene.solids[0].placed_mesh.bounds[0, 2]) - CLEARANCE
-        free = FreeObject.of_mesh(
-            scene.solids[0].placed_mesh, table=table, density=known["density"], friction=known["friction"]
-        )
-        yield "free", f"{object_} lift", scene.freed(free)
+        freed = scene.freed(table=table, density=known["density"], friction=known["friction"])
+        yield "free", f"{object_} lift", freed
     for path in sorted(recordings.iterdir()) if recordings else ():
         if not path.stem.startswith(RECORDED):
             continue

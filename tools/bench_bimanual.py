@@ -49,7 +49,6 @@ from hhsim.motion.trajectory import RigidMotion
 from hhsim.scene.body import CLEARANCE
 from hhsim.scene.declared_bodies import load_object
 from hhsim.scene.described_scene import SceneWords, described_scene, two_handed_motions
-from hhsim.scene.free_object import FreeObject
 from hhsim.scene.scene import Scene, open_scene, tree_maker
 from hhsim.scene.synthesis import minimum_jerk
 from hhsim.solver.free_engine import FreeEngine, Thing
@@ -143,10 +142,8 @@ def _scene(task: Task) -> Scene:
     words = SceneWords(object=task.object_name, trajectory=task.motion)
     hands = [HandModel.default(side) for side in SIDES]
     scene = described_scene(words, bodies, hands, two_handed_motions(task.motion)).scene
-    known, mesh = object_description(task.object_name), scene.solids[0].placed_mesh
-    table = float(mesh.bounds[0, 2]) - CLEARANCE
-    free = FreeObject.of_mesh(mesh, density=known["density"], friction=known["friction"], table=table)
-    return scene.freed(free)
+    known, table = object_description(task.object_name), float(scene.solids[0].placed_mesh.bounds[0, 2]) - CLEARANCE
+    return scene.freed(density=known["density"], friction=known["friction"], table=table)
 
 
 def play_of(task: Task, pause: float) -> Play:

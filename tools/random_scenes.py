@@ -31,8 +31,8 @@ from hhsim.kernels.tick.state import WORK_LINEARISATIONS
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import RigidMotion
-from hhsim.scene.free_object import FreeObject, Hinge, Slider
 from hhsim.solver.free_engine import FreeEngine, Thing
+from hhsim.solver.free_object import FreeObject, Hinge, Slider
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.two_hands import SideBySideSolver, TwoHandedSolver

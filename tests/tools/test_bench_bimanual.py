@@ -20,8 +20,8 @@ from hhsim.hand.quaternion import quaternion
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import RigidMotion
-from hhsim.scene.free_object import FreeObject
 from hhsim.solver.free_engine import Thing
+from hhsim.solver.free_object import FreeObject
 from hhsim.trees.contact_surface import ContactSurface
 from tools import bench_bimanual as bench
 
