@@ -13,21 +13,19 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import AnyArray, FloatArray
-from hhsim.errors import HhsimError, InputError
+from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.run.registry import needed_columns, run_metrics
-from hhsim.replay.moving_object import part_rows, scene_frames, stored_contacts, thing_rows
 from hhsim.replay.stored_scene import describe_scene, hand_arrays, one_body, several_bodies
 from hhsim.replay.summary import GRAPHIC_HAND, ReplaySummary, summarise
-from hhsim.replay.tick_columns import KeptColumns, TickColumns
+from hhsim.replay.tick_columns import KeptColumns
+from hhsim.replay.tick_rows import HandRows
 from hhsim.result.reader import CHUNK_TICKS
 from hhsim.result.schema import (
     BETWEEN_COLUMNS,
-    BODIES,
-    CONTACT,
     CONTACT_COLUMNS,
     FRAME,
     FREE_COLUMNS,
@@ -38,7 +36,6 @@ from hhsim.result.schema import (
     POSE_COLUMNS,
     SIDES,
     TICK,
-    hand_tables,
 )
 from hhsim.result.writer import BodyPart, HandPart, ResultWriter
 from hhsim.scene.motion_catalogue import of_the_paper
@@ -107,37 +104,23 @@ class HandRun:
         self._body = KeptColumns(column.name for column in (of_body if seen.free else ()))
         of_contacts = ("body", *(column.name for column in CONTACT_COLUMNS if column.name not in ("a", "b")))
         self._contacts = KeptColumns(of_contacts if seen.free else ())
-        self._columns = TickColumns(solver.surfaces[hand].arrays, self.model, options, seen.parts)
-        given = HandConfiguration.of(of_hand.ticks)
-        self._frame_of = scene_frames(seen, given, lambda: solver.object_ticks(hand))
+        self._rows = HandRows(solver, hand, list(self.bodies))
 
     @property
     def part(self) -> HandPart:
         """Hand of the run's file."""
         return HandPart(self.described, hand_arrays(self.model))
 
-    def rows(self, ticks: slice, record: TickRecord, hands: int) -> dict[str, dict[str, AnyArray]]:
-        """Return the rows of the file of ticks that were solved last, world, of a file of one hand or two."""
-        if not np.isfinite(record.joints).all():
-            raise HhsimError(f"the graphic hand is not finite after tick {ticks.start}: please report the command")
-        frame, parts, many = self._frame_of(ticks), self.solver.seen.parts, self.solver.all_ticks
-        own = frame.body()
-        if parts is None:
-            (name,) = self.bodies
-            of_bodies = {f"{BODIES}/{name}/{TICK}": own}
-        elif many is not None:
-            of_bodies = thing_rows(parts, many, ticks, own)
-            own = of_bodies[f"{BODIES}/{parts.names[0]}/{TICK}"]
-        else:
-            of_bodies = part_rows(parts, ticks, own)
-        block = self._columns.block(self.ticks.time[ticks], self.ticks.input_seq[ticks], frame.haptic, record)
-        contacts = frame.contacts(ticks.start)
-        self._body.keep(own)
-        self._contacts.keep(contacts)
-        self._series.keep(block)
-        tables = hand_tables(self.model.side, frame.world(block))
-        tables[TICK] |= of_bodies.pop(TICK, {})
-        return {**tables, **of_bodies, CONTACT: stored_contacts(contacts, hands)}
+    def rows(self, ticks: slice, record: TickRecord) -> dict[str, dict[str, AnyArray]]:
+        """Return the rows of the file of ticks that were solved last, world."""
+        here = HandConfiguration.of(self.ticks).at(ticks)
+        haptic = {f"haptic/{name}": values for name, values in here._asdict().items()}
+        given = {"time": self.ticks.time[ticks], "input_seq": self.ticks.input_seq[ticks], **haptic}
+        made = self._rows.rows(ticks, given, record)
+        self._series.keep(made.seen)
+        self._body.keep(made.body)
+        self._contacts.keep(made.contacts)
+        return made.tables
 
     def summary(self) -> ReplaySummary:
         """Compute the table."""
@@ -196,7 +179,7 @@ class Replay:
 
     def _write(self, ticks: slice, records: Sequence[TickRecord]) -> None:
         """Write the ticks that were solved last: what both hands say of bodies and contacts once."""
-        of_hands = [run.rows(ticks, record, len(self.runs)) for run, record in zip(self.runs, records)]
+        of_hands = [run.rows(ticks, record) for run, record in zip(self.runs, records)]
         tables = {group: rows for tables in reversed(of_hands) for group, rows in tables.items()}
         if len(of_hands) > 1:
             placed = [

@@ -8,8 +8,8 @@ from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.motion.trajectory import RigidMotion
-from hhsim.replay.moving_object import FreeFrame, StillFrame, contact_rows, stored_contacts
 from hhsim.replay.tick_columns import TickColumns
+from hhsim.replay.tick_rows import contact_rows, free_columns, seen_hand, shown_columns, stored_contacts
 from hhsim.solver.options import SolverOptions
 
 Columns = dict[str, AnyArray]
@@ -36,8 +36,10 @@ class SessionColumns:
         haptic = HandConfiguration(*(records[f"haptic_{name}"] for name in HandConfiguration._fields))
         record = TickRecord(*(np.ascontiguousarray(records[name]) for name in TickRecord._fields))
         time = 1e-9 * (records["time_ns"] - began_ns)
-        frame = FreeFrame(haptic, object_ticks(records), *self._pose) if self._free else StillFrame(haptic)
-        return frame.world(self._columns.block(time, records["input_seq"], frame.haptic, record)), frame.body()
+        moved = next(iter(self.moved(records)), None)
+        block = self._columns.block(time, records["input_seq"], seen_hand(haptic, moved), record)
+        body = free_columns(object_ticks(records), *self._pose) if self._free else {}
+        return shown_columns(block, haptic, moved), body
 
     def contacts(self, first: int, records: Records) -> Columns:
         """Build the rows of /contact of these ticks; `first` is the number of their first row in /tick."""
