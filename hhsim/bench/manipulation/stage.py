@@ -7,7 +7,7 @@ between the tips, at a distance L before the palm, sinks by m g (1 / k_t + L² /
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -123,9 +123,9 @@ def away(ticks: int) -> HandConfiguration:
     return still((0.0, 0.0, 5.0), ticks=ticks)
 
 
-def block(size: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
+def block(size: Sequence[float], center: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
     """Return a box [m] about a centre, shape (3,) each."""
-    return box_mesh(np.asarray(size), "block").transformed(np.eye(3), np.asarray(center))
+    return box_mesh(size, "block").transformed(np.eye(3), np.asarray(center))
 
 
 def touched(mesh: Mesh) -> ContactSurface:
