@@ -17,7 +17,7 @@ from .console import print_json, print_line, print_table, progress
     type=options.OUTPUT,
     multiple=True,
     metavar="FILE",
-    help="Also write the board, by the name's ending: .html, .csv, .parquet, .md or .tex; may be given several times.",
+    help="Also write the board, by the name's ending: .html, .csv, .md or .tex; may be given several times.",
 )
 @click.option("--all", "whole", is_flag=True, help="Also print each run.")
 @options.Printing.argument("printing")

@@ -1,6 +1,5 @@
-"""Tables of the board as people read them, and its files: each run a row (CSV, Parquet), or HTML, Markdown, LaTeX."""
+"""Tables of the board as people read them, and its files: each run a row (CSV), or HTML, Markdown, LaTeX."""
 
-import io
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -11,13 +10,13 @@ from typing import Any
 from hhsim import __version__
 from hhsim.board.entry import Board, Entry, shown_options
 from hhsim.board.standings import Standing
-from hhsim.errors import InputError, OutputError
+from hhsim.errors import OutputError
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary import digits_with
 from hhsim.system.counted import counted
 from hhsim.system.output_path import check_output_path, holds
 from hhsim.table.html import render
-from hhsim.table.table import BARE, Column, Table, number, shown, words
+from hhsim.table.table import Column, Table, number, shown, words
 
 MARK = "●"
 LEGEND = (
@@ -30,7 +29,6 @@ LEGEND = (
 KINDS = {
     ".html": b'content="hhsim board ',
     ".csv": b",option_set,",
-    ".parquet": b"option_set",
     **dict.fromkeys((".md", ".tex"), LEGEND.partition("(")[0].encode()),
 }
 """Bytes that each file of a board holds, by its ending; a file without them is not replaced."""
@@ -131,24 +129,6 @@ def _taken(attribute: str, name: str) -> Callable[[Entry], float | None]:
     return lambda entry: getattr(entry, attribute).get(name)
 
 
-def parquet_bytes(board: Board) -> bytes:
-    """Return the runs as Parquet, with units in the columns' metadata; raise InputError without pyarrow."""
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError:
-        raise InputError("a Parquet file: pip install pyarrow") from None
-    table = run_table(board)
-    fields = []
-    for column in table.columns:
-        kind = pyarrow.string() if not column.is_number else pyarrow.float64()
-        kind = pyarrow.bool_() if column.name == "times_comparable" else kind
-        fields.append(pyarrow.field(column.name, kind, metadata=None if column.unit in BARE else {"unit": column.unit}))
-    stream = io.BytesIO()
-    parquet.write_table(pyarrow.Table.from_pylist(table.records, schema=pyarrow.schema(fields)), stream)
-    return stream.getvalue()
-
-
 def check_board_path(path: Path) -> None:
     """Raise OutputError, before the work, if a board cannot be written there or the name ends otherwise."""
     if path.suffix.lower() not in KINDS:
@@ -157,12 +137,10 @@ def check_board_path(path: Path) -> None:
 
 
 def content_of(path: Path, board: Board, standings: Sequence[Standing]) -> bytes:
-    """Return what a file of this name holds; raise InputError without pyarrow where it is needed."""
+    """Return what a file of this name holds."""
     kind = path.suffix.lower()
     if kind == ".csv":
         return run_table(board).csv().encode()
-    if kind == ".parquet":
-        return parquet_bytes(board)
     if kind == ".md":
         document = document_table(board, standings)
         return "\n".join([document.markdown(), "", *(f"- {note}" for note in document.notes), ""]).encode()

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from hhsim.report.bench_section import bench_section
 from hhsim.report.figure import Album, PageFigure
 from hhsim.report.histogram import histogram_figure
 from hhsim.report.pictures import CUT, HANDS, held_picture, overview_picture, overview_view, worst_cards
-from hhsim.report.run import ReportRun, report_runs
+from hhsim.report.run import ReportRun, of_one_run, report_runs
 from hhsim.report.sections import result_tables
 from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import series_figure
@@ -42,13 +42,16 @@ CUT_OBJECT = "An object that is much larger than the hand is cut at a clean edge
 
 @dataclass(frozen=True)
 class Report:
-    """A report that is not written yet: PNGs by file name, and comparisons with the first result."""
+    """A report that is not written yet: PNGs by file name, and comparisons with the first result.
+
+    A hand of the first one's run has no comparison.
+    """
 
     title: str
     html: str
     pictures: dict[str, bytes]
     runs: tuple[ReportRun, ...]
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[Comparison | None, ...]
 
     def verdict_lines(self) -> list[str]:
         """Return the verdicts, a line each."""
@@ -57,7 +60,8 @@ class Report:
         for run in self.runs:
             lines += [f"{run.label}: {text}" for text in (run.result.contradiction(), run.misstated) if text]
         compared = zip(self.runs[1:], self.comparisons)
-        return lines + [f"{run.label} beside {self.runs[0].label}: {found.sentence()}" for run, found in compared]
+        beside = self.runs[0].label if self.runs else ""
+        return lines + [f"{run.label} beside {beside}: {found.sentence()}" for run, found in compared if found]
 
     def to_json(self) -> dict[str, Any]:
         """Return the report as plain values for JSON."""
@@ -80,6 +84,7 @@ class Report:
                     **{name: list(getattr(found, name)) for name in ("scene", "how", "around")},
                 }
                 for run, found in zip(self.runs[1:], self.comparisons)
+                if found
             ],
         }
 
@@ -107,7 +112,7 @@ def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report
 
     report_step("reading")
     runs = report_runs(results)
-    comparisons = [compare(results[0], other) for other in results[1:]]
+    comparisons = [None if of_one_run(results[0], other) else compare(results[0], other) for other in results[1:]]
     album = Album()
     parts = _result_parts(runs, comparisons, album, report_step) if runs else {}
     benches = {
@@ -165,7 +170,10 @@ def write_report(report: Report, output_path: Path) -> ReportFiles:
 
 
 def _result_parts(
-    runs: Sequence[ReportRun], comparisons: Sequence[Comparison], album: Album, report_step: Callable[[str], None]
+    runs: Sequence[ReportRun],
+    comparisons: Sequence[Comparison | None],
+    album: Album,
+    report_step: Callable[[str], None],
 ) -> dict[str, Any]:
     """Return what the page shows of results, by the names of its template."""
     several = len(runs) > 1
@@ -181,7 +189,7 @@ def _result_parts(
         figures[name], headings[name] = album.shown(make(results), aside=name == beside), heading
     report_step("worst ticks")
     return {
-        "subtitle": subtitle_of(runs),
+        "subtitle": subtitle_of(runs, one=not any(comparisons)),
         "figures": figures,
         "beside": beside,
         "below": below,
@@ -221,8 +229,9 @@ MOST_NAMED = 4
 def title_of(runs: Sequence[ReportRun], tables: Sequence[str]) -> str:
     """Return what a report is of, in a line; `tables` are the suites of its bench tables."""
     parts = []
-    if len(runs) == 1:
-        parts.append(runs[0].name)
+    if runs and all(of_one_run(runs[0].result, run.result) for run in runs[1:]):
+        whole = replace(runs[0].result, hands={}) if len(runs) > 1 else runs[0].result
+        parts.append(replace(runs[0], result=whole).name)
     elif runs:
         scenes = list(dict.fromkeys(f"{object_name(run.result)}, {motion_name(run.result)}" for run in runs))
         # Of several scenes the labels repeat object and motion: they are told below, and the scenes here.
@@ -233,9 +242,9 @@ def title_of(runs: Sequence[ReportRun], tables: Sequence[str]) -> str:
     return "; ".join(parts)
 
 
-def subtitle_of(runs: Sequence[ReportRun]) -> str:
-    """Return what the results are, in a line below the title."""
-    if len(runs) > 1:
+def subtitle_of(runs: Sequence[ReportRun], *, one: bool) -> str:
+    """Return what the results are, or the one run, in a line below the title."""
+    if not one:
         return f"{len(runs)} results, each beside {runs[0].letter}"
     result = runs[0].result
     kind = "a recorded session" if result.live is not None else "a replay"

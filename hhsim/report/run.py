@@ -36,8 +36,11 @@ ROUNDING = 1e-9
 def result_labels(results: Sequence[Result]) -> list[str]:
     """Return a label for each result: its method and, where these differ, object, motion and unusual options.
 
-    Several results have letters. Results that differ in nothing else are told apart by what they were run with.
+    Several results have letters, hands of one run their names. Results that differ in nothing else are told apart by
+    what they were run with.
     """
+    if len(results) > 1 and all(of_one_run(results[0], other) for other in results[1:]):
+        return [f"{result.name} hand" for result in results]
     names = [(object_name(result), motion_name(result), result.method or UNNAMED) for result in results]
     if len(results) == 1:
         return [names[0][2]]
@@ -52,6 +55,11 @@ def result_labels(results: Sequence[Result]) -> list[str]:
             ", ".join([label, *words[:1]]) for label, words in zip(labels, _telling([_around(r) for r in results]))
         ]
     return [f"{letter(number)}: {label}" for number, label in enumerate(labels)]
+
+
+def of_one_run(one: Result, other: Result) -> bool:
+    """Return True for two hands of one file."""
+    return one.path == other.path and one.name != other.name
 
 
 def letter(number: int) -> str:
@@ -170,7 +178,7 @@ class ReportRun:
 
     @property
     def letter(self) -> str:
-        """Letter of the label."""
+        """Letter of the label, or name of the hand."""
         return self.label.partition(":")[0]
 
     @property
@@ -180,9 +188,13 @@ class ReportRun:
 
 
 def report_runs(results: Sequence[Result]) -> list[ReportRun]:
-    """Compute what a report says of each result, with depths of the poses; several are labelled by letters."""
+    """Compute what a report says of each result, with depths of the poses."""
     return [
-        _run(posed_result(result), label, "" if len(results) == 1 else f"{label.partition(':')[0].lower()}-")
+        _run(
+            posed_result(result),
+            label,
+            "" if len(results) == 1 else f"{label.partition(':')[0].lower().removesuffix(' hand')}-",
+        )
         for result, label in zip(results, result_labels(results))
     ]
 

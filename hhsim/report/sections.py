@@ -194,12 +194,13 @@ def _json(text: Any) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def result_tables(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> dict[str, Any]:
+def result_tables(runs: Sequence[ReportRun], comparisons: Sequence[Comparison | None]) -> dict[str, Any]:
     """Return what the page shows of results besides pictures, by the names of its template."""
     facts = run_facts(runs[0].result)
     comparable: dict[str, list[str]] = {}
     for run, comparison in zip(runs[1:], comparisons):
-        comparable.setdefault(comparison.sentence(), []).append(run.letter)
+        if comparison:
+            comparable.setdefault(comparison.sentence(), []).append(run.letter)
 
     def of_run(title: str, run: ReportRun) -> str:
         return title if len(runs) == 1 else f"{run.label}: {title[0].lower()}{title[1:]}"
@@ -208,7 +209,7 @@ def result_tables(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) 
         "key_figures": key_table(runs, comparisons),
         "comparable": comparable,
         "in_short": Table.of_cells(("what", "value"), [(name, facts[name]) for name in BRIEF_FACTS], "In short"),
-        "differences": [(run, differences(runs[0], run, found)) for run, found in zip(runs[1:], comparisons)],
+        "differences": [(run, differences(runs[0], run, found)) for run, found in zip(runs[1:], comparisons) if found],
         "sessions": [
             (run, recorded_faults(run.result).line, log_table(run.result))
             for run in runs
@@ -217,10 +218,13 @@ def result_tables(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) 
         "session_table": lambda run: figure_table(run.session, "Figures of the session", name="figure"),
         "all_figures": all_figures(runs, comparisons),
         "settings": facts_table("What was run", runs, run_facts),
-        "typed": [shlex.join(run.result.command) for run in runs if run.result.command],
+        "typed": list(dict.fromkeys(shlex.join(run.result.command) for run in runs if run.result.command)),
+        "untyped": not all(run.result.command for run in runs),
         # Commands that show a result, check it, and run it again.
         "again": [
-            f"hhsim {verb} {shlex.quote(run.result.path.name)}" for run in runs for verb in ("view", "verify", "replay")
+            f"hhsim {verb} {shlex.quote(name)}"
+            for name in dict.fromkeys(run.result.path.name for run in runs)
+            for verb in ("view", "verify", "replay")
         ],
         "phase_table": lambda run: phase_table(run, of_run("Phases of the motion", run)),
         "finger_table": lambda run: Table(FINGER_COLUMNS, run.fingers, of_run("Forces on each finger", run)),
@@ -242,7 +246,7 @@ def facts_table(caption: str, runs: Sequence[ReportRun], facts: Callable[[Result
     return Table.of_cells(("what", *(run.label for run in runs)), rows, f"{caption}; ≠ marks what is not the same")
 
 
-def all_figures(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Table:
+def all_figures(runs: Sequence[ReportRun], comparisons: Sequence[Comparison | None]) -> Table:
     """Return the table that replay prints beside the paper's figures; of several results, beside the first's."""
     first = runs[0]
     if len(runs) > 1:
@@ -292,7 +296,7 @@ def log_table(result: Result) -> Table | None:
     return Table(columns, told[:MOST_EVENTS].tolist(), title)
 
 
-def _side_by_side(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Table:
+def _side_by_side(runs: Sequence[ReportRun], comparisons: Sequence[Comparison | None]) -> Table:
     of_paper = ["paper"] if any(row.paper for run in runs for row in run.rows) else []
     rows = []
     for name in run_metrics():
@@ -305,23 +309,27 @@ def _side_by_side(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) 
             cells.append(Marked(row.shown if row else NONE, below=_against(found[0], row, comparison)))
         rows.append((*cells, first.paper))
     title = (
-        f"Figures side by side; with each its ratio to that of {runs[0].letter} and, where both were fed with the "
-        "same, the word for it. A median time within 10 % says nothing: identical code differs by as much"
+        "Figures of each hand"
+        if not any(comparisons)
+        else (
+            f"Figures side by side; with each its ratio to that of {runs[0].letter} and, where both were fed with the "
+            "same, the word for it. A median time within 10 % says nothing: identical code differs by as much"
+        )
     )
     headings = ("figure", "unit", *(run.label for run in runs), *of_paper)
     return Table.of_cells(headings, rows, title, numbers=headings[2:])
 
 
-def _against(base: SummaryRow | None, head: SummaryRow | None, comparison: Comparison) -> str:
-    if base is None or head is None:
+def _against(base: SummaryRow | None, head: SummaryRow | None, comparison: Comparison | None) -> str:
+    if base is None or head is None or comparison is None:
         return ""
     found = compared(base, head, comparison)
     ratio = "" if math.isnan(found.ratio) or found.word == SAME else f"{found.ratio:.3g} ×"
     return " ".join(part for part in (ratio, found.word) if part)
 
 
-def key_table(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> Table:
-    """Return a line for each result; `comparisons` are those of each result but the first with the first."""
+def key_table(runs: Sequence[ReportRun], comparisons: Sequence[Comparison | None]) -> Table:
+    """Return a line for each result or hand; `comparisons` are those of each result but the first with the first."""
     headings: dict[str, str] = {}
     for names in KEY_FIGURES:
         rows = {name: [row for run in runs if (row := run.row(name)) is not None] for name in names}
@@ -340,9 +348,14 @@ def key_table(runs: Sequence[ReportRun], comparisons: Sequence[Comparison]) -> T
     caption = (
         "Key figures. Times are CPU times of ticks in contact. Red: over the limit that hhsim gate has by default."
     )
-    if len(runs) > 1:
+    if any(comparisons):
         caption += f" Below a figure: beside that of {runs[0].letter}, where both were fed with the same."
-    return Table.of_cells(["result", "verdict", *headings.values()], lines, caption, numbers=list(headings.values()))
+    return Table.of_cells(
+        ["result" if any(comparisons) or len(runs) == 1 else "hand", "verdict", *headings.values()],
+        lines,
+        caption,
+        numbers=list(headings.values()),
+    )
 
 
 def _cell(run: ReportRun, name: str, first: ReportRun, comparison: Comparison | None) -> str:

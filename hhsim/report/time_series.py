@@ -102,7 +102,7 @@ def series_figure(results: Mapping[str, Result]) -> style.ReportFigure:
     fingers = FINGERS if alone else ()
 
     def panel(title: str, height: float, draw: "Callable[[Axes, Sequence[Run]], None]", *names: str) -> style.Panel:
-        return style.Panel(title, height, partial(draw, runs=runs), names)
+        return style.Panel(title, height, lambda axes: draw(axes, runs), names)
 
     panels = [
         panel("force on the hand [N]", 1.75, _draw_forces, *(FORCES if alone else results)),

@@ -1,8 +1,8 @@
 """Results, motions, meshes and sphere trees in the rerun viewer, a view for each, on one time axis."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import groupby, pairwise
+from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -18,7 +18,6 @@ from hhsim.motion.file import load_trajectory
 from hhsim.motion.trajectory import Trajectory
 from hhsim.render.triangle_soup import PIECES, STONE, mesh_surface, piece_poses, piece_surfaces
 from hhsim.result.reader import Result, load_result
-from hhsim.result.schema import SIDES
 from hhsim.system.hdf5_input import SIGNATURE, open_hdf5
 from hhsim.system.input_file import media_kind_of, open_input
 from hhsim.system.progress import Progress, silent
@@ -83,7 +82,7 @@ def view_files(
         InputError: A file that is none of these or cannot be read, or a result without a tick; as `rerun_stream`.
         OutputError: As `rerun_stream`.
     """
-    shown = _paired([one for number, path in enumerate(paths) for one in _read(path, f"file-{number + 1}", unit)])
+    shown = [one for number, path in enumerate(paths) for one in _read(path, f"file-{number + 1}", unit)]
     with rerun_stream(target, APPLICATION, _arranged(shown, spheres=spheres)) as stream:
         stream.send_recording_name(", ".join(dict.fromkeys(path.name for path in paths)))
         for number, one in enumerate(shown):
@@ -110,13 +109,13 @@ def _read(path: Path, root: str, unit: str) -> list[Shown]:
     kind = file_kind(path)
     if kind != "result":
         return [_read_other(path, kind, root, unit)]
-    found = []
-    for number, result in enumerate(load_result(path).hands.values()):
+    found, hands = [], load_result(path).hands
+    for side, result in hands.items():
         if result.ticks == 0:
             raise InputError(f"{result.label} holds no tick")
         some = result["graphic/joints"][:: max(1, result.ticks // STILLS)].reshape(-1, 3)
         bounds = _bounds(np.concatenate([bodies_mesh(result).vertices, some]))
-        found.append(Shown(path, kind, f"{root}-{number}" if number else root, result, bounds, result.ticks))
+        found.append(Shown(path, kind, f"{root}/{side}" if len(hands) > 1 else root, result, bounds, result.ticks))
     return found
 
 
@@ -142,24 +141,6 @@ def _read_other(path: Path, kind: Kind, root: str, unit: str) -> Shown:
     vertices, faces = read_triangles(path)
     mesh = Mesh(METRES_PER_UNIT[unit] * vertices, faces, path.stem, str(path))
     return Shown(path, kind, root, mesh, _bounds(mesh.vertices), 0)
-
-
-def _paired(shown: Sequence[Shown]) -> list[Shown]:
-    """Give a right and a left hand on the same object at the same time one root, for one picture."""
-    found = list(shown)
-    for i, (one, other) in enumerate(pairwise(shown)):
-        if one.kind == other.kind == "result" and "/" not in found[i].root and _of_both(one.content, other.content):
-            found[i : i + 2] = [replace(each, root=f"{one.root}/{each.content.side}") for each in (one, other)]
-    return found
-
-
-def _of_both(one: Result, other: Result) -> bool:
-    """Return whether two results are of a right and a left hand on the same object at the same time."""
-    if {one.side, other.side} != set(SIDES) or (one.ticks, one.rate) != (other.ticks, other.rate):
-        return False
-    if not np.array_equal(bodies_mesh(one).triangles, bodies_mesh(other).triangles):
-        return False
-    return all(np.array_equal(a, b) for a, b in zip(one.meshes_moved(), other.meshes_moved(), strict=True))
 
 
 def _bounds(points: FloatArray) -> FloatArray:
@@ -198,12 +179,11 @@ def _arranged(shown: Sequence[Shown], *, spheres: bool) -> "rrb.Blueprint":
         group = list(of_it)
         bounds = _bounds(np.concatenate([one.bounds for one in group]))
         middle, extent = bounds.mean(axis=0), float(np.linalg.norm(np.ptp(bounds, axis=0)))
-        # Of two hands' objects, which are the same, one is drawn.
+        # Two hands have one object, which is drawn once.
         unseen = [one for one in group if one.kind == "result"][0 if spheres else 1 :]
         hidden = [f"{one.root}/world/object" for one in unseen]
         origin = f"{group[0].root}/world" if len(group) == 1 else pair
-        names = " and ".join(dict.fromkeys(one.path.name for one in group))
-        views.append(scene_view(origin, f"{names} ({group[0].kind})", middle, extent, hidden))
+        views.append(scene_view(origin, f"{group[0].path.name} ({group[0].kind})", middle, extent, hidden))
     plots = [
         rrb.Vertical(
             *(rrb.TimeSeriesView(origin=f"{one.root}/{plot.path}", name=plot.title) for plot in RESULT_PLOTS),

@@ -15,7 +15,7 @@ from short_grasp import short_result
 
 from hhsim.board.entry import FAILED, Board, Entry, collect, entry_of_result, merged, option_words
 from hhsim.board.standings import standings
-from hhsim.board.table_file import content_of, entry_table, parquet_bytes, standing_table
+from hhsim.board.table_file import content_of, entry_table, standing_table
 from hhsim.errors import InputError
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.verdict import OK, UNTOUCHED
@@ -198,18 +198,12 @@ def test_a_result_that_is_being_written_is_named_and_left_out(result: Result, tm
             collect([tmp_path])
 
 
-def test_every_file_has_the_same_runs(tmp_path: Path) -> None:
+def test_every_file_has_the_same_runs() -> None:
     board = merged([entry(), entry("paper|er", machine=B, force_hold_mean=1.25)])
     rows = list(csv.DictReader(io.StringIO(text_of(board, ".csv"))))
     assert [row["method"] for row in rows] == ["coupled", "paper|er"]
     assert float(rows[0]["tick_cpu_p50 [s]"]) == 1e-5 and rows[0]["force_hold_mean [N]"] == ""
     assert rows[0]["times_comparable"] == "1" and rows[1]["machine"] == "B"
-    parquet = pytest.importorskip("pyarrow.parquet")
-    (tmp_path / "board.parquet").write_bytes(parquet_bytes(board))
-    table = parquet.read_table(tmp_path / "board.parquet")
-    assert table["tick_cpu_p50"].to_pylist() == [1e-5, 1e-5]
-    assert table["force_hold_mean"].to_pylist() == [None, 1.25]
-    assert table.schema.field("tick_cpu_p50").metadata == {b"unit": b"s"}
     text = text_of(board, ".md")
     assert "| paper\\|er |" in text and "- A: one, 2 cores, Linux, Python 3.12" in text
     page = text_of(board, ".html")

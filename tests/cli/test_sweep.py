@@ -63,7 +63,7 @@ def test_a_sweep_from_dry_run_to_board(run: Run, planned: Path, tmp_path: Path) 
     [
         (("sweep", "none.toml"), "none.toml: no such file; expected a TOML plan of a sweep"),
         (("board", "nowhere"), "nowhere: no such folder"),
-        (("board", ".", "--out", "b.xlsx"), "b.xlsx: a board ends in .html, .csv, .parquet, .md, .tex"),
+        (("board", ".", "--out", "b.xlsx"), "b.xlsx: a board ends in .html, .csv, .md, .tex"),
     ],
 )
 def test_what_cannot_be_is_said_in_a_line(run: Run, planned: Path, arguments: tuple[str, ...], said: str) -> None:

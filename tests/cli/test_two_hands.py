@@ -57,7 +57,9 @@ def test_it_is_judged_shown_and_reported(run: Run, both: Path, monkeypatch: pyte
     leave_report_undrawn(monkeypatch)
     assert run("report", "both.h5", "--out", "page.html").code == 0
     assert "left out" not in run("board", "both.h5").out
-    assert "left of two hands" in (both.parent / "page.html").read_text()
+    page = (both.parent / "page.html").read_text()
+    assert "left of two hands" in page and "left hand" in page
+    assert "What differs" not in page and page.count("hhsim verify both.h5") == 1, "one run, a column a hand"
     seen = run("view", "both.h5", "--rerun", "both.rrd", "--json")
     assert [Path(one["file"]).name for one in json.loads(seen.out)["files"]] == ["both.h5", "both.h5"]
     assert run("view", "both.h5", "--video", "both.gif", "--pixels", "160").code == 0

@@ -293,7 +293,7 @@ def test_periods_without_a_tick_are_told_at_the_top(coupled: Path, tmp_path: Pat
 def test_two_methods_on_one_scene_are_compared(coupled: Path, progressive: Path, dots: None) -> None:
     report = make_report((coupled, progressive))
     (comparison,) = report.comparisons
-    assert comparison.comparable
+    assert comparison and comparison.comparable
     assert comparison.how == ("method: coupled and progressive",)
     rows = read_page(report.html).rows("Figures side by side")
     assert rows[0] == ["figure", "unit", "A: coupled", "B: progressive"]

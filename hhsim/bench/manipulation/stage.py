@@ -7,7 +7,7 @@ between the tips, at a distance L before the palm, sinks by m g (1 / k_t + L² /
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -20,6 +20,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_product, rotation_matrix
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.shapes import box_mesh
 from hhsim.motion.analytic_motion import still
 from hhsim.scene.synthesis import minimum_jerk
 from hhsim.solver.free_object import FreeObject
@@ -122,12 +123,9 @@ def away(ticks: int) -> HandConfiguration:
     return still((0.0, 0.0, 5.0), ticks=ticks)
 
 
-def block(size: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
+def block(size: Sequence[float], center: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
     """Return a box [m] about a centre, shape (3,) each."""
-    corners = np.array([[x, y, z] for z in (-0.5, 0.5) for y in (-0.5, 0.5) for x in (-0.5, 0.5)])
-    faces = [[0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4]]
-    faces += [[2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5]]
-    return Mesh(corners * np.asarray(size) + np.asarray(center), np.array(faces), name="block")
+    return box_mesh(size, "block").transformed(np.eye(3), np.asarray(center))
 
 
 def touched(mesh: Mesh) -> ContactSurface:
