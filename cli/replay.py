@@ -28,9 +28,7 @@ if TYPE_CHECKING:
 
     from hhsim.replay.summary import ReplaySummary
     from hhsim.scene.described_scene import SceneWords
-    from hhsim.scene.scene import Scene
     from hhsim.solver.options import SolverOptions
-    from hhsim.system.progress import Progress
     from hhsim.view.sink import RerunTarget
 
 
@@ -234,7 +232,7 @@ def command(
     """
     if names_a_result(object_):
         return run_again(click.get_current_context(), Path(object_), as_json=output.as_json, quiet=output.quiet)
-    from hhsim.replay.replay import replay_scene as run
+    from hhsim.replay.replay import replay_scene, replay_two_hands
     from hhsim.replay.summary import repeated_document, repeated_times
     from hhsim.result.reader import check_result_path
     from hhsim.result.writer import state
@@ -267,63 +265,40 @@ def command(
         placed = loaded.placed(solver_options.fingers, report)
         scene, notes = placed.scene, placed.notes
         remarks += filter(None, [placed.note])
+        about: dict[str, Any] = {"command": ("hhsim", *sys.argv[1:]), "progress": report}
+        runs: list[ReplaySummary] = []
+        hands: dict[str, ReplaySummary] = {}
         if len(scene.hands) > 1:
-            return _replay_both(scene, solver_options, output, output_path, [*remarks, *notes], report)
-        settle = viewer.settle if viewer is not None else None
-        typed = ("hhsim", *sys.argv[1:])
-        runs = [
-            run(scene, solver_options, output_path, command=typed, before_ticks=settle, progress=report)
-            for _ in range(output.repeat)
-        ]
-        summary = runs[-1]
-        repeated: dict[str, Any] = {}
+            both = replay_two_hands(scene, solver_options, output_path, **about)
+            hands.update(zip(HANDS, both.hands))
+            document = both.to_json()
+            remarks.append(both.note)
+        else:
+            about["before_ticks"] = viewer.settle if viewer is not None else None
+            runs = [replay_scene(scene, solver_options, output_path, **about) for _ in range(output.repeat)]
+            hands[scene.hands[0].model.side], document = runs[-1], runs[-1].to_json()
+            document |= {"placement": placed.to_json()} if placed.placement else {}
         if output.repeat > 1:
-            repeated = {"repeated": repeated_document(runs)}
-            state(output_path, "repeated", repeated["repeated"])
+            document["repeated"] = repeated_document(runs)
+            state(output_path, "repeated", document["repeated"])
         if viewer is not None:
             viewer.show(output_path, report)
+    stuck = [summary.verdict.line for summary in hands.values() if summary.verdict.mostly_stuck]
     if output.as_json:
-        document = summary.to_json()
-        placement = {"placement": placed.to_json()} if placed.placement else {}
-        print_json({**document, **placement, **repeated, "notes": [*remarks, *document["notes"]]})
+        print_json({**document, "notes": [*remarks, *document.get("notes", ())]})
     elif not output.quiet:
-        _print({scene.hands[0].model.side: summary}, whole=output.whole)
+        _print(hands, whole=output.whole)
         if output.repeat > 1:
             print()
             columns = words("", "row.label"), number("mean ± σ", "shown"), words("unit", "row.unit")
             print_table(Table(columns, repeated_times(runs), f"times of {len(runs)} runs"))
-        for note in (*remarks, *notes, *summary.notes):
+        of_hands = [note for summary in hands.values() for note in summary.notes]
+        for note in dict.fromkeys((*remarks, *notes, *of_hands)):
             if note not in bodies.mesh.warnings:
                 print_line(f"note: {note}")
-        print_line(f"every tick is in {summary.path}")
-    elif summary.verdict.mostly_stuck:
-        print_notes([summary.verdict.line], prefix="missed")
-    return int(summary.verdict.mostly_stuck)
-
-
-def _replay_both(
-    scene: "Scene",
-    solver_options: "SolverOptions",
-    output: ReplayOutput,
-    path: Path,
-    notes: list[str],
-    report: "Progress",
-) -> int:
-    """Replay two hands, print their table, and return the exit code."""
-    from hhsim.replay.replay import replay_two_hands
-
-    both = replay_two_hands(scene, solver_options, path, command=("hhsim", *sys.argv[1:]), progress=report)
-    notes = [*dict.fromkeys(notes), both.note]
-    stuck = [summary for summary in both.hands if summary.verdict.mostly_stuck]
-    if output.as_json:
-        print_json({**both.to_json(), "notes": notes})
-    elif not output.quiet:
-        _print(dict(zip(HANDS, both.hands)), whole=output.whole)
-        for note in dict.fromkeys([*notes, *(note for summary in both.hands for note in summary.notes)]):
-            print_line(f"note: {note}")
-        print_line(f"every tick is in {both.path}")
+        print_line(f"every tick is in {output_path}")
     else:
-        print_notes([summary.verdict.line for summary in stuck], prefix="missed")
+        print_notes(stuck, prefix="missed")
     return int(bool(stuck))
 
 

@@ -197,8 +197,8 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> 
     total, notes = min(ticks for ticks, _ in runnable), [note for _, of in runnable for note in of]
     prefix = {one.name: "" if len(shown) == 1 else f"{one.name}/" for one in shown}
     arrays = {one.name: [ArrayComparison(column, prefix[one.name]) for column in COMPARED] for one in shown}
-    of_bodies = [ArrayComparison(column) for column in _moving(result)]
     rubs = any(body.kind == "free" for body in result.bodies.values())
+    of_bodies = [ArrayComparison(column) for column in _moving(result, rubs)]
     contacts = [
         ArrayComparison(replace(column, name=f"{schema.CONTACT}/{column.name}"))
         for column in (schema.CONTACT_COLUMNS if rubs else ())
@@ -253,14 +253,14 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> 
     return RunAgain(result.path, result.complete, total, result.ticks, compared, shared, bool(makers))
 
 
-def _moving(result: Result) -> list[schema.Column]:
+def _moving(result: Result, rubs: bool) -> list[schema.Column]:
     """Columns of bodies that a second run computes anew: all but what is given."""
     given = {column.name for column in schema.DRIVEN_COLUMNS}
     return [
         replace(column, name=f"{body.group}/{schema.TICK}/{column.name}")
-        for body in result.bodies.values()
+        for body in (result.bodies.values() if rubs else ())
         for column in schema.BODY_COLUMNS
-        if body.properties and column.name in body and column.name not in given
+        if column.name in body and column.name not in given
     ]
 
 

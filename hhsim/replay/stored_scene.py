@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,6 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import ObjectMotion, TickInput, Trajectory
 from hhsim.reproducible import matmul
 from hhsim.result.body import Body as StoredBody
@@ -32,10 +32,11 @@ from hhsim.result.schema import (
 )
 from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS, result_hand, sphere_tree_of
 from hhsim.result.writer import BodyPart
-from hhsim.scene.body import Body, Driven, Fixed, HalfSpace, Motion
+from hhsim.scene.body import Body, Driven, Fixed, HalfSpace, Joint, Motion
 from hhsim.scene.scene import TABLE, Hand, Scene, all_pairs
 from hhsim.solver.free_object import LAW, FreeObject
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.scene_solver import SeenScene
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -76,38 +77,44 @@ def body_name(name: str) -> str:
     return name.replace("/", "-").strip(".") or "object"
 
 
-def one_body(
+def body_part(
+    kind: str,
     mesh: Mesh,
     tree: SphereTree,
-    position: ArrayLike,
-    orientation: ArrayLike,
-    *,
-    driven: bool = False,
+    place: ObjectMotion = STILL,
     free: FreeObject | None = None,
-) -> dict[str, BodyPart]:
-    """Return the body of a scene with one, at its place of the first tick, by its name."""
-    kind = "driven" if driven else "fixed" if free is None else "free"
-    columns = (*(POSE_COLUMNS if driven or free else ()), *((*MOTION_COLUMNS, *FREE_COLUMNS) if free else ()))
-    properties = {} if free is None else free.to_json()
-    part = BodyPart(kind, body_arrays(mesh, tree, position, orientation), columns, properties)
-    return {body_name(mesh.name): part}
+    *,
+    many: bool = False,
+    first: bool = True,
+    joint: Joint | None = None,
+) -> BodyPart:
+    """Return a body of a file, whose mesh and tree are at a pose of its frame, shapes (3,) and (4,).
 
-
-def several_bodies(parts: MovingParts, others: Sequence[tuple[FreeObject, bool]] = ()) -> dict[str, BodyPart]:
-    """Return the bodies of a scene of several by their names, in frames of their own.
-
-    `others` has the physical properties of each where one is free, and True for one that is fixed.
+    `free` has the properties of one in a scene where one is free; `many` is True beside others, `first` of the first;
+    a `joint` is of one that its values drive where nothing is free.
     """
-    found: dict[str, BodyPart] = {}
-    for k, (name, mesh, tree) in enumerate(zip(parts.names, parts.meshes, parts.trees, strict=True)):
-        columns, kind, properties = [*POSE_COLUMNS, *((JOINT_COLUMN,) if name in parts.values else ())], "driven", {}
-        if others:
-            free, fixed = others[k]
-            kind = "fixed" if fixed else "driven" if name in parts.driven else "free"
-            columns += [*MOTION_COLUMNS, OF_BODIES, *(() if k else FREE_COLUMNS)]
-            columns += DRIVEN_COLUMNS if name in parts.driven else ()
-            properties = free.to_json()
-        found[name] = BodyPart(kind, body_arrays(mesh, tree), columns, properties)
+    columns = [*(POSE_COLUMNS if many or kind != "fixed" else ()), *((JOINT_COLUMN,) if joint else ())]
+    properties = free.to_json() if free else {"joint": asdict(joint)} if joint else {}
+    if free is not None:
+        columns += [*MOTION_COLUMNS, *((OF_BODIES,) if many else ()), *(FREE_COLUMNS if first else ())]
+        columns += DRIVEN_COLUMNS if kind == "driven" else ()
+    return BodyPart(kind, body_arrays(mesh, tree, *place), columns, properties)
+
+
+def body_parts(scene: Scene, seen: SeenScene) -> dict[str, BodyPart]:
+    """Return the bodies of a scene's file by their names."""
+    if (parts := seen.parts) is None:
+        kind = "free" if seen.free else "driven" if seen.carrier else "fixed"
+        return {body_name(seen.mesh.name): body_part(kind, seen.mesh, seen.tree, seen.place, seen.free)}
+    # Without a free one all go by their joints, or stand, in a frame that may go along.
+    kinds, free = dict.fromkeys(parts.names, "driven"), dict[str, FreeObject]()
+    if seen.free is not None:
+        free = dict(zip(parts.names, (seen.free, *(own for own, _, _ in seen.others))))
+        kinds = {body.name: type(body.motion).__name__.lower() for _, _, body in seen.others}
+    joints, found = {body.name: body.joint for body in scene.solids if body.name in parts.values}, {}
+    for name, mesh, tree in zip(parts.names, parts.meshes, parts.trees, strict=True):
+        about: dict[str, Any] = {"many": True, "first": name == parts.names[0], "joint": joints.get(name)}
+        found[name] = body_part(kinds.get(name, "free"), mesh, tree, free=free.get(name), **about)
     return found
 
 
@@ -233,11 +240,12 @@ def _scene_body(body: StoredBody, rows: slice) -> Body:
     if body.kind == "free":
         free = FreeObject.from_json(own)
         motion, about["joint"] = free.motion, free.stated_joint()
-    elif body.kind == "driven" and own:
+    elif "recorded_position" in body:
         motion = Driven(ObjectMotion(*(np.asarray(body[f"recorded_{name}"][rows]) for name in ObjectMotion._fields)))
     elif body.kind == "driven":
         poses = body.poses(rows)
         motion, begin = Driven(poses, np.asarray(body["joint"][rows]) if "joint" in body else None), poses.at(0)
+        about |= {"joint": Joint(**own["joint"])} if own else {}
     frame = mesh, tree
     if not _equal(place, STILL):
         back = rotation_matrix(place.orientation).T

@@ -44,13 +44,13 @@ class HandRows:
     """Makes the rows of one of a scene's hands, and of the bodies, block after block."""
 
     def __init__(self, solver: SceneSolver, hand: int, names: Sequence[str]) -> None:
-        seen, self._model = solver.seen, solver.scene.hands[hand].model
-        self._solver, self._hand, self._names = solver, hand, names
-        self._columns = TickColumns(solver.surfaces[hand].arrays, self._model, solver.options, seen.parts)
+        self.solver, self.hand, self._names = solver, hand, names
+        self.model = solver.scene.hands[hand].model
+        self._columns = TickColumns(solver.surfaces[hand].arrays, self.model, solver.options, solver.seen.parts)
 
     def carried(self, ticks: slice) -> RigidMotion | None:
         """Return the motion of the engine's frame at some ticks where something carries it along."""
-        carrier = self._solver.seen.carrier
+        carrier = self.solver.seen.carrier
         return None if carrier is None else carrier.at(ticks).since(carrier.position[0], carrier.orientation[0])
 
     def rows(self, ticks: slice, given: Columns, record: TickRecord, free: ObjectRecord | None = None) -> TickRows:
@@ -61,9 +61,9 @@ class HandRows:
         """
         if not np.isfinite(record.joints).all():
             raise HhsimError(f"the graphic hand is not finite after tick {ticks.start}: please report the command")
-        seen, moved, own, contacts = self._solver.seen, self.carried(ticks), Columns(), Columns()
+        seen, moved, own, contacts = self.solver.seen, self.carried(ticks), Columns(), Columns()
         if seen.free is not None:
-            free = free or self._solver.object_ticks(self._hand)
+            free = free or self.solver.object_ticks(self.hand)
             moved = RigidMotion(free.turn, free.shift)
             own, contacts = free_columns(free, *seen.place), contact_rows(free, ticks.start)
         elif seen.carrier is not None:
@@ -72,14 +72,14 @@ class HandRows:
         own = of_bodies[f"{BODIES}/{self._names[0]}/{TICK}"] if seen.others else own
         haptic = HandConfiguration(*(given[f"haptic/{name}"] for name in HandConfiguration._fields))
         hand = self._columns.block(given["time"], given["input_seq"], seen_hand(haptic, moved), record)
-        tables = hand_tables(self._model.side, shown_columns(hand, haptic, moved))
+        tables = hand_tables(self.model.side, shown_columns(hand, haptic, moved))
         tables[TICK] |= of_bodies.pop(TICK, {})
-        counted = stored_contacts(contacts, len(self._solver.scene.hands))
+        counted = stored_contacts(contacts, len(self.solver.scene.hands))
         return TickRows(hand, own, contacts, {**tables, **of_bodies, CONTACT: counted})
 
     def _body_rows(self, ticks: slice, own: Columns) -> dict[str, Columns]:
         """Return the rows of the bodies; `own` is of the only one, of the first free one, or of what carries all."""
-        parts, record = self._solver.seen.parts, self._solver.all_ticks
+        parts, record = self.solver.seen.parts, self.solver.all_ticks
         if parts is None:
             return {f"{BODIES}/{self._names[0]}/{TICK}": own}
         if record is None:

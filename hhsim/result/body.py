@@ -21,7 +21,7 @@ class Body:
     result: "Result"  # in the world
     name: str
     kind: str  # one of `hhsim.result.schema.BODY_KINDS`
-    properties: Mapping[str, Any]  # mass, friction, joint and so on in a scene with a free body; else empty
+    properties: Mapping[str, Any]  # mass, friction and so on in a scene with a free body; else its joint, if any
     static: Mapping[str, AnyArray]  # arrays of `BODY_STATIC` by name
     columns: tuple[str, ...]  # names of the datasets of its ticks
 

@@ -138,11 +138,18 @@ class LoadedWords:
     bodies: DeclaredBodies
     solid: bool  # False takes triangles as they are
 
-    def placed(self, fingers: Sequence[str] = FINGERS, report: Progress = silent) -> PlacedScene:
-        """Grow the trees and make the scene, for hands that use some fingers; errors as `load_scene`."""
+    @property
+    def hands(self) -> list[HandModel]:
+        """Models of the hands; HhsimError for a damaged file of sizes."""
+        words = self.words
+        sides: tuple[Side | None, ...] = SIDES if words.hand == "both" else (words.hand,)
+        return [hand_of(motion, side, words.hand_file) for motion, side in zip(self.motions, sides)]
+
+    def grown(self, report: Progress = silent) -> tuple[DeclaredBodies, tuple[str, ...]]:
+        """Return the bodies with their trees, and notes on the choice."""
         words, notes = self.words, list[str]()
 
-        def grown(mesh: Mesh) -> SphereTree:
+        def grow(mesh: Mesh) -> SphereTree:
             if words.tree is None:
                 tree, own = chosen_tree(mesh, words.level or self.bodies.level, words.max_error, self.solid, report)
             else:
@@ -151,14 +158,17 @@ class LoadedWords:
             notes.extend(own)
             return tree
 
-        bodies = self.bodies.with_trees(grown)
-        sides: tuple[Side | None, ...] = SIDES if words.hand == "both" else (words.hand,)
-        hands = [hand_of(motion, side, words.hand_file) for motion, side in zip(self.motions, sides)]
-        placed = described_scene(words, bodies, hands, self.motions, fingers)
+        return self.bodies.with_trees(grow), tuple(dict.fromkeys(notes))
+
+    def placed(self, fingers: Sequence[str] = FINGERS, report: Progress = silent) -> PlacedScene:
+        """Grow the trees and make the scene, for hands that use some fingers; errors as `load_scene`."""
+        words = self.words
+        bodies, notes = self.grown(report)
+        placed = described_scene(words, bodies, self.hands, self.motions, fingers)
         scene = placed.scene
         if words.free is not None and not names_a_linkage(words.object):
             scene = scene.freed(**words.free.properties(scene.solids[0].placed_mesh, words.object))
-        return replace(placed, scene=scene, notes=tuple(dict.fromkeys(notes)))
+        return replace(placed, scene=scene, notes=notes)
 
     def _unit_length(self) -> float:
         """Return the length [m] of the mesh's unit, for a file of its sphere tree."""

@@ -27,11 +27,13 @@ from hhsim.result.reader import read_phases
 from hhsim.result.schema import BODIES, BODY_STATIC, HAND_STATIC, HANDS
 from hhsim.result.stored_hand import hand_of_arrays, sphere_tree_of
 from hhsim.scene.body import Body
-from hhsim.scene.scene import Hand, Scene, open_scene
+from hhsim.scene.described_scene import SceneWords, load_scene
+from hhsim.scene.scene import Hand, Scene
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.system.atomic_write import put_dataset, sealed_hdf5
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
+from hhsim.system.settings_file import typed
 from hhsim.trees.contact_surface import encloses
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -89,20 +91,10 @@ def scene_title(names: Mapping[str, Any]) -> str:
 def named_scene(names: Mapping[str, Any]) -> Scene:
     """Make the scene of `scene_names` again; raise InputError for unknown names or wrong values."""
     try:
-        size = names.get("size_mm")
-        return open_scene(
-            str(names["object"]),
-            str(names["trajectory"]),
-            unit=names.get("unit"),
-            size=None if size is None else 1e-3 * float(size),
-            level=names.get("level"),
-            hand=names.get("hand"),
-            rate=float(names.get("rate", 1000.0)),
-            mode=names.get("samples", "interpolate"),
-            seed=int(names.get("seed", 0)),
-        )
-    except (KeyError, TypeError, ValueError) as error:
+        words = typed({**names, "place_object": "recorded"}, SceneWords, "made_by")
+    except InputError as error:
         raise InputError(f"made_by is {json.dumps(dict(names))} ({error})") from error
+    return load_scene(words).scene
 
 
 def scene_content(scene: Scene) -> bytes:
@@ -156,7 +148,7 @@ def tick_trajectory(ticks: TickInput, **about: Any) -> Trajectory:
     return Trajectory(ticks.time, *HandConfiguration.of(ticks), phases=phases, **about)
 
 
-def load_scene(path: Path) -> Scene:
+def read_scene(path: Path) -> Scene:
     """Read a scene's file; InputError for no such file, another format, or arrays that differ from its checksums."""
     if not path.is_file():
         raise InputError(f"{path}: no such file; expected the scene.h5 of a folder that hhsim scene made")

@@ -23,7 +23,7 @@ from hhsim.scene.scene import Scene, open_scene
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import seen_scene
-from hhsim.submissions.scene_file import load_scene, scene_digest
+from hhsim.submissions.scene_file import read_scene, scene_digest
 from hhsim.submissions.scene_folder import example_submission, write_scene_folder
 from hhsim.submissions.score import score
 
@@ -404,7 +404,7 @@ def test_poses_beside_parts_or_bodies_are_not_scored(name: str, motion: str, tmp
     write_scene_folder(scene, tmp_path / "s")
     told = "a hand beside several bodies is not scored; expected a scene of one object"
     with pytest.raises(InputError, match=rf"scene\.h5 has {name}: {told}"):
-        load_scene(tmp_path / "s" / "scene.h5")
+        read_scene(tmp_path / "s" / "scene.h5")
     with pytest.raises(InputError, match=f"{name}: {told}"):
         score(example_submission(scene), scene, tmp_path / "r.h5")
     assert not (tmp_path / "r.h5").exists()

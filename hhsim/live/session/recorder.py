@@ -33,7 +33,8 @@ from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
 from hhsim.live.session.statistics import LiveTally, session_figures
 from hhsim.live.session.tick_block import SessionColumns
 from hhsim.live.shared_memory import RingReader
-from hhsim.replay.stored_scene import describe_scene, hand_arrays, one_body
+from hhsim.motion.trajectory import ObjectMotion
+from hhsim.replay.stored_scene import body_name, body_part, describe_scene, hand_arrays
 from hhsim.result.miss_cause import by_name
 from hhsim.result.reader import CHUNK_TICKS, check_result_path
 from hhsim.result.schema import (
@@ -88,7 +89,8 @@ class SessionWriter:
         self._waiting: dict[str, list[tuple[int, Records]]] = {ring: [] for ring in RINGS}
         self._began = -1
         description, free = dict(setup.description), setup.free
-        bodies = one_body(setup.mesh, setup.tree, *setup.object_pose(), free=free)
+        kind, place = "fixed" if free is None else "free", ObjectMotion(*setup.object_pose())
+        bodies = {body_name(setup.mesh.name): body_part(kind, setup.mesh, setup.tree, place, free)}
         scene = {
             **description,
             "motion": description.get("motion") or "live",
