@@ -20,7 +20,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.run.registry import needed_columns, run_metrics
 from hhsim.replay.moving_object import part_rows, scene_frames, stored_contacts, thing_rows
-from hhsim.replay.stored_scene import describe_scene, hand_arrays, one_body, several_bodies
+from hhsim.replay.stored_scene import describe_scene, hand_arrays, one_body, several_bodies, with_joints
 from hhsim.replay.summary import GRAPHIC_HAND, ReplaySummary, summarise
 from hhsim.replay.tick_columns import KeptColumns, TickColumns
 from hhsim.result.reader import CHUNK_TICKS
@@ -92,7 +92,7 @@ class HandRun:
     def __init__(self, solver: SceneSolver, hand: int, described: Mapping[str, Any]) -> None:
         scene, seen, options, of_hand = solver.scene, solver.seen, solver.options, solver.scene.hands[hand]
         self.solver, self.hand, self.model, self.ticks = solver, hand, of_hand.model, of_hand.ticks
-        motion, self.bodies = of_hand.trajectory, seen_bodies(seen)
+        motion, self.bodies = of_hand.trajectory, with_joints(seen_bodies(seen), scene)
         self.described = {
             **scene.description,
             **described,

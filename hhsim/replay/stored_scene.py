@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from hhsim.result.schema import (
 from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS, result_hand, sphere_tree_of
 from hhsim.result.writer import BodyPart
 from hhsim.scene.free_object import LAW, FreeObject
-from hhsim.scene.scene import all_pairs
+from hhsim.scene.scene import Scene, all_pairs
 from hhsim.solver.free_engine import Thing
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
@@ -104,6 +105,13 @@ def several_bodies(parts: MovingParts, others: Sequence[tuple[FreeObject, bool]]
             properties = free.to_json()
         found[name] = BodyPart(kind, body_arrays(mesh, tree), columns, properties)
     return found
+
+
+def with_joints(parts: Mapping[str, BodyPart], scene: Scene) -> dict[str, BodyPart]:
+    """Return bodies with the joints that driven ones hang on; those of free ones state them already."""
+    joints = {body.name: {"joint": asdict(body.joint)} for body in scene.solids if body.joint is not None}
+    own = {name: part.properties or joints.get(name, {}) for name, part in parts.items()}
+    return {name: replace(part, properties=own[name]) for name, part in parts.items()}
 
 
 def describe_scene(
@@ -196,7 +204,7 @@ def stored_others(result: Result, parts: MovingParts) -> list[Thing]:
     """Return the bodies beside a free one of a result; none of driven ones alone."""
     found = []
     for surface, body in list(zip(parts.surfaces(result.surface), result.bodies.values()))[1:]:
-        if body.properties:
+        if result.free:
             own = FreeObject.from_json(body.properties)
             found.append(Thing(surface, own, body.kind == "fixed", body.name, parts.driven.get(body.name)))
     return found

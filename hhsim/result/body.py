@@ -21,7 +21,7 @@ class Body:
     result: "Result"  # in the world
     name: str
     kind: str  # one of `hhsim.result.schema.BODY_KINDS`
-    properties: Mapping[str, Any]  # mass, friction, joint and so on in a scene with a free body; else empty
+    properties: Mapping[str, Any]  # mass, friction and so on in a scene with a free body; else its joint, if any
     static: Mapping[str, AnyArray]  # arrays of `BODY_STATIC` by name
     columns: tuple[str, ...]  # names of the datasets of its ticks
 
@@ -35,6 +35,11 @@ class Body:
     def group(self) -> str:
         """Group in the file."""
         return f"{BODIES}/{self.name}"
+
+    @property
+    def joint(self) -> Mapping[str, Any] | None:
+        """Joint that a driven body hangs on, of `hhsim.scene.body.Joint`; None without one, or beside a free body."""
+        return self.properties.get("joint")
 
     @property
     def moves(self) -> bool:

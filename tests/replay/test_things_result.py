@@ -44,15 +44,15 @@ def test_the_ticks_run_again_are_the_same(result: Result) -> None:
 def test_the_referee_finds_each_claim_true(result: Result) -> None:
     report = verify(result)
     assert not [claim.name for claim in report.claims if claim.failed]
-    assert {"Newton", "between things", "things apart"} <= {claim.name for claim in report.claims}
+    assert {"Newton", "between bodies", "bodies apart"} <= {claim.name for claim in report.claims}
 
 
 @pytest.mark.parametrize(
     ("dataset", "add", "name"),
     [
         (f"{BLUE}/velocity", [0.0, 0.0, 1e-3], "Newton"),
-        (f"{GREEN}/body_wrench", [0.0, 0.0, 1e-3, 0.0, 0.0, 0.0], "between things"),
-        (f"{BLUE}/position", [0.0, 0.0, -1e-5], "things apart"),
+        (f"{GREEN}/body_wrench", [0.0, 0.0, 1e-3, 0.0, 0.0, 0.0], "between bodies"),
+        (f"{BLUE}/position", [0.0, 0.0, -1e-5], "bodies apart"),
     ],
 )
 def test_the_referee_finds_a_planted_fault(
