@@ -30,6 +30,7 @@ from hhsim.live.session.supervisor import SessionOutcome, Supervisor, stop_signa
 from hhsim.mesh.catalogue import load_object
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result
+from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
@@ -257,7 +258,7 @@ def make_setup(device: GloveConfig, name: str, record: Path, duration: float, wi
     item = load_object(name)
     tree = cached_sphere_tree(item.mesh, TreeOptions(level=item.level))
     hand = HandModel.default(device.hand)
-    scene = make_live_scene(item.mesh, tree, hand, device, PoseConfig("fixed"), None)
+    scene = make_live_scene(DeclaredBodies.of_mesh(item.mesh, tree), hand, device, PoseConfig("fixed"), None)
     options = SolverOptions()
     warm_up(hand, options)
     return LiveSetup(

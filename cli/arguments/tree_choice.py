@@ -93,6 +93,28 @@ class TreeChoice(OptionGroup, heading="Sphere tree"):
         )
         return ChosenTree(tree, (note,))
 
+    def grow(
+        self, bodies: "DeclaredBodies", unit_length: float, report: Progress, *, solid: bool = True
+    ) -> "tuple[DeclaredBodies, tuple[str, ...]]":
+        """Return the bodies with their trees, and notes on the choice.
+
+        `unit_length` [m] is that of a .sph file; other arguments and errors are those of `choose`.
+        """
+        notes: list[str] = []
+
+        def made(mesh: "Mesh") -> "SphereTree":
+            found = self.of(mesh, bodies.level, unit_length, report, solid=solid)
+            notes.extend(found.notes)
+            return found.tree
+
+        return bodies.with_trees(made), tuple(dict.fromkeys(notes))
+
+    def of(
+        self, mesh: "Mesh", usual_level: int, unit_length: float, report: Progress, *, solid: bool = True
+    ) -> ChosenTree:
+        """Return the tree of a body, see `choose` and `grow`."""
+        return self.choose(mesh, usual_level, report, solid=solid)
+
 
 class TreeOrFile(TreeChoice):
     """A tree that is built, or that of a file."""
@@ -111,19 +133,10 @@ class TreeOrFile(TreeChoice):
         found = load_tree_for(self.path, mesh, unit_length)
         return ChosenTree(found.tree, (f"the sphere tree is that of {self.path}", *found.notes))
 
-    def grow(
-        self, bodies: "DeclaredBodies", unit_length: float, report: Progress, *, solid: bool = True
-    ) -> "tuple[DeclaredBodies, tuple[str, ...]]":
-        """Return the bodies with their trees, and notes on the choice.
-
-        `unit_length` [m] is that of a .sph file; other arguments and errors are those of `choose`.
-        """
-        notes: list[str] = []
-
-        def made(mesh: "Mesh") -> "SphereTree":
-            own, level = self.path is not None, bodies.level
-            found = self.load(mesh, unit_length) if own else self.choose(mesh, level, report, solid=solid)
-            notes.extend(found.notes)
-            return found.tree
-
-        return bodies.with_trees(made), tuple(dict.fromkeys(notes))
+    def of(
+        self, mesh: "Mesh", usual_level: int, unit_length: float, report: Progress, *, solid: bool = True
+    ) -> ChosenTree:
+        """Return the tree of the file, or of `choose`."""
+        if self.path is not None:
+            return self.load(mesh, unit_length)
+        return super().of(mesh, usual_level, unit_length, report, solid=solid)

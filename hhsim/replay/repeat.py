@@ -1,6 +1,6 @@
 """Second run of a result's ticks, from nothing but the file, and comparison of every array: bits, and rounding."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -226,7 +226,9 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> 
     names = [column.name for column in schema.TICK_COLUMNS]
     with interruptible_between() as check_interrupt:
         done = 0
-        for blocks in zip(result.blocks([array.name for array in of_bodies]), *(one.blocks(names) for one in hands)):
+        every = (result.blocks([array.name for array in of_bodies]), *(one.blocks(names) for one in hands))
+        single = result.live is not None and bool(others)
+        for blocks in _tick_by_tick(zip(*every)) if single else zip(*every):
             report("ticks", done, total)
             bodies, *stored = ({name: values[: total - done] for name, values in block.items()} for block in blocks)
             here = slice(done, done + len(stored[0]["time"]))
@@ -240,7 +242,8 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> 
             given = [frame.haptic for frame in frames]
             ticks: ObjectRecord | None = None
             if solver is None:
-                record, ticks = _solve(solvers[0], given[0], live=result.live is not None, free=free is not None)
+                live = result.live is not None and not single
+                record, ticks = _solve(solvers[0], given[0], live=live, free=free is not None)
                 records: Sequence[TickRecord] = [record]
             else:
                 records = solver.run(*given)
@@ -276,6 +279,13 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> 
         notes += makers or [f"hhsim, packages, processor and system are those of the file: {expected}"]
     shared = tuple(dict.fromkeys(notes))
     return RunAgain(result.path, result.complete, total, result.ticks, compared, shared, bool(makers))
+
+
+def _tick_by_tick(blocks: Iterable[tuple[dict[str, AnyArray], ...]]) -> Iterator[tuple[dict[str, AnyArray], ...]]:
+    """Yield each tick of some blocks as a block of its own."""
+    for block in blocks:
+        for i in range(len(block[1]["time"])):
+            yield tuple({name: values[i : i + 1] for name, values in part.items()} for part in block)
 
 
 def _moving(result: Result) -> list[schema.Column]:
