@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from fake_gloves import FakeDexmo
 from machine_share import MachineShare
 from numpy.typing import NDArray
 
@@ -27,7 +28,6 @@ from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
-from tools.fake_gloves import FakeDexmo
 
 IN_TIME = 50_000_000
 """Fingers are free so long after a fault [ns], the machine's share taken out (`MachineShare`)."""

@@ -11,6 +11,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray, IntArray
@@ -40,6 +41,12 @@ CURL = np.array([[0.3, 0.5, 0.4], [0.6, 0.7, 0.5], [0.7, 0.7, 0.5], [0.6, 0.7, 0
 """Flexion [rad] of a hand around a ball."""
 UNTIMED = [name for name in TickRecord._fields if not name.startswith("duration")]
 """What ticks of the same input have in common."""
+
+
+def palm_centers(palm_center: ArrayLike, position: ArrayLike, orientation: ArrayLike) -> FloatArray:
+    """Compute centres of the palm's spheres [m], world, (P, 3), from the palm's position and orientation w x y z."""
+    turned = Rotation.from_quat(np.asarray(orientation), scalar_first=True).apply(np.asarray(palm_center))
+    return np.asarray(turned + np.asarray(position))
 
 
 def sphere_tree(center: FloatArray, radius: FloatArray, branching: int = 8) -> SphereTree:

@@ -73,6 +73,13 @@ def test_the_page_of_commands_names_each_of_them() -> None:
     assert set(HHSIM.list_commands(click.Context(HHSIM))) <= set(named)
 
 
+def test_the_table_of_tools_names_each_of_them() -> None:
+    text = (REPOSITORY / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`(\w+)`", text[text.index("## Tools") : text.index("## Habits")]))
+    there = {path.stem for path in (REPOSITORY / "tools").iterdir() if not path.name.startswith("_")}
+    assert named == there
+
+
 def test_every_picture_of_the_docs_is_shown_and_says_what_it_shows() -> None:
     pictures = {".png", ".svg"}
     shown = {Path(target).name for page in PAGES for target in page.links() if Path(target).suffix in pictures}

@@ -1,19 +1,20 @@
 """Random scenes against a judge of their own: `python -m tools.random_scenes --ticks 1000000`.
 
-Hands follow random targets through free things, stacks, moving parts, each other and themselves, and at the end they
-are taken away from everything. `tools.scene_judge` then looks for depth in one tick of a hundred and where something
-happens, for Newton's and Euler's equation in every tick of each free body, and for hands that stop. A scene depends on
-seed, family and its number alone: `--family NAME --scene N --scenes 1` runs one again. Exit code 1: something is wrong.
+One hand or two follow random targets through one body or several, each fixed, driven or free, on a joint or not, on
+triangles or spheres, through each other and themselves, and at the end they are taken away from everything. Each scene
+is replayed to a result file, and `tools.scene_judge` looks for depth in one tick of a hundred and where something
+happens, for Newton's and Euler's equation in every tick of each free body, for bodies off their joints, and for hands
+that stop. A scene depends on seed, kind and its number alone: `--kind NAME --scene N --scenes 1` runs one again. Exit
+code 1: something is wrong.
 """
 
 import argparse
 import json
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, field, replace
-from itertools import pairwise
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,88 +25,114 @@ from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
-from hhsim.kernels.free.record import ObjectRecord
-from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import WORK_LINEARISATIONS
-from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.moving_parts import MovingParts
-from hhsim.motion.trajectory import RigidMotion
-from hhsim.scene.free_object import FreeObject, Hinge, Slider
-from hhsim.solver.free_engine import FreeEngine, Thing
-from hhsim.solver.hand_solver import HandSolver
+from hhsim.hand.quaternion import quaternion, rotation_matrix
+from hhsim.motion.trajectory import ObjectMotion, Trajectory
+from hhsim.replay.replay import Replay
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.body import Body, Driven, Fixed, Free, HalfSpace, Joint, Motion, triple
+from hhsim.scene.scene import TABLE, Hand, Scene
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.two_hands import SideBySideSolver, TwoHandedSolver
+from hhsim.solver.scene_solver import SceneSolver
+from hhsim.system.progress import silent
 from hhsim.table.table import Column, Table, number, words
-from hhsim.trees.contact_surface import contact_surface
+from hhsim.trees.builder import build_sphere_tree
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.triangle_tree import triangle_tree
-from tools.scene_judge import Finding, Motion, Piece, Recorded, Solid, Verdict, judge
+from tools.convex_solids import Solid, box, random_solid
+from tools.scene_judge import Finding, Recorded, Verdict, judge, recorded
 
-SCENE_TICKS, RELEASE = 2000, 400
+SCENE_TICKS, RELEASE = 1200, 400
 """Ticks of a scene, and of these the last ones, in which the user's hands go away."""
 AWAY, STEP = 0.5, 2e-3
 """How far they go [m], and how far in a tick."""
 LIGHTEST, HEAVIEST = 1e-3, 10.0
 """Masses [kg], between which their logarithm is uniform."""
 GAP = 2e-6
-"""Least distance of things at the start [m]."""
-FAR = 50.0
-"""Where a thing lies that a scene does not have [m]: one program is compiled for three."""
-RIGHT, LEFT = HandModel.default("right"), HandModel.default("left")
-OPTIONS = SolverOptions(surface="mesh")
+"""Least distance of bodies at the start [m]."""
+STILL = np.array([1.0, 0.0, 0.0, 0.0])
 
 
-def prism(corners: Any, height: float, convex: Sequence[Sequence[int]] = ()) -> Solid:
-    """Return the solid over a polygon (n, 2) [m], counter-clockwise, of a height, about its middle.
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A scene with its options, and the solid of each body, where it is at the first tick."""
 
-    `convex` has the corners of the convex polygons that it is made of, one of all if there are none; they meet at
-    corners alone.
-    """
-    flat = np.asarray(corners, np.float64)
-    flat = flat - 0.5 * (flat.min(axis=0) + flat.max(axis=0))
-    count, parts = len(flat), convex or [range(len(flat))]
-    points = np.concatenate([np.column_stack([flat, np.full(count, z)]) for z in (-0.5 * height, 0.5 * height)])
-    faces = []
-    for i in range(count):
-        j = (i + 1) % count
-        faces += [[i, j, count + j], [i, count + j, count + i]]
-    pieces = []
-    for part in parts:
-        ring = list(part)
-        for a, b in pairwise(ring[1:]):
-            faces += [[ring[0], b, a], [count + ring[0], count + a, count + b]]
-        sides = np.roll(flat[ring], -1, axis=0) - flat[ring]
-        sides /= np.linalg.norm(sides, axis=1, keepdims=True)
-        up, level = np.array([[0.0, 0.0, 1.0]]), np.zeros((len(ring), 1))
-        normals = np.concatenate([np.column_stack([sides[:, 1], -sides[:, 0], level]), up])
-        edges = np.concatenate([np.column_stack([sides, level]), up])
-        pieces.append(Piece(points[ring + [count + i for i in ring]], normals, edges))
-    return Solid(Mesh(points, np.array(faces)), tuple(pieces))
+    scene: Scene
+    options: SolverOptions
+    solids: dict[str, Solid]
+    released: bool  # True if the user's hands end where nothing is
+
+    def ticks_of(self, result: Result) -> Recorded:
+        """Return the ticks of its result as the judge has them."""
+        own = self.options.self_contact
+        return recorded(self.scene, result, self.solids, self_contact=own, released=self.released)
 
 
-def box(edges: Sequence[float]) -> Solid:
-    """Return a box of these edges [m] about its middle."""
-    x, y, z = edges
-    return prism([[0.0, 0.0], [x, 0.0], [x, y], [0.0, y]], z)
+@dataclass(eq=False)
+class Drawing:
+    """A scene as it is drawn: bodies one after another, with places that hands are sent to."""
 
+    rng: np.random.Generator
+    ticks: int
+    surface: str
+    bodies: list[Body | HalfSpace] = field(default_factory=list)
+    solids: dict[str, Solid] = field(default_factory=dict)
+    squeezed: bool = False  # True if two hands go to opposite sides of the first body
 
-def random_solid(rng: np.random.Generator, least: float = 0.01, most: float = 0.06) -> Solid:
-    """Return a box, a prism of three to eight sides, an angle or a channel, each size between two [m]."""
-    x, y, z = rng.uniform(least, most, 3)
-    kind = rng.choice(["box", "box", "prism", "angle", "channel"])
-    if kind == "box":
-        return box((x, y, z))
-    if kind == "prism":
-        sides = int(rng.integers(3, 9))
-        angle = 2.0 * np.pi * np.arange(sides) / sides
-        return prism(0.5 * x * np.column_stack([np.cos(angle), np.sin(angle)]), z)
-    x, y = max(x, 0.03), max(y, 0.03)
-    thick = rng.uniform(0.2, 0.35) * min(x, y)
-    if kind == "angle":
-        ring = [[0.0, 0.0], [x, 0.0], [x, thick], [thick, thick], [thick, y], [0.0, y]]
-        return prism(ring, z, [(0, 1, 2, 3), (0, 3, 4, 5)])
-    outer, inner = [[0.0, 0.0], [x, 0.0], [x, y], [x - thick, y]], [[x - thick, thick], [thick, thick], [thick, y]]
-    return prism([*outer, *inner, [0.0, y]], z, [(0, 1, 4, 5), (1, 2, 3, 4), (0, 5, 6, 7)])
+    def add(self, solid: Solid, motion: Motion, joint: Joint | None = None, name: str = "") -> Body:
+        """Add a body, whose solid is where it is at the first tick."""
+        rng, name = self.rng, name or f"body-{len(self.solids)}"
+        mesh = solid.mesh
+        on_mesh = self.surface == "mesh"
+        tree = triangle_tree(mesh, 1) if on_mesh else build_sphere_tree(mesh, TreeOptions(level=2))
+        torsion = float(rng.uniform(0.0, 5e-3)) if rng.random() < 0.3 else 0.0
+        body = Body(
+            name, mesh, tree, motion=motion, joint=joint, friction=float(rng.uniform(0.0, 1.0)), torsion=torsion
+        )
+        self.bodies.append(body)
+        self.solids[name] = solid
+        return body
+
+    def free(self, solid: Solid, flies: bool = False) -> Free:
+        """Return how a free body moves: its mass, and how it rubs and moves at first."""
+        rng = self.rng
+        return Free.of_mesh(
+            solid.mesh,
+            mass=float(10.0 ** rng.uniform(np.log10(LIGHTEST), np.log10(HEAVIEST))),
+            damping=float(rng.uniform(0.0, 20.0)) if rng.random() < 0.3 else 0.0,
+            velocity=triple(rng.uniform(-0.5, 0.5, 3) * flies),
+            angular_velocity=triple(rng.uniform(-10.0, 10.0, 3) * flies),
+        )
+
+    def own_way(self) -> Driven:
+        """Return a smooth motion of a body's frame: up to 80 mm each way and 1 rad, of up to 1.5 Hz."""
+        rng, time_, kinds = self.rng, 1e-3 * np.arange(self.ticks)[:, None], (2, 3)
+        rate, size = 2.0 * np.pi * rng.uniform(0.1, 1.5, kinds), rng.uniform(0.0, [[0.08], [1.0]], kinds)
+        way, turn = (each * (1.0 - np.cos(at * time_)) for each, at in zip(size * rng.choice([-0.5, 0.5], kinds), rate))
+        return Driven(ObjectMotion(way, quaternion(turn)))
+
+    def values(self, least: float, most: float) -> FloatArray:
+        """Return a joint's values [rad] or [m] at each tick: to random places within limits, open at the end."""
+        rng, times, values = self.rng, [0.0], [most]
+        while times[-1] < self.ticks:
+            times.append(times[-1] + rng.uniform(50.0, 400.0))
+            values.append(float(rng.uniform(least, most)) if rng.random() < 0.7 else (least, most)[rng.integers(2)])
+        share = np.clip((np.arange(self.ticks) - self.ticks + release_of(self.ticks)) / 100.0, 0.0, 1.0)
+        return np.asarray((1.0 - share) * np.interp(np.arange(self.ticks), times, values) + share * most)
+
+    def table(self, chance: float) -> None:
+        """Put a table under the bodies that are there, by chance."""
+        if self.rng.random() < chance:
+            friction = float(self.rng.uniform(0.0, 1.0)) if self.rng.random() < 0.5 else None
+            self.bodies.append(HalfSpace(TABLE, 0.0, friction))
+
+    def standing(self, solid: Solid, place: Sequence[float], turned: bool = True) -> Solid:
+        """Return a solid turned at random, or about the vertical alone, whose lowest point is at a place [m]."""
+        turn, (x, y, z) = random_turn(self.rng), place
+        if not turned:
+            angle = self.rng.uniform(0.0, np.pi)
+            turn = rotation_matrix(np.array([[np.cos(angle), 0.0, 0.0, np.sin(angle)]]))[0]
+        solid = solid.transformed(turn, np.zeros(3))
+        return solid.transformed(np.eye(3), np.array([x, y, z - solid.mesh.bounds[0, 2]]))
 
 
 def random_turn(rng: np.random.Generator) -> FloatArray:
@@ -116,458 +143,212 @@ def random_turn(rng: np.random.Generator) -> FloatArray:
 
 def release_of(ticks: int) -> int:
     """Return the number of a scene's last ticks in which the user's hands go away: fewer of a short one."""
-    return min(RELEASE, ticks // 5)
+    return min(RELEASE, ticks // 3)
 
 
-class Hand:
-    """User's hand that goes from one random target to the next, and away at the end."""
-
-    def __init__(self, model: HandModel, rng: np.random.Generator, start: Any, height: float = 0.05) -> None:
-        bound: Any = "none" if rng.random() < 0.2 else "palm"
-        low, high = np.sort(rng.uniform(0.0, 1.0, 2)) if rng.random() < 0.3 else (0.0, 1.0)
-        self.hold = int(rng.integers(20, 250))
-        options = StressOptions(
-            hold=self.hold,
-            position_spread=float(rng.uniform(0.01, 0.06)),
-            rotation_spread=float(rng.uniform(0.2, 1.2)),
-            flexion_range=(float(low), float(high)),
-            longest_step=float(10.0 ** rng.uniform(-3.3, -2.5)),
-            bound=bound,
-        )
-        seed = int(rng.integers(2**31))
-        self.targets = RandomTargets(model, seed, options, center=np.asarray(start, np.float64), height=height)
-        self.path: list[HandConfiguration] = []
-
-    def take(self, ticks: int, center: FloatArray | None = None) -> HandConfiguration:
-        """Return the next ticks; further targets are about a centre [m]."""
-        if center is not None:
-            self.targets.center = center
-        self.path.append(self.targets.take(ticks))
-        return self.path[-1]
-
-    def leave(self, way: FloatArray, ticks: int) -> HandConfiguration:
-        """Return some ticks in which the hand goes away along a direction, opens, and then stands still."""
-        last = self.path[-1].at(slice(-1, None))
-        step = np.minimum(np.arange(1, ticks + 1) * STEP, AWAY)[:, None] * way
-        turned, spread = (np.repeat(values, ticks, axis=0) for values in (last.orientation, last.abduction))
-        bent = last.flexion * np.maximum(0.0, 1.0 - np.arange(1, ticks + 1) / 200.0)[:, None, None]
-        self.path.append(HandConfiguration(last.position + step, turned, bent, spread))
-        return self.path[-1]
-
-    @property
-    def whole(self) -> HandConfiguration:
-        """All ticks so far."""
-        return sequence(*self.path)
+def fixed(drawing: Drawing) -> None:
+    """Draw a body that stands still."""
+    drawing.add(random_solid(drawing.rng, 0.02, 0.1).transformed(random_turn(drawing.rng), np.zeros(3)), Fixed())
 
 
-def shown_of(records: Sequence[TickRecord], moved: RigidMotion | None = None) -> HandConfiguration:
-    """Return the shown hand of records, in the world; `moved` is what they are seen from, if it moves."""
-    values = [np.concatenate([getattr(one, name) for one in records]) for name in HandConfiguration._fields]
-    if moved is not None:
-        values[0] = moved.points(values[0])
-        values[1] = moved.orientations(values[1])
-    return HandConfiguration(*values)
+def driven(drawing: Drawing) -> None:
+    """Draw a body that goes its own way."""
+    solid = random_solid(drawing.rng, 0.02, 0.1).transformed(random_turn(drawing.rng), np.zeros(3))
+    drawing.add(solid, drawing.own_way())
 
 
-def programs_of(records: Sequence[TickRecord]) -> Any:
-    """Return the linearisations of each tick."""
-    return np.concatenate([one.work[:, WORK_LINEARISATIONS] for one in records])
+def free(drawing: Drawing) -> None:
+    """Draw a free body, on a table, beside one or in the air, which two hands squeeze."""
+    rng = drawing.rng
+    solid = drawing.standing(random_solid(rng, 0.02, 0.1), (0.0, 0.0, rng.uniform(GAP, 0.01)), rng.random() < 0.5)
+    drawing.add(solid, drawing.free(solid, rng.random() < 0.2))
+    drawing.squeezed = bool(rng.random() < 0.7)
+    drawing.table(0.7)
 
 
-def motion_of(solid: Solid, free: FreeObject | None, records: Sequence[ObjectRecord], others: Sequence[Any]) -> Motion:
-    """Return the motion of a free thing from its records, and the wrenches of other things on it, (B, 6) each."""
-
-    def whole(name: str) -> Any:
-        return np.concatenate([getattr(one, name) for one in records])
-
-    wrench = np.stack([whole("hand_wrench"), whole("table_wrench"), np.concatenate(others)])
-    return Motion(solid, whole("turn"), whole("shift"), free, whole("velocity"), whole("angular_velocity"), wrench)
-
-
-def force_on_hands(records: Sequence[Sequence[TickRecord]], turn: FloatArray) -> FloatArray:
-    """Return the force on all hands together [N], world, (T, 3); records are as a thing sees them that is turned so."""
-    total = sum(np.concatenate([one.total for one in of_hand]) for of_hand in records)
-    return np.asarray(np.einsum("tij,tj->ti", rotation_matrix(turn), total))
-
-
-def random_free(rng: np.random.Generator, solid: Solid, table: float | None = 0.0) -> FreeObject:
-    """Return what a solid weighs and how it rubs and moves at first."""
-    flies = rng.random() < 0.4
-    return FreeObject.of_mesh(
-        solid.mesh,
-        mass=float(10.0 ** rng.uniform(np.log10(LIGHTEST), np.log10(HEAVIEST))),
-        friction=float(rng.uniform(0.0, 1.0)),
-        torsion=float(rng.uniform(0.0, 5e-3)) if rng.random() < 0.3 else 0.0,
-        damping=float(rng.uniform(0.0, 20.0)) if rng.random() < 0.3 else 0.0,
-        table=table,
-        velocity=_triple(rng.uniform(-1.0, 1.0, 3) if flies else np.zeros(3)),
-        angular_velocity=_triple(rng.uniform(-20.0, 20.0, 3) if flies else np.zeros(3)),
-    )
-
-
-def _triple(values: FloatArray) -> tuple[float, float, float]:
-    x, y, z = values.tolist()
-    return (x, y, z)
-
-
-def joined_things(rng: np.random.Generator, ticks: int) -> Recorded:
-    """Run a hand among two or three free things beside each other, of which the second is on a joint of the first."""
-    return free_things(rng, ticks, joined=True)
-
-
-def _joined(rng: np.random.Generator, one: FreeObject, bearer: FreeObject) -> FreeObject:
-    """Return a thing on a hinge or a slider of another one, with or without limits."""
-    axis, middle = _triple(rng.normal(size=3)), 0.5 * (np.array(one.center) + np.array(bearer.center))
-    limited, rubs = bool(rng.random() < 0.5), bool(rng.random() < 0.5)
-    if rng.random() < 0.5:
-        limits = (-float(rng.uniform(0.0, 1.5)), float(rng.uniform(0.0, 1.5))) if limited else None
-        friction = float(10.0 ** rng.uniform(-5.0, 0.0)) if rubs else 0.0
-        return replace(one, hinge=Hinge(axis, _triple(middle), limits, friction, bearer.name))
-    # Without an end a slider would carry what is light out of reach.
-    limits = (-float(rng.uniform(0.0, 0.05)), float(rng.uniform(0.0, 0.05)))
-    friction = float(10.0 ** rng.uniform(-3.0, 2.0)) if rubs else 0.0
-    return replace(one, slider=Slider(axis, limits, friction, bearer.name))
-
-
-def driven_things(rng: np.random.Generator, ticks: int) -> Recorded:
-    """Run a hand among two or three things, of which the last one goes its own way, through the others' places."""
-    return free_things(rng, ticks, driven=True)
-
-
-def _own_way(rng: np.random.Generator, center: FloatArray, ticks: int) -> RigidMotion:
-    """Return a smooth motion about a centre [m]: up to 80 mm each way and 1 rad, of up to 1.5 Hz."""
-    time, kinds = 1e-3 * np.arange(ticks)[:, None], (2, 3)
-    rate, size = 2.0 * np.pi * rng.uniform(0.1, 1.5, kinds), rng.uniform(0.0, [[0.08], [1.0]], kinds)
-    way, turn = (each * (1.0 - np.cos(at * time)) for each, at in zip(size * rng.choice([-0.5, 0.5], kinds), rate))
-    turned = quaternion(turn)
-    return RigidMotion(turned, center + way - np.einsum("tij,j->ti", rotation_matrix(turned), center))
-
-
-def free_things(rng: np.random.Generator, ticks: int, joined: bool = False, driven: bool = False) -> Recorded:
-    """Run a hand among one to three free or fixed things, stacked or beside each other, on a table."""
-    count, stacked = int(rng.integers(1, 4)), bool(rng.random() < 0.6)
-    if joined or driven:
-        count, stacked = max(count, 2), stacked and driven
-    solids, free, fixed = [], [], []
-    height, top = 0.0, [0.0]
-    for k in range(3):
-        solid = random_solid(rng) if k < count else box((0.01, 0.01, 0.01))
-        turn = random_turn(rng)
-        if stacked and rng.random() < 0.7:
-            angle = rng.uniform(0.0, np.pi)
-            turn = rotation_matrix(np.array([[np.cos(angle), 0.0, 0.0, np.sin(angle)]]))[0]
-        solid = solid.transformed(turn, np.zeros(3))
-        low, high = solid.mesh.bounds[:, 2]
-        place = np.array([0.12 * k, 0.0, rng.uniform(GAP, 0.01) - low])
-        if stacked:
-            place = np.array([*rng.uniform(-0.01, 0.01, 2), height + rng.choice([GAP, rng.uniform(GAP, 0.01)]) - low])
-        if k >= count:
-            place = np.array([FAR + k, 0.0, GAP - low])
-        height = place[2] + high
-        top.append(height)
-        solids.append(solid.transformed(np.eye(3), place))
-        free.append(random_free(rng, solids[-1]))
-        fixed.append(bool(k == 0 and count > 1 and not joined and rng.random() < 0.2))
-    if joined:
-        free[0] = replace(free[0], name="thing 0")
-        free[1] = _joined(rng, free[1], free[0])
-    motions: list[RigidMotion | None] = [None, None, None]
-    if driven:
-        motions[count - 1] = _own_way(rng, np.array(free[count - 1].center), ticks)
-    things = [
-        Thing(contact_surface("mesh", solid.mesh, None), one, still, f"thing {k}", motion)
-        for k, (solid, one, still, motion) in enumerate(zip(solids, free, fixed, motions))
-    ]
-    solver = HandSolver(RIGHT, things[0].surface, OPTIONS, things[0].free, things[1:])
-    assert isinstance(solver.engine, FreeEngine)
-    centers = [np.array(one.center) for one in free]
-    user = Hand(RIGHT, rng, [0.0, 0.0, max(top)])
-    records: list[TickRecord] = []
-    of_things: list[list[ObjectRecord]] = [[], [], []]
-    others: list[list[FloatArray]] = [[], [], []]
-    done = 0
-    while done < ticks:
-        chosen = int(rng.integers(count))
-        if done < ticks - release_of(ticks):
-            block = user.take(
-                min(user.hold, ticks - release_of(ticks) - done), centers[chosen] + rng.normal(0.0, 0.01, 3)
-            )
-        else:
-            block = user.leave(np.array([0.0, 0.0, 1.0]), ticks - done)
-        records.append(solver.run(*block))
-        done += block.ticks
-        found = solver.engine.all_ticks
-        assert found is not None
-        for k, thing in enumerate(found.things):
-            of_things[k].append(thing)
-            others[k].append(found.thing_wrench[k])
-            centers[k] = RigidMotion(thing.turn, thing.shift).points(np.array([free[k].center] * block.ticks))[-1]
-    bodies = [
-        motion_of(solid, thing.free if thing.moves_freely else None, rows, wrench)
-        for solid, thing, rows, wrench in zip(solids, things, of_things, others)
-    ]
-    moved = RigidMotion(bodies[0].turn, bodies[0].shift)
-    status = np.concatenate([one.status for one in records])[None]
-    return Recorded(
-        (RIGHT,),
-        (shown_of(records, moved),),
-        (user.whole,),
-        status,
-        programs_of(records),
-        tuple(bodies),
-        hand_force=force_on_hands([records], bodies[0].turn),
-        joints=((1, 0),) if joined else (),
-        friction=max(one.friction for one in free[:count]),
-        released=release_of(ticks) == RELEASE,
-    )
-
-
-def two_hands_free(rng: np.random.Generator, ticks: int) -> Recorded:
-    """Run two hands that squeeze, turn and fling one free thing, or go through it and each other."""
-    solid = random_solid(rng, 0.02, 0.12).transformed(random_turn(rng), np.zeros(3))
-    on_table = bool(rng.random() < 0.7)
-    solid = solid.transformed(np.eye(3), np.array([0.0, 0.0, rng.uniform(GAP, 0.02) - solid.mesh.bounds[0, 2]]))
-    free = random_free(rng, solid, 0.0 if on_table else None)
-    surface = contact_surface("mesh", solid.mesh, None)
-    solver = TwoHandedSolver([HandSolver(hand, surface, OPTIONS) for hand in (RIGHT, LEFT)], free)
-    users = [Hand(hand, rng, [0.2 * side, 0.0, 0.1]) for hand, side in ((RIGHT, 1.0), (LEFT, -1.0))]
-    records: tuple[list[TickRecord], list[TickRecord]] = ([], [])
-    rows: list[ObjectRecord] = []
-    center, done = np.array(free.center), 0
-    squeezes, way = bool(rng.random() < 0.7), np.array([1.0, *rng.normal(0.0, 0.3, 2)])
-    apart = float(np.linalg.norm(np.ptp(solid.mesh.vertices, axis=0))) * 0.5
-    while done < ticks:
-        # Both go to places on opposite sides of the thing, nearer than its surface: what they squeeze they carry along.
-        aside = way / np.linalg.norm(way) * (apart * rng.uniform(0.0, 0.6) if squeezes else 0.0)
-        carried = center + rng.normal(0.0, 0.03, 3) * squeezes
-        if done < ticks - release_of(ticks):
-            size = min(users[0].hold, ticks - release_of(ticks) - done)
-            blocks = [user.take(size, carried + side * aside) for user, side in zip(users, (1.0, -1.0))]
-        else:
-            ways = np.array([0.5, 0.0, 1.0]), np.array([-0.5, 0.0, 1.0])
-            blocks = [user.leave(one, ticks - done) for user, one in zip(users, ways)]
-        for kept, found in zip(records, solver.run(*blocks)):
-            kept.append(found)
-        rows.append(solver.object_ticks(0))
-        done += blocks[0].ticks
-        center = RigidMotion(rows[-1].turn, rows[-1].shift).points(np.array([free.center] * blocks[0].ticks))[-1]
-    body = motion_of(solid, free, rows, [np.zeros((ticks, 6))])
-    moved = RigidMotion(body.turn, body.shift)
-    return Recorded(
-        (RIGHT, LEFT),
-        tuple(shown_of(kept, moved) for kept in records),
-        tuple(user.whole for user in users),
-        np.stack([np.concatenate([one.status for one in kept]) for kept in records]),
-        programs_of(records[0]),
-        (body,),
-        hand_force=force_on_hands(records, body.turn),
-        friction=free.friction,
-        hands_apart=True,
-        released=release_of(ticks) == RELEASE,
-    )
-
-
-def still(solid: Solid, ticks: int) -> Motion:
-    """Return a solid that stands still."""
-    return Motion(solid, np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)), np.zeros((ticks, 3)))
-
-
-def hands_that_meet(rng: np.random.Generator, ticks: int) -> Recorded:
-    """Run two hands on a fixed thing, through it and through each other."""
-    solid = random_solid(rng, 0.02, 0.1).transformed(random_turn(rng), np.zeros(3))
-    surface, own = contact_surface("mesh", solid.mesh, None), bool(rng.random() < 0.5)
-    options = SolverOptions(surface="mesh", self_contact=own)
-    users = [Hand(hand, rng, [0.2 * side, 0.0, 0.0]) for hand, side in ((RIGHT, 1.0), (LEFT, -1.0))]
-    records: tuple[list[TickRecord], list[TickRecord]] = ([], [])
-    with ThreadPoolExecutor(2) as threads:
-        solver = SideBySideSolver([HandSolver(hand, surface, options) for hand in (RIGHT, LEFT)], threads)
-        done = 0
-        while done < ticks:
-            center = rng.normal(0.0, 0.03, 3)
-            if done < ticks - release_of(ticks):
-                size = min(users[0].hold, ticks - release_of(ticks) - done)
-                blocks = [user.take(size, center + rng.normal(0.0, 0.02, 3)) for user in users]
-            else:
-                ways = np.array([0.8, 0.0, 0.8]), np.array([-0.8, 0.0, 0.8])
-                blocks = [user.leave(one, ticks - done) for user, one in zip(users, ways)]
-            for kept, found in zip(records, solver.run(*blocks)):
-                kept.append(found)
-            done += blocks[0].ticks
-    return Recorded(
-        (RIGHT, LEFT),
-        tuple(shown_of(kept) for kept in records),
-        tuple(user.whole for user in users),
-        np.stack([np.concatenate([one.status for one in kept]) for kept in records]),
-        programs_of(records[0]),
-        (still(solid, ticks),),
-        hands_apart=True,
-        self_contact=own,
-        released=release_of(ticks) == RELEASE,
-    )
-
-
-def _joint(rng: np.random.Generator, limits: tuple[float, float], ticks: int) -> FloatArray:
-    """Return a joint's values [rad] or [m] at each tick, to random places within its limits and back."""
-    times, values = [0.0], [limits[1]]
-    while times[-1] < ticks:
-        times.append(times[-1] + rng.uniform(50.0, 400.0))
-        values.append(float(rng.uniform(*limits)) if rng.random() < 0.7 else limits[int(rng.integers(2))])
-    # Open at the end, so that it lets go.
-    stay = ticks - release_of(ticks)
-    found = np.interp(np.arange(ticks), times, values)
-    share = np.clip((np.arange(ticks) - stay) / 100.0, 0.0, 1.0)
-    return np.asarray((1.0 - share) * found + share * limits[1])
-
-
-def random_parts(rng: np.random.Generator, ticks: int) -> tuple[list[Solid], FloatArray]:
-    """Return the parts of a book, a clamp or a door, and position and orientation of each at each tick, (T, P, 7)."""
+def joint_driven(drawing: Drawing) -> None:
+    """Draw a book, a door or a clamp, anyhow in the world, whose joints move as given."""
+    rng = drawing.rng
     kind = rng.choice(["book", "clamp", "door"])
     wide, thick, deep = rng.uniform(0.06, 0.2), rng.uniform(0.006, 0.02), rng.uniform(0.06, 0.2)
-    parts = [box((wide, deep, thick))]
-    path = np.zeros((ticks, 3 if kind == "clamp" else 2, 7))
-    path[:, :, 3] = 1.0
-    path[:, 0, 2] = -0.5 * thick - GAP
-    if kind == "book":
-        angle = _joint(rng, (0.02, float(rng.uniform(0.8, 2.5))), ticks)
-        parts.append(box((wide, deep, thick)))
-        path[:, 0, 0] = 0.5 * wide
-        path[:, 1, 3:] = quaternion(angle[:, None] * np.array([0.0, -1.0, 0.0]))
-        path[:, 1, :3] = rotation_matrix(path[:, 1, 3:]) @ np.array([0.5 * wide, 0.0, 0.5 * thick])
-    elif kind == "door":
-        high, reach = rng.uniform(0.03, 0.1), rng.uniform(0.05, 0.15)
-        angle = _joint(rng, (-1.5, 1.5), ticks)
-        parts.append(box((reach, thick, high)))
-        path[:, 1, 3:] = quaternion(angle[:, None] * np.array([0.0, 0.0, 1.0]))
-        path[:, 1, :3] = rotation_matrix(path[:, 1, 3:]) @ np.array([0.5 * reach, 0.0, 0.5 * high])
-    else:
-        high = rng.uniform(0.03, 0.25)
-        parts += [box((thick, deep, high)), box((thick, deep, high))]
-        path[:, 1, 0], path[:, 1, 2] = -0.5 * thick, 0.5 * high
-        path[:, 2, 0] = 0.5 * thick + _joint(rng, (0.002, float(rng.uniform(0.05, 0.15))), ticks)
-        path[:, 2, 2] = 0.5 * high
-    # As a whole it lies anyhow.
-    turn = rng.normal(0.0, 0.6, (1, 3))
-    for p in range(path.shape[1]):
-        path[:, p, :3] = path[:, p, :3] @ rotation_matrix(quaternion(turn))[0].T
-        path[:, p, 3:] = quaternion_product(np.repeat(quaternion(turn), ticks, axis=0), path[:, p, 3:])
-    return parts, path
+    high, reach = rng.uniform(0.03, 0.1), rng.uniform(0.05, 0.15)
+    turn = random_turn(rng)
 
+    def put(solid: Solid, place: Sequence[float]) -> Solid:
+        return solid.transformed(np.eye(3), np.array(place)).transformed(turn, np.zeros(3))
 
-def moving_parts(rng: np.random.Generator, ticks: int) -> Recorded:
-    """Run one or two hands at a thing whose parts move as given, also where that leaves a finger no place."""
-    solids, path = random_parts(rng, ticks)
-    meshes = tuple(solid.mesh for solid in solids)
-    names = tuple(f"part-{p}" for p in range(len(solids)))
-    parts = MovingParts("thing", names, meshes, tuple(triangle_tree(mesh, 1) for mesh in meshes), path, {})
-    models = (RIGHT, LEFT)[: int(rng.integers(1, 3))]
-    middle = path[0, :, :3].mean(axis=0)
-    users = [Hand(hand, rng, middle + [0.1 * side, 0.0, 0.0], 0.2) for hand, side in zip(models, (1.0, -1.0))]
-    solvers = [HandSolver(hand, parts.surface("mesh"), OPTIONS) for hand in models]
-    records: list[list[TickRecord]] = [[] for _ in models]
-    both = SideBySideSolver(solvers, ThreadPoolExecutor(2)) if len(models) > 1 else None
-    done = 0
-    while done < ticks:
-        near = path[done, int(rng.integers(len(solids))), :3] if rng.random() < 0.5 else path[done, 1:, :3].mean(axis=0)
-        size = (
-            min(users[0].hold, ticks - release_of(ticks) - done) if done < ticks - release_of(ticks) else ticks - done
-        )
-        blocks = []
-        for user in users:
-            if done < ticks - release_of(ticks):
-                blocks.append(user.take(size, near + rng.normal(0.0, 0.02, 3)))
-            else:
-                up = rotation_matrix(path[:1, 0, 3:])[0][:, 2]
-                blocks.append(user.leave(up, size))
-        found = both.run(*blocks) if both else (solvers[0].run(*blocks[0]),)
-        for record, kept in zip(found, records):
-            kept.append(record)
-        done += size
-    bodies = tuple(
-        Motion(solid, np.ascontiguousarray(path[:, p, 3:]), np.ascontiguousarray(path[:, p, :3]))
-        for p, solid in enumerate(solids)
-    )
-    return Recorded(
-        models,
-        tuple(shown_of(kept) for kept in records),
-        tuple(user.whole for user in users),
-        np.stack([np.concatenate([one.status for one in kept]) for kept in records]),
-        programs_of(records[0]),
-        bodies,
-        hands_apart=both is not None,
-        released=release_of(ticks) == RELEASE,
-    )
-
-
-def own_fingers(rng: np.random.Generator, ticks: int) -> Recorded:
-    """Run a hand whose fingers are commanded through each other and the palm, in the air or at a fixed thing."""
-    model = (RIGHT, LEFT)[int(rng.integers(2))]
-    at = FAR if rng.random() < 0.5 else 0.0
-    solid = random_solid(rng, 0.02, 0.1).transformed(random_turn(rng), np.array([at, 0.0, 0.0]))
-    options = SolverOptions(surface="mesh", self_contact=True)
-    solver = HandSolver(model, contact_surface("mesh", solid.mesh, None), options)
-    user = Hand(model, rng, [0.0, 0.0, 0.0], 0.15)
-    records = []
-    while (done := sum(one.ticks for one in user.path)) < ticks:
-        if done < ticks - release_of(ticks):
-            block = user.take(min(user.hold, ticks - release_of(ticks) - done))
+    def moved(type_: Any, solid: Solid, axis: Sequence[float], least: float, most: float) -> None:
+        values, along = drawing.values(least, most), turn @ np.array(axis)
+        # The solid is where the joint's value is 0.
+        if type_ == "hinge":
+            poses = ObjectMotion(np.zeros((drawing.ticks, 3)), quaternion(values[:, None] * along))
         else:
-            block = user.leave(np.array([0.0, 0.0, 1.0]), ticks - done)
-        records.append(solver.run(*block))
-    return Recorded(
-        (model,),
-        (shown_of(records),),
-        (user.whole,),
-        np.concatenate([one.status for one in records])[None],
-        programs_of(records),
-        (still(solid, ticks),),
-        self_contact=True,
-        released=release_of(ticks) == RELEASE,
+            poses = ObjectMotion(values[:, None] * along, np.tile(STILL, (drawing.ticks, 1)))
+        joint = Joint(type_, triple(along), limits=(least, most), on="base", value=float(values[0]))
+        # Mesh and tree stay in the body's frame, which the first pose places.
+        body = drawing.add(solid, Driven(poses, values), joint)
+        placed = Body(**{**vars(body), "position": poses.position[0], "orientation": poses.orientation[0]})
+        drawing.bodies[-1] = placed
+        first = rotation_matrix(poses.orientation[:1])[0], poses.position[0]
+        drawing.solids[body.name] = solid.transformed(*first)
+
+    drawing.add(
+        put(box((wide, deep, thick)), (0.5 * wide * (kind == "book"), 0.0, -0.5 * thick - GAP)), Fixed(), name="base"
     )
+    if kind == "book":
+        lid = put(box((wide, deep, thick)), (0.5 * wide, 0.0, 0.5 * thick))
+        moved("hinge", lid, (0.0, -1.0, 0.0), 0.02, float(rng.uniform(0.8, 2.5)))
+    elif kind == "door":
+        moved("hinge", put(box((reach, thick, high)), (0.5 * reach, 0.0, 0.5 * high)), (0.0, 0.0, 1.0), -1.5, 1.5)
+    else:
+        drawing.add(put(box((thick, deep, high)), (-0.5 * thick, 0.0, 0.5 * high)), Fixed())
+        jaw = put(box((thick, deep, high)), (0.5 * thick, 0.0, 0.5 * high))
+        moved("slider", jaw, (1.0, 0.0, 0.0), 0.002, float(rng.uniform(0.05, 0.15)))
 
 
-FAMILIES: dict[str, Callable[[np.random.Generator, int], Recorded]] = {
-    "free-things": free_things,
-    "two-hands-free": two_hands_free,
-    "hands-meet": hands_that_meet,
-    "parts": moving_parts,
-    "own-fingers": own_fingers,
-    "joined-things": joined_things,
-    "driven-things": driven_things,
+def joint_free(drawing: Drawing) -> None:
+    """Draw a free body on a joint of the world, or of another body, free or fixed; a third one may lie beside."""
+    rng = drawing.rng
+    bearer = ["", "free", "fixed"][rng.integers(3)]
+    first = drawing.standing(random_solid(rng), (0.0, 0.0, rng.uniform(GAP, 0.01)))
+    second = drawing.standing(random_solid(rng), (0.12, 0.0, rng.uniform(GAP, 0.01)))
+    middle = 0.5 * (first.mesh.bounds.mean(axis=0) + second.mesh.bounds.mean(axis=0))
+    if bearer:
+        drawing.add(first, Fixed() if bearer == "fixed" else drawing.free(first), name="bearer")
+    limited, rubs = bool(rng.random() < 0.5), bool(rng.random() < 0.5)
+    axis, on = triple(rng.normal(size=3)), "bearer" if bearer else ""
+    if rng.random() < 0.5:
+        limits = (-float(rng.uniform(0.0, 1.5)), float(rng.uniform(0.0, 1.5))) if limited else None
+        joint = Joint("hinge", axis, triple(middle), limits, float(10.0 ** rng.uniform(-5.0, 0.0)) * rubs, on)
+    else:
+        # Without an end a slider would carry what is light out of reach.
+        limits = (-float(rng.uniform(0.0, 0.05)), float(rng.uniform(0.0, 0.05)))
+        joint = Joint("slider", axis, (0.0, 0.0, 0.0), limits, float(10.0 ** rng.uniform(-3.0, 2.0)) * rubs, on)
+    drawing.add(second, drawing.free(second), joint)
+    if rng.random() < 0.4:
+        third = drawing.standing(random_solid(rng), (-0.12, 0.0, rng.uniform(GAP, 0.01)))
+        drawing.add(third, drawing.free(third))
+    drawing.table(0.7 if bearer == "free" else 0.3)
+
+
+def several(drawing: Drawing) -> None:
+    """Draw two or three bodies, stacked or beside each other, each fixed, driven or free."""
+    rng = drawing.rng
+    stacked, count, height = bool(rng.random() < 0.5), int(rng.integers(2, 4)), 0.0
+    for k in range(count):
+        gap = rng.choice([GAP, rng.uniform(GAP, 0.01)])
+        place = (*rng.uniform(-0.01, 0.01, 2), height + gap) if stacked else (0.12 * k, 0.0, gap)
+        solid = drawing.standing(random_solid(rng), place, not stacked or rng.random() < 0.3)
+        height = float(solid.mesh.bounds[1, 2])
+        kind = rng.choice(["free", "free", "fixed", "driven"]) if k else rng.choice(["free", "free", "fixed"])
+        motions: dict[str, Callable[[], Motion]] = {"fixed": Fixed, "driven": drawing.own_way}
+        drawing.add(solid, motions[kind]() if kind in motions else drawing.free(solid, rng.random() < 0.2))
+    drawing.table(0.7)
+
+
+KINDS: dict[str, Callable[[Drawing], None]] = {
+    "fixed": fixed,
+    "driven": driven,
+    "free": free,
+    "joint-driven": joint_driven,
+    "joint-free": joint_free,
+    "several": several,
 }
-"""Families of scenes by their names."""
+"""Kinds of bodies of a scene by their names; each is met by one hand and by two, on triangles and on spheres."""
 
 
-def scene_of(family: str, seed: int, scene: int, ticks: int = SCENE_TICKS) -> Recorded:
-    """Run a scene of a family."""
-    rng = np.random.default_rng([seed, list(FAMILIES).index(family), scene])
-    return FAMILIES[family](rng, ticks)
+def motion_of(drawing: Drawing, model: HandModel, side: float) -> HandConfiguration:
+    """Return a hand's motion from one random target to the next about the bodies, and away at the end."""
+    rng, ticks = drawing.rng, drawing.ticks
+    own = [body for body in drawing.bodies if isinstance(body, Body)]
+    middles = [drawing.solids[body.name].mesh.bounds.mean(axis=0) for body in own]
+    low, high = np.sort(rng.uniform(0.0, 1.0, 2)) if rng.random() < 0.3 else (0.0, 1.0)
+    bound: Any = "none" if rng.random() < 0.2 else "palm"
+    hold = int(rng.integers(20, 250))
+    options = StressOptions(
+        hold=hold,
+        position_spread=float(rng.uniform(0.01, 0.06)),
+        rotation_spread=float(rng.uniform(0.2, 1.2)),
+        flexion_range=(float(low), float(high)),
+        longest_step=float(10.0 ** rng.uniform(-3.3, -2.5)),
+        bound=bound,
+    )
+    start = middles[0] + [0.15 * side, 0.0, 0.0]
+    targets = RandomTargets(model, int(rng.integers(2**31)), options, center=start, height=0.1)
+    apart = 0.5 * float(np.linalg.norm(np.ptp(drawing.solids[own[0].name].mesh.vertices, axis=0)))
+    stay, path = ticks - release_of(ticks), list[HandConfiguration]()
+    while (done := sum(one.ticks for one in path)) < stay:
+        chosen = int(rng.integers(len(own)))
+        motion, near = own[chosen].motion, middles[chosen]
+        if isinstance(motion, Driven):
+            near = near + motion.poses.position[done] - motion.poses.position[0]
+        if drawing.squeezed:
+            near = near + side * np.array([apart * rng.uniform(0.0, 0.6), 0.0, 0.0])
+        targets.center = near + rng.normal(0.0, 0.01, 3)
+        path.append(targets.take(min(hold, stay - done)))
+    last = path[-1].at(slice(-1, None))
+    way = np.array([0.5 * side, 0.0, 1.0])
+    step = np.minimum(np.arange(1, ticks - stay + 1) * STEP, AWAY)[:, None] * way
+    turned, spread = (np.repeat(values, ticks - stay, axis=0) for values in (last.orientation, last.abduction))
+    bent = last.flexion * np.maximum(0.0, 1.0 - np.arange(1, ticks - stay + 1) / 200.0)[:, None, None]
+    return sequence(*path, HandConfiguration(last.position + step, turned, bent, spread))
+
+
+def draw(kind: str, seed: int, number_: int, ticks: int = SCENE_TICKS) -> Case:
+    """Draw a scene: one hand or two by its number, and triangles three times as often as spheres."""
+    rng = np.random.default_rng([seed, list(KINDS).index(kind), number_])
+    surface, count = "spheres" if number_ % 8 in (2, 7) else "mesh", 1 + number_ % 2
+    drawing = Drawing(rng, ticks, surface)
+    KINDS[kind](drawing)
+    sides: Any = ["right", "left"] if count == 2 else [["right", "left"][rng.integers(2)]]
+    moves = any(isinstance(body, Body) and isinstance(body.motion, Free) for body in drawing.bodies)
+    hands, time_ = [], np.arange(ticks, dtype=np.float64) / 1000.0
+    for side, model in zip((1.0, -1.0), map(HandModel.default, sides)):
+        trajectory = Trajectory(time_, *motion_of(drawing, model, side), hand=model.side, name="random")
+        hands.append(Hand(model, trajectory, trajectory.resampled(1000.0)))
+    options = SolverOptions(surface=surface, self_contact=bool(rng.random() < 0.3) and not moves)
+    scene = Scene(tuple(hands), tuple(drawing.bodies), {"object_name": kind})
+    return Case(scene, options, drawing.solids, release_of(ticks) == RELEASE)
+
+
+def played(case: Case, folder: Path) -> Path:
+    """Replay a scene to a result file."""
+    with SceneSolver(case.scene, case.options) as solver:
+        run = Replay(solver)
+        with run.writer(folder / "scene.h5", ()):
+            run.go(silent)
+            run.finish()
+    return folder / "scene.h5"
 
 
 @dataclass(eq=False)
 class Row:
-    """A family's figures."""
+    """A kind's figures."""
 
-    family: str
+    kind: str
     seed: int
-    first: int
     scenes: int = 0
-    seconds: float = 0.0  # of the ticks
+    seconds: float = 0.0  # of the replays
     judging: float = 0.0  # of the judge
     verdict: Verdict = field(default_factory=Verdict)
     failures: list[str] = field(default_factory=list)
 
     def run(self, scene: int, ticks: int) -> None:
-        """Run and judge one more scene."""
-        began = time.perf_counter()
+        """Replay and judge one more scene."""
         self.scenes += 1
-        name = f"--family {self.family} --seed {self.seed} --scene {scene} --scene-ticks {ticks}"
-        try:
-            recorded = scene_of(self.family, self.seed, scene, ticks)
-        except HhsimError as error:
-            self.failures.append(f"{name}: {error}")
-            return
-        ran = time.perf_counter()
-        found = judge(recorded)
+        name, began = (
+            f"--kind {self.kind} --seed {self.seed} --scene {scene} --scene-ticks {ticks}",
+            time.perf_counter(),
+        )
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                case = draw(self.kind, self.seed, scene, ticks)
+                path = played(case, Path(folder))
+            except HhsimError as error:
+                self.failures.append(f"{name}: {error}")
+                return
+            ran = time.perf_counter()
+            found = judge(case.ticks_of(load_result(path)))
         self.seconds += ran - began
         self.judging += time.perf_counter() - ran
         self.failures += [f"{name}: {finding}" for finding in found.findings]
@@ -575,21 +356,24 @@ class Row:
         self.verdict.add(found)
 
 
-KINDS = ("hand in thing", "thing in thing", "thing in table", "hand in hand", "hand in itself", "off a joint")
+PAIRS = ("hand in body", "body in body", "body in table", "hand in hand", "hand in itself", "off a joint")
 
 
 def table_of(rows: Sequence[Row]) -> Table:
-    """Return the table of the families."""
+    """Return the table of the kinds."""
     columns = [
-        words("family"),
+        words("kind"),
         number("scenes"),
         number("ticks", "verdict.ticks"),
         number("judged", "verdict.judged"),
         number("touch", "verdict.touching"),
-        *(_depths_of(kind) for kind in KINDS),
-        number("hands that may cross", lambda row: row.verdict.crossed or None, unit="mm", digits=1),
+        *(_depths_of(kind) for kind in PAIRS),
         words("Newton", lambda row: f"{row.verdict.newton:.1e}" if row.verdict.equations else "—"),
         words("Euler", lambda row: f"{row.verdict.euler:.1e}" if row.verdict.equations else "—"),
+        words(
+            "crushed, Newton",
+            lambda row: f"{row.verdict.crushed}, {row.verdict.crushed_newton:.1e}" if row.verdict.crushed else "—",
+        ),
         words("stops, explained", lambda row: f"{row.verdict.stops}, {row.verdict.explained}"),
         number("on the way", "verdict.on_the_way"),
         words(
@@ -611,17 +395,17 @@ def _depths_of(kind: str) -> Column:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line."""
     parser = argparse.ArgumentParser(prog="python -m tools.random_scenes", description=__doc__)
-    parser.add_argument("--ticks", type=int, default=100_000, help="in all, shared evenly by the families")
+    parser.add_argument("--ticks", type=int, default=100_000, help="in all, shared evenly by the kinds")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--family", choices=list(FAMILIES), action="append", help="one or more; all by default")
+    parser.add_argument("--kind", choices=list(KINDS), action="append", help="one or more; all by default")
     parser.add_argument("--scene", type=int, default=0, help="number of the first scene")
-    parser.add_argument("--scenes", type=int, help="how many of each family, in place of --ticks")
+    parser.add_argument("--scenes", type=int, help="how many of each kind, in place of --ticks")
     parser.add_argument("--scene-ticks", type=int, default=SCENE_TICKS)
     parser.add_argument("--out", type=Path, help="JSON file of the figures")
     given = parser.parse_args(arguments)
-    families = given.family or list(FAMILIES)
-    rows = [Row(name, given.seed, given.scene) for name in families]
-    scenes = given.scenes or -(-given.ticks // (len(families) * given.scene_ticks))
+    kinds = given.kind or list(KINDS)
+    rows = [Row(name, given.seed) for name in kinds]
+    scenes = given.scenes or -(-given.ticks // (len(kinds) * given.scene_ticks))
     for scene in range(given.scene, given.scene + scenes):
         for row in rows:
             before = len(row.failures)

@@ -3,7 +3,7 @@
     python -m tools.same_bits [--scene NAME ...] [--environment NAME ...] [--python PATH ...]
 
 runs the named scenes (all, where none is named) as this machine has it, then with each library told to take the code
-of another processor, and with each other Python that has hhsim (`tools.foreign_python` makes some). The table says, for
+of another processor, and with each other Python that has hhsim. The table says, for
 each environment, which scenes have other bytes; every dataset counts, but times and what names the machine.
 """
 

@@ -1,11 +1,11 @@
-"""Judge of recorded ticks of hands and things by geometry of its own: depths, equations of motion, and hands that stop.
+"""Judge of the result of a scene by geometry of its own: depths, equations of motion, joints, and hands that stop.
 
-Distances are those of `hhsim.verify`, in double precision by numpy and scipy; no compiled kernel takes part. Two things
+Distances are those of `hhsim.verify`, in double precision by numpy and scipy; no compiled kernel takes part. Two bodies
 are convex pieces, which separating axes judge. Newton's and Euler's equations are looked at in every tick, depths in
 some of them.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,18 +13,22 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import rotation_matrix
+from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_matrix
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_NO_PLACE, STATUS_STUCK
-from hhsim.mesh.mesh import Mesh
-from hhsim.scene.free_object import FreeObject
+from hhsim.motion.trajectory import RigidMotion
+from hhsim.result.reader import Result
+from hhsim.scene.body import Body, Driven, Free
+from hhsim.scene.scene import Scene
 from hhsim.solver.options import Stiffness
 from hhsim.verify.contacts import (
     PALM,
     Meetings,
     Pairs,
+    ball_places,
     joined,
     meetings,
     meetings_of_two,
+    near_pairs,
     near_triangle_pairs,
     parts_that_may_meet,
     ready_triangles,
@@ -32,7 +36,8 @@ from hhsim.verify.contacts import (
 )
 from hhsim.verify.forces import balance, moment, with_meetings
 from hhsim.verify.free_object_checks import gyrated
-from hhsim.verify.kinematics import OwnHand, Posed, pose, rotations, turn_between
+from hhsim.verify.kinematics import OwnHand, Posed, configurations, pose, rotations, turn_between
+from tools.convex_solids import Solid, separation
 
 PERIOD = 1e-3
 """Of a tick [s]."""
@@ -41,11 +46,13 @@ EVERY = 100
 DEEP = 1e-9
 """Depth [m] that counts: a nanometre is rounding."""
 JOINED = 2e-6
-"""How far a thing may come off its joint [m, rad], unless the tick lags."""
+"""How far a body may come off its joint [m, rad], unless the tick lags."""
 TOUCH = 5e-6
 """Largest distance [m] of what may bear a force."""
 EQUATION = 1e-6
 """Largest residual of an equation of motion as a share of the forces at hand."""
+CRUSH = 1e6
+"""Force [N] from which on a driven body crushes a free one: its size is that of the mass that a driven one is given."""
 AXES = 1e-3
 """Residual of Euler's equation as a share of the moment, of ticks of several programs."""
 SPEED = 1e-9
@@ -57,50 +64,32 @@ BORNE = 0.05
 ARRIVED, ON_ITS_WAY = 1e-5, 1e-3
 """Distance [m] from the user's hand at which a hand that was let go has followed; one that has not is on its way if it
 goes farther than this [m] in its last `WINDOW` ticks."""
-STRAIGHT = 1e-9
-"""Cross products of edges that are shorter are no axis."""
 GRAVITY = 9.81
-OPEN = "a hand has no place between open parts"
-
-
-@dataclass(frozen=True, eq=False)
-class Piece:
-    """Convex piece of a thing: corners [m], (n, 3); normals of its faces and directions of its edges, (m, 3)."""
-
-    corners: FloatArray
-    normals: FloatArray
-    edges: FloatArray
-
-    def transformed(self, turn: FloatArray, shift: FloatArray) -> "Piece":
-        """Return the piece turned by a matrix and shifted [m]."""
-        return Piece(self.corners @ turn.T + shift, self.normals @ turn.T, self.edges @ turn.T)
-
-
-@dataclass(frozen=True, eq=False)
-class Solid:
-    """Closed mesh [m], and the convex pieces that it is made of."""
-
-    mesh: Mesh
-    pieces: tuple[Piece, ...]
-
-    def transformed(self, turn: FloatArray, shift: FloatArray) -> "Solid":
-        """Return the solid turned by a matrix and shifted [m]."""
-        pieces = tuple(piece.transformed(turn, shift) for piece in self.pieces)
-        return Solid(self.mesh.transformed(turn, shift), pieces)
+OPEN = "a hand has no place between open bodies"
 
 
 @dataclass(eq=False)
-class Motion:
-    """Recorded motion of a solid, T ticks: x in its frame is at turn · x + shift in the world; forces if it is free."""
+class Moved:
+    """Body of a result, T ticks: what is at x at the first tick is at turn · x + shift; forces if it is free."""
 
+    body: Body
     solid: Solid
     turn: FloatArray  # (w, x, y, z), (T, 4)
     shift: FloatArray  # [m], (T, 3)
-    free: FreeObject | None = None  # None for what stands still or moves as given
+    spheres: tuple[FloatArray, FloatArray] | None = None  # leaves at the first tick [m], where hands touch them
     velocity: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))  # of the centre of mass [m/s], (T, 3)
     spin: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))  # angular velocity, world [rad/s], (T, 3)
-    # On the body by hands, table and other things: force [N], moment about the centre of mass [N·m], (3, T, 6).
+    # On the body by hands, table and other bodies: force [N], moment about the centre of mass [N·m], (3, T, 6).
     wrench: FloatArray = field(default_factory=lambda: np.zeros((3, 0, 6)))
+
+    @property
+    def free(self) -> Free | None:
+        """How forces move it; None for a body that stands still or moves as given."""
+        return self.body.motion if isinstance(self.body.motion, Free) else None
+
+    def at(self, look: IntArray) -> RigidMotion:
+        """Motion at some ticks."""
+        return RigidMotion(self.turn[look], self.shift[look])
 
 
 @dataclass(eq=False)
@@ -112,18 +101,62 @@ class Recorded:
     haptic: tuple[HandConfiguration, ...]
     status: IntArray  # of each hand, (H, T)
     programs: IntArray  # linearisations of each tick, (T,)
-    bodies: tuple[Motion, ...]
+    bodies: tuple[Moved, ...]
     hand_force: FloatArray | None = None  # of all hands together, as they record it [N], (T, 3)
-    hands_apart: bool = False  # True if two hands keep out of each other
-    self_contact: bool = False  # True if a hand's own parts do
-    joints: tuple[tuple[int, int], ...] = ()  # each of a body that is on a joint of another one, by their numbers
-    friction: float = 0.0
+    table: float | None = None  # height [m]
+    self_contact: bool = False  # True if a hand's own parts keep out of each other
     released: bool = False  # True if the user's hands end where nothing is
 
     @property
     def ticks(self) -> int:
         """Number of ticks."""
         return int(self.status.shape[1])
+
+    @property
+    def joints(self) -> Iterator[tuple[Moved, Moved | None]]:
+        """Each body on a joint with the body that bears it, None for the world."""
+        for one in self.bodies:
+            if one.body.joint is not None:
+                yield one, next((other for other in self.bodies if other.body.name == one.body.joint.on), None)
+
+
+def recorded(
+    scene: Scene, result: Result, solids: Mapping[str, Solid], *, self_contact: bool, released: bool
+) -> Recorded:
+    """Return a scene's ticks of its result; solids are where their bodies are at the first tick, by name."""
+    hands, bodies = list(result.hands.values()), list[Moved]()
+    for body in scene.solids:
+        stored = result.bodies.get(body.name, result.body)
+        turn, shift = stored.moved()
+        if isinstance(body.motion, Driven):
+            # A file may have its mesh anywhere; its solid is where it is at the first tick.
+            begin = turn[:1], shift[0]
+            turn = quaternion_product(turn, conjugate(begin[0]))
+            shift = shift - np.einsum("tij,j->ti", rotation_matrix(turn), begin[1])
+        found = Moved(body, solids[body.name], turn, shift)
+        if result.surface == "spheres":
+            leaf = body.tree.level == body.tree.level.max()
+            found.spheres = body.placed_tree.center[leaf], body.placed_tree.radius[leaf]
+        if "hand_wrench" in stored:
+            names = [name for name in ("hand_wrench", "table_wrench", "body_wrench") if name in stored]
+            found.wrench = np.zeros((3, len(shift), 6))
+            for place, name in enumerate(names):
+                found.wrench[place] = stored[name]
+            found.velocity, found.spin = (np.array(stored[name]) for name in ("velocity", "angular_velocity"))
+        bodies.append(found)
+    force = np.sum([hand["force/total"] for hand in hands], axis=0)
+    return Recorded(
+        tuple(hand.model for hand in scene.hands),
+        tuple(configurations(hand, "graphic") for hand in hands),
+        tuple(configurations(hand, "haptic") for hand in hands),
+        np.stack([hand["status"] for hand in hands]),
+        np.asarray(hands[0]["work/linearisations"]),
+        tuple(bodies),
+        hand_force=force if bodies[0].wrench.shape[1] else None,
+        table=None if scene.plane is None else scene.plane.height,
+        self_contact=self_contact,
+        released=released,
+    )
 
 
 @dataclass(frozen=True)
@@ -150,9 +183,10 @@ class Verdict:
     euler: float = 0.0
     equations: int = 0  # ticks of a body in which they were looked at
     late: int = 0  # of these, the ones that lag, whose body makes a share of its step
+    crushed: int = 0  # ticks of a body with a force above `CRUSH`
+    crushed_newton: float = 0.0  # largest residual of Newton's equation in them
     squeezed: int = 0  # ticks that say that moving parts left no place
     squeezed_deepest: float = 0.0  # of those that were judged [m]
-    crossed: float = 0.0  # deepest of two hands where they are not kept apart [m]
     stops: int = 0
     explained: int = 0
     on_the_way: int = 0  # hands that have not arrived at the end, and are moving
@@ -160,19 +194,21 @@ class Verdict:
 
     def add(self, other: "Verdict") -> None:
         """Take in another scene's figures."""
-        for name in (
+        counts = (
             "ticks",
             "judged",
             "touching",
             "equations",
             "late",
+            "crushed",
             "squeezed",
             "stops",
             "explained",
             "on_the_way",
-        ):
+        )
+        for name in (*counts, "squeezed", "stops", "explained", "on_the_way"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
-        for name in ("newton", "euler", "squeezed_deepest", "crossed"):
+        for name in ("newton", "euler", "crushed_newton", "squeezed_deepest"):
             setattr(self, name, max(getattr(self, name), getattr(other, name)))
         for kind, depth in other.deepest.items():
             self.deepest[kind] = max(self.deepest.get(kind, 0.0), depth)
@@ -191,7 +227,7 @@ class Verdict:
 
 
 def judge(scene: Recorded, every: int = EVERY) -> Verdict:
-    """Judge the ticks of a scene: depths in one of `every`, equations in all, and hands that stop."""
+    """Judge recorded ticks: depths in one of `every`, equations in all, and hands that stop."""
     found = Verdict(ticks=scene.ticks)
     owns = [own_hand_of(hand) for hand in scene.hands]
     look = ticks_to_judge(scene, every)
@@ -205,55 +241,57 @@ def judge(scene: Recorded, every: int = EVERY) -> Verdict:
             depth = np.maximum(0.0, -nearest)
             touching |= nearest < TOUCH
             found.squeezed_deepest = max(found.squeezed_deepest, float(depth[squeezed[h]].max(initial=0.0)))
-            found.depth("hand in thing", np.where(squeezed[h], 0.0, depth), look)
+            found.depth("hand in body", np.where(squeezed[h], 0.0, depth), look)
         if scene.self_contact:
             nearest = meetings(own, hand, parts_that_may_meet(own, np.ones(5, bool)), TOUCH).nearest(len(look))
             touching |= nearest.min(axis=1) < TOUCH
-            found.depth("hand in itself", np.maximum(0.0, -nearest.min(axis=1)), look)
+            found.depth("hand in itself", np.where(squeezed[h], 0.0, np.maximum(0.0, -nearest.min(axis=1))), look)
     found.squeezed = int(((scene.status & STATUS_NO_PLACE) > 0).any(axis=0).sum())
     if len(owns) == 2:
         nearest = meetings_of_two(owns, posed, TOUCH).nearest(len(look)).min(axis=1)
-        if scene.hands_apart:
-            touching |= nearest < TOUCH
-            # What leaves a hand no place may push it into the other one.
-            found.depth("hand in hand", np.where(squeezed.any(axis=0), 0.0, np.maximum(0.0, -nearest)), look)
-        else:
-            found.crossed = float(np.maximum(0.0, -nearest).max(initial=0.0))
+        touching |= nearest < TOUCH
+        # What leaves a hand no place may push it into the other one, or into itself.
+        found.depth("hand in hand", np.where(squeezed.any(axis=0), 0.0, np.maximum(0.0, -nearest)), look)
     found.touching = int(touching.sum())
-    for one, bearer in scene.joints:
-        off = off_joint(scene.bodies[one], scene.bodies[bearer])
+    together = list(scene.joints)
+    for one, bearer in together:
+        off = off_joint(one, bearer)
         found.deepest["off a joint"] = max(found.deepest.get("off a joint", 0.0), float(off.max()))
         whole = np.flatnonzero(((scene.status & (STATUS_LAG | STATUS_STUCK)) == 0).all(axis=0))
         found.note("off a joint [m, rad]", off[whole], JOINED, whole)
     for i, body in enumerate(scene.bodies):
-        for k, other in enumerate(scene.bodies[:i]):
-            if (i, k) in scene.joints or (k, i) in scene.joints or (body.free is None and other.free is None):
+        for other in scene.bodies[:i]:
+            if (body, other) in together or (other, body) in together or (body.free is None and other.free is None):
                 continue
-            found.depth("thing in thing", np.maximum(0.0, -separation(body, other, look)), look)
-        if body.free is not None and body.free.table is not None:
-            height = lowest(body, look) - body.free.table
-            found.depth("thing in table", np.maximum(0.0, -height), look)
-        if body.free is not None:
+            apart = separation(body.solid, other.solid, body.at(look), other.at(look))
+            found.depth("body in body", np.maximum(0.0, -apart), look)
+        if body.free is not None and scene.table is not None:
+            found.depth("body in table", np.maximum(0.0, scene.table - lowest(body, look)), look)
+        # What a joint on the world or on a fixed body bears is in no column; `hhsim verify` judges along such a joint.
+        hung = any(one is body and (bearer is None or bearer.free is None) for one, bearer in together)
+        if body.free is not None and not hung:
             _equations(scene, body, found)
     _forces(scene, found)
     _stops(scene, owns, found)
     return found
 
 
-def off_joint(body: Motion, bearer: Motion) -> FloatArray:
+def off_joint(one: Moved, bearer: Moved | None) -> FloatArray:
     """Return how far a body is off its joint with the one that bears it, or beyond the limits [m, rad], (T,)."""
-    assert body.free is not None and body.free.joint is not None
-    joint, hinge = body.free.joint, body.free.hinge
-    axis, origin = joint.direction, np.array(hinge.origin if hinge else body.free.center)
-    turns = [rotation_matrix(one.turn) for one in (bearer, body)]
-    turn = np.einsum("tji,tjk->tik", *turns)
-    way = np.einsum("tji,tj->ti", turns[0], turns[1] @ origin + body.shift - turns[0] @ origin - bearer.shift)
-    poses, _ = rotations(body.turn)
-    relative = (rotations(bearer.turn)[0].inv() * poses).as_rotvec()
+    joint = one.body.joint
+    assert joint is not None
+    still = RigidMotion(np.tile([1.0, 0.0, 0.0, 0.0], (len(one.shift), 1)), np.zeros_like(one.shift))
+    on, own = still if bearer is None else RigidMotion(bearer.turn, bearer.shift), RigidMotion(one.turn, one.shift)
+    axis, hinge = np.array(joint.axis) / np.linalg.norm(joint.axis), joint.type == "hinge"
+    origin = np.tile(joint.origin if hinge else one.solid.mesh.bounds.mean(axis=0), (len(one.shift), 1))
+    way = on.seen_points(own.points(origin)) - origin
+    relative = (rotations(on.turn)[0].inv() * rotations(own.turn)[0]).as_rotvec()
+    turned = on.seen_vectors(own.vectors(np.tile(axis, (len(way), 1)))) - axis
     value = relative @ axis if hinge else way @ axis
-    kept = (way, turn @ axis - axis) if hinge else (way - np.outer(value, axis), relative)
+    kept = (way, turned) if hinge else (way - np.outer(value, axis), relative)
     least, most = joint.limits or (-np.inf, np.inf)
-    off = np.maximum(*(np.linalg.norm(one, axis=1) for one in kept))
+    value = value + joint.value
+    off = np.maximum(*(np.linalg.norm(each, axis=1) for each in kept))
     return np.asarray(np.maximum(off, np.maximum(least - value, value - most)))
 
 
@@ -296,16 +334,23 @@ def winding(triangles: FloatArray, points: FloatArray) -> FloatArray:
     return np.asarray(np.arctan2(volume, x * y * z + sum(dots)).sum(axis=1) / (2.0 * np.pi))
 
 
-def hand_distance(own: OwnHand, posed: Posed, body: Motion, look: IntArray) -> FloatArray:
+def near_body(own: OwnHand, here: Posed, body: Moved) -> Pairs:
+    """Return the pairs of a hand, as a body sees it, and the body's triangles or spheres within `TOUCH`."""
+    fingers = np.ones(5, bool)
+    if body.spheres is not None:
+        return near_pairs(own, here, ball_places(*body.spheres), fingers, TOUCH)
+    triangles = body.solid.mesh.triangles
+    return near_triangle_pairs(own, here, ready_triangles(triangles), triangle_places(triangles), fingers, TOUCH)
+
+
+def hand_distance(own: OwnHand, posed: Posed, body: Moved, look: IntArray) -> FloatArray:
     """Return the distance [m] of hands (n) and a body at the ticks `look` (n), infinite from `TOUCH` on.
 
-    A part whose axis is inside counts as deep as its radius and its axis's distance from the surface.
+    A part whose axis is inside counts as deep as its radius.
     """
     mesh = body.solid.mesh
     here = seen(posed, rotation_matrix(body.turn[look]), body.shift[look])
-    triangles = ready_triangles(mesh.triangles)
-    pairs = near_triangle_pairs(own, here, triangles, triangle_places(mesh.triangles), np.ones(5, bool), TOUCH)
-    nearest = pairs.nearest(len(look)).min(axis=1)
+    nearest = near_body(own, here, body).nearest(len(look)).min(axis=1)
     middles = 0.5 * (here.joints[:, :, :3] + here.joints[:, :, 1:]).reshape(len(look), PALM, 3)
     points = np.concatenate([middles, here.palm], axis=1)
     size = np.concatenate([own.radius[:, :3].ravel(), own.palm_radius])
@@ -318,33 +363,13 @@ def hand_distance(own: OwnHand, posed: Posed, body: Motion, look: IntArray) -> F
     return np.asarray(nearest)
 
 
-def separation(one: Motion, two: Motion, look: IntArray) -> FloatArray:
-    """Return the least distance [m] of two bodies' pieces along separating axes at some ticks, negative inside."""
-    found = np.full(len(look), np.inf)
-    turns, shifts = [rotation_matrix(of.turn[look]) for of in (one, two)], [of.shift[look] for of in (one, two)]
-    for a in one.solid.pieces:
-        for b in two.solid.pieces:
-            placed = [p.corners @ r.transpose(0, 2, 1) + s[:, None] for p, r, s in zip((a, b), turns, shifts)]
-            normals = [p.normals @ r.transpose(0, 2, 1) for p, r in zip((a, b), turns)]
-            edges = [p.edges @ r.transpose(0, 2, 1) for p, r in zip((a, b), turns)]
-            cross = np.cross(edges[0][:, :, None], edges[1][:, None]).reshape(len(look), -1, 3)
-            length = np.linalg.norm(cross, axis=2, keepdims=True)
-            # Parallel edges: any axis that is there already.
-            cross = np.where(length > STRAIGHT, cross / np.maximum(length, STRAIGHT), normals[0][:, :1])
-            axes = np.concatenate([*normals, cross], axis=1)
-            first, second = (np.einsum("tai,tci->tac", axes, corners) for corners in placed)
-            gap = np.maximum(first.min(axis=2) - second.max(axis=2), second.min(axis=2) - first.max(axis=2))
-            found = np.minimum(found, gap.max(axis=1))
-    return found
-
-
-def lowest(body: Motion, look: IntArray) -> FloatArray:
+def lowest(body: Moved, look: IntArray) -> FloatArray:
     """Return the height [m] of a body's lowest corner at some ticks."""
     up = rotation_matrix(body.turn[look])[:, 2]
     return np.asarray((up @ body.solid.mesh.vertices.T).min(axis=1) + body.shift[look, 2])
 
 
-def _equations(scene: Recorded, body: Motion, found: Verdict) -> None:
+def _equations(scene: Recorded, body: Moved, found: Verdict) -> None:
     """Look at velocities, Newton's and Euler's equation of a free body in all ticks but the first."""
     free, ticks = body.free, np.arange(1, scene.ticks)
     assert free is not None
@@ -416,6 +441,10 @@ def _equations(scene: Recorded, body: Motion, found: Verdict) -> None:
     slack[scene.programs[1:] <= 1] = 0.0
     found.equations += len(ticks)
     found.late += int(late.sum())
+    crushed = size > CRUSH
+    found.crushed += int(crushed.sum())
+    found.crushed_newton = max(found.crushed_newton, float(newton[crushed].max(initial=0.0)))
+    newton, euler = (np.where(crushed, 0.0, of) for of in (newton, euler))
     found.newton = max(found.newton, float(newton.max(initial=0.0)))
     found.euler = max(found.euler, float(np.maximum(0.0, euler - slack).max(initial=0.0)))
     found.note("Newton's equation, share of the forces", newton, EQUATION, ticks)
@@ -427,19 +456,20 @@ def _solved(inertia: FloatArray, torque: FloatArray) -> FloatArray:
 
 
 def _forces(scene: Recorded, found: Verdict) -> None:
-    """Look whether things push each other, and hands and things each other, equally and in opposite directions."""
-    free = [body for body in scene.bodies if body.wrench.shape[1]]
-    if not free:
+    """Look whether bodies push each other, and hands and bodies each other, equally and in opposite directions."""
+    pushed = [body for body in scene.bodies if body.wrench.shape[1]]
+    if not pushed:
         return
     ticks = np.arange(scene.ticks)
-    size = GRAVITY * sum(body.free.mass for body in free if body.free) + sum(
-        np.linalg.norm(body.wrench[:, :, :3], axis=2).sum(axis=0) for body in free
+    size = GRAVITY * sum(body.free.mass for body in pushed if body.free) + sum(
+        np.linalg.norm(body.wrench[:, :, :3], axis=2).sum(axis=0) for body in pushed
     )
-    between = np.linalg.norm(sum(body.wrench[2, :, :3] for body in free), axis=1) / size
-    found.note("forces of things on each other, share that is not opposite", between, EQUATION, ticks)
+    if all(bearer is not None and bearer.free is not None for _, bearer in scene.joints):
+        between = np.linalg.norm(sum(body.wrench[2, :, :3] for body in pushed), axis=1) / size
+        found.note("forces of bodies on each other, share that is not opposite", between, EQUATION, ticks)
     if scene.hand_force is not None:
-        off = np.linalg.norm(sum(body.wrench[0, :, :3] for body in free) + scene.hand_force, axis=1) / size
-        found.note("force on the hands, share that the things do not bear", off, EQUATION, ticks)
+        off = np.linalg.norm(sum(body.wrench[0, :, :3] for body in pushed) + scene.hand_force, axis=1) / size
+        found.note("force on the hands, share that the bodies do not bear", off, EQUATION, ticks)
 
 
 def _stops(scene: Recorded, owns: Sequence[OwnHand], found: Verdict) -> None:
@@ -504,8 +534,8 @@ def unborne(scene: Recorded, owns: Sequence[OwnHand], h: int, tick: int) -> floa
     bent = here.flexion - np.clip(there.flexion, own.flexion_min, own.flexion_max)
     turn = turn_between(there.orientation, here.orientation)[0]
     pull = stiffness * np.concatenate([(here.position - there.position)[0], turn, bent.ravel()])
-    pairs = _rubbing(joined([_on_body(own, posed[h], body, tick) for body in scene.bodies]), scene.friction)
-    if scene.hands_apart and len(owns) == 2:
+    pairs = joined([_rubbing(_on_body(own, posed[h], body, tick), body, scene) for body in scene.bodies])
+    if len(owns) == 2:
         pairs = joined([pairs, _on_other(meetings_of_two(owns, posed, TOUCH), h)])
     found = moment(own, posed[h], here.flexion[0], pairs, 0, pull)
     if scene.self_contact:
@@ -516,18 +546,16 @@ def unborne(scene: Recorded, owns: Sequence[OwnHand], h: int, tick: int) -> floa
     return balance(found, scale) / max(float(np.linalg.norm(pull * scale)), 1e-12)
 
 
-def _on_body(own: OwnHand, posed: Posed, body: Motion, tick: int) -> Pairs:
+def _on_body(own: OwnHand, posed: Posed, body: Moved, tick: int) -> Pairs:
     """Return the pairs of a hand and a body that may bear a force, world."""
-    turn, shift, triangles = rotation_matrix(body.turn[[tick]]), body.shift[[tick]], body.solid.mesh.triangles
-    here = seen(posed, turn, shift)
-    pairs = near_triangle_pairs(
-        own, here, ready_triangles(triangles), triangle_places(triangles), np.ones(5, bool), TOUCH
-    )
+    turn, shift = rotation_matrix(body.turn[[tick]]), body.shift[[tick]]
+    pairs = near_body(own, seen(posed, turn, shift), body)
     return pairs._replace(point=pairs.point @ turn[0].T + shift, normal=pairs.normal @ turn[0].T)
 
 
-def _rubbing(pairs: Pairs, friction: float) -> Pairs:
-    """Return pairs whose normals are those of a pyramid of friction."""
+def _rubbing(pairs: Pairs, body: Moved, scene: Recorded) -> Pairs:
+    """Return pairs whose normals are those of a pyramid of friction, which there is where something is free."""
+    friction = body.body.friction if scene.hand_force is not None else 0.0
     if not len(pairs.tick) or friction == 0.0:
         return pairs
     least = np.eye(3)[np.abs(pairs.normal).argmin(axis=1)]

@@ -1,6 +1,7 @@
 """Pairs of a hand's own parts that may meet, and how deep a hand is in itself."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.self_pairs import SELF_CONTACT, SelfPairs, self_clearances
 from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.kernels.hand.pose import HAND_POSE
-from hhsim.kernels.jit import as_argument
+from hhsim.kernels.jit import JIT_ENABLED, as_argument
 
 
 def self_pairs(hand: HandModel, fingers: Sequence[str] = FINGERS) -> SelfPairs:
@@ -20,15 +21,12 @@ def self_pairs(hand: HandModel, fingers: Sequence[str] = FINGERS) -> SelfPairs:
     near to it as the limits of flexion allow: a proximal phalanx and the palm.
     """
     straight = np.clip(np.zeros((1, 5, 3)), hand.flexion_min, hand.flexion_max)
-    spread, found = np.zeros((1, 5)), []
-    for i in range(PALM_BODY):
-        for j in range(PHALANGES * (i // PHALANGES + 1), PALM_BODY + 1):
-            used = all(body == PALM_BODY or FINGERS[body // PHALANGES] in fingers for body in (i, j))
-            pair = SelfPairs(np.array([i]), np.array([j]))
-            if used and self_clearance(hand, pair, straight, spread)[0] > 0.0:
-                found.append((i, j))
-    first, second = np.array(found, np.int64).reshape(-1, 2).T
-    return SelfPairs(np.ascontiguousarray(first), np.ascontiguousarray(second))
+    used = [body == PALM_BODY or FINGERS[body // PHALANGES] in fingers for body in range(PALM_BODY + 1)]
+    both = ((i, j) for i in range(PALM_BODY) for j in range(PHALANGES * (i // PHALANGES + 1), PALM_BODY + 1))
+    may = [SelfPairs(np.array([i]), np.array([j])) for i, j in both if used[i] and used[j]]
+    apart = [pair for pair, clear in zip(may, _clearances(hand, may, straight, np.zeros((1, 5)))) if clear[0] > 0.0]
+    first, second = (np.array([of[k] for of in apart], np.int64).ravel() for k in (0, 1))
+    return SelfPairs(first, second)
 
 
 def self_clearance(hand: HandModel, pairs: SelfPairs, flexion: FloatArray, abduction: FloatArray) -> FloatArray:
@@ -36,10 +34,21 @@ def self_clearance(hand: HandModel, pairs: SelfPairs, flexion: FloatArray, abduc
 
     Angles [rad] of shapes (T, 5, 3) and (T, 5); not finite gives NaN.
     """
-    poses, contacts = np.zeros(1, HAND_POSE), np.zeros(1, SELF_CONTACT)
+    return _clearances(hand, [pairs], flexion, abduction)[0]
+
+
+def _clearances(
+    hand: HandModel, several: Sequence[SelfPairs], flexion: FloatArray, abduction: FloatArray
+) -> list[FloatArray]:
+    poses, fresh = np.zeros(1, HAND_POSE), np.zeros(1, SELF_CONTACT)
     poses["orientation"][:, 0] = 1.0
-    contacts["bound"] = contacts["floor"] = -np.inf
-    clearance = np.empty(len(flexion))
-    angles = as_argument(flexion), as_argument(abduction)
-    self_clearances(hand.arrays(), pairs, *angles, poses.view(np.recarray), contacts.view(np.recarray), clearance)
-    return clearance
+    fresh["bound"] = fresh["floor"] = -np.inf
+    arrays, contacts, found = hand.arrays(), fresh.copy(), [np.empty(len(flexion)) for _ in several]
+    given = as_argument(flexion), as_argument(abduction), poses.view(np.recarray), contacts.view(np.recarray)
+    measure: Any = self_clearances
+    if JIT_ENABLED and several:
+        measure = measure.entry(arrays, several[0], *given, found[0])
+    for pairs, clear in zip(several, found):
+        contacts[:] = fresh
+        measure(arrays, pairs, *given, clear)
+    return found

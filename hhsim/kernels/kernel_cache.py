@@ -6,7 +6,6 @@ imports, directly or not, and of the target: numba's version, its settings and t
 sources shares it.
 """
 
-import ast
 import functools
 import hashlib
 import re
@@ -29,6 +28,7 @@ PACKAGE = __name__.rpartition(".")[0]
 SOURCES = Path(__file__).parent
 
 
+@functools.cache
 def source_of(module: str) -> Path | None:
     """Return the file of a module or package of the kernels by its dotted name; None if it is neither."""
     if module != PACKAGE and not module.startswith(f"{PACKAGE}."):
@@ -38,13 +38,19 @@ def source_of(module: str) -> Path | None:
     return next((file for file in found if file.is_file()), None)
 
 
-def _import_statements(source: str) -> Iterator[ast.stmt]:
-    # Parsing whole modules would cost every start a tenth of a second and more.
-    for found in re.finditer(r"^[ \t]*((?:from|import)[ \t][^\n(]*(?:\([^)]*\))?[^\n]*)", source, re.MULTILINE):
-        try:
-            yield from ast.parse(found.group(1).strip()).body
-        except SyntaxError:  # a line of a docstring
-            continue
+_IMPORT = re.compile(
+    r"^[ \t]*(?:from[ \t]+(?P<base>[.\w]+)[ \t]+import[ \t]*(?:\((?P<inside>[^)]*)\)|(?P<names>[^\n(]+))"
+    r"|import[ \t]+(?P<modules>[^\n]+))",
+    re.MULTILINE,
+)
+
+
+def _import_statements(source: str) -> Iterator[tuple[str, list[str]]]:
+    """Yield the module that is imported from, "" for modules themselves, and the names, also those of a docstring."""
+    # To parse them as Python would cost every start a tenth of a second.
+    for found in _IMPORT.finditer(source):
+        names = re.sub(r"#[^\n]*", "", found["inside"] or found["names"] or found["modules"])
+        yield found["base"] or "", [name.split()[0] for name in names.replace("\\", "").split(",") if name.split()]
 
 
 @functools.cache
@@ -55,13 +61,11 @@ def imported_kernels(module: str) -> tuple[str, ...]:
         return ()
     package = module if source.name == "__init__.py" else module.rpartition(".")[0]
     named: list[str] = []
-    for node in _import_statements(source.read_text(encoding="utf-8")):
-        if isinstance(node, ast.Import):
-            named += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            above = package.split(".")[: package.count(".") + 2 - node.level] if node.level else []
-            base = ".".join([*above, *([node.module] if node.module else [])])
-            named += [base, *(f"{base}.{alias.name}" for alias in node.names)]
+    for base, names in _import_statements(source.read_text(encoding="utf-8")):
+        level = len(base) - len(base.lstrip("."))
+        above = package.split(".")[: package.count(".") + 2 - level] if level else []
+        whole = ".".join([*above, *([base[level:]] if base[level:] else [])])
+        named += [whole, *(f"{whole}.{name}" for name in names)] if base else names
     return tuple(dict.fromkeys(name for name in named if source_of(name) is not None))
 
 
@@ -74,9 +78,9 @@ def implementing_kernels() -> dict[str, tuple[str, ...]]:
         generics = set(re.findall(r"^@(\w+)\.of\(", source, re.MULTILINE))
         if generics:
             module = ".".join([PACKAGE, *path.relative_to(SOURCES).with_suffix("").parts])
-            for node in _import_statements(source):
-                if isinstance(node, ast.ImportFrom) and not generics.isdisjoint(alias.name for alias in node.names):
-                    found.setdefault(str(node.module), []).append(module)
+            for base, names in _import_statements(source):
+                if base and not generics.isdisjoint(names):
+                    found.setdefault(base, []).append(module)
     return {module: tuple(others) for module, others in found.items()}
 
 

@@ -1,9 +1,9 @@
 """Trajectory scripts: TOML files that say what a hand does to any object, without coordinates.
 
 Where the hand goes and how far each finger closes is found on the object (`hhsim.scene.closure_search`), or stored with
-the script where named parts must be touched ("thumb in the handle"). Such a place is searched for once
-(`tools/placement_search.py`); how far each finger closes still follows from the object's spheres, so another sphere
-tree needs no other place. Keys, with their defaults::
+the script where named parts must be touched ("thumb in the handle"). Such a place was searched for once
+(`git show cc03b797:tools/placement_search.py`); how far each finger closes still follows from the object's spheres, so
+another sphere tree needs no other place. Keys, with their defaults::
 
     title, stresses = ""   # what the hand does, and what that demands of a method
     rate = 1000.0          # samples a second [Hz]

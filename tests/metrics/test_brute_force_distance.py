@@ -12,7 +12,6 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.metrics.metrics import hand_clearance
-from tools.tree_to_hand import palm_centers
 
 HAND = HandModel.default()
 
@@ -46,14 +45,6 @@ def test_two_ways_to_the_same_clearance(seed: int) -> None:
         brute = brute_clearance(tree.leaf_center, tree.leaf_radius, *sizes, *shown).min()
         by_tree = hand_clearance(tree.arrays(), HandShape(*sizes), PlacedHand(*shown), 1.0)
         assert brute == pytest.approx(min(by_tree[0][0], by_tree[1].min()), abs=1e-15)
-
-
-def test_a_palm_turns_as_its_matrix_says() -> None:
-    center = HAND.palm_tree.leaf_center
-    half = np.sqrt(0.5)
-    turned = palm_centers(center, np.array([0.1, 0.2, 0.3]), np.array([half, 0.0, 0.0, half]))
-    expected = np.stack([-center[:, 1], center[:, 0], center[:, 2]], axis=1) + [0.1, 0.2, 0.3]
-    np.testing.assert_allclose(turned, expected, atol=1e-15)
 
 
 def test_a_hand_that_is_nowhere_has_no_clearance() -> None:

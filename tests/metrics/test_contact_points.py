@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from sphere_scenes import bumpy_ball
+from sphere_scenes import bumpy_ball, palm_centers
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
@@ -20,7 +20,6 @@ from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.metrics import penetration
 from hhsim.trees.sphere_tree import SphereTree
-from tools.tree_to_hand import palm_centers
 
 TOUCH = 1e-3
 

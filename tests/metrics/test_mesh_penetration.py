@@ -1,18 +1,21 @@
 """The hand and its contacts against the true mesh: against its own surface, trimesh, and a ball in closed form."""
 
 import shutil
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
+from numpy.typing import ArrayLike
 from sealed_change import changed
 from short_grasp import short_grasp, short_scene
 
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
+from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh.catalogue import load_object
@@ -22,6 +25,7 @@ from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.mesh_penetration import TouchedObject, contact_error, mesh_clearance
 from hhsim.metrics.run_ticks import PLACED, result_ticks
 from hhsim.motion.trajectory import Trajectory
+from hhsim.render.triangle_soup import FINE, SPHERE, Surface, hand_surface, joined, piece_surfaces, round_cone_surface
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import make_scene
@@ -32,7 +36,14 @@ from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.claim import HOLDS, Claim
 from hhsim.verify.depth_checks import contact_error_claim
 from hhsim.verify.tick_data import JudgedTicks
-from tools.hand_figure import hybrid_surface
+
+
+def hybrid_surface(hand: HandModel, pose: Iterable[ArrayLike]) -> Surface:
+    """Return the hand's surface, world frame, with its palm as leaf spheres; arguments as of `hand_surface`."""
+    palm = zip(hand.palm_tree.leaf_center, hand.palm_tree.leaf_radius, strict=True)
+    spheres = [round_cone_surface(center, center, size, size, SPHERE, rings=14, sides=44) for center, size in palm]
+    pieces = (*piece_surfaces(hand, *FINE)[:PALM_BODY], joined(spheres))
+    return hand_surface(hand, pose, pieces)
 
 
 def over(hand: HandModel, height: float, ticks: int = 1) -> PlacedHand:

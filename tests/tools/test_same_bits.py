@@ -1,18 +1,13 @@
-"""Scenes have the same bits with libraries of other processors, another C library, and on another kind of machine."""
+"""Scenes have the same bits with libraries of other processors."""
 
-import platform
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from tools.foreign_python import EMULATOR
 from tools.import_graph import REPOSITORY
 from tools.same_bits import digest
-
-EMULATED = ("coupled", "coupled, mesh", "progressive", "free", "live session run again")
 
 
 def table(*arguments: str) -> str:
@@ -31,28 +26,6 @@ def scenes(names: tuple[str, ...]) -> list[str]:
 def test_libraries_of_other_processors() -> None:
     shown = table(*scenes(("coupled", "free", "live session run again")))
     assert shown.count(" same |") >= 3 * 6
-
-
-@pytest.mark.soak
-@pytest.mark.skipif(shutil.which("apt-get") is None, reason="needs packages of Debian")
-def test_another_c_library(tmp_path: Path) -> None:
-    made = [sys.executable, "-m", "tools.foreign_python", "libc", str(tmp_path / "libc")]
-    if subprocess.run(made, cwd=REPOSITORY, capture_output=True).returncode:
-        pytest.skip("no package of another C library is to be had")
-    python = str(tmp_path / "libc" / "python")
-    assert " same |" in table("--environment", "as it is", "--python", python, *scenes(("free", "coupled, mesh")))
-
-
-@pytest.mark.soak
-@pytest.mark.skipif(platform.machine() != "x86_64", reason="it is for x86-64 to compare with")
-@pytest.mark.skipif(shutil.which(EMULATOR) is None, reason=f"needs {EMULATOR}, of Debian's qemu-user-static")
-def test_an_emulated_aarch64(tmp_path: Path) -> None:
-    made = [sys.executable, "-m", "tools.foreign_python", "aarch64", str(tmp_path / "aarch64")]
-    if subprocess.run(made, cwd=REPOSITORY, capture_output=True).returncode:
-        pytest.skip("no packages for aarch64 are to be had")
-    python = str(tmp_path / "aarch64" / "python")
-    shown = table("--environment", "as it is", "--python", python, *scenes(EMULATED))
-    assert shown.count(" same |") == len(EMULATED)
 
 
 def test_a_digest_tells_a_changed_bit_and_no_changed_time(tmp_path: Path) -> None:

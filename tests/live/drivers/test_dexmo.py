@@ -16,6 +16,7 @@ from typing import Any
 import live_peers
 import numpy as np
 import pytest
+from fake_gloves import FakeDexmo
 from live_peers import PATIENCE
 from numpy.typing import NDArray
 from sampled import sampled
@@ -27,7 +28,6 @@ from hhsim.live.drivers.stream_glove import MOST_MALFORMED
 from hhsim.live.link.dexmo_codec import CHANNELS, GloveMessage, framed
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 from tools.dexmo_server import COUNT_LOW, COUNT_SPAN, encode_frame
-from tools.fake_gloves import FakeDexmo
 from tools.fake_peer import fake_channels
 
 RIGHT = 337785601

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fake_gloves import FakeGlove
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_peers import PATIENCE, Reader
@@ -20,7 +21,6 @@ from hhsim.live.devices.registry import GloveConfig, configure, open_device
 from hhsim.live.drivers.opengloves import OpenGlovesGlove, limits
 from hhsim.live.link.opengloves_codec import LONGEST_LINE, GloveLine, LineError, LineStream, format_limits, parse_line
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression
-from tools.fake_gloves import FakeGlove
 from tools.opengloves_board import format_line, parse_limits
 
 COUNT = st.integers(0, 4095).map(float)

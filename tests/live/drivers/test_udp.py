@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fake_gloves import FakeGlove
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_peers import PATIENCE, Reader, example, free_ports
@@ -27,7 +28,6 @@ from hhsim.live.link.udp import PacketOrder, UdpPort
 from hhsim.live.link.udp_codec import COUNT, HEADER, Kind, PacketError, decode_packet, encode_packet
 from hhsim.live.pose.registry import PoseConfig, make_pose_source
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
-from tools.fake_gloves import FakeGlove
 
 BRIDGE = Path(__file__).resolve().parents[3] / "examples" / "udp_bridge.py"
 KINDS = st.sampled_from(list(Kind))
