@@ -100,7 +100,7 @@ def _declared(result: Result, again: bool) -> list[Claim]:
         return [Claim(name, says, NOT_JUDGED, unit="m", note=note)]
     off, wrong = np.zeros(result.ticks), []
     declared = {body.name: body for body in found if isinstance(body, scene_body.Body)}
-    (plane,) = [body for body in found if isinstance(body, scene_body.HalfSpace)] or [None]
+    plane = next((body for body in found if isinstance(body, scene_body.HalfSpace)), None)
     if declared.keys() != result.bodies.keys():
         wrong.append(f"there are {', '.join(result.bodies)}, and declared {', '.join(declared)}")
     for each in set(declared) & set(result.bodies):

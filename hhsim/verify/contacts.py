@@ -400,7 +400,7 @@ def meetings(hand: OwnHand, posed: Posed, may: BoolArray, near: float) -> Meetin
     spheres = PALM + np.arange(len(hand.palm_radius))
     couples = [(int(i), int(j)) for i, k in zip(*np.nonzero(may)) for j in ([k] if k < PALM else spheres)]
     bodies = round_cones(hand, posed)
-    return _near(bodies, bodies, near, lambda a, b, near: couples)
+    return _near(bodies, bodies, near, lambda a, b, reach: couples)
 
 
 def meetings_of_two(hands: Sequence[OwnHand], posed: Sequence[Posed], near: float | FloatArray) -> Meetings:
@@ -440,7 +440,7 @@ def _near(
         ]
         rows = [np.zeros((3, 0), np.int64)]
         within = near[start : start + TICKS]
-        for i, j in couples(*points, within):
+        for i, j in couples(points[0], points[1], within):
             facing_points = points[1][:, j, None] if j < PALM else points[1][:, j, None, :1]
             apart = np.linalg.norm(points[0][:, i, :, None] - facing_points, axis=3).min(axis=(1, 2))
             tick = np.flatnonzero(apart <= gap[0][:, i] + gap[1][:, j] + within)
