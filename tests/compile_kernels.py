@@ -84,7 +84,7 @@ def sessions(**changes: Any) -> None:
 
     TimeTaken(1, 0, 0, 0, 0).cause()
     setup, clock = make_setup(safety=SafetyLimits(watchdog=False), duration=2e-3, **changes), FakeClock()
-    memory = SessionMemory.create(free=setup.free is not None)
+    memory = SessionMemory.create(bodies=setup.recorded_bodies)
     both = InStep(setup, memory, ScriptedGlove(clock, [Moment(0.0)]), clock)
     both.loop.prepare()
     both.run()

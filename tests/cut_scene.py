@@ -18,11 +18,13 @@ def cut(scene: Scene, bodies: slice) -> Scene:
         if isinstance(body, Body) and isinstance(body.motion, Driven):
             poses, values = body.motion.poses.at(bodies), body.motion.values
             motion = Driven(poses, None if values is None else values[bodies])
-            body = replace(body, motion=motion)
+            joint = body.joint if body.joint is None or values is None else replace(body.joint, value=values[bodies][0])
+            body = replace(body, motion=motion, joint=joint)
         cut_bodies.append(body)
     count = len(range(*bodies.indices(scene.ticks.tick_count)))
     hands = tuple(replace(hand, ticks=hand.ticks.first(count)) for hand in scene.hands)
-    return replace(scene, hands=hands, bodies=tuple(cut_bodies))
+    description = {**scene.description, "trajectory": f"{scene.description.get('trajectory')}, cut"}
+    return replace(scene, hands=hands, bodies=tuple(cut_bodies), description=description)
 
 
 def of_hand(scene: Scene, hand: int) -> Scene:

@@ -23,6 +23,7 @@ from hhsim.live.session.supervisor import LOOP, WATCHDOG, Supervisor
 from hhsim.live.shared_memory import RingReader
 from hhsim.mesh.catalogue import load_object
 from hhsim.result.safety import Safety
+from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
@@ -41,7 +42,7 @@ def grasping_setup(port: int, record: Path | None, side: Hand = "right") -> Live
     tree = cached_sphere_tree(item.mesh, TreeOptions(level=3))
     hand = HandModel.default(side)
     device = configure("dexmo", port=port, hand=side)
-    scene = make_live_scene(item.mesh, tree, hand, device, PoseConfig("fixed"), None)
+    scene = make_live_scene(DeclaredBodies.of_mesh(item.mesh, tree), hand, device, PoseConfig("fixed"), None)
     options = SolverOptions()
     warm_up(hand, options)
     return LiveSetup(

@@ -317,7 +317,7 @@ class ScriptedSession:
     ) -> None:
         given: dict[str, Any] = {"output": QUICK, "safety": SafetyLimits(watchdog=False)}
         self.setup = make_setup(**(given | {"duration": 1e-3 * (len(script) + 1)} | changes))
-        self.memory = SessionMemory.create(free=self.setup.free is not None)
+        self.memory = SessionMemory.create(bodies=self.setup.recorded_bodies)
         self.clock, self.accounts = FakeClock(), FakeAccounts()
         self.glove = ScriptedGlove(self.clock, script)
         self.glove.info = GloveInfo("scripted glove", takes, ("bend",), unit=unit)

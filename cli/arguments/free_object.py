@@ -1,6 +1,6 @@
 """Options of a free object."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -90,6 +90,13 @@ class FreeChoice(OptionGroup, heading="Free object"):
         for name in {"torsion", "table"} & set(given):
             given[name] = given[name] if given[name] in (UNDER, NONE) else 1e-3 * float(given[name])
         return FreeWords(**given)
+
+    def of_links(self, word: str) -> "dict[str, Any] | None":
+        """Return what --free says of a URDF or MJCF file, SI; None without it, or for another object."""
+        from hhsim.linkage.file import names_a_linkage
+
+        said = self.words()
+        return None if said is None or not names_a_linkage(word) else said.given()
 
     def object(self, mesh: "Mesh", word: str) -> "FreeObject | None":
         """Return the free object of a mesh [m] at its first place; None without --free, or of links."""

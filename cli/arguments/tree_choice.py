@@ -13,6 +13,7 @@ from .options import file
 
 if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
+    from hhsim.scene.declared_bodies import DeclaredBodies
     from hhsim.trees.sphere_tree import SphereTree
 
 AUTO = 0
@@ -83,6 +84,19 @@ class TreeChoice(OptionGroup, heading="Sphere tree"):
         from hhsim.trees.triangle_tree import chosen_tree
 
         return ChosenTree(*chosen_tree(mesh, self.stated() or usual_level, self.max_error, solid, report))
+
+    def grow(
+        self, bodies: "DeclaredBodies", report: Progress, *, solid: bool = True
+    ) -> "tuple[DeclaredBodies, tuple[str, ...]]":
+        """Return the bodies with their trees, and notes on the choice; arguments and errors are those of `choose`."""
+        notes: list[str] = []
+
+        def made(mesh: "Mesh") -> "SphereTree":
+            found = self.choose(mesh, bodies.level, report, solid=solid)
+            notes.extend(found.notes)
+            return found.tree
+
+        return bodies.with_trees(made), tuple(dict.fromkeys(notes))
 
 
 class TreeOrFile(TreeChoice):

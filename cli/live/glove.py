@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
     Inputs = tuple[GloveConfig, PoseConfig, Motion | None]
 
+NOT_OF_TWO = "each of two gloves has a loop of its own, and what is free would go by both"
+"""Reason of a refusal."""
 USUAL_MOTION, USUAL_FREE_MOTION = "grasp", "lift"
 """Motions of a glove that plays one, beside a fixed object and a free one."""
 
@@ -245,7 +247,8 @@ def command(
 ) -> int:
     """Put a glove in the loop: its fingers move the hand, and are stopped where the shown hand is.
 
-    OBJECT is a name (hhsim objects) or a mesh file. A finger that touches nothing is free. All fingers are freed, at
+    OBJECT is a name (hhsim objects), a mesh, URDF or MJCF file, or the TOML of several bodies, of which the driven ones
+    stay where they begin. A finger that touches nothing is free. All fingers are freed, at
     once, when the input is old or no number, when the solver fails or is late again and again, and when the session
     ends, by whatever cause, a killed process included. Ctrl-C, q, the space bar or --duration end it. The exit code is
     2 where the glove could not be reached, the loop died, or the recording is not whole, and 1 where the end had a
@@ -272,6 +275,7 @@ def command(
     from hhsim.live.session.scene import grasping_hand, make_live_scene
     from hhsim.result.reader import check_result_path
     from hhsim.scene.motion_catalogue import import_remarks
+    from hhsim.solver.free_engine import require_free
     from hhsim.solver.hand_solver import warm_up
     from hhsim.solver.options import SolverOptions
     from hhsim.system.output_path import dated_output_path
@@ -282,7 +286,7 @@ def command(
     worn = hand.of_both(glove, session.seed, usual)
     two = len(worn) > 1
     if two and free.free:
-        raise click.UsageError("--free is of one glove: two hands on a free object are not solved")
+        raise click.UsageError(f"--free is of one glove: {NOT_OF_TWO}")
     if two and session.rerun is not None:
         raise click.UsageError("--rerun shows one hand: leave it out with two gloves, and see hhsim view")
     for own, (_, _, motion) in worn:
@@ -295,7 +299,15 @@ def command(
         for own, (device, _, _) in worn
     ]
     solid = solver.surface != "mesh"
-    mesh, usual_level = mesh_file.read(object_, solid=solid)
+    links = free.of_links(object_)
+    bodies = mesh_file.bodies(object_, worn[0][1][2], solid=solid, links=links)
+    mesh = bodies.mesh
+    if len(bodies.solid) > 1 and free.free and links is None:
+        raise click.UsageError(f"--free is for one object: '{object_}' says itself which bodies are free")
+    if any(body.is_free for body in bodies.settings):
+        require_free(options)
+        if two:
+            raise click.UsageError(f"'{object_}' has free bodies, which are of one glove: {NOT_OF_TWO}")
     # An error of the mesh comes before its tree is built.
     free.object(mesh, object_)
     kinds = "-".join(device.kind for _, (device, _, _) in worn)
@@ -306,13 +318,13 @@ def command(
     print_notes(mesh.warnings, prefix="warning")
     scenes = []
     with progress(quiet=session.quiet) as report:
-        chosen = tree.choose(mesh, usual_level, report, solid=solid)
-        other = grasping_hand(models[0], chosen.tree, worn[0][1][2]) if two else None
+        bodies, notes = tree.grow(bodies, report, solid=solid)
+        other = grasping_hand(models[0], bodies.tree, worn[0][1][2]) if two else None
         for i, (own, (device, palm, motion)) in enumerate(worn):
             placed, beside = own.palm is not None, other if i else None
-            about = (mesh, chosen.tree, models[i], device, palm, motion)
-            scenes.append(make_live_scene(*about, placed=placed, seed=session.seed, other=beside))
-    print_notes(chosen.notes)
+            about, rate = (bodies, models[i], device, palm, motion), session.rate
+            scenes.append(make_live_scene(*about, rate=rate, placed=placed, seed=session.seed, other=beside))
+    print_notes(notes)
     duration = session.duration
     for scene in scenes:
         if GLOVES[scene.device.kind].ends and session.duration is None and scene.device.playback is not None:
@@ -327,7 +339,8 @@ def command(
             options=options,
             device=scene.device,
             pose=scene.pose,
-            free=free.object(scene.mesh, object_),
+            free=scene.free or free.object(scene.mesh, object_),
+            bodies=scene.bodies,
             rate=session.rate,
             output=OutputLimits() if feedback.stiffness is None else OutputLimits(stiffness=feedback.stiffness),
             safety=SafetyLimits(stale=1e-3 * feedback.stale, after_stall=feedback.after_stall),
@@ -341,7 +354,7 @@ def command(
                 **scene.description,
                 "object": object_,
                 "object_mesh": mesh.sha256,
-                "level": chosen.tree.depth,
+                "level": bodies.tree.depth,
                 "hand_file": str(own.hand_file) if own.hand_file else None,
                 "device": scene.device.kind,
                 "trajectory": None if motion is None else own.trajectory or usual,
@@ -351,7 +364,8 @@ def command(
         for (own, (_, _, motion)), model, scene in zip(worn, models, scenes)
     ]
     for setup in setups:
-        warm_up(setup.hand, setup.options, setup.free)
+        if setup.bodies is None:
+            warm_up(setup.hand, setup.options, setup.free)
     warning = quick_warning(session.rate, setups[0].real_time)
     print_notes([warning] if warning else [], prefix="warning")
     heading = f"{mesh.name}, {solver.method}, {' and '.join(device.kind for _, (device, _, _) in worn)}"

@@ -1,6 +1,6 @@
 """Second run of a result's ticks, from nothing but the file, and comparison of every array: bits, and rounding."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -209,19 +209,22 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> 
     scene = result_scene(hands, CHUNK_TICKS if alone else None)
     with SceneSolver(scene, stored_options(result)) as solver, interruptible_between() as check_interrupt:
         rows = [HandRows(solver, hand, list(result.bodies)) for hand in range(len(hands))]
-        for first, blocks in zip(
-            range(0, total, CHUNK_TICKS),
-            zip(result.blocks([array.name for array in of_bodies]), *(one.blocks(names) for one in hands)),
-        ):
-            report("ticks", first, total)
-            bodies, *stored = ({name: values[: total - first] for name, values in block.items()} for block in blocks)
-            here = slice(first, first + len(stored[0]["time"]))
+        done, several = 0, bool(solver.seen.others)
+        blocks = zip(result.blocks([array.name for array in of_bodies]), *(one.blocks(names) for one in hands))
+        # A loop makes one tick at a time, and a record of several bodies is that of the last ones.
+        for block_of_all in _tick_by_tick(blocks) if result.live is not None and several else blocks:
+            if done >= total:
+                break
+            report("ticks", done, total)
+            bodies, *stored = ({name: values[: total - done] for name, values in of.items()} for of in block_of_all)
+            here = slice(done, done + len(stored[0]["time"]))
+            done = here.stop
             given = [
                 HandConfiguration(*(block[f"haptic/{name}"] for name in HandConfiguration._fields)) for block in stored
             ]
             haptic = [seen_hand(hand, of.carried(here)) for hand, of in zip(given, rows)]
             free: ObjectRecord | None = None
-            if result.live is None:
+            if result.live is None or several:
                 records: Sequence[TickRecord] = solver.run_given(haptic)
             else:
                 record, free = _one_by_one(solver.hands[0], haptic[0], free=rubs)
@@ -251,6 +254,13 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> 
         notes += makers or [f"hhsim, packages, processor and system are those of the file: {expected}"]
     shared = tuple(dict.fromkeys(notes))
     return RunAgain(result.path, result.complete, total, result.ticks, compared, shared, bool(makers))
+
+
+def _tick_by_tick(blocks: Iterable[tuple[dict[str, AnyArray], ...]]) -> Iterator[tuple[dict[str, AnyArray], ...]]:
+    """Yield each tick of some blocks as a block of its own."""
+    for block in blocks:
+        for i in range(len(block[1]["time"])):
+            yield tuple({name: values[i : i + 1] for name, values in part.items()} for part in block)
 
 
 def _moving(result: Result, rubs: bool) -> list[schema.Column]:

@@ -52,6 +52,10 @@ class TickColumns:
         self._total = np.full((1, 3), np.nan)
         self._finger = np.full((1, 5, 3), np.nan)
 
+    def rewind(self) -> None:
+        """Have the next block take the poses of parts from their first tick on."""
+        self._ticks = 0
+
     def block(
         self, time: AnyArray, input_seq: AnyArray, haptic: HandConfiguration, record: TickRecord
     ) -> dict[str, AnyArray]:

@@ -9,8 +9,9 @@ from hhsim.arrays import AnyArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import quaternion_product
-from hhsim.kernels.free.record import STICKS, ObjectRecord
+from hhsim.kernels.free.record import STICKS, ObjectRecord, ThingsRecord
 from hhsim.kernels.tick.block import TickRecord
+from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.result.contacts import pair_codes
@@ -89,18 +90,23 @@ class HandRows:
                 pose = {"position": parts.world[ticks, p, :3], "orientation": parts.world[ticks, p, 3:]}
                 rows[f"{BODIES}/{name}/{TICK}"] = pose | joint
             return rows
-        begun, rows = RigidMotion(record.things[0].turn, record.things[0].shift), {}
-        for k, (name, body, wrench) in enumerate(zip(parts.names, record.things, record.thing_wrench, strict=True)):
-            parts.world[ticks, k, :3] = begun.seen_points(body.shift)
-            parts.world[ticks, k, 3:] = begun.seen_orientations(body.turn)
-            columns = {"position": body.shift, "orientation": body.turn, OF_BODIES.name: wrench}
-            columns |= {column.name: getattr(body, column.name) for column in MOTION_COLUMNS}
-            columns |= {column.name: own[column.name] for column in FREE_COLUMNS if k == 0}
-            if name in parts.driven:
-                to = parts.driven[name].at(ticks)
-                columns |= {"recorded_position": to.shift, "recorded_orientation": to.turn}
-            rows[f"{BODIES}/{name}/{TICK}"] = columns
-        return rows
+        return body_rows(parts, record, ticks, own)
+
+
+def body_rows(parts: MovingParts, record: ThingsRecord, ticks: slice, own: Columns) -> dict[str, Columns]:
+    """Return the rows of bodies of which some are free, and put their poses in their place; `own` is of the first."""
+    begun, rows = RigidMotion(record.things[0].turn, record.things[0].shift), {}
+    for k, (name, body, wrench) in enumerate(zip(parts.names, record.things, record.thing_wrench, strict=True)):
+        parts.world[ticks, k, :3] = begun.seen_points(body.shift)
+        parts.world[ticks, k, 3:] = begun.seen_orientations(body.turn)
+        columns = {"position": body.shift, "orientation": body.turn, OF_BODIES.name: wrench}
+        columns |= {column.name: getattr(body, column.name) for column in MOTION_COLUMNS}
+        columns |= {column.name: own[column.name] for column in FREE_COLUMNS if k == 0}
+        if name in parts.driven:
+            to = parts.driven[name].at(ticks)
+            columns |= {"recorded_position": to.shift, "recorded_orientation": to.turn}
+        rows[f"{BODIES}/{name}/{TICK}"] = columns
+    return rows
 
 
 def seen_hand(haptic: HandConfiguration, moved: RigidMotion | None) -> HandConfiguration:

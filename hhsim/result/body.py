@@ -37,6 +37,11 @@ class Body:
         return f"{BODIES}/{self.name}"
 
     @property
+    def joint(self) -> Mapping[str, Any] | None:
+        """Joint that a driven body hangs on, of `hhsim.scene.body.Joint`; None without one, or beside a free body."""
+        return self.properties.get("joint")
+
+    @property
     def moves(self) -> bool:
         """True if it has a pose at each tick."""
         return "position" in self.columns

@@ -101,7 +101,6 @@ class Result:
     frame: str = ""  # group of the poses of the frame that hands were solved in; "" where that stands still
     view: View | None = field(default=None, compare=False)  # transformation of hands and forces; None: world
     replaced: Mapping[str, AnyArray] = field(default_factory=dict, compare=False)  # instead of those of the file
-    asked: set[str] = field(default_factory=set, compare=False)  # names of the datasets that were read
     _loaded: dict[str, AnyArray] = field(default_factory=dict, compare=False)
 
     def __repr__(self) -> str:
@@ -186,7 +185,6 @@ class Result:
 
     def poses(self, group: str, rows: slice = slice(None)) -> ObjectMotion:
         """Read the poses in a group at some ticks, world."""
-        self.asked.update(f"{group}/{column.name}" for column in schema.POSE_COLUMNS)
         with _opened(self.path) as file:
             return self._poses(file, group, rows)
 
@@ -221,7 +219,6 @@ class Result:
 
     def _rows(self, file: h5py.File, name: str, rows: slice | int) -> AnyArray:
         """Read rows of a dataset with a row a tick, in the view's frame."""
-        self.asked.add(name)
         if name in self.replaced:
             return np.asarray(self.replaced[name][rows])
         values = read_numbers(file[self._path_of(name)], rows)
@@ -260,7 +257,6 @@ class Result:
                 if self._of_ticks(path):
                     self._loaded[name] = _frozen(self._rows(file, name, slice(self.ticks)))
                 else:
-                    self.asked.add(name)
                     self._loaded[name] = _frozen(read_numbers(dataset, slice(self._whole_rows(dataset))))
         return self._loaded[name]
 
@@ -414,7 +410,6 @@ def load_result(path: str | Path) -> Result:
                 summary={**whole.summary, **_attributes(summary[name])},
                 static={f"hand/{column}": array for column, array in static.items()},
                 live=_Stated(_attributes(group[schema.LIVE]), path) if schema.LIVE in group else None,
-                asked=set(),
                 _loaded={},
             )
         found = hands[names[0]] if len(names) == 1 else replace(whole, phases=phases)
@@ -422,6 +417,8 @@ def load_result(path: str | Path) -> Result:
             group = file[schema.BODIES][body]
             static = {column.name: _frozen(_finite_numbers(group[column.name])) for column in schema.BODY_STATIC}
             stated = str(group.attrs["kind"]), _mapping(str(group.attrs["properties"]))
+            if stated[0] not in _kinds(columns[body]):
+                raise InputError(f"{path} is damaged: body '{body}' does not move as its kind, {stated[0]}, says")
             bodies[body] = Body(found, body, *stated, static, columns[body])
         return found
 
@@ -441,6 +438,13 @@ def _body_names(file: h5py.File) -> list[str]:
     if not names:
         raise DamagedFileError("damaged: it has no body")
     return names
+
+
+def _kinds(columns: Sequence[str]) -> tuple[str, ...]:
+    """Return the kinds of bodies whose ticks may have these columns."""
+    if "recorded_position" in columns:
+        return ("driven",)
+    return ("fixed", "free") if "velocity" in columns else ("fixed", "driven")
 
 
 def _moving_frame(file: h5py.File) -> str:

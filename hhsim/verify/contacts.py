@@ -400,20 +400,23 @@ def meetings(hand: OwnHand, posed: Posed, may: BoolArray, near: float) -> Meetin
     spheres = PALM + np.arange(len(hand.palm_radius))
     couples = [(int(i), int(j)) for i, k in zip(*np.nonzero(may)) for j in ([k] if k < PALM else spheres)]
     bodies = round_cones(hand, posed)
-    return _near(bodies, bodies, near, lambda a, b: couples)
+    return _near(bodies, bodies, near, lambda a, b, reach: couples)
 
 
-def meetings_of_two(hands: Sequence[OwnHand], posed: Sequence[Posed], near: float) -> Meetings:
-    """Find the pairs of two hands' bodies that are no more than `near` [m] apart, the palm's spheres on both sides."""
+def meetings_of_two(hands: Sequence[OwnHand], posed: Sequence[Posed], near: float | FloatArray) -> Meetings:
+    """Find the pairs of two hands' bodies that are no more than `near` [m] apart, the palm's spheres on both sides.
+
+    `near` is a number, or has one for each tick, shape (T,).
+    """
     bodies = [round_cones(hand, at) for hand, at in zip(hands, posed)]
     size = [np.maximum(one.radius_a, one.radius_b) for one in bodies]
 
-    def couples(one: FloatArray, other: FloatArray) -> list[tuple[int, int]]:
+    def couples(one: FloatArray, other: FloatArray, near: FloatArray) -> list[tuple[int, int]]:
         found = []
         for i in range(len(size[0])):
             apart = np.linalg.norm(one[:, i, None, SAMPLES // 2] - other[:, :, SAMPLES // 2], axis=2)
             length = [np.linalg.norm(points[0, :, -1] - points[0, :, 0], axis=1) for points in (one, other)]
-            reach = 0.5 * (length[0][i] + length[1]) + size[0][i] + size[1] + near
+            reach = 0.5 * (length[0][i] + length[1]) + size[0][i] + size[1] + near[:, None]
             found += [(i, int(j)) for j in np.flatnonzero((apart <= reach + WORTH_A_LOOK).any(axis=0))]
         return found
 
@@ -421,8 +424,12 @@ def meetings_of_two(hands: Sequence[OwnHand], posed: Sequence[Posed], near: floa
 
 
 def _near(
-    one: RoundCones, other: RoundCones, near: float, couples: Callable[[FloatArray, FloatArray], list[tuple[int, int]]]
+    one: RoundCones,
+    other: RoundCones,
+    near: float | FloatArray,
+    couples: Callable[[FloatArray, FloatArray, FloatArray], list[tuple[int, int]]],
 ) -> Meetings:
+    near = np.broadcast_to(near, len(one.a))
     shares, found = np.linspace(0.0, 1.0, SAMPLES)[:, None], []
     for start in range(0, max(len(one.a), 1), TICKS):
         blocks = [(of.a[start : start + TICKS], of.b[start : start + TICKS]) for of in (one, other)]
@@ -432,10 +439,11 @@ def _near(
             for (a, b), of in zip(blocks, (one, other))
         ]
         rows = [np.zeros((3, 0), np.int64)]
-        for i, j in couples(*points):
+        within = near[start : start + TICKS]
+        for i, j in couples(points[0], points[1], within):
             facing_points = points[1][:, j, None] if j < PALM else points[1][:, j, None, :1]
             apart = np.linalg.norm(points[0][:, i, :, None] - facing_points, axis=3).min(axis=(1, 2))
-            tick = np.flatnonzero(apart <= gap[0][:, i] + gap[1][:, j] + near)
+            tick = np.flatnonzero(apart <= gap[0][:, i] + gap[1][:, j] + within)
             rows.append(np.stack([tick, np.full(len(tick), i), np.full(len(tick), j)]))
         tick, first, second = np.concatenate(rows, axis=1)
         (a, b), (c, d) = blocks
@@ -455,6 +463,6 @@ def _near(
         distance = length - one.radius_a[first] - share * drop - radius
         parts = np.minimum(first, PALM), np.minimum(second, PALM)
         pairs = Meetings(tick + start, *parts, distance, place, across, normal)
-        found.append(pairs.at(distance <= near))
+        found.append(pairs.at(distance <= within[tick]))
     every = Meetings(*(np.concatenate(values) for values in zip(*found)))
     return every.at(np.lexsort((every.second, every.first, every.tick)))

@@ -17,8 +17,6 @@ RESTS = 0.25
 """Largest motion of a tick whose successor predicts no hand, as a ratio of `step_tolerance`."""
 NEVER_IN = 1e-12
 """Rounding of a distance [m]: the depth allowed to a method that never penetrates."""
-ALIKE = 64
-"""Ticks whose distances of hands are looked for at once."""
 CONTACT_ERROR = "contact_error_max"
 """Figure of the summary on contacts off the mesh."""
 _OFF_MESH = (
@@ -176,10 +174,10 @@ def hands_apart_claims(judge: JudgedTicks) -> list[Claim]:
 
 
 def _between(judge: JudgedTicks) -> list[Claim]:
-    """Judge how far two hands are from each other at the chosen ticks; none where they have no ticks in common."""
+    """Judge how far two hands are from each other at every tick; none where they have no ticks in common."""
     result = judge.result.hands[judge.result.name]
-    ticks = judge.chosen[judge.asked]
-    if result.other is None or BETWEEN_COLUMNS[0].name not in result or ticks.size == 0:
+    ticks = judge.numbers
+    if result.other is None or BETWEEN_COLUMNS[0].name not in result:
         return []
     hands = result, result.other
     off = np.zeros(len(ticks))
@@ -187,14 +185,10 @@ def _between(judge: JudgedTicks) -> list[Claim]:
         stored = np.asarray(result[column.name])[ticks]
         posed = [pose(own_hand(one), configurations(one, column.name.partition("/")[2]).at(ticks)) for one in hands]
         # A hand that is no number has no distance.
-        known = np.logical_and.reduce([np.isfinite(of.joints).all(axis=(1, 2, 3)) for of in posed])
-        # Ticks of about the same distance: few other pairs are as near.
-        order = np.argsort(np.nan_to_num(stored), kind="stable")
-        order = order[known[order]]
-        for rows in np.array_split(order, range(ALIKE, len(order), ALIKE)):
-            near = float(np.nan_to_num(stored[rows]).max(initial=0.0)) + LENGTH
-            found = meetings_of_two([own_hand(one) for one in hands], [of.at(rows) for of in posed], near)
-            apart = np.abs(found.nearest(len(rows)).min(axis=1) - stored[rows])
-            off[rows] = np.maximum(off[rows], np.nan_to_num(apart, nan=np.inf))
+        known = np.flatnonzero(np.logical_and.reduce([np.isfinite(of.joints).all(axis=(1, 2, 3)) for of in posed]))
+        near = np.nan_to_num(stored[known]) + LENGTH
+        found = meetings_of_two([own_hand(one) for one in hands], [of.at(known) for of in posed], near)
+        apart = np.abs(found.nearest(len(known)).min(axis=1) - stored[known])
+        off[known] = np.maximum(off[known], np.nan_to_num(apart, nan=np.inf))
     says = "the two hands, the users' and the shown ones, are as far from each other as the file says"
     return [judged("between hands", says, off, LENGTH, "m", WHY_LENGTH, ticks=ticks)]

@@ -26,6 +26,7 @@ from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.scene.script import Script
 from hhsim.solver.method import never_penetrates
 from hhsim.verify.claim import HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim, all_true, judged
+from hhsim.verify.coverage import columns_claim
 from hhsim.verify.tree_checks import depth_in_spheres
 
 SAMPLES = 10_000
@@ -47,6 +48,7 @@ def file_claims(result: Result) -> list[Claim]:
     unknown, ticks = (result["status"] < 0) | (result["status"] > KNOWN_STATUS), np.arange(result.ticks)
     return [
         *(judge(result) for judge in (_complete, _checksums, _time, _input)),
+        columns_claim(result),
         *_phases(result),
         all_true("status", "every tick's status is made of known flags", unknown, ticks=ticks),
         _durations(result),
@@ -66,6 +68,9 @@ def _complete(result: Result) -> Claim:
     says = "the run was not stopped: the file is complete"
     if result.complete:
         return Claim("complete", says, HOLDS, checked=result.ticks)
+    if figures := sorted(result.summary):
+        # The summary is written when the run has ended.
+        return all_true("complete", says, [True], note=f"it is said to be stopped, and has figures: {figures[0]}, …")
     return Claim("complete", says, NOT_CLAIMED, checked=result.ticks, note="the run was stopped; its ticks are judged")
 
 

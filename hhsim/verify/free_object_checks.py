@@ -6,32 +6,29 @@ Velocities are derived from poses, forces on the object from contacts, slip from
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.result.body import Body
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.result.contacts import ON_TABLE
 from hhsim.result.reader import Result
 from hhsim.system.counted import counted
+from hhsim.verify.bodies_apart import CLEAR, bodies_apart_claim
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.contacts import PALM, Pairs, joined
-from hhsim.verify.file_checks import follows
 from hhsim.verify.force_checks import FORCE, TURN, WHY_FORCE, WHY_SLACK, bears_where_near
-from hhsim.verify.forces import AT_LIMIT, limit_rows, pushes, residual
+from hhsim.verify.forces import limit_rows, pushes, residual
+from hhsim.verify.free_motion import FreeBody, FreeMotion
+from hhsim.verify.joint_checks import driven_claim, held_claim, pair_claim
 from hhsim.verify.judged_body import JudgedBody
 from hhsim.verify.kinematics import Posed, configurations, own_hand, phalanx_axes, pose, rotations, turn_between
-from hhsim.verify.things_apart import CLEAR, things_apart_claim
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, STUCK, JudgedTicks
 
 if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
+    pass
 
 
-MOVES = 1e-6
-"""Speed beyond which a joint moves, and its friction is against that [rad/s, m/s]."""
 UNIT = 1e-9
 EARTH = (0.0, 0.0, -9.81)
 """Gravity [m/s²]."""
@@ -46,203 +43,47 @@ AGAINST = np.cos(np.radians(45.0)) - 1e-6
 
 SIDES_OF_CONE = 8
 """Sides of the pyramid around the cone of a contact that is not in the file."""
-MEETS = 1e-4
-"""Distance of two hands within which they may bear on each other [m]."""
-JOINED = 2e-6
-"""How far two things may come off their joint [m, rad]."""
-DRIVEN = 1e6
-"""Mass [kg] and moment of inertia [kg·m²] that a driven thing counts as."""
-
-
-class FreeThing:
-    """Stored motion of a body of a scene with a free one, and what follows from the poses alone, world."""
-
-    def __init__(self, result: Result, body: Body) -> None:
-        free = body.properties
-        self.result, self.body, self.free, self.name = result, body, free, body.name
-        self.fixed, self.driven = body.kind == "fixed", body.kind == "driven"
-        self.period = 1.0 / result.rate
-        self.mass, self.inertia = float(free["mass"]), np.array(free["inertia"], np.float64)
-        self.gravity, self.damping = np.array(free["gravity"]), float(free["damping"])
-        self.ticks = np.arange(result.ticks)
-        # The first tick follows the scene's start; after a recorder's gap the tick before is unknown.
-        self.follows = follows(result)
-        self.follows[0] = result.live is None or result["live/tick/record"][0] == 0
-        self.place, self.orientation = body.place
-        self.vertices = np.asarray(body.vertices)
-        # Velocity of the centre of mass [m/s] and angular velocity [rad/s], from before the first tick on, (T + 1, 3).
-        self.velocity, self.spin = (np.vstack([free[of], self.of(of)]) for of in ("velocity", "angular_velocity"))
-        # Wrench about the centre of mass [N, N·m], (T, 6): of what is no hand, and of all.
-        others = [self.of(f"{source}_wrench") for source in ("table", "body") if f"{source}_wrench" in body]
-        self.of_others = np.sum(others, axis=0)
-        self.borne = self.of("hand_wrench") + self.of_others
-
-    def of(self, column: str) -> FloatArray:
-        """Dataset of the thing."""
-        return np.asarray(self.body[column])
-
-    @cached_property
-    def turned(self) -> "Rotation":
-        """Rotations of the object from its place before the first tick, T + 1 of them."""
-        poses, _ = rotations(np.vstack([self.orientation, self.of("orientation")]))
-        return poses * poses[0].inv()
-
-    @cached_property
-    def center(self) -> FloatArray:
-        """Centre of mass before the first tick and at every tick [m], shape (T + 1, 3)."""
-        return self.moved(np.array(self.free["center"]))
-
-    def moved(self, point: FloatArray) -> FloatArray:
-        """Point of the object [m], (3,) before the first tick, there and at every tick, shape (T + 1, 3)."""
-        return np.asarray(np.vstack([self.place, self.of("position")]) + self.turned.apply(point - self.place))
-
-    @cached_property
-    def turn(self) -> FloatArray:
-        """Rotation vectors from tick to tick [rad], shape (T, 3)."""
-        return np.asarray((self.turned[1:] * self.turned[:-1].inv()).as_rotvec())
-
-    @property
-    def travel(self) -> FloatArray:
-        """Bound on the travel of its farthest points from tick to tick [m], shape (T,)."""
-        extent = float(np.ptp(self.vertices, axis=0).max())
-        way = np.linalg.norm(np.diff(self.center, axis=0), axis=1)
-        return np.asarray(way + extent * np.linalg.norm(self.turn, axis=1))
-
-    @cached_property
-    def whole(self) -> IntArray:
-        """Ticks that neither lag nor are stuck; in others the object makes only a fraction of its program's step."""
-        behind = (np.asarray(self.result["status"]) & (LAG | STUCK)) != 0
-        return np.asarray(np.flatnonzero(~behind))
-
-    @property
-    def size(self) -> FloatArray:
-        """Sizes of weight and forces added up, which rounding goes with, and 1 N, shape (T,)."""
-        weight = self.mass * float(np.linalg.norm(self.gravity))
-        return np.asarray(1.0 + weight + np.abs(self.borne[:, :3]).sum(axis=1))
-
-    @cached_property
-    def lowest(self) -> FloatArray:
-        """Height of the lowest point at every tick [m], shape (T,)."""
-        corners = self.vertices - np.array(self.free["center"])
-        return np.asarray(self.center[1:, 2] + (corners @ self.turned[1:].as_matrix()[:, 2].T).min(axis=0))
-
-    def unbalanced(self, force: FloatArray) -> FloatArray:
-        """Residual of Newton's equation [N], shape (T,), for the forces (T, 3); a fixed thing has no velocity."""
-        velocity, heavier = self.velocity, 1.0 + self.damping * self.period
-        if self.fixed:
-            return np.asarray(self.mass / self.period * np.linalg.norm(velocity[1:], axis=1))
-        made = heavier * velocity[1:] - velocity[:-1]
-        wanted = self.period * (force / self.mass + self.gravity)
-        off = np.sqrt(((made - wanted) ** 2).sum(axis=1))
-        # The velocity of a tick that lags goes a fraction of its change.
-        late = np.ones(len(off), bool)
-        late[self.whole] = False
-        change_wanted = (velocity[:-1] + wanted) / heavier - velocity[:-1]
-        change, square = velocity[1:] - velocity[:-1], (change_wanted**2).sum(axis=1)
-        share = np.clip((change * change_wanted).sum(axis=1) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
-        apart = heavier * np.sqrt(((change - share[:, None] * change_wanted) ** 2).sum(axis=1))
-        return np.asarray(self.mass / self.period * np.where(late, apart, off))
-
-
-class FreeMotion(FreeThing):
-    """Motion of a free object, and its contacts."""
-
-    def __init__(self, result: Result) -> None:
-        super().__init__(result, result.body)
-        # Invalid ticks and bodies are found by `_contacts`.
-        contacts = result.contacts
-        self.tick: IntArray = np.clip(contacts["tick"], 0, result.ticks - 1)
-        self.touching: IntArray = np.asarray(contacts["body"], np.int64)
-        self.point, self.normal, self.load, self.friction, self.torsion, self.slip = (
-            np.asarray(contacts[name])
-            for name in ("point", "normal", "normal_force", "friction_force", "torsional_moment", "slip")
-        )
-        # Other things count as the table does; their own motion is not in the slip that is computed here.
-        self.of_table, of_thing = self.touching <= ON_TABLE, self.touching < ON_TABLE
-        # Contacts of another hand, whose poses are in its own result.
-        self.of_other = (self.touching > PALM) | of_thing
-        self.own = ~(self.of_table | self.of_other)
-
-    @cached_property
-    def alone(self) -> BoolArray:
-        """True for ticks in which no hand bears on what has no contacts in the file, shape (T,): things, other hand."""
-        found = np.ones(len(self.ticks), bool)
-        if self.result.other is not None:
-            judge = JudgedTicks(self.result, self.ticks)
-            found = judge.of_other_hand(self.ticks, MEETS).nearest(len(found)).min(axis=1) > MEETS
-        for body in list(self.result.bodies.values())[1:]:
-            found &= ~np.asarray(body["hand_wrench"]).any(axis=1)
-        return found
-
-    @cached_property
-    def force(self) -> FloatArray:
-        """Force of each contact on the body it acts on [N], shape (C, 3)."""
-        return np.asarray(self.load[:, None] * self.normal + self.friction)
-
-    def of_contacts(self, of_table: bool) -> FloatArray:
-        """Wrench of the contacts with table or hands on the object, about its centre of mass, shape (T, 6)."""
-        chosen = self.of_table == of_table
-        sign = 1.0 if of_table else -1.0
-        tick, force = self.tick[chosen], sign * self.force[chosen]
-        moment = np.cross(self.point[chosen] - self.center[1:][tick], force)
-        moment += sign * self.torsion[chosen, None] * self.normal[chosen]
-        found = np.zeros((len(self.ticks), 6))
-        np.add.at(found, tick, np.concatenate([force, moment], axis=1))
-        return found
-
-    @property
-    def coefficient(self) -> FloatArray:
-        """Friction coefficient μ of each contact, shape (C,): of two things the geometric mean of theirs."""
-        table, *others = (
-            one["friction"] if one["table_friction"] is None else one["table_friction"]
-            for one in (body.properties for body in self.result.bodies.values())
-        )
-        # A body of number k has the code -2 - k, and the first one does not touch itself.
-        known = np.array([table, table, *(np.sqrt(table * other) for other in others)])
-        of_body = known[np.clip(-1 - self.touching, 0, len(known) - 1)]
-        return np.asarray(np.where(self.touching >= 0, self.free["friction"], of_body))
 
 
 def free_claims(result: Result) -> list[Claim]:
-    """Judge what the file claims of a free object, or of several things; none where none is free."""
+    """Judge what the file claims of a free object, or of several bodies; none where none is free."""
     if not result.free:
         return []
     motion = FreeMotion(result)
-    things = [motion, *(FreeThing(result, body) for body in list(result.bodies.values())[1:])]
-    joints = [(thing, joint["on"]) for thing in things if (joint := _joint(thing))]
-    pairs = [(thing, one) for thing, on in joints for one in things if one.name == on and not one.fixed]
-    held = [thing for thing, _ in joints if thing not in [one for one, _ in pairs]]
+    bodies = [motion, *(FreeBody(result, body) for body in list(result.bodies.values())[1:])]
+    joints = [(body, joint["on"]) for body in bodies if (joint := body.joint)]
+    pairs = [(body, one) for body, on in joints for one in bodies if one.name == on and not one.fixed]
+    held = [body for body, _ in joints if body not in [one for one, _ in pairs]]
     claims = [
-        *_velocities(things),
-        *_balance([thing for thing in things if not (thing in held or thing.driven)]),
-        *(_driven(thing) for thing in things if thing.driven),
-        *_wrenches(motion, any(things[0] in pair for pair in pairs)),
+        *_velocities(bodies),
+        *_balance([body for body in bodies if not (body in held or body.driven)]),
+        *(driven_claim(body) for body in bodies if body.driven),
+        *_wrenches(motion, any(bodies[0] in pair for pair in pairs)),
         _equal_and_opposite(motion),
         *_cones(motion),
         *_slips(motion),
-        _table(motion, things),
+        _table(motion, bodies),
         *_contacts(motion),
-        _solid(motion),
-        *(_hinge(thing) for thing in held if thing.free.get("hinge")),
-        *(_slider(thing) for thing in held if thing.free.get("slider")),
-        *(_pair_joint(thing, bearer) for thing, bearer in pairs),
+        _solid(bodies),
+        *map(held_claim, held),
+        *(pair_claim(body, bearer) for body, bearer in pairs),
     ]
-    if len(things) > 1:
-        claims += [_between_things(things), _hands_on_things(things)]
-        joined, still = [{thing.name, on} for thing, on in joints], [thing.fixed or thing.driven for thing in things]
-        ways = itertools.permutations(range(len(things)), 2)
-        apart = [(i, j) for i, j in ways if {things[i].name, things[j].name} not in joined]
-        claims.append(things_apart_claim(result, [(i, j) for i, j in apart if not (still[i] and still[j])]))
+    if len(bodies) > 1:
+        claims += [_between_bodies(bodies), _hands_on_bodies(bodies)]
+        joined, still = [{body.name, on} for body, on in joints], [body.fixed or body.driven for body in bodies]
+        ways = itertools.permutations(range(len(bodies)), 2)
+        apart = [(i, j) for i, j in ways if {bodies[i].name, bodies[j].name} not in joined]
+        claims.append(bodies_apart_claim(result, [(i, j) for i, j in apart if not (still[i] and still[j])]))
     return claims
 
 
-def _of_each(name: str, says: str, unit: str, why: str, things: Sequence[FreeThing], figures: Any) -> list[Claim]:
-    """Judge deviations, tolerances and ticks of each thing: the claim is that of the worst one; none for no thing."""
+def _of_each(name: str, says: str, unit: str, why: str, bodies: Sequence[FreeBody], figures: Any) -> list[Claim]:
+    """Judge deviations, tolerances and ticks of each body: the claim is that of the worst one; none for no body."""
     found = [judged(name, says, off, limit, unit, why, ticks=ticks) for off, limit, ticks in figures]
     if len(found) < 2:
         return found
     worst = max(range(len(found)), key=lambda i: (found[i].failed, found[i].worst / found[i].tolerance))
-    note = f"the worst is that of {things[worst].name}"
+    note = f"the worst is that of {bodies[worst].name}"
     return [replace(found[worst], checked=sum(claim.checked for claim in found), note=note)]
 
 
@@ -270,21 +111,23 @@ def _contacts(motion: FreeMotion) -> list[Claim]:
     return [*claims, all_true(name, says, twice, ticks=tick, why="a micrometre; spheres are larger")]
 
 
-def _solid(motion: FreeMotion) -> Claim:
+def _solid(bodies: Sequence[FreeBody]) -> Claim:
     from trimesh.triangles import mass_properties
 
-    name, says = "solid", "centre of mass and inertia are those of the mesh, of one density, in the earth's gravity"
-    try:
-        own = mass_properties(motion.vertices[motion.body.faces])
-    except (IndexError, ValueError, ZeroDivisionError) as error:
-        return Claim(name, says, NOT_JUDGED, note=f"the mesh has none: {error}")
-    inertia = motion.mass / float(own.volume) * np.asarray(own.inertia)
-    extent = float(np.ptp(motion.vertices, axis=0).max())
-    off = [
-        float(np.abs(np.asarray(own.center_mass) - motion.free["center"]).max()) / extent,
-        float(np.abs(inertia - motion.inertia).max() / np.abs(inertia).max()),
-        float(np.abs(motion.gravity - EARTH).max()),
-    ]
+    name, says = "solid", "centres of mass and inertias are those of the meshes, of one density, in the earth's gravity"
+    off = []
+    for body in bodies:
+        try:
+            own = mass_properties(body.vertices[body.stored.faces])
+        except (IndexError, ValueError, ZeroDivisionError) as error:
+            return Claim(name, says, NOT_JUDGED, note=f"the mesh of {body.name} has none: {error}")
+        inertia = body.mass / float(own.volume) * np.asarray(own.inertia)
+        extent = float(np.ptp(body.vertices, axis=0).max())
+        off += [
+            float(np.abs(np.asarray(own.center_mass) - body.free["center"]).max()) / extent,
+            float(np.abs(inertia - body.inertia).max() / np.abs(inertia).max()),
+            float(np.abs(body.gravity - EARTH).max()),
+        ]
     claim = judged(name, says, off, FORCE, "1", "a millionth: sums over the triangles in another order")
     if claim.failed:
         note = f"they are off by {max(off):.2g} of it: a program that calls the library may give others"
@@ -292,39 +135,39 @@ def _solid(motion: FreeMotion) -> Claim:
     return claim
 
 
-def _velocities(things: Sequence[FreeThing]) -> list[Claim]:
+def _velocities(bodies: Sequence[FreeBody]) -> list[Claim]:
     # A position is rounded to 1e-16, a quaternion to a few of them; over 1 ms that is 1e-13 and more.
     why, travel, turn = "rounding of a pose over a period of the ticks", [], []
-    for thing in things:
-        kept = thing.whole[thing.follows[thing.whole]]
+    for body in bodies:
+        kept = body.whole[body.follows[body.whole]]
         # The start of the first step is not in the file.
         kept = kept[kept > 0]
-        made = np.diff(thing.center, axis=0) / thing.period - thing.velocity[1:]
+        made = np.diff(body.center, axis=0) / body.period - body.velocity[1:]
         travel.append((np.linalg.norm(made, axis=1)[kept], 1e-9, kept))
-        turn.append((np.linalg.norm(thing.turn / thing.period - thing.spin[1:], axis=1)[kept], 1e-9, kept))
+        turn.append((np.linalg.norm(body.turn / body.period - body.spin[1:], axis=1)[kept], 1e-9, kept))
     says = "the object's {} is that of its poses"
     return [
-        *_of_each("object velocity", says.format("velocity"), "m/s", why, things, travel),
-        *_of_each("object angular", says.format("angular velocity"), "rad/s", why, things, turn),
+        *_of_each("object velocity", says.format("velocity"), "m/s", why, bodies, travel),
+        *_of_each("object angular", says.format("angular velocity"), "rad/s", why, bodies, turn),
     ]
 
 
-def _balance(things: Sequence[FreeThing]) -> list[Claim]:
+def _balance(bodies: Sequence[FreeBody]) -> list[Claim]:
     says = "m Δv / Δt is the weight and the forces of hand and table; in a tick that lags, a share of them"
     newton = []
-    for thing in things:
-        kept = np.flatnonzero(thing.follows)
-        limit = FORCE * thing.size
-        newton.append((thing.unbalanced(thing.borne[:, :3])[kept], limit[kept], kept))
-    claims = _of_each("Newton", says, "N", WHY_FORCE, things, newton)
+    for body in bodies:
+        kept = np.flatnonzero(body.follows)
+        limit = FORCE * body.size
+        newton.append((body.unbalanced(body.borne[:, :3])[kept], limit[kept], kept))
+    claims = _of_each("Newton", says, "N", WHY_FORCE, bodies, newton)
     says = "the change of its turning is the moments of hand and table"
     why = "a millionth of the forces at the object's length; of several programs in a tick the object's turn of the "
     why += "moment, since nobody knows which of the axes between they had"
-    free = [thing for thing in things if not thing.fixed]
+    free = [body for body in bodies if not body.fixed]
     return [*claims, *_of_each("Euler", says, "N·m", why, free, map(_euler, free))]
 
 
-def _euler(motion: FreeThing) -> tuple[FloatArray, FloatArray, IntArray]:
+def _euler(motion: FreeBody) -> tuple[FloatArray, FloatArray, IntArray]:
     """Residual of Euler's equation [N·m], its tolerance and the ticks."""
     from scipy.spatial.transform import Rotation
 
@@ -461,8 +304,8 @@ def _balanced(motion: FreeMotion, slip: FloatArray) -> Claim:
     why = "twice the slip, which may have turned round, and in a tick that lags what it has to go; the clearance"
     note = f"µm in contact: {size[0]:.2g} in the median, {size[1]:.2g} at p99, {size[2]:.2g} at most"
     if len(motion.result.bodies) > 1:
-        # The residual is of all things, the contacts in the file are the first one's.
-        return Claim("balanced", says, NOT_JUDGED, note="contacts of the other things alone are not in the file")
+        # The residual is of all bodies, the contacts in the file are the first one's.
+        return Claim("balanced", says, NOT_JUDGED, note="contacts of the other bodies alone are not in the file")
     return judged("balanced", says, off, 2.0 * most + CLEAR, "m", why, ticks=motion.ticks, note=note)
 
 
@@ -543,21 +386,21 @@ def hand_frames(posed: Posed, palm: FloatArray) -> tuple[FloatArray, FloatArray]
 def free_hand_claim(judge: JudgedTicks) -> Claim:
     """Judge a free object's hand, world: contacts, friction and joint limits balance the coupling.
 
-    Contacts with other things are not in the file: any that push within their cones, where the hand is near enough,
-    may bear what is left, as long as they give the forces on the hand's bodies and on these things.
+    Contacts with other bodies are not in the file: any that push within their cones, where the hand is near enough,
+    may bear what is left, as long as they give the forces on the hand's bodies and on these bodies.
     """
     name, says = "hand's balance", "the coupling of a settled tick is borne by its contacts, friction and all, "
     says += "and by joints at their limits"
     result, motion = judge.result, FreeMotion(judge.result)
-    others = [FreeThing(result, body) for body in list(result.bodies.values())[1:]]
+    others = [FreeBody(result, body) for body in list(result.bodies.values())[1:]]
     settled = judge.status[judge.chosen] & (STUCK | LAG | CAPACITY_EXCEEDED) == 0
     places, ticks = np.flatnonzero(settled), judge.chosen[settled]
     size = np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1)
     stored = judge.stored_forces(ticks).reshape(len(ticks), 3 * (PALM + 1))
     near = _near_others(judge, motion, places[~motion.alone[ticks]])
-    # A wrench on a thing is that of both hands.
+    # A wrench on a body is that of both hands.
     known = others if result.other is None else []
-    wrench = np.concatenate([stored[:, :0], *(thing.of("hand_wrench")[ticks] for thing in known)], axis=1)
+    wrench = np.concatenate([stored[:, :0], *(body.of("hand_wrench")[ticks] for body in known)], axis=1)
     scale = np.concatenate([judge.scale, np.ones(stored.shape[1]), np.tile(judge.scale[:6], len(known))])
     off = np.empty(len(places))
     for n, (i, tick) in enumerate(zip(places.tolist(), ticks.tolist())):
@@ -571,12 +414,12 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
         met = judge.against_other_hand.of(i)
         by_hand = pushes(judge.chosen_posed, i, met.body, met.point, met.normal)
         may.append(np.concatenate([*by_hand, np.zeros((len(met.body), len(wrench[n])))], axis=1)[:, : len(scale)])
-        for k, thing in enumerate(others):
-            body, point, force, twist = _cone(near.of(i), judge.bodies[k + 1], thing.free)
-            on_thing = np.zeros((len(body), len(others), 6))
-            on_thing[:, k, :3], on_thing[:, k, 3:] = -force, -np.cross(point - thing.center[tick + 1], force) - twist
-            by_thing = pushes(judge.chosen_posed, i, body, point, force, twist)
-            columns = np.concatenate([*by_thing, on_thing.reshape(len(body), 6 * len(others))], axis=1)
+        for k, body in enumerate(others):
+            parts, point, force, twist = _cone(near.of(i), judge.bodies[k + 1], body.free)
+            on_body = np.zeros((len(parts), len(others), 6))
+            on_body[:, k, :3], on_body[:, k, 3:] = -force, -np.cross(point - body.center[tick + 1], force) - twist
+            by_body = pushes(judge.chosen_posed, i, parts, point, force, twist)
+            columns = np.concatenate([*by_body, on_body.reshape(len(parts), 6 * len(others))], axis=1)
             may.append(columns[:, : len(scale)])
         wanted = np.concatenate([judge.pull[tick] - borne, stored[n] - on_bodies, wrench[n]])
         off[n] = residual((np.concatenate(may) * scale).T, wanted * scale)
@@ -584,12 +427,12 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
     return judged(name, says, off, tolerance, "N", WHY_SLACK, ticks=ticks)
 
 
-def _hand_slack(judge: JudgedTicks, things: Sequence[FreeThing], size: FloatArray, places: IntArray) -> FloatArray:
+def _hand_slack(judge: JudgedTicks, bodies: Sequence[FreeBody], size: FloatArray, places: IntArray) -> FloatArray:
     """Tolerance [N] of the hand's balance at some chosen ticks, by the last steps of both bodies of a contact."""
     ticks, longest = judge.chosen[places], float(judge.options["step_tolerance"])
     # The last of several programs may take back what those before it made: the tick's travel does not bound its step.
     several = np.asarray(judge.result["work/linearisations"])[ticks] > 1
-    past = np.max([np.where(thing.of("hand_wrench").any(axis=1), thing.travel, 0.0) for thing in things], axis=0)[ticks]
+    past = np.max([np.where(body.of("hand_wrench").any(axis=1), body.travel, 0.0) for body in bodies], axis=0)[ticks]
     step = np.where(several, longest, np.minimum(judge.moved[ticks] + past, longest))
     slack = FORCE * (1.0 + size[places]) + TURN * size[places] * step / judge.rolling
     if judge.other is not None:
@@ -604,7 +447,7 @@ def _hand_slack(judge: JudgedTicks, things: Sequence[FreeThing], size: FloatArra
 
 
 def _near_others(judge: JudgedTicks, motion: FreeMotion, places: IntArray) -> Pairs:
-    """Pairs of the hand and the other things that may bear a force at some chosen ticks, world."""
+    """Pairs of the hand and the other bodies that may bear a force at some chosen ticks, world."""
     within = judge.touch + _stands_off(judge, motion.ticks) + motion.of("friction_residual")
     reach = float(within[judge.chosen[places]].max(initial=0.0)) + LENGTH
     near = joined([judge.near_body(body, places, reach) for body in judge.bodies[1:] or judge.bodies])
@@ -613,7 +456,7 @@ def _near_others(judge: JudgedTicks, motion: FreeMotion, places: IntArray) -> Pa
 
 
 def _cone(pairs: Pairs, of: JudgedBody, free: Mapping[str, Any]) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-    """Bodies, points [m], forces [N] and moments [N·m] that span what contacts with a thing may do to the hand.
+    """Bodies, points [m], forces [N] and moments [N·m] that span what contacts with a body may do to the hand.
 
     A pyramid around the circular cone holds it, and a pair at an edge of several triangles counts once.
     """
@@ -633,24 +476,24 @@ def _cone(pairs: Pairs, of: JudgedBody, free: Mapping[str, Any]) -> tuple[IntArr
 def _stands_off(judge: JudgedTicks, ticks: IntArray) -> FloatArray:
     """Distance [m] of what bears a force: steps are straight and rotations are not; the slip has a clearance.
 
-    Hand and thing go straight and turn about points of their own. Turned together by φ they come apart by ½ φ² times
-    the distance of these points, and by φ times what the hand goes beside the thing.
+    Hand and body go straight and turn about points of their own. Turned together by φ they come apart by ½ φ² times
+    the distance of these points, and by φ times what the hand goes beside the body.
     """
     motion, posed = FreeMotion(judge.result), judge.shown_posed
     points = np.concatenate([posed.joints.reshape(len(judge.numbers), -1, 3), posed.position[:, None]], axis=1)
     if judge.result.view is not None:
         now = motion.turned[1:].as_matrix()
         points = np.einsum("tij,tnj->tni", now, points - motion.place) + motion.of("position")[:, None]
-    bends, things = np.zeros(len(points)), [FreeThing(judge.result, body) for body in judge.result.bodies.values()]
-    movable = [thing.name for thing in things if not thing.fixed]
-    for thing in things:
-        # A thing that another one bears goes on its own, and their joint draws it back.
-        hinge = thing.free.get("hinge")
-        pivot = hinge["origin"] if hinge and hinge["on"] not in movable else thing.free["center"]
-        there = points - thing.moved(np.array(pivot))[1:, None]
-        beside = np.einsum("tji,tnj->tni", thing.turned[1:].as_matrix(), there)
+    bends, bodies = np.zeros(len(points)), [FreeBody(judge.result, body) for body in judge.result.bodies.values()]
+    movable = [body.name for body in bodies if not body.fixed]
+    for body in bodies:
+        # A body that another one bears goes on its own, and their joint draws it back.
+        hinge = body.free.get("hinge")
+        pivot = hinge["origin"] if hinge and hinge["on"] not in movable else body.free["center"]
+        there = points - body.moved(np.array(pivot))[1:, None]
+        beside = np.einsum("tji,tnj->tni", body.turned[1:].as_matrix(), there)
         way = np.linalg.norm(np.diff(beside, axis=0, prepend=np.inf), axis=2).max(axis=1).clip(max=judge.margin)
-        turn = np.linalg.norm(thing.turn, axis=1)
+        turn = np.linalg.norm(body.turn, axis=1)
         bends = np.maximum(bends, turn * (0.5 * turn * np.linalg.norm(there[:, -1], axis=1) + way))
     return np.asarray(CLEAR + judge.moved[ticks].clip(max=judge.margin) ** 2 / RADIUS + bends[ticks])
 
@@ -664,7 +507,7 @@ def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     on_the_way = motion.own & ~np.isin(motion.tick, motion.whole)
     slipped = float(motion.free["friction"]) * motion.slip[on_the_way]
     np.maximum.at(floats, (motion.tick[on_the_way], motion.touching[on_the_way]), slipped)
-    # How a contact with another thing slips in a tick that lags is not in the file.
+    # How a contact with another body slips in a tick that lags is not in the file.
     known = motion.alone | (judge.status & LAG == 0)
     places = np.flatnonzero((judge.status[judge.chosen] & STUCK == 0) & known[judge.chosen])
     ticks = judge.chosen[places]
@@ -677,130 +520,38 @@ def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     return bears_where_near(judge, places, nearest[places] - floats[ticks], within, says)
 
 
-def _table(motion: FreeMotion, things: Sequence[FreeThing]) -> Claim:
+def _table(motion: FreeMotion, bodies: Sequence[FreeBody]) -> Claim:
     says, height = "the object's lowest point is above the table, as high as the file says", motion.free["table"]
     stored = motion.of("table_distance")
     if height is None:
         return all_true("table", says, np.isfinite(stored), ticks=motion.ticks, note="there is none")
-    lowest = [thing.lowest - height for thing in things if not (thing.fixed or thing.driven)]
+    lowest = [body.lowest - height for body in bodies if not (body.fixed or body.driven)]
     off = np.maximum(np.abs(lowest[0] - stored), -np.min(lowest, axis=0))
     return judged("table", says, off, LENGTH, "m", "a nanometre", ticks=motion.ticks)
 
 
-def _joint(thing: FreeThing) -> dict[str, Any] | None:
-    return thing.free.get("hinge") or thing.free.get("slider")
-
-
-def _joint_motion(thing: FreeThing, bearer: FreeThing | None = None) -> tuple[FloatArray, FloatArray]:
-    """Value of a joint in the world, or on its bearer [rad, m], (T + 1,), and how far the thing is off it, (T,)."""
-    hinge, joint = thing.free.get("hinge"), _joint(thing) or {}
-    axis, limits = np.array(joint["axis"]) / np.linalg.norm(joint["axis"]), joint["limits"] or (-np.inf, np.inf)
-    origin = np.array(hinge["origin"] if hinge else thing.free["center"])
-    way, turned = thing.moved(origin) - origin, thing.turned
-    if bearer is not None:
-        back = bearer.turned.inv()
-        way, turned = back.apply(thing.moved(origin) - bearer.moved(origin)), back * turned
-    value = turned.as_rotvec() @ axis if hinge else way @ axis
-    kept = [way if hinge else way - np.outer(value, axis), turned.apply(axis) - axis if hinge else turned.as_rotvec()]
-    off = np.linalg.norm(kept, axis=2).max(axis=0)
-    return value, np.maximum(off, np.maximum(limits[0] - value, value - limits[1]))[1:]
-
-
-def _hinge(thing: FreeThing) -> Claim:
-    """Judge the motion of a hinged thing: rotation about the axis alone, within limits, by the moments on it."""
-    from scipy.spatial.transform import Rotation
-
-    hinge, rate, mass, gravity = thing.free["hinge"], 1.0 / thing.period, thing.mass, thing.gravity
-    axis, origin = np.array(hinge["axis"]) / np.linalg.norm(hinge["axis"]), np.array(hinge["origin"])
-    wrench, spin = thing.borne, thing.spin @ axis
-    angle, off = _joint_motion(thing)
-    off /= LENGTH
-    arm = thing.center - origin
-    arm -= np.outer(arm @ axis, axis)
-    length = np.linalg.norm(arm[0])
-    moment = (wrench[:, 3:] + np.cross(arm[:-1], wrench[:, :3])) @ axis
-    middle = Rotation.from_rotvec(np.outer(0.5 * thing.period * spin[:-1], axis)).apply(arm[:-1])
-    inertia = axis @ thing.inertia @ axis + mass * length**2
-    # What is left is the hinge's own: friction, and at a limit what it bears.
-    own = inertia * rate * ((1.0 + thing.damping / rate) * spin[1:] - spin[:-1]) - moment
-    own -= mass * np.cross(middle, gravity) @ axis
-    size = FORCE * (thing.size + np.abs(wrench[:, 3:]).sum(axis=1)) * (1.0 + length)
-    # Of several programs in a tick the last one began anywhere between its ends; the speed changes meanwhile.
-    turned = np.where(np.asarray(thing.result["work/linearisations"]) > 1, np.abs(np.diff(angle)), 0.0)
-    turned += np.abs(np.diff(spin)) * thing.period
-    size += turned * length * (np.abs(wrench[:, :3]).sum(axis=1) + mass * np.linalg.norm(gravity))
-    wrong = _beyond_friction(hinge, angle[1:], spin[1:], own) / size
-    off[thing.whole] = np.maximum(off, wrong)[thing.whole]
-    says = f"{thing.name} only turns about its hinge, within its limits, as moments, weight and friction have it"
-    return judged("hinge", says, off, 1.0, "1", "a nanometre; a millionth of the forces", ticks=thing.ticks)
-
-
-def _slider(thing: FreeThing) -> Claim:
-    """Judge the motion of a thing on a slider: along the axis alone, within limits, by the forces along it."""
-    slider, rate, force = thing.free["slider"], 1.0 / thing.period, thing.borne[:, :3]
-    axis = np.array(slider["axis"]) / np.linalg.norm(slider["axis"])
-    way, off = _joint_motion(thing)
-    off, speed = off / LENGTH, thing.velocity @ axis
-    # What is left is the slider's own: friction, and at a limit what it bears.
-    own = thing.mass * (rate * ((1.0 + thing.damping / rate) * speed[1:] - speed[:-1]) - thing.gravity @ axis)
-    wrong = _beyond_friction(slider, way[1:], speed[1:], own - force @ axis)
-    wrong /= FORCE * thing.size
-    off[thing.whole] = np.maximum(off, wrong)[thing.whole]
-    says = f"{thing.name} only moves along its slider, within its limits, as forces, weight and friction have it"
-    return judged("slider", says, off, 1.0, "1", "a nanometre; a millionth of the forces", ticks=thing.ticks)
-
-
-def _pair_joint(thing: FreeThing, bearer: FreeThing) -> Claim:
-    """Judge the motion of a thing beside the free one that bears its joint: about or along the axis, within limits."""
-    _, off = _joint_motion(thing, bearer)
-    says = f"{thing.name} only turns or moves beside {bearer.name} as its joint lets it, within its limits"
-    return judged("joint", says, off[thing.whole], JOINED, "m, rad", "twice that of a program", ticks=thing.whole)
-
-
-def _beyond_friction(joint: Mapping[str, Any], value: FloatArray, speed: FloatArray, own: FloatArray) -> FloatArray:
-    """Return by how much a joint's own force or moment is no dry friction, (T,); what a limit bears is none of it."""
-    least, most = joint["limits"] or (-np.inf, np.inf)
-    moves, friction = np.abs(speed) > MOVES, joint["friction"]
-    against = -friction * np.sign(speed)
-    beyond = np.where(value <= least + AT_LIMIT, 0.0, own - np.where(moves, against, friction))
-    short = np.where(value >= most - AT_LIMIT, 0.0, np.where(moves, against, -friction) - own)
-    return np.maximum(beyond, short)
-
-
-def _driven(thing: FreeThing) -> Claim:
-    """Judge that a driven thing goes as recorded, but for what the forces on it move it by, as heavy as it counts."""
-    way = thing.of("position") - thing.of("recorded_position")
-    poses = (rotations(thing.of(name))[0] for name in ("orientation", "recorded_orientation"))
-    turn = (next(poses).inv() * next(poses)).magnitude()
-    off = np.maximum(np.linalg.norm(way, axis=1), turn)[thing.whole]
-    borne = (np.abs(thing.borne).sum(axis=1) * thing.period**2 / DRIVEN)[thing.whole]
-    says = f"{thing.name} goes as recorded in every tick that does not lag"
-    why = "a nanometre, and what the forces on it move a mass of 1,000 t by in a tick"
-    return judged("driven", says, off, LENGTH + borne, "m, rad", why, ticks=thing.whole)
-
-
-def _between_things(things: Sequence[FreeThing]) -> Claim:
+def _between_bodies(bodies: Sequence[FreeBody]) -> Claim:
     """Judge forces, and moments about the origin; a moment is about what a contact was at in the tick."""
-    force, moment = np.zeros((2, len(things[0].ticks), 3))
+    force, moment = np.zeros((2, len(bodies[0].ticks), 3))
     size, travel = np.ones(len(force)), np.zeros(len(force))
-    for thing in things:
-        wrench = thing.of("body_wrench")
+    for body in bodies:
+        wrench = body.of("body_wrench")
         force += wrench[:, :3]
-        moment += wrench[:, 3:] + np.cross(thing.center[1:], wrench[:, :3])
+        moment += wrench[:, 3:] + np.cross(body.center[1:], wrench[:, :3])
         size += np.abs(wrench).sum(axis=1)
-        travel += thing.travel
+        travel += body.travel
     off = np.maximum(np.abs(force).max(axis=1), np.maximum(0.0, np.abs(moment).max(axis=1) - size * travel))
-    says = "the forces of the things on each other are equal and opposite, and their moments but for the tick's travel"
-    return judged("between things", says, off, FORCE * size, "N, N·m", WHY_FORCE, ticks=things[0].ticks)
+    says = "the forces of the bodies on each other are equal and opposite, and their moments but for the tick's travel"
+    return judged("between bodies", says, off, FORCE * size, "N, N·m", WHY_FORCE, ticks=bodies[0].ticks)
 
 
-def _hands_on_things(things: Sequence[FreeThing]) -> Claim:
-    result, name = things[0].result, "hands on things"
-    says, hands = "the forces of the hands on the things are opposite to those on the hands", [result]
+def _hands_on_bodies(bodies: Sequence[FreeBody]) -> Claim:
+    result, name = bodies[0].result, "hands on bodies"
+    says, hands = "the forces of the hands on the bodies are opposite to those on the hands", [result]
     if result.other is not None:
         hands = [result, result.other]
     ticks = np.arange(min(hand.ticks for hand in hands))
-    forces = [thing.of("hand_wrench")[ticks, :3] for thing in things]
+    forces = [body.of("hand_wrench")[ticks, :3] for body in bodies]
     forces += [np.asarray(hand["force/total"])[ticks] for hand in hands]
     off, size = np.abs(np.sum(forces, axis=0)).max(axis=1), 1.0 + np.abs(forces).sum(axis=(0, 2))
     return judged(name, says, off, FORCE * size, "N", WHY_FORCE, ticks=ticks)

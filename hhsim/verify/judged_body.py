@@ -1,4 +1,4 @@
-"""Rigid bodies that a hand touches, object or parts of a thing: the hand as each sees it, and claims of their motion.
+"""Bodies that a hand touches, and the hand as each of them sees it.
 
 A pose p, q of an object that began at P, Q maps x to q Q⁻¹ (x − P) + p; this is inverted, by scipy's rotations.
 """
@@ -6,7 +6,6 @@ A pose p, q of an object that began at P, Q maps x to q Q⁻¹ (x − P) + p; th
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,23 +14,10 @@ from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import ObjectMotion
 from hhsim.replay.stored_scene import stored_mesh
-from hhsim.result.body import Body
 from hhsim.result.reader import TURNS, Result
-from hhsim.scene.synthesis import carried
-from hhsim.verify.claim import Claim, judged
 from hhsim.verify.contacts import Pairs, Places, ReadyTriangles, ball_places, ready_triangles, triangle_places
-from hhsim.verify.file_checks import leaves, own_script
+from hhsim.verify.file_checks import leaves
 from hhsim.verify.kinematics import Posed, rotations
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
-
-SOME = 200
-"""Ticks by which a joint's place is found."""
-JOINED = 1e-9
-"""Tolerance of a joint's value, and of what hangs on it [m, rad]."""
-ABOVE = 1e-6
-"""Largest initial height of a free object above its place [m], from the solver's offset to the table."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +85,7 @@ class JudgedBody:
 
 
 def judged_bodies(result: Result, ticks: IntArray) -> tuple[JudgedBody, ...]:
-    """Return the object of a result, which stands still in its frame, or the parts of its thing at some ticks."""
+    """Return the bodies of a result at some ticks; one alone stands still in its frame."""
     on_mesh, found, first = result.surface == "mesh", list[JudgedBody](), 0
     moved_bodies = result.meshes_moved()
     if not moved_bodies:
@@ -129,111 +115,3 @@ def seen_by_referee(name: str, values: AnyArray, now: ObjectMotion, first: Objec
         seen = np.einsum("tij,tnj->tni", matrix, moved) + (first.position if at_point else 0.0)
     seen[none] = np.nan
     return np.asarray(seen.reshape(values.shape))
-
-
-def _first_step(result: Result) -> float:
-    """Largest first step of a free object [m], from its place in the file or `ABOVE` it.
-
-    A quaternion changes by half the turn, and the origin of the frame goes round the centre of mass.
-    """
-    body = result.body
-    arm = np.linalg.norm(np.array(body.properties["center"]) - body.place.position)
-    turn = np.linalg.norm(body["angular_velocity"][0]) * max(0.5, float(arm))
-    return ABOVE + float(np.linalg.norm(body["velocity"][0]) + turn) / result.rate
-
-
-def object_motion_claims(result: Result) -> list[Claim]:
-    """Judge a moving object's poses: valid, from the object's place on, and the script's; and those of parts."""
-    if not result.driven:
-        return _poses_of_parts(result)
-    poses = result.poses(result.frame)
-    place = result.body.place if len(result.bodies) == 1 else poses.at(0)
-    off = np.abs(np.linalg.norm(poses.orientation, axis=1) - 1.0)
-    off = np.where(np.isfinite(poses.position).all(axis=1) & np.isfinite(off), off, np.inf)
-    # The opposite quaternion is the same rotation, but a jump of its numbers.
-    off[1:][(poses.orientation[1:] * poses.orientation[:-1]).sum(axis=1) < 0.0] = np.inf
-    says, note = "the object has a pose at every tick, with a unit quaternion", ""
-    if not result.free:
-        says += ", where the scene says that it moves"
-        if result.scene.get("object_pose") == "fixed":
-            off[:], note = np.inf, "the scene says that it is fixed"
-        own = _of_the_script(result)
-        if own is not None:
-            says += ", and as its script carries it"
-            off = np.max([off, *(np.abs(a - b).max(axis=1) for a, b in zip(poses, own))], axis=0)
-    first = max(float(np.abs(values[0] - stored).max()) for values, stored in zip(poses, place, strict=True))
-    tolerance = _first_step(result) if result.free else 0.0
-    why = "its first step, and what it may be raised by to stand on its table" if result.free else "the same numbers"
-    poses_claim = judged("object poses", says, off, 1e-9, "m, 1", "rounding", ticks=np.arange(result.ticks), note=note)
-    says = "the object's mesh and tree lie where its first pose has them"
-    at_first = judged("object at first", says, [first], tolerance, "m, 1", why)
-    return [poses_claim, at_first, *_poses_of_parts(result)]
-
-
-def _poses_of_parts(result: Result) -> list[Claim]:
-    off = []
-    for body in result.bodies.values() if len(result.bodies) > 1 else ():
-        unit = np.abs(np.linalg.norm(body["orientation"], axis=1) - 1.0)
-        off.append(np.where(np.isfinite(body["position"]).all(axis=1) & np.isfinite(unit), unit, np.inf))
-    says = "every part has a pose at every tick, with a unit quaternion"
-    ticks = np.arange(result.ticks)
-    if not off:
-        return []
-    claims = [judged("poses of parts", says, np.max(off, axis=0), 1e-9, "1", "rounding", ticks=ticks)]
-    joints = [_off_joint(result, body) for body in result.bodies.values() if "joint" in body]
-    if joints:
-        says = "a body on a joint turns about, or moves along, an axis of another one, as far as the joint's value says"
-        claims.append(judged("joints", says, np.max(joints, axis=0), JOINED, "m, rad", "rounding", ticks=ticks))
-    return claims
-
-
-def _off_joint(result: Result, body: Body) -> FloatArray:
-    """Compute how far a body is off its joint with the body beside which it moves most alike, [m, rad], shape (T,)."""
-    value = body["joint"] - body["joint"][0]
-    found = []
-    for other in result.bodies.values():
-        if other is not body:
-            turns, places = zip(*((rotations(of.orientation)[0], of.position) for of in (body.poses(), other.poses())))
-            turn, place = turns[1].inv() * turns[0], turns[1].inv().apply(places[0] - places[1])
-            # In the other body's frame a point x of the first tick goes to D x + s.
-            moved = turn * turn[0].inv()
-            shift = place - moved.apply(place[0])
-            found += [_off_hinge(moved, shift, sign * value) for sign in (1.0, -1.0)]
-            found.append(_off_slider(moved, shift, value))
-    return min((np.nan_to_num(off, nan=np.inf) for off in found), key=lambda off: float(off.max()))
-
-
-def _off_hinge(moved: "Rotation", shift: FloatArray, value: FloatArray) -> FloatArray:
-    from scipy.spatial.transform import Rotation
-
-    way = moved.as_rotvec() * np.sign(value)[:, None]
-    most = int(np.linalg.norm(way, axis=1).argmax())
-    size = float(np.linalg.norm(way[most]))
-    axis = way[most] / size if size > 0.0 else np.eye(3)[0]
-    turned = (Rotation.from_rotvec(np.outer(value, axis)).inv() * moved).magnitude()
-    across = np.eye(3) - moved.as_matrix()
-    some = slice(None, None, max(1, len(value) // SOME))
-    origin = np.linalg.lstsq(across[some].reshape(-1, 3), shift[some].ravel(), rcond=None)[0]
-    return np.asarray(np.maximum(turned, np.linalg.norm(across @ origin - shift, axis=1)))
-
-
-def _off_slider(moved: "Rotation", shift: FloatArray, value: FloatArray) -> FloatArray:
-    most = int(np.abs(value).argmax())
-    axis = shift[most] / (value[most] or 1.0)
-    off = np.linalg.norm(shift - np.outer(value, axis), axis=1)
-    long = abs(float(np.linalg.norm(axis)) - 1.0) * np.abs(value)
-    return np.asarray(np.maximum(moved.magnitude(), np.maximum(off, long)))
-
-
-def _of_the_script(result: Result) -> ObjectMotion | None:
-    """Motion of the object in a script of the catalogue with a sample a tick; None for another motion."""
-    script = own_script(result)
-    if script is None or script.rate != result.rate:
-        return None
-    start = result.body.place if len(result.bodies) == 1 else result.poses(result.frame, slice(1)).at(0)
-    moved = carried(script, np.arange(script.sample_count) / script.rate, start[0])
-    if moved is None:
-        return None
-    position, orientation = (np.tile(values, (script.sample_count, 1)) for values in start)
-    ticks = np.minimum(np.arange(result.ticks), script.sample_count - 1)
-    return ObjectMotion(moved.points(position), moved.orientations(orientation)).at(ticks)

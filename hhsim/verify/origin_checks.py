@@ -16,8 +16,7 @@ from hhsim.result.body import Body
 from hhsim.result.reader import Result
 from hhsim.result.schema import BETWEEN_COLUMNS, HANDS_APART
 from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS
-from hhsim.scene.declared_bodies import load_bodies
-from hhsim.scene.motion_catalogue import resolve_trajectory
+from hhsim.solver.free_object import LAW
 from hhsim.trees.cache import cached_sphere_tree, shipped_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
@@ -37,7 +36,8 @@ def origin_claims(result: Result, again: bool = False) -> list[Claim]:
     mesh = own_object(result, again)
     tree = None if mesh is None else own_tree(result, mesh, again)
     return [
-        _object(result, mesh, again),
+        # Several bodies are judged as their file declares them.
+        *([_object(result, mesh, again)] if len(result.bodies) == 1 else []),
         _tree(result, mesh, tree, again),
         *(judge(result) for judge in (_hand, _palm, _described)),
         *_beyond_a_file(result, again),
@@ -64,21 +64,6 @@ def own_object(result: Result, again: bool) -> Mesh | None:
     except HhsimError:
         return None
     return mesh if mesh is not None and mesh.sha256 == stated else None
-
-
-def own_meshes(result: Result, again: bool) -> tuple[Mesh, ...] | None:
-    """Meshes of several bodies that the scene names, in their own frames; None where they are not available."""
-    word, scene = str(result.scene.get("object") or ""), result.scene
-    try:
-        motion = resolve_trajectory(str(scene["trajectory"]), scene.get("reading"))
-        if names_a_file(word) and not again:
-            return None
-        bodies = load_bodies(word, motion, solid=result.surface != "mesh")
-    except HhsimError:
-        return None
-    # Those of free bodies are stored where they begin.
-    known = not result.free and bodies.mesh.sha256 == scene.get("object_mesh")
-    return tuple(bodies.meshes.values()) if known else None
 
 
 def own_tree(result: Result, mesh: Mesh, again: bool) -> SphereTree | None:
@@ -110,12 +95,6 @@ def _tree_options(result: Result) -> TreeOptions | None:
 
 def _object(result: Result, mesh: Mesh | None, again: bool) -> Claim:
     name, says = "object", "the object is the one that the scene names"
-    if len(result.bodies) > 1 and (meshes := own_meshes(result, again)) is not None:
-        apart = []
-        for own, body in zip(meshes, result.bodies.values(), strict=True):
-            same = own.vertices.shape == body.vertices.shape and np.array_equal(own.faces, body.faces)
-            apart.append(np.linalg.norm(own.vertices - body.vertices, axis=1) if same else np.array([np.inf]))
-        return judged(name, says, np.concatenate(apart), SAME_PLACE, "m", WHY_SAME_PLACE)
     if mesh is None:
         where = "it is no object of the catalogue" + ("" if again else "; --again reads mesh files")
         return Claim(name, says, NOT_JUDGED, unit="m", note=f"{where}, and its mesh file is not in the result")
@@ -185,10 +164,11 @@ def _described(result: Result) -> Claim:
         "modelled.palm_spheres": (modelled["palm_spheres"], palm),
         "modelled.object_spheres": (modelled["object_spheres"], leaf),
         "modelled.all_pairs": (modelled["all_pairs"], (PALM + palm) * leaf),
-        "modelled.not_modelled": ("friction" in modelled["not_modelled"], not result.free),
+        "modelled.not_modelled": (modelled["not_modelled"], _left_out(result)),
+        "friction_law": (scene.get("friction_law"), LAW if result.free else None),
         "tree_options.level": ((scene.get("tree_options") or {}).get("level", depth), depth),
         "hand.side": (scene["hand"]["side"], result.name),
-        "bodies": ([body.name for body in result.bodies.values() if body.kind == "fixed" and _moved(body)], []),
+        "bodies": ([body.name for body in result.bodies.values() if not _is_of_kind(body)], []),
         **_apart(result),
         "ticks": (not result.complete or result.ticks <= int(scene.get("ticks") or result.ticks), True),
     }
@@ -196,6 +176,11 @@ def _described(result: Result) -> Claim:
     note = "; ".join(f"{name} is stated as {given}, there are {own}" for name, (given, own) in wrong.items())
     says = "spheres, fingers and pairs are as many as the scene says"
     return all_true("scene", says, np.isin(list(stated), list(wrong)), note=note)
+
+
+def _left_out(result: Result) -> list[str]:
+    own = [*([] if result.free else ["friction", "dynamics"]), "deformation"]
+    return own if result.scene["solver"].get("self_contact") else [*own, "finger-to-finger contact"]
 
 
 def _apart(result: Result) -> dict[str, tuple[bool, bool]]:
@@ -207,9 +192,10 @@ def _apart(result: Result) -> dict[str, tuple[bool, bool]]:
     return {HANDS_APART: (bool(result.scene.get(HANDS_APART)), own)}
 
 
-def _moved(body: Body) -> bool:
-    """Return True if a body is not where it is stored in every tick."""
-    return any(np.abs(values - values[:1]).max(initial=0.0) > SAME_PLACE for values in body.moved())
+def _is_of_kind(body: Body) -> bool:
+    """Return True if a body has poses, or stands still, as its kind says."""
+    still = all(np.abs(values - values[:1]).max(initial=0.0) <= SAME_PLACE for values in body.moved())
+    return still if body.kind == "fixed" else body.moves
 
 
 def _palm(result: Result) -> Claim:

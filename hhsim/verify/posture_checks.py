@@ -71,15 +71,15 @@ def _lag(judge: JudgedTicks) -> Claim:
     over[none & ~others] = np.inf
     says = "a settled tick has none, another some, and no more than the way left"
     count = counted(int(others.sum()), "tick")
-    note = f"in {count} the hand is done beside the first thing, and what lags has no distance in the file"
+    note = f"in {count} the hand is done beside the first body, and what lags has no distance in the file"
     return judged("lag", says, over, LENGTH, "m", WHY_LENGTH, ticks=judge.numbers, note=note if others.any() else "")
 
 
 def _of_others(judge: JudgedTicks) -> BoolArray:
-    """True for ticks that may lag by the first hand's flag though that hand is done beside the first thing, shape (T,).
+    """True for ticks that may lag by the first hand's flag though that hand is done beside the first body, shape (T,).
 
-    Of several things it has the flag also where a thing, or a hand beside another thing, has distance still to go; the
-    file has the distance of the hand beside the first thing. But no tick ends on the way before its work is spent or
+    Of several bodies it has the flag also where a body, or a hand beside another body, has distance still to go; the
+    file has the distance of the hand beside the first body. But no tick ends on the way before its work is spent or
     the arrays are full; one whose program has no solution holds the abduction first.
     """
     result, status = judge.result, judge.status

@@ -17,13 +17,15 @@ from hhsim.result.reader import Result
 from hhsim.system.counted import counted
 from hhsim.system.progress import Progress
 from hhsim.verify.again import again_claims
+from hhsim.verify.body_checks import body_claims
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim
 from hhsim.verify.coal_distance import CLOSE, HandReferee, require_coal
+from hhsim.verify.coverage import unjudged_claim
 from hhsim.verify.depth_checks import contact_error_claim, depth_claims, hands_apart_claims, self_contact_claims
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.force_checks import force_claims
 from hhsim.verify.free_object_checks import free_claims, free_complementarity_claim, free_hand_claim
-from hhsim.verify.judged_body import object_motion_claims, seen_by_referee
+from hhsim.verify.judged_body import seen_by_referee
 from hhsim.verify.metric_checks import input_hand_claims, metric_claims, motion_claim
 from hhsim.verify.origin_checks import origin_claims
 from hhsim.verify.posture_checks import posture_claims
@@ -104,7 +106,7 @@ def verify(
         raise InputError(f"{result.path} has no ticks: there is nothing to verify")
     report = progress or (lambda what, done, total: None)
     report("file", 0, 4)
-    claims = [*file_claims(result), *object_motion_claims(result)]
+    claims = [*file_claims(result), *body_claims(result, again)]
     report("kinematics", 1, 4)
     every = every or (1 if result.ticks < LONG else SAMPLED_EVERY)
     numbers, sampled = np.arange(result.ticks), chosen_ticks(result, every)
@@ -123,16 +125,9 @@ def verify(
         claims += [free_hand_claim(JudgedTicks(result, numbers)), free_complementarity_claim(judge)]
     if again:
         claims += again_claims(result, report)
-    claims += _unread(result)
+    claims.append(unjudged_claim(result, claims))
     stationarity = next((claim.worst for claim in claims if claim.name == "stationarity"), float("nan"))
     return Verification(tuple(claims), result.ticks, len(sampled), every, judge.sphere_penetration, depth, stationarity)
-
-
-def _unread(result: Result) -> list[Claim]:
-    """Name the datasets that no claim has read."""
-    rest = sorted(set(result.keys()) - result.asked - result.body.result.asked)
-    says = "datasets that no other claim is of"
-    return [Claim("unread datasets", says, NOT_JUDGED, note=", ".join(rest))] if rest else []
 
 
 def chosen_ticks(result: Result, every: int) -> IntArray:

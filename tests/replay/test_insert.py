@@ -182,7 +182,7 @@ def test_the_referee_finds_each_claim_true(tmp_path: Path) -> None:
     claims = verify(played(hurried("insert", 1.5), tmp_path / "hurried.h5")).claims
     assert not [claim.name for claim in claims if claim.failed]
     holds = {claim.name for claim in claims if claim.verdict == "holds"}
-    assert {"depth", "things apart", "table", "friction cones", "sticks", "Newton"} <= holds
+    assert {"depth", "bodies apart", "table", "friction cones", "sticks", "Newton"} <= holds
 
 
 def test_what_is_looked_at_here_tells_a_peg_in_the_wall(result: Result) -> None:

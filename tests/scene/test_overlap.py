@@ -15,7 +15,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
 from hhsim.scene.declared_bodies import load_bodies
 from hhsim.scene.overlap import Solid, overlap
-from hhsim.verify.things_apart import _Thing
+from hhsim.verify.bodies_apart import _Solid
 
 FALSE_DEPTH = 1e-12
 """Rounding of a depth [m]."""
@@ -28,7 +28,7 @@ def of_scene(one: Mesh, two: Mesh) -> float:
 
 
 def of_referee(one: Mesh, two: Mesh) -> float:
-    here, there = _Thing(one), _Thing(two)
+    here, there = _Solid(one), _Solid(two)
     still = np.eye(3)[None], np.zeros((1, 3))
     return float(max(here.depths_of(there, *still)[0], there.depths_of(here, *still)[0]))
 

@@ -23,15 +23,11 @@ from hhsim.metrics.run_ticks import result_ticks
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.solver.options import SolverOptions
+from hhsim.verify.body_checks import body_claims
 from hhsim.verify.claim import HOLDS, NOT_JUDGED, Claim
-from hhsim.verify.free_object_checks import (
-    FreeMotion,
-    free_claims,
-    free_complementarity_claim,
-    free_hand_claim,
-    hand_frames,
-)
-from hhsim.verify.judged_body import object_motion_claims, seen_by_referee
+from hhsim.verify.free_motion import FreeMotion
+from hhsim.verify.free_object_checks import free_claims, free_complementarity_claim, free_hand_claim, hand_frames
+from hhsim.verify.judged_body import seen_by_referee
 from hhsim.verify.kinematics import OwnHand, configurations, own_hand, pose, rotations
 from hhsim.verify.metric_checks import metric_claims
 from hhsim.verify.tick_data import JudgedTicks
@@ -47,7 +43,7 @@ def honest(tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 def claims(result: Result) -> dict[str, Claim]:
     judge = JudgedTicks(result, np.minimum([TICK, TICK + 10], result.ticks - 1))
-    found = (*free_claims(result), free_hand_claim(judge), *object_motion_claims(result))
+    found = (*free_claims(result), free_hand_claim(judge), *body_claims(result))
     return {claim.name: claim for claim in found}
 
 
@@ -59,7 +55,7 @@ def test_an_honest_result_passes(honest: Result) -> None:
     assert honest.free and len(honest["contact/tick"]) > 1000
     chosen = np.arange(0, honest.ticks, 20)
     touching = free_complementarity_claim(JudgedTicks(honest.seen_by(seen_by_referee), chosen))
-    found = {**claims(honest), **{claim.name: claim for claim in (touching, *object_motion_claims(honest))}}
+    found = {**claims(honest), **{claim.name: claim for claim in (touching, *body_claims(honest))}}
     assert not [claim for claim in found.values() if claim.failed]
     # Two triangles at an edge have a row each.
     assert {name for name, claim in found.items() if claim.checked == 0} == {"single contacts"}
@@ -189,7 +185,7 @@ FAULTS: dict[Fault, str] = {
     swapped_wrenches: "hand on object",
     of_contact("slip_of_no_number", "slip", lambda x: np.nan): "slip",
     of_properties("other_start", lambda free: free.update(velocity=[0.0, 0.0, 1e-3])): "Newton",
-    at("turned_twice", "bodies/cylinder/tick/orientation", TICK, lambda x: x * -1.0): "object poses",
+    at("turned_twice", "bodies/cylinder/tick/orientation", TICK, lambda x: x * -1.0): "body poses",
     of_contact("point_elsewhere", "point", lambda x: x + (0.0, 1e-4, 0.0)): "hand on object",
     split_contact: "single contacts",
 }

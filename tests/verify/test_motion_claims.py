@@ -21,9 +21,9 @@ from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import make_scene, open_scene
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.again import again_claims
+from hhsim.verify.body_checks import body_claims
 from hhsim.verify.claim import FAILS, HOLDS, NOT_JUDGED, Claim
 from hhsim.verify.file_checks import file_claims
-from hhsim.verify.judged_body import object_motion_claims
 from hhsim.verify.metric_checks import CORRECTION, DEPTH, input_hand_claims, motion_claim
 from hhsim.verify.tick_data import JudgedTicks
 
@@ -32,7 +32,7 @@ AIR = 155
 
 
 def claims(result: Result) -> dict[str, Claim]:
-    found = (*file_claims(result), *object_motion_claims(result), motion_claim(result))
+    found = (*file_claims(result), *body_claims(result), motion_claim(result))
     return {claim.name: claim for claim in found}
 
 
@@ -82,9 +82,9 @@ def moved_phases(file: h5py.File) -> None:
 
 
 OF_A_SCRIPT: dict[Fault, str] = {
-    of_scene("fixed_object", lambda scene: scene.update(object_pose="fixed")): "object poses",
-    at("nudged_object", "bodies/cylinder/tick/position", (1800, 1), lambda x: x + 1e-6): "object poses",
-    at("turned_object", "bodies/cylinder/tick/orientation", 1800, lambda x: x * -1.0): "object poses",
+    of_scene("fixed_object", lambda scene: scene.update(object_pose="fixed")): "carried",
+    at("nudged_object", "bodies/cylinder/tick/position", (1800, 1), lambda x: x + 1e-6): "carried",
+    at("turned_object", "bodies/cylinder/tick/orientation", 1800, lambda x: x * -1.0): "body poses",
     moved_phases: "phases",
     at("renamed_phase", "phase/name", 1, lambda x: "pinch"): "phases",
     at("shorter_phase", "phase/last_tick", 0, lambda x: x - 1): "phases",

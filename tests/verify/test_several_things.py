@@ -20,7 +20,8 @@ from hhsim.solver.options import SolverOptions
 from hhsim.verify.claim import HOLDS, NOT_JUDGED, Claim
 from hhsim.verify.depth_checks import depth_claims
 from hhsim.verify.force_checks import TURN
-from hhsim.verify.free_object_checks import FreeMotion, free_claims, free_complementarity_claim, free_hand_claim
+from hhsim.verify.free_motion import FreeMotion
+from hhsim.verify.free_object_checks import free_claims, free_complementarity_claim, free_hand_claim
 from hhsim.verify.judged_body import seen_by_referee
 from hhsim.verify.metric_checks import CORRECTION, INPUT_HAND, input_hand_claims, metric_claims
 from hhsim.verify.posture_checks import posture_claims
@@ -116,16 +117,16 @@ FAULTS: dict[Fault, str] = {
     of_second("sunken", "position", AT_REST, lambda x: x - (0.0, 0.0, 1e-6)): "table",
     of_second(
         "turned in itself", "body_wrench", AT_REST, lambda x: x + (0.0, 0.0, 0.0, 0.0, 0.0, 1e-3)
-    ): "between things",
-    of_second("helped", "hand_wrench", HELD, lambda x: x + (0.0, 0.0, 1e-3, 0.0, 0.0, 0.0)): "hands on things",
+    ): "between bodies",
+    of_second("helped", "hand_wrench", HELD, lambda x: x + (0.0, 0.0, 1e-3, 0.0, 0.0, 0.0)): "hands on bodies",
     at("of another object", f"{ONE}/hand_wrench", (HELD, 2), lambda x: x + 1e-3): "hand on object",
     at("first elsewhere", f"{ONE}/velocity", (HELD, 2), lambda x: x + 1e-6): "object velocity",
     given_to_another: "hand's balance",
     force_in_the_air: "complementarity",
     into_the_hand: "non-penetration",
     with_name("deep_in_the_hand", lambda file: into_the_hand(file)): "depth",
-    of_second("overlapping", "position", AT_REST, lambda x: x - (1e-5, 0.0, 0.0)): "things apart",
-    of_second("in one place", "position", AT_REST, lambda x: x - (0.02, 0.0, 0.0)): "things apart",
+    of_second("overlapping", "position", AT_REST, lambda x: x - (1e-5, 0.0, 0.0)): "bodies apart",
+    of_second("in one place", "position", AT_REST, lambda x: x - (0.02, 0.0, 0.0)): "bodies apart",
 }
 
 
@@ -169,7 +170,7 @@ def test_a_result_without_a_settled_tick_has_a_verdict(honest: Result, tmp_path:
 
     found = claims(planted(honest, tmp_path, settles_never), np.arange(0, TICKS, 400))
     assert found["hand's balance"].verdict == NOT_JUDGED and found["hand's balance"].checked == 0
-    assert found["things apart"].verdict == HOLDS
+    assert found["bodies apart"].verdict == HOLDS
 
 
 def left_of_two(file: h5py.File) -> None:

@@ -60,7 +60,7 @@ pytestmark = pytest.mark.slow
 ALL = os.environ.get("HHSIM_VERIFY_ALL") == "1"
 """All ten objects by both safe methods; without it, the two that differ most."""
 
-BEYOND_A_FILE = {"times", "machine and versions", "names", "second run", "motion", "begin of phases"}
+BEYOND_A_FILE = {"times", "machine and versions", "names", "second run", "motion", "begin of phases", "unjudged"}
 """What no file can show, and every verdict says so."""
 
 
@@ -467,6 +467,14 @@ def test_the_command_tells_its_verdict_and_exit_code(honest: Result, tmp_path: P
 
 def test_a_run_that_was_stopped_is_judged_by_its_ticks(honest: Result, tmp_path: Path) -> None:
     stopped = attribute("stopped", "/", "complete", lambda complete: 0)
-    found = verify(planted(honest.path, tmp_path, stopped), every=40)
+    assert failing(verify(planted(honest.path, tmp_path, stopped), every=40)) == {"complete"}
+
+    def without_figures(file: h5py.File) -> None:
+        stopped(file)
+        for group in ("summary", "summary/right"):
+            for name in list(file[group].attrs):
+                del file[group].attrs[name]
+
+    found = verify(planted(honest.path, tmp_path, without_figures), every=40)
     assert failing(found) == set()
     assert verdict(found, "complete") == NOT_CLAIMED

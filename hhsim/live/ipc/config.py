@@ -21,6 +21,7 @@ from hhsim.live.real_time import RealTimeWishes
 from hhsim.mesh.mesh import Mesh
 from hhsim.recordings.dexmo_regression import DexmoRegression
 from hhsim.result.safety import AFTER_STALL, FREES_BOTH
+from hhsim.scene.scene import Scene
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 from hhsim.system.settings_file import Positive, between, check_fields, one_of
@@ -92,7 +93,8 @@ class LiveSetup:
     options: SolverOptions  # options of the solver; the loop replaces their period by its own
     device: GloveConfig  # the glove; its calibration relates bend to joint angles, and so makes the set points
     pose: PoseConfig  # source of the palm's pose
-    free: FreeObject | None = None  # body of a free object; None for a fixed one
+    free: FreeObject | None = None  # body of a free object that is alone; None for a fixed one
+    bodies: Scene | None = None  # scene of one tick of several bodies, the first free one of which is `mesh`
     rate: float = 1000.0  # ticks a second [Hz]
     duration: float | None = None  # duration [s]; None until it is stopped
     output: OutputLimits = field(default_factory=OutputLimits)
@@ -113,6 +115,11 @@ class LiveSetup:
             raise InputError(f"the rate is {self.rate:g} Hz: expected {low:g} to {high:g} Hz")
         if self.duration is not None and not 0.0 < self.duration < math.inf:
             raise InputError(f"the duration is {self.duration:g} s: it must be positive and finite")
+
+    @property
+    def recorded_bodies(self) -> int:
+        """Number of bodies whose motion is recorded: none of fixed ones."""
+        return len(self.bodies.solids) if self.bodies is not None else int(self.free is not None)
 
     @property
     def periods(self) -> int:

@@ -14,10 +14,11 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from hhsim.arrays import AnyArray
 from hhsim.errors import HhsimError
 from hhsim.live.device import GLOVE_SAMPLE
 from hhsim.live.ipc.status import LIVE_STATUS
-from hhsim.live.shared_memory import SharedBlock, SharedRing, process_setup, write_setup
+from hhsim.live.shared_memory import RingReader, SharedBlock, SharedRing, process_setup, write_setup
 from hhsim.result.schema import OBJECT_FIELDS, TICK_FIELDS, TickField
 
 TICK_CAPACITY = 16_384
@@ -41,6 +42,14 @@ Missed periods leave gaps in `tick`; `input_seq` is the `seq` of the sample in u
 # The fields of the object come first, so that this is no extension of the other: numba warns of those.
 FREE_TICK = _record(*OBJECT_FIELDS, *TICK_FIELDS)
 """One tick with a free object; the shown hand and its forces are in the object's frame."""
+MOTION = TickField("motion", "<f8", (31,))
+"""Turn, shift, both velocities and the wrenches of hands, table and bodies of a body in a tick."""
+
+
+def bodies_row(bodies: int) -> np.dtype[Any]:
+    """Return the row of several bodies in a tick: the first one's, with its contacts, and the motion of all."""
+    return _record(*OBJECT_FIELDS, MOTION._replace(shape=(bodies, *MOTION.shape)))
+
 
 EVENT = np.dtype([("time_ns", np.int64), ("level", np.int64), ("text", "S240")], align=True)
 """A line of the session's log: CLOCK_MONOTONIC [ns]; level 0 for information, 1 a warning, 2 a fault; UTF-8."""
@@ -61,6 +70,7 @@ class Descriptors(NamedTuple):
     samples: int
     events: int
     words: int
+    bodies: int
     facts: int
     device: int
     wake: int
@@ -106,13 +116,15 @@ class FactPage:
 class SessionMemory:
     """Memory shared by the processes of a session."""
 
-    def __init__(self, descriptors: Descriptors, *, free: bool = False) -> None:
-        self.descriptors, self._free = descriptors, free
+    def __init__(self, descriptors: Descriptors, *, bodies: int = 0) -> None:
+        self.descriptors, self._bodies = descriptors, bodies
         self.status_block = SharedBlock(descriptors.status, LIVE_STATUS)
         # The one record of `LIVE_STATUS`; `status["heartbeat_ns"]` reads and writes in place.
         self.status = self.status_block.array[0]
         # Of `LIVE_TICK`, or of `FREE_TICK` if the object is free, written by the loop.
-        self.ticks = SharedRing(descriptors.ticks, *_tick_ring(free))
+        self.ticks = SharedRing(descriptors.ticks, *_tick_ring(bodies))
+        # Of several bodies, by Python before the tick of the same number is in its ring.
+        self.bodies = SharedRing(descriptors.bodies, *_body_ring(bodies))
         self.samples = SharedRing(descriptors.samples, GLOVE_SAMPLE, SAMPLE_CAPACITY)  # written by the driver
         self.events = SharedRing(descriptors.events, EVENT, EVENT_CAPACITY)  # the session's log, written by the loop
         self.words = SharedRing(descriptors.words, EVENT, WORD_CAPACITY)  # by the driver for the loop, which logs them
@@ -124,18 +136,22 @@ class SessionMemory:
         self.wake, self.sampled = descriptors.wake, descriptors.sampled
 
     @classmethod
-    def create(cls, *, free: bool = False) -> Self:
-        """Allocate memory for a session; its descriptors are for the children (`pass_fds`), and are closed with it."""
+    def create(cls, *, bodies: int = 0) -> Self:
+        """Allocate memory for a session that records the motion of some bodies.
+
+        Its descriptors are for the children (`pass_fds`), and are closed with it.
+        """
         descriptors = Descriptors(
             SharedBlock.create("status", LIVE_STATUS).descriptor,
-            SharedRing.create("ticks", *_tick_ring(free)).descriptor,
+            SharedRing.create("ticks", *_tick_ring(bodies)).descriptor,
             SharedRing.create("samples", GLOVE_SAMPLE, SAMPLE_CAPACITY).descriptor,
             SharedRing.create("events", EVENT, EVENT_CAPACITY).descriptor,
             SharedRing.create("words", EVENT, WORD_CAPACITY).descriptor,
+            SharedRing.create("bodies", *_body_ring(bodies)).descriptor,
             *(SharedBlock.create(name, FACTS).descriptor for name in ("facts", "device")),
             *(os.eventfd(0, os.EFD_NONBLOCK) for _ in range(2)),
         )
-        memory = cls(descriptors, free=free)
+        memory = cls(descriptors, bodies=bodies)
         memory.status["battery"] = memory.status["sample_ns"] = -1
         weakref.finalize(memory, _close, descriptors)
         return memory
@@ -147,7 +163,7 @@ class SessionMemory:
 
     def with_setup(self, setup: object) -> int:
         """Pickle this memory and the setup of a child for `session_process`; returns the descriptor."""
-        return write_setup((self.descriptors, self._free), setup)
+        return write_setup((self.descriptors, self._bodies), setup)
 
     def log(self, level: int, text: str, time_ns: int | None = None) -> None:
         """Add an event (INFORMATION, WARNING, FAULT), by default of now [ns]; for the loop alone. Long text is cut."""
@@ -158,8 +174,34 @@ class SessionMemory:
         _add_line(self.words, level, text, time.monotonic_ns())
 
 
-def _tick_ring(free: bool) -> tuple[np.dtype[Any], int]:
-    return (FREE_TICK, FREE_TICK_CAPACITY) if free else (LIVE_TICK, TICK_CAPACITY)
+def _tick_ring(bodies: int) -> tuple[np.dtype[Any], int]:
+    if bodies == 1:
+        return FREE_TICK, FREE_TICK_CAPACITY
+    return LIVE_TICK, FREE_TICK_CAPACITY if bodies else TICK_CAPACITY
+
+
+def _body_ring(bodies: int) -> tuple[np.dtype[Any], int]:
+    return bodies_row(bodies), FREE_TICK_CAPACITY if bodies > 1 else 1
+
+
+class TickReader(RingReader):
+    """Reader of the ticks of a session, with the rows of several bodies at each."""
+
+    def __init__(self, memory: SessionMemory) -> None:
+        super().__init__(memory.ticks)
+        self._bodies = memory.bodies
+
+    def read(self, most: int) -> tuple[int, AnyArray]:
+        """See `RingReader.read`; fields of bodies follow those of the tick."""
+        first, ticks = super().read(most)
+        if self._bodies.capacity == 1:
+            return first, ticks
+        rows = self._bodies.records[(first + np.arange(len(ticks))) % self._bodies.capacity]
+        found = np.empty(len(ticks), [(name, of.dtype[name]) for of in (ticks, rows) for name in of.dtype.names or ()])
+        for of in (ticks, rows):
+            for name in of.dtype.names or ():
+                found[name] = of[name]
+        return first, found
 
 
 def _add_line(ring: SharedRing, level: int, text: str, time_ns: int) -> None:
@@ -173,8 +215,8 @@ def _add_line(ring: SharedRing, level: int, text: str, time_ns: int) -> None:
 
 def session_process(name: str, arguments: Sequence[str] | None = None) -> tuple[Any, SessionMemory]:
     """Name this process of a session, and return its setup and its memory, which its command line names."""
-    (descriptors, free), setup = process_setup(name, arguments)
-    return setup, SessionMemory(descriptors, free=free)
+    (descriptors, bodies), setup = process_setup(name, arguments)
+    return setup, SessionMemory(descriptors, bodies=bodies)
 
 
 def exit_code(body: Callable[[], object], failed: Callable[[str], object] = lambda text: None) -> int:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import FloatArray
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.live import tick
@@ -27,6 +28,7 @@ from hhsim.kernels.live.phase import PHASE
 from hhsim.kernels.live.plausibility import WATCH, begin_watch
 from hhsim.kernels.parallel.atomic import load_acquire, store_release
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.kernels.tick.method import Coupled
 from hhsim.live.device import MOST_CHANNELS, Capability, GloveInfo
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
@@ -36,6 +38,7 @@ from hhsim.result.safety import Safety
 from hhsim.result.schema import INFORMATION
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.scene_solver import SceneSolver
 from hhsim.solver.workspace import zeroed
 from hhsim.system.cpu_accounts import LINE_BYTES, CpuAccounts
 
@@ -194,8 +197,13 @@ class LiveLoop:
         period = setup.period_ns
         deadlines = deadline_record(period, now())
         self.misses = MissAccounts(deadlines, now)
-        self.solver = HandSolver(
-            setup.hand, setup.contact_surface(), loop_options(setup.options, setup.rate), setup.free
+        options = loop_options(setup.options, setup.rate)
+        # Ticks beside several bodies are solved in Python.
+        self._scene = None if setup.bodies is None else SceneSolver(setup.bodies, options)
+        self.solver = (
+            self._scene.hands[0]
+            if self._scene is not None
+            else HandSolver(setup.hand, setup.contact_surface(), options, setup.free)
         )
         feels = bool(info.capabilities & (Capability.FORCE | Capability.POWER))
         rows: Any = zeroed(memory.ticks.records.dtype)
@@ -278,7 +286,11 @@ class LiveLoop:
 
     def prepare(self) -> None:
         """Compile, or load from the cache, what `run` calls; the solver's own kernels are there."""
-        self._block = self.solver.compiled_tick(self._haptic, self._record, self._object)
+        if self._scene is None:
+            self._block = self.solver.compiled_tick(self._haptic, self._record, self._object)
+        else:
+            space = self.solver.workspace
+            self._block = 0, space.block(Coupled(space.tick_options), self._haptic, self._record)
         compiled: Any = run_loop
         self._run = compiled.entry(self.live, NO_FILES, *self._block) if JIT_ENABLED else run_loop
         # `place` has to find its kernels compiled.
@@ -332,8 +344,29 @@ class LiveLoop:
     def _solve(self) -> tuple[bool, int]:
         """Solve a tick in Python; returns False if there is no graphic hand, and the solver's status bits."""
         try:
+            if self._scene is not None:
+                return True, self._solve_scene(self._scene)
             return True, self.solver.tick(self._haptic, self._record, self._object)
         except Exception as error:  # of whatever kind: the fingers are freed and the loop goes on
             self.at.safety |= int(Safety.SOLVER_FAILED)
             self.story.detail[Safety.SOLVER_FAILED] = f"{type(error).__name__}: {error}"
             return False, 0
+
+    def _solve_scene(self, scene: SceneSolver) -> int:
+        """Solve a tick beside several bodies, whose motion goes to their ring; return the solver's status bits."""
+        (found,) = scene.run_given([HandConfiguration(*self._haptic)])
+        for own, values in zip(self._record, found):
+            own[...] = values
+        first, every, slot = scene.object_ticks(), scene.all_ticks, self.memory.bodies.slot()
+        assert every is not None
+        rows = int(first.contact[-1])
+        of_tick = ObjectRecord._fields.index("contact")
+        for name in ObjectRecord._fields[:of_tick]:
+            slot[name] = getattr(first, name)[0]
+        slot["contact"] = 0, rows
+        for name in ObjectRecord._fields[of_tick + 1 :]:
+            slot[name][:rows] = getattr(first, name)[:rows]
+        for row, body, wrench in zip(slot["motion"], every.things, every.thing_wrench, strict=True):
+            row[:] = np.concatenate([*(getattr(body, name)[0] for name in ObjectRecord._fields[:6]), wrench[0]])
+        self.memory.bodies.publish()
+        return int(found.status[0])

@@ -66,7 +66,8 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver:
     the pose cannot be reached, or if the driver has died.
     """
     options = loop_options(setup.options, setup.rate)
-    warm_up(setup.hand, options, setup.free)
+    if setup.bodies is None:
+        warm_up(setup.hand, options, setup.free)
     if options.method not in ("coupled", "progressive") or setup.free is not None:
         # `coupled` brings a hand out that begins inside the object.
         warm_up(setup.hand, replace(options, method="coupled"))

@@ -26,19 +26,17 @@ import numpy as np
 from hhsim.arrays import AnyArray, Records
 from hhsim.live.device import COUNTERS
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import SessionMemory, exit_code, session_process
+from hhsim.live.ipc.session_memory import SessionMemory, TickReader, exit_code, session_process
 from hhsim.live.ipc.status import LoopProcess, Stage
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
 from hhsim.live.session.statistics import LiveTally, session_figures
 from hhsim.live.session.tick_block import SessionColumns
 from hhsim.live.shared_memory import RingReader
-from hhsim.motion.trajectory import ObjectMotion
-from hhsim.replay.stored_scene import body_name, body_part, describe_scene, hand_arrays
+from hhsim.replay.stored_scene import describe_scene, hand_arrays
 from hhsim.result.miss_cause import by_name
 from hhsim.result.reader import CHUNK_TICKS, check_result_path
 from hhsim.result.schema import (
-    BODIES,
     CONTACT,
     EVENT_COLUMNS,
     HANDS,
@@ -47,12 +45,12 @@ from hhsim.result.schema import (
     LIVE_SAMPLE,
     LIVE_TICK,
     LIVE_TICK_COLUMNS,
-    TICK,
     Column,
     hand_tables,
     sample_columns,
 )
 from hhsim.result.writer import HandPart, ResultWriter
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.options import SolverOptions
 
@@ -88,9 +86,8 @@ class SessionWriter:
         self._columns = SessionColumns(setup, options)
         self._waiting: dict[str, list[tuple[int, Records]]] = {ring: [] for ring in RINGS}
         self._began = -1
-        description, free = dict(setup.description), setup.free
-        kind, place = "fixed" if free is None else "free", ObjectMotion(*setup.object_pose())
-        bodies = {body_name(setup.mesh.name): body_part(kind, setup.mesh, setup.tree, place, free)}
+        description, bodies = dict(setup.description), self._columns.bodies
+        free = next((FreeObject.from_json(of.properties) for of in bodies.values() if of.kind == "free"), None)
         scene = {
             **description,
             "motion": description.get("motion") or "live",
@@ -111,7 +108,7 @@ class SessionWriter:
             "ended": "",
         }
         tables = {LIVE_TICK: LIVE_TICK_COLUMNS, LIVE_SAMPLE: self._sample_columns, LIVE_EVENT: EVENT_COLUMNS}
-        self._side, self._body = setup.hand.side, next(iter(bodies))
+        self._side = setup.hand.side
         hands = {str(self._side): HandPart(scene, hand_arrays(setup.hand), tables, header)}
         self._writer = ResultWriter(path, hands=hands, bodies=bodies, command=setup.command)
 
@@ -143,14 +140,16 @@ class SessionWriter:
         OutputError if the disk is full or gone; the ticks before stay readable.
         """
         taken, self._waiting = self._waiting, {ring: [] for ring in RINGS}
-        ticks, bodies, live, contacts = [], [], [], []
+        ticks, live, contacts = [], [], []
+        bodies: dict[str, list[dict[str, AnyArray]]] = {}
         row = self._writer.ticks
         for first, records in taken["ticks"]:
             if self._began < 0:
                 self._began = int(records["time_ns"][0])
-            of_hand, of_body = self._columns.block(first, records, self._began)
+            of_hand, of_bodies = self._columns.block(first, records, self._began)
             ticks.append(of_hand)
-            bodies.append(of_body)
+            for group, rows in of_bodies.items():
+                bodies.setdefault(group, []).append(rows)
             self.tally.count(records)
             # The depth of a hand that is not finite is NaN.
             depths = ticks[-1]["penetration_depth"]
@@ -165,7 +164,7 @@ class SessionWriter:
         events = [_fields(EVENT_COLUMNS, records) for _, records in taken["events"]]
         # A tick counts as written with its row of live/tick: its contacts come before that.
         hand = f"{HANDS}/{self._side}"
-        tables = {CONTACT: contacts, f"{BODIES}/{self._body}/{TICK}": bodies}
+        tables = {CONTACT: contacts, **bodies}
         tables |= {f"{hand}/{LIVE_TICK}": live, f"{hand}/{LIVE_SAMPLE}": samples, f"{hand}/{LIVE_EVENT}": events}
         named = as_text(dict(zip(COUNTERS, map(int, counters), strict=True)))
         attributes: dict[str, str | int] = {"counters": named, "ended": ended, **self._lost_attributes()}
@@ -212,7 +211,7 @@ class Recorder:
         self._path = setup.record
         self._setup = setup
         self._memory = memory
-        self._readers = {ring: RingReader(getattr(memory, ring)) for ring in RINGS}
+        self._readers = {ring: RingReader(getattr(memory, ring)) for ring in RINGS} | {"ticks": TickReader(memory)}
         self._parent = os.getppid()
         self._loop = LoopProcess(memory.status)
         self._stop = False
@@ -226,7 +225,8 @@ class Recorder:
         check_result_path(self._path)
         options = loop_options(self._setup.options, self._setup.rate)
         # Kernels that measure penetration are compiled before ticks wait.
-        warm_up(self._setup.hand, options, self._setup.free)
+        if self._setup.bodies is None:
+            warm_up(self._setup.hand, options, self._setup.free)
         while not self._memory.facts.read():
             # The glove is being connected; without it there is no session.
             if self._end() or self._stop:

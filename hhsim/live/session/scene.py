@@ -1,4 +1,4 @@
-"""Scene of a live session: the object in the world, and where palm and fingers begin."""
+"""Scene of a live session: the bodies in the world, and where palm and fingers begin."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,11 +13,16 @@ from hhsim.live.devices.registry import GLOVES, GloveConfig
 from hhsim.live.playback import Playback
 from hhsim.live.pose.registry import POSES, PoseConfig
 from hhsim.mesh.mesh import Mesh
+from hhsim.motion.trajectory import Trajectory
+from hhsim.scene.body import Body, Driven, Fixed
 from hhsim.scene.closure_search import OtherHand
+from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.scene.motion_catalogue import Motion, load_script
-from hhsim.scene.scene import make_scene
+from hhsim.scene.scene import Scene, scene_of
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import planned
+from hhsim.solver.free_object import FreeObject
+from hhsim.solver.scene_solver import seen_scene
 from hhsim.trees.sphere_tree import SphereTree
 
 ABOVE = 0.05
@@ -26,40 +31,56 @@ ABOVE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class LiveScene:
-    """Object and sphere tree [m], world frame, glove and palm of a session, and their origin as plain values."""
+    """Bodies, glove and palm of a session, and their origin as plain values.
+
+    Attributes:
+        mesh, tree: First free body, or all bodies where none is free [m], world.
+        bodies: Scene of one tick of several bodies, of which some are free; None for others.
+        free: A free body that is alone; None for others.
+    """
 
     mesh: Mesh
     tree: SphereTree
     device: GloveConfig
     pose: PoseConfig
     description: dict[str, Any]
+    bodies: Scene | None = None
+    free: FreeObject | None = None
 
 
 def make_live_scene(
-    mesh: Mesh,
-    tree: SphereTree,
+    bodies: DeclaredBodies,
     hand: HandModel,
     device: GloveConfig,
     pose: PoseConfig,
     motion: Motion | None,
     *,
+    rate: float = 1000.0,
     placed: bool = False,
     seed: int = 0,
     other: OtherHand | None = None,
 ) -> LiveScene:
-    """Put the object and its sphere tree [m], in their own frame, glove and palm together.
+    """Put bodies with their sphere trees [m], glove and palm together; driven bodies stay where they begin.
 
     `motion` is that of a simulated or replayed glove, or of a replayed palm; None if neither plays one. If `placed`,
-    the palm begins at the pose of `pose`; otherwise where it can grasp, beside the user's `other` hand. `seed` is of a
-    script's tremor and sensor noise. Raises TrajectoryError for a motion that cannot be done on this object.
+    the palm begins at the pose of `pose`; otherwise where it can grasp, beside the user's `other` hand. `rate` is that
+    of the ticks [Hz], `seed` of a script's tremor and sensor noise. Raises TrajectoryError for a motion that cannot be
+    done on these bodies.
     """
+    palm, still = POSES[pose.kind], np.array([[1.0, 0.0, 0.0, 0.0]])
+    rest = Trajectory(np.zeros(1), np.zeros((1, 3)), still, np.zeros((1, 5, 3)), np.zeros((1, 5)))
+    scene = scene_of(bodies, [hand], [motion or rest], rate=rate, seed=seed, other=other)
+    played = scene.hands[0].trajectory
+    first = scene.first(1)
+    still_now = (
+        replace(one, motion=Fixed()) if isinstance(one, Body) and isinstance(one.motion, Driven) else one
+        for one in first.bodies
+    )
+    first = replace(first, bodies=tuple(still_now))
+    seen = seen_scene(first)
     where = {}
-    palm = POSES[pose.kind]
     if motion is not None:
-        scene = make_scene(mesh, tree, hand, motion, seed=seed, other=other)
-        played = scene.hands[0].trajectory
         where = {name: getattr(played, name).tolist() for name in ("object_position", "object_orientation")}
-        mesh, tree = scene.solids[0].placed_mesh, scene.solids[0].placed_tree
         # One for both, so that fingers and palm stay together.
         playback = Playback(played.seen_from_object())
         if GLOVES[device.kind].plays:
@@ -67,18 +88,19 @@ def make_live_scene(
         if palm.plays:
             pose = replace(pose, playback=playback)
     if palm.placed and not placed:
-        position, orientation = palm_place(hand, tree, palm.back, other)
+        position, orientation = palm_place(hand, seen.tree, palm.back, other)
         x, y, z = map(float, position)
         a, b, c, d = map(float, orientation)
         pose = replace(pose, position=(x, y, z), orientation=(a, b, c, d))
     described = {
-        "tree_options": dict(tree.options),
+        "tree_options": dict(bodies.tree.options),
         "motion": None if motion is None else motion.name,
         "pose": pose.kind,
         **where,
         "palm_begins": [*pose.position, *pose.orientation] if palm.placed else None,
     }
-    return LiveScene(mesh, tree, device, pose, described)
+    of_several = (first, None) if seen.others else (None, seen.free)
+    return LiveScene(seen.mesh, seen.tree, device, pose, described, *of_several)
 
 
 def grasping_hand(hand: HandModel, tree: SphereTree, motion: Motion | None) -> OtherHand | None:

@@ -137,7 +137,7 @@ class Supervisor:
         setup = replace(setup, real_time=setup.real_time.chosen())
         self.setup = setup
         self._say = say
-        self.memory = SessionMemory.create(free=setup.free is not None)
+        self.memory = SessionMemory.create(bodies=setup.recorded_bodies)
         self.tally = LiveTally(self.memory.ticks)
         self._events = RingReader(self.memory.events)
         descriptor = self.memory.with_setup(setup)

@@ -1,34 +1,48 @@
 """Columns of a session's ticks, from the records of their ring."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from hhsim.arrays import AnyArray, Records
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.kernels.free.record import ObjectRecord
+from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.motion.trajectory import RigidMotion
+from hhsim.live.ipc.session_memory import FREE_TICK_CAPACITY
+from hhsim.metrics.moving_parts import MovingParts
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion
+from hhsim.replay.stored_scene import body_name, body_part, body_parts
 from hhsim.replay.tick_columns import TickColumns
-from hhsim.replay.tick_rows import contact_rows, free_columns, seen_hand, shown_columns, stored_contacts
+from hhsim.replay.tick_rows import body_rows, contact_rows, free_columns, seen_hand, shown_columns, stored_contacts
+from hhsim.result.schema import BODIES, TICK
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.scene_solver import seen_scene
 
 Columns = dict[str, AnyArray]
 
 
 class SessionColumns:
-    """Builds columns of hand and object, and of /contact, block by block, with the options of the loop."""
+    """Builds columns of hand and bodies, and of /contact, block by block, with the options of the loop."""
 
     def __init__(self, setup: LiveSetup, options: SolverOptions) -> None:
-        self._columns = TickColumns(setup.contact_surface().arrays, setup.hand, options)
-        self._free = setup.free is not None
+        seen = None if setup.bodies is None else seen_scene(setup.bodies)
+        self.parts = None if seen is None or seen.parts is None else _with_room(seen.parts)
+        if setup.bodies is not None and seen is not None:
+            self.bodies = body_parts(setup.bodies, seen)
+        else:
+            kind, place = "fixed" if setup.free is None else "free", ObjectMotion(*setup.object_pose())
+            self.bodies = {body_name(setup.mesh.name): body_part(kind, setup.mesh, setup.tree, place, setup.free)}
+        self._columns = TickColumns(setup.contact_surface().arrays, setup.hand, options, self.parts)
+        self._is_free = setup.recorded_bodies > 0
         self._pose = setup.object_pose()
         self._next = 0
 
-    def block(self, first: int, records: Records, began_ns: int) -> tuple[Columns, Columns]:
-        """Build the columns of the next ticks, of hand and object, from one record of the ring or more.
+    def block(self, first: int, records: Records, began_ns: int) -> tuple[Columns, dict[str, Columns]]:
+        """Build the columns of the next ticks, of the hand, and of bodies that move by their groups.
 
-        `first` is the number of the first record, counted from the loop's beginning; earlier ones may be lost.
-        `began_ns` is CLOCK_MONOTONIC at which the session's first tick was due [ns].
+        `records` are one or more of the ring, `first` the number of the first one, counted from the loop's beginning;
+        earlier ones may be lost. `began_ns` is CLOCK_MONOTONIC at which the session's first tick was due [ns].
         """
         if first != self._next:
             self._columns.forget()
@@ -37,22 +51,47 @@ class SessionColumns:
         record = TickRecord(*(np.ascontiguousarray(records[name]) for name in TickRecord._fields))
         time = 1e-9 * (records["time_ns"] - began_ns)
         moved = next(iter(self.moved(records)), None)
+        of_bodies = {}
+        if self._is_free:
+            own = free_columns(object_ticks(records), *self._pose)
+            of_bodies = {f"{BODIES}/{name}/{TICK}": own for name in self.bodies}
+        if self.parts is not None:
+            self._columns.rewind()
+            of_bodies = body_rows(self.parts, body_ticks(records), slice(0, len(records)), own)
         block = self._columns.block(time, records["input_seq"], seen_hand(haptic, moved), record)
-        body = free_columns(object_ticks(records), *self._pose) if self._free else {}
-        return shown_columns(block, haptic, moved), body
+        return shown_columns(block, haptic, moved), of_bodies
 
     def contacts(self, first: int, records: Records) -> Columns:
         """Build the rows of /contact of these ticks; `first` is the number of their first row in /tick."""
-        return stored_contacts(contact_rows(object_ticks(records), first), 1) if self._free else {}
+        return stored_contacts(contact_rows(object_ticks(records), first), 1) if self._is_free else {}
 
     def moved(self, records: Records) -> tuple[RigidMotion, ...]:
-        """Return the motion of a free object since before the first tick, at the end of each; none of a fixed one."""
-        ticks = object_ticks(records) if self._free else None
+        """Return the motion of bodies since before the first tick, at the end of each; none of one that is fixed."""
+        if self.parts is not None:
+            return tuple(RigidMotion(body.turn, body.shift) for body in body_ticks(records).things)
+        ticks = object_ticks(records) if self._is_free else None
         return () if ticks is None else (RigidMotion(ticks.turn, ticks.shift),)
 
 
+def _with_room(parts: MovingParts) -> MovingParts:
+    """Return bodies with room for their poses in as many ticks as a block may have."""
+    return replace(parts, world=np.zeros((FREE_TICK_CAPACITY, len(parts.names), 7)))
+
+
+def body_ticks(records: Records) -> ThingsRecord:
+    """Return the ticks of several bodies, without their contacts, from records of `TickReader`."""
+    ends = np.cumsum([4, 3, 3, 3, 6, 6])
+    none = np.zeros(0)
+    bodies, wrenches = [], []
+    for motion in records["motion"].swapaxes(0, 1):
+        *moved, wrench = np.split(motion, ends, axis=1)
+        bodies.append(ObjectRecord(*moved, *(none for _ in range(len(moved), len(ObjectRecord._fields)))))
+        wrenches.append(wrench)
+    return ThingsRecord(tuple(bodies), np.zeros(0, np.int64), np.zeros((0, 3)), np.stack(wrenches))
+
+
 def object_ticks(records: Records) -> ObjectRecord:
-    """Return the ticks of the free object from records of `hhsim.live.ipc.session_memory.FREE_TICK`."""
+    """Return the ticks of the free object from records of `TickReader`."""
     count = records["contact"][:, 1]
     kept = np.arange(records["body"].shape[1]) < count[:, None]
     first = ObjectRecord._fields.index("contact")

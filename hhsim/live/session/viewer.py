@@ -23,7 +23,7 @@ import numpy as np
 from hhsim.errors import OutputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import SessionMemory, exit_code, session_process
+from hhsim.live.ipc.session_memory import SessionMemory, TickReader, exit_code, session_process
 from hhsim.live.ipc.status import Stage
 from hhsim.live.real_time import keep_off
 from hhsim.live.session.tick_block import SessionColumns
@@ -62,7 +62,7 @@ class LiveViewer:
         self._target = parse_target(setup.rerun)
         self._setup = setup
         self._memory = memory
-        self._ticks = RingReader(memory.ticks)
+        self._ticks = TickReader(memory)
         self._events = RingReader(memory.events)
         self._columns = SessionColumns(setup, setup.options)
         self._parent = os.getppid()
@@ -85,6 +85,7 @@ class LiveViewer:
             fingers=np.array([finger in setup.options.fingers for finger in FINGERS]),
             touch=setup.options.touch,
             surface=setup.options.surface,
+            parts=self._columns.parts,
             text=f"# Live session\n\n`{' '.join(setup.command)}`\n",
         )
         extent = float(np.linalg.norm(setup.mesh.extent + HAND_MARGIN))

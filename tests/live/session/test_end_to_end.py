@@ -19,6 +19,7 @@ from hhsim.live.session.supervisor import SessionOutcome, Supervisor
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result
+from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.script import parse_script
 from hhsim.verify.verify import verify
@@ -33,8 +34,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     path = tmp_path_factory.mktemp("session") / "session.h5"
     hand = HandModel.default()
     scene = make_live_scene(
-        sphere(0.076, 3),
-        bumpy_ball(200),
+        DeclaredBodies.of_mesh(sphere(0.076, 3), bumpy_ball(200)),
         hand,
         configure("sim"),
         PoseConfig(kind="replay"),

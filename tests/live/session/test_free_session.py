@@ -30,8 +30,8 @@ from hhsim.scene.body import CLEARANCE
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+from hhsim.verify.body_checks import body_claims
 from hhsim.verify.free_object_checks import free_claims
-from hhsim.verify.judged_body import object_motion_claims
 from tools.shapes.generators import sphere
 
 MILLISECOND = 1_000_000
@@ -71,7 +71,7 @@ def session() -> Session:
 
 def recorded(session: Session, path: Path) -> Result:
     """The file of a session."""
-    memory = SessionMemory.create(free=True)
+    memory = SessionMemory.create(bodies=1)
     pour(memory.ticks, session.ticks)
     ended(memory, os.getpid())
     Recorder(replace(session.setup, record=path), memory).run()
@@ -146,10 +146,12 @@ def test_a_second_run_tells_where_the_file_is_not_what_was_solved(result: Result
 
 def test_columns_are_the_same_bytes_however_many_ticks_come_at_a_time(session: Session) -> None:
     whole, parts = (SessionColumns(session.setup, session.setup.options) for _ in range(2))
-    ones = whole.block(0, session.ticks, 0)
+    (hand, bodies) = whole.block(0, session.ticks, 0)
+    ones = {"": hand, **bodies}
     sizes = [0, 1, 3, 60, len(session.ticks)]
-    blocks = [parts.block(a, session.ticks[a:b], 0) for a, b in pairwise(sizes)]
-    for of, one in enumerate(ones):
+    pieces = [parts.block(a, session.ticks[a:b], 0) for a, b in pairwise(sizes)]
+    blocks = [{"": of_hand, **of_bodies} for of_hand, of_bodies in pieces]
+    for of, one in ones.items():
         for name, values in one.items():
             assert values.tobytes() == np.concatenate([block[of][name] for block in blocks]).tobytes(), name
     rows = [parts.contacts(a, session.ticks[a:b]) for a, b in pairwise(sizes)]
@@ -159,7 +161,7 @@ def test_columns_are_the_same_bytes_however_many_ticks_come_at_a_time(session: S
 
 def test_the_referee_judges_no_motion_across_lost_ticks(session: Session, tmp_path: Path) -> None:
     result = recorded(session, tmp_path / "session.h5")
-    assert not [claim for claim in (*free_claims(result), *object_motion_claims(result)) if claim.failed]
+    assert not [claim for claim in (*free_claims(result), *body_claims(result)) if claim.failed]
     path = tmp_path / "lossy.h5"
     path.write_bytes(result.path.read_bytes())
     kept = np.delete(np.arange(101), slice(70, 75))

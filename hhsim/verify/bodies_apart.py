@@ -1,7 +1,7 @@
-"""Claim that no thing is in another one, at the poses of the file.
+"""Claim that no body is in another one, at the poses of the file.
 
 An edge that pierces a triangle is out of it after the least shift to a face of the prism that both span. A point inside
-of one thing is out of another one after its depths in both, also where their surfaces coincide, or do not meet.
+of one body is out of another one after its depths in both, also where their surfaces coincide, or do not meet.
 """
 
 from collections.abc import Sequence
@@ -17,15 +17,15 @@ from hhsim.verify.coal_distance import TrueSurface
 from hhsim.verify.kinematics import rotations
 
 LOOKED_AT, MOST_PAIRS = 1000, 100_000
-"""Ticks in which the things are looked for in each other, and most pairs of triangles that are asked for in one."""
+"""Ticks in which the bodies are looked for in each other, and most pairs of triangles that are asked for in one."""
 CLEAR = 5e-7
 """Clearance of contacts [m]."""
 BEHIND, MOST_FACES = 0.5 ** np.arange(1, 13)[:, None, None], 100
-"""Points inside are so far behind a face, in lengths of the thing, and about so many faces have some."""
+"""Points inside are so far behind a face, in lengths of the body, and about so many faces have some."""
 
 
-class _Thing:
-    """Mesh of a thing, its surface, and points on it and in it with their depths [m], in its frame at the start."""
+class _Solid:
+    """Mesh of a body, its surface, and points on it and in it with their depths [m], in its frame at the start."""
 
     def __init__(self, mesh: Mesh) -> None:
         self.bounds, self.shell = mesh.bounds, TrueSurface(mesh, open_too=True)
@@ -36,8 +36,8 @@ class _Thing:
         depth = -self.shell.signed_distance(inner)
         self.points, self.depth = np.vstack([on, inner[depth > 0.0]]), np.append(np.zeros(len(on)), depth[depth > 0.0])
 
-    def depths_of(self, other: "_Thing", turn: FloatArray, shift: FloatArray) -> FloatArray:
-        """Depth of another thing [m], by its points and edges, at poses in this one's frame, (T, 3, 3) and (T, 3)."""
+    def depths_of(self, other: "_Solid", turn: FloatArray, shift: FloatArray) -> FloatArray:
+        """Depth of another body [m], by its points and edges, at poses in this one's frame, (T, 3, 3) and (T, 3)."""
         import coal
 
         request, still = coal.CollisionRequest(), coal.Transform3s()
@@ -79,15 +79,15 @@ def _height(normal: FloatArray, vector: FloatArray) -> FloatArray:
     return np.asarray((normal * vector).sum(axis=-1) / np.where(size > 0.0, size, np.inf))
 
 
-def things_apart_claim(result: Result, pairs: Sequence[tuple[int, int]]) -> Claim:
-    """Judge that one thing is not in another one, by pairs of their numbers in both orders."""
+def bodies_apart_claim(result: Result, pairs: Sequence[tuple[int, int]]) -> Claim:
+    """Judge that one body is not in another one, by pairs of their numbers in both orders."""
     ticks = np.unique(np.linspace(0, result.ticks - 1, LOOKED_AT).astype(int))
-    things = [_Thing(Mesh(body.vertices, body.faces)) for body in result.bodies.values()]
+    bodies = [_Solid(Mesh(body.vertices, body.faces)) for body in result.bodies.values()]
     moved = [(rotations(of.turn[ticks])[0].as_matrix(), of.shift[ticks]) for of in result.meshes_moved()]
     depth = np.zeros(len(ticks))
     for one, other in pairs:
         back, ((_, at), (turn, place)) = moved[one][0].swapaxes(1, 2), (moved[one], moved[other])
         shift = (back @ (place - at)[:, :, None])[:, :, 0]
-        depth = np.maximum(depth, things[one].depths_of(things[other], back @ turn, shift))
-    says = f"no thing is in another one, by edges and points of both in {len(ticks)} ticks"
-    return judged("things apart", says, depth, CLEAR, "m", "the clearance", ticks=ticks)
+        depth = np.maximum(depth, bodies[one].depths_of(bodies[other], back @ turn, shift))
+    says = f"no body is in another one, by edges and points of both in {len(ticks)} ticks"
+    return judged("bodies apart", says, depth, CLEAR, "m", "the clearance", ticks=ticks)

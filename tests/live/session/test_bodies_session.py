@@ -1,0 +1,84 @@
+"""A session beside several bodies: recorded as a replay of them, and run again bit for bit."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live_rings import ended
+from live_scripted import FIST, FREE, FakeAccounts, FakeClock, InStep, Moment, ScriptedGlove, make_setup
+
+from hhsim.hand.model import HandModel
+from hhsim.live.devices.registry import configure
+from hhsim.live.ipc.config import OutputLimits, SafetyLimits
+from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.pose.registry import PoseConfig
+from hhsim.live.session.recorder import Recorder
+from hhsim.live.session.scene import make_live_scene
+from hhsim.replay.repeat import run_again
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.declared_bodies import load_object
+from hhsim.scene.scene import tree_maker
+from hhsim.solver.options import SolverOptions
+from hhsim.verify.verify import verify
+
+BODIES = """
+[[body]]
+name = "ball"
+box = [0.04, 0.04, 0.04]
+position = [0.0, 0.05, -0.05]
+mass = 0.1
+[[body]]
+name = "post"
+box = [0.02, 0.02, 0.06]
+position = [0.1, 0.05, -0.05]
+fixed = true
+"""
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    folder = tmp_path_factory.mktemp("bodies")
+    (folder / "bodies.toml").write_text(BODIES)
+    bodies = load_object(folder / "bodies.toml").with_trees(tree_maker(2))
+    scene = make_live_scene(bodies, HandModel.default(), configure(), PoseConfig(), None, placed=True)
+    assert scene.bodies is not None and scene.free is None
+    moments = [Moment(FREE + (FIST - FREE) * i / 40) for i in range(60)]
+    setup = make_setup(
+        mesh=scene.mesh,
+        tree=scene.tree,
+        bodies=scene.bodies,
+        options=SolverOptions(surface="mesh"),
+        record=folder / "session.h5",
+        output=OutputLimits(ramp=0.02),
+        safety=SafetyLimits(watchdog=False),
+        duration=1e-3 * (len(moments) + 1),
+    )
+    memory, clock = SessionMemory.create(bodies=setup.recorded_bodies), FakeClock()
+    InStep(setup, memory, ScriptedGlove(clock, moments, {}), clock, accounts=FakeAccounts()).run()
+    ended(memory, os.getpid())
+    Recorder(setup, memory).run()
+    return load_result(folder / "session.h5")
+
+
+def test_all_bodies_are_in_the_file(result: Result) -> None:
+    assert list(result.bodies) == ["ball", "post"] and result.complete and result.ticks > 50
+    ball, post = result.bodies.values()
+    # It falls, since nothing is under it, into the fist.
+    assert ball["velocity"][5, 2] < -0.05 and ball["hand_wrench"].any() and not np.ptp(post["position"], axis=0).any()
+    assert (ball.kind, post.kind) == ("free", "fixed") and "body_wrench" in post
+
+
+def test_it_runs_again_bit_for_bit_and_every_claim_holds(result: Result) -> None:
+    again = run_again(result)
+    assert again.identical and again.ticks == result.ticks
+    assert "bodies/post/tick/position" in {array.name for array in again.arrays}
+    # The clock of the test stands still while a tick is solved.
+    assert {claim.name for claim in verify(result).claims if claim.failed} <= {"latency", "wake-up"}
+
+
+def test_driven_bodies_stay_where_they_begin(tmp_path: Path) -> None:
+    bodies = load_object("laptop").with_trees(tree_maker(2))
+    scene = make_live_scene(bodies, HandModel.default(), configure(), PoseConfig(), None)
+    assert scene.bodies is None and scene.free is None and scene.mesh.name == "laptop"
+    assert len(scene.mesh.faces) == sum(len(mesh.faces) for mesh in bodies.meshes.values())
