@@ -37,7 +37,7 @@ class MeshSize(OptionGroup, heading="Mesh file"):
         return resolve_object(object_, self.unit, metres(self.size), thickness, solid, link)
 
     def bodies(
-        self, object_: str, motion: "Motion", *, solid: bool = True, free: dict[str, Any] | None = None
+        self, object_: str, motion: "Motion | None", *, solid: bool = True, free: dict[str, Any] | None = None
     ) -> "DeclaredBodies":
         """Load what OBJECT names, as `hhsim.scene.declared_bodies.load_object`."""
         from hhsim.scene.declared_bodies import load_object
