@@ -28,10 +28,7 @@ if TYPE_CHECKING:
 
     from hhsim.replay.summary import ReplaySummary
     from hhsim.scene.described_scene import SceneWords
-    from hhsim.scene.motion_catalogue import Motion
-    from hhsim.scene.scene import Scene
     from hhsim.solver.options import SolverOptions
-    from hhsim.system.progress import Progress
     from hhsim.view.sink import RerunTarget
 
 
@@ -136,67 +133,29 @@ class HandAndMotion(options.Sampling, heading="Hand and motion"):
     seed: int = shared(options.seed)
     ticks: int | None = option(type=COUNT, metavar="N", help="Run only the first N ticks. Default: the whole motion.")
 
-    def motions(self, trajectory: str, reading: dict[str, Any] | None) -> "list[Motion]":
-        """Return the motion that TRAJECTORY names, or that of the right and of the left hand, with its tremor.
-
-        UsageError, HhsimError for options that do not go with it, no such motion, or a file that cannot be read.
-        """
-        from hhsim.scene.motion_catalogue import is_imported
-
-        if reading and not is_imported(Path(trajectory)):
-            raise click.UsageError(f"{', '.join(reading)}: of a recording that is imported, and '{trajectory}' is not")
-
-        from hhsim.scene.described_scene import motion_of_side, two_handed_motions
-
-        if self.side != "both":
-            # Of a recording of both hands `resolve_trajectory` takes one.
-            side = "" if is_imported(Path(trajectory)) else self.side or ""
-            return [self._motion(motion_of_side(trajectory, side, reading), trajectory)]
-        return [self._motion(motion, trajectory) for motion in two_handed_motions(trajectory, reading)]
-
-    def _motion(self, motion: "Motion", trajectory: str) -> "Motion":
-        from hhsim.motion.trajectory import Trajectory
-        from hhsim.scene.script import Script
-
-        if self.place_object == "auto" and not isinstance(motion, Trajectory):
-            raise click.UsageError(
-                f"--place-object is for recordings; '{trajectory}' finds its place at the object itself"
-            )
-        if isinstance(motion, Trajectory) and motion.object_motion is not None:
-            if self.object_pose == "fixed":
-                motion = motion.placed(motion.object_position, motion.object_orientation)
-            elif self.place_object == "auto":
-                raise click.UsageError(
-                    f"'{trajectory}' holds where its object was at every moment: --place-object auto needs "
-                    "--object-pose fixed"
-                )
-        elif self.object_pose == "fixed" and isinstance(motion, Script):
-            raise click.UsageError(f"--object-pose is for recordings; in '{trajectory}' the object moves by the script")
-        if self.tremor is None:
-            return motion
-        if not isinstance(motion, Script):
-            raise click.UsageError(
-                f"--tremor is for scripts; '{trajectory}' is a recording, with what tremor the hand had"
-            )
-        return motion.shaken(self.tremor)
-
-    def words(self, object_: str, trajectory: str, mesh_file: MeshFile, tree: TreeOrFile, reading: Any) -> "SceneWords":
-        """Return what the command line says, for the result."""
+    def words(
+        self, object_: str, trajectory: str, mesh_file: MeshFile, tree: TreeOrFile, data: HandData, free: FreeChoice
+    ) -> "SceneWords":
+        """Return what the command line says of the scene."""
         from hhsim.scene.described_scene import SceneWords
 
         own = ("samples", "place_object", "object_pose", "rate", "ticks", "seed")
+        reading = {name: str(of) if isinstance(of, Path) else of for name, of in data.given().items()}
         return SceneWords(
             object=object_,
             trajectory=trajectory,
             unit=mesh_file.unit,
             size_mm=mesh_file.size,
             thickness_mm=mesh_file.thickness,
+            level=tree.stated(),
             max_error=tree.max_error,
             tree=str(tree.path) if tree.path else None,
+            hand=self.side,
             hand_file=str(self.hand_file) if self.hand_file else None,
             tremor_mm_deg=self.tremor,
+            free=free.words(),
             **{name: getattr(self, name) for name in own},
-            reading=reading,
+            reading=reading or None,
         )
 
 
@@ -273,32 +232,25 @@ def command(
     """
     if names_a_result(object_):
         return run_again(click.get_current_context(), Path(object_), as_json=output.as_json, quiet=output.quiet)
-    from hhsim.replay.replay import replay_scene as run
+    from hhsim.replay.replay import replay_scene, replay_two_hands
     from hhsim.replay.summary import repeated_document, repeated_times
     from hhsim.result.reader import check_result_path
     from hhsim.result.writer import state
-    from hhsim.scene.described_scene import described_scene
+    from hhsim.scene.described_scene import load_words
     from hhsim.scene.motion_catalogue import import_remarks
-    from hhsim.scene.scene import hand_of
     from hhsim.solver.free_engine import require_free
 
     if moving.side == "both" and (output.repeat > 1 or rerun is not None):
         raise click.UsageError("--repeat and --rerun are of one hand: hhsim view RESULT shows both after the replay")
     solver_options = solver.options()
-    reading = {name: str(of) if isinstance(of, Path) else of for name, of in data.given().items()} or None
-    motions = moving.motions(trajectory, reading)
-    motion = motions[0]
+    loaded = load_words(moving.words(object_, trajectory, mesh_file, tree, data, free), solid=solver.surface != "mesh")
+    motion, bodies = loaded.motions[0], loaded.bodies
     free.require(solver_options, motion, way_out=": --object-pose fixed keeps it where it is at first")
     remarks = import_remarks(motion, trajectory)
-    solid = solver.surface != "mesh"
-    links = free.of_links(object_)
-    bodies = mesh_file.bodies(object_, motion, solid=solid, free=links)
-    if len(bodies.solid) > 1 and ((free.free and links is None) or tree.path is not None or rerun is not None):
+    if len(bodies.solid) > 1 and rerun is not None:
         raise click.UsageError(f"--free, --tree and --rerun are for one object, not for '{object_}'")
     if any(body.is_free for body in bodies.settings):
         require_free(solver_options)
-    # Before the tree is built: a mesh that can have no mass is refused.
-    free.object(bodies.mesh, object_)
     output_path = output.path(f"{bodies.name}-{motion.name}-{solver.word}")
     check_result_path(output_path)
     print_notes(bodies.mesh.warnings, prefix="warning")
@@ -310,71 +262,43 @@ def command(
             # Before the progress bar starts a thread, which would not survive a fork.
             viewer = stack.enter_context(ViewAhead(rerun))
         report = stack.enter_context(progress(quiet=output.quiet))
-        bodies, notes = tree.grow(bodies, mesh_file.unit_length(object_) if tree.path else 1.0, report, solid=solid)
-        sides = HANDS if moving.side == "both" else (moving.side,)
-        hands = [hand_of(each, side, moving.hand_file) for each, side in zip(motions, sides)]
-        described = moving.words(object_, trajectory, mesh_file, tree, reading)
-        placed = described_scene(described, bodies, hands, motions, solver_options.fingers)
-        freed = free.object(placed.scene.solids[0].placed_mesh, object_)
-        scene = placed.scene if freed is None else placed.scene.freed(freed)
+        placed = loaded.placed(solver_options.fingers, report)
+        scene, notes = placed.scene, placed.notes
         remarks += filter(None, [placed.note])
-        if len(hands) > 1:
-            return _replay_both(scene, solver_options, output, output_path, [*remarks, *notes], report)
-        settle = viewer.settle if viewer is not None else None
-        typed = ("hhsim", *sys.argv[1:])
-        runs = [
-            run(scene, solver_options, output_path, command=typed, before_ticks=settle, progress=report)
-            for _ in range(output.repeat)
-        ]
-        summary = runs[-1]
-        repeated: dict[str, Any] = {}
+        about: dict[str, Any] = {"command": ("hhsim", *sys.argv[1:]), "progress": report}
+        runs: list[ReplaySummary] = []
+        hands: dict[str, ReplaySummary] = {}
+        if len(scene.hands) > 1:
+            both = replay_two_hands(scene, solver_options, output_path, **about)
+            hands.update(zip(HANDS, both.hands))
+            document = both.to_json()
+            remarks.append(both.note)
+        else:
+            about["before_ticks"] = viewer.settle if viewer is not None else None
+            runs = [replay_scene(scene, solver_options, output_path, **about) for _ in range(output.repeat)]
+            hands[scene.hands[0].model.side], document = runs[-1], runs[-1].to_json()
+            document |= {"placement": placed.to_json()} if placed.placement else {}
         if output.repeat > 1:
-            repeated = {"repeated": repeated_document(runs)}
-            state(output_path, "repeated", repeated["repeated"])
+            document["repeated"] = repeated_document(runs)
+            state(output_path, "repeated", document["repeated"])
         if viewer is not None:
             viewer.show(output_path, report)
+    stuck = [summary.verdict.line for summary in hands.values() if summary.verdict.mostly_stuck]
     if output.as_json:
-        document = summary.to_json()
-        placement = {"placement": placed.to_json()} if placed.placement else {}
-        print_json({**document, **placement, **repeated, "notes": [*remarks, *document["notes"]]})
+        print_json({**document, "notes": [*remarks, *document.get("notes", ())]})
     elif not output.quiet:
-        _print({scene.hands[0].model.side: summary}, whole=output.whole)
+        _print(hands, whole=output.whole)
         if output.repeat > 1:
             print()
             columns = words("", "row.label"), number("mean ± σ", "shown"), words("unit", "row.unit")
             print_table(Table(columns, repeated_times(runs), f"times of {len(runs)} runs"))
-        for note in (*remarks, *notes, *summary.notes):
+        of_hands = [note for summary in hands.values() for note in summary.notes]
+        for note in dict.fromkeys((*remarks, *notes, *of_hands)):
             if note not in bodies.mesh.warnings:
                 print_line(f"note: {note}")
-        print_line(f"every tick is in {summary.path}")
-    elif summary.verdict.mostly_stuck:
-        print_notes([summary.verdict.line], prefix="missed")
-    return int(summary.verdict.mostly_stuck)
-
-
-def _replay_both(
-    scene: "Scene",
-    solver_options: "SolverOptions",
-    output: ReplayOutput,
-    path: Path,
-    notes: list[str],
-    report: "Progress",
-) -> int:
-    """Replay two hands, print their table, and return the exit code."""
-    from hhsim.replay.replay import replay_two_hands
-
-    both = replay_two_hands(scene, solver_options, path, command=("hhsim", *sys.argv[1:]), progress=report)
-    notes = [*dict.fromkeys(notes), both.note]
-    stuck = [summary for summary in both.hands if summary.verdict.mostly_stuck]
-    if output.as_json:
-        print_json({**both.to_json(), "notes": notes})
-    elif not output.quiet:
-        _print(dict(zip(HANDS, both.hands)), whole=output.whole)
-        for note in dict.fromkeys([*notes, *(note for summary in both.hands for note in summary.notes)]):
-            print_line(f"note: {note}")
-        print_line(f"every tick is in {both.path}")
+        print_line(f"every tick is in {output_path}")
     else:
-        print_notes([summary.verdict.line for summary in stuck], prefix="missed")
+        print_notes(stuck, prefix="missed")
     return int(bool(stuck))
 
 

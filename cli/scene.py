@@ -52,24 +52,26 @@ def command(
       hhsim scene mug.stl grasp --unit mm --out mug-grasp
       hhsim scene cup handle --rate 500 --hand left --out cup-handle
     """
+    from hhsim.scene.described_scene import SceneWords, load_scene
     from hhsim.scene.motion_catalogue import import_remarks
-    from hhsim.scene.scene import open_scene
     from hhsim.submissions.scene_folder import EXAMPLE, check_scene_folder, write_scene_folder
     from hhsim.system.output_path import dated_output_path
 
     folder = out or dated_output_path(f"{Path(object_).stem}-{Path(trajectory).stem}-scene", "")
     check_scene_folder(folder)
-    scene = open_scene(
-        object_,
-        trajectory,
+    words = SceneWords(
+        object=object_,
+        trajectory=trajectory,
         unit=mesh_size.unit,
-        size=options.metres(mesh_size.size),
+        size_mm=mesh_size.size,
         level=level,
         hand=side,
         rate=sampling.rate,
-        mode=sampling.samples,
+        samples=sampling.samples,
+        place_object="recorded",
         seed=seed,
     )
+    scene = load_scene(words).scene
     print_notes(import_remarks(scene.hands[0].trajectory, trajectory))
     digest = write_scene_folder(scene, folder)
     if printing.as_json:

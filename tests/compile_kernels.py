@@ -50,7 +50,7 @@ def free() -> None:
 
     from hhsim.hand.configuration import HandConfiguration
     from hhsim.hand.model import HandModel
-    from hhsim.scene.free_object import FreeObject
+    from hhsim.solver.free_object import FreeObject
     from hhsim.solver.hand_solver import HandSolver, warm_up
     from hhsim.solver.options import SolverOptions
     from hhsim.solver.two_hands import TwoHandedSolver

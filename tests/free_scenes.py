@@ -15,8 +15,8 @@ from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
-from hhsim.scene.free_object import FreeObject
 from hhsim.scene.scene import Scene
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import contact_surface
@@ -109,7 +109,7 @@ def free_scene(mass: float = 50.0, friction: float = 2.0) -> Scene:
     scene = short_scene(short_grasp(hold=0.09))
     table = float(scene.solids[0].placed_mesh.bounds[0, 2])
     free = {"mass": mass, "friction": friction, "torsion": 0.01, "table": table}
-    return scene.freed(FreeObject.of_mesh(scene.solids[0].placed_mesh, **free))
+    return scene.freed(**free)
 
 
 def free_result(path: Path) -> Result:

@@ -1,6 +1,6 @@
 """Options of a free object."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -11,8 +11,9 @@ from .options import ranged, within
 
 if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
-    from hhsim.scene.free_object import FreeObject
+    from hhsim.scene.described_scene import FreeWords
     from hhsim.scene.motion_catalogue import Motion
+    from hhsim.solver.free_object import FreeObject
     from hhsim.solver.options import SolverOptions
 
 UNDER, NONE = "under", "none"
@@ -79,36 +80,23 @@ class FreeChoice(OptionGroup, heading="Free object"):
             name = next(iter(given)).replace("_", "-")
             raise click.UsageError(f"--{name} is for a free object: add --free")
 
-    def of_links(self, word: str) -> dict[str, Any] | None:
-        """Return what --free says of a URDF or MJCF file, SI; None without it, or for another object."""
-        from hhsim.linkage.file import names_a_linkage
+    def words(self) -> "FreeWords | None":
+        """Return what was said, SI; None without --free."""
+        from hhsim.scene.described_scene import FreeWords
 
         given = self.given()
-        if not given.pop("free") or not names_a_linkage(word):
+        if not given.pop("free"):
             return None
         for name in {"torsion", "table"} & set(given):
             given[name] = given[name] if given[name] in (UNDER, NONE) else 1e-3 * float(given[name])
-        return given
+        return FreeWords(**given)
 
     def object(self, mesh: "Mesh", word: str) -> "FreeObject | None":
-        """Return the free object of a mesh [m] at its first place, `word` its name or file; None without --free.
-
-        Links state it themselves, see `of_links`. Raises HhsimError for a mesh without inside, or impossible numbers.
-        """
+        """Return the free object of a mesh [m] at its first place; None without --free, or of links."""
         from hhsim.linkage.file import names_a_linkage
-        from hhsim.mesh.catalogue import names_a_file, object_description
-        from hhsim.scene.body import CLEARANCE
-        from hhsim.scene.free_object import FreeObject
+        from hhsim.solver.free_object import FreeObject
 
-        given = self.given()
-        if not given.pop("free") or names_a_linkage(word):
-            return None
-        if not names_a_file(word):
-            known = object_description(word)
-            given = {"density": known["density"], "friction": known["friction"], **given}
-        table = given.pop("table", UNDER)
-        if "torsion" in given:
-            given["torsion"] *= 1e-3
-        lowest = float(mesh.bounds[0, 2]) - CLEARANCE
-        height = lowest if table == UNDER else None if table == NONE else 1e-3 * float(table)
-        return FreeObject.of_mesh(mesh, table=height, **given)
+        said = self.words()
+        return (
+            None if said is None or names_a_linkage(word) else FreeObject.of_mesh(mesh, **said.properties(mesh, word))
+        )

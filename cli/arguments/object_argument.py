@@ -1,7 +1,7 @@
 """Argument OBJECT, a name of the catalogue, a mesh file, a URDF or an MJCF, and the options of a mesh file."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 from click.shell_completion import CompletionItem
@@ -11,8 +11,6 @@ from .options import UNITS, metres, ranged
 
 if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
-    from hhsim.scene.declared_bodies import DeclaredBodies
-    from hhsim.scene.motion_catalogue import Motion
 
 
 def complete_object(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -35,16 +33,6 @@ class MeshSize(OptionGroup, heading="Mesh file"):
 
         thickness = metres(getattr(self, "thickness", None))
         return resolve_object(object_, self.unit, metres(self.size), thickness, solid, link)
-
-    def bodies(
-        self, object_: str, motion: "Motion | None", *, solid: bool = True, free: dict[str, Any] | None = None
-    ) -> "DeclaredBodies":
-        """Load what OBJECT names, as `hhsim.scene.declared_bodies.load_object`."""
-        from hhsim.scene.declared_bodies import load_object
-
-        thickness = metres(getattr(self, "thickness", None))
-        size = metres(self.size)
-        return load_object(object_, motion, unit=self.unit, size=size, thickness=thickness, solid=solid, free=free)
 
 
 class MeshFile(MeshSize):

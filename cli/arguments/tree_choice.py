@@ -68,52 +68,35 @@ class TreeChoice(OptionGroup, heading="Sphere tree"):
         help="Take the coarsest level whose spheres protrude by at most this: 0.3mm, 300um or 0.3 (mm).",
     )
 
+    def stated(self) -> int | None:
+        """Return the level that was named; UsageError for options that contradict each other."""
+        if self.level == AUTO and self.max_error is None:
+            raise click.UsageError("--level auto needs --max-error, such as --max-error 0.3mm")
+        if self.max_error is not None and self.level not in (None, AUTO):
+            raise click.UsageError(f"--max-error chooses the level itself: leave --level {self.level} out")
+        return self.level or None
+
     def choose(self, mesh: "Mesh", usual_level: int, report: Progress, *, solid: bool = True) -> ChosenTree:
         """Build the tree, or take it from the cache; without `solid` also of triangles that enclose nothing.
 
-        Raises UsageError for options that contradict each other.
+        Raises UsageError as `stated`.
         """
-        from hhsim.trees.cache import cached_sphere_tree, coarsest_sphere_tree
-        from hhsim.trees.options import TreeOptions
-        from hhsim.trees.triangle_tree import tree_of_any
+        from hhsim.trees.triangle_tree import chosen_tree
 
-        if self.level == AUTO and self.max_error is None:
-            raise click.UsageError("--level auto needs --max-error, such as --max-error 0.3mm")
-        if self.max_error is None:
-            level = self.level or usual_level
-            if solid:
-                return ChosenTree(cached_sphere_tree(mesh, TreeOptions(level=level), report), ())
-            return ChosenTree(tree_of_any(mesh, level, report), ())
-        if self.level not in (None, AUTO):
-            raise click.UsageError(f"--max-error chooses the level itself: leave --level {self.level} out")
-        tree = coarsest_sphere_tree(mesh, self.max_error, report)
-        note = (
-            f"level {tree.depth} is the coarsest within {1e3 * self.max_error:g} mm: {tree.leaf_count:,} spheres, "
-            f"which reach out of the mesh by {1e3 * tree.errors[-1].bound:.3f} mm at most"
-        )
-        return ChosenTree(tree, (note,))
+        return ChosenTree(*chosen_tree(mesh, self.stated() or usual_level, self.max_error, solid, report))
 
     def grow(
-        self, bodies: "DeclaredBodies", unit_length: float, report: Progress, *, solid: bool = True
+        self, bodies: "DeclaredBodies", report: Progress, *, solid: bool = True
     ) -> "tuple[DeclaredBodies, tuple[str, ...]]":
-        """Return the bodies with their trees, and notes on the choice.
-
-        `unit_length` [m] is that of a .sph file; other arguments and errors are those of `choose`.
-        """
+        """Return bodies with their trees, and notes on the choice; other arguments and errors are those of `choose`."""
         notes: list[str] = []
 
         def made(mesh: "Mesh") -> "SphereTree":
-            found = self.of(mesh, bodies.level, unit_length, report, solid=solid)
+            found = self.choose(mesh, bodies.level, report, solid=solid)
             notes.extend(found.notes)
             return found.tree
 
         return bodies.with_trees(made), tuple(dict.fromkeys(notes))
-
-    def of(
-        self, mesh: "Mesh", usual_level: int, unit_length: float, report: Progress, *, solid: bool = True
-    ) -> ChosenTree:
-        """Return the tree of a body, see `choose` and `grow`."""
-        return self.choose(mesh, usual_level, report, solid=solid)
 
 
 class TreeOrFile(TreeChoice):
@@ -123,20 +106,8 @@ class TreeOrFile(TreeChoice):
         "FILE", "Take this sphere tree of the object, .h5 or .sph (hhsim build-tree), and build none.", "--tree"
     )
 
-    def load(self, mesh: "Mesh", unit_length: float) -> ChosenTree:
-        """Take the tree of the file; `unit_length` [m] is that of a .sph file."""
-        from hhsim.trees.foreign_tree import load_tree_for
-
-        assert self.path is not None
-        if self.level is not None or self.max_error is not None:
+    def stated(self) -> int | None:
+        """See `TreeChoice.stated`; a file has its own level."""
+        if self.path is not None and (self.level is not None or self.max_error is not None):
             raise click.UsageError(f"--tree {self.path} has its own level: leave --level and --max-error out")
-        found = load_tree_for(self.path, mesh, unit_length)
-        return ChosenTree(found.tree, (f"the sphere tree is that of {self.path}", *found.notes))
-
-    def of(
-        self, mesh: "Mesh", usual_level: int, unit_length: float, report: Progress, *, solid: bool = True
-    ) -> ChosenTree:
-        """Return the tree of the file, or of `choose`."""
-        if self.path is not None:
-            return self.load(mesh, unit_length)
-        return super().of(mesh, usual_level, unit_length, report, solid=solid)
+        return super().stated()

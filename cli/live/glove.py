@@ -17,6 +17,7 @@ from ..arguments.comma_list import number_list, one_or_five
 from ..arguments.free_object import FreeChoice
 from ..arguments.object_argument import MeshFile, complete_object
 from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
+from ..arguments.options import metres
 from ..arguments.tree_choice import TreeChoice
 from ..console import print_json, print_notes, progress
 from ..replay import complete_trajectory
@@ -268,12 +269,14 @@ def command(
       hhsim live glove cube --device left=dexmo,right=dexmo --pose udp
     """
     from hhsim.hand.model import HandModel
+    from hhsim.linkage.file import names_a_linkage
     from hhsim.live.devices.registry import open_device
     from hhsim.live.doctor import quick_warning
     from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
     from hhsim.live.real_time import RealTimeWishes
     from hhsim.live.session.scene import grasping_hand, make_live_scene
     from hhsim.result.reader import check_result_path
+    from hhsim.scene.declared_bodies import load_object
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.solver.free_engine import require_free
     from hhsim.solver.hand_solver import warm_up
@@ -299,9 +302,13 @@ def command(
         for own, (device, _, _) in worn
     ]
     solid = solver.surface != "mesh"
-    bodies = mesh_file.bodies(object_, worn[0][1][2], solid=solid, free=free.of_links(object_))
+    said = free.words()
+    links = said.given() if said is not None and names_a_linkage(object_) else None
+    about: dict[str, Any] = {"unit": mesh_file.unit, "free": links, "solid": solid}
+    about |= {name: metres(getattr(mesh_file, name)) for name in ("size", "thickness")}
+    bodies = load_object(object_, worn[0][1][2], **about)
     mesh = bodies.mesh
-    if len(bodies.solid) > 1 and free.free and free.of_links(object_) is None:
+    if len(bodies.solid) > 1 and said is not None and links is None:
         raise click.UsageError(f"--free is for one object: '{object_}' says itself which bodies are free")
     if any(body.is_free for body in bodies.settings):
         require_free(options)
@@ -317,7 +324,7 @@ def command(
     print_notes(mesh.warnings, prefix="warning")
     scenes = []
     with progress(quiet=session.quiet) as report:
-        bodies, notes = tree.grow(bodies, 1.0, report, solid=solid)
+        bodies, notes = tree.grow(bodies, report, solid=solid)
         other = grasping_hand(models[0], bodies.tree, worn[0][1][2]) if two else None
         for i, (own, (device, palm, motion)) in enumerate(worn):
             placed, beside = own.palm is not None, other if i else None

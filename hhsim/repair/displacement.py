@@ -16,7 +16,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.displacement import GRAVITY, MASS, STEP, STEPS
 from hhsim.scene.body import USUAL_FRICTION
-from hhsim.scene.free_object import FreeObject
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import contact_surface

@@ -1,7 +1,6 @@
 """Second run of a result's ticks, from nothing but the file, and comparison of every array: bits, and rounding."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,18 +13,15 @@ from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
-from hhsim.metrics.moving_parts import result_parts
-from hhsim.replay.moving_object import FreeFrame, MovingFrame, StillFrame, stored_contacts, thing_rows
-from hhsim.replay.stored_scene import require_whole, stored_hand, stored_options, stored_others, stored_surface
-from hhsim.replay.tick_columns import TickColumns
+from hhsim.replay.stored_scene import require_whole, result_scene, stored_options
+from hhsim.replay.tick_rows import HandRows, seen_hand
 from hhsim.result import schema
-from hhsim.result.reader import Result
-from hhsim.scene.free_object import FreeObject
+from hhsim.result.reader import CHUNK_TICKS, Result
 from hhsim.solver.free_engine import object_record, of_tick
-from hhsim.solver.hand_solver import HandSolver, warm_up
+from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import METHODS
-from hhsim.solver.two_hands import SideBySideSolver, TwoHandedSolver
+from hhsim.solver.scene_solver import SceneSolver
 from hhsim.solver.workspace import tick_record
 from hhsim.system import environment as info
 from hhsim.system.deferred_sigint import interruptible_between
@@ -172,7 +168,7 @@ class RunAgain:
 
 
 def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
-    """Run all ticks of a result again, complete or not, with the hands, the trees and the options that it holds.
+    """Run all ticks of a result again, complete or not, as the scene and with the options that it holds.
 
     Of a result of two hands, as `Result.hands` has them, one's arrays are compared, of the result as a whole both's.
     `progress` is called with the stage, how much is done and how much there is. Raises InputError for a body, a tree
@@ -183,89 +179,67 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
         require_whole(hand)
         if hand.ticks == 0:
             raise InputError(f"{hand.label} holds no ticks: there is nothing to run again")
-    if len(result.hands) > 1 and (result.free or result.scene.get(schema.HANDS_APART)):
+    if not result.own_time:
         return _run(shown, list(result.hands.values()), progress or silent)
+    # Hands of two loops have ticks of their own.
     runs = [_run([hand], [hand], progress or silent) for hand in shown]
-    if len(runs) == 1:
-        return runs[0]
-    arrays = [array for run in runs for array in run.arrays]
+    arrays = tuple(array for run in runs for array in run.arrays)
     notes = tuple(dict.fromkeys(note for run in runs for note in run.notes))
     ticks, stored = (sum(getattr(run, name) for run in runs) for name in ("ticks", "ticks_stored"))
     elsewhere = any(run.made_elsewhere for run in runs)
-    return RunAgain(result.path, result.complete, ticks, stored, tuple(arrays), notes, elsewhere)
+    return RunAgain(result.path, result.complete, ticks, stored, arrays, notes, elsewhere)
 
 
 def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> RunAgain:
-    """Run the ticks of hands in one program, or side by side, and compare those of the shown ones."""
+    """Run the ticks of hands in one scene, and compare those of the shown ones."""
     result = hands[0]
-    options, alone = stored_options(result), len(hands) == 1
-    parts, free = result_parts(result), FreeObject.from_json(result.body.properties) if result.free else None
-    others = [] if parts is None else stored_others(result, parts)
-    # Poses of the file stay as they are.
-    spare = None if parts is None else replace(parts, world=np.empty_like(parts.world))
-    jointed = parts is not None and not others
-    solvers: list[HandSolver] = []
-    columns: list[TickColumns] = []
-    for one in hands:
-        # Each hand has the bodies for itself: what is near it is kept with them.
-        surface = parts.surface(result.surface) if parts is not None and jointed else stored_surface(result)
-        hand, moved = stored_hand(one), free if alone else None
-        warm_up(hand, options, moved, jointed=jointed, others=len(others))
-        solvers.append(HandSolver(hand, surface, options, moved, others))
-        columns.append(TickColumns(surface.arrays, hand, options, parts))
-    loose = None if alone or free is None else TwoHandedSolver(solvers, free, others)
-    solver = loose or (None if alone else SideBySideSolver(solvers, ThreadPoolExecutor(len(solvers))))
-    engine: Any = solvers[0].engine if loose is None else loose.engine
     runnable = [_runnable(one) for one in hands]
     total, notes = min(ticks for ticks, _ in runnable), [note for _, of in runnable for note in of]
     prefix = {one.name: "" if len(shown) == 1 else f"{one.name}/" for one in shown}
     arrays = {one.name: [ArrayComparison(column, prefix[one.name]) for column in COMPARED] for one in shown}
-    of_bodies = [ArrayComparison(column) for column in _moving(result)]
-    rows = [] if free is None else schema.CONTACT_COLUMNS
-    contacts = [ArrayComparison(replace(column, name=f"{schema.CONTACT}/{column.name}")) for column in rows]
+    rubs = any(body.kind == "free" for body in result.bodies.values())
+    of_bodies = [ArrayComparison(column) for column in _moving(result, rubs)]
+    contacts = [
+        ArrayComparison(replace(column, name=f"{schema.CONTACT}/{column.name}"))
+        for column in (schema.CONTACT_COLUMNS if rubs else ())
+    ]
     names = [column.name for column in schema.TICK_COLUMNS]
-    with interruptible_between() as check_interrupt:
-        done = 0
-        every = (result.blocks([array.name for array in of_bodies]), *(one.blocks(names) for one in hands))
-        single = result.live is not None and bool(others)
-        for blocks in _tick_by_tick(zip(*every)) if single else zip(*every):
-            report("ticks", done, total)
-            bodies, *stored = ({name: values[: total - done] for name, values in block.items()} for block in blocks)
-            here = slice(done, done + len(stored[0]["time"]))
-            haptic = [
+    # Where no poses but the hands' are read, these may be more than fit in memory.
+    alone = [body.kind for body in result.bodies.values()] in (["fixed"], ["free"])
+    scene = result_scene(hands, CHUNK_TICKS if alone else None)
+    with SceneSolver(scene, stored_options(result)) as solver, interruptible_between() as check_interrupt:
+        rows = [HandRows(solver, hand, list(result.bodies)) for hand in range(len(hands))]
+        every = zip(result.blocks([array.name for array in of_bodies]), *(one.blocks(names) for one in hands))
+        # A session beside several bodies had each tick solved by itself.
+        single = result.live is not None and bool(solver.seen.others)
+        for first, blocks in zip(
+            range(0, total, 1 if single else CHUNK_TICKS), _tick_by_tick(every) if single else every
+        ):
+            report("ticks", first, total)
+            bodies, *stored = ({name: values[: total - first] for name, values in block.items()} for block in blocks)
+            here = slice(first, first + len(stored[0]["time"]))
+            given = [
                 HandConfiguration(*(block[f"haptic/{name}"] for name in HandConfiguration._fields)) for block in stored
             ]
-            frames: list[StillFrame] = [StillFrame(given) for given in haptic]
-            if result.driven and free is None:
-                moved_by = result.moved_since_first(here), result.poses(result.frame, here)
-                frames = [MovingFrame(given, *moved_by) for given in haptic]
-            given = [frame.haptic for frame in frames]
-            ticks: ObjectRecord | None = None
-            if solver is None:
-                live = result.live is not None and not single
-                record, ticks = _solve(solvers[0], given[0], live=live, free=free is not None)
-                records: Sequence[TickRecord] = [record]
+            haptic = [seen_hand(hand, of.carried(here)) for hand, of in zip(given, rows)]
+            free: ObjectRecord | None = None
+            if result.live is None or single:
+                records: Sequence[TickRecord] = solver.run_given(haptic)
             else:
-                records = solver.run(*given)
-                ticks = None if loose is None else loose.object_ticks(0)
-            if ticks is not None:
-                frames = [FreeFrame(one, ticks, *result.body.place) for one in haptic]
-                own = frames[0].body()
-                found = {f"{result.body.group}/{schema.TICK}": own}
-                if spare is not None and others:
-                    found = thing_rows(spare, engine.all_ticks, here, own)
-                computed = {f"{group}/{name}": values for group, its in found.items() for name, values in its.items()}
-                for array in of_bodies:
-                    array.add(bodies[array.name], computed[array.name])
-                _compare_contacts(result, here, stored_contacts(frames[0].contacts(done), len(hands)), contacts)
-            for one, block, its, frame, record in zip(hands, stored, columns, frames, records, strict=True):
-                again = frame.world(its.block(block["time"], block["input_seq"], frame.haptic, record))
+                record, free = _one_by_one(solver.hands[0], haptic[0], free=rubs)
+                records = [record]
+            made = [of.rows(here, block, record, free) for of, block, record in zip(rows, stored, records)]
+            tables = made[0].tables
+            for array in of_bodies:
+                group, _, name = array.name.rpartition("/")
+                array.add(bodies[array.name], tables[group][name])
+            if rubs:
+                _compare_contacts(result, here, tables[schema.CONTACT], contacts)
+            for one, block, of in zip(hands, stored, made, strict=True):
+                again = of.tables[f"{schema.HANDS}/{one.name}/{schema.TICK}"]
                 for array in arrays.get(one.name, ()):
                     array.add(block[array.column.name], again[array.column.name])
-            done = here.stop
             check_interrupt()
-            if done == total:
-                break
     report("ticks", total, total)
     compared = (*(array for of in arrays.values() for array in of), *of_bodies, *contacts)
     counts = [f"{a.name} at {a.ticks:,}" for a in compared if a.ticks and a.column.name.startswith(COUNTERS)]
@@ -288,12 +262,12 @@ def _tick_by_tick(blocks: Iterable[tuple[dict[str, AnyArray], ...]]) -> Iterator
             yield tuple({name: values[i : i + 1] for name, values in part.items()} for part in block)
 
 
-def _moving(result: Result) -> list[schema.Column]:
+def _moving(result: Result, rubs: bool) -> list[schema.Column]:
     """Columns of bodies that a second run computes anew: all but what is given."""
     given = {column.name for column in schema.DRIVEN_COLUMNS}
     return [
         replace(column, name=f"{body.group}/{schema.TICK}/{column.name}")
-        for body in (result.bodies.values() if result.free else ())
+        for body in (result.bodies.values() if rubs else ())
         for column in schema.BODY_COLUMNS
         if column.name in body and column.name not in given
     ]
@@ -340,12 +314,8 @@ def _runnable(result: Result) -> tuple[int, list[str]]:
     return total, notes
 
 
-def _solve(
-    solver: HandSolver, haptic: HandConfiguration, *, live: bool, free: bool
-) -> tuple[TickRecord, ObjectRecord | None]:
-    """Ticks of a block, and of a free object; those of a session one by one, as its loop ran them."""
-    if not live:
-        return solver.run(*haptic), solver.object_ticks if free else None
+def _one_by_one(solver: HandSolver, haptic: HandConfiguration, *, free: bool) -> tuple[TickRecord, ObjectRecord | None]:
+    """Run ticks of a session, and of a free body, one by one as its loop did."""
     count = len(haptic.position)
     record, ticks = tick_record(count), object_record(count) if free else None
     for i in range(count):

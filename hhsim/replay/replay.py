@@ -13,21 +13,19 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import AnyArray, FloatArray
-from hhsim.errors import HhsimError, InputError
+from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.run.registry import needed_columns, run_metrics
-from hhsim.replay.moving_object import part_rows, scene_frames, stored_contacts, thing_rows
-from hhsim.replay.stored_scene import describe_scene, hand_arrays, one_body, several_bodies, with_joints
+from hhsim.replay.stored_scene import body_parts, describe_scene, hand_arrays
 from hhsim.replay.summary import GRAPHIC_HAND, ReplaySummary, summarise
-from hhsim.replay.tick_columns import KeptColumns, TickColumns
+from hhsim.replay.tick_columns import KeptColumns
+from hhsim.replay.tick_rows import HandRows
 from hhsim.result.reader import CHUNK_TICKS
 from hhsim.result.schema import (
     BETWEEN_COLUMNS,
-    BODIES,
-    CONTACT,
     CONTACT_COLUMNS,
     FRAME,
     FREE_COLUMNS,
@@ -38,14 +36,13 @@ from hhsim.result.schema import (
     POSE_COLUMNS,
     SIDES,
     TICK,
-    hand_tables,
 )
 from hhsim.result.writer import BodyPart, HandPart, ResultWriter
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import Scene
 from hhsim.solver.method import METHODS, Method
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import SceneSolver, SeenScene
+from hhsim.solver.scene_solver import SceneSolver
 from hhsim.solver.two_hands import keeps_hands_apart
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
@@ -86,13 +83,15 @@ def _checked(options: SolverOptions) -> SolverOptions:
     return options
 
 
-class HandRun:
-    """Part of a run that is one hand's: its columns and figures; `described` is of the scene, as plain values."""
+class HandRun(HandRows):
+    """Part of a run that is one hand's: its rows and figures; `described` is of the scene, as plain values."""
 
-    def __init__(self, solver: SceneSolver, hand: int, described: Mapping[str, Any]) -> None:
+    def __init__(
+        self, solver: SceneSolver, hand: int, bodies: Mapping[str, BodyPart], described: Mapping[str, Any]
+    ) -> None:
+        super().__init__(solver, hand, list(bodies))
         scene, seen, options, of_hand = solver.scene, solver.seen, solver.options, solver.scene.hands[hand]
-        self.solver, self.hand, self.model, self.ticks = solver, hand, of_hand.model, of_hand.ticks
-        motion, self.bodies = of_hand.trajectory, with_joints(seen_bodies(seen), scene)
+        self.ticks, motion = of_hand.ticks, of_hand.trajectory
         self.described = {
             **scene.description,
             **described,
@@ -100,58 +99,35 @@ class HandRun:
             "motion": motion.name,
             "motion_source": motion.source,
             **_of_outside_method(options.method, solver.hands[hand].method),
-            **describe_scene(seen.mesh, seen.tree, self.model, options, self.bodies, seen.free),
+            **describe_scene(seen.mesh, seen.tree, self.model, options, bodies, seen.free),
         }
         self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
         of_body = (*POSE_COLUMNS, *MOTION_COLUMNS, *FREE_COLUMNS, *((OF_BODIES,) if seen.others else ()))
         self._body = KeptColumns(column.name for column in (of_body if seen.free else ()))
         of_contacts = ("body", *(column.name for column in CONTACT_COLUMNS if column.name not in ("a", "b")))
         self._contacts = KeptColumns(of_contacts if seen.free else ())
-        self._columns = TickColumns(solver.surfaces[hand].arrays, self.model, options, seen.parts)
-        given = HandConfiguration.of(of_hand.ticks)
-        self._frame_of = scene_frames(seen, given, lambda: solver.object_ticks(hand))
 
     @property
     def part(self) -> HandPart:
         """Hand of the run's file."""
         return HandPart(self.described, hand_arrays(self.model))
 
-    def rows(self, ticks: slice, record: TickRecord, hands: int) -> dict[str, dict[str, AnyArray]]:
-        """Return the rows of the file of ticks that were solved last, world, of a file of one hand or two."""
-        if not np.isfinite(record.joints).all():
-            raise HhsimError(f"the graphic hand is not finite after tick {ticks.start}: please report the command")
-        frame, parts, many = self._frame_of(ticks), self.solver.seen.parts, self.solver.all_ticks
-        own = frame.body()
-        if parts is None:
-            (name,) = self.bodies
-            of_bodies = {f"{BODIES}/{name}/{TICK}": own}
-        elif many is not None:
-            of_bodies = thing_rows(parts, many, ticks, own)
-            own = of_bodies[f"{BODIES}/{parts.names[0]}/{TICK}"]
-        else:
-            of_bodies = part_rows(parts, ticks, own)
-        block = self._columns.block(self.ticks.time[ticks], self.ticks.input_seq[ticks], frame.haptic, record)
-        contacts = frame.contacts(ticks.start)
-        self._body.keep(own)
-        self._contacts.keep(contacts)
-        self._series.keep(block)
-        tables = hand_tables(self.model.side, frame.world(block))
-        tables[TICK] |= of_bodies.pop(TICK, {})
-        return {**tables, **of_bodies, CONTACT: stored_contacts(contacts, hands)}
+    def tables(self, ticks: slice, record: TickRecord) -> dict[str, dict[str, AnyArray]]:
+        """Keep what the table needs of ticks that were solved last, and return their rows of the file, world."""
+        here = HandConfiguration.of(self.ticks).at(ticks)
+        haptic = {f"haptic/{name}": values for name, values in here._asdict().items()}
+        given = {"time": self.ticks.time[ticks], "input_seq": self.ticks.input_seq[ticks], **haptic}
+        made = self.rows(ticks, given, record)
+        self._series.keep(made.seen)
+        self._body.keep(made.body)
+        self._contacts.keep(made.contacts)
+        return made.tables
 
     def summary(self) -> ReplaySummary:
         """Compute the table."""
         shown, apart = of_the_paper(self.described), bool(self.described.get(HANDS_APART))
         kept = self._series, self._body, self._contacts
         return summarise(self.solver, *kept, hand=self.hand, of_paper=shown, hands_apart=apart)
-
-
-def seen_bodies(seen: SeenScene) -> dict[str, BodyPart]:
-    """Return the bodies of a scene's file by their names."""
-    if seen.parts is None:
-        return one_body(seen.mesh, seen.tree, *seen.place, driven=seen.carrier is not None, free=seen.free)
-    others = [] if seen.free is None else [(seen.free, False), *((free, fixed) for free, fixed, _ in seen.others)]
-    return several_bodies(seen.parts, others)
 
 
 class Replay:
@@ -163,7 +139,8 @@ class Replay:
         self.together = solver.seen.free is not None
         if len(scene.hands) > 1:
             described[HANDS_APART] = self.keeps_apart = self.together or keeps_hands_apart(solver.options)
-        self.runs = [HandRun(solver, hand, described) for hand in range(len(scene.hands))]
+        self.bodies = body_parts(scene, solver.seen)
+        self.runs = [HandRun(solver, hand, self.bodies, described) for hand in range(len(scene.hands))]
         self._models, self.graphic = [run.model for run in self.runs], list[FloatArray]()
         self.duration = list[AnyArray]()
 
@@ -177,7 +154,7 @@ class Replay:
         self._writer = ResultWriter(
             path,
             hands={run.model.side: run.part for run in self.runs},
-            bodies=self.runs[0].bodies,
+            bodies=self.bodies,
             columns=(*(BETWEEN_COLUMNS if both else ()), *(frame if carried else ())),
             phases=scene.ticks.phases,
             command=command,
@@ -196,7 +173,7 @@ class Replay:
 
     def _write(self, ticks: slice, records: Sequence[TickRecord]) -> None:
         """Write the ticks that were solved last: what both hands say of bodies and contacts once."""
-        of_hands = [run.rows(ticks, record, len(self.runs)) for run, record in zip(self.runs, records)]
+        of_hands = [run.tables(ticks, record) for run, record in zip(self.runs, records)]
         tables = {group: rows for tables in reversed(of_hands) for group, rows in tables.items()}
         if len(of_hands) > 1:
             placed = [

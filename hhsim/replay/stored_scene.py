@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -10,15 +10,19 @@ from numpy.typing import ArrayLike
 
 from hhsim.arrays import AnyArray
 from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.moving_parts import MovingParts
-from hhsim.result.body import Body
+from hhsim.motion.trajectory import ObjectMotion, TickInput, Trajectory
+from hhsim.reproducible import matmul
+from hhsim.result.body import Body as StoredBody
 from hhsim.result.reader import Result
 from hhsim.result.schema import (
     BODIES,
     DRIVEN_COLUMNS,
+    FRAME,
     FREE_COLUMNS,
     HANDS,
     JOINT_COLUMN,
@@ -28,14 +32,15 @@ from hhsim.result.schema import (
 )
 from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS, result_hand, sphere_tree_of
 from hhsim.result.writer import BodyPart
-from hhsim.scene.free_object import LAW, FreeObject
-from hhsim.scene.scene import Scene, all_pairs
-from hhsim.solver.free_engine import Thing
+from hhsim.scene.body import Body, Driven, Fixed, HalfSpace, Joint, Motion
+from hhsim.scene.scene import TABLE, Hand, Scene, all_pairs
+from hhsim.solver.free_object import LAW, FreeObject
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.scene_solver import SeenScene
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
-STILL = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
+STILL = ObjectMotion(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 """Pose of a body whose mesh is in a frame that is the world's."""
 
 
@@ -52,7 +57,7 @@ def hand_arrays(hand: HandModel) -> dict[str, AnyArray]:
 
 
 def body_arrays(
-    mesh: Mesh, tree: SphereTree, position: ArrayLike = STILL[0], orientation: ArrayLike = STILL[1]
+    mesh: Mesh, tree: SphereTree, position: ArrayLike = STILL.position, orientation: ArrayLike = STILL.orientation
 ) -> dict[str, AnyArray]:
     """Return the arrays of `hhsim.result.schema.BODY_STATIC`: mesh and tree in the world [m].
 
@@ -72,46 +77,45 @@ def body_name(name: str) -> str:
     return name.replace("/", "-").strip(".") or "object"
 
 
-def one_body(
+def body_part(
+    kind: str,
     mesh: Mesh,
     tree: SphereTree,
-    position: ArrayLike,
-    orientation: ArrayLike,
-    *,
-    driven: bool = False,
+    place: ObjectMotion = STILL,
     free: FreeObject | None = None,
-) -> dict[str, BodyPart]:
-    """Return the body of a scene with one, at its place of the first tick, by its name."""
-    kind = "driven" if driven else "fixed" if free is None else "free"
-    columns = (*(POSE_COLUMNS if driven or free else ()), *((*MOTION_COLUMNS, *FREE_COLUMNS) if free else ()))
-    properties = {} if free is None else free.to_json()
-    part = BodyPart(kind, body_arrays(mesh, tree, position, orientation), columns, properties)
-    return {body_name(mesh.name): part}
+    *,
+    many: bool = False,
+    first: bool = True,
+    joint: Joint | None = None,
+) -> BodyPart:
+    """Return a body of a file, whose mesh and tree are at a pose of its frame, shapes (3,) and (4,).
 
-
-def several_bodies(parts: MovingParts, others: Sequence[tuple[FreeObject, bool]] = ()) -> dict[str, BodyPart]:
-    """Return the bodies of a scene of several by their names, in frames of their own.
-
-    `others` has the physical properties of each where one is free, and True for one that is fixed.
+    `free` has the properties of one in a scene where one is free; `many` is True beside others, `first` of the first;
+    a `joint` is of one that its values drive where nothing is free.
     """
-    found: dict[str, BodyPart] = {}
-    for k, (name, mesh, tree) in enumerate(zip(parts.names, parts.meshes, parts.trees, strict=True)):
-        columns, kind, properties = [*POSE_COLUMNS, *((JOINT_COLUMN,) if name in parts.values else ())], "driven", {}
-        if others:
-            free, fixed = others[k]
-            kind = "fixed" if fixed else "driven" if name in parts.driven else "free"
-            columns += [*MOTION_COLUMNS, OF_BODIES, *(() if k else FREE_COLUMNS)]
-            columns += DRIVEN_COLUMNS if name in parts.driven else ()
-            properties = free.to_json()
-        found[name] = BodyPart(kind, body_arrays(mesh, tree), columns, properties)
+    columns = [*(POSE_COLUMNS if many or kind != "fixed" else ()), *((JOINT_COLUMN,) if joint else ())]
+    properties = free.to_json() if free else {"joint": asdict(joint)} if joint else {}
+    if free is not None:
+        columns += [*MOTION_COLUMNS, *((OF_BODIES,) if many else ()), *(FREE_COLUMNS if first else ())]
+        columns += DRIVEN_COLUMNS if kind == "driven" else ()
+    return BodyPart(kind, body_arrays(mesh, tree, *place), columns, properties)
+
+
+def body_parts(scene: Scene, seen: SeenScene) -> dict[str, BodyPart]:
+    """Return the bodies of a scene's file by their names."""
+    if (parts := seen.parts) is None:
+        kind = "free" if seen.free else "driven" if seen.carrier else "fixed"
+        return {body_name(seen.mesh.name): body_part(kind, seen.mesh, seen.tree, seen.place, seen.free)}
+    # Without a free one all go by their joints, or stand, in a frame that may go along.
+    kinds, free = dict.fromkeys(parts.names, "driven"), dict[str, FreeObject]()
+    if seen.free is not None:
+        free = dict(zip(parts.names, (seen.free, *(own for own, _, _ in seen.others))))
+        kinds = {body.name: type(body.motion).__name__.lower() for _, _, body in seen.others}
+    joints, found = {body.name: body.joint for body in scene.solids if body.name in parts.values}, {}
+    for name, mesh, tree in zip(parts.names, parts.meshes, parts.trees, strict=True):
+        about: dict[str, Any] = {"many": True, "first": name == parts.names[0], "joint": joints.get(name)}
+        found[name] = body_part(kinds.get(name, "free"), mesh, tree, free=free.get(name), **about)
     return found
-
-
-def with_joints(parts: Mapping[str, BodyPart], scene: Scene) -> dict[str, BodyPart]:
-    """Return bodies with the joints that driven ones hang on; those of free ones state them already."""
-    joints = {body.name: {"joint": asdict(body.joint)} for body in scene.solids if body.joint is not None}
-    own = {name: part.properties or joints.get(name, {}) for name, part in parts.items()}
-    return {name: replace(part, properties=own[name]) for name, part in parts.items()}
 
 
 def describe_scene(
@@ -185,12 +189,12 @@ def require_whole(result: Result) -> None:
             raise InputError(f"{result.path} cannot be run again: {part_words(part)} in the file is another (checksum)")
 
 
-def stored_mesh(body: Body) -> Mesh:
+def stored_mesh(body: StoredBody) -> Mesh:
     """Return the mesh of a body, where it is stored [m]."""
     return Mesh(body.vertices, body.faces, name=body.name, source=str(body.result.path))
 
 
-def stored_tree(body: Body) -> SphereTree:
+def stored_tree(body: StoredBody) -> SphereTree:
     """Return the sphere tree of a body, where it is stored [m]; InputError if the arrays are no tree."""
     return sphere_tree_of(body.static, "tree")
 
@@ -200,14 +204,62 @@ def stored_surface(result: Result) -> ContactSurface:
     return contact_surface(result.surface, stored_mesh(result.body), stored_tree(result.body))
 
 
-def stored_others(result: Result, parts: MovingParts) -> list[Thing]:
-    """Return the bodies beside a free one of a result; none of driven ones alone."""
-    found = []
-    for surface, body in list(zip(parts.surfaces(result.surface), result.bodies.values()))[1:]:
-        if result.free:
-            own = FreeObject.from_json(body.properties)
-            found.append(Thing(surface, own, body.kind == "fixed", body.name, parts.driven.get(body.name)))
-    return found
+def result_scene(hands: Sequence[Result], most: int | None = None) -> Scene:
+    """Make the scene of a result with ticks, of one of its hands or of both, at the first ticks, by default at all.
+
+    Raises InputError for a body, a tree or a hand that is not the run's.
+    """
+    result, bodies = hands[0], list(hands[0].bodies.values())
+    count = min(most or result.ticks, *(hand.ticks for hand in hands))
+    rows = slice(count)
+    names = ("time", "input_seq", *(f"haptic/{name}" for name in HandConfiguration._fields))
+    frame = result.poses(FRAME, rows) if result.frame == FRAME else None
+    if len(bodies) == 1 and bodies[0].kind == "driven":
+        frame = bodies[0].poses(rows)
+    made = []
+    for hand in hands:
+        ticks = {name.rpartition("/")[2]: values for name, values in next(hand.blocks(names, count)).items()}
+        given = TickInput(**ticks, phases=hand.phases, rate=hand.rate, object_motion=frame)
+        place = bodies[0].place._asdict() if len(bodies) == 1 else {}
+        about = {"name": str(hand.scene["motion"]), **{f"object_{name}": of for name, of in place.items()}}
+        still = np.zeros((1, 3)), STILL.orientation[None], np.zeros((1, 5, 3)), np.zeros((1, 5))
+        made.append(Hand(stored_hand(hand), Trajectory(np.zeros(1), *still, **about), given))
+    own: list[Body | HalfSpace] = [_scene_body(body, rows) for body in bodies]
+    table = next((body.properties["table"] for body in bodies if body.kind == "free"), None)
+    if table is not None:
+        name = next(name for name in (TABLE, f"{TABLE}-under-all") if name not in result.bodies)
+        own.append(HalfSpace(name, table, bodies[0].properties["table_friction"]))
+    return Scene(tuple(made), tuple(own), result.scene)
+
+
+def _scene_body(body: StoredBody, rows: slice) -> Body:
+    """Return a body of a result as one of a scene."""
+    mesh, tree, place, own = stored_mesh(body), stored_tree(body), body.place, body.properties
+    begin, about = place, {name: own[name] for name in ("friction", "torsion") if name in own}
+    motion: Motion = Fixed()
+    if body.kind == "free":
+        free = FreeObject.from_json(own)
+        motion, about["joint"] = free.motion, free.stated_joint()
+    elif "recorded_position" in body:
+        motion = Driven(ObjectMotion(*(np.asarray(body[f"recorded_{name}"][rows]) for name in ObjectMotion._fields)))
+    elif body.kind == "driven":
+        poses = body.poses(rows)
+        motion, begin = Driven(poses, np.asarray(body["joint"][rows]) if "joint" in body else None), poses.at(0)
+        about |= {"joint": Joint(**own["joint"])} if own else {}
+    frame = mesh, tree
+    if not _equal(place, STILL):
+        back = rotation_matrix(place.orientation).T
+        to = back, matmul(back, -place.position)
+        frame = mesh.transformed(*to), tree.transformed(*to)
+    made = Body(body.name, *frame, *begin, motion, **about)
+    if _equal(begin, place):
+        # As stored: there and back would round.
+        vars(made).update(placed_mesh=mesh, placed_tree=tree)
+    return made
+
+
+def _equal(one: ObjectMotion, other: ObjectMotion) -> bool:
+    return all(map(np.array_equal, one, other))
 
 
 def stored_hand(result: Result) -> HandModel:

@@ -28,7 +28,7 @@ from hhsim.metrics.moving_parts import MovingParts, TouchedParts
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import known_figures, run_metrics, tick_figures
 from hhsim.metrics.run_ticks import Datasets, FreeRun, RunTicks
-from hhsim.motion.trajectory import ObjectMotion, RigidMotion
+from hhsim.motion.trajectory import RigidMotion
 from hhsim.motion.tremor import Disturbance
 from hhsim.replay.stored_scene import STILL
 from hhsim.replay.summary_table import SummaryRow, figure_table, short_table, summary_rows
@@ -183,7 +183,7 @@ def summarise(
     touched = seen.mesh, surface.arrays, hand_shape(model), fingers, options.touch
     free_run = None
     if seen.free is not None:
-        first = ObjectMotion(*map(np.array, STILL)) if seen.others else seen.place
+        first = STILL if seen.others else seen.place
         of_body = seen.free.to_json(), first, options.stiffness.diagonal(), options.offset, bool(seen.others)
         free_run = FreeRun(body, contacts, *of_body)
     run = RunTicks(
@@ -255,7 +255,9 @@ def _floating(seen: SeenScene, figures: Mapping[str, float]) -> tuple[str, ...]:
     if not error > max(MOST_CONTACT_ERROR, figures["penetration_max"]):
         return ()
     level, way = seen.tree.depth, "replay the part that the hand touches as a mesh of its own"
-    if level < MOST_LEVEL:
+    if seen.others:
+        way = "mend it with --surface mesh"
+    elif level < MOST_LEVEL:
         way = f"mend it with --level {level + 1}, or --max-error 1mm, which takes the coarsest level that is enough"
     return (
         f"the hand touches up to {1e3 * error:.2g} mm off the mesh: {seen.tree.leaf_count:,} spheres (level {level}) "

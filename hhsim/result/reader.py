@@ -234,7 +234,7 @@ class Result:
         """Path in the file of a dataset by its name."""
         if name.startswith((f"{schema.BODIES}/", f"{schema.CONTACT}/", f"{schema.TICK}/")):
             return name
-        if name.startswith(f"{schema.BETWEEN}/") or (name == schema.TIME.name and not self._own_time):
+        if name.startswith(f"{schema.BETWEEN}/") or (name == schema.TIME.name and not self.own_time):
             return f"{schema.TICK}/{name}"
         if not self.name:
             raise InputError(f"{self.path} holds two hands: {name} is that of .hands['right'] or .hands['left']")
@@ -242,7 +242,7 @@ class Result:
         return f"{group}/{name}" if name.startswith(f"{schema.LIVE}/") else f"{group}/{schema.TICK}/{name}"
 
     @cached_property
-    def _own_time(self) -> bool:
+    def own_time(self) -> bool:
         """True where hands of two loops have ticks of their own."""
         with _opened(self.path) as file:
             return schema.TICK not in file

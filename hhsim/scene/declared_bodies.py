@@ -33,7 +33,7 @@ from hhsim.reproducible import matmul
 from hhsim.scene.body import CLEARANCE, USUAL_FRICTION, Body, Driven, Fixed, Free, HalfSpace, Joint, Motion, triple
 from hhsim.scene.body_file import BodyFile, BodySettings, Drive, read_body_file
 from hhsim.scene.joint import Keyframe, composed
-from hhsim.scene.linkage_bodies import LEVEL_OF_MANY, linkage_bodies
+from hhsim.scene.linkage_bodies import linkage_bodies
 from hhsim.scene.overlap import Solid, overlap
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.sphere_tree import SphereTree
@@ -41,6 +41,8 @@ from hhsim.trees.sphere_tree import SphereTree
 MOST_OVERLAP, MOST_JOINED_OVERLAP = 1e-4, 1e-3
 """Largest depth [m] of a body in another at the first tick, and in one that it hangs on: hinges are drawn roughly."""
 BRANCHING = 8
+LEVEL_OF_MANY = 3
+"""Usual level of the trees of several bodies of which some are free: each meets others by 1,024 leaves at most."""
 ONE = "object"
 """Name of the one body of a mesh without a name."""
 
@@ -276,8 +278,7 @@ def load_bodies(
     path = Path(word)
     if names_a_linkage(path):
         own, surfaces = linkage_bodies(path, motion, free=free, solid=solid)
-        many = len(own) > 1 and any(body.is_free for body in own)
-        loaded = DeclaredBodies(path.stem, own, surfaces, level=LEVEL_OF_MANY if many else MESH_LEVEL)
+        loaded = DeclaredBodies(path.stem, own, surfaces, level=_usual_level(own, solid))
         with named(word):
             loaded.require_apart()
         return loaded
@@ -291,9 +292,16 @@ def load_bodies(
         settings = _moved(bodies, motion, path.stem)
         meshes = {body.name: _mesh(body, path.parent, solid) for body in settings if body.plane is None}
         drives = {body.name: body.poses.drive(body.position, body.turn, path.parent) for body in settings if body.poses}
-        found = DeclaredBodies(path.stem, settings, meshes, drives=drives)
+        found = DeclaredBodies(path.stem, settings, meshes, drives=drives, level=_usual_level(settings, solid))
         found.require_apart()
     return found
+
+
+def _usual_level(bodies: Sequence[BodySettings], solid: bool) -> int:
+    """Return the usual level of the trees of bodies, of which corners meet each other without `solid`."""
+    surfaces = [body for body in bodies if body.plane is None]
+    many = solid and len(surfaces) > 1 and any(body.is_free for body in surfaces)
+    return LEVEL_OF_MANY if many else MESH_LEVEL
 
 
 def _moved(bodies: Sequence[BodySettings], motion: object, word: str) -> tuple[BodySettings, ...]:

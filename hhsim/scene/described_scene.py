@@ -1,15 +1,15 @@
-"""A scene as `hhsim replay` makes it, of one hand or of both.
+"""Scenes by words, as `hhsim replay` takes them: bodies and motions are loaded, trees grown, the object placed.
 
-Its object is placed where the hand touches it, and described for its result.
+The object of a recording that is in no world is placed where the hand touches it; a scene is described for its result.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from msgspec import Meta
+from msgspec import Meta, structs
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
@@ -17,20 +17,30 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel, Side
 from hhsim.hand.quaternion import rotation_matrix
+from hhsim.linkage.file import names_a_linkage
+from hhsim.mesh.catalogue import names_a_file, object_description
+from hhsim.mesh.file import read_triangles
+from hhsim.mesh.mesh import METRES_PER_UNIT, Mesh
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.motion.trajectory import ResampleMode, Trajectory
+from hhsim.ranges import RANGES
 from hhsim.result.motion import holds_a_result, load_result_motion
 from hhsim.result.reader import load_result
 from hhsim.result.schema import SIDES
+from hhsim.scene.body import CLEARANCE, Free
 from hhsim.scene.contact_goals import TOUCHING
-from hhsim.scene.declared_bodies import DeclaredBodies
+from hhsim.scene.declared_bodies import DeclaredBodies, load_object
+from hhsim.scene.linkage_bodies import NONE, UNDER
 from hhsim.scene.motion_catalogue import Motion, Reading, clean_imported, is_imported, read_imported, resolve_trajectory
 from hhsim.scene.recorded_grasp_pose import GraspPlacement, place_at_grasp
-from hhsim.scene.scene import Scene, scene_of
+from hhsim.scene.scene import Scene, hand_of, scene_of
 from hhsim.scene.script import Script
+from hhsim.system.progress import Progress, silent
 from hhsim.system.settings_file import Settings, between
+from hhsim.trees.foreign_tree import load_tree_for
 from hhsim.trees.options import MOST_LEVEL
 from hhsim.trees.sphere_tree import SphereTree
+from hhsim.trees.triangle_tree import chosen_tree
 
 Place = Literal["recorded", "auto"]
 Tremor = Annotated[float, between(0.0, 100.0)]
@@ -40,6 +50,29 @@ MOST_START_DEPTH = 0.005
 """A hand that begins deeper [m] in the object was not recorded at it: fit, tracker and spheres are off by less."""
 SAME_STAMP = 1e-6
 """Stamps no farther apart are one [s]."""
+
+
+class FreeWords(Settings, frozen=True, kw_only=True):
+    """Properties of an object that `--free` makes free, SI; None where one was not given."""
+
+    mass: Annotated[float, between(*RANGES["mass"][:2])] | None = None
+    density: Annotated[float, between(*RANGES["density"][:2])] | None = None
+    friction: Annotated[float, between(*RANGES["friction"][:2])] | None = None
+    torsion: Annotated[float, between(*RANGES["torsion"][:2])] | None = None
+    table: Literal["under", "none"] | float | None = None  # height [m], world
+    table_friction: Annotated[float, between(*RANGES["table_friction"][:2])] | None = None
+
+    def given(self) -> dict[str, Any]:
+        """Return what was given, by name."""
+        return {name: value for name, value in structs.asdict(self).items() if value is not None}
+
+    def properties(self, mesh: Mesh, word: str) -> dict[str, Any]:
+        """Return arguments of `Scene.freed` for a mesh [m] at its first place, named in the catalogue or of a file."""
+        known: Mapping[str, Any] = {} if names_a_file(word) else object_description(word)
+        usual = {name: known[name] for name in ("density", "friction") if name in known}
+        given = {**usual, "table": UNDER, **self.given()}
+        heights: dict[Any, float | None] = {UNDER: float(mesh.bounds[0, 2]) - CLEARANCE, NONE: None}
+        return given | {"table": heights.get(given["table"], given["table"])}
 
 
 class SceneWords(Settings, frozen=True, kw_only=True):
@@ -53,7 +86,8 @@ class SceneWords(Settings, frozen=True, kw_only=True):
     level: Annotated[int, between(1, MOST_LEVEL)] | None = None  # level of the tree
     max_error: Annotated[float, between(1e-6, 1.0)] | None = None  # error that the level was chosen by [m]
     tree: str | None = None  # file of the tree
-    hand: Side | None = None  # side of the hand
+    hand: Literal["right", "left", "both"] | None = None  # side of the hand
+    free: FreeWords | None = None  # of an object that is made free
     hand_file: str | None = None  # file of the hand's sizes
     # Amplitudes of a script's tremor: position [mm] and rotation [°].
     tremor_mm_deg: Annotated[tuple[Tremor, Tremor], Meta(description=TWO)] | None = None
@@ -83,6 +117,7 @@ class PlacedScene:
     placement: GraspPlacement | None = None
     by_itself: bool = False  # True if the object was placed because the recording states no place, not on demand
     note: str = ""  # a sentence for the user, or ""
+    notes: tuple[str, ...] = ()  # on the choice of trees
 
     @property
     def place(self) -> Place:
@@ -92,6 +127,119 @@ class PlacedScene:
     def to_json(self) -> dict[str, Any] | None:
         """Return the placement as plain values, SI; None where there is none."""
         return None if self.placement is None else {**self.placement.to_json(), "by_itself": self.by_itself}
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedWords:
+    """What the words of a scene name: its motions, and bodies without trees."""
+
+    words: SceneWords
+    motions: tuple[Motion, ...]  # of one hand, or of the right and the left one
+    bodies: DeclaredBodies
+    solid: bool  # False takes triangles as they are
+
+    @property
+    def hands(self) -> list[HandModel]:
+        """Models of the hands; HhsimError for a damaged file of sizes."""
+        words = self.words
+        sides: tuple[Side | None, ...] = SIDES if words.hand == "both" else (words.hand,)
+        return [hand_of(motion, side, words.hand_file) for motion, side in zip(self.motions, sides)]
+
+    def grown(self, report: Progress = silent) -> tuple[DeclaredBodies, tuple[str, ...]]:
+        """Return the bodies with their trees, and notes on the choice."""
+        words, notes = self.words, list[str]()
+
+        def grow(mesh: Mesh) -> SphereTree:
+            if words.tree is None:
+                tree, own = chosen_tree(mesh, words.level or self.bodies.level, words.max_error, self.solid, report)
+            else:
+                found = load_tree_for(Path(words.tree), mesh, self._unit_length())
+                tree, own = found.tree, (f"the sphere tree is that of {words.tree}", *found.notes)
+            notes.extend(own)
+            return tree
+
+        return self.bodies.with_trees(grow), tuple(dict.fromkeys(notes))
+
+    def placed(self, fingers: Sequence[str] = FINGERS, report: Progress = silent) -> PlacedScene:
+        """Grow the trees and make the scene, for hands that use some fingers; errors as `load_scene`."""
+        words = self.words
+        bodies, notes = self.grown(report)
+        placed = described_scene(words, bodies, self.hands, self.motions, fingers)
+        scene = placed.scene
+        if words.free is not None and not names_a_linkage(words.object):
+            scene = scene.freed(**words.free.properties(scene.solids[0].placed_mesh, words.object))
+        return replace(placed, scene=scene, notes=notes)
+
+    def _unit_length(self) -> float:
+        """Return the length [m] of the mesh's unit, for a file of its sphere tree."""
+        words = self.words
+        if not names_a_file(words.object) or names_a_linkage(words.object):
+            return 1.0
+        if words.size_mm is None:
+            return METRES_PER_UNIT[words.unit or "m"]
+        return 1e-3 * words.size_mm / float(Mesh(*read_triangles(Path(words.object))).extent.max())
+
+
+def load_scene(
+    words: SceneWords, *, solid: bool = True, fingers: Sequence[str] = FINGERS, report: Progress = silent
+) -> PlacedScene:
+    """Make the scene that words name.
+
+    Without `solid` triangles are taken as they are, for the surface mesh. Raises UnknownNameError for no such object,
+    trajectory or joint; InputError for a file or words that cannot be used, or do not go together; TrajectoryError for
+    a motion that cannot be done on this object.
+    """
+    return load_words(words, solid=solid).placed(fingers, report)
+
+
+def load_words(words: SceneWords, *, solid: bool = True) -> LoadedWords:
+    """Load the motions and the bodies that words name; errors as `load_scene`."""
+    motions = _motions(words)
+    size, thickness = (None if given is None else 1e-3 * given for given in (words.size_mm, words.thickness_mm))
+    links = None if words.free is None or not names_a_linkage(words.object) else words.free.given()
+    about: dict[str, Any] = {"unit": words.unit, "size": size, "thickness": thickness, "free": links}
+    bodies = load_object(words.object, motions[0], solid=solid, **about)
+    if len(bodies.solid) > 1 and ((words.free is not None and links is None) or words.tree is not None):
+        raise InputError(f"--free, --tree and --rerun are for one object, not for '{words.object}'")
+    if words.free is not None and links is None:
+        # Before the tree is built: a mesh that can have no mass is refused.
+        Free.of_mesh(
+            bodies.mesh, **{name: of for name, of in words.free.given().items() if name in ("mass", "density")}
+        )
+    return LoadedWords(words, motions, bodies, solid)
+
+
+def _motions(words: SceneWords) -> tuple[Motion, ...]:
+    """Return the motion that the words name, or that of the right and of the left hand, with its tremor."""
+    word = words.trajectory
+    if words.reading and not is_imported(Path(word)):
+        raise InputError(f"{', '.join(words.reading)}: of a recording that is imported, and '{word}' is not")
+    if words.hand == "both":
+        return tuple(_shaped(words, motion) for motion in two_handed_motions(word, words.reading))
+    # Of a recording of both hands `resolve_trajectory` takes one.
+    side = "" if is_imported(Path(word)) else words.hand or ""
+    return (_shaped(words, motion_of_side(word, side, words.reading)),)
+
+
+def _shaped(words: SceneWords, motion: Motion) -> Motion:
+    """Return a motion with its tremor, or on an object that stays; InputError for words that do not go with it."""
+    word = words.trajectory
+    if words.place_object == "auto" and not isinstance(motion, Trajectory):
+        raise InputError(f"--place-object is for recordings; '{word}' finds its place at the object itself")
+    if isinstance(motion, Trajectory) and motion.object_motion is not None:
+        if words.object_pose == "fixed":
+            motion = motion.placed(motion.object_position, motion.object_orientation)
+        elif words.place_object == "auto":
+            raise InputError(
+                f"'{word}' holds where its object was at every moment: --place-object auto needs --object-pose fixed"
+            )
+    elif words.object_pose == "fixed" and isinstance(motion, Script):
+        raise InputError(f"--object-pose is for recordings; in '{word}' the object moves by the script")
+    if words.tremor_mm_deg is None:
+        return motion
+    if not isinstance(motion, Script):
+        raise InputError(f"--tremor is for scripts; '{word}' is a recording, with what tremor the hand had")
+    return motion.shaken(words.tremor_mm_deg)
 
 
 def described_scene(

@@ -24,8 +24,6 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.scene.body_file import BodyFile, BodySettings
 from hhsim.scene.joint import JointSettings, Keyframe
 
-LEVEL_OF_MANY = 3
-"""Usual level of the trees of several free bodies: each meets the others by its leaves, of which it may have 1,024."""
 UNDER, NONE = "under", "none"
 Motions = Mapping[str, Sequence[Keyframe]]
 

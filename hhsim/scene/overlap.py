@@ -4,14 +4,17 @@ Two triangles that cross come apart by no less than the least of the shifts alon
 and b in two solids leaves one of them after a + b at the earliest, also where their surfaces coincide, or do not meet.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
+from hhsim.scene.body import CLEARANCE, Body, Free
 from hhsim.trees.contact_surface import encloses
+from hhsim.trees.sphere_tree import SphereTree
 
 HALVINGS, MOST_FACES = 12, 200
 """Points behind a face are half, a quarter, ... of the mesh's length away from it; most faces that have some."""
@@ -19,6 +22,8 @@ TOGETHER = 64
 """Triangles that lie side by side, whose boxes are compared at once with those of another mesh."""
 PARALLEL = 1e-12
 """Sine of the angle of two edges below which they have no direction across."""
+MOST_RAISED = 5e-3
+"""Largest way [m] by which a body that stands on another one is raised off the spheres of that one."""
 
 
 class Solid:
@@ -81,3 +86,35 @@ def _crossing(one: FloatArray, two: FloatArray) -> FloatArray:
         shift = np.minimum(here.max(axis=1) - there.min(axis=1), there.max(axis=1) - here.min(axis=1))
         least = np.minimum(least, np.where(known, shift, np.inf))
     return np.where(np.isfinite(least), least.clip(min=0.0), 0.0)
+
+
+def raised(bodies: Sequence[Body]) -> tuple[Body, ...]:
+    """Return bodies of which free ones that stand on others are raised until their leaf spheres are apart.
+
+    Spheres that cover two solids that touch reach into each other. A body is raised by at most `MOST_RAISED`, and stays
+    where it is if it shares a joint.
+    """
+    joined = {name for body in bodies if body.joint for name in (body.name, body.joint.on)}
+    found: dict[str, Body] = {}
+    for body in sorted(bodies, key=lambda body: float(body.placed_mesh.bounds[0, 2])):
+        motion = body.motion
+        if isinstance(motion, Free) and body.name not in joined:
+            way = max((_rise(body.placed_tree, one.placed_tree) for one in found.values()), default=0.0)
+            if 0.0 < way <= MOST_RAISED:
+                (x, y, z), shift = motion.center, np.array([0.0, 0.0, way])
+                motion = replace(motion, center=(x, y, z + way))
+                body = replace(body, position=body.position + shift, motion=motion)
+        found[body.name] = body
+    return tuple(found[body.name] for body in bodies)
+
+
+def _rise(upper: SphereTree, lower: SphereTree) -> float:
+    """Return by how much a tree has to rise until none of its leaf spheres is in those of another one [m]."""
+    apart = upper.leaf_center[:, None] - lower.leaf_center[None]
+    reach = upper.leaf_radius[:, None] + lower.leaf_radius[None] + CLEARANCE
+    height = reach**2 - (apart[..., :2] ** 2).sum(axis=-1)
+    inside = (apart**2).sum(axis=-1) < (reach - CLEARANCE) ** 2
+    if not inside.any():
+        return 0.0
+    near = height > 0.0
+    return float((np.sqrt(height[near]) - apart[near, 2]).max())

@@ -1,7 +1,7 @@
 """A scene: hands and bodies in the world, over the ticks of a replay."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,11 +12,10 @@ from hhsim.errors import InputError, check_known
 from hhsim.hand.model import HandModel, Side
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import ResampleMode, TickInput, TickPhase, Trajectory, phase_names
-from hhsim.scene.body import Body, Driven, Free, HalfSpace, Joint, JointType
+from hhsim.scene.body import USUAL_FRICTION, Body, Driven, Free, HalfSpace
 from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.scene.demonstration import Demonstration
-from hhsim.scene.free_object import FreeObject, Hinge
 from hhsim.scene.motion_catalogue import Motion, resolve_trajectory
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import planned, synthesize
@@ -128,10 +127,18 @@ class Scene:
         )
         return replace(self, hands=tuple(hands), bodies=tuple(bodies))
 
-    def freed(self, free: FreeObject) -> "Scene":
-        """Return the scene with its one body free, on a table if there is one.
+    def freed(
+        self,
+        *,
+        friction: float = USUAL_FRICTION,
+        torsion: float = 0.0,
+        table: float | None = None,
+        table_friction: float | None = None,
+        **free: Any,
+    ) -> "Scene":
+        """Return the scene with its one body free, over a table at a height [m], if there is one.
 
-        Raises InputError if the motion moves it, or for several bodies.
+        `free` has arguments of `Free.of_mesh`. Raises InputError if the motion moves the body, or for several bodies.
         """
         if len(self.solids) > 1:
             raise InputError(f"{self.name} has several bodies, each of which says how it moves; expected one")
@@ -139,12 +146,9 @@ class Scene:
         if isinstance(body.motion, Driven):
             name = self.hands[0].trajectory.name or "the motion"
             raise InputError(f"in {name} the object moves as recorded, so it cannot be free")
-        joint, motion = None, Free(**{each.name: getattr(free, each.name) for each in fields(Free)})
-        if (own := free.joint) is not None:
-            kind: JointType = "hinge" if isinstance(own, Hinge) else "slider"
-            joint = Joint(kind, own.axis, getattr(own, "origin", (0.0, 0.0, 0.0)), own.limits, own.friction)
-        moving = replace(body, motion=motion, joint=joint, friction=free.friction, torsion=free.torsion)
-        plane = () if free.table is None else (HalfSpace(TABLE, free.table, free.table_friction),)
+        motion = Free.of_mesh(body.placed_mesh, **free)
+        moving = replace(body, motion=motion, friction=friction, torsion=torsion)
+        plane = () if table is None else (HalfSpace(TABLE, table, table_friction),)
         return replace(self, bodies=(moving, *plane))
 
 

@@ -29,7 +29,7 @@ from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.reproducible import across, matmul, principal_axes
-from hhsim.scene.free_object import FreeObject, Hinge, Slider
+from hhsim.solver.free_object import FreeObject, Hinge, Slider
 from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.solver.surface import surface_of
 from hhsim.solver.workspace import TickWorkspace, fresh_state, tick_record, zeroed

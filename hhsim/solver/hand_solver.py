@@ -30,8 +30,8 @@ from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSI
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import penetration
 from hhsim.reproducible import norm
-from hhsim.scene.free_object import FreeObject
 from hhsim.solver.free_engine import FreeEngine, Thing
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.linearising_engine import JointedEngine, LinearisingEngine
 from hhsim.solver.method import Engine

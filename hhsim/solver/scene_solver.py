@@ -21,9 +21,10 @@ from hhsim.metrics.moving_parts import MovingParts, placed_mesh
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.scene.body import Body, Driven, Fixed, Free, HalfSpace
 from hhsim.scene.declared_bodies import joined_tree
-from hhsim.scene.free_object import FreeObject, Hinge, Slider
+from hhsim.scene.overlap import raised
 from hhsim.scene.scene import Scene
 from hhsim.solver.free_engine import FreeEngine, Thing
+from hhsim.solver.free_object import FreeObject, Hinge, Slider
 from hhsim.solver.hand_solver import HandSolver, WarmUp, warm_up
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.linearising_engine import require_jointed
@@ -142,7 +143,8 @@ def _goes_along(body: Body, along: RigidMotion) -> bool:
 
 def _free_parts(scene: Scene, solids: Sequence[Body]) -> MovingParts:
     """Return room for the poses of all bodies at the ticks, and the motion of the driven ones."""
-    driven = {one.name: _along(one.motion.poses) for one in solids if isinstance(one.motion, Driven)}
+    moved = ((one, one.motion.poses) for one in solids if isinstance(one.motion, Driven))
+    driven = {one.name: poses.since(one.position, one.orientation) for one, poses in moved}
     meshes, trees = tuple(one.placed_mesh for one in solids), tuple(one.placed_tree for one in solids)
     names, room = tuple(one.name for one in solids), np.zeros((scene.ticks.tick_count, len(solids), 7))
     return MovingParts(scene.name, names, meshes, trees, room, {}, free=True, driven=driven)
@@ -172,6 +174,9 @@ class SceneSolver:
     """
 
     def __init__(self, scene: Scene, options: SolverOptions) -> None:
+        if options.surface == "spheres" and len(scene.solids) > 1:
+            solids = {body.name: body for body in raised(scene.solids)}
+            scene = replace(scene, bodies=tuple(solids.get(body.name, body) for body in scene.bodies))
         self.scene, self.seen = scene, seen_scene(scene)
         self.options = options.at_rate(scene.ticks.rate)
         kind, free, two = self.options.surface, self.seen.free, len(scene.hands) > 1

@@ -16,8 +16,8 @@ from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.both_hands import BOTH_DOF, BOTH_HANDS, BOTH_ROWS, find_meeting, run_hands_apart
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.reproducible import norm
-from hhsim.scene.free_object import FreeObject
 from hhsim.solver.free_engine import FreeEngine, Thing
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import START_LINEARISATIONS, HandSolver, clearance, shift_until
 from hhsim.solver.linearising_engine import JointedEngine, LinearisingEngine
 from hhsim.solver.options import SolverOptions

@@ -1,4 +1,4 @@
-"""Bodies of a scene as a TOML that `hhsim replay` reads, beside their meshes and the values of driven joints."""
+"""Bodies of a scene as a TOML that `hhsim replay` reads, beside their meshes, and values and poses of driven ones."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -8,24 +8,27 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import quaternion, quaternion_from_matrix, rotation_matrix
 from hhsim.linkage.linkage import HERE, Frame
+from hhsim.motion.csv_file import POSE_COLUMNS
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.reproducible import matmul, norm
 from hhsim.scene.body import Body, Driven, Free, HalfSpace
 from hhsim.scene.scene import Scene
+from hhsim.solver.scene_solver import STRAY
 from hhsim.table.table import Table
 
 BODIES_FILE, JOINTS_FILE = "bodies.toml", "joints.csv"
 
 
 def bodies_toml(scene: Scene, surfaces: Mapping[str, tuple[str, FloatArray | None]]) -> dict[str, str]:
-    """Return the texts of `BODIES_FILE`, and of `JOINTS_FILE` where joints are driven, by their names.
+    """Return the texts of `BODIES_FILE`, of `JOINTS_FILE` where joints are driven, and of poses, by their names.
 
     `surfaces` has of each body, by its name, the mesh file and the place of its frame, position [m] and orientation
-    (7,), or None for the world's. Nothing is returned for a scene with bodies that are driven by poses of their own.
+    (7,), or None for the world's.
     """
     first = scene.hands[0].trajectory
     place = Frame(rotation_matrix(first.object_orientation), first.object_position)
     frames = {name: HERE if pose is None else _frame(pose) for name, (_, pose) in surfaces.items()}
-    tables, values = [], {"time": scene.ticks.time}
+    tables, values, found = [], {"time": scene.ticks.time}, dict[str, str]()
     for body in scene.bodies:
         if isinstance(body, HalfSpace):
             height = body.height - float(place.position[2])
@@ -34,16 +37,34 @@ def bodies_toml(scene: Scene, surfaces: Mapping[str, tuple[str, FloatArray | Non
         driven = body.motion if isinstance(body.motion, Driven) else None
         if driven is not None and driven.values is not None:
             values[body.name] = driven.values
-        elif driven is not None and first.object_motion is None:
-            return {}
         bearer = frames[body.joint.on] if body.joint and body.joint.on else place
+        moves = _moves(body, frames[body.name], bearer)
         # What carries the object carries its frame, in which the hand's motion is written.
-        about = {"name": body.name, "mesh": surfaces[body.name][0]}
-        tables.append(_table(about | _moves(body, frames[body.name], bearer)))
-    found = {BODIES_FILE: "\n".join(tables)}
+        if driven is not None and driven.values is None:
+            poses = _relative_poses(scene, driven.poses, frames[body.name])
+            if np.abs(poses - poses[0]).max() > STRAY:
+                file = f"{body.name}-poses.csv"
+                cells = np.column_stack([scene.ticks.time, poses]).tolist()
+                found[file] = Table.of_cells(POSE_COLUMNS, cells).csv()
+                kept = {name: moves[name] for name in ("friction", "torsion")}
+                moves = kept | {"poses": _Raw(f'{{ file = "{file}" }}')}
+        tables.append(_table({"name": body.name, "mesh": surfaces[body.name][0], **moves}))
+    found[BODIES_FILE] = "\n".join(tables)
     if len(values) > 1:
         found[JOINTS_FILE] = Table.of_cells([*values], np.column_stack([*values.values()]).tolist()).csv()
     return found
+
+
+def _relative_poses(scene: Scene, poses: ObjectMotion, frame: Frame) -> FloatArray:
+    """Return the poses of a body's frame, the first one given in the world, in that of the bodies' file, (T, 7)."""
+    steps, first, hand = (len(poses.position), 1), poses.at(0), scene.hands[0]
+    along = poses.since(*first)
+    turn = np.tile(quaternion_from_matrix(frame.rotation), steps)
+    moved = along.points(np.tile(frame.position, steps)), along.orientations(turn)
+    given = hand.trajectory.object_position, hand.trajectory.object_orientation
+    carrier = hand.ticks.object_motion or ObjectMotion(*(np.tile(values, steps) for values in given))
+    to = RigidMotion(carrier.orientation, carrier.position)
+    return np.hstack([to.seen_points(moved[0]), to.seen_orientations(moved[1])])
 
 
 def _moves(body: Body, frame: Frame, bearer: Frame) -> dict[str, Any]:

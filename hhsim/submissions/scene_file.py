@@ -1,7 +1,7 @@
 """Scene as one file, format `hhsim-scene` (HDF5): object, sphere tree, hand, and the motion at the tick rate.
 
 A submission names its scene by a digest of what poses depend on; the sphere tree is no part of it. The scene is also
-written as MJCF, the format of MuJoCo (mujoco.readthedocs.io): hand, object or things with masses and joints, table.
+written as MJCF, the format of MuJoCo (mujoco.readthedocs.io): hand, bodies with masses and joints, table.
 """
 
 import hashlib
@@ -27,11 +27,13 @@ from hhsim.result.reader import read_phases
 from hhsim.result.schema import BODIES, BODY_STATIC, HAND_STATIC, HANDS
 from hhsim.result.stored_hand import hand_of_arrays, sphere_tree_of
 from hhsim.scene.body import Body
-from hhsim.scene.free_object import FreeObject
-from hhsim.scene.scene import Hand, Scene, open_scene
+from hhsim.scene.described_scene import SceneWords, load_scene
+from hhsim.scene.scene import Hand, Scene
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.system.atomic_write import put_dataset, sealed_hdf5
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
+from hhsim.system.settings_file import typed
 from hhsim.trees.contact_surface import encloses
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -57,7 +59,7 @@ NOT_SCORED = "a hand beside several bodies is not scored; expected a scene of on
 
 
 def scene_digest(scene: Scene) -> str:
-    """Return the SHA-256 [hex] of meshes, things, hand, motion and rate, numbers rounded to `ROUNDED` decimals."""
+    """Return the SHA-256 [hex] of bodies, hand, motion and rate, numbers rounded to `ROUNDED` decimals."""
     hand, ticks, seen = scene.hands[0].model, scene.ticks, seen_scene(scene)
     parts: list[AnyArray] = [seen.mesh.vertices, seen.mesh.faces]
     parts += [hand.base, hand.distal, hand.dorsal, hand.length, hand.radius]
@@ -89,20 +91,10 @@ def scene_title(names: Mapping[str, Any]) -> str:
 def named_scene(names: Mapping[str, Any]) -> Scene:
     """Make the scene of `scene_names` again; raise InputError for unknown names or wrong values."""
     try:
-        size = names.get("size_mm")
-        return open_scene(
-            str(names["object"]),
-            str(names["trajectory"]),
-            unit=names.get("unit"),
-            size=None if size is None else 1e-3 * float(size),
-            level=names.get("level"),
-            hand=names.get("hand"),
-            rate=float(names.get("rate", 1000.0)),
-            mode=names.get("samples", "interpolate"),
-            seed=int(names.get("seed", 0)),
-        )
-    except (KeyError, TypeError, ValueError) as error:
+        words = typed({**names, "place_object": "recorded"}, SceneWords, "made_by")
+    except InputError as error:
         raise InputError(f"made_by is {json.dumps(dict(names))} ({error})") from error
+    return load_scene(words).scene
 
 
 def scene_content(scene: Scene) -> bytes:
@@ -122,7 +114,7 @@ def scene_content(scene: Scene) -> bytes:
         "rate": scene.ticks.rate,
         "hand": {"side": hand.side, "length": hand.hand_length, "breadth": hand.hand_breadth},
         "checksums": checksums(hand.side, of_hand, bodies),
-        **({} if seen.parts is None else {"things": [body.to_json() for body in scene_bodies(scene)]}),
+        **({} if seen.parts is None else {"bodies": [body.to_json() for body in scene_bodies(scene)]}),
     }
 
     def fill(file: h5py.File) -> None:
@@ -156,7 +148,7 @@ def tick_trajectory(ticks: TickInput, **about: Any) -> Trajectory:
     return Trajectory(ticks.time, *HandConfiguration.of(ticks), phases=phases, **about)
 
 
-def load_scene(path: Path) -> Scene:
+def read_scene(path: Path) -> Scene:
     """Read a scene's file; InputError for no such file, another format, or arrays that differ from its checksums."""
     if not path.is_file():
         raise InputError(f"{path}: no such file; expected the scene.h5 of a folder that hhsim scene made")
@@ -176,7 +168,7 @@ def _load(path: Path) -> Scene:
             version = file.attrs.get("schema_version")
             raise InputError(f"{path}: schema_version {version}; expected {SCHEMA_VERSION}: make it anew")
         said = json.loads(file.attrs["scene"])
-        if "things" in said:
+        if "bodies" in said:
             raise InputError(f"{path} has {said['object_name']}: {NOT_SCORED}")
         (side,), (name,) = file[HANDS], file[BODIES]
         of_hand = {column.name: file[HANDS][side][column.name][()] for column in HAND_STATIC}
@@ -198,22 +190,22 @@ def _load(path: Path) -> Scene:
 
 
 class SceneBody(NamedTuple):
-    """Rigid body of a scene; mesh and tree [m] are in its frame, of a thing the world's at the first tick."""
+    """Rigid body of a scene; mesh and tree [m] are in its frame, beside a free one the world's at the first tick."""
 
     name: str
     mesh: Mesh
     tree: SphereTree
     pose: FloatArray | None = None  # first position [m] and orientation of one that moves as recorded, (7,)
-    free: FreeObject | None = None  # physical properties of one of several things
-    fixed: bool = True  # False for a thing that moves
+    free: FreeObject | None = None  # physical properties of one of several bodies, some of them free
+    fixed: bool = True  # False for one that moves
 
     def to_json(self) -> dict[str, Any]:
-        """Return the name, and the physical properties of a thing, as plain values."""
+        """Return the name and the physical properties as plain values."""
         return {**({} if self.free is None else self.free.to_json() | {"fixed": self.fixed}), "name": self.name}
 
 
 def recorded_poses(scene: Scene) -> dict[str, FloatArray]:
-    """Return position [m] and orientation at each tick, (T, 7), of parts and things that move as recorded, by name."""
+    """Return position [m] and orientation at each tick, (T, 7), of driven bodies, by name."""
     if (parts := seen_scene(scene).parts) is None:
         return {}
     driven = {name: np.hstack([motion.shift, motion.turn]) for name, motion in parts.driven.items()}
@@ -221,7 +213,7 @@ def recorded_poses(scene: Scene) -> dict[str, FloatArray]:
 
 
 def scene_bodies(scene: Scene) -> list[SceneBody]:
-    """Return the one object, the parts of a thing, or several things."""
+    """Return the one body as the object, or several bodies."""
     seen, first = seen_scene(scene), {name: poses[0] for name, poses in recorded_poses(scene).items()}
     if (parts := seen.parts) is None:
         return [SceneBody(OBJECT, seen.mesh, seen.tree)]
@@ -233,9 +225,9 @@ def scene_bodies(scene: Scene) -> list[SceneBody]:
 def scene_mjcf(scene: Scene) -> str:
     """Return the MJCF text of a scene [m], world; keyframe `start` is the hand's first pose.
 
-    The mesh of each body is shown, and in `NAME.obj`. Convex parts and things collide as meshes, others and the object
-    as leaf spheres, since MuJoCo would take the hull. What moves as recorded is a mocap body; a thing on a joint
-    is in the body that bears it, and they do not collide. Raises InputError for a thing with a name of the hand's.
+    The mesh of each body is shown, and in `NAME.obj`. Convex ones of several collide as meshes, others as leaf
+    spheres, since MuJoCo would take the hull. A driven body is a mocap body; one on a joint is in the body that bears
+    it, and they do not collide. Raises InputError for a body with a name of the hand's.
     """
     model = Xml.Element("mujoco", model="scene")
     Xml.SubElement(model, "include", file="hand.xml")
@@ -243,12 +235,12 @@ def scene_mjcf(scene: Scene) -> str:
     bodies, hand, pose = scene_bodies(scene), hand_bodies(scene.hands[0].model), seen_scene(scene).haptic[0].at(0)
     for body in bodies:
         if body.name in {one.name for one in hand.bodies} | {one.name for one in hand.joints}:
-            raise InputError(f"'{body.name}' is a body or a joint of the hand, too; expected another name of the thing")
+            raise InputError(f"'{body.name}' is a body or a joint of the hand, too; expected another name")
         # A shell has inertia even if the mesh is open.
         Xml.SubElement(assets, "mesh", name=body.name, file=f"{body.name}.obj", inertia="shell")
     if first := bodies[0].free:
         Xml.SubElement(model, "option", gravity=numbers(first.gravity), timestep=numbers(1.0 / scene.ticks.rate))
-        if first.table is not None:  # it stops things, not the hand
+        if first.table is not None:  # it stops bodies, not the hand
             table = {"type": "plane", "size": "0 0 0.1", "contype": "0", "conaffinity": "2"}
             Xml.SubElement(world, "geom", table, name="table plane", pos=numbers([0.0, 0.0, first.table]))
     _add_bodies(world, bodies, contact)
@@ -261,7 +253,7 @@ def scene_mjcf(scene: Scene) -> str:
 
 
 def _add_bodies(parent: Xml.Element, bodies: Sequence[SceneBody], contact: Xml.Element, bearer: str = "") -> None:
-    """Add the bodies on a thing, or in the world, and those on them."""
+    """Add the bodies on a body, or in the world, and those on them."""
     for one in bodies:
         free, joint, still = one.free, one.free.joint if one.free else None, one.fixed or one.pose is not None
         if (joint.on if joint else "") != bearer:
@@ -285,7 +277,7 @@ def _add_bodies(parent: Xml.Element, bodies: Sequence[SceneBody], contact: Xml.E
 
 
 def _add_shape(body: Xml.Element, one: SceneBody) -> None:
-    """Add the mesh, which is shown, and what collides with the hand; of a thing with things and the table, too."""
+    """Add the mesh, which is shown, and what collides with the hand; of several also with bodies and table."""
     from scipy.spatial import ConvexHull
 
     touched = {"contype": "0", "conaffinity": "1"}

@@ -35,6 +35,7 @@ from hhsim.table.table import Table
 
 SCENE_FILE = "scene.h5"
 EXAMPLE = "example-submission.csv"
+DRIVEN_FILE = "driven.csv"
 
 
 def check_scene_folder(folder: Path) -> None:
@@ -65,9 +66,9 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
         "hand": hand.side,
         "phases": [phase._asdict() for phase in ticks.phases],
         "units": "m, rad, s, N; world right-handed, z up; quaternions w x y z",
-        **({} if parts is None else {"things": [body.to_json() for body in bodies]}),
+        **({} if parts is None else {"bodies": [body.to_json() for body in bodies]}),
     }
-    heading = ("x [m]", "y [m]", "z [m]", "radius [m]", *([] if parts is None else ["thing"]))
+    heading = ("x [m]", "y [m]", "z [m]", "radius [m]", *([] if parts is None else ["body"]))
     leaves = [np.column_stack([body.tree.leaf_center, body.tree.leaf_radius]).tolist() for body in bodies]
     spheres = [(*leaf, body.name) for body, its in zip(bodies, leaves) for leaf in its]
     names = ("object_position", "object_orientation", "name", "source")
@@ -90,23 +91,23 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
     if parts is None:
         files[EXAMPLE] = format_poses(example_submission(scene))
     elif recorded_poses(scene):
-        files["parts.csv"] = _part_poses(scene, parts.values)
+        files[DRIVEN_FILE] = _driven_poses(scene, parts.values)
     target = folder.absolute()
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
+    partial = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
-        part.mkdir()
+        partial.mkdir()
         for name, content in files.items():
-            (part / name).write_bytes(content.encode() if isinstance(content, str) else content)
-        part.replace(target)
+            (partial / name).write_bytes(content.encode() if isinstance(content, str) else content)
+        partial.replace(target)
     except OSError as error:
         raise OutputError(f"cannot write {folder}: {error.strerror or error}") from error
     finally:
-        shutil.rmtree(part, ignore_errors=True)
+        shutil.rmtree(partial, ignore_errors=True)
     return digest
 
 
-def _part_poses(scene: Scene, joints: Mapping[str, FloatArray]) -> str:
-    """Return poses of what moves as recorded and values of its joints at each tick as CSV, in s, m and rad."""
+def _driven_poses(scene: Scene, joints: Mapping[str, FloatArray]) -> str:
+    """Return poses of driven bodies and values of their joints at each tick as CSV, in s, m and rad."""
     columns = {"time": scene.ticks.time}
     for name, poses in recorded_poses(scene).items():
         columns |= {f"{name}_{column}": values for column, values in zip(POSE_COLUMNS[1:], poses.T)}
@@ -151,7 +152,7 @@ def _readme(scene: Scene, digest: str) -> str:
     sign = "" if side == "right" else "minus "
     meshes = ", ".join(f"`{body.name}.obj`" for body in scene_bodies(scene))
     send = "`hhsim score` takes no poses beside\nseveral bodies, of which docs/submissions.md of hhsim tells."
-    last = "| `parts.csv` | poses and joint values of what moves as recorded |\n" if recorded_poses(scene) else ""
+    last = f"| `{DRIVEN_FILE}` | poses and joint values of driven bodies |\n" if recorded_poses(scene) else ""
     if len(scene.solids) == 1:
         send = f"""Write a line a tick, and measure it:
 
@@ -168,13 +169,14 @@ not in the object. {send}
 
 | file | holds |
 |---|---|
-| {meshes} | the mesh [m], world; of a part that moves as recorded, its own frame |
+| {meshes} | the mesh [m], world; of bodies of which none is free, in their own frames |
 | `spheres.csv` | the leaf spheres that cover it [m]: what hhsim's own methods touch by default |
 | `motion.csv` | the user's hand at every tick, with the phases of the motion |
 | `hand.json` | the hand as numbers [m, rad], palm frame |
 | `hand.urdf`, `hand.xml` | the same as URDF and MJCF; joints are called as the columns |
 | `scene.xml` | hand and object as MJCF: the mesh is seen, its spheres collide; keyframe `start` is the first tick |
-| `{BODIES_FILE}` | the bodies for hhsim: `hhsim replay {BODIES_FILE} motion.csv`; values of joints in `{JOINTS_FILE}` |
+| `{BODIES_FILE}` | the bodies for hhsim: `hhsim replay {BODIES_FILE} motion.csv` |
+| `{JOINTS_FILE}`, `NAME-poses.csv` | values of driven joints, and poses of bodies driven without one, if any |
 {last}\
 | `{SCENE_FILE}` | all of it for hhsim; motion under `/motion`, bodies under `/bodies`, hand under `/hands` |
 | `scene.json` | digest, rate, phases |

@@ -32,7 +32,7 @@ from hhsim.solver.reference_optimum import best_hands
 from hhsim.solver.scene_solver import SeenScene, seen_scene
 from hhsim.solver.workspace import TickWorkspace
 from hhsim.submissions.pose_file import Submission
-from hhsim.submissions.scene_file import NOT_SCORED, load_scene, named_scene, scene_digest
+from hhsim.submissions.scene_file import NOT_SCORED, named_scene, read_scene, scene_digest
 from hhsim.submissions.scene_folder import SCENE_FILE
 from hhsim.submissions.suspicions import require_scene, suspicions
 from hhsim.system.progress import Progress, silent
@@ -123,10 +123,10 @@ def scene_of(submission: Submission, folder: Path | None = None) -> Scene:
     Raises InputError for another scene, or an unknown one.
     """
     if folder is not None:
-        return load_scene(folder / SCENE_FILE if folder.is_dir() else folder)
+        return read_scene(folder / SCENE_FILE if folder.is_dir() else folder)
     beside = (submission.path or Path()).parent / SCENE_FILE
     if submission.path is not None and beside.is_file():
-        return load_scene(beside)
+        return read_scene(beside)
     if not submission.scene or not submission.made_by:
         raise InputError(
             f"{submission.path or submission.method} does not say its scene: expected # scene: and # made_by: as in "

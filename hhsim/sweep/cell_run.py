@@ -8,28 +8,21 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
+from msgspec import structs
+
 from hhsim.errors import HhsimError
-from hhsim.hand.model import HandModel
-from hhsim.linkage.object_mesh import resolve_object
 from hhsim.mesh.catalogue import names_a_file
-from hhsim.mesh.mesh import Mesh
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary, repeated_document
 from hhsim.result.writer import state
-from hhsim.scene.declared_bodies import DeclaredBodies
-from hhsim.scene.described_scene import described_scene
-from hhsim.scene.motion_catalogue import Motion, resolve_trajectory, trajectory_names
-from hhsim.scene.scene import Scene, hand_of
-from hhsim.scene.script import Script
+from hhsim.scene.described_scene import LoadedWords, described_scene, load_words
+from hhsim.scene.motion_catalogue import trajectory_names
+from hhsim.scene.scene import Scene
 from hhsim.sweep.engines import TaskEnd
 from hhsim.sweep.folder import PARTIAL, write_row
 from hhsim.sweep.plan import OF_THE_SCENE, Cell, file_digest, source_digest
 from hhsim.system import environment as info
 from hhsim.system.own_core import on_own_core
-from hhsim.trees.cache import cached_sphere_tree, coarsest_sphere_tree
-from hhsim.trees.options import TreeOptions
-from hhsim.trees.sphere_tree import SphereTree
-from hhsim.trees.triangle_tree import tree_of_any
 
 OF_THE_ROW = (
     *("object", "object_mesh", "level", "max_error", "trajectory", "samples", "place_object", "hand_file"),
@@ -131,36 +124,15 @@ class _SceneKey:
 @lru_cache(2)
 def _scene(key: _SceneKey, plan_folder: Path) -> Scene:
     cell = key.cell
-    mesh, tree = cell_object(cell, plan_folder)
-    motion = motion_of(cell, plan_folder)
-    if "tremor_mm_deg" in cell.options and isinstance(motion, Script):
-        motion = motion.shaken(cell.options["tremor_mm_deg"])
-    hand, bodies = cell_hand(cell, plan_folder, motion), DeclaredBodies.of_mesh(mesh, tree)
-    return described_scene(cell.words(), bodies, [hand], [motion], cell.solver_options().fingers).scene
+    loaded = load_cell(cell, plan_folder)
+    bodies, _ = loaded.grown()
+    return described_scene(cell.words(), bodies, loaded.hands, loaded.motions, cell.solver_options().fingers).scene
 
 
-def cell_hand(cell: Cell, plan_folder: Path, motion: Motion) -> HandModel:
-    """Return the hand model of a cell; raise HhsimError for a damaged hand file."""
-    sizes = cell.options.get("hand_file")
-    return hand_of(motion, cell.options.get("hand"), None if sizes is None else plan_folder / sizes)
-
-
-def cell_object(cell: Cell, plan_folder: Path) -> tuple[Mesh, SphereTree]:
-    """Return the mesh [m] of a cell and its sphere tree.
-
-    Raises HhsimError as `hhsim.linkage.object_mesh.resolve_object`, or for no tree of that level or error.
-    """
-    shape, solid = cell.object, cell.surface != "mesh"
-    size, thickness = (None if given is None else 1e-3 * given for given in (shape.size_mm, shape.thickness_mm))
-    word: str | Path = plan_folder / shape.word if names_a_file(shape.word) else shape.word
-    mesh, usual = resolve_object(word, shape.unit, size, thickness, solid)
-    if "max_error" in cell.options:
-        return mesh, coarsest_sphere_tree(mesh, cell.options["max_error"])
-    level = cell.options.get("level", usual)
-    return mesh, cached_sphere_tree(mesh, TreeOptions(level=level)) if solid else tree_of_any(mesh, level)
-
-
-def motion_of(cell: Cell, plan_folder: Path) -> Motion:
-    """Return the motion of a cell, without tremor; HhsimError as `hhsim.scene.motion_catalogue.resolve_trajectory`."""
-    word = cell.motion.word
-    return resolve_trajectory(word if word in trajectory_names() else plan_folder / word)
+def load_cell(cell: Cell, plan_folder: Path) -> LoadedWords:
+    """Load the motion and the bodies of a cell; HhsimError as `hhsim.scene.described_scene.load_words`."""
+    words = cell.words()
+    files = {"object": names_a_file(words.object), "trajectory": words.trajectory not in trajectory_names()}
+    files["hand_file"] = words.hand_file is not None
+    own = {name: str(plan_folder / getattr(words, name)) for name, is_file in files.items() if is_file}
+    return load_words(structs.replace(words, **own), solid=cell.surface != "mesh")

@@ -13,7 +13,7 @@ from time import perf_counter
 
 from hhsim.errors import HhsimError
 from hhsim.solver.hand_solver import warm_up
-from hhsim.sweep.cell_run import CellTask, cell_hand, cell_object, motion_of
+from hhsim.sweep.cell_run import CellTask, load_cell
 from hhsim.sweep.engines import LOCAL, TaskEnd, require_dask, run_tasks
 from hhsim.sweep.folder import SweepFolder, kind, lasting, pace_of
 from hhsim.sweep.plan import Cell, PlannedCell, SweepPlan, source_digest
@@ -133,11 +133,11 @@ def prepare(plan: SweepPlan, cells: Sequence[PlannedCell], progress: Progress = 
     for number, cell in enumerate([*kinds.values(), *shapes.values()]):
         progress("getting ready", number, total)
         try:
+            loaded = load_cell(cell, plan.folder)
             if number < len(kinds):
-                motion = motion_of(cell, plan.folder)
-                warm_up(cell_hand(cell, plan.folder, motion), cell.solver_options())
+                warm_up(loaded.hands[0], cell.solver_options())
             else:
-                cell_object(cell, plan.folder)
+                loaded.grown()
         except HhsimError:
             continue
 

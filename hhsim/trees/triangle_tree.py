@@ -12,7 +12,7 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.mesh.mesh import Mesh
 from hhsim.system.progress import Progress, silent
-from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree, coarsest_sphere_tree
 from hhsim.trees.contact_surface import encloses
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.options import TreeOptions
@@ -47,6 +47,25 @@ def tree_of_any(mesh: Mesh, level: int, progress: Progress = silent) -> SphereTr
             # Closed, but with parts that no sphere tree has an inside of: overlaps wound against each other, slivers.
             pass
     return triangle_tree(mesh, level)
+
+
+def chosen_tree(
+    mesh: Mesh, level: int, max_error: float | None = None, solid: bool = True, progress: Progress = silent
+) -> tuple[SphereTree, tuple[str, ...]]:
+    """Return the tree of a level, or the coarsest within an error [m], and notes on the choice.
+
+    Without `solid` a tree of a level is of any triangles. Raises MeshError as `cached_sphere_tree`.
+    """
+    if max_error is None:
+        if solid:
+            return cached_sphere_tree(mesh, TreeOptions(level=level), progress), ()
+        return tree_of_any(mesh, level, progress), ()
+    tree = coarsest_sphere_tree(mesh, max_error, progress)
+    note = (
+        f"level {tree.depth} is the coarsest within {1e3 * max_error:g} mm: {tree.leaf_count:,} spheres, "
+        f"which reach out of the mesh by {1e3 * tree.errors[-1].bound:.3f} mm at most"
+    )
+    return tree, (note,)
 
 
 def _pieces(triangles: FloatArray, most: int) -> FloatArray:

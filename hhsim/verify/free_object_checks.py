@@ -105,7 +105,8 @@ def _contacts(motion: FreeMotion) -> list[Claim]:
     twice = np.zeros(len(tick), bool)
     for step in range(1, int(np.bincount(2 * tick * (PALM + 2) + body + 1).max(initial=1))):
         one, other = order[:-step], order[step:]
-        same = (tick[one] == tick[other]) & (body[one] == body[other])
+        # Of two bodies each meets the other one: what they bear at a place may be two rows.
+        same = (tick[one] == tick[other]) & (body[one] == body[other]) & (body[one] >= ON_TABLE)
         twice[other] |= same & (np.linalg.norm(point[one] - point[other], axis=1) < APART)
     return [*claims, all_true(name, says, twice, ticks=tick, why="a micrometre; spheres are larger")]
 

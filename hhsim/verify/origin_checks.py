@@ -16,7 +16,7 @@ from hhsim.result.body import Body
 from hhsim.result.reader import Result
 from hhsim.result.schema import BETWEEN_COLUMNS, HANDS_APART
 from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS
-from hhsim.scene.free_object import LAW
+from hhsim.solver.free_object import LAW
 from hhsim.trees.cache import cached_sphere_tree, shipped_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree

@@ -21,7 +21,7 @@ from hhsim.recordings.registry import read_recording
 from hhsim.result.motion import load_result_motion
 from hhsim.result.reader import load_result
 from hhsim.submissions.pose_file import read_submission
-from hhsim.submissions.scene_file import load_scene
+from hhsim.submissions.scene_file import read_scene
 from hhsim.system.hdf5_input import hdf5_format, open_hdf5
 from hhsim.trees.file import load_tree
 from hhsim.trees.foreign_tree import import_tree
@@ -73,7 +73,7 @@ KINDS: dict[str, tuple[Callable[[h5py.File, str], None], str]] = {
 READERS: tuple[Callable[[Path], object], ...] = (
     *(load_result, load_result_motion, load_trajectory, read_recording, load_tree),
     lambda path: import_tree(path, load_object("cube").mesh),
-    *(read_submission, load_scene, load_table),
+    *(read_submission, read_scene, load_table),
 )
 COMMANDS = (
     "verify FILE",

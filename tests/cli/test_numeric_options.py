@@ -10,7 +10,7 @@ import pytest
 
 from hhsim.errors import InputError
 from hhsim.ranges import RANGES, check_range
-from hhsim.scene.free_object import FreeObject
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.options import NUMBERS, SolverOptions, Stiffness
 
 COMMANDS: list[Any] = list(importlib.import_module("tools.cli_reference").commands())

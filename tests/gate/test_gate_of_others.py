@@ -29,7 +29,7 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.result.reader import load_result
 from hhsim.result.safety import Safety
 from hhsim.submissions.pose_file import Submission, read_submission
-from hhsim.submissions.scene_file import load_scene
+from hhsim.submissions.scene_file import read_scene
 from hhsim.submissions.scene_folder import write_scene_folder
 
 pytestmark = pytest.mark.slow
@@ -126,7 +126,7 @@ def write_poses(project: Path) -> None:
     from hhsim.replay.replay import replay_scene as run
     from hhsim.solver.options import SolverOptions
 
-    scene = load_scene(project / "scene" / "scene.h5")
+    scene = read_scene(project / "scene" / "scene.h5")
     run(scene, SolverOptions(surface="mesh"), project / "mesh.h5")
     result = load_result(project / "mesh.h5")
     example = read_submission(project / "scene" / "example-submission.csv")

@@ -22,7 +22,7 @@ from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, SCHEMA_VERSION
 from hhsim.scene.body import Driven
-from hhsim.scene.free_object import FreeObject
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 
 
@@ -30,9 +30,9 @@ from hhsim.solver.options import SolverOptions
 def result(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Result:
     scene = short_scene(short_grasp())
     lowest = float(scene.solids[0].placed_mesh.bounds[0, 2])
-    free = FreeObject.of_mesh(scene.solids[0].placed_mesh, mass=0.2, friction=0.6, torsion=2e-3, table=lowest)
+    freed = scene.freed(mass=0.2, friction=0.6, torsion=2e-3, table=lowest)
     path = tmp_path_factory.mktemp("free") / "free.h5"
-    replay_scene(scene.freed(free), SolverOptions(surface=request.param), path)
+    replay_scene(freed, SolverOptions(surface=request.param), path)
     return load_result(path)
 
 
@@ -124,7 +124,7 @@ def test_an_object_moves_in_one_way_alone() -> None:
     motion = Driven(ObjectMotion(np.zeros((scene.ticks.tick_count, 3)), scene.hands[0].ticks.orientation))
     driven = replace(scene, bodies=(replace(scene.solids[0], motion=motion),))
     with pytest.raises(InputError, match="moves as recorded, so it cannot be free"):
-        driven.freed(FreeObject.of_mesh(scene.solids[0].placed_mesh))
+        driven.freed()
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,6 @@ from hhsim.result.schema import BETWEEN_COLUMNS, SCHEMA_VERSION
 from hhsim.scene.body import CLEARANCE
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.scene.described_scene import SceneWords, described_scene, two_handed_motions
-from hhsim.scene.free_object import FreeObject
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, make_scene, open_scene, require_one_object, tree_maker
 from hhsim.scene.synthesis import planned
@@ -196,8 +195,7 @@ def meeting(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 
 
 def on_table(scene: Scene, mass: float) -> Scene:
-    mesh = scene.solids[0].placed_mesh
-    return scene.freed(FreeObject.of_mesh(mesh, mass=mass, table=float(mesh.bounds[0, 2]) - CLEARANCE))
+    return scene.freed(mass=mass, table=float(scene.solids[0].placed_mesh.bounds[0, 2]) - CLEARANCE)
 
 
 def test_haptic_hands_that_enter_each_other_are_shown_apart(meeting: TwoHandedReplay) -> None:

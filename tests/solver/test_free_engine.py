@@ -11,7 +11,7 @@ from hhsim.bench.robustness.random_targets import RandomTargets
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, object_names
-from hhsim.scene.free_object import FreeObject
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import contact_surface

@@ -19,7 +19,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
 from hhsim.metrics.metrics import distance_of_hands, hand_clearance
 from hhsim.motion.analytic_motion import random_targets, still
-from hhsim.scene.free_object import FreeObject
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.solver.two_hands import SideBySideSolver, TwoHandedSolver

@@ -19,7 +19,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_ABDUCTION_HELD, STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.analytic_motion import random_targets, still
-from hhsim.scene.free_object import FreeObject
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface

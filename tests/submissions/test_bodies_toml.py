@@ -5,26 +5,62 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hhsim.scene.body import Body, Driven, Free
+from hhsim.scene.body import Body, Driven, Fixed, Free
 from hhsim.scene.scene import open_scene
 from hhsim.submissions.scene_folder import write_scene_folder
+
+ALONE = """
+[[body]]
+name = "tool"
+box = [0.05, 0.05, 0.05]
+poses = { file = "poses.csv" }
+"""
+DRIVEN = f"""{ALONE}
+[[body]]
+name = "block"
+box = [0.06, 0.06, 0.06]
+[[body]]
+name = "under"
+plane = "under"
+"""
+"""Bodies that are driven by poses, alone and beside a free one."""
 
 
 @pytest.mark.parametrize(
     ("object_", "motion"),
-    [("cube", "grasp"), ("laptop", "close"), ("drawer", "shut"), ("chest", "lift"), ("peg", "insert")],
+    [
+        *(("cube", "grasp"), ("cube", "carry"), ("laptop", "close"), ("laptop", "carry"), ("drawer", "shut")),
+        *(("chest", "lift"), ("peg", "insert"), (DRIVEN, "lift"), (ALONE, "grasp")),
+    ],
 )
 def test_bodies_come_back_as_they_were(tmp_path: Path, object_: str, motion: str) -> None:
-    written = open_scene(object_, motion, level=1)
+    """Carried ones do in the frame that is carried."""
+    if object_ in (DRIVEN, ALONE):
+        columns = "time,px,py,pz,qw,qx,qy,qz\n"
+        (tmp_path / "poses.csv").write_text(f"{columns}0,0.3,0,0.2,1,0,0,0\n2,0.4,0.1,0.2,0.8,0,0.6,0\n")
+        (tmp_path / "own.toml").write_text(object_)
+        object_ = str(tmp_path / "own.toml")
+    written = open_scene(object_, motion, level=1, rate=200.0)
     write_scene_folder(written, tmp_path / "folder")
-    read = open_scene(tmp_path / "folder" / "bodies.toml", tmp_path / "folder" / "motion.csv", level=1)
+    read = open_scene(tmp_path / "folder" / "bodies.toml", tmp_path / "folder" / "motion.csv", level=1, rate=200.0)
+    carrier = written.hands[0].ticks.object_motion
     assert [body.name for body in read.bodies] == [body.name for body in written.bodies]
-    np.testing.assert_allclose(read.hands[0].ticks.position, written.hands[0].ticks.position, atol=1e-12)
+    hand = written.hands[0].ticks.seen_from_object().position
+    np.testing.assert_allclose(read.hands[0].ticks.position, hand, atol=1e-12)
     for was, one in zip(written.bodies, read.bodies):
         if not isinstance(was, Body):
             assert one == was
             continue
-        assert isinstance(one, Body) and type(one.motion) is type(was.motion) and one.joint == was.joint
+        assert isinstance(one, Body)
+        kind = type(was.motion)
+        if carrier is not None and isinstance(was.motion, Driven) and was.motion.values is None:
+            kind = Fixed
+        assert type(one.motion) is kind
+        np.testing.assert_allclose(
+            [*one.joint.axis, *one.joint.origin] if one.joint else [],
+            [*was.joint.axis, *was.joint.origin] if was.joint else [],
+            atol=1e-12,
+        )
         assert (one.friction, one.torsion) == (was.friction, was.torsion)
         apart = np.linalg.norm(one.placed_mesh.vertices[:, None] - was.placed_mesh.vertices[None], axis=2)
         assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 1e-12
@@ -33,8 +69,13 @@ def test_bodies_come_back_as_they_were(tmp_path: Path, object_: str, motion: str
             np.testing.assert_allclose(one.motion.center, was.motion.center, atol=1e-12)
             np.testing.assert_allclose(one.motion.inertia, was.motion.inertia, atol=1e-12)
         if isinstance(was.motion, Driven) and isinstance(one.motion, Driven):
-            assert was.motion.values is not None and one.motion.values is not None
-            np.testing.assert_allclose(one.motion.values, was.motion.values, atol=1e-12)
+            if was.motion.values is not None and one.motion.values is not None:
+                np.testing.assert_allclose(one.motion.values, was.motion.values, atol=1e-12)
+                continue
+            moved = [of.since(*of.at(0)) for of in (one.motion.poses, was.motion.poses)]
+            assert np.ptp(was.motion.poses.position, axis=0).max() > 0.05
+            for found, wanted in zip(*moved):
+                np.testing.assert_allclose(found, wanted, atol=1e-12)
 
 
 def test_a_hinge_that_begins_open_comes_back_at_its_value(tmp_path: Path) -> None:

@@ -19,11 +19,11 @@ from hhsim.motion.file import load_trajectory
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.body import Driven
-from hhsim.scene.free_object import FreeObject
 from hhsim.scene.scene import Scene, open_scene
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import seen_scene
-from hhsim.submissions.scene_file import load_scene, scene_digest
+from hhsim.submissions.scene_file import read_scene, scene_digest
 from hhsim.submissions.scene_folder import example_submission, write_scene_folder
 from hhsim.submissions.score import score
 
@@ -156,16 +156,16 @@ def turned(points: FloatArray, position: FloatArray, orientation: FloatArray) ->
 )
 def replayed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, Path, Result]:
     """A scene, its folder, and the result of its run."""
-    folder = tmp_path_factory.mktemp("things")
+    folder = tmp_path_factory.mktemp("bodies")
     scene = open_scene(*request.param, level=1, rate=250.0)
     digest = write_scene_folder(scene, folder / "s")
     replay_scene(scene, SolverOptions(surface="mesh"), folder / "r.h5")
-    # A run sets the poses of things, which are no part of the scene.
+    # A run sets the poses of bodies, which are no part of the scene.
     assert scene_digest(scene) == digest
     return scene, folder / "s", load_result(folder / "r.h5")
 
 
-def test_a_joint_of_the_model_moves_a_thing_as_a_run_of_hhsim_does(replayed: tuple[Scene, Path, Result]) -> None:
+def test_a_joint_of_the_model_moves_a_body_as_a_run_of_hhsim_does(replayed: tuple[Scene, Path, Result]) -> None:
     scene, folder, result = replayed
     at, parts = Model(folder), seen_scene(scene).parts
     assert parts is not None
@@ -196,37 +196,37 @@ def test_a_joint_of_the_model_moves_a_thing_as_a_run_of_hhsim_does(replayed: tup
             assert np.abs(at.data.body(name).xpos - poses[name][0]).max() < 1e-6
             assert 1.0 - abs(at.data.body(name).xquat @ poses[name][1]) < 1e-12
             same_points(at.vertices(name), turned(mesh.vertices, *poses[name]))
-    # It is no comparison of things at rest: the joint did move, and under the chest, whose lid stays shut, the tray.
+    # It is no comparison of bodies at rest: the joint did move, and under the chest, whose lid stays shut, the tray.
     assert abs(moved[0]) < 1e-6
     assert (np.ptp(recorded[:, 0, 1]) if parts.driven else np.ptp(moved)) > 0.05
 
 
-def test_the_folder_states_the_things_as_a_result_does(replayed: tuple[Scene, Path, Result]) -> None:
+def test_the_folder_states_the_bodies_as_a_result_does(replayed: tuple[Scene, Path, Result]) -> None:
     _, folder, result = replayed
-    first, *others = json.loads((folder / "scene.json").read_text())["things"]
+    first, *others = json.loads((folder / "scene.json").read_text())["bodies"]
     names = list(result.bodies)
     stated = [{**body.properties, "fixed": body.kind == "fixed", "name": name} for name, body in result.bodies.items()]
     assert [first, *others] == stated
     with (folder / "spheres.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert {row["thing"] for row in rows} == set(names) and len(rows) > 8 * len(names) / 2
+    assert {row["body"] for row in rows} == set(names) and len(rows) > 8 * len(names) / 2
 
 
 def test_masses_inertias_friction_and_joints_are_those_of_the_things(tmp_path: Path) -> None:
     scene = own_scene(tmp_path)
     write_scene_folder(scene, tmp_path / "s")
-    at, things, parts = Model(tmp_path / "s"), properties(scene), seen_scene(scene).parts
+    at, bodies, parts = Model(tmp_path / "s"), properties(scene), seen_scene(scene).parts
     assert parts is not None
     model, kind = at.model, at.mujoco.mjtJoint
     # The hand's bodies are 16 and its joints 21; besides there is the world.
     assert (model.nbody, model.njnt, model.nq) == (1 + 16 + 6, 21 + 4, 27 + 7 + 3)
-    for (name, free), mesh in zip(things.items(), parts.meshes):
+    for (name, free), mesh in zip(bodies.items(), parts.meshes):
         body = model.body(name)
         assert body.mass[0] == free.mass
         np.testing.assert_allclose(at.data.body(name).xipos, free.center, atol=1e-12)
         np.testing.assert_allclose(at.inertia(name), free.inertia, rtol=1e-9, atol=1e-12 * np.max(free.inertia))
         same_points(at.vertices(name), mesh.vertices)
-    parent = {name: model.body(model.body(name).parentid[0]).name for name in things}
+    parent = {name: model.body(model.body(name).parentid[0]).name for name in bodies}
     assert parent == {
         "link": "base",
         "base": "world",
@@ -235,7 +235,7 @@ def test_masses_inertias_friction_and_joints_are_those_of_the_things(tmp_path: P
         "flap": "world",
         "stuck": "world",
     }
-    assert [model.body(name).jntnum[0] for name in things] == [1, 1, 1, 0, 1, 0]
+    assert [model.body(name).jntnum[0] for name in bodies] == [1, 1, 1, 0, 1, 0]
     found = {name: model.joint(name) for name in ("link", "base", "tip", "flap")}
     types = [joint.type[0] for joint in found.values()]
     assert types == [kind.mjJNT_HINGE, kind.mjJNT_FREE, kind.mjJNT_SLIDE, kind.mjJNT_SLIDE]
@@ -243,19 +243,19 @@ def test_masses_inertias_friction_and_joints_are_those_of_the_things(tmp_path: P
     assert found["tip"].range.tolist() == [-0.02, 0.0]
     assert [float(joint.frictionloss[0]) for joint in found.values()] == [0.0, 0.0, 0.0, 2.0]
     for name in ("link", "tip", "flap"):
-        joint = things[name].joint
+        joint = bodies[name].joint
         assert joint is not None
         np.testing.assert_allclose(at.data.joint(name).xaxis, joint.direction, atol=1e-12)
-    assert things["link"].hinge is not None
-    np.testing.assert_allclose(at.data.joint("link").xanchor, things["link"].hinge.origin, atol=1e-12)
-    assert model.opt.gravity.tolist() == list(things["link"].gravity) and model.opt.timestep == 1.0 / 200.0
-    for name, free in things.items():
+    assert bodies["link"].hinge is not None
+    np.testing.assert_allclose(at.data.joint("link").xanchor, bodies["link"].hinge.origin, atol=1e-12)
+    assert model.opt.gravity.tolist() == list(bodies["link"].gravity) and model.opt.timestep == 1.0 / 200.0
+    for name, free in bodies.items():
         geom = model.geom(name)
         if geom.contype[0]:
             assert geom.friction.tolist() == [free.friction, free.torsion, 0.0] and geom.priority[0] == 1
             assert geom.condim[0] == (4 if free.torsion else 3)
     # A cup is not its hull: its spheres collide.
-    touching = {name: touching_geoms(model, name) for name in things}
+    touching = {name: touching_geoms(model, name) for name in bodies}
     assert {name for name, count in touching.items() if count > 1} == {"wall"}
 
 
@@ -264,12 +264,12 @@ def touching_geoms(model: Any, name: str) -> int:
     return int((own & (model.geom_contype > 0)).sum())
 
 
-def test_a_thing_on_one_that_moves_goes_along_and_by_its_own_joint(tmp_path: Path) -> None:
+def test_a_body_on_one_that_moves_goes_along_and_by_its_own_joint(tmp_path: Path) -> None:
     scene = own_scene(tmp_path)
     write_scene_folder(scene, tmp_path / "s")
-    at, things, parts = Model(tmp_path / "s"), properties(scene), seen_scene(scene).parts
+    at, bodies, parts = Model(tmp_path / "s"), properties(scene), seen_scene(scene).parts
     assert parts is not None
-    link, tip = things["link"].hinge, things["tip"].slider
+    link, tip = bodies["link"].hinge, bodies["tip"].slider
     assert link is not None and tip is not None
     position, angle, way = np.array([0.3, -0.2, 0.1]), 0.7, -0.015
     orientation = np.array([0.5, -0.5, 0.1, 0.7])
@@ -287,14 +287,14 @@ def test_a_thing_on_one_that_moves_goes_along_and_by_its_own_joint(tmp_path: Pat
     same_points(at.vertices("tip"), hung(meshes["tip"] + way * tip.direction))
 
 
-def test_things_rest_on_table_and_things_and_pass_through_what_bears_them(tmp_path: Path) -> None:
+def test_bodies_rest_on_table_and_bodies_and_pass_through_what_bears_them(tmp_path: Path) -> None:
     scene = open_scene("drawer", "shut", level=1)
     write_scene_folder(scene, tmp_path / "drawer")
     blocks = open_scene("blocks", "stack", level=1)
     write_scene_folder(blocks, tmp_path / "blocks")
-    for folder, things in (("drawer", ["drawer", "box"]), ("blocks", ["red", "green", "blue"])):
+    for folder, bodies in (("drawer", ["drawer", "box"]), ("blocks", ["red", "green", "blue"])):
         at = Model(tmp_path / folder)
-        names = [*things, "palm"]
+        names = [*bodies, "palm"]
         before = np.array([at.data.body(name).xipos for name in names])
         at.mujoco.mj_step(at.model, at.data, 300)
         moved = np.abs(np.array([at.data.body(name).xipos for name in names]) - before).max()
@@ -316,14 +316,14 @@ def test_things_rest_on_table_and_things_and_pass_through_what_bears_them(tmp_pa
 
 
 def part_poses(folder: Path, names: tuple[str, ...]) -> tuple[list[dict[str, str]], FloatArray]:
-    """Rows of parts.csv, and the poses in them, (T, P, 7)."""
-    with (folder / "parts.csv").open() as file:
+    """Rows of driven.csv, and the poses in them, (T, P, 7)."""
+    with (folder / "driven.csv").open() as file:
         rows = list(csv.DictReader(file))
     columns = [f"_{name}" for name in ("px", "py", "pz", "qw", "qx", "qy", "qz")]
     return rows, np.array([[[float(row[part + name]) for name in columns] for part in names] for row in rows])
 
 
-def test_a_carried_thing_is_in_the_frame_of_the_hands_motion(tmp_path: Path) -> None:
+def test_a_carried_body_is_in_the_frame_of_the_hands_motion(tmp_path: Path) -> None:
     scene = open_scene("laptop", "carry", level=1, rate=50.0)
     write_scene_folder(scene, tmp_path / "s")
     parts = seen_scene(scene).parts
@@ -372,7 +372,7 @@ def test_the_model_starts_with_the_first_hand_whatever_hangs_where(tmp_path: Pat
     assert [at.data.joint(name).qpos[0] for name in ("link", "tip", "flap")] == [0.0, 0.0, 0.0]
 
 
-def test_the_text_nests_things_on_joints_and_keeps_them_from_touching_their_bearers(tmp_path: Path) -> None:
+def test_the_text_nests_bodies_on_joints_and_keeps_them_from_touching_their_bearers(tmp_path: Path) -> None:
     """What can be said without MuJoCo."""
     write_scene_folder(own_scene(tmp_path), tmp_path / "s")
     model = Xml.parse(tmp_path / "s" / "scene.xml").getroot()
@@ -388,7 +388,7 @@ def test_the_text_nests_things_on_joints_and_keeps_them_from_touching_their_bear
     files = {element.get("file", "") for element in model.iter() if element.get("file")}
     assert files == {"hand.xml", *(f"{name}.obj" for name in ("link", "base", "tip", "wall", "flap", "stuck"))}
     assert all((tmp_path / "s" / file).is_file() for file in files)
-    assert not any((tmp_path / "s" / name).exists() for name in ("example-submission.csv", "object.obj", "parts.csv"))
+    assert not any((tmp_path / "s" / name).exists() for name in ("example-submission.csv", "object.obj", "driven.csv"))
 
 
 def test_a_name_of_the_hands_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
@@ -399,20 +399,20 @@ def test_a_name_of_the_hands_is_refused_and_nothing_is_written(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(("name", "motion"), [("laptop", "open"), ("blocks", "stack")])
-def test_poses_beside_parts_or_things_are_not_scored(name: str, motion: str, tmp_path: Path) -> None:
+def test_poses_beside_parts_or_bodies_are_not_scored(name: str, motion: str, tmp_path: Path) -> None:
     scene = open_scene(name, motion, level=1, rate=100.0)
     write_scene_folder(scene, tmp_path / "s")
     told = "a hand beside several bodies is not scored; expected a scene of one object"
     with pytest.raises(InputError, match=rf"scene\.h5 has {name}: {told}"):
-        load_scene(tmp_path / "s" / "scene.h5")
+        read_scene(tmp_path / "s" / "scene.h5")
     with pytest.raises(InputError, match=f"{name}: {told}"):
         score(example_submission(scene), scene, tmp_path / "r.h5")
     assert not (tmp_path / "r.h5").exists()
 
 
-def test_the_digest_is_of_all_things_and_parts(tmp_path: Path) -> None:
+def test_the_digest_is_of_all_bodies_and_parts(tmp_path: Path) -> None:
     other = TRAY.replace("[1.0, 0.1]]", "[1.0, 0.09]]")
-    # A file has up to six things.
+    # A file has up to six bodies.
     less = OWN.replace(OWN[OWN.index('[[body]]\nname = "stuck"') :], "")
     texts = [
         OWN,
@@ -422,7 +422,7 @@ def test_the_digest_is_of_all_things_and_parts(tmp_path: Path) -> None:
         OWN.replace("joint.friction = 2.0", "joint.friction = 2.5"),
         OWN.replace("[0.4, 0.0", "[0.41, 0.0"),
     ]
-    things = [own_scene(tmp_path, text) for text in texts]
+    bodies = [own_scene(tmp_path, text) for text in texts]
     laptop = open_scene("laptop", "open", level=1, rate=100.0)
     base, lid = laptop.solids
     assert isinstance(lid.motion, Driven)
@@ -430,6 +430,6 @@ def test_the_digest_is_of_all_things_and_parts(tmp_path: Path) -> None:
     later[-1, 0] += 1e-3
     poses = lid.motion.poses._replace(position=later)
     moved = replace(laptop, bodies=(base, replace(lid, motion=replace(lid.motion, poses=poses))))
-    scenes = [*things, laptop, moved]
+    scenes = [*bodies, laptop, moved]
     assert len({scene_digest(scene) for scene in scenes}) == len(scenes)
-    assert scene_digest(own_scene(tmp_path)) == scene_digest(things[0])
+    assert scene_digest(own_scene(tmp_path)) == scene_digest(bodies[0])

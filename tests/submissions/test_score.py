@@ -24,7 +24,7 @@ from hhsim.scene.scene import Scene
 from hhsim.solver.known_methods import SUBMITTED, find_method
 from hhsim.solver.options import SolverOptions
 from hhsim.submissions.pose_file import Submission, read_submission
-from hhsim.submissions.scene_file import load_scene, scene_digest
+from hhsim.submissions.scene_file import read_scene, scene_digest
 from hhsim.submissions.scene_folder import SCENE_FILE, example_submission, write_scene_folder
 from hhsim.submissions.score import Score, scene_of, score
 from hhsim.verify.verify import verify
@@ -136,7 +136,7 @@ def test_a_result_of_poses_cannot_be_run_again_and_says_so(as_file: tuple[Score,
 
 def test_a_scene_comes_back_from_its_folder_bit_for_bit(scene: Scene, tmp_path: Path) -> None:
     digest = write_scene_folder(scene, tmp_path / "s")
-    again = load_scene(tmp_path / "s" / SCENE_FILE)
+    again = read_scene(tmp_path / "s" / SCENE_FILE)
     assert scene_digest(again) == digest == scene_digest(scene)
     assert again.ticks.phases == scene.ticks.phases and again.ticks.rate == scene.ticks.rate
     for name in HandConfiguration._fields:

@@ -16,7 +16,7 @@ from hhsim.arrays import BoolArray
 from hhsim.bench.manipulation import stage
 from hhsim.bench.manipulation.mujoco_block import CONFIGURATIONS, mujoco_pinch, mujoco_rest
 from hhsim.errors import check_known
-from hhsim.scene.free_object import FreeObject
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 from hhsim.system.progress import Progress, silent
 from hhsim.system.settings_file import between, check_fields

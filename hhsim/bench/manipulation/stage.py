@@ -21,8 +21,8 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_product, rotation_matrix
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.analytic_motion import still
-from hhsim.scene.free_object import FreeObject
 from hhsim.scene.synthesis import minimum_jerk
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import ContactSurface, contact_surface

@@ -21,8 +21,8 @@ from hhsim.live.real_time import RealTimeWishes
 from hhsim.mesh.mesh import Mesh
 from hhsim.recordings.dexmo_regression import DexmoRegression
 from hhsim.result.safety import AFTER_STALL, FREES_BOTH
-from hhsim.scene.free_object import FreeObject
 from hhsim.scene.scene import Scene
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 from hhsim.system.settings_file import Positive, between, check_fields, one_of
 from hhsim.trees.sphere_tree import SphereTree

@@ -50,7 +50,7 @@ from hhsim.result.schema import (
     sample_columns,
 )
 from hhsim.result.writer import HandPart, ResultWriter
-from hhsim.scene.free_object import FreeObject
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.options import SolverOptions
 

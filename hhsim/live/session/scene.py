@@ -17,11 +17,11 @@ from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.body import Body, Driven, Fixed
 from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.declared_bodies import DeclaredBodies
-from hhsim.scene.free_object import FreeObject
 from hhsim.scene.motion_catalogue import Motion, load_script
 from hhsim.scene.scene import Scene, scene_of
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import planned
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.trees.sphere_tree import SphereTree
 

@@ -11,12 +11,10 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import FREE_TICK_CAPACITY
 from hhsim.metrics.moving_parts import MovingParts
-from hhsim.motion.trajectory import RigidMotion
-from hhsim.replay.moving_object import FreeFrame, StillFrame, contact_rows, stored_contacts, thing_rows
-from hhsim.replay.replay import seen_bodies
-from hhsim.replay.stored_scene import one_body
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion
+from hhsim.replay.stored_scene import body_name, body_part, body_parts
 from hhsim.replay.tick_columns import TickColumns
-from hhsim.result.schema import BODIES, TICK
+from hhsim.replay.tick_rows import body_rows, contact_rows, free_columns, seen_hand, shown_columns, stored_contacts
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import seen_scene
 
@@ -29,11 +27,10 @@ class SessionColumns:
     def __init__(self, setup: LiveSetup, options: SolverOptions) -> None:
         seen = None if setup.bodies is None else seen_scene(setup.bodies)
         self.parts = None if seen is None or seen.parts is None else _with_room(seen.parts)
-        self.bodies = (
-            one_body(setup.mesh, setup.tree, *setup.object_pose(), free=setup.free)
-            if seen is None
-            else seen_bodies(seen)
-        )
+        kind, place = "fixed" if setup.free is None else "free", ObjectMotion(*setup.object_pose())
+        self.bodies = {body_name(setup.mesh.name): body_part(kind, setup.mesh, setup.tree, place, setup.free)}
+        if seen is not None and setup.bodies is not None:
+            self.bodies = body_parts(setup.bodies, seen)
         self._columns = TickColumns(setup.contact_surface().arrays, setup.hand, options, self.parts)
         self._is_free = setup.recorded_bodies > 0
         self._pose = setup.object_pose()
@@ -51,14 +48,13 @@ class SessionColumns:
         haptic = HandConfiguration(*(records[f"haptic_{name}"] for name in HandConfiguration._fields))
         record = TickRecord(*(np.ascontiguousarray(records[name]) for name in TickRecord._fields))
         time = 1e-9 * (records["time_ns"] - began_ns)
-        frame = FreeFrame(haptic, object_ticks(records), *self._pose) if self._is_free else StillFrame(haptic)
-        of_bodies = {}
-        if self.parts is not None:
-            self._columns.rewind()
-            of_bodies = thing_rows(self.parts, body_ticks(records), slice(0, len(records)), frame.body())
-        elif self._is_free:
-            of_bodies = {f"{BODIES}/{name}/{TICK}": frame.body() for name in self.bodies}
-        return frame.world(self._columns.block(time, records["input_seq"], frame.haptic, record)), of_bodies
+        moved = next(iter(self.moved(records)), None)
+        own = free_columns(object_ticks(records), *self._pose) if self._is_free else {}
+        motions = None if self.parts is None else body_ticks(records)
+        self._columns.rewind()
+        of_bodies = body_rows(self.parts, motions, list(self.bodies), slice(0, len(records)), own)
+        block = self._columns.block(time, records["input_seq"], seen_hand(haptic, moved), record)
+        return shown_columns(block, haptic, moved), of_bodies
 
     def contacts(self, first: int, records: Records) -> Columns:
         """Build the rows of /contact of these ticks; `first` is the number of their first row in /tick."""

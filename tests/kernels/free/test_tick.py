@@ -9,7 +9,7 @@ from free_scenes import GRAVITY, box, far_hand, gripped, solver_of, squeeze_of, 
 
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.mesh import Mesh
-from hhsim.scene.free_object import FreeObject
+from hhsim.solver.free_object import FreeObject
 
 DT = 1e-3
 

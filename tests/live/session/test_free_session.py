@@ -27,7 +27,7 @@ from hhsim.result.reader import Result, load_result
 from hhsim.result.safety import Safety
 from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS
 from hhsim.scene.body import CLEARANCE
-from hhsim.scene.free_object import FreeObject
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.body_checks import body_claims

@@ -7,7 +7,7 @@ import pytest
 from free_scenes import box
 
 from hhsim.errors import InputError
-from hhsim.scene.free_object import FreeObject
+from hhsim.solver.free_object import FreeObject
 
 WHOLE: dict[str, Any] = {"mass": 0.1, "center": (0.0, 0.0, 0.0), "inertia": ((1e-4, 0, 0), (0, 1e-4, 0), (0, 0, 1e-4))}
 

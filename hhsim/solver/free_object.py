@@ -1,7 +1,7 @@
 """A free body as its engine takes it: mass, friction, gravity, a joint, and the table."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -10,7 +10,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.ranges import check_range
 from hhsim.reproducible import norm
-from hhsim.scene.body import USUAL_FRICTION, Free, Triple
+from hhsim.scene.body import USUAL_FRICTION, Free, Joint, JointType, Triple
 from hhsim.system.settings_file import typed
 
 LAW = "Coulomb with de Saxcé's correction, cone of 4 directions turned to the load; impacts inelastic; implicit Euler"
@@ -20,7 +20,7 @@ LAW = "Coulomb with de Saxcé's correction, cone of 4 directions turned to the l
 class _Joint:
     """Joint with an axis and limits, a hinge or a slider; InputError for an axis of length 0, or limits without 0."""
 
-    KIND: ClassVar[str]
+    KIND: ClassVar[JointType]
     VALUES: ClassVar[tuple[str, float, str, str]]  # what they are, their unit, and their bound as number and as text
 
     axis: Triple
@@ -48,7 +48,8 @@ class _Joint:
 class Hinge(_Joint):
     """Hinge of a free object, in the world or on another thing, about which alone it turns."""
 
-    KIND, VALUES = "hinge", ("angles", np.pi, "rad", "π")
+    KIND: ClassVar[JointType] = "hinge"
+    VALUES = ("angles", np.pi, "rad", "π")
 
     axis: Triple  # direction, of any length, world
     origin: Triple  # a point of the axis [m], world
@@ -66,7 +67,8 @@ class Hinge(_Joint):
 class Slider(_Joint):
     """Slider of a free object, in the world or on another thing, along which alone it moves."""
 
-    KIND, VALUES = "slider", ("ways", 100.0, "m", "100")
+    KIND: ClassVar[JointType] = "slider"
+    VALUES = ("ways", 100.0, "m", "100")
 
     axis: Triple  # direction, of any length, world
     limits: tuple[float, float] | None = None  # least and greatest way from the first tick on [m]
@@ -102,6 +104,17 @@ class FreeObject(Free):
     def joint(self) -> Hinge | Slider | None:
         """Its hinge or slider."""
         return self.hinge or self.slider
+
+    @property
+    def motion(self) -> Free:
+        """Motion of a body of a scene."""
+        return Free(**{each.name: getattr(self, each.name) for each in fields(Free)})
+
+    def stated_joint(self) -> Joint | None:
+        """Return its joint as that of a body of a scene, at the value 0."""
+        if (own := self.joint) is None:
+            return None
+        return Joint(own.KIND, own.axis, getattr(own, "origin", (0.0, 0.0, 0.0)), own.limits, own.friction, own.on)
 
     @property
     def pivot(self) -> FloatArray:

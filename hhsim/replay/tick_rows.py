@@ -1,0 +1,151 @@
+"""Rows of a result's tables from the ticks that a scene's solver has just run: of hands, bodies and contacts."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from hhsim.arrays import AnyArray
+from hhsim.errors import HhsimError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.quaternion import quaternion_product
+from hhsim.kernels.free.record import STICKS, ObjectRecord, ThingsRecord
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.metrics.moving_parts import MovingParts
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion
+from hhsim.replay.tick_columns import TickColumns
+from hhsim.result.contacts import pair_codes
+from hhsim.result.reader import in_the_world
+from hhsim.result.schema import (
+    BODIES,
+    CONTACT,
+    CONTACT_COLUMNS,
+    FREE_COLUMNS,
+    MOTION_COLUMNS,
+    OF_BODIES,
+    POSE_COLUMNS,
+    TICK,
+    hand_tables,
+)
+from hhsim.solver.scene_solver import SceneSolver
+
+Columns = dict[str, AnyArray]
+
+
+class TickRows(NamedTuple):
+    """Rows of some ticks, as one hand of a scene has them."""
+
+    seen: Columns  # of the hand, in the engine's frame
+    body: Columns  # of the first body, world
+    contacts: Columns  # its contacts, as the hand counts bodies
+    tables: dict[str, Columns]  # of the file by their groups, world
+
+
+class HandRows:
+    """Makes the rows of one of a scene's hands, and of the bodies, block after block."""
+
+    def __init__(self, solver: SceneSolver, hand: int, names: Sequence[str]) -> None:
+        self.solver, self.hand, self._names = solver, hand, names
+        self.model = solver.scene.hands[hand].model
+        self._columns = TickColumns(solver.surfaces[hand].arrays, self.model, solver.options, solver.seen.parts)
+
+    def carried(self, ticks: slice) -> RigidMotion | None:
+        """Return the motion of the engine's frame at some ticks where something carries it along."""
+        carrier = self.solver.seen.carrier
+        return None if carrier is None else carrier.at(ticks).since(carrier.position[0], carrier.orientation[0])
+
+    def rows(self, ticks: slice, given: Columns, record: TickRecord, free: ObjectRecord | None = None) -> TickRows:
+        """Return the rows of ticks that were solved last.
+
+        `given` has the time, the number of the input sample, and the haptic hand, world, as the columns of the file;
+        `free` is the record of the first free body, by default that of the solver's last ticks.
+        """
+        if not np.isfinite(record.joints).all():
+            raise HhsimError(f"the graphic hand is not finite after tick {ticks.start}: please report the command")
+        seen, moved, own, contacts = self.solver.seen, self.carried(ticks), Columns(), Columns()
+        if seen.free is not None:
+            free = free or self.solver.object_ticks(self.hand)
+            moved = RigidMotion(free.turn, free.shift)
+            own, contacts = free_columns(free, *seen.place), contact_rows(free, ticks.start)
+        elif seen.carrier is not None:
+            own = {column.name: values for column, values in zip(POSE_COLUMNS, seen.carrier.at(ticks), strict=True)}
+        of_bodies = body_rows(seen.parts, self.solver.all_ticks, self._names, ticks, own)
+        own = of_bodies[f"{BODIES}/{self._names[0]}/{TICK}"] if seen.others else own
+        haptic = HandConfiguration(*(given[f"haptic/{name}"] for name in HandConfiguration._fields))
+        hand = self._columns.block(given["time"], given["input_seq"], seen_hand(haptic, moved), record)
+        tables = hand_tables(self.model.side, shown_columns(hand, haptic, moved))
+        tables[TICK] |= of_bodies.pop(TICK, {})
+        counted = stored_contacts(contacts, len(self.solver.scene.hands))
+        return TickRows(hand, own, contacts, {**tables, **of_bodies, CONTACT: counted})
+
+
+def body_rows(
+    parts: MovingParts | None, record: ThingsRecord | None, names: Sequence[str], ticks: slice, own: Columns
+) -> dict[str, Columns]:
+    """Return the rows of bodies by their groups; of several the poses in `parts` are set, too.
+
+    `own` is of the only one, of the first free one, or of what carries all; `record` is of several beside a free one.
+    """
+    if parts is None:
+        return {f"{BODIES}/{names[0]}/{TICK}": own}
+    if record is None:
+        rows: dict[str, Columns] = {TICK: {f"frame/{name}": values for name, values in own.items()}}
+        for p, name in enumerate(parts.names):
+            joint = {"joint": parts.values[name][ticks]} if name in parts.values else {}
+            pose = {"position": parts.world[ticks, p, :3], "orientation": parts.world[ticks, p, 3:]}
+            rows[f"{BODIES}/{name}/{TICK}"] = pose | joint
+        return rows
+    begun, rows = RigidMotion(record.things[0].turn, record.things[0].shift), {}
+    for k, (name, body, wrench) in enumerate(zip(parts.names, record.things, record.thing_wrench, strict=True)):
+        parts.world[ticks, k, :3] = begun.seen_points(body.shift)
+        parts.world[ticks, k, 3:] = begun.seen_orientations(body.turn)
+        columns = {"position": body.shift, "orientation": body.turn, OF_BODIES.name: wrench}
+        columns |= {column.name: getattr(body, column.name) for column in MOTION_COLUMNS}
+        columns |= {column.name: own[column.name] for column in FREE_COLUMNS if k == 0}
+        if name in parts.driven:
+            to = parts.driven[name].at(ticks)
+            columns |= {"recorded_position": to.shift, "recorded_orientation": to.turn}
+        rows[f"{BODIES}/{name}/{TICK}"] = columns
+    return rows
+
+
+def seen_hand(haptic: HandConfiguration, moved: RigidMotion | None) -> HandConfiguration:
+    """Return a hand, given in the world, as a frame that has moved sees it; None is the world's."""
+    if moved is None:
+        return haptic
+    position, orientation = moved.seen_points(haptic.position), moved.seen_orientations(haptic.orientation)
+    return haptic._replace(position=position, orientation=orientation)
+
+
+def shown_columns(block: Columns, haptic: HandConfiguration, moved: RigidMotion | None) -> Columns:
+    """Return a block of a hand's columns in the world; the haptic hand is the given one to the bit."""
+    world = block if moved is None else in_the_world(block, moved)
+    return {**world, **{f"haptic/{name}": values for name, values in haptic._asdict().items()}}
+
+
+def free_columns(ticks: ObjectRecord, position: AnyArray, orientation: AnyArray) -> Columns:
+    """Return the columns of a free body's ticks, world; its frame was at a pose [m], (3,) and (4,), at the start."""
+    moved, count = RigidMotion(ticks.turn, ticks.shift), len(ticks.turn)
+    places = moved.points(np.broadcast_to(np.asarray(position, np.float64), (count, 3)))
+    turns = quaternion_product(moved.turn, np.broadcast_to(np.asarray(orientation, np.float64), (count, 4)))
+    fields = ticks._asdict()
+    pose = ObjectMotion(places, turns)._asdict()
+    return pose | {column.name: column.taken(fields) for column in (*MOTION_COLUMNS, *FREE_COLUMNS)}
+
+
+def contact_rows(ticks: ObjectRecord, first: int) -> Columns:
+    """Return the contacts of a block of ticks of a free body, as a hand counts bodies; `first` numbers the ticks."""
+    rows = int(ticks.contact[-1])
+    fields = {name: values[:rows] for name, values in ticks._asdict().items()}
+    tick = first + np.repeat(np.arange(len(ticks.turn)), np.diff(ticks.contact))
+    taken = {column.name: column.taken(fields) for column in CONTACT_COLUMNS if column.source}
+    return {"tick": tick, "body": fields["body"], **taken, "sticks": fields["slip"] <= STICKS}
+
+
+def stored_contacts(contacts: Columns, hands: int) -> Columns:
+    """Return the rows of /contact for contacts as the first of some hands counts them."""
+    if not contacts:
+        return {}
+    return {"tick": contacts["tick"], **pair_codes(contacts["body"], hands)} | {
+        column.name: contacts[column.name] for column in CONTACT_COLUMNS if column.name not in ("tick", "a", "b")
+    }
