@@ -209,22 +209,21 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> 
     scene = result_scene(hands, CHUNK_TICKS if alone else None)
     with SceneSolver(scene, stored_options(result)) as solver, interruptible_between() as check_interrupt:
         rows = [HandRows(solver, hand, list(result.bodies)) for hand in range(len(hands))]
-        done, several = 0, bool(solver.seen.others)
-        blocks = zip(result.blocks([array.name for array in of_bodies]), *(one.blocks(names) for one in hands))
-        # A loop makes one tick at a time, and a record of several bodies is that of the last ones.
-        for block_of_all in _tick_by_tick(blocks) if result.live is not None and several else blocks:
-            if done >= total:
-                break
-            report("ticks", done, total)
-            bodies, *stored = ({name: values[: total - done] for name, values in of.items()} for of in block_of_all)
-            here = slice(done, done + len(stored[0]["time"]))
-            done = here.stop
+        every = zip(result.blocks([array.name for array in of_bodies]), *(one.blocks(names) for one in hands))
+        # A session beside several bodies had each tick solved by itself.
+        single = result.live is not None and bool(solver.seen.others)
+        for first, blocks in zip(
+            range(0, total, 1 if single else CHUNK_TICKS), _tick_by_tick(every) if single else every
+        ):
+            report("ticks", first, total)
+            bodies, *stored = ({name: values[: total - first] for name, values in block.items()} for block in blocks)
+            here = slice(first, first + len(stored[0]["time"]))
             given = [
                 HandConfiguration(*(block[f"haptic/{name}"] for name in HandConfiguration._fields)) for block in stored
             ]
             haptic = [seen_hand(hand, of.carried(here)) for hand, of in zip(given, rows)]
             free: ObjectRecord | None = None
-            if result.live is None or several:
+            if result.live is None or single:
                 records: Sequence[TickRecord] = solver.run_given(haptic)
             else:
                 record, free = _one_by_one(solver.hands[0], haptic[0], free=rubs)

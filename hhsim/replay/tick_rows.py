@@ -69,7 +69,7 @@ class HandRows:
             own, contacts = free_columns(free, *seen.place), contact_rows(free, ticks.start)
         elif seen.carrier is not None:
             own = {column.name: values for column, values in zip(POSE_COLUMNS, seen.carrier.at(ticks), strict=True)}
-        of_bodies = self._body_rows(ticks, own)
+        of_bodies = body_rows(seen.parts, self.solver.all_ticks, self._names, ticks, own)
         own = of_bodies[f"{BODIES}/{self._names[0]}/{TICK}"] if seen.others else own
         haptic = HandConfiguration(*(given[f"haptic/{name}"] for name in HandConfiguration._fields))
         hand = self._columns.block(given["time"], given["input_seq"], seen_hand(haptic, moved), record)
@@ -78,23 +78,23 @@ class HandRows:
         counted = stored_contacts(contacts, len(self.solver.scene.hands))
         return TickRows(hand, own, contacts, {**tables, **of_bodies, CONTACT: counted})
 
-    def _body_rows(self, ticks: slice, own: Columns) -> dict[str, Columns]:
-        """Return the rows of the bodies; `own` is of the only one, of the first free one, or of what carries all."""
-        parts, record = self.solver.seen.parts, self.solver.all_ticks
-        if parts is None:
-            return {f"{BODIES}/{self._names[0]}/{TICK}": own}
-        if record is None:
-            rows: dict[str, Columns] = {TICK: {f"frame/{name}": values for name, values in own.items()}}
-            for p, name in enumerate(parts.names):
-                joint = {"joint": parts.values[name][ticks]} if name in parts.values else {}
-                pose = {"position": parts.world[ticks, p, :3], "orientation": parts.world[ticks, p, 3:]}
-                rows[f"{BODIES}/{name}/{TICK}"] = pose | joint
-            return rows
-        return body_rows(parts, record, ticks, own)
 
+def body_rows(
+    parts: MovingParts | None, record: ThingsRecord | None, names: Sequence[str], ticks: slice, own: Columns
+) -> dict[str, Columns]:
+    """Return the rows of bodies by their groups; of several the poses in `parts` are set, too.
 
-def body_rows(parts: MovingParts, record: ThingsRecord, ticks: slice, own: Columns) -> dict[str, Columns]:
-    """Return the rows of bodies of which some are free, and put their poses in their place; `own` is of the first."""
+    `own` is of the only one, of the first free one, or of what carries all; `record` is of several beside a free one.
+    """
+    if parts is None:
+        return {f"{BODIES}/{names[0]}/{TICK}": own}
+    if record is None:
+        rows: dict[str, Columns] = {TICK: {f"frame/{name}": values for name, values in own.items()}}
+        for p, name in enumerate(parts.names):
+            joint = {"joint": parts.values[name][ticks]} if name in parts.values else {}
+            pose = {"position": parts.world[ticks, p, :3], "orientation": parts.world[ticks, p, 3:]}
+            rows[f"{BODIES}/{name}/{TICK}"] = pose | joint
+        return rows
     begun, rows = RigidMotion(record.things[0].turn, record.things[0].shift), {}
     for k, (name, body, wrench) in enumerate(zip(parts.names, record.things, record.thing_wrench, strict=True)):
         parts.world[ticks, k, :3] = begun.seen_points(body.shift)

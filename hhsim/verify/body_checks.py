@@ -164,7 +164,7 @@ def _other_labels(body: scene_body.Body, plane: scene_body.HalfSpace | None, sto
     """Names of the stored properties of a body that are not those declared."""
     joint, own = body.joint, dict[str, Any]()
     if not stored.result.free:
-        own = {} if joint is None else {"joint": asdict(joint)}
+        own = {"joint": asdict(joint)} if joint is not None and "joint" in stored else {}
     else:
         own = {"friction": body.friction, "torsion": body.torsion, "table": plane and plane.height}
         own["table_friction"] = plane and plane.friction

@@ -15,7 +15,6 @@ from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.replay.stored_scene import body_name, body_part, body_parts
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.replay.tick_rows import body_rows, contact_rows, free_columns, seen_hand, shown_columns, stored_contacts
-from hhsim.result.schema import BODIES, TICK
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import seen_scene
 
@@ -28,11 +27,10 @@ class SessionColumns:
     def __init__(self, setup: LiveSetup, options: SolverOptions) -> None:
         seen = None if setup.bodies is None else seen_scene(setup.bodies)
         self.parts = None if seen is None or seen.parts is None else _with_room(seen.parts)
-        if setup.bodies is not None and seen is not None:
+        kind, place = "fixed" if setup.free is None else "free", ObjectMotion(*setup.object_pose())
+        self.bodies = {body_name(setup.mesh.name): body_part(kind, setup.mesh, setup.tree, place, setup.free)}
+        if seen is not None and setup.bodies is not None:
             self.bodies = body_parts(setup.bodies, seen)
-        else:
-            kind, place = "fixed" if setup.free is None else "free", ObjectMotion(*setup.object_pose())
-            self.bodies = {body_name(setup.mesh.name): body_part(kind, setup.mesh, setup.tree, place, setup.free)}
         self._columns = TickColumns(setup.contact_surface().arrays, setup.hand, options, self.parts)
         self._is_free = setup.recorded_bodies > 0
         self._pose = setup.object_pose()
@@ -51,13 +49,10 @@ class SessionColumns:
         record = TickRecord(*(np.ascontiguousarray(records[name]) for name in TickRecord._fields))
         time = 1e-9 * (records["time_ns"] - began_ns)
         moved = next(iter(self.moved(records)), None)
-        of_bodies = {}
-        if self._is_free:
-            own = free_columns(object_ticks(records), *self._pose)
-            of_bodies = {f"{BODIES}/{name}/{TICK}": own for name in self.bodies}
-        if self.parts is not None:
-            self._columns.rewind()
-            of_bodies = body_rows(self.parts, body_ticks(records), slice(0, len(records)), own)
+        own = free_columns(object_ticks(records), *self._pose) if self._is_free else {}
+        motions = None if self.parts is None else body_ticks(records)
+        self._columns.rewind()
+        of_bodies = body_rows(self.parts, motions, list(self.bodies), slice(0, len(records)), own)
         block = self._columns.block(time, records["input_seq"], seen_hand(haptic, moved), record)
         return shown_columns(block, haptic, moved), of_bodies
 

@@ -30,9 +30,9 @@ def setup() -> LiveSetup:
     return make_setup(device=configure("sim"), rate=500.0)
 
 
-@pytest.mark.parametrize("free", [False, True])
-def test_a_child_sees_the_memory_and_the_setup(setup: LiveSetup, free: bool) -> None:
-    memory = SessionMemory.create(free=free)
+@pytest.mark.parametrize("bodies", [0, 1, 3])
+def test_a_child_sees_the_memory_and_the_setup(setup: LiveSetup, bodies: int) -> None:
+    memory = SessionMemory.create(bodies=bodies)
     descriptor = memory.with_setup(setup)
     memory.status["heartbeat_ns"] = 123
     memory.facts.write({"real_time": {"fifo": True}})
@@ -49,7 +49,7 @@ def test_a_child_sees_the_memory_and_the_setup(setup: LiveSetup, free: bool) -> 
             check=False,
         )
         assert child.returncode == 0, child.stderr
-        assert child.stdout == f"0 [4, 5, 9] 123 {{'real_time': {{'fifo': True}}}} 500.0 sim {free}\n"
+        assert child.stdout == f"0 [4, 5, 9] 123 {{'real_time': {{'fifo': True}}}} 500.0 sim {bodies == 1}\n"
     assert memory.status["recorder_ticks"] == 77
     assert (memory.status["battery"], memory.status["sample_ns"]) == (-1, -1), "nobody knows them yet"
 
