@@ -7,13 +7,13 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.kernels.contact.hand_pairs import hand_reach, hands_nearest
+from hhsim.kernels.contact.hand_pairs import hands_nearest
 from hhsim.kernels.free.record import ObjectRecord
+from hhsim.kernels.free.side_by_side import find_meeting, run_hands_apart
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
 from hhsim.kernels.jit import as_argument
-from hhsim.kernels.qp.active_set import new_work
+from hhsim.kernels.parts.tick import Jointed
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
-from hhsim.kernels.tick.both_hands import BOTH_DOF, BOTH_HANDS, BOTH_ROWS, find_meeting, run_hands_apart
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.reproducible import norm
 from hhsim.scene.free_object import FreeObject
@@ -21,7 +21,7 @@ from hhsim.solver.free_engine import FreeEngine, Thing
 from hhsim.solver.hand_solver import START_LINEARISATIONS, HandSolver, clearance, shift_until
 from hhsim.solver.linearising_engine import JointedEngine, LinearisingEngine
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.workspace import TickWorkspace, tick_record, zeroed
+from hhsim.solver.workspace import TickWorkspace, tick_record
 
 T = TypeVar("T")
 Pair: TypeAlias = tuple[T, T]
@@ -53,10 +53,8 @@ class SideBySideSolver:
         self._started = not self.keeps_apart
         if self.keeps_apart:
             self._spaces = tuple(hand.workspace for hand in hands)
-            self._arrays = tuple(space.hand for space in self._spaces)
-            self._states = tuple(space.states for space in self._spaces)
-            self._both, self._qp = zeroed(BOTH_HANDS), new_work(BOTH_DOF, BOTH_ROWS)
-            self._both[0].pairs.reach[:] = [hand_reach(arrays) for arrays in self._arrays]
+            self._engine = FreeEngine(self._spaces[0], None, self._spaces[1])
+            self._world = self._engine.world
 
     def run(self, *haptic: HandConfiguration) -> tuple[TickRecord, TickRecord]:
         """Run one tick for each pair of haptic configurations; arguments and errors as of `HandSolver.run`."""
@@ -71,7 +69,7 @@ class SideBySideSolver:
         return records
 
     def _run(self, blocks: Pair[HapticBlock], haptic: Sequence[HandConfiguration]) -> Pair[TickRecord]:
-        if not (self.keeps_apart and (self._parts_move or self._both[0].is_near)):
+        if not (self.keeps_apart and (self._parts_move or self._world.is_near)):
             kept = [_kept(space) for space in self._spaces] if self.keeps_apart else []
             right, left = self._threads.map(lambda hand, given: hand.run(*given), self.hands, haptic)
             if not self.keeps_apart or not self._have_met(kept, (right, left)):
@@ -79,7 +77,8 @@ class SideBySideSolver:
             for space, fields in zip(self._spaces, kept):
                 _return_to(fields, space)
         records = tick_record(len(blocks[0].position)), tick_record(len(blocks[1].position))
-        self._run_together([_engine(hand).method for hand in self.hands], blocks, records)
+        engines = [_engine(hand) for hand in self.hands]
+        self._run_together([engine.tick_method for engine in engines], self._engine.method, blocks, records)
         return records
 
     def _have_met(self, kept: Sequence[dict[str, Any]], records: Pair[TickRecord]) -> bool:
@@ -89,38 +88,38 @@ class SideBySideSolver:
         way = [np.vstack([fields["pose"][0].position, record.position]) for fields, record in zip(kept, records)]
         moved = sum(norm(np.diff(places, axis=0)) for places in way)
         between = norm((way[0] - way[1])[1:]) - moved
-        if (between > self._both[0].pairs.reach.sum() + offset).all():
+        if (between > self._world.meeting.reach.sum() + offset).all():
             return False
-        for states, fields in zip(self._states, kept):
-            copy_configuration(fields["pose"][0], states[0].pose)
+        for space, fields in zip(self._spaces, kept):
+            copy_configuration(fields["pose"][0], space.states[0].pose)
         count = len(records[0].position)
-        return bool(find_meeting(self._arrays, offset, records, self._states, self._both[0]) < count)
+        return bool(find_meeting(self._engine.method, records) < count)
 
-    def _run_together(self, methods: Sequence[Any], haptic: Pair[HapticBlock], records: Pair[TickRecord]) -> None:
-        first, engines = self._spaces[0], [_engine(hand) for hand in self.hands]
-        # A patient method is that of an approach, beside parts that stand still.
-        own = [engine.tick_method if engine.method is method else method for engine, method in zip(engines, methods)]
-        surfaces, qps = tuple(space.surface for space in self._spaces), tuple(space.qp for space in self._spaces)
-        given = tuple(own), tuple(methods), self._arrays, surfaces, self._states, qps, haptic, records
-        done = run_hands_apart(*given, self._both, self._qp, self._parts_move and own[0] is not methods[0])
+    def _run_together(
+        self, alone: Sequence[Any], method: Any, haptic: Pair[HapticBlock], records: Pair[TickRecord]
+    ) -> None:
+        """Run ticks by the methods of each hand alone and that of both."""
+        qps, moves = tuple(space.qp for space in self._spaces), isinstance(alone[0], Jointed)
+        done = run_hands_apart(tuple(alone), method, qps, haptic, records, moves, self._engine.qp)
         if done and (records[0].status[done - 1] | records[1].status[done - 1]) & STATUS_CAPACITY_EXCEEDED:
-            raise first.full()
+            raise self._spaces[0].full()
 
     def _begin(self, haptic: Pair[HapticBlock]) -> list[int]:
         """Place both hands, apart where they begin in each other; return the status bits of each first tick."""
         begun = [hand.begin(given) for hand, given in zip(self.hands, haptic)]
-        if not _part(self._spaces, self._both[0].pairs):
+        if not _part(self._spaces, self._world.meeting):
             return begun
         engines = [_engine(hand) for hand in self.hands]
         for engine in engines:
             engine.begin()
         one, two = (
             HapticBlock(*(np.array(states[0].haptic[name])[None] for name in HapticBlock._fields))
-            for states in self._states
+            for states in (space.states for space in self._spaces)
         )
-        self._both[0].is_near = True
-        patient = [engine.patient(START_LINEARISATIONS) for engine in engines]
-        self._run_together(patient, (one, two), (tick_record(1), tick_record(1)))
+        self._world.is_near = True
+        # Beside parts that stand still.
+        alone, patient = [engine.method for engine in engines], self._engine.patient(START_LINEARISATIONS)
+        self._run_together(alone, patient, (one, two), (tick_record(1), tick_record(1)))
         return [start | STATUS_START_INSIDE for start in begun]
 
 

@@ -6,8 +6,8 @@ moves past it, and what is left is what is bounded by the pairs at hand and judg
 anything would be entered is taken back like any other, and the last pose of all that was free is what is shown. The
 table is a half-space: nothing can be behind it, so that the end of a step says all.
 
-All make the same share of a step, and the tick ends where all have arrived. Two hands keep out of each other by rows of
-pairs of their bodies, added where a step would bring them together until none does.
+All make the same share of a step, and the tick ends where all have arrived. Two hands keep out of each other, and each
+out of itself, by rows of pairs of their bodies, added where a step would bring them together until none does.
 """
 
 from typing import Any, NamedTuple
@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
-from hhsim.kernels.contact.detection import pairs_near
+from hhsim.kernels.contact.detection import find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits
 from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
+from hhsim.kernels.contact.self_pairs import BROKEN, SELF_ROWS, add_rows, begin_rows, foresee_rows
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import (
     OBJECT_DOF,
@@ -40,9 +41,11 @@ from hhsim.kernels.free.columns import (
     first_finger,
     hand_count,
     is_one,
+    is_still,
     object_columns,
     other_in,
     pair_count,
+    palm_column,
     thing_column,
     thing_count,
     variable_count,
@@ -50,21 +53,26 @@ from hhsim.kernels.free.columns import (
 from hhsim.kernels.free.edges import Edges, measure_edges, record_edges
 from hhsim.kernels.free.joints import begin_joints, has_joint_rows, joints_hold
 from hhsim.kernels.free.meeting import (
+    DEEP,
+    UNITS_ROUND,
     add_meetings,
     bear_meetings,
+    bear_own,
     keep_meetings,
     may_meet,
     measure_hands,
+    part_targets,
     share_of_meetings,
+    spread_fingers,
     stay_apart,
 )
 from hhsim.kernels.free.program import begin_search, clip_shifts, scale_target, solve_free, take_steps, take_targets
 from hhsim.kernels.free.record import copy_borne, find_borne, turn_loads
-from hhsim.kernels.free.rows import PAIR_KEYS, begin_frictions, find_frictions, touches
+from hhsim.kernels.free.rows import PAIR_KEYS, begin_frictions, bends, find_frictions
 from hhsim.kernels.free.support import find_table_contacts, keep_entry, keep_lowest, table_distances
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import move, update_kinematics
-from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline
+from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline, jit_noinline
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.rotation import turned_back
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_object, record_tick
@@ -77,7 +85,7 @@ from hhsim.kernels.tick.evaluation import (
     rebuild_candidates,
     usual_reach,
 )
-from hhsim.kernels.tick.force import hand_forces
+from hhsim.kernels.tick.force import FORCE_PAPER, hand_forces
 from hhsim.kernels.tick.haptic_input import set_haptic
 from hhsim.kernels.tick.linearisation import count_linearisation, find_program_contacts, step_to_haptic
 from hhsim.kernels.tick.method import (
@@ -92,9 +100,17 @@ from hhsim.kernels.tick.method import (
 )
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.restoration import TRUST_DECAY, only_restores, take_back
-from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_LAG, WORK_LINEARISATIONS, WORK_TOUCHING
-from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM
-from hhsim.kernels.tick.step_length import LEAST_SHARE, WHOLE_TARGET, allowed_fraction
+from hhsim.kernels.tick.settled_forces import ON_THE_WAY
+from hhsim.kernels.tick.state import (
+    STATUS_CAPACITY_EXCEEDED,
+    STATUS_LAG,
+    WORK_LINEARISATIONS,
+    WORK_ROWS,
+    WORK_TOUCHING,
+    WORK_UNITS,
+)
+from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM, copy_active
+from hhsim.kernels.tick.step_length import CLEAR, LEAST_SHARE, WHOLE_TARGET, allowed_fraction
 from hhsim.kernels.tick.tick import MOST_FAILED_STEPS, accept, begin_tick, converge, tick_status, update_reach
 
 CLOSE = 20.0
@@ -116,7 +132,7 @@ class Free(NamedTuple):
     world: NDArray[np.void]  # one record of `kernels.free.state.world_dtype`
     edge_pairs: NDArray[np.void]  # of each pair
     movers: tuple[HandArrays, ...]  # of each hand; then, of several things, each as a palm without fingers
-    surfaces: Any  # of each thing
+    surfaces: Any  # of each thing; of each hand where parts of a thing have lists of their own
     edges: tuple[Edges, ...]  # of each thing
 
 
@@ -134,7 +150,7 @@ def _mover(method: Free, p: int) -> HandArrays:
 def _surface(method: Free, p: int) -> Any:
     """Return the surface of the thing of a pair."""
     problem = method.world[0].problem
-    return method.surfaces[as_int64(0) if is_one(problem) else problem.thing[p]]
+    return method.surfaces[as_int64(0) if is_one(problem) else problem.surface[p]]
 
 
 @jit
@@ -221,20 +237,27 @@ def _find_turns(problem: Record, bodies: Record) -> None:
 
 
 @jit
-def _find_contacts(method: Free, state: Record) -> int:
-    """Find each pair's contacts and their rows, further pairs' behind the first one's limits; return how many or -1."""
+def _find_contacts(method: Free, near: float, state: Record) -> int:
+    """Find each pair's contacts and their rows, further pairs' behind the first one's limits; return how many or -1.
+
+    They are those within reach, or all up to `near` [m] where that is above 0.
+    """
     world = method.world[0]
     problem, joined = world.problem, state.contacts
     row, kept = as_int64(0), as_int64(0)
     for p in range(pair_count(problem)):
         each, arrays = method.states[p], _mover(method, p)
         contacts = each.contacts
-        if not find_program_contacts(arrays, _surface(method, p), method.options, each):
+        if near > 0.0:
+            if find_contacts(_surface(method, p), arrays, each.pose, each.candidates, near, contacts) != 0:
+                return as_int64(-1)
+        elif not find_program_contacts(arrays, _surface(method, p), method.options, each):
             return as_int64(-1)
         _record_edges(method, p)
         world.found[p] = contacts.start[FINGER_COUNT + 1]
-        reach = min(each.trust.reach, each.trust.radius)
-        drop_redundant_contacts(arrays, reach, contacts, each.open_distance[:])
+        if near == 0.0:
+            reach = min(each.trust.reach, each.trust.radius)
+            drop_redundant_contacts(arrays, reach, contacts, each.open_distance[:])
         if problem.other[p] >= 0:
             keep_lowest(contacts, each.open_distance[:], world.friction)
         count = contacts.start[FINGER_COUNT + 1]
@@ -260,8 +283,8 @@ def _write_contacts(method: Free, state: Record) -> None:
     build_rows(method.movers[0], state.pose, state.contacts, offset, relaxed, problem)
     problem.is_fresh, problem.share = 1, 1.0
     for p in range(1, pair_count(problem)):
-        each, first, last, palm = method.states[p], problem.first[p], problem.last[p], 12 * problem.hand[p]
-        own = each.problem
+        each, first, last = method.states[p], problem.first[p], problem.last[p]
+        own, palm = each.problem, palm_column(problem, problem.hand[p])
         if problem.other[p] >= 0:
             for i in range(last - first):
                 rhs = offset - each.contacts.distance[i]
@@ -281,8 +304,49 @@ def _write_contacts(method: Free, state: Record) -> None:
 
 
 @jit
-def _prepare(method: Free, state: Record) -> int:
-    """Build the program at the present poses; return how many rows contacts have, -1 where they do not fit."""
+def _foresee_own(method: Free, near: float, world: Record) -> int:
+    """Begin with the rows of each hand's own pairs: those of the last program, or all up to `near` [m]; return a count.
+
+    The abduction, which is given, is reduced to what they have room for.
+    """
+    problem, options, count = world.problem, method.options, as_int64(0)
+    spread_fingers(method.states, problem)
+    for h in range(hand_count(problem)):
+        each, hand = method.states[h], method.movers[h]
+        own, step = each.self_contact, each.problem.abduction_step
+        if near > 0.0:
+            add_rows(options.own, hand, near, options, each)
+        else:
+            foresee_rows(options.own, hand, each.warm, options, each)
+        for r in range(own.count):
+            problem.own_multiplier[h, r] = 1.0
+        for r in range(own.count, SELF_ROWS):
+            problem.own_multiplier[h, r] = 0.0
+        for f in range(FINGER_COUNT):
+            problem.abduction_step[FINGER_COUNT * h + f] = step[f]
+        count += own.count
+    return count
+
+
+@jit
+def _aim_fingers(method: Free, world: Record) -> None:
+    """Let the targets of fingers that no row may bend be within the joints' limits, and all others the user's own."""
+    problem = world.problem
+    for h in range(hand_count(problem) if world.kept_apart >= -DEEP else 0):
+        each, target = method.states[h], problem.hand_target[DOF * h : DOF * h + DOF]
+        for f in range(FINGER_COUNT):
+            for k in range(PHALANX_COUNT):
+                target[6 + PHALANX_COUNT * f + k] = each.haptic.flexion[f, k] - each.pose.flexion[f, k]
+            if not bends(method.states, problem, world.meeting, as_int64(h), f):
+                clamp_to_limits(_mover(method, h), each.pose, f, target)
+
+
+@jit_noinline
+def _prepare(method: Free, near: float, state: Record) -> int:
+    """Build the program at the present poses; return how many rows contacts have, -1 where they do not fit.
+
+    Contacts are those of `_find_contacts`.
+    """
     world = method.world[0]
     began = monotonic_ns()
     options, contacts, problem, friction, bodies = (
@@ -293,25 +357,31 @@ def _prepare(method: Free, state: Record) -> int:
         world.bodies,
     )
     _find_turns(problem, bodies)
-    total = _find_contacts(method, state)
+    total = _find_contacts(method, near, state)
     if total < 0:
         return -1
     for k in range(thing_count(problem)):
         body_target(bodies[k], problem.body_target[OBJECT_DOF * k : OBJECT_DOF * k + OBJECT_DOF])
         bodies[k].clipped[:] = 0.0
     for h in range(hand_count(problem)):
-        each, target = method.states[h], problem.hand_target[DOF * h : DOF * h + DOF]
-        _aim(each, world, h, target, problem.abduction_step[FINGER_COUNT * h : FINGER_COUNT * h + FINGER_COUNT])
-        for f in range(FINGER_COUNT):
-            if not touches(method.states, problem, h, f):
-                clamp_to_limits(_mover(method, h), each.pose, f, target)
+        target = problem.hand_target[DOF * h : DOF * h + DOF]
+        abduction = problem.abduction_step[FINGER_COUNT * h : FINGER_COUNT * h + FINGER_COUNT]
+        _aim(method.states[h], world, h, target, abduction)
+        begin_rows(method.states[h].self_contact)
+    own = as_int64(0)
+    if not is_one(problem):
+        if hand_count(problem) > 1:
+            if world.meeting.count > 0:
+                keep_meetings(method.movers, method.states, world)
+            if world.kept_apart < -DEEP:
+                part_targets(method.states, problem, world.kept_apart)
+        own = _foresee_own(method, near, world)
+    _aim_fingers(method, world)
     _write_contacts(method, state)
     object_columns(method.states, bodies, contacts, problem)
     # A contact floats by what Γ was short of its slip, and goes on rubbing.
     close = CLOSE * options.offset + FLOATS * world.borne.residual
     find_frictions(bodies, contacts, problem, close, friction)
-    if hand_count(problem) > 1 and world.meeting.count > 0:
-        keep_meetings(method.movers, method.states, world)
     joints = as_int64(0)
     for k in range(thing_count(problem)):
         joints += 1 if has_joint_rows(bodies[k]) else 0
@@ -325,8 +395,8 @@ def _prepare(method: Free, state: Record) -> int:
     turns = as_bool(state.work[WORK_LINEARISATIONS] < SEARCHED)
     begin_frictions(method.states, bodies, step, abduction, problem, world.held, turns, friction)
     scale_target(bodies, problem)
-    count = total + friction.count - friction.of_hand + joints
-    for p in range(pair_count(problem)):
+    count = total + friction.count - friction.of_hand + joints + own
+    for p in range(pair_count(problem) if near == 0.0 else 0):
         each = method.states[p]
         given = _mover(method, p), _surface(method, p), options
         count_linearisation(*given, world.found[p], count, each)
@@ -334,16 +404,57 @@ def _prepare(method: Free, state: Record) -> int:
     return count
 
 
+@jit_noinline
+def _add_own(method: Free, h: int, world: Record) -> bool:
+    """Add rows of a hand's own pairs that the step at hand would bring together; return whether one is new."""
+    problem, each = world.problem, method.states[h]
+    share, before = each.self_contact.share, problem.scratch
+    for f in range(FINGER_COUNT):
+        before[f] = share[f]
+    if not add_rows(method.options.own, method.movers[h], BROKEN, method.options, each):
+        return False
+    for f in range(FINGER_COUNT):
+        if before[f] > 0.0:
+            problem.abduction_step[FINGER_COUNT * h + f] *= share[f] / before[f]
+    return True
+
+
+@jit
+def _add_rows(method: Free, clipped: bool, state: Record) -> bool:
+    """Add rows of pairs of hands' bodies that the step at hand would bring together; return whether one is new."""
+    world = method.world[0]
+    problem, met, own = world.problem, False, False
+    if is_one(problem):
+        return False
+    if hand_count(problem) > 1 and may_meet(method.options.offset, method.states, world):
+        met = add_meetings(method.movers, method.options, method.states, world)
+        if is_still(problem):
+            state.work[WORK_UNITS] += UNITS_ROUND
+            for h in range(hand_count(problem)):
+                each = method.states[h]
+                rows = problem.last[h] - problem.first[h] + world.meeting.count + each.self_contact.count
+                each.work[WORK_ROWS] = max(each.work[WORK_ROWS], rows)
+    if not world.settles:
+        spread_fingers(method.states, problem)
+        for h in range(hand_count(problem)):
+            own = _add_own(method, as_int64(h), world) or own
+    if own:
+        share = problem.share
+        _write_anew(method, state)
+        problem.share = share
+    if (met or own) and not clipped:
+        _aim_fingers(method, world)
+        scale_target(world.bodies, problem)
+    return met or own
+
+
 @jit
 def _solve(method: Free, count: int, clipped: bool, state: Record, qp: QpWork) -> int:
     status = _solve_program(method, count, clipped, state, qp)
-    if hand_count(method.world[0].problem) > 1:
-        for _ in range(ROUNDS):
-            if status != OPTIMAL or not may_meet(method.options.offset, method.states, method.world[0]):
-                break
-            if not add_meetings(method.movers, method.options, method.states, method.world[0]):
-                break
-            status = _solve_rows(method, clipped, state, qp)
+    for _ in range(ROUNDS):
+        if status != OPTIMAL or not _add_rows(method, clipped, state):
+            break
+        status = _solve_rows(method, clipped, state, qp)
     return status
 
 
@@ -352,6 +463,7 @@ def _solve_program(method: Free, count: int, clipped: bool, state: Record, qp: Q
     world = method.world[0]
     problem = world.problem
     if count == 0 and (hand_count(problem) < 2 or world.meeting.count == 0):
+        problem.dense_rows = 0
         take_targets(problem)
         world.loaded.count = 0
         problem.gamma_error = 0.0
@@ -386,7 +498,7 @@ def _take_back(method: Free) -> None:
 
 
 @jit
-def _measure(method: Free) -> bool:
+def measure(method: Free) -> bool:
     """Compute the distances of each pair; False where they do not fit into the arrays."""
     fits = True
     for p in range(pair_count(method.world[0].problem)):
@@ -403,7 +515,7 @@ def _retry(method: Free) -> bool:
     _take_back(method)
     for p in range(pair_count(method.world[0].problem)):
         method.states[p].trust.radius *= TRUST_DECAY
-    return _measure(method)
+    return measure(method)
 
 
 @recover.of(Free)
@@ -447,17 +559,24 @@ def _clip_target(method: Free, only_restore: bool, state: Record) -> tuple[float
     world = method.world[0]
     problem = world.problem
     fraction, longest = _allowed(method)
+    still, least = is_still(problem), 0.5
+    if still:
+        # As one hand beside what stands still: one that has its clearance keeps it on any part of a step.
+        away = world.apart if hand_count(problem) > 1 else np.inf
+        for h in range(hand_count(problem)):
+            away = min(away, least_distance(method.states[h]))
+        least = LEAST_SHARE if away >= CLEAR * method.options.offset else least
     if only_restore:
         fraction = 0.0
-    elif fraction >= 0.5:
+    elif fraction >= least:
         return WHOLE_TARGET, 1.0
     off = 1.0 - fraction
     for h in range(hand_count(problem)):
-        fingers = first_finger(problem, h)
-        for j in range(6):
-            problem.hand_target[DOF * h + j] -= off * problem.delta[12 * h + j]
-        for j in range(6, DOF):
-            problem.hand_target[DOF * h + j] -= off * problem.delta[fingers - 6 + j]
+        palm, fingers = palm_column(problem, h), first_finger(problem, h)
+        for j in range(DOF):
+            # Where nothing else moves a part of the target brings a part of the forces (`kernels.tick.step_length`).
+            made = problem.delta[palm + j if j < 6 else fingers - 6 + j]
+            problem.hand_target[DOF * h + j] -= off * (problem.hand_target[DOF * h + j] if still else made)
     for k in range(thing_count(world.problem)):
         body, column = world.bodies[k], thing_column(problem, k)
         for j in range(OBJECT_DOF):
@@ -487,15 +606,15 @@ def _solve_linearisation(
     method: Free, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork
 ) -> tuple[int, float]:
     world = method.world[0]
-    count, full_motion = _prepare(method, state), WHOLE_TARGET
+    count, full_motion = _prepare(method, 0.0, state), WHOLE_TARGET
     if count < 0:
         return as_int64(OVERFLOW), full_motion
     status = _solve(method, count, as_bool(False), state, qp)
-    if status == OPTIMAL and (count > 0 or (hand_count(world.problem) > 1 and world.meeting.count > 0)):
+    if status == OPTIMAL and (count > 0 or world.problem.dense_rows > 0):
         full_motion, share = _clip_target(method, only_restores(method.options, state, done), state)
         if full_motion != WHOLE_TARGET:
             status = _solve(method, count, as_bool(True), state, qp)
-            two = hand_count(world.problem) > 1
+            two = hand_count(world.problem) > 1 and not is_still(world.problem)
             if status == OPTIMAL and two and _allowed(method)[0] < LEAST_SHARE:
                 # A contact that is reached with the whole step has no load on a part of the way: what it bore would
                 # draw the hand all the way there, and a small share of that mends no clearance.
@@ -521,6 +640,18 @@ def _table(method: Free) -> tuple[float, int, int]:
     return least, thing, lowest
 
 
+@jit_noinline
+def _find_loads(method: Free, state: Record) -> None:
+    """Find the forces of the solution on things and hands."""
+    world, states = method.world[0], method.states
+    problem, contacts = world.problem, state.contacts
+    find_borne(states, world.bodies, contacts, problem, world.friction, world.loaded, world.tried)
+    if hand_count(problem) > 1:
+        bear_meetings(states, world)
+    for h in range(0 if is_one(problem) else hand_count(problem)):
+        bear_own(method.options.own, states[h], as_int64(h), problem)
+
+
 @jit
 def _move_all(method: Free, fraction: float, state: Record) -> None:
     """Make a share of the step of hands and things, and find what bears it."""
@@ -530,13 +661,13 @@ def _move_all(method: Free, fraction: float, state: Record) -> None:
         problem.total[j] += fraction * problem.delta[j]
     for f in range(FINGER_COUNT * hand_count(problem)):
         problem.abduction_total[f] += fraction * problem.abduction_step[f]
-    find_borne(states, bodies, state.contacts, problem, world.friction, world.loaded, world.tried)
-    if hand_count(problem) > 1:
-        bear_meetings(states, world)
+    _find_loads(method, state)
     # What comes next in the tick is added to it in the frame of each thing as it then stands.
+    first = thing_column(problem, as_int64(0))
     for h in range(hand_count(problem)):
-        for j in (12 * h, 12 * h + 3):
-            turn_back(bodies[0], problem.delta[6:12], fraction, problem.total[j : j + 3])
+        palm = palm_column(problem, h)
+        for j in (palm, palm + 3):
+            turn_back(bodies[0], problem.delta[first : first + OBJECT_DOF], fraction, problem.total[j : j + 3])
     for k in range(thing_count(problem)):
         j = thing_column(problem, k)
         turn_back(bodies[k], problem.delta[j : j + OBJECT_DOF], fraction, problem.total[j : j + 3])
@@ -579,13 +710,17 @@ def _advance(method: Free, hand: HandArrays, surface: Any, full_motion: float, s
     least = np.inf
     for p in range(pairs):
         motion = world.longest[p]
-        foreseen = max(REACH_FLOOR * options.step_tolerance, motion)
+        # Where nothing else moves as of a hand alone, see `kernels.tick.tick`.
+        foreseen = REACH_FLOOR * max(options.step_tolerance, motion)
+        if not is_still(problem):
+            foreseen = max(REACH_FLOOR * options.step_tolerance, motion)
         update_reach(options, fraction, motion, full_motion, foreseen, states[p])
-    fits = _measure(method)
+    fits = measure(method)
     for p in range(pairs):
         least = min(least, least_distance(states[p]))
     if hand_count(problem) > 1 and not stay_apart(fraction, states, world):
-        least = min(least, measure_hands(method.movers, states, world))
+        apart = measure_hands(method.movers, states, world)
+        least = min(least, apart - world.kept_apart if world.kept_apart >= -DEEP else 0.0)
     table, thing, lowest = _table(method)
     if table < 0.0:
         keep_entry(thing, lowest, world.friction)
@@ -595,6 +730,8 @@ def _advance(method: Free, hand: HandArrays, surface: Any, full_motion: float, s
         done = True
     elif least >= 0.0 and table >= 0.0:
         _keep(world)
+        if world.kept_apart < 0.0:
+            world.kept_apart = min(world.apart, 0.0)
         done = held = joints_hold(states, world.bodies, problem)
         for p in range(pairs):
             done = accept(options, fraction, world.longest[p], full_motion, states[p]) and done
@@ -618,6 +755,28 @@ def _advance(method: Free, hand: HandArrays, surface: Any, full_motion: float, s
     return done
 
 
+@jit_noinline
+def _settle_forces(method: Free, state: Record, qp: QpWork) -> None:
+    """Compute the multipliers of what touches where hands are shown, see `kernels.tick.settled_forces`."""
+    world, options, step = method.world[0], method.options, state.step
+    problem, relaxed, holds = world.problem, state.program.is_relaxed, state.program.holds_abduction
+    palm, detect, iterations = step.duration[DURATION_PALM], step.duration[DURATION_DETECT], step.iterations
+    near = max(options.touch, ON_THE_WAY * options.offset)
+    world.meeting.count, world.within, world.settles = 0, near, True
+    for h in range(hand_count(problem)):
+        method.states[h].program.is_relaxed = method.states[h].program.holds_abduction = True
+    count = _prepare(method, near, state)
+    if count >= 0 and _solve(method, count, as_bool(False), state, qp) == OPTIMAL:
+        _find_loads(method, state)
+        for h in range(hand_count(problem)):
+            copy_active(method.states[h].warm, method.states[h].active)
+    for h in range(hand_count(problem)):
+        method.states[h].program.is_relaxed, method.states[h].program.holds_abduction = relaxed, holds
+    world.within, world.settles = options.margin, False
+    step.duration[DURATION_PALM], step.duration[DURATION_DETECT] = palm, detect
+    step.iterations = iterations
+
+
 @finish_tick.of(Free)
 @jit
 def _finish_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
@@ -629,7 +788,7 @@ def _finish_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp
     cut_short, pairs_overflow = is_budget_spent(options, state), progress.pairs_overflow
     if progress.failed_steps > 0 or pairs_overflow:
         _take_back(method)
-        pairs_overflow = not _measure(method) or pairs_overflow
+        pairs_overflow = not measure(method) or pairs_overflow
     for p in range(pair_count(problem)):
         each = states[p]
         if p < hand_count(problem):
@@ -650,10 +809,17 @@ def _finish_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp
         borne.hand_wrench[:] = 0.0
         borne.table_wrench[:] = 0.0
         borne.thing_wrench[:] = 0.0
-    detected = monotonic_ns()
+    detected, still = monotonic_ns(), is_still(problem)
+    if still and not pairs_overflow and options.force_model != FORCE_PAPER:
+        lags = False
+        for h in range(hand_count(problem)):
+            lags = lags or world.status[h] & STATUS_LAG != 0
+        if lags:
+            _settle_forces(method, state, qp)
+    settled = monotonic_ns() - detected
     for h in range(hand_count(problem)):
         each = states[h]
-        if not progress.is_accepted:
+        if not progress.is_accepted and not still:
             each.active.count = 0
         each.work[WORK_TOUCHING] = 0
         for p in range(pair_count(problem)):
@@ -661,6 +827,9 @@ def _finish_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp
                 given = _surface(method, p), _mover(method, p), states[p].candidates
                 _, near = pairs_near(*given, options.touch)
                 each.work[WORK_TOUCHING] += near
+        if options.force_model == FORCE_PAPER:
+            shown = _surface(method, h), _mover(method, h), each.pose, each.candidates
+            find_contacts(*shown, options.touch, each.contacts)
         detected = monotonic_ns()
         turn_loads(bodies[0], each.active)
         hand_forces(options, each)
@@ -669,8 +838,8 @@ def _finish_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp
             each.step.iterations = state.step.iterations
             copy_values(state.step.duration[:], each.step.duration[:])
         end_work(each)
-    state.step.duration[DURATION_DETECT] += detected - began
-    state.step.duration[DURATION_FORCE] += monotonic_ns() - detected
+    state.step.duration[DURATION_DETECT] += detected - began - settled
+    state.step.duration[DURATION_FORCE] += monotonic_ns() - detected + settled
     return world.status[0]
 
 
@@ -730,6 +899,9 @@ def rebuild(method: Free, states: States) -> bool:
     for p in range(pair_count(world.problem)):
         given = _mover(method, p), _surface(method, p), method.options
         fits = rebuild_candidates(*given, states[p : p + 1]) and fits
+        if p >= hand_count(world.problem):
+            # A hand's own pairs are looked at in its first pair alone.
+            states[p].self_contact.floor = states[p].self_contact.least = np.inf
         _measure_edges(method, p)
     return fits
 
