@@ -33,7 +33,7 @@ from hhsim.solver.free_engine import require_free
 from hhsim.solver.method import METHODS, USUAL
 from hhsim.solver.options import TOUCH, SolverOptions, Stiffness
 from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_STEP_TOLERANCE
-from hhsim.solver.two_hands import keeps_hands_apart
+from hhsim.solver.world_solver import keeps_hands_apart
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 README = Page.read(DOCS.parent / "README.md")

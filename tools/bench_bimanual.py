@@ -57,7 +57,7 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.outside_method import MethodScene
 from hhsim.solver.scene_solver import seen_scene
-from hhsim.solver.two_hands import TwoHandedSolver
+from hhsim.solver.world_solver import WorldSolver
 from hhsim.trees.contact_surface import contact_surface
 
 BLOCK = 100
@@ -245,15 +245,14 @@ class Ours:
             HandSolver(hand, first.surface, options, first.free if alone else None, others if alone else ())
             for hand in play.hands
         ]
-        self._solver: Any = hands[0] if alone else TwoHandedSolver(hands, first.free)
+        self._solver = WorldSolver(hands, None if alone else first.free)
         engine: Any = self._solver.engine
         self._engine: FreeEngine = engine
 
     def run(self, part: slice) -> None:
         """Run some ticks, which follow the ones before."""
         given = [haptic.at(part) for haptic in self._play.haptic]
-        alone = len(given) == 1
-        records = [self._solver.run(*given[0])] if alone else list(self._solver.run(*given))
+        records = self._solver.run(*given)
         many = self._engine.all_ticks
         things = [self._engine.ticks] if many is None else list(many.things)
         moved = [RigidMotion(one.turn, one.shift) for one in things]

@@ -11,7 +11,6 @@ import json
 import sys
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -35,7 +34,7 @@ from hhsim.scene.free_object import FreeObject, Hinge, Slider
 from hhsim.solver.free_engine import FreeEngine, Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.two_hands import SideBySideSolver, TwoHandedSolver
+from hhsim.solver.world_solver import WorldSolver
 from hhsim.table.table import Column, Table, number, words
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.triangle_tree import triangle_tree
@@ -329,7 +328,7 @@ def two_hands_free(rng: np.random.Generator, ticks: int) -> Recorded:
     solid = solid.transformed(np.eye(3), np.array([0.0, 0.0, rng.uniform(GAP, 0.02) - solid.mesh.bounds[0, 2]]))
     free = random_free(rng, solid, 0.0 if on_table else None)
     surface = contact_surface("mesh", solid.mesh, None)
-    solver = TwoHandedSolver([HandSolver(hand, surface, OPTIONS) for hand in (RIGHT, LEFT)], free)
+    solver = WorldSolver([HandSolver(hand, surface, OPTIONS) for hand in (RIGHT, LEFT)], free)
     users = [Hand(hand, rng, [0.2 * side, 0.0, 0.1]) for hand, side in ((RIGHT, 1.0), (LEFT, -1.0))]
     records: tuple[list[TickRecord], list[TickRecord]] = ([], [])
     rows: list[ObjectRecord] = []
@@ -379,20 +378,19 @@ def hands_that_meet(rng: np.random.Generator, ticks: int) -> Recorded:
     options = SolverOptions(surface="mesh", self_contact=own)
     users = [Hand(hand, rng, [0.2 * side, 0.0, 0.0]) for hand, side in ((RIGHT, 1.0), (LEFT, -1.0))]
     records: tuple[list[TickRecord], list[TickRecord]] = ([], [])
-    with ThreadPoolExecutor(2) as threads:
-        solver = SideBySideSolver([HandSolver(hand, surface, options) for hand in (RIGHT, LEFT)], threads)
-        done = 0
-        while done < ticks:
-            center = rng.normal(0.0, 0.03, 3)
-            if done < ticks - release_of(ticks):
-                size = min(users[0].hold, ticks - release_of(ticks) - done)
-                blocks = [user.take(size, center + rng.normal(0.0, 0.02, 3)) for user in users]
-            else:
-                ways = np.array([0.8, 0.0, 0.8]), np.array([-0.8, 0.0, 0.8])
-                blocks = [user.leave(one, ticks - done) for user, one in zip(users, ways)]
-            for kept, found in zip(records, solver.run(*blocks)):
-                kept.append(found)
-            done += blocks[0].ticks
+    solver = WorldSolver([HandSolver(hand, surface, options) for hand in (RIGHT, LEFT)])
+    done = 0
+    while done < ticks:
+        center = rng.normal(0.0, 0.03, 3)
+        if done < ticks - release_of(ticks):
+            size = min(users[0].hold, ticks - release_of(ticks) - done)
+            blocks = [user.take(size, center + rng.normal(0.0, 0.02, 3)) for user in users]
+        else:
+            ways = np.array([0.8, 0.0, 0.8]), np.array([-0.8, 0.0, 0.8])
+            blocks = [user.leave(one, ticks - done) for user, one in zip(users, ways)]
+        for kept, found in zip(records, solver.run(*blocks)):
+            kept.append(found)
+        done += blocks[0].ticks
     return Recorded(
         (RIGHT, LEFT),
         tuple(shown_of(kept) for kept in records),
@@ -464,7 +462,7 @@ def moving_parts(rng: np.random.Generator, ticks: int) -> Recorded:
     users = [Hand(hand, rng, middle + [0.1 * side, 0.0, 0.0], 0.2) for hand, side in zip(models, (1.0, -1.0))]
     solvers = [HandSolver(hand, parts.surface("mesh"), OPTIONS) for hand in models]
     records: list[list[TickRecord]] = [[] for _ in models]
-    both = SideBySideSolver(solvers, ThreadPoolExecutor(2)) if len(models) > 1 else None
+    solver = WorldSolver(solvers)
     done = 0
     while done < ticks:
         near = path[done, int(rng.integers(len(solids))), :3] if rng.random() < 0.5 else path[done, 1:, :3].mean(axis=0)
@@ -478,8 +476,7 @@ def moving_parts(rng: np.random.Generator, ticks: int) -> Recorded:
             else:
                 up = rotation_matrix(path[:1, 0, 3:])[0][:, 2]
                 blocks.append(user.leave(up, size))
-        found = both.run(*blocks) if both else (solvers[0].run(*blocks[0]),)
-        for record, kept in zip(found, records):
+        for record, kept in zip(solver.run(*blocks), records):
             kept.append(record)
         done += size
     bodies = tuple(
@@ -493,7 +490,7 @@ def moving_parts(rng: np.random.Generator, ticks: int) -> Recorded:
         np.stack([np.concatenate([one.status for one in kept]) for kept in records]),
         programs_of(records[0]),
         bodies,
-        hands_apart=both is not None,
+        hands_apart=len(models) > 1,
         released=release_of(ticks) == RELEASE,
     )
 

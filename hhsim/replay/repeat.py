@@ -1,7 +1,6 @@
 """Second run of a result's ticks, from nothing but the file, and comparison of every array: bits, and rounding."""
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,8 +24,8 @@ from hhsim.solver.free_engine import object_record, of_tick
 from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import METHODS
-from hhsim.solver.two_hands import SideBySideSolver, TwoHandedSolver
 from hhsim.solver.workspace import tick_record
+from hhsim.solver.world_solver import WorldSolver
 from hhsim.system import environment as info
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
@@ -213,9 +212,8 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> 
         warm_up(hand, options, moved, jointed=jointed, others=len(others))
         solvers.append(HandSolver(hand, surface, options, moved, others))
         columns.append(TickColumns(surface.arrays, hand, options, parts))
-    loose = None if alone or free is None else TwoHandedSolver(solvers, free, others)
-    solver = loose or (None if alone else SideBySideSolver(solvers, ThreadPoolExecutor(len(solvers))))
-    engine: Any = solvers[0].engine if loose is None else loose.engine
+    solver = WorldSolver(solvers, None if alone else free, others)
+    engine: Any = solver.engine
     runnable = [_runnable(one) for one in hands]
     total, notes = min(ticks for ticks, _ in runnable), [note for _, of in runnable for note in of]
     prefix = {one.name: "" if len(shown) == 1 else f"{one.name}/" for one in shown}
@@ -239,12 +237,12 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> 
                 frames = [MovingFrame(given, *moved_by) for given in haptic]
             given = [frame.haptic for frame in frames]
             ticks: ObjectRecord | None = None
-            if solver is None:
+            if alone:
                 record, ticks = _solve(solvers[0], given[0], live=result.live is not None, free=free is not None)
                 records: Sequence[TickRecord] = [record]
             else:
                 records = solver.run(*given)
-                ticks = None if loose is None else loose.object_ticks(0)
+                ticks = None if free is None else solver.object_ticks()
             if ticks is not None:
                 frames = [FreeFrame(one, ticks, *result.body.place) for one in haptic]
                 own = frames[0].body()

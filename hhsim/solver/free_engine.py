@@ -15,10 +15,11 @@ from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import HINGE, OBJECT_DOF, SLIDER, Support
 from hhsim.kernels.free.edges import EDGE_PAIRS, Edges
 from hhsim.kernels.free.meeting import SEEN
+from hhsim.kernels.free.pairs import Free, rebuild
 from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
 from hhsim.kernels.free.rows import SLACKS, friction_count
 from hhsim.kernels.free.state import MOST_HANDS, MOST_THINGS, world_dtype
-from hhsim.kernels.free.tick import Free, rebuild, run_many
+from hhsim.kernels.free.tick import run_many
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration
 from hhsim.kernels.qp.active_set import new_work
@@ -155,7 +156,7 @@ class FreeEngine:
         if things > MOST_THINGS:
             raise InputError(f"{things} things; expected up to {MOST_THINGS}")
         self._many = hands + things > 2 or workspace.options.self_contact
-        world, pairs = zeroed(world_dtype(self._many)), things * (hands + things - 1)
+        world, pairs = zeroed(world_dtype(self._many)), self._find_pairs()
         self.world, problem, friction = world[0], world[0].problem, world[0].friction
         self.qp = new_work(len(problem.delta), len(problem.rhs))
         springs, modelled = workspace.options.stiffness.diagonal(), workspace.options.modelled()
@@ -221,16 +222,21 @@ class FreeEngine:
             column[0] = 6 * number
         problem.width = 6 * len(order)
 
-    def _name_pairs(self) -> None:
-        """Say what each pair is of, the hands and the first thing first."""
+    def _find_pairs(self) -> int:
+        """Find the pairs, the hands and the first thing first; return how many."""
         hands, things = range(len(self.hands)), range(len(self.things))
-        pairs = [(h, -1, 0) for h in hands] + [(h, -1, k) for h in hands for k in things[1:]]
-        pairs += [(0, other, k) for other in things for k in things if other != k]
-        problem, self._pairs = self.world.problem, pairs
-        count = len(pairs)
-        problem.hand[:count], problem.other[:count], problem.thing[:count] = np.array(pairs).T
-        problem.surface[:count] = problem.thing[:count]
-        for state, (_, other, thing) in zip(self.states, pairs):
+        self._pairs = [(h, -1, 0) for h in hands] + [(h, -1, k) for h in hands for k in things[1:]]
+        for other, one in enumerate(self.things):
+            bearer = self._bearer(one)
+            self._pairs += [(0, other, k) for k in things if k == bearer or self._may_meet(one, self.things[k])]
+        return len(self._pairs)
+
+    def _name_pairs(self) -> None:
+        """Say what each pair is of."""
+        problem, count = self.world.problem, len(self._pairs)
+        problem.hand[:count], problem.other[:count], problem.thing[:count] = np.array(self._pairs).T
+        problem.surface[:count], problem.pairs = problem.thing[:count], count
+        for state, (_, other, thing) in zip(self.states, self._pairs):
             if other >= 0:
                 state.modelled[:] = False
                 state.modelled[PALM_BODY] = self._may_meet(self.things[other], self.things[thing])
@@ -238,6 +244,8 @@ class FreeEngine:
     @staticmethod
     def _may_meet(one: Thing, two: Thing) -> bool:
         """Return True if one of two things moves freely, and no joint bears one on the other, through which it goes."""
+        if one is two:
+            return False
         bears = ((a.free.joint.on if a.free.joint else "", b.name) for a, b in ((one, two), (two, one)))
         joined = any(on != "" and on == name for on, name in bears)
         return not joined and (one.moves_freely or two.moves_freely)
@@ -364,18 +372,15 @@ class FreeEngine:
         goals = [hand.states[0].haptic for hand in self.hands]
         haptic = [HapticBlock(*(np.array(goal[name])[None] for name in HapticBlock._fields)) for goal in goals]
         records = [tick_record(1) for _ in self.hands]
-        self._run(self.patient(linearisations), haptic, records, np.zeros((len(self.things), 1, 7)))
+        options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED)
+        method = self.method._replace(options=options)
+        self._run(method, haptic, records, np.zeros((len(self.things), 1, 7)))
         if records[0].status[0] & STATUS_CAPACITY_EXCEEDED:
             raise self.workspace.full()
         for state, hand in zip(self.states, self.hands):
             copy_configuration(state.pose, hand.states[0].pose)
         bodies[:], problem.slacks, world.safe_total[:] = kept, slacks, total
         self.begin()
-
-    def patient(self, linearisations: int) -> Free:
-        """Return the method with up to so many linearisations in a tick."""
-        options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED)
-        return self.method._replace(options=options)
 
     def run(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord | None = None) -> int:
         """See `Engine.run`; the object's record goes to `ticks`, or to new arrays."""

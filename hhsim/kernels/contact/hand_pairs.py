@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.contact.linearise import LEVER_FLOOR
+from hhsim.kernels.contact.linearise import LEVER_FLOOR, point_jacobian
 from hhsim.kernels.contact.self_pairs import clearance_kept, in_palm_frame, sphere_distance
 from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
@@ -91,18 +91,8 @@ def _columns(
     gradient[3], gradient[4], gradient[5] = ry * nz - rz * ny, rz * nx - rx * nz, rx * ny - ry * nx
     if body >= PALM_BODY:
         return
-    finger, last = body // PHALANX_COUNT, body % PHALANX_COUNT
-    floor = LEVER_FLOOR * hand.length[finger, 0]
-    for k in range(last + 2):
-        joint = pose.joints[finger, k % (last + 1)]
-        axis = pose.axis[finger] if k <= last else pose.abduction_axis[finger]
-        rx, ry, rz = x - joint[0], y - joint[1], z - joint[2]
-        ax, ay, az = axis[0], axis[1], axis[2]
-        lever = nx * (ay * rz - az * ry) + ny * (az * rx - ax * rz) + nz * (ax * ry - ay * rx)
-        if k > last:
-            rows.spread[row, h, finger] = lever
-        elif abs(lever) > floor:
-            gradient[6 + PHALANX_COUNT * finger + k] = lever
+    floor = LEVER_FLOOR * hand.length[body // PHALANX_COUNT, 0]
+    point_jacobian(pose, body, (x, y, z), (nx, ny, nz), floor, gradient, rows.spread[row, h])
 
 
 @jit

@@ -52,8 +52,8 @@ def thing_count(problem: Record) -> int:
 
 @jit_inline
 def pair_count(problem: Record) -> int:
-    """Return the number of pairs: each hand and each thing, and each thing and each that it meets."""
-    return as_int64(1) if is_one(problem) else problem.things * (problem.hands + problem.things - 1)
+    """Return the number of pairs: each hand and each thing, and things that may meet or are joined."""
+    return as_int64(1) if is_one(problem) else problem.pairs
 
 
 @jit_inline

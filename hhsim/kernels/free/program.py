@@ -186,7 +186,7 @@ def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, mee
             delta[column], delta[column + 1], delta[column + 2] = made * axis[0], made * axis[1], made * axis[2]
     for i in range(friction.count):
         friction.plain[i] = friction.cone[i] = 0.0
-    if not is_one(problem):
+    if not is_one(problem) and problem.dense_rows > 0:
         read_dense(problem, meeting, qp)
     loaded.count = qp.counts[0]
     for j in range(loaded.count):

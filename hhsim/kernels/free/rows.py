@@ -95,6 +95,7 @@ def free_problem_dtype(hands: int, things: int) -> "np.dtype[Any]":
         [
             ("hands", np.int64),  # numbers of those that there are
             ("things", np.int64),
+            ("pairs", np.int64),
             ("slacks", np.int64),  # SLACKS where a joint of two free things has friction, else 0
             ("width", np.int64),  # columns of palms and things
             ("palm", np.int64, (hands,)),  # first column of each palm

@@ -12,7 +12,7 @@ from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
 from hhsim.kernels.contact.hand_pairs import bound_motions, hands_nearest, look_at_pairs
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.meeting import hands_of, measure_hands
-from hhsim.kernels.free.tick import Free, measure
+from hhsim.kernels.free.pairs import Free, measure
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
 from hhsim.kernels.jit import Array, Record, jit, jit_noinline
