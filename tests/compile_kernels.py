@@ -53,7 +53,7 @@ def free() -> None:
     from hhsim.solver.free_object import FreeObject
     from hhsim.solver.hand_solver import HandSolver, warm_up
     from hhsim.solver.options import SolverOptions
-    from hhsim.solver.two_hands import TwoHandedSolver
+    from hhsim.solver.world_solver import WorldSolver
     from hhsim.trees.contact_surface import contact_surface
 
     mesh = box((0.05, 0.05, 0.05))
@@ -61,7 +61,7 @@ def free() -> None:
     warm_up(HandModel.default(), options, block)
     surface, hands = contact_surface("mesh", mesh, None), (HandModel.default("right"), HandModel.default("left"))
     far = HandConfiguration(*far_hand(1))
-    TwoHandedSolver([HandSolver(hand, surface, options) for hand in hands], block).run(far, far)
+    WorldSolver([HandSolver(hand, surface, options) for hand in hands], block).run(far, far)
     sessions(mesh=mesh, free=block, options=options)
 
 

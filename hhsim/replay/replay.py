@@ -43,7 +43,7 @@ from hhsim.scene.scene import Scene
 from hhsim.solver.method import METHODS, Method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SceneSolver
-from hhsim.solver.two_hands import keeps_hands_apart
+from hhsim.solver.world_solver import keeps_hands_apart
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
 

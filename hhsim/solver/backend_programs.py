@@ -23,7 +23,7 @@ from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.progressive import YIELD_SCALE
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_PALM
-from hhsim.kernels.tick.tick import converge, solve_hand
+from hhsim.kernels.tick.tick import converge, solve_hand, solve_hand_until_kept, solve_until_kept
 from hhsim.reproducible import matmul
 from hhsim.solver.qp import QpProblem, QpStatus, solve
 from hhsim.solver.workspace import TickWorkspace
@@ -53,7 +53,8 @@ def _as_the_method(part: Any) -> Any:
 for _part in (parts.begin_motion, parts.may_end, parts.recover, parts.advance, parts.finish_tick, parts.energy_stalled):
     _part.of(PythonPrograms)(_as_the_method(_part))
 # Interpreted, so that it can call Python; what else it calls is compiled.
-parts.solve_linearisation.of(PythonPrograms)(getattr(solve_hand, "py_func", solve_hand))
+for _generic, _kernel in ((parts.solve_linearisation, solve_hand), (solve_until_kept, solve_hand_until_kept)):
+    _generic.of(PythonPrograms)(getattr(_kernel, "py_func", _kernel))
 
 
 def drive_tick(workspace: TickWorkspace, method: Coupled | Progressive, solve: Callable[[], bool]) -> int:

@@ -12,26 +12,26 @@ from hhsim.errors import InputError
 from hhsim.hand.model import palm_arrays
 from hhsim.kernels.contact.hand_pairs import hand_reach
 from hhsim.kernels.copy import copy_values
-from hhsim.kernels.free.body import HINGE, SLIDER, Support
+from hhsim.kernels.free.body import HINGE, OBJECT_DOF, SLIDER, Support
 from hhsim.kernels.free.edges import EDGE_PAIRS, Edges
+from hhsim.kernels.free.meeting import SEEN
+from hhsim.kernels.free.pairs import Free, rebuild
 from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
 from hhsim.kernels.free.rows import SLACKS, friction_count
 from hhsim.kernels.free.state import MOST_HANDS, MOST_THINGS, world_dtype
-from hhsim.kernels.free.tick import Free, rebuild, run_many
+from hhsim.kernels.free.tick import run_many
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
-from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, tick_state_dtype
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
-from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.reproducible import across, matmul, principal_axes
 from hhsim.solver.free_object import FreeObject, Hinge, Slider
 from hhsim.solver.options import UNLIMITED, SolverOptions
-from hhsim.solver.surface import surface_of
 from hhsim.solver.workspace import TickWorkspace, fresh_state, tick_record, zeroed
 from hhsim.trees.contact_surface import ContactSurface
 from hhsim.trees.hierarchy import build_hierarchy
@@ -41,9 +41,12 @@ MOST_POINTS = 1024
 FLAT = 1e-9
 """Faces that turn by less than this at an edge go on in one plane, or are a groove."""
 BRANCHING = 8
+NO_SUPPORT = Support(np.zeros((0, 3)), np.zeros(0))
 NO_EDGES = Edges(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)))
 BELOW = 1e-6
 """Largest depth [m] of an object in the table at the start: rounding."""
+STILL = FreeObject(1.0, (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), friction=0.0)
+"""Properties of a thing that nothing is free beside."""
 HEAVY = 1e6
 """Mass [kg] and moment of inertia [kg·m²] of a driven thing: 100 N move it by 0.1 nm in a tick of 1 ms."""
 
@@ -54,7 +57,6 @@ def require_free(options: SolverOptions) -> None:
     for wrong, message in (
         (options.method != "coupled", f"method {options.method} has no free objects: coupled has"),
         (qp != "active-set", f"a free object is solved for by hhsim's own QP solver, not {qp}: use active-set"),
-        (options.self_contact, "with a free object the hand's own parts go through each other: leave out self-contact"),
         (options.force != "kkt", "with a free object the forces are the program's own: use the force model kkt"),
     ):
         if wrong:
@@ -79,8 +81,9 @@ class Thing(NamedTuple):
         return not self.fixed and self.motion is None
 
 
-def support_of(surface: Any, mesh: Mesh | None) -> Support:
+def support_of(surface: ContactSurface) -> Support:
     """Return the points that can stand on a plane: the corners of the mesh's convex hull; spheres without a mesh."""
+    arrays, mesh = surface.arrays, surface.mesh
     if mesh is not None:
         from scipy.spatial import ConvexHull, QhullError
 
@@ -88,18 +91,18 @@ def support_of(surface: Any, mesh: Mesh | None) -> Support:
         # All of its vertices where it is flat.
         with suppress(QhullError):
             points = points[np.sort(ConvexHull(points).vertices)]
-    elif isinstance(surface, TreeArrays):
-        leaves = slice(surface.leaf_start, None)
-        points = np.stack([surface.x[leaves], surface.y[leaves], surface.z[leaves]], axis=1)
-        return Support(points, np.array(surface.radius[leaves]))
+    elif isinstance(arrays, TreeArrays):
+        leaves = slice(arrays.leaf_start, None)
+        points = np.stack([arrays.x[leaves], arrays.y[leaves], arrays.z[leaves]], axis=1)
+        return Support(points, np.array(arrays.radius[leaves]))
     else:
-        points = surface.vertex
+        points = arrays.vertex
     return Support(np.ascontiguousarray(points), np.zeros(len(points)))
 
 
 def _as_palm(hand: HandArrays, surface: Any, center: FloatArray) -> HandArrays:
     """Return a thing as a palm about its centre: its leaf spheres, or the corners of its mesh."""
-    points, radius = support_of(surface, None)
+    points, radius = support_of(ContactSurface(surface))
     if len(points) > MOST_POINTS:
         expected = f"expected up to {MOST_POINTS:,}, of a tree of a lower level, or the surface mesh"
         raise InputError(f"a thing beside others has {len(points):,} corners or spheres; {expected}")
@@ -127,19 +130,24 @@ def _about(axis: FloatArray) -> FloatArray:
 
 
 class FreeEngine:
-    """Runs the ticks of one or two hands and free objects; `ticks` has the record of the first, `things` of all."""
+    """Runs the ticks of one or two hands and free objects; `ticks` has the record of the first, `things` of all.
+
+    With None for `free` nothing moves: the states of the pairs are then those of the hands' workspaces.
+    """
 
     def __init__(
         self,
         workspace: TickWorkspace,
-        free: FreeObject,
+        free: FreeObject | None,
         second: TickWorkspace | None = None,
         others: Sequence[Thing] = (),
     ) -> None:
-        require_free(workspace.options)
+        if free is not None:
+            require_free(workspace.options)
         self.workspace = workspace
         first = ContactSurface(workspace.surface, (), workspace.mesh, workspace.tree)
-        self.things = (Thing(first, free, name=free.name), *others)
+        still = Thing(first, STILL, fixed=True)
+        self.things = (still if free is None else Thing(first, free, name=free.name), *others)
         self.hands = (workspace,) if second is None else (workspace, second)
         surfaces = [thing.surface.arrays for thing in self.things]
         for hand in self.hands:
@@ -147,27 +155,30 @@ class FreeEngine:
         hands, things = len(self.hands), len(self.things)
         if things > MOST_THINGS:
             raise InputError(f"{things} things; expected up to {MOST_THINGS}")
-        many = hands + things > 2
-        world, pairs = zeroed(world_dtype(many)), things * (hands + things - 1)
+        self._many = hands + things > 2 or workspace.options.self_contact
+        world, pairs = zeroed(world_dtype(self._many)), self._find_pairs()
         self.world, problem, friction = world[0], world[0].problem, world[0].friction
         self.qp = new_work(len(problem.delta), len(problem.rhs))
         springs, modelled = workspace.options.stiffness.diagonal(), workspace.options.modelled()
-        dtype = tick_state_dtype(surface_of(surfaces[0]).candidates)
-        self.states = fresh_state(dtype, springs, modelled, pairs)
-        supports = [support_of(thing.surface.arrays, thing.surface.mesh) for thing in self.things]
+        self.states = fresh_state(workspace.states.dtype, springs, modelled, pairs)
+        supports = [support_of(thing.surface) if thing.moves_freely else NO_SUPPORT for thing in self.things]
         movers, edges = [hand.hand for hand in self.hands], [NO_EDGES]
         if others:
             placed = list(zip(surfaces, map(self._center, self.things)))
             movers += [_as_palm(workspace.hand, *given) for given in placed]
             edges = [_edges_of(*given) for given in placed]
-        most = MOST_THINGS if many else 1
+        if free is None:
+            surfaces = [hand.surface for hand in self.hands]
+            for h, hand in enumerate(self.hands):
+                hand.use(self.states[h : h + 1])
+        most = MOST_THINGS if self._many else 1
         self.method = Free(
             workspace.tick_options,
             filled(supports, most),
             self.states,
             world,
             zeroed(EDGE_PAIRS, pairs),
-            filled(movers, MOST_HANDS + MOST_THINGS if many else 1),
+            filled(movers, MOST_HANDS + MOST_THINGS if self._many else 1),
             filled(surfaces, most),
             filled(edges, most),
         )
@@ -175,8 +186,14 @@ class FreeEngine:
         self.all_ticks: ThingsRecord | None = None
         self._ticks = 0
         self._name_pairs()
+        if free is None:
+            problem.surface[:hands] = range(hands)
         problem.hands, problem.things, friction.room = hands, things, friction_count(things)
-        problem.slacks, problem.no_block[:] = 0, -1
+        problem.slacks = 0
+        self._name_columns()
+        self.world.seen, self.world.within = SEEN, workspace.options.margin
+        if free is None:
+            self.world.seen = workspace.options.margin
         self.world.meeting.reach[:hands] = [hand_reach(hand.hand) for hand in self.hands]
         problem.inverse_root[:] = self.states[0].problem.inverse_root
         for k, (thing, support, body) in enumerate(zip(self.things, supports, self.world.bodies)):
@@ -189,19 +206,37 @@ class FreeEngine:
             elif thing.free.joint is not None and not thing.fixed:
                 self._join(thing.free, thing.free.joint, body)
             # As if the tick before had ended with these velocities: by them it is foreseen what slips.
-            column = 6 if k == 0 else 6 * (hands + k)
+            column = problem.column[k]
             step = body.period * np.concatenate([body.velocity, body.spin])
             self.world.safe_total[column : column + 6] = step
 
-    def _name_pairs(self) -> None:
-        """Say what each pair is of, the hands and the first thing first."""
+    def _name_columns(self) -> None:
+        """Give each palm and each thing that moves its columns; a fixed thing has those behind all others."""
+        problem = self.world.problem
+        palms = [problem.palm[h : h + 1] for h in range(len(self.hands))]
+        moving = [problem.column[k : k + 1] for k, thing in enumerate(self.things) if not thing.fixed]
+        problem.column[:] = len(problem.delta) - OBJECT_DOF
+        begins_moving = not self.things[0].fixed
+        order = [palms[0], *moving[:begins_moving], *palms[1:], *moving[begins_moving:]]
+        for number, column in enumerate(order):
+            column[0] = 6 * number
+        problem.width = 6 * len(order)
+
+    def _find_pairs(self) -> int:
+        """Find the pairs, the hands and the first thing first; return how many."""
         hands, things = range(len(self.hands)), range(len(self.things))
-        pairs = [(h, -1, 0) for h in hands] + [(h, -1, k) for h in hands for k in things[1:]]
-        pairs += [(0, other, k) for other in things for k in things if other != k]
-        problem, self._pairs = self.world.problem, pairs
-        count = len(pairs)
-        problem.hand[:count], problem.other[:count], problem.thing[:count] = np.array(pairs).T
-        for state, (_, other, thing) in zip(self.states, pairs):
+        self._pairs = [(h, -1, 0) for h in hands] + [(h, -1, k) for h in hands for k in things[1:]]
+        for other, one in enumerate(self.things):
+            bearer = self._bearer(one)
+            self._pairs += [(0, other, k) for k in things if k == bearer or self._may_meet(one, self.things[k])]
+        return len(self._pairs)
+
+    def _name_pairs(self) -> None:
+        """Say what each pair is of."""
+        problem, count = self.world.problem, len(self._pairs)
+        problem.hand[:count], problem.other[:count], problem.thing[:count] = np.array(self._pairs).T
+        problem.surface[:count], problem.pairs = problem.thing[:count], count
+        for state, (_, other, thing) in zip(self.states, self._pairs):
             if other >= 0:
                 state.modelled[:] = False
                 state.modelled[PALM_BODY] = self._may_meet(self.things[other], self.things[thing])
@@ -209,6 +244,8 @@ class FreeEngine:
     @staticmethod
     def _may_meet(one: Thing, two: Thing) -> bool:
         """Return True if one of two things moves freely, and no joint bears one on the other, through which it goes."""
+        if one is two:
+            return False
         bears = ((a.free.joint.on if a.free.joint else "", b.name) for a, b in ((one, two), (two, one)))
         joined = any(on != "" and on == name for on, name in bears)
         return not joined and (one.moves_freely or two.moves_freely)
@@ -332,11 +369,12 @@ class FreeEngine:
             bodies[name] = 0
         problem.slacks = 0
         self.begin()
-        options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED)
         goals = [hand.states[0].haptic for hand in self.hands]
         haptic = [HapticBlock(*(np.array(goal[name])[None] for name in HapticBlock._fields)) for goal in goals]
         records = [tick_record(1) for _ in self.hands]
-        self._run(self.method._replace(options=options), haptic, records, np.zeros((len(self.things), 1, 7)))
+        options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED)
+        method = self.method._replace(options=options)
+        self._run(method, haptic, records, np.zeros((len(self.things), 1, 7)))
         if records[0].status[0] & STATUS_CAPACITY_EXCEEDED:
             raise self.workspace.full()
         for state, hand in zip(self.states, self.hands):

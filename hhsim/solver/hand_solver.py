@@ -33,7 +33,7 @@ from hhsim.reproducible import norm
 from hhsim.solver.free_engine import FreeEngine, Thing
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.known_methods import find_method
-from hhsim.solver.linearising_engine import JointedEngine, LinearisingEngine
+from hhsim.solver.linearising_engine import LinearisingEngine, require_jointed
 from hhsim.solver.method import Engine
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, tick_record
@@ -75,11 +75,11 @@ class HandSolver:
         self.method = find_method(options.method)
         if free is None and self.method.missing:
             raise InputError(f"method {options.method} {self.method.missing}")
+        if isinstance(self.workspace.surface, JointedSurface) and not self.method.beside_parts:
+            require_jointed(options)
         self.engine: Engine = (
             self.method.engine(self.workspace) if free is None else FreeEngine(self.workspace, free, others=others)
         )
-        if isinstance(self.workspace.surface, JointedSurface) and not self.method.beside_parts:
-            self.engine = JointedEngine(self.workspace, self.engine)
         self._started = False
 
     def __repr__(self) -> str:

@@ -6,60 +6,16 @@ import numpy as np
 
 from hhsim.errors import InputError
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
+from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.parts.tick import SQUEEZE, SQUEEZED_DOF, Jointed
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.method import Coupled, Progressive
-from hhsim.solver.method import Engine
 from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.solver.workspace import TickWorkspace, zeroed
 
 _SOLVED_WITH = {"method": ("coupled", "progressive"), "qp": ("active-set",), "threads": (1,), "force": ("kkt",)}
 """Options that things of several parts go with."""
-
-
-class LinearisingEngine:
-    """Runs the ticks of `coupled` and `progressive`, with helping threads, or of `coupled` by another QP solver."""
-
-    def __init__(self, workspace: TickWorkspace, method: Coupled | Progressive) -> None:
-        self.workspace = workspace
-        self.method = method
-
-    @property
-    def tick_method(self) -> Any:
-        """Method of a whole tick."""
-        return self.method
-
-    def begin(self) -> None:
-        """See `Engine.begin`."""
-        self.workspace.gather()
-
-    def run(self, haptic: HapticBlock, record: TickRecord) -> int:
-        """See `Engine.run`."""
-        return self._run(self.method, haptic, record)
-
-    def approach(self, linearisations: int, haptic: HapticBlock, record: TickRecord) -> int:
-        """Run ticks with up to so many linearisations each."""
-        return self._run(self.patient(linearisations), haptic, record)
-
-    def patient(self, linearisations: int) -> Coupled | Progressive:
-        """Return the method with up to so many linearisations in a tick."""
-        return self.method._replace(
-            options=self.method.options._replace(linearisations=linearisations, budget=UNLIMITED)
-        )
-
-    def _run(self, method: Coupled | Progressive, haptic: HapticBlock, record: TickRecord) -> int:
-        workspace = self.workspace
-        if workspace.options.qp == "active-set":
-            if workspace.options.threads > 1:
-                # Compiled before there are helpers, which would look on, each on a processor of its own.
-                workspace.run_block(method, HapticBlock(*(values[:0] for values in haptic)), record)
-            with workspace.thread_team.at_work(method.options):
-                return workspace.run_block(method, haptic, record)
-        from hhsim.solver.backend_programs import run_block_with_backend
-
-        assert isinstance(method, Coupled)
-        return run_block_with_backend(workspace, method, haptic, record)
 
 
 def require_jointed(options: SolverOptions) -> None:
@@ -70,21 +26,42 @@ def require_jointed(options: SolverOptions) -> None:
             raise InputError(f"{name} {found} has no things of several parts: expected {wanted}")
 
 
-class JointedEngine(LinearisingEngine):
-    """Runs the ticks of a hand beside parts that move; an approach at the start is beside parts that stand still."""
+class LinearisingEngine:
+    """Runs the ticks of `coupled` and `progressive`, with helping threads, or of `coupled` by another QP solver.
 
-    def __init__(self, workspace: TickWorkspace, inner: Engine) -> None:
-        require_jointed(workspace.options)
-        assert isinstance(inner, LinearisingEngine)
-        super().__init__(workspace, inner.method)
-        self.qp = np.empty(1, new_work(SQUEEZED_DOF, ROW_CAPACITY).dtype)
-        self.squeeze = zeroed(SQUEEZE)
+    Where parts move a tick begins with them; an approach is beside parts that stand still.
+    """
 
-    @property
-    def tick_method(self) -> Jointed:
-        """Method of a whole tick, in which the parts move."""
-        return Jointed(self.method, self.squeeze, self.qp.view(np.recarray))
+    def __init__(self, workspace: TickWorkspace, method: Coupled | Progressive) -> None:
+        self.workspace, self.method = workspace, method
+        self.parts_move = isinstance(workspace.surface, JointedSurface)
+        self.tick_method: Any = method  # of a whole tick
+        if self.parts_move:
+            qp = np.empty(1, new_work(SQUEEZED_DOF, ROW_CAPACITY).dtype)
+            self.tick_method = Jointed(method, zeroed(SQUEEZE), qp.view(np.recarray))
+
+    def begin(self) -> None:
+        """See `Engine.begin`."""
+        self.workspace.gather()
 
     def run(self, haptic: HapticBlock, record: TickRecord) -> int:
         """See `Engine.run`."""
-        return self.workspace.run_block(self.tick_method, haptic, record)
+        return self._run(self.tick_method, haptic, record)
+
+    def approach(self, linearisations: int, haptic: HapticBlock, record: TickRecord) -> int:
+        """Run ticks with up to so many linearisations each."""
+        options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED)
+        return self._run(self.method._replace(options=options), haptic, record)
+
+    def _run(self, method: Any, haptic: HapticBlock, record: TickRecord) -> int:
+        workspace = self.workspace
+        if workspace.options.qp == "active-set":
+            if workspace.options.threads > 1:
+                # Compiled before there are helpers, which would look on, each on a processor of its own.
+                workspace.run_block(method, HapticBlock(*(values[:0] for values in haptic)), record)
+            with workspace.thread_team.at_work(self.method.options):
+                return workspace.run_block(method, haptic, record)
+        from hhsim.solver.backend_programs import run_block_with_backend
+
+        assert isinstance(method, Coupled)
+        return run_block_with_backend(workspace, method, haptic, record)

@@ -5,9 +5,7 @@ given in the world, and returned as the first free body sees them.
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property
 from types import TracebackType
 from typing import Any, Self
 
@@ -23,13 +21,13 @@ from hhsim.scene.body import Body, Driven, Fixed, Free, HalfSpace
 from hhsim.scene.declared_bodies import joined_tree
 from hhsim.scene.overlap import raised
 from hhsim.scene.scene import Scene
-from hhsim.solver.free_engine import FreeEngine, Thing
+from hhsim.solver.free_engine import Thing
 from hhsim.solver.free_object import FreeObject, Hinge, Slider
 from hhsim.solver.hand_solver import HandSolver, WarmUp, warm_up
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.linearising_engine import require_jointed
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.two_hands import SideBySideSolver, TwoHandedSolver
+from hhsim.solver.world_solver import WorldSolver
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -195,26 +193,13 @@ class SceneSolver:
             HandSolver(hand.model, surface, self.options, alone, self.things)
             for hand, surface in zip(scene.hands, self.surfaces)
         )
-        self._threads: ThreadPoolExecutor | None = None
-        self._both: TwoHandedSolver | SideBySideSolver | None = None
-        if two and free is not None:
-            self._both = TwoHandedSolver(self.hands, free, self.things)
-        elif two:
-            # Each hand on a thread of its own where they cannot meet.
-            self._threads = ThreadPoolExecutor(len(self.hands))
-            self._both = SideBySideSolver(self.hands, self._threads)
+        self._world = WorldSolver(self.hands, free, self.things)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *raised: type[BaseException] | BaseException | TracebackType | None) -> None:
-        if self._threads is not None:
-            self._threads.shutdown()
-
-    @cached_property
-    def _free_engine(self) -> FreeEngine | None:
-        engine = self._both.engine if isinstance(self._both, TwoHandedSolver) else self.hands[0].engine
-        return engine if isinstance(engine, FreeEngine) else None
+        self._world.close()
 
     def run(self, ticks: slice) -> tuple[TickRecord, ...]:
         """Run the next ticks, which are these of the scene; return the record of each hand."""
@@ -223,14 +208,13 @@ class SceneSolver:
 
     def run_given(self, haptic: Sequence[HandConfiguration]) -> tuple[TickRecord, ...]:
         """Run ticks with these hands, in the engine's frame."""
-        return (self.hands[0].run(*haptic[0]),) if self._both is None else self._both.run(*haptic)
+        return self._world.run(*haptic)
 
     def object_ticks(self, hand: int = 0) -> ObjectRecord:
         """Record of the first free body in the last ticks as that of a hand, see `FreeEngine.seen_by`."""
-        assert self._free_engine is not None
-        return self._free_engine.seen_by(hand)
+        return self._world.object_ticks(hand)
 
     @property
     def all_ticks(self) -> ThingsRecord | None:
         """Record of all bodies beside a free one in the last ticks; None where there are none."""
-        return None if self._free_engine is None else self._free_engine.all_ticks
+        return None if self._world.engine is None else self._world.engine.all_ticks

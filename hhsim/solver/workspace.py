@@ -93,6 +93,10 @@ class TickWorkspace:
         self.qp = new_work(DOF, ROW_CAPACITY)
         self.thread_team = ThreadTeam(self.states, options.threads if JIT_ENABLED else 1)
 
+    def use(self, states: Any) -> None:
+        """Have the ticks' state, before the first one, in a record array of shape (1,) of the caller's."""
+        self.states, self.thread_team = states, ThreadTeam(states, self.options.threads if JIT_ENABLED else 1)
+
     def gather(self) -> None:
         """Update the tick's lists for a configuration set from outside; HhsimError if more pairs are near than fit."""
         if not rebuild_candidates(self.hand, self.surface, self.tick_options, self.states):

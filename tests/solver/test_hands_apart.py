@@ -1,7 +1,5 @@
 """Two hands that keep out of each other: known answers, the same bytes where they are far, and random ticks."""
 
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -22,7 +20,7 @@ from hhsim.motion.analytic_motion import random_targets, still
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
-from hhsim.solver.two_hands import SideBySideSolver, TwoHandedSolver
+from hhsim.solver.world_solver import WorldSolver
 from hhsim.trees.contact_surface import contact_surface
 
 HANDS = HandModel.default("right"), HandModel.default("left")
@@ -34,23 +32,17 @@ TURN = np.array([0.9, 0.1, 0.4, 0.05]) / np.linalg.norm([0.9, 0.1, 0.4, 0.05])
 Pair = tuple[HandConfiguration, HandConfiguration]
 
 
-@pytest.fixture(scope="module")
-def threads() -> Iterator[ThreadPoolExecutor]:
-    with ThreadPoolExecutor(2) as pool:
-        yield pool
-
-
 def run(
-    threads: ThreadPoolExecutor, motions: Pair, tree: Any = AIR, free: FreeObject | None = None, **options: Any
+    motions: Pair, tree: Any = AIR, free: FreeObject | None = None, **options: Any
 ) -> tuple[TickRecord, TickRecord]:
     """Run both hands, at a tree or at a free box; they are returned as that sees them."""
     if free is None:
         hands = [HandSolver(hand, tree.arrays(), SolverOptions(**options)) for hand in HANDS]
-        solver: Any = SideBySideSolver(hands, threads)
+        solver = WorldSolver(hands)
     else:
         surface = contact_surface("mesh", box((0.05, 0.05, 0.05), free.center), None)
         hands = [HandSolver(hand, surface, SolverOptions(surface="mesh", **options)) for hand in HANDS]
-        solver = TwoHandedSolver(hands, free)
+        solver = WorldSolver(hands, free)
     records: list[list[TickRecord]] = [[], []]
     for first in range(0, len(motions[0].position), 100):
         for kept, found in zip(records, solver.run(*(motion.at(slice(first, first + 100)) for motion in motions))):
@@ -82,10 +74,10 @@ def through(depth: float, ticks: int = 150, hold: int = 60) -> Pair:
     "options",
     sampled([{}, {"free": FREE}, {"self_contact": True}, {"method": "progressive"}], lambda place, _: place < 2),
 )
-def test_hands_commanded_through_each_other_touch_and_push_alike(threads: Any, options: dict[str, Any]) -> None:
+def test_hands_commanded_through_each_other_touch_and_push_alike(options: dict[str, Any]) -> None:
     motions = through(0.015)
     assert apart(motions).min() < -0.014
-    one, two = run(threads, motions, **options)
+    one, two = run(motions, **options)
     distance = apart((one, two))
     assert distance.min() >= 0.0 and distance[-1] <= 1e-6
     assert not ((one.status | two.status)[-1] & (STATUS_LAG | STATUS_STUCK))
@@ -97,19 +89,19 @@ def test_hands_commanded_through_each_other_touch_and_push_alike(threads: Any, o
 
 
 @pytest.mark.parametrize("free", [None, FREE], ids=["fixed", "free"])
-def test_mirrored_hands_do_the_mirrored_thing(threads: Any, free: FreeObject | None) -> None:
+def test_mirrored_hands_do_the_mirrored_thing(free: FreeObject | None) -> None:
     # Round bodies that press on each other without friction slip aside, unless the hands hold them firmly.
-    one, two = run(threads, through(0.002), free=free, stiffness=Stiffness(1000.0, 50.0, 50.0))
+    one, two = run(through(0.002), free=free, stiffness=Stiffness(1000.0, 50.0, 50.0))
     assert np.linalg.norm(one.total[-1]) > 0.1
     np.testing.assert_allclose(two.total, FLIP * one.total, atol=1e-9)
     np.testing.assert_allclose(two.joints, FLIP * one.joints, atol=1e-9)
 
 
-def test_where_the_hands_are_far_every_byte_is_that_of_each_alone(threads: Any) -> None:
+def test_where_the_hands_are_far_every_byte_is_that_of_each_alone() -> None:
     ball = bumpy_ball(150)
     near = still([0.0, -0.045, 0.056]).line(still([0.0, -0.045, 0.04]), 119).hold(20)
     motions = near, HandConfiguration(near.position * [1.0, 1.0, -1.0], *near[1:])
-    together = run(threads, motions, ball)
+    together = run(motions, ball)
     assert apart(together).min() > 0.0
     for hand, motion, record in zip(HANDS, motions, together):
         alone = HandSolver(hand, ball.arrays(), SolverOptions()).run(*motion)
@@ -118,10 +110,10 @@ def test_where_the_hands_are_far_every_byte_is_that_of_each_alone(threads: Any) 
             assert getattr(record, name).tobytes() == getattr(alone, name).tobytes(), name
 
 
-def test_ticks_up_to_the_first_meeting_are_those_of_each_alone_and_after_it_again(threads: Any) -> None:
+def test_ticks_up_to_the_first_meeting_are_those_of_each_alone_and_after_it_again() -> None:
     there, back = through(0.02, 80, 10), through(0.02, 80, 0)
     motions = [sequence(x, y.at(slice(None, None, -1))) for x, y in zip(there, back)]
-    one, two = run(threads, (motions[0], motions[1]))
+    one, two = run((motions[0], motions[1]))
     distance = apart((one, two))
     first = int(np.argmax(distance < 1e-6))
     alone = HandSolver(HANDS[0], AIR.arrays(), SolverOptions()).run(*motions[0])
@@ -132,25 +124,23 @@ def test_ticks_up_to_the_first_meeting_are_those_of_each_alone_and_after_it_agai
 
 
 @pytest.mark.parametrize("free", [None, FREE], ids=["fixed", "free"])
-def test_hands_that_pass_through_each_other_in_one_tick_do_not_swap_sides(
-    threads: Any, free: FreeObject | None
-) -> None:
+def test_hands_that_pass_through_each_other_in_one_tick_do_not_swap_sides(free: FreeObject | None) -> None:
     start = still([0.15, 0.0, 0.0])
     leap = sequence(start.hold(20), still([-0.15, 0.0, 0.0]).hold(200))
     motions = leap, mirrored(leap)
     assert apart(motions).min() > 0.05
-    one, two = run(threads, motions, free=free)
+    one, two = run(motions, free=free)
     assert apart((one, two)).min() >= 0.0
     # They press on, and do not go through: whether they slide past each other is another question.
     assert one.position[21, 0] > two.position[21, 0]
 
 
 @pytest.mark.parametrize("free", [None, FREE], ids=["fixed", "free"])
-def test_hands_that_begin_in_each_other_begin_beside(threads: Any, free: FreeObject | None) -> None:
+def test_hands_that_begin_in_each_other_begin_beside(free: FreeObject | None) -> None:
     right = still([0.02, 0.0, 0.0]).hold(30)
     motions = right, mirrored(right)
     assert apart(motions).max() < -5e-3
-    one, two = run(threads, motions, free=free)
+    one, two = run(motions, free=free)
     assert one.status[0] == two.status[0] == STATUS_START_INSIDE, "they have come near, and have nothing left to go"
     distance = apart((one, two))
     assert distance.min() >= 0.0 and distance[-1] <= 1e-6
@@ -164,10 +154,10 @@ def random_hands(seed: int, ticks: int) -> Pair:
 
 
 @pytest.mark.parametrize("seed", sampled(range(20), lambda seed, _: seed == 0))
-def test_random_ticks_enter_neither_hand_nor_object(threads: Any, seed: int) -> None:
+def test_random_ticks_enter_neither_hand_nor_object(seed: int) -> None:
     ball, motions = bumpy_ball(60), random_hands(seed, 300)
     options: dict[str, Any] = {"self_contact": True} if seed % 2 else {}
-    records = run(threads, motions, ball, **options)
+    records = run(motions, ball, **options)
     assert apart(motions).min() < -5e-3
     assert apart(records).min() >= 0.0
     for hand, record in zip(HANDS, records):
@@ -177,7 +167,7 @@ def test_random_ticks_enter_neither_hand_nor_object(threads: Any, seed: int) -> 
 
 
 @pytest.mark.parametrize("seed", sampled(range(20), lambda seed, _: seed == 0))
-def test_random_glides_are_never_in_each_other(threads: Any, seed: int) -> None:
+def test_random_glides_are_never_in_each_other(seed: int) -> None:
     random = np.random.default_rng(seed)
     ways = []
     for hand in HANDS:
@@ -187,14 +177,14 @@ def test_random_glides_are_never_in_each_other(threads: Any, seed: int) -> None:
             way = way.line(goals.at(slice(k, k + 1)), 60)
         ways.append(way)
     ways[1] = ways[1]._replace(position=ways[1].position + [0.1, 0.0, 0.0])
-    assert apart(run(threads, (ways[0], ways[1]))).min() >= 0.0
+    assert apart(run((ways[0], ways[1]))).min() >= 0.0
 
 
 @pytest.mark.parametrize("seed", sampled(range(20), lambda seed, _: seed == 0))
-def test_random_hands_at_a_free_box_enter_neither_it_nor_each_other(threads: Any, seed: int) -> None:
+def test_random_hands_at_a_free_box_enter_neither_it_nor_each_other(seed: int) -> None:
     motions = random_hands(seed, 300)
     free = FreeObject(0.3, (0.0, 0.0, 0.0), ROUND, gravity=(0.0, 0.0, 0.0), damping=5.0)
-    records = run(threads, motions, free=free)
+    records = run(motions, free=free)
     assert apart(records).min() >= 0.0
     surface = contact_surface("mesh", box((0.05, 0.05, 0.05)), None)
     for hand, record in zip(HANDS, records):

@@ -20,7 +20,7 @@ from hhsim.solver.free_engine import FreeEngine, Thing
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
-from hhsim.solver.two_hands import TwoHandedSolver
+from hhsim.solver.world_solver import WorldSolver
 from hhsim.trees.contact_surface import contact_surface
 
 EDGE = 0.04
@@ -47,10 +47,10 @@ class Run(NamedTuple):
 
 def two_handed(
     mesh: Any, free: FreeObject, hands: tuple[HandModel, HandModel], others: Sequence[Thing] = (), **options: Any
-) -> TwoHandedSolver:
+) -> WorldSolver:
     surface = contact_surface("mesh", mesh, None)
     chosen = SolverOptions(surface="mesh", **options)
-    return TwoHandedSolver([HandSolver(hand, surface, chosen) for hand in hands], free, others)
+    return WorldSolver([HandSolver(hand, surface, chosen) for hand in hands], free, others)
 
 
 def pressing(ticks: int, height: float) -> list[HandConfiguration]:
@@ -162,7 +162,7 @@ def test_a_hand_with_the_other_one_far_away_is_as_it_is_alone() -> None:
     wanted, far = record.run(*motion), HandConfiguration(*far_hand(120))
     assert np.abs(wanted.total).max() > 0.1
     for place in (0, 1):
-        both = TwoHandedSolver([HandSolver(tongs(), surface, chosen) for _ in range(2)], free)
+        both = WorldSolver([HandSolver(tongs(), surface, chosen) for _ in range(2)], free)
         found = both.run(*((motion, far) if place == 0 else (far, motion)))[place]
         for name in ("status", "position", "joints", "total", "palm_wrench"):
             # To the rounding of sums over more variables.

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.contact.linearise import LEVER_FLOOR
+from hhsim.kernels.contact.linearise import LEVER_FLOOR, point_jacobian
 from hhsim.kernels.contact.self_pairs import clearance_kept, in_palm_frame, sphere_distance
 from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
@@ -91,18 +91,8 @@ def _columns(
     gradient[3], gradient[4], gradient[5] = ry * nz - rz * ny, rz * nx - rx * nz, rx * ny - ry * nx
     if body >= PALM_BODY:
         return
-    finger, last = body // PHALANX_COUNT, body % PHALANX_COUNT
-    floor = LEVER_FLOOR * hand.length[finger, 0]
-    for k in range(last + 2):
-        joint = pose.joints[finger, k % (last + 1)]
-        axis = pose.axis[finger] if k <= last else pose.abduction_axis[finger]
-        rx, ry, rz = x - joint[0], y - joint[1], z - joint[2]
-        ax, ay, az = axis[0], axis[1], axis[2]
-        lever = nx * (ay * rz - az * ry) + ny * (az * rx - ax * rz) + nz * (ax * ry - ay * rx)
-        if k > last:
-            rows.spread[row, h, finger] = lever
-        elif abs(lever) > floor:
-            gradient[6 + PHALANX_COUNT * finger + k] = lever
+    floor = LEVER_FLOOR * hand.length[body // PHALANX_COUNT, 0]
+    point_jacobian(pose, body, (x, y, z), (nx, ny, nz), floor, gradient, rows.spread[row, h])
 
 
 @jit
@@ -157,6 +147,69 @@ def bound_motions(hands: Any, states: Any, rows: Record) -> None:
         motion_bounds(hands[h], state.pose, delta, abduction, 0.0, rows.motion[h])
 
 
+@jit_inline
+def _is_over(bound: float, limit: float, within: float, tries: bool, part: int, other: int, rows: Record) -> bool:
+    """Return whether a lower bound [m] of pairs of two parts is as good as their distances, and note it."""
+    if bound > limit or (not tries and bound >= rows.nearest[part, other]):
+        return True
+    if bound > within:
+        rows.nearest[part, other] = min(rows.nearest[part, other], bound)
+        return True
+    return False
+
+
+@jit
+def _against_palm(
+    hands: Any, states: Any, first: int, seen: RoundCone, extra: float, within: float, offset: float, rows: Record
+) -> None:
+    """Look at the pairs of a body, as the second palm sees it, and that palm's spheres."""
+    group, start, size = hands[1].palm_group, hands[1].palm_group_start, hands[1].palm_radius
+    part, tries = part_of(first), offset < np.inf
+    moves = rows.motion[0, part] + rows.motion[1, PALM_BODY]
+    limit, broken = moves + extra, min(within, moves + offset)
+    for g in range(group.shape[1]):
+        bound = sphere_distance(seen, group[0, g], group[1, g], group[2, g], group[3, g])
+        if _is_over(bound, limit, within, tries, part, PALM_BODY, rows):
+            continue
+        for s in range(start[g], start[g + 1]):
+            distance = sphere_distance(seen, hands[1].palm_x[s], hands[1].palm_y[s], hands[1].palm_z[s], size[s])
+            if distance <= limit:
+                rows.nearest[part, PALM_BODY] = min(rows.nearest[part, PALM_BODY], distance)
+                if tries and distance <= broken:
+                    _try_pair(hands, states, first, PALM_BODY + s, offset, rows)
+
+
+@jit
+def _look_from_palm(hands: Any, states: Any, extra: float, within: float, offset: float, rows: Record) -> None:
+    """Look at the pairs of the first palm's spheres, by balls that hold some of them first."""
+    one, other, tries = states[0][0].pose, states[1][0].pose, offset < np.inf
+    group, start, second = hands[0].palm_group, hands[0].palm_group_start, hands[1].palm_group
+    for g in range(group.shape[1]):
+        ball = placed_sphere(one.position, one.rotation, group[0, g], group[1, g], group[2, g], group[3, g])
+        for j in range(PALM_BODY):
+            cone, moves = _body(hands[1], other, as_int64(j)), rows.motion[0, PALM_BODY] + rows.motion[1, j]
+            limit, broken = moves + extra, min(within, moves + offset)
+            bound = sphere_distance(cone, ball.x, ball.y, ball.z, ball.radius)
+            if _is_over(bound, limit, within, tries, PALM_BODY, j, rows):
+                continue
+            for s in range(start[g], start[g + 1]):
+                sphere = _body(hands[0], one, PALM_BODY + s)
+                distance = sphere_distance(cone, sphere.x, sphere.y, sphere.z, sphere.radius)
+                if distance <= limit:
+                    rows.nearest[PALM_BODY, j] = min(rows.nearest[PALM_BODY, j], distance)
+                    if tries and distance <= broken:
+                        _try_pair(hands, states, PALM_BODY + s, as_int64(j), offset, rows)
+        seen, bound = in_palm_frame(other, ball), np.inf
+        for k in range(second.shape[1]):
+            bound = min(bound, sphere_distance(seen, second[0, k], second[1, k], second[2, k], second[3, k]))
+        limit = rows.motion[0, PALM_BODY] + rows.motion[1, PALM_BODY] + extra
+        if _is_over(bound, limit, within, tries, PALM_BODY, PALM_BODY, rows):
+            continue
+        for s in range(start[g], start[g + 1]):
+            seen = in_palm_frame(other, _body(hands[0], one, PALM_BODY + s))
+            _against_palm(hands, states, PALM_BODY + s, seen, extra, within, offset, rows)
+
+
 @jit_noinline
 def look_at_pairs(hands: Any, states: Any, extra: float, within: float, offset: float, rows: Record) -> None:
     """Compute distances of the parts of two hands, and find what the step at hand breaks.
@@ -165,49 +218,39 @@ def look_at_pairs(hands: Any, states: Any, extra: float, within: float, offset: 
     before it no row is tried, and a lower bound is as good. The clearance `offset` [m] is infinite where none is tried
     at all.
     """
-    one, other, most = states[0][0].pose, states[1][0].pose, 0.0
+    one, other, most, own = states[0][0].pose, states[1][0].pose, 0.0, 0.0
     rows.least = np.inf
     for i in range(BODY_COUNT):
-        most = max(most, rows.motion[1, i])
+        own, most = max(own, rows.motion[0, i]), max(most, rows.motion[1, i])
         for j in range(BODY_COUNT):
             rows.nearest[i, j], rows.worst[i, j] = np.inf, WORTH_A_ROW * offset
-    group, start, size = hands[1].palm_group, hands[1].palm_group_start, hands[1].palm_radius
     px, py, pz = other.position[0], other.position[1], other.position[2]
-    for i in range(PALM_BODY + hands[0].palm_radius.shape[0]):
-        cone, part = _body(hands[0], one, i), part_of(i)
-        nearest, moves = rows.nearest[part], rows.motion[0, part] + extra
+    away = math.sqrt((one.position[0] - px) ** 2 + (one.position[1] - py) ** 2 + (one.position[2] - pz) ** 2)
+    if away - rows.reach[0] - rows.reach[1] > own + most + extra:
+        return
+    for i in range(PALM_BODY):
+        cone = _body(hands[0], one, as_int64(i))
         held = cone.length + cone.radius
         far = math.sqrt((cone.x - px) ** 2 + (cone.y - py) ** 2 + (cone.z - pz) ** 2) - held
-        if far - rows.reach[1] > moves + most:
+        if far - rows.reach[1] > rows.motion[0, i] + most + extra:
             continue
         for j in range(PALM_BODY):
-            f, k, limit = j // PHALANX_COUNT, j % PHALANX_COUNT, moves + rows.motion[1, j]
-            joint = other.joints[f, k]
+            f, k, moves = j // PHALANX_COUNT, j % PHALANX_COUNT, rows.motion[0, i] + rows.motion[1, j]
+            joint, limit = other.joints[f, k], moves + extra
             x, y, z = cone.x - joint[0], cone.y - joint[1], cone.z - joint[2]
             sum_of_balls = held + hands[1].length[f, k] + hands[1].radius[f, 0] + limit
             if x * x + y * y + z * z > sum_of_balls * sum_of_balls:
                 continue
             distance = round_cone_pair(cone, _body(hands[1], other, as_int64(j)))[0]
             if distance <= limit:
-                nearest[j] = min(nearest[j], distance)
-                if distance <= within and offset < np.inf:
-                    _try_pair(hands, states, i, as_int64(j), offset, rows)
-        seen, limit = in_palm_frame(other, cone), moves + rows.motion[1, PALM_BODY]
-        for g in range(group.shape[1]):
-            bound = sphere_distance(seen, group[0, g], group[1, g], group[2, g], group[3, g])
-            if bound > limit:
-                continue
-            if bound > within:
-                nearest[PALM_BODY] = min(nearest[PALM_BODY], bound)
-                continue
-            for s in range(start[g], start[g + 1]):
-                distance = sphere_distance(seen, hands[1].palm_x[s], hands[1].palm_y[s], hands[1].palm_z[s], size[s])
-                if distance <= limit:
-                    nearest[PALM_BODY] = min(nearest[PALM_BODY], distance)
-                    if distance <= within and offset < np.inf:
-                        _try_pair(hands, states, i, PALM_BODY + s, offset, rows)
+                rows.nearest[i, j] = min(rows.nearest[i, j], distance)
+                if offset < np.inf and distance <= min(within, moves + offset):
+                    _try_pair(hands, states, as_int64(i), as_int64(j), offset, rows)
+        _against_palm(hands, states, as_int64(i), in_palm_frame(other, cone), extra, within, offset, rows)
+    _look_from_palm(hands, states, extra, within, offset, rows)
+    for i in range(BODY_COUNT):
         for j in range(BODY_COUNT):
-            rows.least = min(rows.least, nearest[j])
+            rows.least = min(rows.least, rows.nearest[i, j])
 
 
 @jit

@@ -73,6 +73,34 @@ def contact_rows(
 
 
 @jit
+def point_jacobian(
+    pose: Record,
+    body: int,
+    point: tuple[float, float, float],
+    normal: tuple[float, float, float],
+    floor: float,
+    gradient_out: Array,
+    spread_out: Array,
+) -> None:
+    """Write how a point [m] of a phalanx moves along a normal with its finger's joints and abduction, (21,) and (5,).
+
+    Levers of joints up to `floor` [m] count as zero, which is there before.
+    """
+    finger, last = body // PHALANX_COUNT, body % PHALANX_COUNT
+    (x, y, z), (nx, ny, nz) = point, normal
+    for k in range(last + 2):
+        joint = pose.joints[finger, k % (last + 1)]
+        axis = pose.axis[finger] if k <= last else pose.abduction_axis[finger]
+        rx, ry, rz = x - joint[0], y - joint[1], z - joint[2]
+        ax, ay, az = axis[0], axis[1], axis[2]
+        lever = nx * (ay * rz - az * ry) + ny * (az * rx - ax * rz) + nz * (ax * ry - ay * rx)
+        if k > last:
+            spread_out[finger] = lever
+        elif abs(lever) > floor:
+            gradient_out[6 + PHALANX_COUNT * finger + k] = lever
+
+
+@jit
 def finger_columns(
     start: int,
     stop: int,

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference
-from hhsim.kernels.contact.linearise import LEVER_FLOOR, LIMIT_ROWS, limit_start
+from hhsim.kernels.contact.linearise import LEVER_FLOOR, LIMIT_ROWS, limit_start, point_jacobian
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.elementary import sine_cosine
 from hhsim.kernels.hand.kinematics import (
@@ -233,25 +233,6 @@ def self_clearances(
         clearance_out[t] = own.least + 0.0 * total
 
 
-@jit_inline
-def _levers(
-    pose: Record, body: int, sign: float, x: float, y: float, z: float, floor: float, row: int, own: Record
-) -> None:
-    # Change of the distance by the joints and the abduction of a finger whose axis point (x, y, z) is nearest.
-    finger, last = body // PHALANX_COUNT, body % PHALANX_COUNT
-    nx, ny, nz = sign * own.normal[row, 0], sign * own.normal[row, 1], sign * own.normal[row, 2]
-    for k in range(last + 2):
-        joint = pose.joints[finger, k % (last + 1)]
-        axis = pose.axis[finger] if k <= last else pose.abduction_axis[finger]
-        rx, ry, rz = x - joint[0], y - joint[1], z - joint[2]
-        ax, ay, az = axis[0], axis[1], axis[2]
-        lever = nx * (ay * rz - az * ry) + ny * (az * rx - ax * rz) + nz * (ax * ry - ay * rx)
-        if k > last:
-            own.spread[row, finger] = lever
-        elif abs(lever) > floor:
-            own.gradient[row, 6 + PHALANX_COUNT * finger + k] = lever
-
-
 @jit
 def _write_cones(
     pose: Record, first: int, second: int, cone: RoundCone, other: RoundCone, floor: float, row: int, own: Record
@@ -260,13 +241,14 @@ def _write_cones(
     own.distance[row], s, t, own.normal[row, 0], own.normal[row, 1], own.normal[row, 2] = round_cone_pair(cone, other)
     own.gradient[row, :] = 0.0
     own.spread[row, :] = 0.0
+    n, gradient, spread = own.normal[row], own.gradient[row], own.spread[row]
     along = s * cone.length
-    x, y, z = cone.x + along * cone.ux, cone.y + along * cone.uy, cone.z + along * cone.uz
-    _levers(pose, first, 1.0, x, y, z, floor, row, own)
+    point = cone.x + along * cone.ux, cone.y + along * cone.uy, cone.z + along * cone.uz
+    point_jacobian(pose, first, point, (n[0], n[1], n[2]), floor, gradient, spread)
     if second >= 0:
         along = t * other.length
-        x, y, z = other.x + along * other.ux, other.y + along * other.uy, other.z + along * other.uz
-        _levers(pose, second, -1.0, x, y, z, floor, row, own)
+        point = other.x + along * other.ux, other.y + along * other.uy, other.z + along * other.uz
+        point_jacobian(pose, second, point, (-n[0], -n[1], -n[2]), floor, gradient, spread)
 
 
 @jit

@@ -4,7 +4,8 @@ A *pair* is one hand and one thing, or one thing that another one meets: the pai
 thing, where a hand, or the other thing, is what moves. The first pairs are those of each hand and the first thing. A
 hand's variables are in the frame of the first thing, a thing's in its own: translation of its centre, and rotation
 about its principal axes. Their columns come in the order palm, first thing, second palm, further things, which all rows
-have; then three of each finger, which only rows of that finger have.
+have; then three of each finger, which only rows of that finger have. A fixed thing has none: what is written for it
+goes to columns behind all others, which no program reads.
 
 With Δ the displacement of a contact point of the hand relative to the thing's in this step, and φ the relative
 rotation, a row is that of m · Δ + w · φ.
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.contact.linearise import LIMIT_ROWS
 from hhsim.kernels.free.body import OBJECT_DOF, SLIDER
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline
+from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline
 from hhsim.kernels.rotation import turned, turned_back
 
 States: TypeAlias = NDArray[np.void]
@@ -51,14 +52,14 @@ def thing_count(problem: Record) -> int:
 
 @jit_inline
 def pair_count(problem: Record) -> int:
-    """Return the number of pairs: each hand and each thing, and each thing and each that it meets."""
-    return as_int64(1) if is_one(problem) else problem.things * (problem.hands + problem.things - 1)
+    """Return the number of pairs: each hand and each thing, and things that may meet or are joined."""
+    return as_int64(1) if is_one(problem) else problem.pairs
 
 
 @jit_inline
 def common_count(problem: Record) -> int:
     """Return the number of columns that all rows have: of palms and things, then of slack variables."""
-    return as_int64(COMMON) if is_one(problem) else 6 * (problem.hands + problem.things) + problem.slacks
+    return as_int64(COMMON) if is_one(problem) else problem.width + problem.slacks
 
 
 @jit_inline
@@ -95,9 +96,21 @@ def other_of(problem: Record, of: int) -> int:
 
 
 @jit_inline
+def palm_column(problem: Record, hand: int) -> int:
+    """Return the first variable of a palm."""
+    return as_int64(0) if is_one(problem) else problem.palm[hand]
+
+
+@jit_inline
 def thing_column(problem: Record, thing: int) -> int:
-    """Return the first variable of a thing."""
-    return as_int64(6) if thing == 0 else 6 * (hand_count(problem) + thing)
+    """Return the first variable of a thing; behind all variables for a fixed one."""
+    return as_int64(6) if is_one(problem) else problem.column[thing]
+
+
+@jit_inline
+def is_still(problem: Record) -> bool:
+    """Return True where no thing has variables."""
+    return as_bool(False) if is_one(problem) else as_bool(problem.width == 6 * problem.hands)
 
 
 @jit_inline
@@ -205,7 +218,7 @@ def object_columns(states: States, bodies: Record, contacts: Record, problem: Re
     width, common = common_count(problem), problem.common
     for p in range(pair_count(problem)):
         first, last, thing = problem.first[p], problem.last[p], problem.thing[p]
-        column, palm = thing_column(problem, thing), 12 * problem.hand[p]
+        column, palm = thing_column(problem, thing), palm_column(problem, problem.hand[p])
         body, other = bodies[thing], problem.other[p]
         limits = last + (LIMIT_ROWS if p < hand_count(problem) else 0)
         if other >= 0:
@@ -272,7 +285,7 @@ def displacement(
         vx, vy, vz = turned(pose.rotation, vx, vy, vz)
         return vx - x, vy - y, vz - z
     hand = problem.hand[pair]
-    palm, fingers = 12 * hand, first_finger(problem, hand)
+    palm, fingers = palm_column(problem, hand), first_finger(problem, hand)
     vx, vy, vz, wx, wy, wz = step[palm], step[palm + 1], step[palm + 2], step[palm + 3], step[palm + 4], step[palm + 5]
     if thing > 0:
         vx, vy, vz = turned(problem.turn[pair], vx, vy, vz)
@@ -321,7 +334,7 @@ def relative_turn(
         return wx * nx + wy * ny + wz * nz
     pair = _pair_of(problem, of)
     hand, at = problem.hand[pair], of - BODY_COUNT * pair
-    palm, fingers = 12 * hand, first_finger(problem, hand)
+    palm, fingers = palm_column(problem, hand), first_finger(problem, hand)
     ux, uy, uz = step[palm + 3], step[palm + 4], step[palm + 5]
     if thing > 0:
         ux, uy, uz = turned(problem.turn[pair], ux, uy, uz)
@@ -363,7 +376,7 @@ def write_row(
     hand, at = problem.hand[pair], of - BODY_COUNT * pair
     pose = states[pair].pose
     width = common_count(problem)
-    if of < 0 or width > COMMON:
+    if of < 0 or not is_one(problem):
         for j in range(width):
             common[j, row] = 0.0
     if other >= 0:
@@ -372,7 +385,7 @@ def write_row(
         if wx != 0.0 or wy != 0.0 or wz != 0.0:
             _turn_other(bodies[other], pose, thing_column(problem, other), row, w, common)
     elif of >= 0:
-        palm = 12 * hand
+        palm = palm_column(problem, hand)
         rx, ry, rz = px - pose.position[0], py - pose.position[1], pz - pose.position[2]
         translation, rotation = weight[0], weight[3]
         common[palm, row] = mx * translation

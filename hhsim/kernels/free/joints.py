@@ -56,7 +56,7 @@ def slack_target(body: Record) -> float:
 @jit
 def slack_column(problem: Record, k: int) -> int:
     """Return the slack variable of the joint of body k on another free one."""
-    return as_int64(6 * (problem.hands + problem.things) + k)
+    return as_int64(problem.width + k)
 
 
 @jit

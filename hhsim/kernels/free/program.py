@@ -12,13 +12,14 @@ from hhsim.kernels.free.columns import (
     hand_count,
     is_one,
     pair_count,
+    palm_column,
     thing_column,
     thing_count,
     variable_count,
 )
-from hhsim.kernels.free.joints import SLACK, slack_column, slack_target
+from hhsim.kernels.free.joints import JOINT_KEYS, SLACK, slack_column, slack_target
 from hhsim.kernels.free.leanings import find_leanings, turn_contacts
-from hhsim.kernels.free.meeting import MEETING_KIND, spread_blocks
+from hhsim.kernels.free.meeting import MEETING_KEYS, guess_dense, read_dense
 from hhsim.kernels.free.rows import STANDS_BACK, TABLE_KEYS, contact_rows, friction_rows, measure_slip
 from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
@@ -66,13 +67,15 @@ LOADED = np.dtype(
 
 
 @jit
-def _guess(problem: Record, loaded: Record) -> int:
+def _guess(states: States, problem: Record, loaded: Record, meeting: Record) -> int:
     # The rows whose keys carried a multiplier the last time; most lie where they were.
     start, stop = problem.group_start, problem.group_stop
     key, wanted = problem.key, loaded.key
     filled = as_int64(0)
     for i in range(loaded.count):
         row = loaded.row[i]
+        if JOINT_KEYS < wanted[i] <= MEETING_KEYS:
+            continue
         found = as_bool(row < problem.rows and key[row] == wanted[i])
         if found:
             loaded.guess[filled] = row
@@ -86,7 +89,7 @@ def _guess(problem: Record, loaded: Record) -> int:
                     filled += 1
                     found = True
                     break
-    return filled
+    return filled if is_one(problem) else guess_dense(states, problem, meeting, loaded, filled)
 
 
 @jit
@@ -96,7 +99,7 @@ def scale_target(bodies: Record, problem: Record) -> None:
     for h in range(hand_count(problem)):
         fingers = first_finger(problem, h)
         for j in range(6):
-            target[12 * h + j] = hand[DOF * h + j] / weight[j]
+            target[palm_column(problem, h) + j] = hand[DOF * h + j] / weight[j]
         for j in range(6, DOF):
             target[fingers - 6 + j] = hand[DOF * h + j] / weight[j]
     for k in range(thing_count(problem)):
@@ -121,7 +124,7 @@ def take_targets(problem: Record) -> None:
     for h in range(hand_count(problem)):
         fingers = first_finger(problem, h)
         for j in range(6):
-            problem.delta[12 * h + j] = problem.hand_target[DOF * h + j]
+            problem.delta[palm_column(problem, h) + j] = problem.hand_target[DOF * h + j]
         for j in range(6, DOF):
             problem.delta[fingers - 6 + j] = problem.hand_target[DOF * h + j]
     for k in range(thing_count(problem)):
@@ -142,7 +145,7 @@ def take_steps(states: States, bodies: Record, fraction: float, problem: Record)
         way[j] = delta[j] if fraction == 1.0 else fraction * delta[j]
     for p in range(pair_count(problem)):
         thing, other, step, pose = problem.thing[p], problem.other[p], states[p].step, states[p].pose
-        column, palm = thing_column(problem, thing), 12 * problem.hand[p]
+        column, palm = thing_column(problem, thing), palm_column(problem, problem.hand[p])
         own = way[column : column + OBJECT_DOF]
         if other >= 0:
             first = thing_column(problem, other)
@@ -167,13 +170,15 @@ def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, mee
     # The solution: the step, the loaded rows, and what each contact with friction bears and slips.
     delta, weight = problem.delta, problem.inverse_root
     for h in range(hand_count(problem)):
-        fingers = first_finger(problem, h)
+        palm, fingers = palm_column(problem, h), first_finger(problem, h)
         for j in range(6):
-            delta[12 * h + j] = qp.x[12 * h + j] * weight[j]
+            delta[palm + j] = qp.x[palm + j] * weight[j]
         for j in range(6, DOF):
             delta[fingers - 6 + j] = qp.x[fingers - 6 + j] * weight[j]
     for k in range(thing_count(problem)):
         body, column = bodies[k], thing_column(problem, k)
+        if column >= variable_count(problem):
+            continue
         for j in range(OBJECT_DOF):
             delta[column + j] = qp.x[column + j] * body.inverse_root[j]
         if body.joint == SLIDER:
@@ -181,8 +186,8 @@ def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, mee
             delta[column], delta[column + 1], delta[column + 2] = made * axis[0], made * axis[1], made * axis[2]
     for i in range(friction.count):
         friction.plain[i] = friction.cone[i] = 0.0
-    for i in range(meeting.count):
-        meeting.multiplier[i] = 0.0
+    if not is_one(problem) and problem.dense_rows > 0:
+        read_dense(problem, meeting, qp)
     loaded.count = qp.counts[0]
     for j in range(loaded.count):
         row = qp.active[j]
@@ -190,8 +195,6 @@ def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, mee
         loaded.row[j] = row
         loaded.key[j] = problem.key[row]
         loaded.multiplier[j] = multiplier
-        if problem.kind[row] == MEETING_KIND:
-            meeting.multiplier[row - problem.meeting_row] = multiplier
         owner = problem.owner[row]
         if owner >= 0:
             kind = problem.kind[row]
@@ -303,8 +306,6 @@ def _solve_once(options: TickOptions, rows: WideRows, guessed: int, world: Recor
     """Solve the program for the Γ at hand, and read its solution; returns a status of `kernels.qp.active_set`."""
     problem, loaded, tolerance, relaxation = world.problem, world.loaded, options.tolerance, options.relaxation
     variables, target = variable_count(problem), problem.target[:]
-    if rows.n_common > common_count(problem):
-        spread_blocks(problem)
     status = solve(variables, rows, target, tolerance, relaxation, loaded.guess[:], guessed, qp)
     step.iterations += qp.counts[1]
     if status == OPTIMAL:
@@ -342,19 +343,22 @@ def solve_free(options: TickOptions, states: States, world: Record, rounds: int,
     bodies, step = world.bodies, states[0].step
     problem, friction, loaded, coulomb = world.problem, world.friction, world.loaded, world.coulomb
     offset, relaxed = options.offset, states[0].program.is_relaxed
-    friction_rows(states, bodies, offset, relaxed, problem, friction, world.meeting)
-    meets = as_bool(hand_count(problem) > 1 and world.meeting.count > 0)
+    friction_rows(options.own, states, bodies, offset, relaxed, problem, friction, world.meeting)
     rows = WideRows(
-        variable_count(problem) if meets else common_count(problem),
+        common_count(problem),
         problem.common[:],
         problem.block[:],
         problem.rhs[:],
         problem.group_start[: problem.groups],
         problem.group_stop[: problem.groups],
-        problem.no_block[: problem.groups] if meets else problem.group_block[: problem.groups],
+        problem.group_block[: problem.groups],
+        problem.dense[:],
+        problem.dense_row,
+        problem.dense_rows,
+        variable_count(problem) - common_count(problem),
     )
     floats, backs = LET_FLOAT * offset, STANDS_BACK * offset
-    guessed = _guess(problem, loaded)
+    guessed = _guess(states, problem, loaded, world.meeting)
     best = np.inf
     seeks = rounds > 1
     repairs = as_int64(0)

@@ -147,13 +147,21 @@ def _bear_joints(states: States, bodies: Record, problem: Record, loaded: Record
 
 
 @jit
+def clear_borne(things: int, borne: Record) -> None:
+    """Let nothing bear so many things."""
+    borne.count = 0
+    borne.residual = borne.bare = 0.0
+    for k in range(things):
+        for j in range(OBJECT_DOF):
+            borne.hand_wrench[k, j] = borne.table_wrench[k, j] = borne.thing_wrench[k, j] = 0.0
+
+
+@jit
 def find_borne(
     states: States, bodies: Record, contacts: Record, problem: Record, friction: Record, loaded: Record, borne: Record
 ) -> None:
     """Write the loads of the rows: as forces on each hand in its `warm`, and contact by contact in `borne`."""
-    borne.hand_wrench[:] = 0.0
-    borne.table_wrench[:] = 0.0
-    borne.thing_wrench[:] = 0.0
+    clear_borne(thing_count(problem), borne)
     count = as_int64(0)
     for p in range(pair_count(problem)):
         states[p].warm.count = 0
@@ -227,12 +235,12 @@ def find_borne(
 
 
 @jit
-def copy_borne(source: Record, target: Record) -> None:
-    """Copy what is borne."""
+def copy_borne(things: int, source: Record, target: Record) -> None:
+    """Copy what is borne of so many things."""
     target.count = source.count
     target.residual = source.residual
     target.bare = source.bare
-    for k in range(source.hand_wrench.shape[0]):
+    for k in range(things):
         copy_values(source.hand_wrench[k], target.hand_wrench[k])
         copy_values(source.table_wrench[k], target.table_wrench[k])
         copy_values(source.thing_wrench[k], target.thing_wrench[k])

@@ -24,7 +24,9 @@ from typing import Any
 
 import numpy as np
 
+from hhsim.kernels.contact.hand_pairs import HAND_ROWS
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, ROW_CAPACITY
+from hhsim.kernels.contact.self_pairs import SELF_ROWS
 from hhsim.kernels.free.body import OBJECT_DOF
 from hhsim.kernels.free.columns import (
     KINDS,
@@ -33,13 +35,14 @@ from hhsim.kernels.free.columns import (
     displacement,
     first_finger,
     hand_count,
+    is_one,
     pair_count,
     relative_turn,
     torsion_radius,
     write_row,
 )
 from hhsim.kernels.free.joints import joint_rows
-from hhsim.kernels.free.meeting import meeting_rows
+from hhsim.kernels.free.meeting import dense_rows
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline
 
@@ -52,8 +55,8 @@ FREE_ROWS = ROW_CAPACITY + HAND_FRICTION * PER_CONTACT + TABLE_CONTACTS * (1 + P
 lie 13 cache lines apart but for whole pages: in a multiple of those they would share few places of the first cache."""
 SECOND_ROWS = ROW_CAPACITY + 490
 """Room for the contacts and limits of a second hand; as many cache lines more."""
-OTHER_ROWS = 1024
-"""Room for the contacts of up to six further things with a table: whole pages."""
+OTHER_ROWS = 1536
+"""Room for the contacts of up to six further things with a table, and for dense rows: whole pages."""
 
 HAND_GROUPS = 3 * FINGER_COUNT + 2
 """Of a hand and its first thing: palm and fingers, and their limits; then palm and fingers with friction."""
@@ -83,15 +86,26 @@ def free_problem_dtype(hands: int, things: int) -> "np.dtype[Any]":
     common, fingers, pairs = 6 * (hands + things), FINGER_COUNT * hands, things * (hands + things - 1)
     common += SLACKS if things > 1 else 0
     dof = common + PHALANX_COUNT * fingers
+    # Fixed things have columns that no program reads.
+    whole = dof + OBJECT_DOF if things > 1 else dof
+    dense = HAND_ROWS + hands * SELF_ROWS if things > 1 else 1
     rows = FREE_ROWS + SECOND_ROWS * (hands - 1) + (OTHER_ROWS if things > 1 else 0)
     groups = HAND_GROUPS * hands + 2 * (FINGER_COUNT + 1) * (pairs - hands) + 2
     return np.dtype(
         [
             ("hands", np.int64),  # numbers of those that there are
             ("things", np.int64),
+            ("pairs", np.int64),
             ("slacks", np.int64),  # SLACKS where a joint of two free things has friction, else 0
-            # columns of palms, things and slacks, scaled; of fingers, too, in a program with hands that meet
-            ("common", np.float64, (common if hands == 1 else dof, rows)),
+            ("width", np.int64),  # columns of palms and things
+            ("palm", np.int64, (hands,)),  # first column of each palm
+            ("column", np.int64, (things,)),  # first column of each thing
+            ("common", np.float64, (common if things == 1 else whole, rows)),  # of palms, things and slacks, scaled
+            ("dense", np.float64, (dense, PHALANX_COUNT * fingers)),  # columns of all fingers of dense rows, scaled
+            ("dense_row", np.int64),  # first of these: pairs of two hands, then each hand's own pairs
+            ("dense_rows", np.int64),  # number of these
+            ("own_row", np.int64, (hands,)),  # first row of each hand's own pairs
+            ("own_multiplier", np.float64, (hands, SELF_ROWS)),  # [N]
             ("block", np.float64, (PHALANX_COUNT, rows)),  # columns of the row's own finger, scaled
             ("rhs", np.float64, (rows,)),  # [m] for contacts, [rad] for limits
             ("share", np.float64),  # share of a free distance that a step may use up
@@ -100,11 +114,11 @@ def free_problem_dtype(hands: int, things: int) -> "np.dtype[Any]":
             ("owner", np.int64, (rows,)),  # its place in the contacts with friction, or -1
             ("kind", np.int64, (rows,)),  # 0 normal, 1 to 3 for e_1 to e_3, 4 to 6 for their opposites
             ("first", np.int64, (pairs,)),  # first row of each pair's contacts
-            ("meeting_row", np.int64),  # first row of pairs of two hands
             ("last", np.int64, (pairs,)),  # row behind them, where a hand's joint limits begin
             ("hand", np.int64, (pairs,)),  # of each pair; 0 for two things
             ("other", np.int64, (pairs,)),  # thing that meets the pair's one; -1 for a hand
             ("thing", np.int64, (pairs,)),  # in whose frame the pair is
+            ("surface", np.int64, (pairs,)),  # number of the pair's surface
             ("turn", np.float64, (pairs, 3, 3)),  # from the frame of the first thing to that of the pair's
             ("hand_target", np.float64, (DOF * hands,)),  # step to each of the user's hands, unscaled
             (
@@ -112,7 +126,7 @@ def free_problem_dtype(hands: int, things: int) -> "np.dtype[Any]":
                 np.float64,
                 (OBJECT_DOF * things,),
             ),  # step to where each thing would go by itself, unscaled
-            ("target", np.float64, (dof,)),  # all targets, scaled, in the program's order
+            ("target", np.float64, (whole,)),  # all targets, scaled, in the program's order
             ("abduction_step", np.float64, (fingers,)),  # of the fingers, as delta [rad]
             ("abduction_total", np.float64, (fingers,)),  # of the fingers, as total [rad]
             ("inverse_root", np.float64, (DOF,)),  # 1 / √G of a hand's variables
@@ -121,12 +135,11 @@ def free_problem_dtype(hands: int, things: int) -> "np.dtype[Any]":
             ("group_start", np.int64, (groups,)),
             ("group_stop", np.int64, (groups,)),
             ("group_block", np.int64, (groups,)),
-            ("no_block", np.int64, (groups,)),  # -1 of each group
-            ("delta", np.float64, (dof,)),  # the program's step, unscaled, in its order
-            ("total", np.float64, (dof,)),  # the same of this tick so far
-            ("before", np.float64, (dof,)),  # the step of the tick before
+            ("delta", np.float64, (whole,)),  # the program's step, unscaled, in its order
+            ("total", np.float64, (whole,)),  # the same of this tick so far
+            ("before", np.float64, (whole,)),  # the step of the tick before
             ("before_abduction", np.float64, (fingers,)),
-            ("whole", np.float64, (dof,)),  # the tick's step with the program's
+            ("whole", np.float64, (whole,)),  # the tick's step with the program's
             ("whole_abduction", np.float64, (fingers,)),
             ("scratch", np.float64, (6,)),
             ("solutions", np.int64),  # of programs in this tick
@@ -345,9 +358,10 @@ def _add_group(problem: Record, start: int, stop: int, block: int) -> None:
 
 
 @jit
-def touches(states: States, problem: Record, hand: int, finger: int) -> bool:
-    """Return whether a finger has a contact in any of its hand's pairs."""
-    found = as_bool(False)
+def bends(states: States, problem: Record, meeting: Record, hand: int, finger: int) -> bool:
+    """Return whether a program has rows that may bend a finger: of its contacts, its hand's own pairs, or two hands."""
+    own = states[hand].self_contact
+    found = as_bool((hand_count(problem) > 1 and meeting.count > 0) or own.meets[finger] == 1)
     for p in range(pair_count(problem)):
         begin = states[p].contacts.start
         found = found or (problem.hand[p] == hand and problem.other[p] < 0 and begin[finger + 2] > begin[finger + 1])
@@ -356,15 +370,20 @@ def touches(states: States, problem: Record, hand: int, finger: int) -> bool:
 
 @jit
 def friction_rows(
-    states: States, bodies: Record, offset: float, relaxed: bool, problem: Record, friction: Record, meeting: Record
+    own: Any,
+    states: States,
+    bodies: Record,
+    offset: float,
+    relaxed: bool,
+    problem: Record,
+    friction: Record,
+    meeting: Record,
 ) -> None:
-    """Write the rows of friction, of the table, of joints and of hands that meet, and the groups of all rows.
+    """Write the rows of friction, of the table, of joints and of pairs of hands' bodies, and the groups of all rows.
 
     The rows of contacts, which are there, are changed once: those with friction stand back, and all have their share.
     """
     pairs, hands = pair_count(problem), hand_count(problem)
-    # Hands that meet may bend any finger to its limit.
-    meets = as_bool(hands > 1 and meeting.count > 0)
     problem.groups = 0
     for p in range(pairs):
         first, limits, fingers = problem.first[p], problem.last[p], first_finger(problem, problem.hand[p])
@@ -375,7 +394,7 @@ def friction_rows(
         for f in range(FINGER_COUNT):
             _add_group(problem, first + begin[f + 1], first + begin[f + 2], fingers + PHALANX_COUNT * f)
         for f in range(FINGER_COUNT):
-            if p < hands and (meets or touches(states, problem, p, f)):
+            if p < hands and bends(states, problem, meeting, p, f):
                 start = limits + 2 * PHALANX_COUNT * f
                 _add_group(problem, start, start + 2 * PHALANX_COUNT, fingers + PHALANX_COUNT * f)
     row = problem.last[pairs - 1] + (LIMIT_ROWS if pairs == hands else 0)
@@ -408,17 +427,17 @@ def friction_rows(
     joints = row
     row = joint_rows(states, bodies, relaxed, row, problem)
     _add_group(problem, table, row, -1)
-    meetings = row
-    if hand_count(problem) > 1:
-        row = meeting_rows(states, meeting, offset, row, problem)
-        _add_group(problem, meetings, row, -1)
+    dense = row
+    if not is_one(problem):
+        row = dense_rows(own, states, meeting, offset, relaxed, row, problem)
+        _add_group(problem, dense, row, -1)
     problem.rows = row
     for i in range(friction.of_hand if problem.is_fresh == 1 else 0):
         problem.owner[friction.contact[i]] = i
         problem.rhs[friction.contact[i]] -= STANDS_BACK * offset
     problem.is_fresh = 0
     for i in range(changed if problem.share < 1.0 else row, row):
-        if problem.rhs[i] < 0.0 and (i >= meetings or (i < joints and problem.kind[i] == 0)):
+        if problem.rhs[i] < 0.0 and (i >= dense or (i < joints and problem.kind[i] == 0)):
             problem.rhs[i] *= problem.share
 
 

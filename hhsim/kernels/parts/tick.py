@@ -209,8 +209,11 @@ def _squeezed_step(surface: JointedSurface, options: TickOptions, state: Record,
             if surface.part[contacts.key[i] // KEY_STRIDE].yields == 1:
                 program.common[group, i] = 1.0 / math.sqrt(FIRM)
     start, stop, first = groups.group_start[:], groups.group_stop[:], groups.group_block[:]
-    wide = WideRows(as_int64(2 * DEPTHS), program.common[:], problem.block[:], problem.rhs[:], start, stop, first)
-    target, guess, none = program.target[:], program.guess[:], as_int64(0)
+    none, common = as_int64(0), program.common[:]
+    wide = WideRows(
+        as_int64(2 * DEPTHS), common, problem.block[:], problem.rhs[:], start, stop, first, common, none, none, none
+    )
+    target, guess = program.target[:], program.guess[:]
     status = solve(as_int64(SQUEEZED_DOF), wide, target, options.tolerance, options.relaxation, guess, none, qp)
     step.iterations += qp.counts[1]
     for j in range(DOF):

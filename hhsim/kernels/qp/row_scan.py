@@ -41,7 +41,10 @@ class ProgramRows(NamedTuple):
 
 
 class WideRows(NamedTuple):
-    """Rows as those of `ProgramRows`, which share many columns and lie in many groups of a few rows."""
+    """Rows as those of `ProgramRows`, which share many columns and lie in many groups of a few rows.
+
+    Dense rows have all columns behind the common ones; no group gives them a block.
+    """
 
     n_common: int  # a positive multiple of STRIP
     common: Array
@@ -50,6 +53,10 @@ class WideRows(NamedTuple):
     group_start: Indices
     group_stop: Indices
     group_block: Indices
+    dense: Array = np.zeros((1, 1))  # columns of dense rows behind the common ones, (>= dense_rows, >= dense_columns)
+    dense_start: int = 0  # first dense row
+    dense_rows: int = 0  # number of them, which follow each other
+    dense_columns: int = 0  # number of columns behind the common ones
 
 
 class MeetingRows(NamedTuple):
@@ -133,6 +140,9 @@ def _wide_lengths(rows: WideRows, inverse_norm_out: Array) -> None:
         start, stop = rows.group_start[g], rows.group_stop[g]
         if rows.group_block[g] >= 0 and start < stop:
             _add_squares(start, stop, rows.block, as_int64(0), inverse_norm_out)
+    for i in range(rows.dense_rows):
+        for j in range(rows.dense_columns):
+            inverse_norm_out[rows.dense_start + i] += rows.dense[i, j] ** 2
     for j in range(0, rows.n_common, 3):
         _add_squares(first, last, rows.common, j, inverse_norm_out)
     _invert_root(first, last, inverse_norm_out)
@@ -264,6 +274,11 @@ def _wide_violations(rows: WideRows, x: Array, inverse_norm: Array, violation: A
         start, stop, offset = rows.group_start[g], rows.group_stop[g], rows.group_block[g]
         if offset >= 0 and start < stop:
             _take_three(start, stop, rows.block, as_int64(0), x, offset, violation, violation)
+    for i in range(rows.dense_rows):
+        rest = violation[rows.dense_start + i]
+        for j in range(rows.dense_columns):
+            rest -= rows.dense[i, j] * x[n_common + j]
+        violation[rows.dense_start + i] = rest
     for j in range(0, n_common - STRIP, STRIP):
         _take_six(first, last, common, j, x, violation)
     _take_six_and_scale(first, last, common, n_common - STRIP, x, violation, inverse_norm, violation)
@@ -303,8 +318,20 @@ def load_dense(rows: Rows, row: int, scale: float, normal_out: Array) -> bool:
     """Write a row of which all columns are given, scaled, and return True; False for another row."""
 
 
-@load_dense.of(ProgramRows)
 @load_dense.of(WideRows)
+@jit_inline
+def _load_wide(rows: WideRows, row: int, scale: float, normal_out: Array) -> bool:
+    i = row - rows.dense_start
+    if i < 0 or i >= rows.dense_rows:
+        return False
+    for j in range(rows.n_common):
+        normal_out[j] = rows.common[j, row] * scale
+    for j in range(rows.dense_columns):
+        normal_out[rows.n_common + j] = rows.dense[i, j] * scale
+    return True
+
+
+@load_dense.of(ProgramRows)
 @jit_inline
 def _no_dense(rows: Rows, row: int, scale: float, normal_out: Array) -> bool:
     return False

@@ -19,7 +19,7 @@ from hhsim.kernels.contact.linearise import clamp_to_limits
 from hhsim.kernels.contact.self_pairs import keep_shapes
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, move
-from hhsim.kernels.jit import Record, as_int64, jit, jit_inline
+from hhsim.kernels.jit import Record, as_bool, as_int64, generic, jit, jit_inline
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.tick.decoupling import palm_yielded, stays_suspended, suspend_decoupling
 from hhsim.kernels.tick.evaluation import (
@@ -128,6 +128,24 @@ def hand_may_end(method: Any, state: Record) -> bool:
     return True
 
 
+@generic
+def solve_until_kept(method: Any, hand: HandArrays, has_rows: bool, share: float, state: Record, qp: QpWork) -> int:
+    """Solve a program if it has rows, and again with rows of own pairs that its step would break; return a status."""
+
+
+@solve_until_kept.of(Coupled)
+@solve_until_kept.of(Progressive)
+@jit
+def solve_hand_until_kept(
+    method: Any, hand: HandArrays, has_rows: bool, share: float, state: Record, qp: QpWork
+) -> int:
+    """Solve by a method of a hand alone, see `solve_until_kept`; `share` is that of the step to the user's hand."""
+    status = solve_program(method, state, qp) if has_rows else as_int64(OPTIMAL)
+    while status == OPTIMAL and add_broken_rows(method.options.own, hand, method.options, share, state):
+        status = solve_program(method, state, qp)
+    return as_int64(status)
+
+
 @solve_linearisation.of(Coupled)
 @solve_linearisation.of(Progressive)
 @jit_inline
@@ -143,10 +161,8 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Re
         contacts = build_program(hand, surface, options, state)
         if contacts < 0:
             return as_int64(OVERFLOW), full_motion
-        if contacts + state.self_contact.count > 0:
-            status = solve_program(method, state, qp)
-        while status == OPTIMAL and add_broken_rows(options.own, hand, options, 1.0, state):
-            status = solve_program(method, state, qp)
+        has_rows = as_bool(contacts + state.self_contact.count > 0)
+        status = solve_until_kept(method, hand, has_rows, 1.0, state, qp)
         if status != OPTIMAL or attempt == 1 or not complete_lists(hand, surface, options, state):
             break
         # Of the discarded program only node tests, pair tests and QP iterations count as work.
@@ -161,9 +177,7 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Re
     if status == OPTIMAL and contacts + own_rows > 0:
         full_motion, share = clip_target(hand, options, only_restores(options, state, done), state)
         if full_motion != WHOLE_TARGET:
-            status = solve_program(method, state, qp)
-            while status == OPTIMAL and add_broken_rows(options.own, hand, options, share, state):
-                status = solve_program(method, state, qp)
+            status = solve_until_kept(method, hand, as_bool(True), share, state, qp)
     return status, full_motion
 
 

@@ -1,0 +1,146 @@
+"""Ticks of two hands beside things that stand still or move as recorded.
+
+Each hand's tick is the one that it has alone, on where both began. Only where these two ways might have met are both
+taken back, and the tick is one of the world of both (`kernels.free.tick`), whose pairs' states are those of the hands.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
+from hhsim.kernels.contact.hand_pairs import bound_motions, hands_nearest, look_at_pairs
+from hhsim.kernels.copy import copy_values
+from hhsim.kernels.free.meeting import hands_of, measure_hands
+from hhsim.kernels.free.pairs import Free, measure
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
+from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
+from hhsim.kernels.jit import Array, Record, jit, jit_noinline
+from hhsim.kernels.qp.active_set import QpWork
+from hhsim.kernels.rotation import rotation_vector_between
+from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
+from hhsim.kernels.tick.haptic_input import set_haptic
+from hhsim.kernels.tick.method import tick
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID, STATUS_NO_PLACE
+
+
+@jit
+def _step_between(start: Record, pose: Record, step_out: Array, abduction_out: Array, scratch: Array) -> None:
+    """Compute the step (21,) and the abduction step (5,) from a pose to the one before it."""
+    rotation_vector_between(pose.orientation, start.orientation, scratch)
+    for i in range(3):
+        step_out[i], step_out[3 + i] = start.position[i] - pose.position[i], scratch[i]
+    for f in range(FINGER_COUNT):
+        abduction_out[f] = start.abduction[f] - pose.abduction[f]
+        for k in range(PHALANX_COUNT):
+            step_out[6 + PHALANX_COUNT * f + k] = start.flexion[f, k] - pose.flexion[f, k]
+
+
+@jit_noinline
+def _may_have_met(method: Free) -> bool:
+    """Return whether the way of each hand's last tick might have led it nearer than the clearance to the other one."""
+    world, states, offset = method.world[0], method.states, method.options.offset
+    for h in range(2):
+        state = states[h]
+        delta, abduction = state.step.delta[:], state.problem.abduction_step[:]
+        _step_between(state.prediction.start, state.pose, delta, abduction, state.scratch[:])
+    hands, two = hands_of(method.movers, states, world)
+    bound_motions(hands, two, world.meeting)
+    look_at_pairs(hands, two, offset, np.inf, np.inf, world.meeting)
+    return bool(world.meeting.least < np.inf)
+
+
+@jit
+def find_meeting(method: Free, records: tuple[TickRecord, TickRecord]) -> int:
+    """Return the first tick of a block in which the hands, each alone, might have met; the number of ticks for none.
+
+    The poses of the states are those before the block; without a meeting they are in the end what they were after it.
+    """
+    for i in range(records[0].position.shape[0]):
+        for h in range(2):
+            state, record = method.states[h], records[h]
+            copy_configuration(state.pose, state.prediction.start)
+            copy_values(record.position[i], state.pose.position[:])
+            copy_values(record.orientation[i], state.pose.orientation[:])
+            copy_values(record.abduction[i], state.pose.abduction[:])
+            copy_values(record.flexion[i], state.pose.flexion[:])
+            update_kinematics(method.movers[h], state.pose)
+        if _may_have_met(method):
+            return i
+    return int(records[0].position.shape[0])
+
+
+@jit_noinline
+def _tick_of_both(method: Free, parts_move: bool, qp: QpWork) -> None:
+    """Make the tick of both hands as one of the world; the status bits are in it."""
+    world, states = method.world[0], method.states
+    hands, two = hands_of(method.movers, states, world)
+    world.kept_apart = 0.0
+    if parts_move:
+        world.kept_apart = min(hands_nearest(hands, two, 0.0, world.meeting), 0.0)
+    for h in range(2):
+        state = states[h]
+        copy_configuration(state.pose, state.prediction.start)
+        state.prediction.is_predicted = False
+        # Of a sample that is not finite the last good one counts.
+        copy_values(state.haptic.position[:], world.palm_position[h])
+        copy_values(state.haptic.orientation[:], world.palm_orientation[h])
+    tick(method, method.movers[0], method.surfaces[0], states[0], qp)
+    if world.kept_apart < 0.0:
+        for h in range(2):
+            world.status[h] |= STATUS_NO_PLACE
+    # What the last step might have brought together is near; else a bound of the distance is to be made sure of.
+    near = method.options.margin
+    world.is_near = world.apart < near
+    if world.is_near and world.may_meet == 0:
+        world.is_near = measure_hands(method.movers, states, world) < near
+
+
+@jit
+def run_hands_apart(
+    methods: Any,
+    method: Free,
+    qps: Any,
+    haptic: tuple[HapticBlock, HapticBlock],
+    record: tuple[TickRecord, TickRecord],
+    parts_move: bool,
+    qp: QpWork,
+) -> int:
+    """Run one tick of two hands for each row of their haptic inputs, as `kernels.tick.block.run_block` does of one.
+
+    `methods` are those of each hand alone, `method` that of the world, in which parts that may move stand still. Where
+    `parts_move` each hand gives way to them by its own tick first. A hand that they leave no place stays there.
+    """
+    world, states = method.world[0], method.states
+    for i in range(haptic[0].position.shape[0]):
+        began, cpu = monotonic_ns(), thread_cpu_ns()
+        alone = parts_move or not world.is_near
+        for h in range(2):
+            state, given, hand = states[h], haptic[h], method.movers[h]
+            wall, own_cpu = monotonic_ns(), thread_cpu_ns()
+            status = set_haptic(
+                hand, given.position[i], given.orientation[i], given.flexion[i], given.abduction[i], state
+            )
+            if alone:
+                status |= tick(methods[h], hand, method.surfaces[h], state, qps[h])
+                record_tick(state, status, monotonic_ns() - wall, thread_cpu_ns() - own_cpu, i, record[h])
+            else:
+                record[h].status[i] = status
+        said = record[0].status[i] | record[1].status[i]
+        if alone and (said & STATUS_NO_PLACE or not _may_have_met(method)):
+            if said & STATUS_CAPACITY_EXCEEDED:
+                return i + 1
+            continue
+        if alone:
+            for h in range(2):
+                copy_configuration(states[h].prediction.start, states[h].pose)
+                record[h].status[i] &= STATUS_INPUT_INVALID
+            measure(method)
+            world.meeting.count, world.apart = 0, 0.0
+        _tick_of_both(method, parts_move, qp)
+        wall, cpu = monotonic_ns() - began, thread_cpu_ns() - cpu
+        for h in range(2):
+            record_tick(states[h], record[h].status[i] | world.status[h], wall, cpu, i, record[h])
+        if (world.status[0] | world.status[1]) & STATUS_CAPACITY_EXCEEDED:
+            return i + 1
+    return int(haptic[0].position.shape[0])

@@ -1,0 +1,174 @@
+"""Solver of hands that keep out of each other; with what is free they move by one program."""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.kernels.contact.hand_pairs import hands_nearest
+from hhsim.kernels.free.record import ObjectRecord
+from hhsim.kernels.free.side_by_side import find_meeting, run_hands_apart
+from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
+from hhsim.kernels.jit import as_argument
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
+from hhsim.reproducible import norm
+from hhsim.solver.free_object import FreeObject
+from hhsim.solver.free_engine import FreeEngine, Thing
+from hhsim.solver.hand_solver import START_LINEARISATIONS, HandSolver, clearance, shift_until
+from hhsim.solver.linearising_engine import LinearisingEngine
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.workspace import TickWorkspace, tick_record
+
+FAR = 10.0
+"""Distance [m] up to which hands that begin in each other, or may, are measured."""
+LISTS = "candidates"
+"""What of a tick's state is gathered anew from the rest: its lists of near pairs, most of its memory."""
+
+
+def keeps_hands_apart(options: SolverOptions) -> bool:
+    """Return whether two hands of these options, on an object that is not free, keep out of each other."""
+    return options.method in ("coupled", "progressive") and options.qp == "active-set"
+
+
+class WorldSolver:
+    """Keeps hands between ticks, and what moves freely with them.
+
+    Where something is free all move by one program. Else each hand's ticks are those that it has alone, on a thread of
+    its own; where two might have met, and beside parts that move, they are made one by one, and those in which they
+    might have met by one program of both. Methods that promise no distance to the object, and other QP solvers, keep
+    no two hands apart.
+
+    Args:
+        hands: Solver of one hand, which has all that is free; or of the right and the left one, at one surface where it
+            is at first and with the same options: each places its hand at the start.
+        free: Physical properties of a free object beside two hands.
+        others: Further things beside it.
+
+    Raises:
+        InputError: Options that a free object does not go with.
+    """
+
+    def __init__(
+        self, hands: Sequence[HandSolver], free: FreeObject | None = None, others: Sequence[Thing] = ()
+    ) -> None:
+        self.hands, own = tuple(hands), hands[0].engine
+        self._spaces = tuple(hand.workspace for hand in hands)
+        self._parts_move = isinstance(own, LinearisingEngine) and own.parts_move
+        self._has_free = free is not None
+        self.engine = own if isinstance(own, FreeEngine) else None
+        self._two: FreeEngine | None = None
+        if len(self.hands) > 1 and (free is not None or keeps_hands_apart(hands[0].options)):
+            self._two = self.engine = FreeEngine(self._spaces[0], free, self._spaces[1], others)
+        self._started = self._two is None
+        self._threads = ThreadPoolExecutor(len(self.hands))
+
+    def run(self, *haptic: HandConfiguration) -> tuple[TickRecord, ...]:
+        """Run one tick for each haptic configuration of the hands; arguments and errors as of `HandSolver.run`.
+
+        With a free object they are in the world, and the ticks are returned as seen from it: its own motion is in
+        `object_ticks`.
+        """
+        blocks = tuple(HapticBlock(*(as_argument(values) for values in given)) for given in haptic)
+        begun = [0] * len(blocks)
+        if not self._started and len(blocks[0].position):
+            self._started = True
+            begun = self._begin(blocks)
+        records = self._run(blocks, haptic)
+        for record, start in zip(records, begun):
+            record.status[:1] |= start
+        return records
+
+    def close(self) -> None:
+        """End the hands' threads."""
+        self._threads.shutdown()
+
+    def object_ticks(self, hand: int = 0) -> ObjectRecord:
+        """Return the record of the free object in the last ticks as of one of the hands, see `FreeEngine.seen_by`."""
+        assert self.engine is not None
+        return self.engine.seen_by(hand)
+
+    def _run(self, blocks: tuple[HapticBlock, ...], haptic: Sequence[HandConfiguration]) -> tuple[TickRecord, ...]:
+        two = self._two
+        if two is None or not (self._has_free or self._parts_move or two.world.is_near):
+            kept = [_kept(space) for space in self._spaces] if two is not None else []
+            if len(self.hands) == 1:
+                return (self.hands[0].run(*haptic[0]),)
+            records = tuple(self._threads.map(lambda hand, given: hand.run(*given), self.hands, haptic))
+            if two is None or not self._have_met(two, kept, records):
+                return records
+            for space, fields in zip(self._spaces, kept):
+                _return_to(fields, space)
+        records = tuple(tick_record(len(block.position)) for block in blocks)
+        if self._has_free:
+            done = two.run_many(blocks, records)
+        else:
+            engines = [hand.engine for hand in self.hands]
+            alone = tuple(engine.tick_method for engine in engines if isinstance(engine, LinearisingEngine))
+            qps = tuple(space.qp for space in self._spaces)
+            done = run_hands_apart(alone, two.method, qps, (blocks[0], blocks[1]), records, self._parts_move, two.qp)
+        if done and any(record.status[done - 1] & STATUS_CAPACITY_EXCEEDED for record in records):
+            raise two.workspace.full()
+        return records
+
+    def _have_met(self, two: FreeEngine, kept: Sequence[dict[str, Any]], records: tuple[TickRecord, ...]) -> bool:
+        """Return whether the hands might have met in ticks of each alone, which began as `kept`."""
+        # Balls around the palms that hold the hands are looked at first.
+        way = [np.vstack([fields["pose"][0].position, record.position]) for fields, record in zip(kept, records)]
+        moved = sum(norm(np.diff(places, axis=0)) for places in way)
+        between = norm((way[0] - way[1])[1:]) - moved
+        if (between > two.world.meeting.reach.sum() + self.hands[0].options.offset).all():
+            return False
+        for space, fields in zip(self._spaces, kept):
+            copy_configuration(fields["pose"][0], space.states[0].pose)
+        count = len(records[0].position)
+        return bool(find_meeting(two.method, (records[0], records[1])) < count)
+
+    def _begin(self, haptic: Sequence[HapticBlock]) -> list[int]:
+        """Place both hands, apart where they begin in each other; return the status bits of each first tick."""
+        two = self._two
+        assert two is not None
+        begun = [hand.begin(given) for hand, given in zip(self.hands, haptic)]
+        parted = _part(self._spaces, two.world.meeting)
+        if parted:
+            begun = [start | STATUS_START_INSIDE for start in begun]
+        # Beside one thing alone each hand has come as near as it can.
+        if parted or (any(begun) and self._spaces[0].beside):
+            two.approach(START_LINEARISATIONS)
+        elif self._has_free:
+            two.begin()
+        two.world.is_near = parted
+        return begun
+
+
+def _part(spaces: Sequence[TickWorkspace], pairs: Any) -> bool:
+    """Shift two graphic hands apart, free of the object, where they begin in each other; return whether they did."""
+    arrays, states = tuple(space.hand for space in spaces), tuple(space.states for space in spaces)
+    first, second = (of_hand[0].pose for of_hand in states)
+
+    def distance() -> float:
+        for hand, of_hand in zip(arrays, states):
+            update_kinematics(hand, of_hand[0].pose)
+        return min(hands_nearest(arrays, states, FAR, pairs), *(clearance(space) for space in spaces))
+
+    if distance() >= 0.0:
+        return False
+    away, clear = first.position - second.position, spaces[0].options.margin
+    shift_until([first.position, second.position], away, distance, clear)
+    return True
+
+
+def _kept(space: TickWorkspace) -> dict[str, Any]:
+    """Return a copy of a tick's state without its lists."""
+    return {name: space.states[name].copy() for name in space.states.dtype.names if name != LISTS}
+
+
+def _return_to(kept: dict[str, Any], space: TickWorkspace) -> None:
+    """Let a tick's state be again what `_kept` has returned, its lists gathered anew."""
+    for name in kept:
+        space.states[name][:] = kept[name]
+    space.gather()
+    for name in kept:
+        space.states[name][:] = kept[name]
