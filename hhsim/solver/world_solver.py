@@ -15,8 +15,8 @@ from hhsim.kernels.jit import as_argument
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.reproducible import norm
-from hhsim.solver.free_object import FreeObject
 from hhsim.solver.free_engine import FreeEngine, Thing
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import START_LINEARISATIONS, HandSolver, clearance, shift_until
 from hhsim.solver.linearising_engine import LinearisingEngine
 from hhsim.solver.options import SolverOptions
