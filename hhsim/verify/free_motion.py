@@ -10,6 +10,7 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.result.body import Body
 from hhsim.result.contacts import ON_TABLE
 from hhsim.result.reader import Result
+from hhsim.result.schema import BETWEEN_COLUMNS
 from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import follows
 from hhsim.verify.kinematics import rotations
@@ -143,6 +144,9 @@ class FreeMotion(FreeBody):
         if self.result.other is not None:
             judge = JudgedTicks(self.result, self.ticks)
             found = judge.of_other_hand(self.ticks, MEETS).nearest(len(found)).min(axis=1) > MEETS
+            # The forces of a tick that lags are of its last program, from where hands may still have come apart.
+            left = sum(np.asarray(hand["lag"])[self.ticks] for hand in (self.result, self.result.other))
+            found &= np.asarray(self.result[BETWEEN_COLUMNS[1].name])[self.ticks] > MEETS + left
         for body in list(self.result.bodies.values())[1:]:
             found &= ~np.asarray(body["hand_wrench"]).any(axis=1)
         return found
