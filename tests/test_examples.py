@@ -26,6 +26,7 @@ RUN_HERE = {"cpp_method", "library.py", "notebook.ipynb", "custom_object.sh", "c
 RUN_ELSEWHERE = {
     "gate.sh": "gate/test_run.py",
     "gate-github-actions.yml": "gate/test_run.py",
+    "laptop.urdf": "linkage/test_urdf.py",
     "project_out.py": "replay/test_conformance.py",
     "sweep.toml": "sweep/test_plan.py",
     "udp_bridge.py": "live/drivers/test_udp.py",

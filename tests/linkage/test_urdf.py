@@ -13,6 +13,7 @@ from hhsim.errors import InputError
 from hhsim.linkage import file as linkage_file
 from hhsim.linkage.file import names_a_linkage, read_linkage
 from hhsim.linkage.linkage import Linkage
+from hhsim.scene.scene import open_scene
 from hhsim.system.child_reader import read_in_child
 
 SEEDS = sampled(range(24), lambda place, _: place < 4)
@@ -103,6 +104,17 @@ def test_the_smallest_case_of_the_field(shared_data: Path) -> None:
         [vertices.min(axis=0), vertices.max(axis=0)], [[-0.075, 0.05, -0.005], [0.075, 0.15, 0.005]]
     )
     assert faces.shape == (12, 3)
+
+
+def test_the_example_is_the_shipped_laptop() -> None:
+    example = Path(__file__).parents[2] / "examples" / "laptop.urdf"
+    scenes = [open_scene(name, "close", level=1) for name in (example, "laptop")]
+    for ours, theirs in zip(*(scene.solids for scene in scenes), strict=True):
+        assert (ours.name, type(ours.motion)) == (theirs.name, type(theirs.motion))
+        np.testing.assert_allclose(ours.placed_mesh.bounds, theirs.placed_mesh.bounds, atol=1e-12)
+    lids = [scene.solids[1].joint for scene in scenes]
+    assert lids[0] is not None and lids[1] is not None
+    assert (lids[0].type, lids[0].on, lids[0].limits) == (lids[1].type, lids[1].on, lids[1].limits)
 
 
 def test_shapes_are_closed_and_of_their_size_and_what_collides_comes_before_what_is_seen(tmp_path: Path) -> None:
