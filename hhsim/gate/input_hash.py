@@ -56,11 +56,15 @@ class RunInputs:
 
 def run_inputs(result: Result) -> RunInputs:
     """Collect the inputs of a result; the motion is in the object's frame, unless the object is free."""
-    result = result if result.free else result.seen_from_object
+    result = result if result.body.is_free else result.seen_from_object
     scene = result.scene
     # A free object's properties but those of its mesh.
     free = {f"free {name}": value for name, value in result.body.properties.items() if name not in OF_THE_MESH}
-    options = {name: scene.get(name) for name in INPUT_OPTIONS} | {"free object": "yes" if result.free else "no"} | free
+    options = (
+        {name: scene.get(name) for name in INPUT_OPTIONS}
+        | {"free object": "yes" if result.body.is_free else "no"}
+        | free
+    )
     solver: dict[str, Any] = {}
     for name, value in scene["solver"].items():
         solver |= {f"{name}.{key}": v for key, v in value.items()} if isinstance(value, dict) else {name: value}
@@ -145,7 +149,7 @@ def tick_digest(result: Result) -> str:
     It is the same for the same bits, whatever else the file holds.
     """
     found = hashlib.sha256()
-    of_body = (result.body[name] for name in ("position", "orientation") if result.free)
+    of_body = (result.body[name] for name in ("position", "orientation") if result.body.is_free)
     for values in (*(result[name] for name in OF_THE_HAND), *of_body):
         found.update(np.ascontiguousarray(values, np.float64).tobytes())
     return found.hexdigest()[:DIGITS]

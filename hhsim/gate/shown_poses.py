@@ -20,7 +20,7 @@ ROUNDING = {"m": 1e-9, "N": 1e-6}
 def shown_poses(result: Result) -> dict[str, FloatArray]:
     """Return the shown palm and fingertips, the place of a free object and the total force at each tick."""
     tips = {f"tip of the {name}": result["graphic/joints"][:, finger, -1] for finger, name in enumerate(FINGERS)}
-    free = {"object": result.body["position"]} if result.free else {}
+    free = {"object": result.body["position"]} if result.body.is_free else {}
     return {"palm": result["graphic/position"], **tips, **free, FORCE: result["force/total"]}
 
 

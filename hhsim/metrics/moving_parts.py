@@ -167,6 +167,6 @@ def result_parts(result: Result) -> MovingParts | None:
         if DRIVEN_COLUMNS[0].name in body
     }
     world = np.stack([np.concatenate(body.poses(), axis=1) for body in bodies], axis=1)
-    carried = result.moved_since_first() if result.driven else None
+    carried = result.moved_since_first() if result.frame else None
     name = str(result.scene["object_name"])
-    return MovingParts(name, tuple(result.bodies), meshes, trees, world, joints, carried, result.free, driven)
+    return MovingParts(name, tuple(result.bodies), meshes, trees, world, joints, carried, result.body.is_free, driven)

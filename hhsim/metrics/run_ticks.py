@@ -170,7 +170,7 @@ def body_name(body: int) -> str:
 
 def result_free_run(result: Result) -> FreeRun | None:
     """Build the free object of a result; None where it has none."""
-    if not result.free:
+    if not result.body.is_free:
         return None
     solver, body = result.scene["solver"], result.body
     springs = [solver["stiffness"][name] for name in ("translation", "rotation", "flexion")]
@@ -289,7 +289,7 @@ def ticks_alone(result: Result, columns: Datasets | None = None) -> RunTicks:
 
 def leaves_in_reach(result: Result) -> int:
     """Number of leaf spheres that a model without trees tests a hand's body with: of a free body its own."""
-    return result.body.leaves if result.free else sum(body.leaves for body in result.bodies.values())
+    return result.body.leaves if result.body.is_free else sum(body.leaves for body in result.bodies.values())
 
 
 def _hand(result: Result) -> HandModel | None:

@@ -193,7 +193,7 @@ def robot_motion(result: Result, robot: RobotHand, progress: Progress = silent) 
     motion = retarget(robot, joints[:, :, 3], joints[:, :, 0], progress)
     mesh = bodies_mesh(result)
     depth = link_depths(robot, motion, mesh, progress) if encloses(mesh) else None
-    if result.driven:
+    if result.frame:
         moved = result.moved_since_first()
         motion = motion._replace(
             position=moved.points(motion.position), orientation=moved.orientations(motion.orientation)

@@ -197,7 +197,7 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> 
     total, notes = min(ticks for ticks, _ in runnable), [note for _, of in runnable for note in of]
     prefix = {one.name: "" if len(shown) == 1 else f"{one.name}/" for one in shown}
     arrays = {one.name: [ArrayComparison(column, prefix[one.name]) for column in COMPARED] for one in shown}
-    rubs = any(body.kind == "free" for body in result.bodies.values())
+    rubs = any(body.is_free for body in result.bodies.values())
     of_bodies = [ArrayComparison(column) for column in _moving(result, rubs)]
     contacts = [
         ArrayComparison(replace(column, name=f"{schema.CONTACT}/{column.name}"))

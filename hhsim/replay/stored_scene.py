@@ -225,7 +225,7 @@ def result_scene(hands: Sequence[Result], most: int | None = None) -> Scene:
         still = np.zeros((1, 3)), STILL.orientation[None], np.zeros((1, 5, 3)), np.zeros((1, 5))
         made.append(Hand(stored_hand(hand), Trajectory(np.zeros(1), *still, **about), given))
     own: list[Body | HalfSpace] = [_scene_body(body, rows) for body in bodies]
-    table = next((body.properties["table"] for body in bodies if body.kind == "free"), None)
+    table = next((body.properties["table"] for body in bodies if body.is_free), None)
     if table is not None:
         name = next(name for name in (TABLE, f"{TABLE}-under-all") if name not in result.bodies)
         own.append(HalfSpace(name, table, bodies[0].properties["table_friction"]))
@@ -237,7 +237,7 @@ def _scene_body(body: StoredBody, rows: slice) -> Body:
     mesh, tree, place, own = stored_mesh(body), stored_tree(body), body.place, body.properties
     begin, about = place, {name: own[name] for name in ("friction", "torsion") if name in own}
     motion: Motion = Fixed()
-    if body.kind == "free":
+    if body.is_free:
         free = FreeObject.from_json(own)
         motion, about["joint"] = free.motion, free.stated_joint()
     elif "recorded_position" in body:

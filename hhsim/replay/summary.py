@@ -51,7 +51,7 @@ ONSET = 0.1
 REFERENCE_TICKS = 16
 """Number of ticks of the hold at which the reference optimum is computed."""
 HELD_OFF = 1e-6
-"""Distance [m] of a driven thing from its recorded place that the table tells."""
+"""Distance [m] of a driven body from its recorded place that the table tells."""
 
 GRAPHIC_HAND = ("graphic/position", "graphic/orientation", "graphic/flexion", "graphic/abduction")
 """Datasets from which figures of further runs start."""
@@ -266,7 +266,7 @@ def _floating(seen: SeenScene, figures: Mapping[str, float]) -> tuple[str, ...]:
 
 
 def _held_off(parts: MovingParts, first: RigidMotion) -> Iterator[str]:
-    """Yield by how much each driven thing is kept from its recorded place; `first` is the motion of the first thing."""
+    """Yield by how much each driven body is kept from its recorded place; `first` is the motion of the first body."""
     for name, motion in parts.driven.items():
         p, count = parts.names.index(name), len(parts.world)
         center = np.tile(parts.meshes[p].bounds.mean(axis=0), (count, 1))

@@ -37,7 +37,7 @@ class KeptColumns:
 class TickColumns:
     """Makes the columns of `hhsim.result.schema.TICK_COLUMNS`, block after block of one run.
 
-    `surface` is the object's, world; `parts` are those of a thing that has several, in place of it. Fingers that the
+    `surface` is that of the body, world; `parts` are several bodies, in place of it. Fingers that the
     options leave out have no penetration.
     """
 

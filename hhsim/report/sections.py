@@ -103,9 +103,7 @@ def run_facts(result: Result) -> dict[str, str]:
         "what the hand touches": f"the {result.surface}",
         "motion": motion_name(result),
         "its source": str(scene.get("motion_source") or NONE),
-        "the object's place": str(
-            (scene.get("placement") or {}).get("text") or (DRIVEN if result.driven else AS_GIVEN)
-        ),
+        "the object's place": str((scene.get("placement") or {}).get("text") or (DRIVEN if result.frame else AS_GIVEN)),
         "ticks": f"{result.ticks:,} at {result.rate:,g} Hz, {result.ticks / result.rate:,.2f} s",
         "hand": f"{side}, {1e3 * hand['length']:.0f} mm long" if "length" in hand else side,
         "fingers": "all five" if len(fingers) == len(FINGERS) else ", ".join(fingers) or "none",

@@ -42,6 +42,11 @@ class Body:
         return self.properties.get("joint")
 
     @property
+    def is_free(self) -> bool:
+        """True if forces move it."""
+        return self.kind == "free"
+
+    @property
     def moves(self) -> bool:
         """True if it has a pose at each tick."""
         return "position" in self.columns

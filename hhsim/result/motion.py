@@ -62,7 +62,7 @@ def _replay(result: Result) -> Trajectory:
         time,
         *haptic,
         phases=tuple(phases),
-        object_motion=result.body.poses() if result.driven else None,
+        object_motion=result.body.poses() if result.frame else None,
         **_origin(result),
     )
 

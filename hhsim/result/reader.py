@@ -181,7 +181,7 @@ class Result:
 
     def seen_by(self, view: View) -> "Result":
         """Result as transformed by `view`; itself where the frame stands still."""
-        return replace(self, view=view, _loaded={}) if self.driven and self.view is None else self
+        return replace(self, view=view, _loaded={}) if self.frame and self.view is None else self
 
     def poses(self, group: str, rows: slice = slice(None)) -> ObjectMotion:
         """Read the poses in a group at some ticks, world."""
@@ -209,10 +209,10 @@ class Result:
         It is in the view's frame, and empty for a single body that stands still there.
         """
         ticks = slice(rows, rows + 1) if isinstance(rows, int) else rows
-        if len(self.bodies) == 1 and (self.view is not None or not self.driven):
+        if len(self.bodies) == 1 and (self.view is not None or not self.frame):
             return ()
         moved = tuple(body.moved(ticks) for body in self.bodies.values())
-        if not self.driven or self.view is None:
+        if not self.frame or self.view is None:
             return moved
         now = self.moved_since_first(ticks)
         return tuple(RigidMotion(now.seen_orientations(one.turn), now.seen_points(one.shift)) for one in moved)
@@ -289,7 +289,7 @@ class Result:
             return InputError(f"{self.path}: {name} is a group; expected one of its datasets: {', '.join(inside)}")
         if name.startswith(f"{schema.LIVE}/") and self.live is None:
             return InputError(f"{self.path} has no dataset {name}: it is no live session")
-        if name.startswith(f"{schema.CONTACT}/") and not self.free:
+        if name.startswith(f"{schema.CONTACT}/") and not self.body.is_free:
             return InputError(f"{self.path} has no dataset {name}: contacts are stored where the object is free")
         return InputError(f"{self.path}: {UnknownNameError('dataset', name, self.keys())}")
 

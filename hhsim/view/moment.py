@@ -61,7 +61,7 @@ def clearest_view(
 ) -> View:
     """Return the view that shows most of a tick, as `viewpoint`; of several things most of the one that is moved."""
     rest, moved = None, result.meshes_moved(tick)
-    if result.free and len(moved) > 1:
+    if result.body.is_free and len(moved) > 1:
         meshes = [mesh for mesh, _ in scene.bodies.values()]
         body, rest = (mesh_surface(placed_mesh(meshes[of], moved[of]), STONE) for of in (slice(1), slice(1, None)))
     return viewpoint(shown.graphic, body, shown.contacts.point, shown.arrows, usual, rest=rest)

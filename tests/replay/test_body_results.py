@@ -196,8 +196,8 @@ def test_the_referee_finds_the_joint_of_a_hasty_hand_true(object_: str, motion: 
         ("chest", "tray/tick/velocity", HELD, [0.0, 1e-3, 0.0], "object velocity"),
         ("chest", "lid/tick/position", HELD, [0.0, 0.0, 1e-5], "joint"),
         ("blocks", "blue/tick/velocity", TICKS - 1, [0.0, 0.0, 1e-3], "Newton"),
-        ("blocks", "green/tick/body_wrench", TICKS - 1, [0.0, 0.0, 1e-3, 0.0, 0.0, 0.0], "between things"),
-        ("blocks", "blue/tick/position", TICKS - 1, [0.0, 0.0, -1e-5], "things apart"),
+        ("blocks", "green/tick/body_wrench", TICKS - 1, [0.0, 0.0, 1e-3, 0.0, 0.0, 0.0], "between bodies"),
+        ("blocks", "blue/tick/position", TICKS - 1, [0.0, 0.0, -1e-5], "bodies apart"),
     ],
 )
 def test_the_referee_finds_a_planted_fault(
@@ -256,7 +256,7 @@ def test_a_first_body_on_another_one_is_read_run_again_and_judged(tmp_path: Path
     assert run_again(result).identical
     claims = {claim.name: claim for claim in verify(result).claims}
     assert not [claim.name for claim in claims.values() if claim.failed]
-    assert {"Newton", "between things", "things apart"} <= claims.keys()
+    assert {"Newton", "between bodies", "bodies apart"} <= claims.keys()
 
 
 def test_a_scene_of_free_bodies_runs_on_spheres_of_its_usual_level(tmp_path: Path) -> None:

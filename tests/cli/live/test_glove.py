@@ -62,7 +62,10 @@ HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
             "--serial is for --device doglove or opengloves, not sim",
         ),
         (["--device", "left=sim,right=sim", "--hand", "left"], "--hand left is for one glove: two name their hands"),
-        (["--device", "left=sim,right=sim", "--free"], "--free is of one glove: two hands on a free object are not"),
+        (
+            ["--device", "left=sim,right=sim", "--free"],
+            "--free is of one glove: each of two gloves has a loop of its own",
+        ),
         (
             ["--device", "left=sim,right=sim", "--rerun", "a.rrd"],
             "--rerun shows one hand: leave it out with two gloves",
