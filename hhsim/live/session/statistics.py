@@ -115,7 +115,7 @@ def session_figures(
         lost: Records that were overwritten before they could be written, by ring.
 
     Returns:
-        The figures of `LiveTally.to_json` (p999 is the 99.9th percentile [s]), ticks kept free by reason
+        The figures of `LiveTally.to_json` (wakeup_p999 is the 99.9th percentile [s]), ticks kept free by reason
         (`kept_free_stale_input`), `missed`, the same by cause (`hhsim.metrics.session_faults.MISSED_BY`),
         `penetration_max` [m], and the lost records of each ring.
     """
