@@ -10,7 +10,7 @@ from hhsim.table.table import Column, Table, number, words
 
 from ..arguments import options
 from ..arguments.comma_list import counts, names
-from ..arguments.option_group import OptionGroup, option, shared
+from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
 from ..arguments.options import COUNT
 from ..console import print_notes, print_table, progress
 from .suite import SuiteTable, quick_or_whole
@@ -18,7 +18,7 @@ from .suite import SuiteTable, quick_or_whole
 Row = Mapping[str, Any]
 
 
-class Configurations(OptionGroup):
+class Configurations(OptionGroup, heading="Configurations"):
     """Configurations and scenes, each with each."""
 
     objects: tuple[str, ...] | None = names("--object", "Objects. Default: bunny,teapot,cube.")
@@ -33,13 +33,16 @@ class Configurations(OptionGroup):
         "Most linearisations in a tick. Default: 1,2,3,12; of method paper 1,2,3; of penalty 12.",
         1_000_000,
     )
-    quick: bool = option(is_flag=True, help="About a minute: the bunny, grasp and slide, levels 3 to 5.")
+    backends: tuple[str, ...] | None = names(
+        "--qp", "QP solvers beside ours, on a stretch of each object's first motion. Default: all that are installed."
+    )
+    quick: bool = option(is_flag=True, help="About a minute: the bunny, grasp and slide, levels 3 to 5, our QP solver.")
     repetitions: int = option(type=COUNT, default=3, metavar="N", help="Repetitions of every run.")
     rate: float = shared(options.rate)
     seed: int = shared(options.seed)
 
 
-@click.command(cls=options.Command)
+@click.command(cls=GroupedCommand)
 @Configurations.argument("configurations")
 @options.picture
 @click.option(
@@ -52,19 +55,19 @@ class Configurations(OptionGroup):
 def command(configurations: Configurations, plot: Path | None, peers: Path | None, output: options.Output) -> None:
     """Measure what a tick costs against how far off it is, for every way to solve the hand.
 
-    Methods, surfaces, tree levels and linearisations take turns on the same motions. Errors are measured
+    Methods, surfaces, tree levels, linearisations and QP solvers take turns on the same motions. Errors are measured
     against the true mesh, by coal, and against the converged optimum on it. A configuration is on the frontier if no
     other is both faster and better. The table goes to an HDF5 and a CSV file, with a picture beside them.
 
     \b
     Examples:
       hhsim bench speed-error --quick
-      hhsim bench speed-error --object cup --motion grasp --level 4,5
+      hhsim bench speed-error --object cup --motion grasp --level 4,5 --qp daqp
       hhsim bench speed-error --surface mesh --method coupled --linearisations 12
       hhsim bench speed-error --out tradeoff.h5 --plot tradeoff.png
     """
     from hhsim.bench.speed_error import QUICK, SpeedErrorOptions, measure
-    from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, remarks, table_rows
+    from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, remarks, table_rows, touched
     from hhsim.bench.table import rows_of
     from hhsim.report.bench_trade_off import draw_trade_off
     from hhsim.system.output_path import picture_beside
@@ -79,12 +82,16 @@ def command(configurations: Configurations, plot: Path | None, peers: Path | Non
     notes = remarks(runs)
     table.write(rows)
     draw_trade_off(picture, "speed-error", rows, others)
-    summed = chosen(rows, object=ALL, motion=ALL)
+    summed, solvers = chosen(rows, object=ALL, motion=ALL), chosen(rows, object=ALL, motion=ALL, stretch=True)
     by_object = [row for row in chosen(rows, motion=ALL) if row["object"] != ALL]
-    if table.is_for_people(configurations=summed, by_object=by_object, notes=notes):
+    if table.is_for_people(configurations=summed, by_object=by_object, qp_solvers=solvers, notes=notes):
         where = f"{', '.join(run.objects)}: {', '.join(run.motions)}"
         _print(f"Nothing is both faster and better ({where})", [r for r in summed if _frontier(r)], SHOWN)
         _print("Methods as they come, and on the mesh", [row for row in summed if _as_it_comes(row)], SHOWN)
+        if solvers:
+            how = f"{solvers[0]['method']}, {touched(solvers[0]['surface'], solvers[0]['level'])}"
+            title = f"QP solvers, {how}, on a stretch; all but ours are driven from Python"
+            _print(title, solvers, SOLVERS_SHOWN)
         print_notes(notes)
         table.print_paths()
 
@@ -126,4 +133,13 @@ SHOWN = (
     number("lag", "lag_ticks"),
     number("stuck", "stuck_ticks"),
     words("frontier", _frontier),
+)
+SOLVERS_SHOWN = (
+    words("QP solver", "qp"),
+    number("CPU p50", "tick_cpu_p50", "µs", 1),
+    number("p99", "tick_cpu_p99", "µs", 1),
+    number("wall p50", "tick_wall_p50", "µs", 1),
+    number("in surface", "penetration_max", "µm", 2),
+    number("off best pose", "off_optimum_mean", "mm", 3),
+    number("ticks"),
 )

@@ -298,7 +298,7 @@ COLUMNS: tuple[Column, ...] = (
 
 def table_rows(runs: Sequence[PeerRun]) -> list[Row]:
     """Return a row a run, then one for each method and object, then one for each method."""
-    rows = summed_rows(runs, attrgetter("peer"), _row)
+    rows = summed_rows(runs, runs, attrgetter("peer"), _row)
     groups = defaultdict(list)
     for row in rows:
         if not row["failed_runs"]:

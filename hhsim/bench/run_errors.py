@@ -257,17 +257,21 @@ def hand_clearance(hand: HandModel, surface: Any, placed: PlacedHand, limit: flo
     return np.asarray(np.minimum(palm, finger.min(axis=1)))
 
 
-def run_errors(scene: ErrorScene, surface: Any, options: SolverOptions, record: TickRecord) -> RunErrors:
-    """Measure a run on the surface of its options, world."""
+def run_errors(
+    scene: ErrorScene, surface: Any, options: SolverOptions, record: TickRecord, window: slice = slice(None)
+) -> RunErrors:
+    """Measure a run on the surface of its options, world; figures of holds are NaN unless `window` has all ticks."""
     placed = placed_of(record)
-    contact = np.flatnonzero(scene.contact)
-    clearance = _clearance(scene, surface, options, placed)
+    ticks = len(record.position)
+    contact = np.flatnonzero(scene.contact[window])
+    clearance = _clearance(scene, surface, options, placed, window)
     deepest = np.array([int(clearance.argmin())] if clearance.min(initial=0.0) < 0.0 else [], np.int64)
     # Spheres that protrude are touched before the haptic hand is near the mesh.
-    looked = np.flatnonzero(scene.contact | (clearance < 2.0 * options.touch))
+    looked = np.flatnonzero(scene.contact[window] | (clearance < 2.0 * options.touch))
     mesh = scene.referee.errors(surface, hand_shape(scene.hand), placed, options.touch, looked, deepest)
-    off = np.linalg.norm(placed.ends - scene.optimum.ends, axis=2).max(axis=1)[contact]
-    jump = metrics.posture_jump(scene.haptic_placed.points, placed.points)
+    off = np.linalg.norm(placed.ends - scene.optimum.at(window).ends, axis=2).max(axis=1)[contact]
+    jump = metrics.posture_jump(scene.haptic_placed.at(window).points, placed.points)
+    whole, closed = ticks == len(scene.contact), scene.referee.closed
     run = RunTicks(
         columns={
             "status": record.status,
@@ -276,22 +280,24 @@ def run_errors(scene: ErrorScene, surface: Any, options: SolverOptions, record: 
             "force/total": record.total,
             "force_variation_rate": metrics.force_variation_rate(record.total),
         },
-        ticks=len(record.position),
-        phases=scene.haptic.phases,
+        ticks=ticks,
+        phases=scene.haptic.phases if whole else (),
         rate=scene.haptic.rate,
         fingers=len(options.fingers),
     )
-    deep_and_off = float(np.maximum(mesh.mesh_depth_max, mesh.contact_error_max))
+    held = whole and bool(scene.holds)
     return RunErrors(
         penetration_max=run_figure("penetration_max", run),
         **asdict(mesh),
-        mesh_error=deep_and_off if scene.referee.closed else mesh.contact_error_max,
-        tracking_excess=_excess(scene, surface, options, record, clearance) if scene.holds else np.nan,
+        mesh_error=float(np.maximum(mesh.mesh_depth_max, mesh.contact_error_max) if closed else mesh.contact_error_max),
+        tracking_excess=_excess(scene, surface, options, record, clearance) if held else np.nan,
         off_optimum_mean=mean(off),
         off_optimum_max=worst(off),
         force_hold=run_figure("force_hold_mean", run),
         force_variation_hold=run_figure("force_variation_hold", run),
-        force_variation_tremor=first_hold_tremor(scene.hand, surface, options, scene.haptic, record, scene.seed),
+        force_variation_tremor=(
+            first_hold_tremor(scene.hand, surface, options, scene.haptic, record, scene.seed) if whole else np.nan
+        ),
         force_ripple=run_figure("force_ripple_hold", run),
         force_step=run_figure("force_step", run),
         posture_jump_max=metrics.statistics(jump).max,
@@ -301,15 +307,18 @@ def run_errors(scene: ErrorScene, surface: Any, options: SolverOptions, record: 
     )
 
 
-def _clearance(scene: ErrorScene, surface: Any, options: SolverOptions, placed: PlacedHand) -> FloatArray:
+def _clearance(
+    scene: ErrorScene, surface: Any, options: SolverOptions, placed: PlacedHand, window: slice
+) -> FloatArray:
     """Signed distance [m] of graphic hand and surface, shape (T,), at most twice the touching distance."""
     limit = 2.0 * options.touch
     if options.surface != "mesh":
         return hand_clearance(scene.hand, surface, placed, limit)
     # Triangles take a millisecond a tick, and a graphic hand on the free haptic one is as far away.
+    haptic = scene.haptic_placed.at(window)
     ticks = len(placed.position)
-    parts = [np.abs(one - other).reshape(ticks, -1).max(axis=1) for one, other in zip(placed, scene.haptic_placed)]
-    looked = np.flatnonzero(scene.contact | (np.max(parts, axis=0) > SAME_HAND))
+    parts = [np.abs(one - other).reshape(ticks, -1).max(axis=1) for one, other in zip(placed, haptic)]
+    looked = np.flatnonzero(scene.contact[window] | (np.max(parts, axis=0) > SAME_HAND))
     found = np.full(ticks, limit)
     found[looked] = hand_clearance(scene.hand, surface, placed.at(looked), limit)
     return found

@@ -1,4 +1,4 @@
-"""Speed against error: methods, surfaces, tree levels and linearisations on the same scenes, in one run.
+"""Speed against error: methods, surfaces, tree levels, linearisations and QP solvers on the same scenes, in one run.
 
 A scene is one motion of the catalogue on one object; its haptic input is made once, on the finest spheres. The runs
 take turns: all configurations of all scenes, then all again in the opposite order, so that other load of the machine
@@ -7,7 +7,7 @@ against the mesh and the optimum on it; the others must give the same poses.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from hhsim.scene.synthesis import synthesize
 from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.qp import ACTIVE_SET, available_backends
 from hhsim.solver.surface import SURFACES
 from hhsim.system.progress import Progress, silent
 from hhsim.system.settings_file import Count, Names, a_list, between, check_fields
@@ -40,7 +41,16 @@ USUAL: tuple[int, ...] = (1, 2, 3, 12)
 LINEARISATIONS: dict[str, tuple[int, ...]] = {"paper": (1, 2, 3), "penalty": (12,)}
 """Limits of the linearisations in a tick, by method, if not `USUAL`: `paper` makes all of them; `penalty` linearises
 once, and the number bounds the rounds of its step."""
-QUICK: dict[str, Any] = {"objects": ("bunny",), "motions": ("grasp", "slide"), "levels": (3, 4, 5), "hands": 40}
+STRETCH = (100, 50)
+"""Ticks before and after the start of the first hold that QP solvers are compared on: other solvers are driven from
+Python, at milliseconds a tick."""
+QUICK: dict[str, Any] = {
+    "objects": ("bunny",),
+    "motions": ("grasp", "slide"),
+    "levels": (3, 4, 5),
+    "backends": (),
+    "hands": 40,
+}
 """Options that take about a minute."""
 
 
@@ -57,6 +67,7 @@ class SpeedErrorOptions:
     levels: Annotated[tuple[Annotated[int, between(1, MOST_LEVEL)], ...], a_list("2, 3")] = (2, 3, 4, 5)
     # Limits in a tick; None for those of `LINEARISATIONS`.
     linearisations: Annotated[tuple[Count, ...], a_list("1, 12")] | None = None
+    backends: tuple[str, ...] | None = None  # QP solvers besides our own; None for all that are installed
     repetitions: Count = 3  # of every run
     rate: float = 1000.0  # tick rate [Hz]
     seed: int = 0  # of the tremor
@@ -70,8 +81,11 @@ class SpeedErrorOptions:
         if self.methods is None:
             known = tuple(name for name in METHODS if self.surfaces_of(name))
             object.__setattr__(self, "methods", known)
+        backends = available_backends() if self.backends is None else self.backends
+        object.__setattr__(self, "backends", tuple(name for name in backends if name != ACTIVE_SET))
         runs.check_scenes(self.objects, self.motions)
         check_known("method", self.methods or (), list(METHODS))
+        check_known("QP solver", self.backends or (), available_backends())
         for method in self.methods or ():
             if not self.surfaces_of(method):
                 # The solver raises its own error for this pair.
@@ -85,22 +99,24 @@ class SpeedErrorOptions:
 
 @dataclass(frozen=True)
 class Configuration:
-    """One way to solve the hand."""
+    """One way to solve the hand; `stretch` if for a part of the motion only, see `STRETCH`."""
 
     method: str
     level: int
     linearisations: int
+    qp: str = ACTIVE_SET
+    stretch: bool = False
     surface: str = "spheres"
 
     @property
     def is_default(self) -> bool:
         """True for the method's own defaults."""
-        usual = ("spheres", DEFAULT_LEVEL, usual_linearisations(self.method))
-        return (self.surface, self.level, self.linearisations) == usual
+        usual = ("spheres", DEFAULT_LEVEL, usual_linearisations(self.method), False)
+        return (self.surface, self.level, self.linearisations, self.stretch) == usual
 
     def solver_options(self) -> SolverOptions:
         """Return the options of the solver."""
-        return SolverOptions(method=self.method, surface=self.surface, linearisations=self.linearisations)
+        return SolverOptions(method=self.method, surface=self.surface, qp=self.qp, linearisations=self.linearisations)
 
 
 @dataclass
@@ -138,13 +154,27 @@ def usual_linearisations(method: str) -> int:
 
 
 def configurations(options: SpeedErrorOptions) -> list[Configuration]:
-    """Return the configurations, each of which runs every scene."""
+    """Return the configurations that run every scene, the whole motion."""
     return [
         Configuration(method, level, most, surface=surface)
         for method in options.methods or ()
         for surface in options.surfaces_of(method)
         for level in (options.levels if surface == "spheres" else (NO_LEVEL,))
         for most in options.linearisations or LINEARISATIONS.get(method, USUAL)
+    ]
+
+
+def backend_configurations(options: SpeedErrorOptions) -> list[Configuration]:
+    """Return the configurations of `coupled` with all QP solvers, for a stretch of the first motion on every object."""
+    method = "coupled"
+    if not options.backends or method not in (options.methods or ()):
+        return []
+    surface = options.surfaces_of(method)[0]
+    nearest = min(options.levels, key=lambda level: abs(level - DEFAULT_LEVEL))
+    level = nearest if surface == "spheres" else NO_LEVEL
+    return [
+        Configuration(method, level, usual_linearisations(method), qp, stretch=True, surface=surface)
+        for qp in (ACTIVE_SET, *options.backends)
     ]
 
 
@@ -155,6 +185,7 @@ def measure(options: SpeedErrorOptions, progress: Progress = silent) -> list[Run
     """
     require_coal()
     hand = HandModel.default()
+    whole, part = configurations(options), backend_configurations(options)
     for method in options.methods or ():
         for surface in options.surfaces_of(method):
             warm_up(hand, SolverOptions(method=method, surface=surface))
@@ -162,7 +193,7 @@ def measure(options: SpeedErrorOptions, progress: Progress = silent) -> list[Run
     work = [
         (scene, Run(scene.object_name, scene.motion, configuration))
         for scene in scenes
-        for configuration in configurations(options)
+        for configuration in (*whole, *(part if scene.motion == options.motions[0] else ()))
     ]
     for scene, run in runs.in_turns(work, options.repetitions, lambda _: "runs", progress):
         if not run.failure:
@@ -192,14 +223,24 @@ def _scenes(hand: HandModel, options: SpeedErrorOptions, progress: Progress) -> 
 
 def _repeat(hand: HandModel, scene: _Scene, run: Run) -> None:
     configuration, haptic = run.configuration, scene.errors.haptic
+    window = slice(0, haptic.tick_count)
+    if configuration.stretch:
+        begin = scene.errors.holds[0].start if scene.errors.holds else 0
+        window = slice(max(0, begin - STRETCH[0]), min(haptic.tick_count, begin + STRETCH[1]))
     surface, options = scene.surfaces[configuration.surface, configuration.level], configuration.solver_options()
-    contact = scene.errors.contact
+    contact = scene.errors.contact[window]
     try:
-        record = HandSolver(hand, surface, options).run(*HandConfiguration.of(haptic))
+        solver = HandSolver(hand, surface, options)
+        if window.start > 0:
+            # Where our own QP solver has the hand before the stretch, so that all solvers begin alike.
+            own = HandSolver(hand, surface, replace(configuration, qp=ACTIVE_SET).solver_options())
+            before = own.run(*HandConfiguration.of(haptic).part(0, window.start))
+            solver.place(*HandConfiguration.of(before).at(-1))
+        record = solver.run(*HandConfiguration.of(haptic).at(window))
         runs.check_finite(record)
         digest = runs.digest_of(record)
         if run.errors is None:
-            run.errors = runs.run_errors(scene.errors, surface, options, record)
+            run.errors = runs.run_errors(scene.errors, surface, options, record, window)
             run.digest, run.ticks = digest, len(record.position)
             run.candidates = record.work[contact, WORK_CANDIDATES]
             run.work = record.work[contact, WORK_UNITS]

@@ -13,6 +13,7 @@ from hhsim.arrays import AnyArray, FloatArray, IntArray
 from hhsim.bench.run_errors import RunErrors
 from hhsim.bench.speed_error import NO_LEVEL, Run
 from hhsim.bench.table import columns_of, metric_column, totals_of
+from hhsim.solver.qp import ACTIVE_SET
 from hhsim.table.table import Column
 
 Row = dict[str, Any]
@@ -30,6 +31,8 @@ COLUMNS: tuple[Column, ...] = (
     Column("surface", "what of the object the hand touches: the leaf spheres of its tree, or the mesh itself"),
     Column("level", f"level of the sphere tree; {NO_LEVEL} on the mesh, which has none"),
     Column("linearisations", "most linearisations in a tick"),
+    Column("qp", "QP solver"),
+    Column("stretch", "whether only a stretch of the motion was run, to set QP solvers side by side"),
     Column("is_default", "whether this is the method as it comes"),
     Column("ticks", "ticks that were run, each repetition"),
     Column("contact_ticks", "ticks with the haptic hand within 1 mm of the object or inside; times are of these"),
@@ -50,11 +53,15 @@ COLUMNS: tuple[Column, ...] = (
 
 
 def table_rows(runs: Sequence[Run]) -> list[Row]:
-    """Return a row a run, then one for each configuration and object, then one for each configuration."""
-    rows = summed_rows(runs, attrgetter("configuration"), _row)
+    """Return a row a run, then one for each configuration and object, then one for each configuration.
+
+    Runs of a stretch are summed up over all objects only.
+    """
+    whole = [run for run in runs if not run.configuration.stretch]
+    rows = summed_rows(runs, whole, attrgetter("configuration"), _row)
     groups = defaultdict(list)
     for row in rows:
-        if not row["failed_runs"]:
+        if not row["stretch"] and not row["failed_runs"]:
             groups[row["object"], row["motion"]].append(row)
     for group in groups.values():
         for flag, error in (("mesh_frontier", "mesh_error"), ("tracking_frontier", "off_optimum_mean")):
@@ -64,11 +71,11 @@ def table_rows(runs: Sequence[Run]) -> list[Row]:
 
 
 def summed_rows(
-    runs: Sequence[Any], way: Callable[[Any], Any], row: Callable[[str, str, Sequence[Any]], Row]
+    runs: Sequence[Any], whole: Sequence[Any], way: Callable[[Any], Any], row: Callable[[str, str, Sequence[Any]], Row]
 ) -> list[Row]:
-    """Return a row a run, then one for each way and object, then one for each way."""
+    """Return a row a run, then one for each way and object of whole runs, then one for each way, of all runs."""
     groups: dict[tuple[str, Any], list[Any]] = defaultdict(list)
-    for run in runs:
+    for run in whole:
         groups[run.object_name, way(run)].append(run)
     for run in runs:
         groups[ALL, way(run)].append(run)
@@ -76,9 +83,9 @@ def summed_rows(
     return rows + [row(name, ALL, group) for (name, _), group in groups.items()]
 
 
-def chosen(rows: Iterable[Row], **values: Any) -> list[Row]:
-    """Return the rows that have these values, such as object="all"."""
-    return [row for row in rows if all(row[name] == value for name, value in values.items())]
+def chosen(rows: Iterable[Row], *, stretch: bool = False, **values: Any) -> list[Row]:
+    """Return the rows of whole motions, or of stretches, that have these values, such as object="all"."""
+    return [row for row in rows if row["stretch"] == stretch and all(row[name] == v for name, v in values.items())]
 
 
 def touched(surface: str, level: int) -> str:
@@ -101,7 +108,7 @@ def remarks(runs: Sequence[Run]) -> list[str]:
         "them within this run, not between machines",
     ]
     changing = [run.configuration for run in runs if not run.repeatable]
-    different = sorted({one.method for one in changing})
+    different = sorted({one.method if one.qp == ACTIVE_SET else f"{one.method} with {one.qp}" for one in changing})
     if different:
         found.append(f"the poses of {', '.join(different)} differ between repetitions: they are not deterministic")
 
@@ -127,7 +134,7 @@ def _row(object_name: str, motion: str, runs: Sequence[Run]) -> Row:
         "object": object_name,
         "motion": motion,
         **asdict(configuration),
-        "is_default": configuration.is_default,
+        "is_default": configuration.is_default and configuration.qp == ACTIVE_SET,
         "ticks": sum(run.ticks for run in runs),
         "contact_ticks": cpu.size,
         "candidates_max": int(candidates.max(initial=0)),

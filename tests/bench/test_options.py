@@ -18,6 +18,7 @@ UNKNOWN: tuple[tuple[type, str, str, str], ...] = (
     (SpeedErrorOptions, "objects", "buny", "unknown object 'buny': did you mean bunny"),
     (SpeedErrorOptions, "motions", "grip", "unknown trajectory 'grip'"),
     (SpeedErrorOptions, "methods", "couple", "unknown method 'couple': did you mean coupled"),
+    (SpeedErrorOptions, "backends", "quadprg", "unknown QP solver 'quadprg'"),
     (SpeedErrorOptions, "surfaces", "mash", "unknown surface 'mash': did you mean mesh"),
     (TreesOptions, "objects", "bunyn", "bunny"),
     (PaperOptions, "methods", "best", "best"),

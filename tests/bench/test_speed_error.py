@@ -17,6 +17,7 @@ from hhsim.bench.speed_error import (
     Configuration,
     Run,
     SpeedErrorOptions,
+    backend_configurations,
     configurations,
     measure,
 )
@@ -35,6 +36,7 @@ SMALL = SpeedErrorOptions(
     surfaces=("spheres",),
     levels=(1, 2),
     linearisations=(12,),
+    backends=("clarabel",),
     repetitions=2,
     rate=50.0,
 )
@@ -58,7 +60,10 @@ def test_every_method_is_run_with_every_level_and_number_once() -> None:
 
 
 def test_every_configuration_runs_on_every_scene(small: list[Run]) -> None:
-    assert [run.configuration for run in small] == configurations(SMALL)
+    whole = [run for run in small if not run.configuration.stretch]
+    assert [run.configuration for run in whole] == configurations(SMALL)
+    part = [run for run in small if run.configuration.stretch]
+    assert [run.configuration for run in part] == backend_configurations(SMALL)
     for run in small:
         assert (run.object_name, run.motion) == ("cube", "touch")
         assert np.shape(run.cpu) == np.shape(run.wall) == (2, run.candidates.size)
@@ -69,7 +74,12 @@ def test_every_configuration_runs_on_every_scene(small: list[Run]) -> None:
         assert run.errors.penetration_max <= 1e-6
         assert run.work.shape == run.candidates.shape
         assert (run.work > 0).all()
-    assert len({run.candidates.size for run in small}) == 1, "the ticks in contact are the scene's, not the method's"
+    assert len({run.candidates.size for run in whole}) == 1, "the ticks in contact are the scene's, not the method's"
+    ours, other = part
+    assert ours.ticks == other.ticks < whole[0].ticks
+    assert ours.errors is not None
+    assert other.errors is not None
+    assert other.errors.off_optimum_max == pytest.approx(ours.errors.off_optimum_max, abs=1e-4)
 
 
 def test_the_mesh_is_a_configuration_beside_the_levels_of_spheres() -> None:
@@ -82,6 +92,10 @@ def test_the_mesh_is_a_configuration_beside_the_levels_of_spheres() -> None:
     ]
     for configuration in found:
         assert configuration.solver_options().surface == configuration.surface
+    (own, _) = backend_configurations(both)
+    assert (own.surface, own.level) == ("spheres", 2)
+    (own, _) = backend_configurations(replace(SMALL, surfaces=("mesh", "spheres")))
+    assert (own.surface, own.level) == ("mesh", NO_LEVEL)
 
 
 ZEROS = RunErrors(**dict.fromkeys(RunErrors.__dataclass_fields__, 0))
@@ -102,7 +116,7 @@ def made_up(object_name: str, motion: str, configuration: Configuration, cost: f
 
 
 def test_rows_sum_up_by_worst_mean_and_count() -> None:
-    one = Configuration("coupled", 4, 12)
+    one, two = Configuration("coupled", 4, 12), Configuration("coupled", 4, 12, "clarabel", stretch=True)
     runs = [
         made_up(*scene, one, cost, mesh_error=error, off_optimum_mean=off, lag_ticks=lag, force_variation_hold=change)
         for scene, cost, error, off, lag, change in (
@@ -111,14 +125,17 @@ def test_rows_sum_up_by_worst_mean_and_count() -> None:
             (("cup", "grasp"), 9e-3, 2e-4, 9e-3, 5, 0.7),
         )
     ]
+    runs.append(made_up("cup", "grasp", two, 1e-6))
     rows = table_rows(runs)
-    assert [(row["object"], row["motion"]) for row in rows] == [
-        ("cube", "touch"),
-        ("cube", "grasp"),
-        ("cup", "grasp"),
-        ("cube", ALL),
-        ("cup", ALL),
-        (ALL, ALL),
+    assert [(row["object"], row["motion"], row["stretch"]) for row in rows] == [
+        ("cube", "touch", False),
+        ("cube", "grasp", False),
+        ("cup", "grasp", False),
+        ("cup", "grasp", True),
+        ("cube", ALL, False),
+        ("cup", ALL, False),
+        (ALL, ALL, False),
+        (ALL, ALL, True),
     ]
     (cube,) = chosen(rows, object="cube", motion=ALL)
     assert (cube["mesh_error"], cube["lag_ticks"], cube["ticks"], cube["contact_ticks"]) == (3e-4, 7, 20, 8)
@@ -132,6 +149,8 @@ def test_rows_sum_up_by_worst_mean_and_count() -> None:
     assert everything["over_1ms"] == pytest.approx(1 / 3)
     assert everything["is_default"]
     assert everything["mesh_frontier"]
+    (part,) = chosen(rows, object=ALL, motion=ALL, stretch=True)
+    assert not part["mesh_frontier"], "a stretch competes with nobody"
     assert all(set(row) == {column.name for column in COLUMNS} for row in rows)
 
 
@@ -166,7 +185,7 @@ def test_a_run_that_fails_is_told_and_wins_nothing(monkeypatch: pytest.MonkeyPat
             return record
 
     monkeypatch.setattr("hhsim.bench.speed_error.HandSolver", Fragile)
-    runs = measure(replace(SMALL, levels=(1,), linearisations=(2, 12)))
+    runs = measure(replace(SMALL, levels=(1,), linearisations=(2, 12), backends=()))
     assert [(run.configuration.method, run.configuration.linearisations, run.failure) for run in runs] == [
         ("coupled", 2, "the graphic hand is not finite after tick 7"),
         ("coupled", 12, ""),

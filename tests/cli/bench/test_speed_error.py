@@ -9,7 +9,7 @@ from hhsim.bench.table import load_table
 
 COMMAND = (
     "bench speed-error --object cube --motion touch --method coupled,progressive --surface spheres --level 2 "
-    "--linearisations 12 --repetitions 1 --rate 33"
+    "--linearisations 12 --qp active-set --repetitions 1 --rate 33"
 )
 SMALL = COMMAND.split()
 
