@@ -108,7 +108,8 @@ class WorldSolver:
             engines = [hand.engine for hand in self.hands]
             alone = tuple(engine.tick_method for engine in engines if isinstance(engine, LinearisingEngine))
             qps = tuple(space.qp for space in self._spaces)
-            done = run_hands_apart(alone, two.method, qps, blocks, records, self._parts_move, two.qp)
+            both = (blocks[0], blocks[1]), (records[0], records[1])
+            done = run_hands_apart(alone, two.method, qps, *both, self._parts_move, two.qp)
         if done and any(record.status[done - 1] & STATUS_CAPACITY_EXCEEDED for record in records):
             raise two.workspace.full()
         return records
@@ -123,8 +124,7 @@ class WorldSolver:
             return False
         for space, fields in zip(self._spaces, kept):
             copy_configuration(fields["pose"][0], space.states[0].pose)
-        count = len(records[0].position)
-        return bool(find_meeting(two.method, records) < count)
+        return bool(find_meeting(two.method, (records[0], records[1])) < len(records[0].position))
 
     def _begin(self, haptic: Sequence[HapticBlock]) -> list[int]:
         """Place both hands, apart where they begin in each other; return the status bits of each first tick."""
