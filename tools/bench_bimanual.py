@@ -266,7 +266,8 @@ class Ours:
             for record in records
         ]
         bears = np.any([np.abs(record.total).max(axis=1) > 0.0 for record in records], axis=0)
-        self.course.keep(hands, moved, bears, 1e-9 * records[0].duration_cpu)
+        seconds: FloatArray = np.multiply(1e-9, records[0].duration_cpu)
+        self.course.keep(hands, moved, bears, seconds)
         self.course.lags += int(
             np.any([record.status & (STATUS_LAG | STATUS_STUCK) for record in records], axis=0).sum()
         )

@@ -8,7 +8,7 @@ import numpy as np
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.contact.hand_pairs import hands_nearest
-from hhsim.kernels.free.record import ObjectRecord
+from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
 from hhsim.kernels.free.side_by_side import find_meeting, run_hands_apart
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
 from hhsim.kernels.jit import as_argument
@@ -89,6 +89,11 @@ class WorldSolver:
         """Return the record of the free object in the last ticks as of one of the hands, see `FreeEngine.seen_by`."""
         assert self.engine is not None
         return self.engine.seen_by(hand)
+
+    @property
+    def all_ticks(self) -> ThingsRecord | None:
+        """Record of all bodies beside a free one in the last ticks; None where there are none."""
+        return None if self.engine is None else self.engine.all_ticks
 
     def _run(self, blocks: tuple[HapticBlock, ...], haptic: Sequence[HandConfiguration]) -> tuple[TickRecord, ...]:
         two = self._two
