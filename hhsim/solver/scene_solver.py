@@ -217,4 +217,4 @@ class SceneSolver:
     @property
     def all_ticks(self) -> ThingsRecord | None:
         """Record of all bodies beside a free one in the last ticks; None where there are none."""
-        return None if self._world.engine is None else self._world.engine.all_ticks
+        return self._world.all_ticks

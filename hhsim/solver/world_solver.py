@@ -8,7 +8,7 @@ import numpy as np
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.contact.hand_pairs import hands_nearest
-from hhsim.kernels.free.record import ObjectRecord
+from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
 from hhsim.kernels.free.side_by_side import find_meeting, run_hands_apart
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
 from hhsim.kernels.jit import as_argument
@@ -90,6 +90,11 @@ class WorldSolver:
         assert self.engine is not None
         return self.engine.seen_by(hand)
 
+    @property
+    def all_ticks(self) -> ThingsRecord | None:
+        """Record of all bodies beside a free one in the last ticks; None where there are none."""
+        return None if self.engine is None else self.engine.all_ticks
+
     def _run(self, blocks: tuple[HapticBlock, ...], haptic: Sequence[HandConfiguration]) -> tuple[TickRecord, ...]:
         two = self._two
         if two is None or not (self._has_free or self._parts_move or two.world.is_near):
@@ -108,7 +113,8 @@ class WorldSolver:
             engines = [hand.engine for hand in self.hands]
             alone = tuple(engine.tick_method for engine in engines if isinstance(engine, LinearisingEngine))
             qps = tuple(space.qp for space in self._spaces)
-            done = run_hands_apart(alone, two.method, qps, (blocks[0], blocks[1]), records, self._parts_move, two.qp)
+            both = (blocks[0], blocks[1]), (records[0], records[1])
+            done = run_hands_apart(alone, two.method, qps, *both, self._parts_move, two.qp)
         if done and any(record.status[done - 1] & STATUS_CAPACITY_EXCEEDED for record in records):
             raise two.workspace.full()
         return records
@@ -123,8 +129,7 @@ class WorldSolver:
             return False
         for space, fields in zip(self._spaces, kept):
             copy_configuration(fields["pose"][0], space.states[0].pose)
-        count = len(records[0].position)
-        return bool(find_meeting(two.method, (records[0], records[1])) < count)
+        return bool(find_meeting(two.method, (records[0], records[1])) < len(records[0].position))
 
     def _begin(self, haptic: Sequence[HapticBlock]) -> list[int]:
         """Place both hands, apart where they begin in each other; return the status bits of each first tick."""

@@ -41,7 +41,7 @@ BESIDE = 0.001
 class Run(NamedTuple):
     """Ticks of both hands, and the object's."""
 
-    hands: tuple[TickRecord, TickRecord]
+    hands: tuple[TickRecord, ...]
     object: ObjectRecord
 
 
@@ -72,12 +72,14 @@ class Pressed:
         free = FreeObject.of_mesh(mesh, mass=MASS, friction=friction, gravity=(0.0, 0.0, 0.0))
         stiffness = Stiffness(SPRING, 1e4, 1e4)
         self.solver = two_handed(mesh, free, (tongs(), tongs()), others, fingers=("index",), stiffness=stiffness)
+        engine: Any = self.solver.engine
+        self.bodies = engine.world.bodies
         self.way = pressing(60, height)
         self.approach = Run(self.solver.run(*self.way), self.solver.object_ticks(0))
 
     def load(self, weight: float, ticks: int) -> Run:
         """Run some ticks with a weight [N]."""
-        self.solver.engine.world.bodies[0].gravity[2] = -weight / MASS
+        self.bodies[0].gravity[2] = -weight / MASS
         held = [HandConfiguration(*(np.repeat(values[-1:], ticks, axis=0) for values in one)) for one in self.way]
         return Run(self.solver.run(*held), self.solver.object_ticks(0))
 
@@ -103,19 +105,19 @@ def test_a_block_between_two_hands_bears_another_one_which_falls_with_it_when_th
     mesh = box([0.02] * 3, np.array([0.0, 0.0, 0.5 * EDGE + 0.01 + 1e-6]))
     upper = FreeObject.of_mesh(mesh, mass=0.1, friction=FRICTION, gravity=(0.0, 0.0, 0.0))
     block = Pressed(others=[Thing(contact_surface("mesh", mesh, None), upper, name="upper")])
-    bodies = block.solver.engine.world.bodies
+    bodies = block.bodies
     for share in np.linspace(0.05, 0.5, 20):
         bodies[1].gravity[2] = -0.4 * share * MOST / 0.1
         block.load(share * MOST, 10)
     block.load(0.5 * MOST, 400)
     held = block.load(0.5 * MOST, 100)
-    ticks = block.solver.engine.all_ticks
+    ticks = block.solver.all_ticks
     assert ticks is not None
     assert all(np.ptp(thing.shift, axis=0).max() < 1e-9 for thing in ticks.things)
     np.testing.assert_allclose(ticks.thing_wrench[:, -1, 2], [-0.2 * MOST, 0.2 * MOST], rtol=1e-6)
     assert sum(each.total[-1, 2] for each in held.hands) == pytest.approx(-0.7 * MOST, rel=1e-6)
     block.load(1.2 * MOST, 60)
-    falling = block.solver.engine.all_ticks
+    falling = block.solver.all_ticks
     assert falling is not None and falling.things[0].velocity[-1, 2] < -0.1
     # The upper one weighs 0.2 of that: alone it would fall faster, and both fall as one.
     assert falling.things[1].velocity[-1, 2] == pytest.approx(falling.things[0].velocity[-1, 2], abs=1e-6)
@@ -209,7 +211,7 @@ def test_hands_that_begin_in_a_second_thing_and_in_each_other_are_freed_of_all(b
     records = solver.run(*(HandConfiguration(at[None], *posture) for at in (other, begin)))
     # Hands that pull on things from both sides may be on their way in the first tick.
     assert [int(each.status[0]) & ~STATUS_LAG for each in records] == [both * STATUS_START_INSIDE, STATUS_START_INSIDE]
-    ticks = solver.engine.all_ticks
+    ticks = solver.all_ticks
     assert ticks is not None
     away = [things_clearance(hand, meshes, record, ticks.things) for hand, record in zip(hands, records)]
     placed = [PlacedHand(record.joints, record.position, record.orientation) for record in records]
