@@ -304,9 +304,9 @@ def command(
     solid = solver.surface != "mesh"
     said = free.words()
     links = said.given() if said is not None and names_a_linkage(object_) else None
-    about: dict[str, Any] = {"unit": mesh_file.unit, "free": links, "solid": solid}
-    about |= {name: metres(getattr(mesh_file, name)) for name in ("size", "thickness")}
-    bodies = load_object(object_, worn[0][1][2], **about)
+    of_mesh: dict[str, Any] = {"unit": mesh_file.unit, "free": links, "solid": solid}
+    of_mesh |= {name: metres(getattr(mesh_file, name)) for name in ("size", "thickness")}
+    bodies = load_object(object_, worn[0][1][2], **of_mesh)
     mesh = bodies.mesh
     if len(bodies.solid) > 1 and said is not None and links is None:
         raise click.UsageError(f"--free is for one object: '{object_}' says itself which bodies are free")
