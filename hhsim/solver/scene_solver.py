@@ -164,6 +164,14 @@ def _free_object(body: Body, plane: HalfSpace | None) -> FreeObject:
     return FreeObject(**vars(body.motion), **about)
 
 
+def standing_apart(scene: Scene, surface: str) -> Scene:
+    """Return a scene in which no free body begins in the spheres of another one, if these are the surface."""
+    if surface != "spheres" or len(scene.solids) < 2:
+        return scene
+    solids = {body.name: body for body in raised(scene.solids)}
+    return replace(scene, bodies=tuple(solids.get(body.name, body) for body in scene.bodies))
+
+
 class SceneSolver:
     """Runs the ticks of a scene; the records of each block are as the engine's frame sees the hands.
 
@@ -172,10 +180,8 @@ class SceneSolver:
     """
 
     def __init__(self, scene: Scene, options: SolverOptions) -> None:
-        if options.surface == "spheres" and len(scene.solids) > 1:
-            solids = {body.name: body for body in raised(scene.solids)}
-            scene = replace(scene, bodies=tuple(solids.get(body.name, body) for body in scene.bodies))
-        self.scene, self.seen = scene, seen_scene(scene)
+        self.scene = standing_apart(scene, options.surface)
+        self.seen = seen_scene(self.scene)
         self.options = options.at_rate(scene.ticks.rate)
         kind, free, two = self.options.surface, self.seen.free, len(scene.hands) > 1
         self.is_jointed = self.seen.parts is not None and free is None

@@ -19,6 +19,7 @@ from hhsim.result.schema import FRAME
 from hhsim.scene import body as scene_body
 from hhsim.scene.declared_bodies import load_bodies
 from hhsim.scene.motion_catalogue import resolve_trajectory
+from hhsim.scene.overlap import MOST_RAISED
 from hhsim.scene.synthesis import carried
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.file_checks import own_script
@@ -104,7 +105,8 @@ def _declared(result: Result, again: bool) -> list[Claim]:
     if declared.keys() != result.bodies.keys():
         wrong.append(f"there are {', '.join(result.bodies)}, and declared {', '.join(declared)}")
     for each in set(declared) & set(result.bodies):
-        body, stored = declared[each], result.bodies[each]
+        stored = result.bodies[each]
+        body = _risen(declared[each], stored)
         off = np.maximum(off, _off_place(body, stored))
         wrong += [f"{each} has another {label}" for label in _other_labels(body, plane, stored)]
     off[0] = np.inf if wrong else off[0]
@@ -129,6 +131,15 @@ def _placed(result: Result, again: bool) -> tuple[scene_body.Body | scene_body.H
     carrier = result.poses(FRAME) if result.frame == FRAME else None
     ticks: Any = SimpleNamespace(time=np.asarray(result["time"]), object_motion=carrier)
     return replace(bodies, trees=trees).placed(ticks, frame)
+
+
+def _risen(body: scene_body.Body, stored: Body) -> scene_body.Body:
+    """Return a free body where it may have been raised off the spheres of another one."""
+    motion, way = body.motion, float(stored.vertices[0, 2] - body.placed_mesh.vertices[0, 2])
+    if not isinstance(motion, scene_body.Free) or stored.result.surface != "spheres" or not 0.0 < way <= MOST_RAISED:
+        return body
+    x, y, z = motion.center
+    return replace(body, position=body.position + [0.0, 0.0, way], motion=replace(motion, center=(x, y, z + way)))
 
 
 def _off_place(body: scene_body.Body, stored: Body) -> FloatArray:

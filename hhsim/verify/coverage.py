@@ -12,7 +12,8 @@ from hhsim.system.hdf5_input import open_hdf5
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim, all_true
 
 JUDGES: dict[str, str] = {
-    "": "hand/live/[se]*@* phase/*@* tick/frame/*@* hand/skin/*",
+    "": "hand/live/[se]*@* phase/*@* tick/frame/*@* hand/skin/* "
+    "summary@tracking_excess summary@force_variation_tremor* summary@free_off_max",
     "columns": "*@units *@long_name",
     "time": "tick/time scene.rate scene.solver.period",
     "between hands": "tick/between/*",
@@ -83,6 +84,10 @@ JUDGES: dict[str, str] = {
     "bodies as declared": "body.friction body.torsion body.table_friction body.hinge* body.slider* body.joint* "
     "scene.object scene.object_mesh",
     "complete": "@complete",
+    "input depth": "summary@input_depth_max",
+    "correction": "summary@correction_*",
+    "contacts off the mesh": "summary@contact_error_max",
+    "depth in itself": "summary@self_depth_*",
     "summary": "summary@*",
     "session figures": "summary@*",
     "scene": "body@kind scene.ticks scene.hand.palm_spheres scene.modelled.* scene.object_spheres scene.hands_apart "
@@ -139,7 +144,8 @@ def _labels(stated: Mapping[str, Any]) -> Iterator[str]:
 def judges(item: str) -> frozenset[str]:
     """Return the names of the claims that may judge an item."""
     found = {claim for claim, patterns in JUDGES.items() if any(fnmatchcase(item, of) for of in patterns.split())}
-    return frozenset() if "" in found else frozenset(found)
+    own = found - {"summary", "session figures"}
+    return frozenset() if "" in found else frozenset(own or found)
 
 
 def unjudged_claim(result: Result, claims: Sequence[Claim]) -> Claim:

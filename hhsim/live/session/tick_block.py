@@ -16,7 +16,7 @@ from hhsim.replay.stored_scene import body_name, body_part, body_parts
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.replay.tick_rows import body_rows, contact_rows, free_columns, seen_hand, shown_columns, stored_contacts
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import seen_scene
+from hhsim.solver.scene_solver import seen_scene, standing_apart
 
 Columns = dict[str, AnyArray]
 
@@ -25,12 +25,13 @@ class SessionColumns:
     """Builds columns of hand and bodies, and of /contact, block by block, with the options of the loop."""
 
     def __init__(self, setup: LiveSetup, options: SolverOptions) -> None:
-        seen = None if setup.bodies is None else seen_scene(setup.bodies)
+        scene = None if setup.bodies is None else standing_apart(setup.bodies, options.surface)
+        seen = None if scene is None else seen_scene(scene)
         self.parts = None if seen is None or seen.parts is None else _with_room(seen.parts)
         kind, place = "fixed" if setup.free is None else "free", ObjectMotion(*setup.object_pose())
         self.bodies = {body_name(setup.mesh.name): body_part(kind, setup.mesh, setup.tree, place, setup.free)}
-        if seen is not None and setup.bodies is not None:
-            self.bodies = body_parts(setup.bodies, seen)
+        if scene is not None and seen is not None:
+            self.bodies = body_parts(scene, seen)
         self._columns = TickColumns(setup.contact_surface().arrays, setup.hand, options, self.parts)
         self._is_free = setup.recorded_bodies > 0
         self._pose = setup.object_pose()
