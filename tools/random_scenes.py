@@ -301,12 +301,11 @@ def draw(kind: str, seed: int, number_: int, ticks: int = SCENE_TICKS) -> Case:
     drawing = Drawing(rng, ticks, surface)
     KINDS[kind](drawing)
     sides: Any = ["right", "left"] if count == 2 else [["right", "left"][rng.integers(2)]]
-    moves = any(isinstance(body, Body) and isinstance(body.motion, Free) for body in drawing.bodies)
     hands, time_ = [], np.arange(ticks, dtype=np.float64) / 1000.0
     for side, model in zip((1.0, -1.0), map(HandModel.default, sides)):
         trajectory = Trajectory(time_, *motion_of(drawing, model, side), hand=model.side, name="random")
         hands.append(Hand(model, trajectory, trajectory.resampled(1000.0)))
-    options = SolverOptions(surface=surface, self_contact=bool(rng.random() < 0.3) and not moves)
+    options = SolverOptions(surface=surface, self_contact=bool(rng.random() < 0.3))
     scene = Scene(tuple(hands), tuple(drawing.bodies), {"object_name": kind})
     return Case(scene, options, drawing.solids, release_of(ticks) == RELEASE)
 
