@@ -130,7 +130,16 @@ def _placed(result: Result, again: bool) -> tuple[scene_body.Body | scene_body.H
     frame: Any = SimpleNamespace(object_position=place[0], object_orientation=place[1], name=at.name)
     carrier = result.poses(FRAME) if result.frame == FRAME else None
     ticks: Any = SimpleNamespace(time=np.asarray(result["time"]), object_motion=carrier)
-    return replace(bodies, trees=trees).placed(ticks, frame)
+    placed = replace(bodies, trees=trees).placed(ticks, frame)
+    if result.live is None:
+        return placed
+    # In a session driven bodies stay where they begin.
+    return tuple(
+        replace(body, motion=scene_body.Fixed())
+        if isinstance(body, scene_body.Body) and isinstance(body.motion, scene_body.Driven)
+        else body
+        for body in placed
+    )
 
 
 def _risen(body: scene_body.Body, stored: Body) -> scene_body.Body:
