@@ -31,7 +31,7 @@ JUDGES: dict[str, str] = {
     "lag": "hand/tick/lag",
     "abduction": "hand/tick/haptic/abduction",
     "fingertips": "hand/tick/haptic/flexion hand/tick/force/fingertip_normal scene.solver.stiffness.contact",
-    "stationarity": "hand/tick/haptic/flexion scene.solver.stiffness.flexion",
+    "stationarity": "hand/tick/haptic/flexion scene.solver.stiffness.flexion scene.solver.surface",
     "hand's balance": "hand/tick/haptic/flexion hand/tick/force/phalanx hand/tick/force/total "
     "scene.solver.stiffness.flexion",
     "free hand": "hand/tick/haptic/flexion",
@@ -39,12 +39,13 @@ JUDGES: dict[str, str] = {
     "scene.solver.stiffness.translation scene.solver.stiffness.rotation",
     "kinematics": "hand/tick/graphic/*",
     "depth": "hand/tick/penetration_* scene.solver.surface",
+    "complementarity": "scene.solver.surface",
     "force balance": "hand/tick/force/phalanx hand/tick/force/total scene.solver.force",
     "Eq. 14": "hand/tick/force/phalanx hand/tick/force/total scene.solver.force",
     "force variation": "hand/tick/force_variation_rate",
     "finger variation": "hand/tick/force_variation_finger",
     "durations": "hand/tick/duration/* scene.solver.method",
-    "touching pairs": "hand/tick/contacts/touching scene.solver.touch",
+    "touching pairs": "hand/tick/contacts/touching",
     "candidates": "hand/tick/contacts/candidates hand/tick/work/bodies scene.solver.margin",
     "work": "hand/tick/work/[!b]* scene.solver.linearisations",
     "hand": "hand/palm_* hand/base hand/d* hand/phalanx_* hand/flexion_* hand/abduction_* "
