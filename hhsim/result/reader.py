@@ -159,16 +159,6 @@ class Result:
         """First body, which free contacts are of."""
         return next(iter(self.bodies.values()))
 
-    @property
-    def free(self) -> bool:
-        """True if forces move the first body; its contacts are under `contact/`."""
-        return self.body.kind == "free"
-
-    @property
-    def driven(self) -> bool:
-        """True if the frame that hands were solved in moves."""
-        return bool(self.frame)
-
     @cached_property
     def contacts(self) -> Contacts:
         """Contacts of the first body as this hand counts them."""

@@ -46,7 +46,7 @@ def again_claims(result: Result, progress: Progress) -> list[Claim]:
         return [*claims, Claim("again: ticks", _TICKS, NOT_JUDGED, note=str(error))]
     claims.append(_ticks(again))
     # The summary of a free object, or of parts that move, has none of them.
-    if result.complete and result.live is None and not result.free and len(result.bodies) == 1:
+    if result.complete and result.live is None and not result.body.is_free and len(result.bodies) == 1:
         seen = result.seen_from_object
         haptic = HandConfiguration(*(np.array(seen[f"haptic/{name}"]) for name in HandConfiguration._fields))
         own = figures_of_own_runs(hand, stored_surface(result), options, haptic, result_ticks(result))
@@ -96,8 +96,8 @@ def _motion(result: Result) -> Claim:
     made_of = {f"haptic/{part}": getattr(wanted, part) for part in HandConfiguration._fields}
     still = ObjectMotion(*(values[None] for values in result.body.place))
     carrier = ticks.object_motion
-    if (result.driven and not result.free) or carrier is not None:
-        stored_poses = result.poses(result.frame) if result.driven else still.at(np.zeros(result.ticks, np.int64))
+    if (result.frame and not result.body.is_free) or carrier is not None:
+        stored_poses = result.poses(result.frame) if result.frame else still.at(np.zeros(result.ticks, np.int64))
         poses = stored_poses, carrier or still.at(np.zeros(ticks.tick_count, np.int64))
         off[:count] = np.max([difference(a[:count], b[:count]).max(axis=1) for a, b in zip(*poses)], axis=0)
     for p, body in enumerate(result.bodies.values() if parts is not None else ()):

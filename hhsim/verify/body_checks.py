@@ -56,7 +56,7 @@ def _carried(result: Result) -> list[Claim]:
     """Judge an object that a script of the catalogue, with samples at the ticks, carries, or that is said to stand."""
     script, fixed = own_script(result), result.scene.get("object_pose") == "fixed"
     step = 0.0 if script is None else script.rate / result.rate
-    if result.free or not result.driven or not (fixed or (step > 0.0 and step.is_integer())):
+    if result.body.is_free or not result.frame or not (fixed or (step > 0.0 and step.is_integer())):
         return []
     poses, off, note = result.poses(result.frame), np.full(result.ticks, np.inf), "the scene says that it is fixed"
     if script is not None and not fixed:
@@ -73,9 +73,9 @@ def _carried(result: Result) -> list[Claim]:
 
 def _at_first(result: Result) -> list[Claim]:
     """Judge where the frame that hands are solved in begins, which is where the meshes are."""
-    if not result.driven:
+    if not result.frame:
         return []
-    poses, body, free = result.poses(result.frame).at(0), result.body, result.free
+    poses, body, free = result.poses(result.frame).at(0), result.body, result.body.is_free
     place = body.place if len(result.bodies) == 1 or free else poses
     first = max(float(np.abs(values - stored).max()) for values, stored in zip(poses, place, strict=True))
     tolerance = 0.0
@@ -157,7 +157,7 @@ def _off_place(body: scene_body.Body, stored: Body) -> FloatArray:
     if mesh.vertices.shape != stored.vertices.shape or not np.array_equal(mesh.faces, stored.faces):
         return np.full(count, np.inf)
     # Beside a free body the mesh is stored in the world at the start, else in the body's own frame.
-    begun = body.placed_mesh if stored.result.free else mesh
+    begun = body.placed_mesh if stored.result.body.is_free else mesh
     whole = np.abs(stored.vertices - begun.vertices).max()
     off = np.full(count, np.inf if (stored.kind == "free") != isinstance(body.motion, scene_body.Free) else whole)
     if stored.kind == "free":
@@ -183,7 +183,7 @@ def _off_place(body: scene_body.Body, stored: Body) -> FloatArray:
 def _other_labels(body: scene_body.Body, plane: scene_body.HalfSpace | None, stored: Body) -> list[str]:
     """Names of the stored properties of a body that are not those declared."""
     joint, own = body.joint, dict[str, Any]()
-    if not stored.result.free:
+    if not stored.result.body.is_free:
         own = {"joint": asdict(joint)} if joint is not None and "joint" in stored else {}
     else:
         own = {"friction": body.friction, "torsion": body.torsion, "table": plane and plane.height}

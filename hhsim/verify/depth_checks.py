@@ -72,14 +72,14 @@ def _candidates(judge: JudgedTicks) -> list[Claim]:
     Skipped after a tick that moved, since a prediction may begin elsewhere. On a mesh only triangles within a step's
     reach (twice the final step) are listed.
     """
-    if not judge.safe or (judge.result.free and len(judge.result.bodies) > 1):
+    if not judge.safe or (judge.result.body.is_free and len(judge.result.bodies) > 1):
         # Pairs with other things count, too, and are not in the file.
         return []
     result, near, chosen = judge.result, judge.listed, judge.chosen[judge.asked]
     after = np.minimum(chosen + 1, result.ticks - 1)
     steps = np.asarray(result["work/linearisations"])[after]
     full = judge.status & CAPACITY_EXCEEDED > 0
-    rests = result.free | (judge.last_step[chosen] <= RESTS * float(judge.options["step_tolerance"]))
+    rests = result.body.is_free | (judge.last_step[chosen] <= RESTS * float(judge.options["step_tolerance"]))
     rests &= ~judge.carried[after]
     looked = rests & (after > chosen) & follows(result)[after] & ~full[after] & ~full[chosen] & (steps > 0)
     wrong = np.zeros(len(after), bool)

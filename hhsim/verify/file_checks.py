@@ -191,7 +191,7 @@ def _work(result: Result) -> list[Claim]:
     # Two hands that meet look at each other besides, as often as their steps would bring together what has no row.
     most += np.iinfo(np.int64).max // 2 * bool(result.scene.get(HANDS_APART))
     # Rows of a free object's table, of the other hand and of the hand's own parts are no contacts with the object.
-    own_rows = result.free or result.scene.get(HANDS_APART) or result.scene["solver"].get("self_contact", False)
+    own_rows = result.body.is_free or result.scene.get(HANDS_APART) or result.scene["solver"].get("self_contact", False)
     least += (UNITS_ROW if own_rows else UNITS_CONTACT + UNITS_ROW) * rows
     outside = (work["units"] < least) | (work["units"] > most)
     # A hand that gives way to parts makes more, in as many sub-steps as they take.

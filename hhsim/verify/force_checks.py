@@ -35,7 +35,7 @@ def force_claims(judge: JudgedTicks) -> list[Claim]:
         note = "the method is not hhsim's, " + ("and these are what it said" if given else "and said none")
         return [*claims, Claim(NAME, SAYS, NOT_JUDGED, note=note)]
     claims.append(_fingertips(judge))
-    if judge.result.free:
+    if judge.result.body.is_free:
         # Friction has other claims: `hhsim.verify.free_object_checks`.
         return claims
     method, force = judge.options["method"], judge.options["force"]

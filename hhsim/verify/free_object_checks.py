@@ -47,7 +47,7 @@ SIDES_OF_CONE = 8
 
 def free_claims(result: Result) -> list[Claim]:
     """Judge what the file claims of a free object, or of several bodies; none where none is free."""
-    if not result.free:
+    if not result.body.is_free:
         return []
     motion = FreeMotion(result)
     bodies = [motion, *(FreeBody(result, body) for body in list(result.bodies.values())[1:])]

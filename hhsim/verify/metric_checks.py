@@ -108,9 +108,9 @@ def required_figures(result: Result) -> set[str]:
     names = {"ticks"} | {
         name
         for name, metric in metrics.items()
-        if not (metric.own_run or metric.moving_hold_only) and (result.free or not metric.free_only)
+        if not (metric.own_run or metric.moving_hold_only) and (result.body.is_free or not metric.free_only)
     }
-    if result.free or len(result.bodies) > 1:
+    if result.body.is_free or len(result.bodies) > 1:
         # No further run of the solver is of an object, or parts of it, that move.
         return names
     names.add("tracking_excess")
@@ -142,7 +142,7 @@ def motion_claim(result: Result) -> Claim:
     held = result.scene.get("samples") == "hold"
     seq, off = np.asarray(result["input_seq"]), np.full(result.ticks, np.nan)
     names = [f"haptic/{name}" for name in HandConfiguration._fields]
-    if result.driven and not result.free:
+    if result.frame and not result.body.is_free:
         names += [f"{result.frame}/{column.name}" for column in POSE_COLUMNS]
     for column in names:
         rows = np.asarray(result[column]).reshape(result.ticks, -1)

@@ -165,7 +165,7 @@ def _described(result: Result) -> Claim:
         "modelled.object_spheres": (modelled["object_spheres"], leaf),
         "modelled.all_pairs": (modelled["all_pairs"], (PALM + palm) * leaf),
         "modelled.not_modelled": (modelled["not_modelled"], _left_out(result)),
-        "friction_law": (scene.get("friction_law"), LAW if result.free else None),
+        "friction_law": (scene.get("friction_law"), LAW if result.body.is_free else None),
         "tree_options.level": ((scene.get("tree_options") or {}).get("level", depth), depth),
         "hand.side": (scene["hand"]["side"], result.name),
         "bodies": ([body.name for body in result.bodies.values() if not _is_of_kind(body)], []),
@@ -179,7 +179,7 @@ def _described(result: Result) -> Claim:
 
 
 def _left_out(result: Result) -> list[str]:
-    own = [*([] if result.free else ["friction", "dynamics"]), "deformation"]
+    own = [*([] if result.body.is_free else ["friction", "dynamics"]), "deformation"]
     return own if result.scene["solver"].get("self_contact") else [*own, "finger-to-finger contact"]
 
 
@@ -188,7 +188,7 @@ def _apart(result: Result) -> dict[str, tuple[bool, bool]]:
     if result.other is None or BETWEEN_COLUMNS[0].name not in result or "recording" in result.scene:
         return {}
     solver = result.scene["solver"]
-    own = result.free or (solver["method"] in ("coupled", "progressive") and solver["qp"] == "active-set")
+    own = result.body.is_free or (solver["method"] in ("coupled", "progressive") and solver["qp"] == "active-set")
     return {HANDS_APART: (bool(result.scene.get(HANDS_APART)), own)}
 
 

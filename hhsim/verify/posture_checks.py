@@ -87,7 +87,7 @@ def _of_others(judge: JudgedTicks) -> BoolArray:
     spent = np.asarray(result["work/linearisations"]) >= judge.options["linearisations"]
     spent |= np.asarray(result["work/units"]) >= judge.options["budget"]
     spent |= status & (CAPACITY_EXCEEDED | ABDUCTION_HELD) > 0
-    several = first and result.free and len(result.bodies) > 1
+    several = first and result.body.is_free and len(result.bodies) > 1
     return np.asarray(several & spent & (status & (STUCK | NO_PLACE) == 0))
 
 

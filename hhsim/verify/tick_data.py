@@ -58,7 +58,7 @@ LOOP_DIED = "the loop failed or was killed"
 
 def other_hand(result: Result) -> Result | None:
     """Return the result of the other of two hands that keep apart, in the same frame; None where there is none."""
-    if result.other is None or not (result.free or result.scene.get(HANDS_APART)):
+    if result.other is None or not (result.body.is_free or result.scene.get(HANDS_APART)):
         return None
     return result.other if result.view is None else result.other.seen_by(result.view)
 
@@ -259,7 +259,7 @@ class JudgedTicks:
     @cached_property
     def near(self) -> Nearness:
         """Near pairs at all chosen ticks; counts of listed pairs and bodies are valid where a library is asked."""
-        wide = len(self.asked) == len(self.chosen) or self.result.free
+        wide = len(self.asked) == len(self.chosen) or self.result.body.is_free
         return self._nearness(np.arange(len(self.chosen)), self._listed if wide else 2.0 * self.bearing)
 
     @cached_property

@@ -121,7 +121,7 @@ def verify(
     mesh, depth = _mesh_claim(judge, claims, report)
     claims += [mesh, contact_error_claim(judge), motion_claim(result), *input_hand_claims(judge)]
     claims += [*metric_claims(result), *session_claims(result), *origin_claims(result, again), *free_claims(result)]
-    if result.free:
+    if result.body.is_free:
         claims += [free_hand_claim(JudgedTicks(result, numbers)), free_complementarity_claim(judge)]
     if again:
         claims += again_claims(result, report)

@@ -116,7 +116,7 @@ def test_both_hands_of_a_recording_and_its_object_are_replayed_by_one_command(ru
     assert summaries[0]["correction_joint_mean"] > 1e-3
     for side in SIDES:
         result = load_result(tmp_path / "poses.h5").hands[side]
-        assert result.scene["reading"] == {"object_track": "17"} and result.driven
+        assert result.scene["reading"] == {"object_track": "17"} and result.frame
     # The left hand's motion is made again as that of the left hand, about the same object.
     found = json.loads(run("verify", "poses.h5", "--again", "--json").out)["hands"].values()
     motions = [{claim["name"]: claim["verdict"] for claim in hand["claims"]}["again: motion"] for hand in found]

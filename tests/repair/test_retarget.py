@@ -118,7 +118,7 @@ def test_fingertips_are_the_shown_hands_where_the_object_moves_too(robot: RobotH
         tmp_path / "moving.h5",
     )
     result = load_result(tmp_path / "moving.h5")
-    assert result.driven
+    assert result.frame
     found = robot_motion(result, robot)
     turns = rotation_matrix(found.motion.orientation)
     own = np.array([robot.points(row).tips for row in found.motion.angles])

@@ -160,7 +160,7 @@ def test_the_command_line_drives_or_fixes_the_object_of_a_recording(run: Run, tm
         answer = run("replay", "sphere", "carried.h5", "--object-pose", asked, "--out", f"{asked}.h5", *options)
         assert answer.code == 0, answer.err
         assert {"input_depth_max", "correction_joint_mean"} <= json.loads(answer.out).keys()
-        assert load_result(tmp_path / f"{asked}.h5").driven is driven
+        assert bool(load_result(tmp_path / f"{asked}.h5").frame) is driven
     assert load_result(tmp_path / "fixed.h5").scene["object_pose"] == "fixed"
     refused = run("replay", "sphere", "carried.h5", "--place-object", "auto")
     assert refused.code == 2 and "--place-object auto needs --object-pose fixed" in refused.err

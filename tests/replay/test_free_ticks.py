@@ -37,7 +37,7 @@ def result(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 
 def test_the_file_holds_the_objects_motion_and_every_contact(result: Result) -> None:
-    assert result.free and result.driven and result.schema_version == SCHEMA_VERSION
+    assert result.body.is_free and result.frame and result.schema_version == SCHEMA_VERSION
     assert FreeObject.from_json(result.body.properties).mass == 0.2
     assert "Saxcé" in result.scene["friction_law"]
     assert not {"friction", "dynamics"} & set(result.scene["modelled"]["not_modelled"])

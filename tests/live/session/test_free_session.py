@@ -111,7 +111,7 @@ def test_the_world_waits_out_a_stall_which_frees_the_fingers() -> None:
 
 
 def test_the_file_holds_what_a_replays_does_and_runs_again(session: Session, result: Result) -> None:
-    assert result.complete and result.free and result.driven and result.live is not None
+    assert result.complete and result.body.is_free and result.frame and result.live is not None
     assert FreeObject.from_json(result.body.properties) == ON_TABLE and "Saxcé" in result.scene["friction_law"]
     assert {column.name for column in FREE_COLUMNS} <= set(result.body.columns)
     assert {f"contact/{column.name}" for column in CONTACT_COLUMNS} <= set(result.keys())
