@@ -43,10 +43,10 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 @pytest.fixture(scope="module")
 def missed(tmp_path_factory: pytest.TempPathFactory) -> Result:
-    """The same motion, but of a hand that goes the hole's way, as if the peg had not moved in its fingers."""
+    """The same motion, but of a peg that is beside the hole's middle by 0.9 and 1.0 mm."""
     script = load_script("insert")
     phases = [
-        replace(phase, way=(MIDDLE[0], MIDDLE[1], 0.0)) if phase.name == "move" else phase for phase in script.phases
+        replace(phase, way=(-0.1199, -0.0616, 0.0)) if phase.name == "move" else phase for phase in script.phases
     ]
     return played(replace(script, phases=tuple(phases)), tmp_path_factory.mktemp("missed") / "missed.h5")
 
