@@ -45,9 +45,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
 def missed(tmp_path_factory: pytest.TempPathFactory) -> Result:
     """The same motion, but of a peg that is beside the hole's middle by 0.9 and 1.0 mm."""
     script = load_script("insert")
-    phases = [
-        replace(phase, way=(-0.1199, -0.0616, 0.0)) if phase.name == "move" else phase for phase in script.phases
-    ]
+    phases = [replace(phase, way=(-0.1199, -0.0616, 0.0)) if phase.name == "move" else phase for phase in script.phases]
     return played(replace(script, phases=tuple(phases)), tmp_path_factory.mktemp("missed") / "missed.h5")
 
 
