@@ -72,7 +72,7 @@ def test_the_result_is_that_of_the_fixed_object_moved(runs: tuple[Result, Result
         "orientation": moved.orientations,
         "": lambda values: values,
     }
-    assert driven.driven and not fixed.driven
+    assert driven.frame and not fixed.frame
     assert np.asarray(fixed["contacts/touching"]).max() > 5
     for column in MEASURED:
         values = np.asarray(fixed[column.name])

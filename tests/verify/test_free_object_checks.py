@@ -52,7 +52,7 @@ def failing(result: Result) -> set[str]:
 
 
 def test_an_honest_result_passes(honest: Result) -> None:
-    assert honest.free and len(honest["contact/tick"]) > 1000
+    assert honest.body.is_free and len(honest["contact/tick"]) > 1000
     chosen = np.arange(0, honest.ticks, 20)
     touching = free_complementarity_claim(JudgedTicks(honest.seen_by(seen_by_referee), chosen))
     found = {**claims(honest), **{claim.name: claim for claim in (touching, *body_claims(honest))}}

@@ -67,7 +67,7 @@ def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 
 def test_honest_motions_hold(script: Result, recorded: Result) -> None:
-    assert script.driven and recorded.driven
+    assert script.frame and recorded.frame
     assert failing(script) == failing(recorded) == set()
     assert claims(recorded)["motion"].verdict == HOLDS
     assert claims(recorded)["motion"].checked > 100
