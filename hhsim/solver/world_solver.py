@@ -25,7 +25,7 @@ from hhsim.solver.workspace import TickWorkspace, tick_record
 FAR = 10.0
 """Distance [m] up to which hands that begin in each other, or may, are measured."""
 LISTS = "candidates"
-"""What of a tick's state is gathered anew from the rest: its lists of near pairs, most of its memory."""
+"""Part of a tick's state that is gathered anew from the rest: its lists of near pairs, most of its memory."""
 
 
 def keeps_hands_apart(options: SolverOptions) -> bool:

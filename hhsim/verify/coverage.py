@@ -1,4 +1,4 @@
-"""What each claim judges: datasets, attributes and labels of a result; what none does is named in the verdict."""
+"""Table of the datasets, attributes and labels that each claim judges; what none does is named in the verdict."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
