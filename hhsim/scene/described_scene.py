@@ -131,7 +131,7 @@ class PlacedScene:
 
 @dataclass(frozen=True, eq=False)
 class LoadedWords:
-    """What the words of a scene name: its motions, and bodies without trees."""
+    """Motions and bodies, still without trees, that the words of a scene name."""
 
     words: SceneWords
     motions: tuple[Motion, ...]  # of one hand, or of the right and the left one
