@@ -14,23 +14,35 @@ COMPILING = "hhsim: compiling the kernels that this needs: once, and again after
 class _FirstCompilation(event.Listener):  # type: ignore[misc]
     """Listener that calls `tell` at the first compilation; a kernel from the cache makes no event."""
 
-    def __init__(self, tell: Callable[[], None]) -> None:
-        self._tell: Callable[[], None] | None = tell
+    def __init__(self) -> None:
+        self.tell: Callable[[], None] | None = None
 
     def on_start(self, begun: event.Event) -> None:
-        if self._tell is not None and isinstance(begun.data["dispatcher"], Kernel):
-            tell, self._tell = self._tell, None
+        if self.tell is not None and isinstance(begun.data["dispatcher"], Kernel):
+            tell, self.tell = self.tell, None
             tell()
 
     def on_end(self, done: event.Event) -> None:
         pass
 
 
-def tell_of_compilation(tell: Callable[[], None]) -> Callable[[], None]:
-    """Call `tell` when the first kernel is compiled from here on; return a function that ends that."""
-    listener = _FirstCompilation(tell)
+@functools.cache
+def _listener() -> _FirstCompilation:
+    listener = _FirstCompilation()
     event.register("numba:compile", listener)
-    return functools.partial(event.unregister, "numba:compile", listener)
+    return listener
+
+
+def tell_of_compilation(tell: Callable[[], None]) -> Callable[[], None]:
+    """Call `tell`, and nobody who asked before, when the next kernel is compiled; return a function that ends that."""
+    listener = _listener()
+    listener.tell = tell
+
+    def end() -> None:
+        if listener.tell is tell:
+            listener.tell = None
+
+    return end
 
 
 @functools.cache
