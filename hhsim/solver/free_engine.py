@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
+from hhsim.arrays import AnyArray, FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import palm_arrays
 from hhsim.kernels.contact.hand_pairs import hand_reach
@@ -16,7 +16,7 @@ from hhsim.kernels.free.body import HINGE, OBJECT_DOF, SLIDER, Support
 from hhsim.kernels.free.edges import EDGE_PAIRS, Edges
 from hhsim.kernels.free.meeting import SEEN
 from hhsim.kernels.free.pairs import Free, rebuild
-from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
+from hhsim.kernels.free.record import ObjectRecord, ThingsRecord, WorldRecord
 from hhsim.kernels.free.rows import SLACKS, friction_count
 from hhsim.kernels.free.state import MOST_HANDS, MOST_THINGS, world_dtype
 from hhsim.kernels.free.tick import run_many
@@ -47,6 +47,8 @@ BELOW = 1e-6
 """Largest depth [m] of an object in the table at the start: rounding."""
 STILL = FreeObject(1.0, (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), friction=0.0)
 """Properties of a thing that nothing is free beside."""
+HAPTIC_SHAPES = ((3,), (4,), (5, 3), (5,))
+"""Shapes of what a `HapticBlock` has of each tick."""
 HEAVY = 1e6
 """Mass [kg] and moment of inertia [kg·m²] of a driven thing: 100 N move it by 0.1 nm in a tick of 1 ms."""
 
@@ -348,7 +350,7 @@ class FreeEngine:
         workspace = self.workspace
         for body in world.bodies:
             quaternion_to_matrix(np.array(body.orientation), body.rotation)
-        if not rebuild(self.method, self.states):
+        if not self._fits():
             raise workspace.full()
         problem = world.problem
         for state, thing, other in zip(self.states, problem.thing, problem.other):
@@ -356,6 +358,16 @@ class FreeEngine:
             if other >= 0 and depth > 0.0:
                 one, two = (self.things[k].name or "the first thing" for k in (other, thing))
                 raise InputError(f"{one} begins {1e3 * depth:.3g} mm inside {two}; expected things beside each other")
+
+    def _fits(self) -> bool:
+        """Take all as it stands; return whether what is near fits into the arrays."""
+        if not self._many:
+            return bool(rebuild(self.method, self.states))
+        # By the function of the ticks: a second one that takes the method costs seconds of compilation.
+        hands = range(len(self.hands))
+        haptic = [HapticBlock(*(np.zeros((0, *shape)) for shape in HAPTIC_SHAPES)) for _ in hands]
+        done, _ = self._run(self.method, haptic, [tick_record(0) for _ in hands], np.zeros((len(self.things), 0, 7)))
+        return done == 0
 
     def approach(self, linearisations: int) -> None:
         """Bring the hands from free places as near to the user's as so many linearisations of one tick can.
@@ -393,20 +405,24 @@ class FreeEngine:
         """Run the ticks of all hands and things, whose program is one; return those done."""
         things = len(self.things)
         done, own = self._run(self.method, haptic, record, self._driven(len(haptic[0].position)))
-        self.all_ticks = own._replace(things=own.things[:things]) if things > 1 else None
-        self.ticks = of_first(own) if things > 1 else own.things[0]
+        self.all_ticks = of_each(own) if things > 1 else None
+        self.ticks = of_each(own).things[0] if self.all_ticks is None else of_first(self.all_ticks)
         return done
 
     def _run(
         self, method: Free, haptic: Sequence[HapticBlock], record: Sequence[TickRecord], driven: FloatArray
-    ) -> tuple[int, ThingsRecord]:
-        """Run ticks by a method; return those done, and the record of the things."""
+    ) -> tuple[int, WorldRecord]:
+        """Run ticks by a method; return those done, and the record of the bodies."""
         count, things = len(haptic[0].position), len(self.things)
         rows, points = np.zeros(count * ACTIVE_CAPACITY, np.int64), np.zeros((count * ACTIVE_CAPACITY, 3))
-        of_each = [object_record(count), *(object_record(count, 0) for _ in range(1, things))]
-        own = ThingsRecord(filled(of_each, MOST_THINGS), rows, points, np.zeros((things, count, 6)))
-        read_written = filled(haptic, MOST_HANDS), filled(record, MOST_HANDS), own
-        return int(run_many(method, self.states, self.qp, *read_written, driven)), own
+        own = WorldRecord(world_record(things, count), rows, points, np.zeros((things, count, 6)))
+        given, written = HapticBlock(*map(_of_all, zip(*haptic))), TickRecord(*map(_of_all, zip(*record)))
+        done = int(run_many(method, self.states, self.qp, given, written, own, driven))
+        if len(record) > 1:
+            for h, of_hand in enumerate(record):
+                for values, found in zip(of_hand, written):
+                    values[...] = found[h]
+        return done, own
 
     def seen_by(self, hand: int) -> ObjectRecord:
         """Return the record of the object as that of the first or the second hand: its own bodies come first."""
@@ -424,9 +440,20 @@ def filled(values: Sequence[Any], count: int) -> tuple[Any, ...]:
     return (*values, *(values[-1] for _ in range(len(values), count)))
 
 
-def object_record(ticks: int, most: int = ACTIVE_CAPACITY) -> ObjectRecord:
-    """Allocate the record of the object in a block of ticks of at most so many contacts each."""
-    zeros, rows = np.zeros, ticks * most
+def _of_all(values: Sequence[AnyArray]) -> AnyArray:
+    """Return arrays of hands in one with the hand first; that of one hand shares its memory."""
+    return values[0][None] if len(values) == 1 else np.stack(values)
+
+
+def world_record(things: int, ticks: int) -> ObjectRecord:
+    """Allocate the record of bodies in a block of ticks, with the body first where it is of motion or wrenches."""
+    one, moved = object_record(ticks), ObjectRecord._fields.index("contact")
+    return ObjectRecord(*(np.zeros((things, *values.shape)) for values in one[:moved]), *one[moved:])
+
+
+def object_record(ticks: int) -> ObjectRecord:
+    """Allocate the record of the object in a block of ticks."""
+    zeros, rows = np.zeros, ticks * ACTIVE_CAPACITY
     return ObjectRecord(
         turn=zeros((ticks, 4)),
         shift=zeros((ticks, 3)),
@@ -445,6 +472,13 @@ def object_record(ticks: int, most: int = ACTIVE_CAPACITY) -> ObjectRecord:
         torsional_moment=zeros(rows),
         slip=zeros(rows),
     )
+
+
+def of_each(record: WorldRecord) -> ThingsRecord:
+    """Return the record of each body, as views."""
+    moved = ObjectRecord._fields.index("contact")
+    own, shared = record.bodies[:moved], record.bodies[moved:]
+    return ThingsRecord(tuple(ObjectRecord(*rows, *shared) for rows in zip(*own)), *record[1:])
 
 
 def of_first(record: ThingsRecord) -> ObjectRecord:

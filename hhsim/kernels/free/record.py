@@ -272,14 +272,23 @@ def turn_loads(body: Record, active: Record) -> None:
 
 
 @by_reference
-class ThingsRecord(NamedTuple):
-    """Results of a block of ticks for several things."""
+class WorldRecord(NamedTuple):
+    """Results of a block of ticks for all bodies."""
 
-    # Of each, up to the most there may be; the first has all contacts, with `body` -2 - k where thing k touches.
-    things: tuple[ObjectRecord, ...]
+    # Motion and wrenches with the body as their first axis; all contacts, with `body` -2 - k where body k touches.
+    bodies: ObjectRecord
     thing: Indices  # of each contact, (rows,)
     other_point: Array  # of each contact as it goes with the other thing [m], (rows, 3)
     thing_wrench: Array  # of the other things on each: force [N], moment about its centre [N·m], (K, B, 6)
+
+
+class ThingsRecord(NamedTuple):
+    """A `WorldRecord` with a record of each body, the first with all contacts."""
+
+    things: tuple[ObjectRecord, ...]
+    thing: Indices
+    other_point: Array
+    thing_wrench: Array
 
 
 @jit
@@ -293,23 +302,24 @@ def _about_center(body: Record, wrench: Array) -> None:
 
 
 @jit
-def _record_motion(body: Record, hand_wrench: Array, table_wrench: Array, i: int, record: ObjectRecord) -> None:
+def _record_motion(body: Record, hand_wrench: Array, table_wrench: Array, i: Any, record: ObjectRecord) -> None:
+    # Row i, or row (body, i) of a record of several.
     copy_values(body.orientation[:], record.turn[i])
-    center = body.center
+    center, shift, rate = body.center, record.shift[i], record.angular_velocity[i]
     x, y, z = turned(body.rotation, center[0], center[1], center[2])
-    record.shift[i, 0] = body.position[0] - x
-    record.shift[i, 1] = body.position[1] - y
-    record.shift[i, 2] = body.position[2] - z
+    shift[0] = body.position[0] - x
+    shift[1] = body.position[1] - y
+    shift[2] = body.position[2] - z
     copy_values(body.velocity[:], record.velocity[i])
     x, y, z = turned_back(body.axes, body.spin[0], body.spin[1], body.spin[2])
-    x, y, z = turned(body.rotation, x, y, z)
-    record.angular_velocity[i, 0], record.angular_velocity[i, 1], record.angular_velocity[i, 2] = x, y, z
+    rate[0], rate[1], rate[2] = turned(body.rotation, x, y, z)
     if body.joint == HINGE:
         _about_center(body, hand_wrench)
         _about_center(body, table_wrench)
+    by_hand, by_table = record.hand_wrench[i], record.table_wrench[i]
     for half in range(2):
-        _out(body, hand_wrench[3 * half : 3 * half + 3], record.hand_wrench[i, 3 * half : 3 * half + 3])
-        _out(body, table_wrench[3 * half : 3 * half + 3], record.table_wrench[i, 3 * half : 3 * half + 3])
+        _out(body, hand_wrench[3 * half : 3 * half + 3], by_hand[3 * half : 3 * half + 3])
+        _out(body, table_wrench[3 * half : 3 * half + 3], by_table[3 * half : 3 * half + 3])
     record.table_distance[i] = body.table_distance
 
 
@@ -353,20 +363,20 @@ def _record_object(record: ObjectRecord, method: Any, i: int) -> None:
     record.contact[i + 1] = row
 
 
-@record_object.of(ThingsRecord)
+@record_object.of(WorldRecord)
 @jit
-def _record_things(record: ThingsRecord, method: Any, i: int) -> None:
+def _record_bodies(record: WorldRecord, method: Any, i: int) -> None:
     world = method.world[0]
-    borne, problem, bodies, first = world.borne, world.problem, world.bodies, record.things[0]
+    borne, problem, bodies, first = world.borne, world.problem, world.bodies, record.bodies
     for t in range(thing_count(problem)):
         body = bodies[t]
-        _record_motion(body, borne.hand_wrench[t], borne.table_wrench[t], i, record.things[t])
+        _record_motion(body, borne.hand_wrench[t], borne.table_wrench[t], (t, i), first)
         wrench, out = borne.thing_wrench[t], record.thing_wrench[t, i]
         if body.joint == HINGE:
             _about_center(body, wrench)
         for half in range(2):
             _out(body, wrench[3 * half : 3 * half + 3], out[3 * half : 3 * half + 3])
-    first.friction_residual[i] = max(borne.residual, borne.bare)
+    first.friction_residual[0, i] = max(borne.residual, borne.bare)
     row = first.contact[i]
     for k in range(borne.count):
         of = borne.body[k]

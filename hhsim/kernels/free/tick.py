@@ -41,9 +41,9 @@ from hhsim.kernels.free.columns import (
 from hhsim.kernels.free.joints import begin_joints, joints_hold
 from hhsim.kernels.free.linearisation import allowed_share, prepare, solve_with_pairs
 from hhsim.kernels.free.meeting import DEEP, bear_meetings, bear_own, measure_hands, stay_apart
-from hhsim.kernels.free.pairs import Free, measure, measure_table, mover_of, place_pairs, surface_at
+from hhsim.kernels.free.pairs import Free, measure, measure_table, mover_of, place_pairs, rebuild, surface_at
 from hhsim.kernels.free.program import take_steps
-from hhsim.kernels.free.record import clear_borne, copy_borne, find_borne, turn_loads
+from hhsim.kernels.free.record import WorldRecord, clear_borne, copy_borne, find_borne, turn_loads
 from hhsim.kernels.free.support import keep_entry
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, HandArrays
 from hhsim.kernels.hand.pose import move, update_kinematics
@@ -356,29 +356,32 @@ def run_many(
     method: Free,
     states: States,
     qp: QpWork,
-    haptic: tuple[HapticBlock, ...],
-    record: tuple[TickRecord, ...],
-    object_record: Any,
+    haptic: HapticBlock,
+    record: TickRecord,
+    object_record: WorldRecord,
     driven: Array,
 ) -> int:
     """Run one tick for each row of the haptic inputs of the hands, as `kernels.tick.block.run_block` does of one.
 
-    `driven` has position [m] and orientation of each thing's centre at each tick, (K, B, 7), read of driven ones.
+    Inputs and record have the hand as their first axis. `driven` has position [m] and orientation of each body's centre
+    at each tick, (K, B, 7), read of driven ones. Without ticks all is taken as it stands; then -1 is that it does not
+    fit.
     """
+    if haptic.position.shape[1] == 0:
+        return as_int64(0 if rebuild(method, states) else -1)
     world = method.world[0]
     state = states[0]
     hands = hand_count(world.problem)
-    for i in range(haptic[0].position.shape[0]):
+    for i in range(haptic.position.shape[1]):
         cpu = thread_cpu_ns()
         wall = monotonic_ns()
         for h in range(hands):
-            given = haptic[h]
             world.taken[h] = set_haptic(
                 method.movers[h],
-                given.position[i],
-                given.orientation[i],
-                given.flexion[i],
-                given.abduction[i],
+                haptic.position[h, i],
+                haptic.orientation[h, i],
+                haptic.flexion[h, i],
+                haptic.abduction[h, i],
                 states[h],
             )
         for k in range(thing_count(world.problem)):
@@ -388,8 +391,8 @@ def run_many(
         wall = monotonic_ns() - wall
         cpu = thread_cpu_ns() - cpu
         for h in range(hands):
-            record_tick(states[h], world.taken[h] | world.status[h], wall, cpu, i, record[h])
+            record_tick(states[h], world.taken[h] | world.status[h], wall, cpu, (h, i), record)
         record_object(object_record, method, i)
         if world.status[0] & STATUS_CAPACITY_EXCEEDED:
             return i + 1
-    return haptic[0].position.shape[0]
+    return haptic.position.shape[1]

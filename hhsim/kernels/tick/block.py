@@ -79,8 +79,8 @@ def _record_none(object_record: NoObject, method: Any, i: int) -> None:
 
 
 @jit_inline
-def record_tick(state: Record, status: int, wall: int, cpu: int, i: int, record: TickRecord) -> None:
-    """Copy the outcome of the last tick to row i of the record; wall and CPU time in ns."""
+def record_tick(state: Record, status: int, wall: int, cpu: int, i: Any, record: TickRecord) -> None:
+    """Copy the outcome of the last tick to row i, or (hand, i), of the record; wall and CPU time in ns."""
     pose, forces = state.pose, state.forces
     record.status[i] = status
     copy_values(pose.position[:], record.position[i])
