@@ -57,6 +57,12 @@ def test_a_short_scene_is_clean_and_its_hands_touch(kind: str) -> None:
     assert bool(found.equations) == (kind != "fixed")
 
 
+def test_a_hand_that_bodies_squeezed_into_itself_follows_its_user_when_they_are_open_again(tmp_path: Path) -> None:
+    case = draw("joint-driven", 0, 4, 1200)
+    found = judge(case.ticks_of(load_result(played(case, tmp_path))), EVERY)
+    assert found.findings == [] and found.touching
+
+
 def test_the_command_runs_a_scene_and_prints_the_table(capsys: pytest.CaptureFixture[str], tmp_path: Any) -> None:
     out = tmp_path / "figures.json"
     arguments = f"--kind fixed --scenes 1 --scene-ticks 200 --out {out}".split()

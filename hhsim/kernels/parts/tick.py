@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.detection import pairs_near
 from hhsim.kernels.contact.linearise import ROW_CAPACITY, build_rows, clamp_to_limits, limit_start
+from hhsim.kernels.contact.self_pairs import SELF_ROWS, add_rows, begin_rows, scale_rows
 from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
     BOX_CORNERS,
@@ -39,7 +40,7 @@ from hhsim.kernels.parts.surface import KEY_STRIDE, JointedSurface, passing
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import WideRows
 from hhsim.kernels.rotation import quaternion_to_matrix, turned, write_unit_quaternion
-from hhsim.kernels.tick.coupled import solve_coupled
+from hhsim.kernels.tick.coupled import GROUPS, solve_coupled
 from hhsim.kernels.tick.evaluation import end_work, evaluate_pose, least_distance
 from hhsim.kernels.tick.force import hand_forces
 from hhsim.kernels.tick.linearisation import find_program_contacts, step_to_haptic
@@ -54,7 +55,14 @@ from hhsim.kernels.tick.state import (
     WORK_TOUCHING,
     WORK_UNITS,
 )
-from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_DETECT, DURATION_PALM, copy_active, store_active
+from hhsim.kernels.tick.step import (
+    ACTIVE_CAPACITY,
+    DURATION_DETECT,
+    DURATION_PALM,
+    copy_active,
+    store_active,
+    store_meeting,
+)
 from hhsim.kernels.tick.step_length import allowed_fraction
 
 WAYS = 12
@@ -72,6 +80,7 @@ SQUEEZED_DOF = DEPTHS + DOF
 SQUEEZE = np.dtype(
     [
         ("common", np.float64, (2 * DEPTHS, ROW_CAPACITY)),  # columns of the depths and the palm
+        ("own", np.float64, (SELF_ROWS, DOF - DEPTHS)),  # columns of the fingers in rows of the hand's own parts
         ("target", np.float64, (SQUEEZED_DOF,)),
         ("guess", np.int64, (ACTIVE_CAPACITY,)),
         ("work", np.int64, (WORK_COUNTERS,)),  # of the sub-steps of a tick
@@ -169,6 +178,20 @@ def _stay(state: Record) -> None:
     state.work[WORK_UNITS] += UNITS_LINEARISATION
 
 
+@jit
+def _find_own(hand: HandArrays, options: TickOptions, state: Record) -> None:
+    """Find the rows of the hand's own parts within the margin."""
+    begin_rows(state.self_contact)
+    add_rows(options.own, hand, options.margin, options, state)
+
+
+@jit
+def _write_rows(hand: HandArrays, options: TickOptions, state: Record) -> None:
+    """Write the rows of contacts, joint limits and own parts, of a step without abduction."""
+    build_rows(hand, state.pose, state.contacts, options.offset, as_bool(True), state.problem)
+    scale_rows(options.own, options.offset, as_bool(True), state)
+
+
 @jit_noinline
 def make_way(hand: HandArrays, surface: JointedSurface, options: TickOptions, state: Record, qp: QpWork) -> bool:
     """Bring a hand that a part has come into out of it, by the least steps; returns whether it is free."""
@@ -176,7 +199,8 @@ def make_way(hand: HandArrays, surface: JointedSurface, options: TickOptions, st
         if not find_program_contacts(hand, surface, options, state):
             return False
         _stay(state)
-        build_rows(hand, state.pose, state.contacts, options.offset, as_bool(True), state.problem)
+        _find_own(hand, options, state)
+        _write_rows(hand, options, state)
         if solve_coupled(Coupled(options), state, qp) != OPTIMAL:
             return False
         fraction, _ = allowed_fraction(hand, options, state)
@@ -192,7 +216,8 @@ def make_way(hand: HandArrays, surface: JointedSurface, options: TickOptions, st
 def _squeezed_step(surface: JointedSurface, options: TickOptions, state: Record, method: Jointed) -> bool:
     """Solve for the least step with depths in the parts that yield; returns whether there is one."""
     problem, contacts, groups, step = state.problem, state.contacts, state.coupled, state.step
-    program, qp = method.squeeze[0], method.qp[0]
+    program, qp, parts = method.squeeze[0], method.qp[0], state.self_contact
+    dense = limit_start(contacts, as_int64(FINGER_COUNT))
     for group in range(FINGER_COUNT + 1):
         groups.group_start[group], groups.group_stop[group] = contacts.start[group], contacts.start[group + 1]
         groups.group_block[group] = 2 * DEPTHS + 3 * (group - 1) if group > 0 else -1
@@ -200,19 +225,24 @@ def _squeezed_step(surface: JointedSurface, options: TickOptions, state: Record,
         limits = limit_start(contacts, f), limit_start(contacts, f + 1)
         groups.group_start[DEPTHS + f], groups.group_stop[DEPTHS + f] = limits
         groups.group_block[DEPTHS + f] = 2 * DEPTHS + 3 * f
+    groups.group_start[GROUPS], groups.group_stop[GROUPS] = dense, dense + parts.count
+    groups.group_block[GROUPS] = -1
     for j in range(DEPTHS):
-        for i in range(limit_start(contacts, as_int64(FINGER_COUNT))):
+        for i in range(dense + parts.count):
             program.common[j, i] = 0.0
-            program.common[DEPTHS + j, i] = problem.common[j, i]
+            program.common[DEPTHS + j, i] = problem.common[j, i] if i < dense else 0.0
+    for i in range(parts.count):
+        for j in range(DOF - DEPTHS):
+            program.own[i, j] = parts.dense[i, DEPTHS + j]
     for group in range(FINGER_COUNT + 1):
         for i in range(contacts.start[group], contacts.start[group + 1]):
             if surface.part[contacts.key[i] // KEY_STRIDE].yields == 1:
                 program.common[group, i] = 1.0 / math.sqrt(FIRM)
-    start, stop, first = groups.group_start[:], groups.group_stop[:], groups.group_block[:]
-    none, common = as_int64(0), program.common[:]
-    wide = WideRows(
-        as_int64(2 * DEPTHS), common, problem.block[:], problem.rhs[:], start, stop, first, common, none, none, none
-    )
+    end = GROUPS + 1
+    start, stop, first = groups.group_start[:end], groups.group_stop[:end], groups.group_block[:end]
+    given = problem.block[:], problem.rhs[:], start, stop, first, program.own[:], dense, parts.count
+    wide = WideRows(as_int64(2 * DEPTHS), program.common[:], *given, as_int64(DOF - DEPTHS))
+    none = as_int64(0)
     target, guess = program.target[:], program.guess[:]
     status = solve(as_int64(SQUEEZED_DOF), wide, target, options.tolerance, options.relaxation, guess, none, qp)
     step.iterations += qp.counts[1]
@@ -228,7 +258,8 @@ def squeeze(hand: HandArrays, surface: JointedSurface, options: TickOptions, sta
         if not find_program_contacts(hand, surface, options, state):
             return False
         _stay(state)
-        build_rows(hand, state.pose, state.contacts, options.offset, as_bool(True), state.problem)
+        _find_own(hand, options, state)
+        _write_rows(hand, options, state)
         if not _squeezed_step(surface, options, state, method):
             return True
         fraction, longest = allowed_fraction(hand, options, state)
@@ -258,14 +289,17 @@ def bear(hand: HandArrays, surface: JointedSurface, options: TickOptions, state:
     step_to_haptic(state, problem.target[:], problem.abduction_step[:])
     for f in range(FINGER_COUNT):
         problem.abduction_step[f] = 0.0
-        if contacts.start[f + 2] == contacts.start[f + 1]:
+    _find_own(hand, options, state)
+    for f in range(FINGER_COUNT):
+        if contacts.start[f + 2] == contacts.start[f + 1] and state.self_contact.meets[f] == 0:
             clamp_to_limits(hand, state.pose, f, problem.target[:])
-    build_rows(hand, state.pose, contacts, options.offset, as_bool(True), problem)
+    _write_rows(hand, options, state)
     for j in range(DOF):
         problem.target[j] /= problem.inverse_root[j]
     if solve_coupled(Coupled(options), state, qp) != OPTIMAL:
         return True
     store_active(contacts, state.step, state.warm)
+    store_meeting(options.own, state, state.warm)
     copy_active(state.warm, state.active)
     fraction, _ = allowed_fraction(hand, options, state)
     move(state.pose, state.step.delta, problem.abduction_step, fraction)
