@@ -2,16 +2,18 @@
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from hhsim.arrays import AnyArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.contact.hand_pairs import hands_nearest
 from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
 from hhsim.kernels.free.side_by_side import find_meeting, run_hands_apart
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
 from hhsim.kernels.jit import as_argument
+from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.reproducible import norm
@@ -97,15 +99,15 @@ class WorldSolver:
 
     def _run(self, blocks: tuple[HapticBlock, ...], haptic: Sequence[HandConfiguration]) -> tuple[TickRecord, ...]:
         two = self._two
-        if two is None or not (self._has_free or self._parts_move or two.world.is_near):
-            kept = [_kept(space) for space in self._spaces] if two is not None else []
+        if two is None or not (self._has_free or two.world.is_near):
+            kept = [_Kept.of(space) for space in self._spaces] if two is not None else []
             if len(self.hands) == 1:
                 return (self.hands[0].run(*haptic[0]),)
             records = tuple(self._threads.map(lambda hand, given: hand.run(*given), self.hands, haptic))
             if two is None or not self._have_met(two, kept, records):
                 return records
-            for space, fields in zip(self._spaces, kept):
-                _return_to(fields, space)
+            for space, before in zip(self._spaces, kept):
+                before.restore(space)
         records = tuple(tick_record(len(block.position)) for block in blocks)
         if self._has_free:
             done = two.run_many(blocks, records)
@@ -119,16 +121,17 @@ class WorldSolver:
             raise two.workspace.full()
         return records
 
-    def _have_met(self, two: FreeEngine, kept: Sequence[dict[str, Any]], records: tuple[TickRecord, ...]) -> bool:
+    def _have_met(self, two: FreeEngine, kept: Sequence["_Kept"], records: tuple[TickRecord, ...]) -> bool:
         """Return whether the hands might have met in ticks of each alone, which began as `kept`."""
         # Balls around the palms that hold the hands are looked at first.
-        way = [np.vstack([fields["pose"][0].position, record.position]) for fields, record in zip(kept, records)]
+        poses = [before.fields["pose"][0] for before in kept]
+        way = [np.vstack([pose.position, record.position]) for pose, record in zip(poses, records)]
         moved = sum(norm(np.diff(places, axis=0)) for places in way)
         between = norm((way[0] - way[1])[1:]) - moved
         if (between > two.world.meeting.reach.sum() + self.hands[0].options.offset).all():
             return False
-        for space, fields in zip(self._spaces, kept):
-            copy_configuration(fields["pose"][0], space.states[0].pose)
+        for space, pose in zip(self._spaces, poses):
+            copy_configuration(pose, space.states[0].pose)
         return bool(find_meeting(two.method, (records[0], records[1])) < len(records[0].position))
 
     def _begin(self, haptic: Sequence[HapticBlock]) -> list[int]:
@@ -165,15 +168,31 @@ def _part(spaces: Sequence[TickWorkspace], pairs: Any) -> bool:
     return True
 
 
-def _kept(space: TickWorkspace) -> dict[str, Any]:
-    """Return a copy of a tick's state without its lists."""
-    return {name: space.states[name].copy() for name in space.states.dtype.names if name != LISTS}
+class _Kept(NamedTuple):
+    """Copy of what a tick's state is without its lists, and of the bodies that move beside the hand."""
+
+    fields: dict[str, Any]
+    bodies: tuple[AnyArray, ...]
+
+    @classmethod
+    def of(cls, space: TickWorkspace) -> Self:
+        """Copy a workspace."""
+        fields = {name: space.states[name].copy() for name in space.states.dtype.names if name != LISTS}
+        return cls(fields, tuple(values.copy() for values in _moving(space)))
+
+    def restore(self, space: TickWorkspace) -> None:
+        """Let a workspace be again as it was, its lists gathered anew."""
+        for values, before in zip(_moving(space), self.bodies):
+            values[...] = before
+        self._write(space)
+        space.gather()
+        self._write(space)
+
+    def _write(self, space: TickWorkspace) -> None:
+        for name, values in self.fields.items():
+            space.states[name][:] = values
 
 
-def _return_to(kept: dict[str, Any], space: TickWorkspace) -> None:
-    """Let a tick's state be again what `_kept` has returned, its lists gathered anew."""
-    for name in kept:
-        space.states[name][:] = kept[name]
-    space.gather()
-    for name in kept:
-        space.states[name][:] = kept[name]
+def _moving(space: TickWorkspace) -> tuple[AnyArray, ...]:
+    surface = space.surface
+    return (surface.part, surface.tick) if isinstance(surface, JointedSurface) else ()
