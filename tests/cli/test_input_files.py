@@ -1,8 +1,6 @@
 """A named pipe in the place of a file: each command refuses it in one line, and none waits for somebody to write it."""
 
 import os
-import signal
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -49,16 +47,6 @@ GLTF = (
     ' "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}], "nodes": [{"mesh": 0}],'
     ' "scenes": [{"nodes": [0]}]}'
 )
-
-
-@pytest.fixture
-def ended() -> Iterator[None]:
-    """What waits for a pipe is ended, and its test fails."""
-    before = signal.signal(signal.SIGALRM, lambda *_: pytest.fail("it waits"))
-    signal.alarm(60)
-    yield
-    signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
 
 
 @pytest.mark.usefixtures("ended")

@@ -1,8 +1,7 @@
 """HDF5 files that would bring in the content of other files: each reader and each command refuses them unread."""
 
 import os
-import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import h5py
@@ -100,16 +99,6 @@ COMMANDS = (
     "board FILE",
     "sweep plan.toml",
 )
-
-
-@pytest.fixture
-def ended() -> Iterator[None]:
-    """What waits for a pipe is ended, and its test fails."""
-    before = signal.signal(signal.SIGALRM, lambda *_: pytest.fail("it waits"))
-    signal.alarm(60)
-    yield
-    signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
 
 
 def write(path: Path, kind: str) -> Path:
