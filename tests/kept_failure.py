@@ -4,23 +4,16 @@ import json
 from pathlib import Path
 from typing import Any
 
-from hhsim.bench.robustness.failure import MADE_BY, Provenance, Solver, Trace, failure_of, make_trial
+from hhsim.bench.robustness.failure import MADE_BY, Solver, Trace, failure_of, make_trial
 from hhsim.bench.robustness.local_optimality import pieces_of
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.file import load_trajectory
-from hhsim.motion.trajectory import Trajectory
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
-
-
-def provenance_of(trajectory: Trajectory) -> Provenance:
-    """Where a kept trajectory comes from."""
-    document = json.loads(trajectory.source.removeprefix(MADE_BY))
-    return Provenance(**{name: document[name] for name in Provenance.__dataclass_fields__})
 
 
 def rerun_failure(
@@ -28,13 +21,13 @@ def rerun_failure(
 ) -> Trace:
     """What a kept failure gives, by a solver of the options that the file names where none is given."""
     trajectory = load_trajectory(path)
-    provenance = provenance_of(trajectory)
+    origin = json.loads(trajectory.source.removeprefix(MADE_BY))
     values: dict[str, Any] = {
-        name: tuple(value) if isinstance(value, list) else value for name, value in provenance.solver.items()
+        name: tuple(value) if isinstance(value, list) else value for name, value in origin["solver"].items()
     }
     values["stiffness"] = Stiffness(**values["stiffness"])
     options = SolverOptions(**values)
     motion = HandConfiguration.of(trajectory.resampled(1000.0, "hold"))
-    fails = failure_of(provenance.kind, hand, pieces_of(options.surface, mesh, tree), options)
+    fails = failure_of(origin["kind"], hand, pieces_of(options.surface, mesh, tree), options)
     surface = contact_surface(options.surface, mesh, tree).arrays
     return make_trial(hand, solver or (lambda: HandSolver(hand, surface, options)), fails)(motion)

@@ -10,24 +10,20 @@ from hhsim.table.table import Table, number, words
 
 from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option
-from ..arguments.options import Command, Number, Output
+from ..arguments.options import Command, Output
 from ..console import print_notes, print_table, progress
 from .suite import SuiteTable, quick_or_whole
 
 Row = Mapping[str, Any]
 
-SECONDS = Number(1.0, 1e6)
-
 
 class ManipulationSettings(OptionGroup):
-    """Cases and durations."""
+    """Cases, and how long they last."""
 
     cases: tuple[str, ...] | None = names(
         "--case", "Cases: slope, rolling, flight, tipping, thresholds, torsion, held, rest, pinch. Default: all."
     )
-    quick: bool = option(is_flag=True, help="A rest of 10 s and holds of 5 s.")
-    rest: float | None = option(type=SECONDS, metavar="S", help="How long a block rests on a table. Default: 600.")
-    held: float | None = option(type=SECONDS, metavar="S", help="How long a block is held. Default: 60.")
+    quick: bool = option(is_flag=True, help="A rest of 10 s and holds of 5 s, instead of 600 s and 60 s.")
 
 
 @click.command(cls=Command)

@@ -37,15 +37,15 @@ class PeersSettings(OptionGroup):
 def command(settings: PeersSettings, plot: Path | None, output: options.Output) -> None:
     """Measure other physics engines beside our methods, on the same scenes, in one run.
 
-    MuJoCo, MuJoCo-Warp, PyBullet and Drake, each tuned, are optional extras: hhsim methods says which are installed,
-    and what is not is left out. All have the same hand, its phalanges capsules. Errors are measured against the true
-    mesh, by coal: the deepest penetration, and how far off the mesh a body is that is pushed. The table goes to an
-    HDF5 and a CSV file, with a picture beside them.
+    MuJoCo and Drake, each tuned, are optional extras: hhsim methods says which are installed, and what is not is left
+    out. All have the same hand, its phalanges capsules. Errors are measured against the true mesh, by coal: the deepest
+    penetration, and how far off the mesh a body is that is pushed. The table goes to an HDF5 and a CSV file, with a
+    picture beside them.
 
     \b
     Examples:
       hhsim bench peers --quick
-      hhsim bench peers --object bunny --motion grasp,slide --method coupled,mujoco,pybullet
+      hhsim bench peers --object bunny --motion grasp,slide --method coupled,mujoco,drake
       hhsim bench peers --out peers.h5 --plot peers.png
     """
     from hhsim.bench.peers import COLUMNS, QUICK, PeersOptions, installed, measure, remarks, table_rows, won_by_others

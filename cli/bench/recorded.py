@@ -70,7 +70,6 @@ class RecordedSolvers(Solvers):
 @click.option(
     "--ticks", type=options.COUNT, metavar="N", help="Run only the N ticks around the grasp of each recording."
 )
-@click.option("--limit", type=options.COUNT, metavar="N", help="Run only the first N recordings.")
 @MeshSize.argument("mesh_size")
 @options.Output.argument("output")
 def command(
@@ -80,7 +79,6 @@ def command(
     motion: RecordedMotion,
     level: int | None,
     ticks: int | None,
-    limit: int | None,
     mesh_size: MeshSize,
     output: options.Output,
 ) -> int:
@@ -111,7 +109,7 @@ def command(
     from hhsim.trees.options import TreeOptions
 
     named = solvers.options(("coupled", "progressive"))
-    files = recording_files(recordings)[:limit]
+    files = recording_files(recordings)
     chosen = {
         name: mesh_size.read(name) if names_a_file(name) else resolve_object(name)
         for name in objects or ("bunny", "cup")
@@ -142,7 +140,6 @@ def command(
         "samples": motion.samples,
         "place_object": motion.place_object,
         "ticks": ticks,
-        "limit": limit,
         "solver": [solver.to_json() for solver in named],
     }
     rows = Table(COLUMNS, figures).records

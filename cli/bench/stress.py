@@ -2,7 +2,7 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,7 +10,7 @@ from hhsim.table.table import Table, number, words
 
 from ..arguments import options
 from ..arguments.object_argument import MeshSize, complete_object
-from ..arguments.option_group import GroupedCommand, OptionGroup, option
+from ..arguments.option_group import OptionGroup, option
 from ..console import print_table, progress
 from .suite import Solvers, SuiteTable
 
@@ -38,26 +38,17 @@ SHOWN = (
 )
 
 
-class Targets(OptionGroup, heading="Targets"):
-    """Random targets of the hand, and the way to them; `step` in [mm]."""
+class Targets(OptionGroup):
+    """Random targets of the hand."""
 
     ticks: int = option(type=options.COUNT, default=20_000, metavar="N", help="Ticks of each object by each method.")
     wild: bool = option(
         is_flag=True,
         help="Add what broken devices do: jumps, NaN, zero quaternions, late samples, angles beyond every limit.",
     )
-    hold: int = option(type=options.COUNT, default=60, metavar="N", help="Ticks from one target to the next.")
-    step: float = option(
-        type=options.Number(0.001, 1000.0), default=2.0, metavar="MM", help="How far the hand goes in a tick [mm]."
-    )
-    bound: Literal["palm", "hand", "none"] = option(
-        type=click.Choice(["palm", "hand", "none"]),
-        default="palm",
-        help="What --step bounds: the palm's way, that of every point of the hand, or nothing, so that the hand jumps.",
-    )
 
 
-@click.command(cls=GroupedCommand)
+@click.command(cls=options.Command)
 @click.argument("objects", metavar="[OBJECT]...", nargs=-1, shell_complete=complete_object)
 @Solvers.argument("solvers")
 @Targets.argument("targets")
@@ -111,8 +102,7 @@ def command(
     if linearising.margin is not None:
         changed["margin"] = 1e-3 * linearising.margin
     chosen = solvers.options(tuple(METHODS), **changed)
-    longest = 1e-3 * targets.step
-    stress = StressOptions(hold=targets.hold, longest_step=longest, bound=targets.bound, wild=targets.wild)
+    stress = StressOptions(wild=targets.wild)
     by_name = (("--level", level), ("--unit", mesh_size.unit), ("--size", mesh_size.size))
     shown = {name: f"{value:g}" if isinstance(value, float) else value for name, value in by_name if value is not None}
     meshes = {name: mesh_size.read(name) for name in objects or object_names()}

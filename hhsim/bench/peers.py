@@ -32,7 +32,6 @@ from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel, Side
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.catalogue import load_object
-from hhsim.mesh.mesh import Mesh
 from hhsim.metrics import metrics
 from hhsim.metrics.mesh_penetration import sampled
 from hhsim.metrics.run.registry import run_figure
@@ -145,7 +144,6 @@ class PeerRun:
 class _Scene:
     object_name: str
     motion: str
-    mesh: Mesh
     haptic: TickInput
     contact: BoolArray
     referee: HandReferee
@@ -207,7 +205,7 @@ def _scenes(hand: HandModel, options: PeersOptions, progress: Progress) -> Itera
             ticks = scene.hands[0].ticks.seen_from_object()
             placed = forward_kinematics(hand, *HandConfiguration.of(ticks))
             contact = hand_clearance(hand, surfaces["mesh"].arrays, placed, NEAR) < NEAR
-            yield _Scene(name, motion, mesh, ticks, contact, referee, surfaces)
+            yield _Scene(name, motion, ticks, contact, referee, surfaces)
 
 
 def _repeat(hand: HandModel, scene: _Scene, run: PeerRun, options: PeersOptions) -> None:

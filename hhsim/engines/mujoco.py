@@ -4,7 +4,6 @@ import time
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
 from hhsim.engines.convex_parts import COARSE, FINE, Ball, Box, convex_parts
@@ -42,15 +41,6 @@ PLAIN = Tuning(0.01, 1, None, None, "mjINT_EULER", follow=False)
 TUNED = Tuning(0.003, 4, (0.0005, 1.0), SOFT, "mjINT_IMPLICITFAST", follow=True)
 FAST = Tuning(0.003, 1, (0.002, 1.0), SOFT, "mjINT_IMPLICITFAST", follow=True)
 """Settings whose solref is two steps, the least that MuJoCo's manual calls stable."""
-
-
-class Contacts(NamedTuple):
-    """Contacts of a step."""
-
-    row: NDArray[np.int32]  # index into `force`, -1 without one, shape (n,)
-    geom: NDArray[np.int32]  # the two geoms that touch, -1 for a flex, shape (n, 2)
-    normal: FloatArray  # from the first geom to the second, world, shape (n, 3)
-    force: FloatArray  # forces of all constraints [N]
 
 
 class MuJoCo:
@@ -109,7 +99,7 @@ class MuJoCo:
         """Move the user's hand, and step."""
         self.command(haptic)
         begun = time.process_time_ns()
-        self._step()
+        self._mujoco.mj_step(self._model, self._data, self.tuning.steps)
         native = time.process_time_ns() - begun
         force = self._forces()
         pose = self.shown(haptic.abduction)
@@ -130,10 +120,6 @@ class MuJoCo:
         orientation = qpos[3:7] / np.sqrt(qpos[3:7] @ qpos[3:7])
         flexion = qpos[7:].reshape(len(FINGERS), PHALANGES).copy()
         return HandConfiguration(qpos[:3].copy(), orientation, flexion, abduction)
-
-    def _step(self) -> None:
-        """Advance the data by a tick."""
-        self._mujoco.mj_step(self._model, self._data, self.tuning.steps)
 
     def _follow(self, haptic: HandConfiguration) -> None:
         """Give the dampers the haptic hand's speed, and the springs its place during the steps."""
@@ -156,19 +142,16 @@ class MuJoCo:
         for f, mount in enumerate(self._mounts):
             self._model.body_quat[mount] = self._hand.mount(f, float(haptic.abduction[f]))
 
-    def _contacts(self) -> Contacts:
-        data = self._data
-        return Contacts(data.contact.efc_address, data.contact.geom, data.contact.frame[:, :3], data.efc_force)
-
     def _forces(self) -> FloatArray:
         """Contact force on each body of the hand [N], world, shape (17, 3), the object's last."""
         found = np.zeros((BODIES + 1, 3))
-        row, geom, normal, efc_force = self._contacts()
+        contact = self._data.contact
+        row = contact.efc_address
         if row.size and row.max() >= 0:
             pushes = row >= 0
             # Without friction a contact is one row: a force along the normal, from the first geom to the second.
-            force = efc_force[row[pushes], None] * normal[pushes]
-            body = self._body_of_geom[geom[pushes]]
+            force = self._data.efc_force[row[pushes], None] * contact.frame[pushes, :3]
+            body = self._body_of_geom[contact.geom[pushes]]
             np.add.at(found, body[:, 1], force)
             np.subtract.at(found, body[:, 0], force)
         return found

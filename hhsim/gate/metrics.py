@@ -5,22 +5,22 @@ Errors that need no solver are computed anew from the stored poses and forces, s
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from hhsim.arrays import AnyArray
 from hhsim.gate.input_hash import RunInputs, run_inputs, tick_digest
-from hhsim.gate.part_depths import PART_DEPTHS
 from hhsim.gate.shown_poses import ShownPoses, shown_poses
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.metrics import metrics, session_faults
 from hhsim.metrics.metrics import Penetration
+from hhsim.metrics.run.contact import NO_DEPTH
 from hhsim.metrics.run.registry import judged_metrics, known_figures, run_metrics, tick_figures
 from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
-from hhsim.metrics.run_metric import Figure, RunMetric
-from hhsim.metrics.run_ticks import PLACED, result_ticks, touched_object
+from hhsim.metrics.run_metric import Figure, Judged, RunMetric
+from hhsim.metrics.run_ticks import PLACED, RunTicks, result_ticks, touched_object
 from hhsim.metrics.session_faults import SESSION_FAULTS, SESSION_TIMES
 from hhsim.replay.summary_table import default_limits, stored_promises
 from hhsim.result.reader import Result
@@ -54,6 +54,25 @@ SESSION_DEFAULTS = {fault.name: fault.limit for fault in SESSION_FAULTS}
 """Default limits of a session."""
 OUTSIDE_DEFAULTS = {"free_off_max": default_limits(("follows_input",))["free_off_max"]}
 """Default limits of a replay by a method from outside, which does not report stuck ticks."""
+
+
+def _depth(run: RunTicks, finger: int, mean: bool) -> float:
+    """Largest or mean depth of a finger, or of the palm (-1), in all ticks [m]; NaN for one that is not modelled."""
+    depth = run["penetration_palm"] if finger < 0 else run["penetration_finger"][:, finger]
+    depth = depth[~np.isnan(depth)]
+    return float(np.mean(depth) if mean else np.max(depth)) if depth.size else np.nan
+
+
+PART_DEPTHS = {
+    (name := f"penetration_{part}_{of}"): RunMetric(
+        *(name, f"penetration, {part}, {of}", 3, "µm"),
+        compute=partial(_depth, finger=finger, mean=of == "mean"),
+        judged=Judged(rounding=1e-9, growth=NO_DEPTH),
+    )
+    for finger, part in enumerate(("palm", *FINGERS), -1)
+    for of in ("max", "mean")
+}
+"""Figures of palm and fingers by name: a deeper palm does not hide a finger's depth."""
 
 
 def limitable() -> dict[str, Figure]:

@@ -3,6 +3,7 @@
 A label is a letter, and in few words what tells each from the others.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -13,14 +14,16 @@ from hhsim.arrays import AnyArray
 from hhsim.gate.unusual_options import unusual_options
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
+from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import run_metrics
-from hhsim.metrics.run_ticks import PLACED, result_ticks, touched_object
+from hhsim.metrics.run_ticks import PLACED, RunTicks, result_ticks, touched_object
 from hhsim.metrics.session_faults import broken_off
 from hhsim.replay.summary_table import SummaryRow, session_rows
 from hhsim.replay.verdict import MISSED, OK, Verdict, checked_figures, read_ticks, verdict
-from hhsim.report.ticks import PHASE_COLUMNS, finger_figures, phase_figures
 from hhsim.result.reader import Result
 from hhsim.result.wording import cut, motion_name, object_name, option_value
+from hhsim.solver.method import TIMES
 
 UNNAMED = "method"
 """Label where a file does not say which method was run."""
@@ -29,6 +32,12 @@ MOST_WORDS = 3
 DEPTH, PALM, FINGER = "penetration_depth", "penetration_palm", "penetration_finger"
 """Datasets of /tick that follow from the poses."""
 BLOCK_TICKS = 16_384
+PHASE_COLUMNS = (
+    *("contacts/candidates", "status", "duration/total_cpu"),
+    *("force/total", "force_variation_rate", "penetration_depth"),
+)
+"""Datasets of /tick that the lines of phases are computed from, besides those of `read_ticks`."""
+FORCE = "force/phalanx"
 ROUNDING = 1e-9
 """Depths that differ by no more are the same [m]."""
 
@@ -213,3 +222,59 @@ def _run(result: PosedResult, label: str, prefix: str) -> ReportRun:
         fingers=tuple(finger_figures(result, ticks)),
         verdict=verdict(result, rows),
     )
+
+
+def phase_figures(result: Result, ticks: RunTicks) -> list[dict[str, Any]]:
+    """Return a line for each phase, or one for all ticks without a phase; none without a tick.
+
+    CPU times are those of ticks in contact [µs], depth is in [µm], force the mean size of the total force [N].
+    """
+    if result.ticks == 0:
+        return []
+    spans = [(phase.name, phase.first_tick, min(phase.last_tick, result.ticks - 1)) for phase in result.phases]
+    found = []
+    for name, first, last in spans or [("all ticks", 0, result.ticks - 1)]:
+        part = slice(first, last + 1)
+        candidates, status = ticks["contacts/candidates"][part], ticks["status"][part]
+        timed = (candidates > 0) & result.gives(TIMES)
+        cpu = metrics.tick_statistics(ticks["duration/total_cpu"][part][timed])
+        force = metrics.statistics(np.linalg.norm(ticks["force/total"][part], axis=1))
+        found.append(
+            {
+                "name": name,
+                "first": first,
+                "last": last,
+                "seconds": (last - first + 1) / result.rate,
+                "cpu_p50": cpu.p50,
+                "cpu_p99": cpu.p99,
+                "depth": 1e6 * metrics.statistics(ticks["penetration_depth"][part]).max,
+                "force": force.mean,
+                "variation": metrics.statistics(ticks["force_variation_rate"][part]).mean,
+                "candidates": int(candidates.max(initial=0)),
+                "stuck": int(np.sum(status & STATUS_STUCK > 0)),
+                "lagging": int(np.sum(status & STATUS_LAG > 0)),
+            }
+        )
+    return found
+
+
+def finger_figures(result: Result, ticks: RunTicks) -> list[dict[str, Any]]:
+    """Return a line for each finger, thumb to little finger; none without a tick.
+
+    All are of the sum of its phalanges' forces [N]: size in the ticks that bear one, largest one-tick change as a
+    vector, and RMS between 50 and 400 Hz in the worst quarter of a second.
+    """
+    # Summed block by block: the forces on all phalanges of a long session do not fit into memory.
+    sums = [block[FORCE].sum(axis=2) for block in result.blocks([FORCE], BLOCK_TICKS)]
+    if not sums:
+        return []
+    found = []
+    for name, force in zip(FINGERS, np.moveaxis(np.concatenate(sums), 1, 0)):
+        size = np.linalg.norm(force, axis=1)
+        touch = size > 0.0
+        of_touch = metrics.statistics(size, touch)
+        step = metrics.contact_force_step(force, touch, ticks.breaks)
+        ripple = metrics.worst_force_ripple(force, ticks.rate, ticks.breaks) if touch.any() else math.nan
+        figures = {"mean": of_touch.mean, "largest": of_touch.max, "step": step, "ripple": ripple}
+        found.append({"name": name, "ticks": int(touch.sum()), **figures})
+    return found

@@ -3,9 +3,10 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
@@ -15,7 +16,7 @@ from hhsim.metrics.session_faults import broken_off, session_log
 from hhsim.render.figure import halo
 from hhsim.report import figure as style
 from hhsim.report.pictures import WorstTick, worst_ticks
-from hhsim.report.ticks import BLOCK_TICKS, minmax_band
+from hhsim.report.run import BLOCK_TICKS
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK
 from hhsim.scene.motion_catalogue import of_the_paper
@@ -376,3 +377,27 @@ def _alt(runs: Sequence[Run], panels: int) -> str:
             + (f" The object rises by {1e3 * run.free.raised:.1f} mm." if run.free else "")
         )
     return " ".join(sentences)
+
+
+class MinMaxBand(NamedTuple):
+    """Middle of each of n stretches of the axis, and least value, median and largest value there (NaN without any)."""
+
+    at: FloatArray
+    low: FloatArray
+    middle: FloatArray
+    high: FloatArray
+
+
+def minmax_band(at: FloatArray, values: NDArray[np.floating], stretches: int) -> MinMaxBand:
+    """Return the band of a curve, shapes (T,); the curve itself where it has no more values than stretches."""
+    if len(values) <= stretches:
+        whole = np.asarray(values, np.float64)
+        return MinMaxBand(at, whole, whole, whole)
+    edges = np.linspace(0, len(values), stretches + 1).astype(np.int64)
+    starts = edges[:-1]
+    # NaN is no value: fmin and fmax pass it over.
+    low, high = (np.asarray(reduce.reduceat(values, starts), np.float64) for reduce in (np.fmin, np.fmax))
+    middle = np.full(stretches, np.nan)
+    for k in np.flatnonzero(np.isfinite(low)):
+        middle[k] = np.nanmedian(values[edges[k] : edges[k + 1]])
+    return MinMaxBand(0.5 * (at[starts] + at[edges[1:] - 1]), low, middle, high)

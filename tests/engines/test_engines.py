@@ -26,7 +26,7 @@ ENGINES = sorted(name for name, entry in declared_methods().items() if entry.val
 @pytest.mark.parametrize("name", ENGINES)
 def test_a_missing_engine_is_one_line(name: str, monkeypatch: pytest.MonkeyPatch, run: Run) -> None:
     made: Any = declared_methods()[name].load()
-    extra = name if name == "mujoco-warp" else name.partition("-")[0]
+    extra = name.partition("-")[0]
     monkeypatch.setattr(made, "missing", lack_of(extra, "no_such_engine"))
     line = f"needs no_such_engine, which is not installed: pip install 'hhsim[{extra}]'"
     assert find_method(name).missing == line
@@ -37,10 +37,7 @@ def test_a_missing_engine_is_one_line(name: str, monkeypatch: pytest.MonkeyPatch
     assert [one["missing"] for one in listed if one["name"] == name] == [line]
 
 
-# The kernels of MuJoCo-Warp take a minute to compile, where Warp's cache does not have them.
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.soak] * (name == "mujoco-warp")) for name in ENGINES]
-)
+@pytest.mark.parametrize("name", ENGINES)
 def test_an_engine_stops_at_a_ball_and_pushes_the_hand_back(name: str) -> None:
     if find_method(name).missing:
         pytest.skip(f"{name} {find_method(name).missing}")

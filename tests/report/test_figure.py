@@ -28,8 +28,7 @@ from hhsim.report.figure import RUN_STYLES, ReportFigure, run_style, time_text
 from hhsim.report.histogram import histogram_figure
 from hhsim.report.pictures import hand_picture, worst_ticks
 from hhsim.report.speed_error import speed_error_figure
-from hhsim.report.ticks import minmax_band
-from hhsim.report.time_series import Run, series_figure
+from hhsim.report.time_series import Run, minmax_band, series_figure
 from hhsim.report.trade_off import MARKS
 from hhsim.result.reader import Result, load_result
 from hhsim.view.moment import overview_tick

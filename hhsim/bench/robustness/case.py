@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
+from hhsim.bench.robustness.objects import ball, ball_mesh, right_hand
 from hhsim.bench.robustness.safety import SafetyFigures
-from hhsim.bench.robustness.sphere_objects import ball, right_hand
-from hhsim.bench.robustness.triangle_objects import ball_mesh
 from hhsim.bench.run_errors import placed_of
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel

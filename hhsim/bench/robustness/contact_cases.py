@@ -7,9 +7,20 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.bench.robustness import case, postures
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
+from hhsim.bench.robustness.objects import (
+    BALL_RADIUS,
+    ball,
+    ball_mesh,
+    joined_mesh,
+    mould,
+    plate,
+    right_hand,
+    ring,
+    ring_mesh,
+    roof_mesh,
+    tree_of,
+)
 from hhsim.bench.robustness.postures import FIST, HALF, INDEX, POINTING, shifted
-from hhsim.bench.robustness.sphere_objects import BALL_RADIUS, ball, mould, plate, right_hand, ring, tree_of
-from hhsim.bench.robustness.triangle_objects import ball_mesh, joined_mesh, ring_mesh, roof_mesh
 from hhsim.bench.run_errors import hand_clearance, placed_of
 from hhsim.hand.configuration import sequence
 from hhsim.hand.forward_kinematics import PlacedHand

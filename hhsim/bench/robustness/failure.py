@@ -2,13 +2,11 @@
 
 A long motion that fails is shrunk to its last ticks that still fail, from the hand that was shown before them. A fresh
 solver runs every candidate from its first sample, as `hhsim replay` does. The file is an ordinary trajectory, so that
-`hhsim replay OBJECT failing.h5` shows the failure; its `source` is JSON with the failure's origin and the command that
-replays it.
+`hhsim replay OBJECT failing.h5` shows the failure; its `source` is JSON with the command that replays it.
 """
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +15,6 @@ import numpy as np
 from hhsim.arrays import BoolArray
 from hhsim.bench.robustness.local_optimality import Pieces, stuck_with_way_out
 from hhsim.bench.run_errors import placed_of
-from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
@@ -40,16 +37,11 @@ Trial = Callable[[HandConfiguration], Trace]
 """Runs a motion from its first sample with a solver of its own; the same motion gives the same trace."""
 
 
-@dataclass(frozen=True, eq=False)
-class Shrunk:
-    """A motion that fails, whose first sample is where the graphic hand starts, and its trace.
-
-    The motion was longer, `ticks_before`.
-    """
+class Shrunk(NamedTuple):
+    """A motion that fails, whose first sample is where the graphic hand starts, and its trace."""
 
     motion: HandConfiguration
     trace: Trace
-    ticks_before: int
 
     @property
     def tick(self) -> int:
@@ -57,40 +49,23 @@ class Shrunk:
         return int(np.argmax(self.trace.failed))
 
 
-def shrink(motion: HandConfiguration, trial: Trial, *, graphic: HandConfiguration | None = None) -> Shrunk:
-    """Return the shortest of the last 1, 2, 4, … samples up to the failure that still fail, or the motion up to it.
+def shrink(motion: HandConfiguration, graphic: HandConfiguration, trial: Trial) -> Shrunk | None:
+    """Return the shortest of the last 1, 2, 4, … samples that still fail, or all of them; None if none does.
 
-    They begin with the graphic hand that was shown before them; ticks that are no reading repeat the last one, as for
-    the solver. `graphic` is the hand after each tick of a longer run that `motion` is the last stretch of and whose
-    last tick fails; needed if the motion does not fail by itself. InputError if neither it nor any end of it fails.
+    The last tick of the motion failed, in a run that may be longer, and `graphic` is the hand after each tick: the last
+    samples begin with the hand that was shown before them. Ticks that are no reading repeat the last one, as for the
+    solver.
     """
     whole = replayed(motion)
-    best = _failing(whole, trial)
-    if best is None and graphic is None:
-        raise InputError(f"the motion of {motion.ticks:,} ticks does not fail when it is run from its first sample on")
-    # The long run had the solver's memory too; without it a start close to the failure may fail as well.
-    kept, shown = (whole, graphic) if best is None else (best[0], best[1].graphic)
-    assert shown is not None
-    last = kept.ticks - 1
-    lengths = (2**power for power in range(last.bit_length()))
-    starts = (last + 1 - length for length in lengths if length < last)
-    candidates = (sequence(shown.part(start - 1, start), kept.part(start, last + 1)) for start in starts)
-    best = next((found for one in candidates if (found := _failing(one, trial)) is not None), best)
-    if best is None:
-        raise InputError(
-            f"no end of the motion of {motion.ticks:,} ticks fails when it is run from its first sample on"
-        )
-    return Shrunk(*best, motion.ticks)
-
-
-def _failing(motion: HandConfiguration, trial: Trial) -> tuple[HandConfiguration, Trace] | None:
-    """Return a motion and its trace up to its first failing tick; None if it does not fail."""
-    motion = replayed(motion)
-    trace = trial(motion)
-    if not trace.failed.any():
-        return None
-    end = int(np.argmax(trace.failed)) + 1
-    return motion.part(0, end), Trace(trace.failed[:end], trace.graphic.part(0, end))
+    starts = (whole.ticks - 2**power for power in range((whole.ticks - 1).bit_length()))
+    ends = (sequence(graphic.part(start - 1, start), whole.part(start, whole.ticks)) for start in starts)
+    for candidate in (*ends, whole):
+        end = replayed(candidate)
+        trace = trial(end)
+        if trace.failed.any():
+            count = int(np.argmax(trace.failed)) + 1
+            return Shrunk(end.part(0, count), Trace(trace.failed[:count], trace.graphic.part(0, count)))
+    return None
 
 
 Solver = Callable[[], HandSolver]
@@ -139,39 +114,24 @@ def make_trial(hand: HandModel, solver: Solver, fails: Fails) -> Trial:
     return trial
 
 
-@dataclass(frozen=True, kw_only=True)
-class Provenance:
-    """Origin of a kept motion."""
+def keep_failure(
+    path: Path, shrunk: Shrunk, object_name: str, object_options: str, solver: SolverOptions, **origin: Any
+) -> str:
+    """Write a shrunk failure as a trajectory; return the command that replays it. OutputError if it is not written.
 
-    kind: str  # name of the failure, see `failure_of`
-    object: str  # name of the catalogue or file
-    object_options: str  # options of the object that a replay needs, such as "--level 3"
-    method: str
-    seed: int  # of the random targets
-    tick: int  # of the long run, at which it failed
-    failing_tick: int = -1  # of the kept motion, at which it fails
-    depth: float = 0.0  # penetration there [m]
-    stress: dict[str, Any] = field(default_factory=dict)  # options of the random targets
-    solver: dict[str, Any] = field(default_factory=dict)  # options of the method, the surface among them
-    hand: str = "right"
-
-    def command(self, path: Path) -> str:
-        """Return the command that replays the file, with the options that the bench of random targets has too."""
-        plain = SolverOptions(method=self.method).to_json()
-        used = {**plain, **self.solver}
-        words = ["hhsim replay", self.object, str(path), f"--method {self.method}", "--samples hold"]
-        if self.object_options:
-            words.append(self.object_options)
-        words += [f"--{name} {used[name]}" for name in ("surface", "linearisations") if used[name] != plain[name]]
-        if used["margin"] != plain["margin"]:
-            words.append(f"--margin {1e3 * used['margin']:.15g}")
-        return " ".join(words)
-
-
-def keep_failure(path: Path, shrunk: Shrunk, provenance: Provenance) -> str:
-    """Write a shrunk failure as a trajectory; return the command that replays it. OutputError if it is not written."""
-    command = provenance.command(path)
-    document = {**asdict(provenance), "ticks_before": shrunk.ticks_before, "replay": command}
+    The object is one of the catalogue or a file, with options such as "--level 3"; `origin` is whatever else the file
+    says of the failure.
+    """
+    used, plain = solver.to_json(), SolverOptions(method=solver.method).to_json()
+    words = ["hhsim replay", object_name, str(path), f"--method {solver.method}", "--samples hold"]
+    if object_options:
+        words.append(object_options)
+    # The options that the bench of random targets has too.
+    words += [f"--{name} {used[name]}" for name in ("surface", "linearisations") if used[name] != plain[name]]
+    if used["margin"] != plain["margin"]:
+        words.append(f"--margin {1e3 * used['margin']:.15g}")
+    command = " ".join(words)
+    document = {"object": object_name, "object_options": object_options, "solver": used, **origin, "replay": command}
     trajectory = trajectory_of(shrunk.motion, name=path.stem, source=MADE_BY + json.dumps(document, sort_keys=True))
     save_trajectory(trajectory, path)
     return command

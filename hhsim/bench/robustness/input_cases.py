@@ -7,9 +7,8 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.bench.robustness import case
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
+from hhsim.bench.robustness.objects import ball, ball_mesh, disc, disc_mesh, plate, tree_of
 from hhsim.bench.robustness.postures import HALF, POINTING, RIM, crossings, handling, tip_at
-from hhsim.bench.robustness.sphere_objects import ball, disc, plate, tree_of
-from hhsim.bench.robustness.triangle_objects import ball_mesh, disc_mesh
 from hhsim.bench.run_errors import hand_clearance, placed_of
 from hhsim.hand.configuration import sequence
 from hhsim.hand.quaternion import quaternion, quaternion_product

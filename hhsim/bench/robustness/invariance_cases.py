@@ -8,9 +8,8 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome, ball_run, shown_points
+from hhsim.bench.robustness.objects import ball, ball_mesh, loose_mesh, right_hand, scaled_hand, tree_of
 from hhsim.bench.robustness.postures import HALF, handling
-from hhsim.bench.robustness.sphere_objects import ball, right_hand, scaled_hand, tree_of
-from hhsim.bench.robustness.triangle_objects import ball_mesh, loose_mesh
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
 from hhsim.mesh.mesh import Mesh

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.robustness.sphere_objects import right_hand
+from hhsim.bench.robustness.objects import right_hand
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.motion.analytic_motion import UPRIGHT, still

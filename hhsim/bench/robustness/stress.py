@@ -15,20 +15,11 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.robustness.failure import (
-    Provenance,
-    Shrunk,
-    failure_of,
-    keep_failure,
-    make_trial,
-    recorded_penetration,
-    shrink,
-)
+from hhsim.bench.robustness.failure import Shrunk, failure_of, keep_failure, make_trial, recorded_penetration, shrink
 from hhsim.bench.robustness.local_optimality import Pieces, pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.bench.robustness.safety import BLOCK, SafetyFigures, SafetyMeasure
 from hhsim.bench.table import columns_of, cpu_times, figure, totals_of
-from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
@@ -246,36 +237,34 @@ def _keep(
     tick_in_block: int,
     stretch: list[tuple[HandConfiguration, HandConfiguration]],
 ) -> KeptFailure:
-    behind = stretch[-1][0].ticks - tick_in_block - 1
     motion, graphic = (sequence(*pieces) for pieces in zip(*stretch))
-    end = motion.ticks - behind
+    end = motion.ticks - (stretch[-1][0].ticks - tick_in_block - 1)
     trial = make_trial(case.hand, case.new_solver, failure_of(kind, case.hand, case.pieces, case.solver))
-    try:
-        shrunk = shrink(motion.part(0, end), trial, graphic=graphic.part(0, end))
-    except InputError:
+    shrunk = shrink(motion.part(0, end), graphic.part(0, end), trial)
+    if shrunk is None:
         # The solver's memory of what came before the stretch decides: keep the whole way there.
         whole = replayed(case.targets().take(tick + 1))
-        shrunk = Shrunk(whole, trial(whole), tick + 1)
+        shrunk = Shrunk(whole, trial(whole))
     last = shrunk.tick
     record = case.new_solver().run(*shrunk.motion)
     depth = float(recorded_penetration(case.hand, case.surface, record).depth[last])
-    provenance = Provenance(
-        kind=kind,
-        object=case.object,
-        object_options=case.object_options,
-        method=case.solver.method,
-        seed=case.seed,
-        tick=tick,
-        failing_tick=last,
-        depth=depth,
-        stress=asdict(case.stress),
-        solver=case.solver.to_json(),
-        hand=case.hand.side,
-    )
     folder.mkdir(parents=True, exist_ok=True)
     stem = Path(case.object).stem
     touched = "" if case.solver.surface == "spheres" else f"-{case.solver.surface}"
     name = f"{stem}-{case.solver.method}{touched}-{kind.replace(' ', '-')}-seed{case.seed}-tick{tick}.h5"
     path = free_name(folder / name)
-    command = keep_failure(path, shrunk, provenance)
+    command = keep_failure(
+        path,
+        shrunk,
+        case.object,
+        case.object_options,
+        case.solver,
+        kind=kind,
+        seed=case.seed,
+        tick=tick,
+        failing_tick=last,
+        depth=depth,
+        stress=asdict(case.stress),
+        hand=case.hand.side,
+    )
     return KeptFailure(kind, tick, str(path), shrunk.motion.ticks, last, depth, command)

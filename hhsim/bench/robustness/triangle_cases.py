@@ -7,11 +7,11 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.bench.robustness import case, postures
-from hhsim.bench.robustness import triangle_objects as shapes
+from hhsim.bench.robustness import objects as shapes
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.invariance_cases import SAME, to_convergence
+from hhsim.bench.robustness.objects import right_hand
 from hhsim.bench.robustness.postures import HALF, INDEX, POINTING, RIM, shifted
-from hhsim.bench.robustness.sphere_objects import right_hand
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.quaternion import quaternion
 from hhsim.mesh.mesh import Mesh

@@ -9,18 +9,9 @@ import pytest
 from kept_failure import rerun_failure
 from sphere_scenes import bumpy_ball
 
-from hhsim.bench.robustness.failure import (
-    Provenance,
-    Trace,
-    failure_of,
-    keep_failure,
-    make_trial,
-    recorded_penetration,
-    shrink,
-)
+from hhsim.bench.robustness.failure import Trace, failure_of, keep_failure, make_trial, recorded_penetration, shrink
 from hhsim.bench.robustness.local_optimality import pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
-from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
@@ -57,8 +48,11 @@ def test_the_start_is_brought_up_to_the_failure() -> None:
     motion = RandomTargets(HAND, 4, JUMPS).take(900)
     motion.position[:, 0] = 0.25
     motion.position[0] = [0.0, 0.0, 0.25]
-    assert np.argmax(walk(motion).failed) > 200
-    assert shrink(motion, walk).motion.ticks == 2
+    failed, graphic = walk(motion)
+    end = int(np.argmax(failed)) + 1
+    assert end > 200
+    shrunk = shrink(motion.part(0, end), graphic.part(0, end), walk)
+    assert shrunk is not None and shrunk.motion.ticks == 2
 
 
 def test_a_stretch_that_needs_its_past_is_started_at_the_hand_shown() -> None:
@@ -68,29 +62,14 @@ def test_a_stretch_that_needs_its_past_is_started_at_the_hand_shown() -> None:
     trial = make_trial(HAND, lambda: SlippingSolver(HAND, BALL.arrays(), SolverOptions()), PENETRATES)
     # The stretch begins inside the object, from where a fresh start retreats to another side of it.
     failing = int(np.argmax(trial(motion).failed))
-    stretch, graphic = (
-        motion.part(failing - 40, failing + 1),
-        HandConfiguration.of(record).part(failing - 40, failing + 1),
-    )
-    assert shrink(stretch, trial, graphic=graphic).motion.ticks <= 3
+    shown = HandConfiguration.of(record)
+    shrunk = shrink(motion.part(failing - 40, failing + 1), shown.part(failing - 40, failing + 1), trial)
+    assert shrunk is not None and shrunk.motion.ticks <= 3
 
 
-def test_a_motion_that_does_not_fail_is_refused() -> None:
-    with pytest.raises(InputError, match="200 ticks does not fail"):
-        shrink(RandomTargets(HAND, 6, JUMPS).take(200), lambda motion: Trace(np.zeros(motion.ticks, bool), motion))
-
-
-def provenance(solver: SolverOptions, kind: str = "penetration", **more: Any) -> Provenance:
-    return Provenance(
-        kind=kind,
-        object="cube",
-        object_options="",
-        method=solver.method,
-        seed=1,
-        tick=0,
-        solver=solver.to_json(),
-        **more,
-    )
+def test_a_motion_that_does_not_fail_is_not_shrunk() -> None:
+    motion = RandomTargets(HAND, 6, JUMPS).take(200)
+    assert shrink(motion, motion, lambda motion: Trace(np.zeros(motion.ticks, bool), motion)) is None
 
 
 def test_a_planted_fault_shrinks_to_a_file_that_replays_to_the_same_failure(
@@ -109,10 +88,12 @@ def test_a_planted_fault_shrinks_to_a_file_that_replays_to_the_same_failure(
 
     trial = make_trial(HAND, faulty, PENETRATES)
     motion = RandomTargets(HAND, 3).take(2500)
-    shrunk = shrink(motion, trial)
-    assert shrunk.motion.ticks <= 9
+    failed, graphic = trial(motion)
+    end = int(np.argmax(failed)) + 1
+    shrunk = shrink(motion.part(0, end), graphic.part(0, end), trial)
+    assert shrunk is not None and shrunk.motion.ticks <= 9
     path = tmp_path / "failing.h5"
-    command = keep_failure(path, shrunk, provenance(options, failing_tick=shrunk.tick))
+    command = keep_failure(path, shrunk, "cube", "", options, kind="penetration")
     assert command == (f"hhsim replay cube {path} --method progressive --samples hold --linearisations 9 --margin 1.5")
     again = rerun_failure(path, HAND, tree, faulty)
     np.testing.assert_array_equal(again.failed, shrunk.trace.failed)

@@ -14,8 +14,8 @@ from hhsim.bench.robustness import hard as suite
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun
 from hhsim.bench.robustness.hard import CaseResult, bench_hard, judge_case, missed, table_rows
 from hhsim.bench.robustness.local_optimality import pieces_of, stuck_with_way_out
+from hhsim.bench.robustness.objects import BALL_RADIUS, right_hand, tree_of
 from hhsim.bench.robustness.postures import HALF
-from hhsim.bench.robustness.sphere_objects import BALL_RADIUS, right_hand, tree_of
 from hhsim.bench.table import load_table
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration

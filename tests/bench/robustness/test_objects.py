@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from hhsim.bench.robustness.objects import ball, disc
 from hhsim.bench.robustness.postures import crossings, threaded
-from hhsim.bench.robustness.sphere_objects import ball, disc
 
 
 def test_a_ball_and_a_disc_have_no_holes() -> None:

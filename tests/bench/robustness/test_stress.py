@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 from sphere_scenes import bumpy_ball, record_clearance
 
 from hhsim.bench.robustness import stress
+from hhsim.bench.robustness.objects import ball_mesh
 from hhsim.bench.robustness.random_targets import StressOptions
 from hhsim.bench.robustness.safety import BLOCK
 from hhsim.bench.robustness.stress import COLUMNS, STRETCH_BLOCKS, StressCase, StressFigures, run_case, run_stress
-from hhsim.bench.robustness.triangle_objects import ball_mesh
 from hhsim.bench.table import load_table
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
