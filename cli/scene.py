@@ -1,6 +1,5 @@
 """`hhsim scene`."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -65,6 +64,7 @@ def command(
     from hhsim.scene.described_scene import SceneWords, load_words
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.solver.options import SolverOptions
+    from hhsim.submissions.scene_file import worded_scene
     from hhsim.submissions.scene_folder import EXAMPLE, check_scene_folder, write_scene_folder
     from hhsim.system.output_path import dated_output_path
 
@@ -85,9 +85,7 @@ def command(
     )
     loaded = load_words(words)
     free.require(SolverOptions(), loaded.motions[0])
-    scene = loaded.placed().scene
-    if words.free is not None:
-        scene = replace(scene, description={**scene.description, "free": words.free.given()})
+    scene = worded_scene(loaded)
     print_notes(import_remarks(scene.hands[0].trajectory, trajectory))
     digest = write_scene_folder(scene, folder)
     if printing.as_json:

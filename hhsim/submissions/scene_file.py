@@ -7,7 +7,7 @@ written as MJCF, the format of MuJoCo (mujoco.readthedocs.io): hand, bodies with
 import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree as Xml
@@ -28,7 +28,7 @@ from hhsim.result.reader import read_phases
 from hhsim.result.schema import BODIES, BODY_STATIC, FRAME, HAND_STATIC, HANDS, JOINT_COLUMN, POSE_COLUMNS, TICK, Column
 from hhsim.result.stored_hand import hand_of_arrays, sphere_tree_of
 from hhsim.scene.body import Body, Driven, Fixed, Free, HalfSpace, Joint, Motion
-from hhsim.scene.described_scene import SceneWords, load_scene
+from hhsim.scene.described_scene import LoadedWords, SceneWords, load_words
 from hhsim.scene.scene import Hand, Scene
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.scene_solver import seen_scene
@@ -96,7 +96,18 @@ def named_scene(names: Mapping[str, Any]) -> Scene:
         words = typed({**names, "place_object": "recorded"}, SceneWords, "made_by")
     except InputError as error:
         raise InputError(f"made_by is {json.dumps(dict(names))} ({error})") from error
-    return load_scene(words).scene
+    return worded_scene(load_words(words))
+
+
+def worded_scene(loaded: LoadedWords) -> Scene:
+    """Make the scene of words, described so that `scene_names` has them: its trees are those of the level they state.
+
+    Errors as `hhsim.scene.described_scene.load_scene`.
+    """
+    scene, words = loaded.placed().scene, loaded.words
+    stated = {"level": words.level or loaded.bodies.level}
+    stated |= {} if words.free is None else {"free": words.free.given()}
+    return replace(scene, description={**scene.description, **stated})
 
 
 def scene_content(scene: Scene) -> bytes:
