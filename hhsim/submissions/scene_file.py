@@ -105,7 +105,7 @@ def worded_scene(loaded: LoadedWords) -> Scene:
     Errors as `hhsim.scene.described_scene.load_scene`.
     """
     scene, words = loaded.placed().scene, loaded.words
-    stated = {"level": words.level or loaded.bodies.level}
+    stated: dict[str, Any] = {"level": words.level or loaded.bodies.level}
     stated |= {} if words.free is None else {"free": words.free.given()}
     return replace(scene, description={**scene.description, **stated})
 

@@ -221,6 +221,8 @@ def score(
         options = SolverOptions(method=name, surface=surface)
         file = submission.path.name if submission.path else ""
         said = {"method": submission.method, "file": file, "scene": digest, "suspicions": list(doubts)}
+        # Of what is free poses are sent: nothing else in the file says where it goes.
+        said |= {"bodies": list(submission.bodies)} if submission.bodies else {}
         with SceneSolver(shown, options) as solver:
             run = Replay(solver, {"submission": said})
             with run.writer(output_path, command) as writer:

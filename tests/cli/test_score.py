@@ -79,6 +79,8 @@ def test_two_hands_and_a_free_body_are_scored_and_other_blocks_are_refused(run: 
     document = json.loads(found.out)
     assert set(document["hands"]) == {"right", "left"} and document["body_depth_max"] < 1e-6
     assert "by mass and forces is not judged" in document["notes"][-1]
+    verified = json.loads(run("verify", "r.h5", "--every", "50", "--json").out)
+    assert "FAILS" not in json.dumps(verified)
     shown = run("score", "mine.csv", "--scene", "s", "--out", "r2.h5").out
     assert "right hand" in shown and "left hand" in shown and "bodies in each other, max" in shown
 
