@@ -1,24 +1,31 @@
 """`hhsim scene`."""
 
 from pathlib import Path
+from typing import Literal
 
 import click
 
 from hhsim.system.counted import counted
 
 from .arguments import options
+from .arguments.free_object import FreeChoice
 from .arguments.object_argument import MeshSize, complete_object
-from .arguments.options import Side
+from .arguments.option_group import GroupedCommand
 from .console import print_json, print_line, print_notes
 from .replay import complete_trajectory
 
 
-@click.command(cls=options.Command)
+@click.command(cls=GroupedCommand)
 @click.argument("object_", metavar="[OBJECT]", default="bunny", shell_complete=complete_object)
 @click.argument("trajectory", metavar="[TRAJECTORY]", default="grasp", shell_complete=complete_trajectory)
 @MeshSize.argument("mesh_size")
 @options.tree_level
-@click.option("--hand", "side", type=options.SIDES, help="Which hand grasps. Default: the recording's, else the right.")
+@click.option(
+    *("--hand", "--hands", "side"),
+    type=click.Choice(["right", "left", "both"]),
+    help="Which hand grasps, or both. Default: the recording's, else the right.",
+)
+@FreeChoice.argument("free")
 @options.Sampling.argument("sampling")
 @options.seed
 @click.option(
@@ -33,7 +40,8 @@ def command(
     trajectory: str,
     mesh_size: MeshSize,
     level: int | None,
-    side: Side | None,
+    side: Literal["right", "left", "both"] | None,
+    free: FreeChoice,
     sampling: options.Sampling,
     seed: int,
     out: Path | None,
@@ -44,16 +52,19 @@ def command(
     OBJECT and TRAJECTORY are as for hhsim replay. The folder gets the mesh (.obj), the spheres that cover it, the
     user's hand at every tick (.csv and HDF5), the hand as numbers, URDF and MJCF, hand and object as one MJCF model
     (scene.xml), a README with frames and units, and example-submission.csv, which shows what hhsim score takes back
-    (docs/submissions.md). Several bodies have a mesh each, and joints in scene.xml; hhsim score takes none.
+    (docs/submissions.md). Several bodies have a mesh each, and joints in scene.xml; two hands have files each.
 
     \b
     Examples:
       hhsim scene bunny grasp --out bunny-grasp
       hhsim scene mug.stl grasp --unit mm --out mug-grasp
       hhsim scene cup handle --rate 500 --hand left --out cup-handle
+      hhsim scene cube lift-both --hands both --free
     """
-    from hhsim.scene.described_scene import SceneWords, load_scene
+    from hhsim.scene.described_scene import SceneWords, load_words
     from hhsim.scene.motion_catalogue import import_remarks
+    from hhsim.solver.options import SolverOptions
+    from hhsim.submissions.scene_file import worded_scene
     from hhsim.submissions.scene_folder import EXAMPLE, check_scene_folder, write_scene_folder
     from hhsim.system.output_path import dated_output_path
 
@@ -70,8 +81,11 @@ def command(
         samples=sampling.samples,
         place_object="recorded",
         seed=seed,
+        free=free.words(),
     )
-    scene = load_scene(words).scene
+    loaded = load_words(words)
+    free.require(SolverOptions(), loaded.motions[0])
+    scene = worded_scene(loaded)
     print_notes(import_remarks(scene.hands[0].trajectory, trajectory))
     digest = write_scene_folder(scene, folder)
     if printing.as_json:
@@ -80,5 +94,4 @@ def command(
     elif not printing.quiet:
         ticks = counted(scene.ticks.tick_count, "tick")
         print_line(f"{scene.name}, {scene.hands[0].trajectory.name}: {ticks}, scene {digest[:12]}")
-        back = f"send poses back as in {folder / EXAMPLE}: hhsim score {folder / EXAMPLE} measures them"
-        print_line(back if len(scene.solids) == 1 else f"several bodies: {folder / 'README.md'} tells of them")
+        print_line(f"send poses back as in {folder / EXAMPLE}: hhsim score {folder / EXAMPLE} measures them")

@@ -52,10 +52,11 @@ def command(
 ) -> int:
     """Measure the poses that other software made of a scene.
 
-    SUBMISSION is a .csv or .h5 file with a hand for every tick of a scene that hhsim scene wrote, with forces and times
-    if there are any (docs/submissions.md). Everything that poses can tell is computed anew, as of a method of hhsim's
-    own; the result is a file that hhsim report, view, compare and export read. Ticks, frames and units that are not the
-    scene's are refused or named; the exit code is 1 where something is suspected.
+    SUBMISSION is a .csv or .h5 file with the hands, and the bodies that are free, for every tick of a scene that hhsim
+    scene wrote, with forces and times if there are any (docs/submissions.md). Everything that poses can tell is
+    computed anew, as of a method of hhsim's own; the result is a file that hhsim report, view, compare and export read.
+    Ticks, frames and units that are not the scene's are refused or named; the exit code is 1 where something is
+    suspected.
 
     With --recorded, SUBMISSION is a recording that any software repaired, with the samples of the recorded one, and
     --object is what it holds: the table is that of hhsim repair (docs/metrics.md).
@@ -84,11 +85,17 @@ def command(
     if output.as_json:
         print_json(found.to_json())
     elif not output.quiet:
-        summary = found.summary
+        summary = next(iter(found.hands.values())).summary
         print_line(f"{summary.object_name}, {summary.motion_name}, {read.method}: {counted(summary.ticks, 'tick')}")
-        print_line(summary.verdict.line)
-        print()
-        print_table(figure_table(found.rows))
+        for side, hand in found.hands.items():
+            whose = f"{side} hand: " if len(found.hands) > 1 else ""
+            print_line(f"{whose}{hand.summary.verdict.line}")
+        for side, hand in found.hands.items():
+            print()
+            print_table(figure_table(hand.rows, f"{side} hand" if len(found.hands) > 1 else ""))
+        if found.body_rows:
+            print()
+            print_table(figure_table(found.body_rows, "bodies"))
         for note in found.notes:
             print_line(f"note: {note}")
         print_line(f"every tick is in {path}")

@@ -15,7 +15,7 @@ def write_submission(submission: Submission, path: Path) -> None:
         file.attrs["format"] = FORMAT
         for key, value in submission.keys().items():
             file.attrs[key] = value
-        for name, array in submission.arrays.items():
-            file.create_dataset(name, data=array, track_times=False).attrs["units"] = PARTS[name].unit
+        for block, array in submission.arrays.items():
+            file.create_dataset(block.name, data=array, track_times=False).attrs["units"] = PARTS[block.part].unit
 
     path.write_bytes(format_poses(submission).encode() if path.suffix == ".csv" else sealed_hdf5(fill))

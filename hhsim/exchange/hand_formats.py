@@ -18,12 +18,13 @@ KNUCKLE = Inertial(1e-4, np.zeros(3), 1e-8 * np.eye(3))
 """Smallest sound mass of the link between a finger's abduction and first flexion, which represents no body."""
 
 
-def hand_mjcf(hand: HandModel) -> str:
+def hand_mjcf(hand: HandModel, prefix: str = "") -> str:
     """Return the MJCF text of a hand, in m, rad and kg.
 
     The palm has a free joint `palm`, with position and orientation (w, x, y, z), world, in qpos; the hinges are named
     like the columns of a submission, and a site at each tip sphere's centre `thumb_tip`. The hand collides with usual
     contact bits, and not with itself. Capsules lie inside of a phalanx, by `hhsim.exchange.hand_bodies.STEP` at most.
+    A prefix precedes all names, where two hands are in one model.
     """
     model = Xml.Element("mujoco", model=f"{hand.side}_hand")
     Xml.SubElement(model, "compiler", angle="radian", autolimits="true")
@@ -34,13 +35,15 @@ def hand_mjcf(hand: HandModel) -> str:
     placed: dict[str, Xml.Element] = {"": world}
     tips = {f"{finger}_{PHALANGES}": f"{finger}_tip" for finger in FINGERS}
     for body in hand_bodies(hand).bodies:
-        element = Xml.SubElement(placed[body.parent], "body", name=body.name, pos=numbers(body.offset), gravcomp="1")
+        about = {"name": f"{prefix}{body.name}", "pos": numbers(body.offset), "gravcomp": "1"}
+        element = Xml.SubElement(placed[body.parent], "body", about)
         placed[body.name] = element
         if body.name == PALM:
-            Xml.SubElement(element, "freejoint", name=PALM)
+            Xml.SubElement(element, "freejoint", name=f"{prefix}{PALM}")
         for joint in body.joints:
             limits = numbers((joint.lower, joint.upper))
-            Xml.SubElement(element, "joint", name=joint.name, type="hinge", axis=numbers(joint.axis), range=limits)
+            about = {"name": f"{prefix}{joint.name}", "type": "hinge", "axis": numbers(joint.axis), "range": limits}
+            Xml.SubElement(element, "joint", about)
         add_inertial(element, body.inertial)
         for shape in body.shapes:
             if shape.is_sphere:
@@ -49,7 +52,7 @@ def hand_mjcf(hand: HandModel) -> str:
                 ends = numbers((*shape.start, *shape.end))
                 Xml.SubElement(element, "geom", type="capsule", fromto=ends, size=numbers([shape.radius]))
         if body.cone is not None and body.name in tips:
-            Xml.SubElement(element, "site", name=tips[body.name], pos=numbers(body.cone.end), size="0.001")
+            Xml.SubElement(element, "site", name=f"{prefix}{tips[body.name]}", pos=numbers(body.cone.end), size="0.001")
     Xml.indent(model)
     return Xml.tostring(model, encoding="unicode") + "\n"
 

@@ -97,32 +97,34 @@ def seen_scene(scene: Scene) -> SeenScene:
         return SeenScene(mesh, tree, place, None, given, free[0], parts, others)
     if len(solids) == 1:
         carrier = body.motion.poses if isinstance(body.motion, Driven) else None
-        haptic = given if carrier is None else tuple(_seen(hand, _along(carrier)) for hand in given)
+        haptic = given if carrier is None else tuple(seen_hand(hand, along(carrier)) for hand in given)
         mesh = replace(body.placed_mesh, name=scene.name)
         return SeenScene(mesh, body.placed_tree, place, carrier, haptic, None, None)
     carrier = first.ticks.object_motion
     world = [_poses(one, scene.ticks.tick_count) for one in solids]
     values = {one.name: one.motion.values for one in solids if isinstance(one.motion, Driven)}
     joints = {name: of for name, of in values.items() if of is not None}
-    along = None if carrier is None else _along(carrier)
-    if along is not None and not all(one.name in joints or _goes_along(one, along) for one in solids):
-        carrier = along = None
+    moved = None if carrier is None else along(carrier)
+    if moved is not None and not all(one.name in joints or _goes_along(one, moved) for one in solids):
+        carrier = moved = None
     begin = [RigidMotion(one.orientation[None], one.position[None]) for one in solids]
     mesh = placed_mesh([one.mesh for one in solids], begin, scene.name)
     tree = joined_tree([one.tree for one in solids], begin, scene.name, mesh)
     poses = np.stack([np.concatenate(of, axis=1) for of in world], axis=1)
     shapes = tuple(one.name for one in solids), tuple(one.mesh for one in solids), tuple(one.tree for one in solids)
-    parts = MovingParts(scene.name, *shapes, poses, joints, along)
-    haptic = given if along is None else tuple(_seen(hand, along) for hand in given)
+    parts = MovingParts(scene.name, *shapes, poses, joints, moved)
+    haptic = given if moved is None else tuple(seen_hand(hand, moved) for hand in given)
     return SeenScene(mesh, tree, place, carrier, haptic, None, parts)
 
 
-def _along(poses: ObjectMotion) -> RigidMotion:
+def along(poses: ObjectMotion) -> RigidMotion:
+    """Return the motion of a frame that goes along with poses since the first one."""
     return poses.since(poses.position[0], poses.orientation[0])
 
 
-def _seen(hand: HandConfiguration, along: RigidMotion) -> HandConfiguration:
-    places, turns = along.seen_points(hand.position), along.seen_orientations(hand.orientation)
+def seen_hand(hand: HandConfiguration, moved: RigidMotion) -> HandConfiguration:
+    """Return a hand, given in the world, as a frame that has moved sees it."""
+    places, turns = moved.seen_points(hand.position), moved.seen_orientations(hand.orientation)
     return hand._replace(position=places, orientation=turns)
 
 

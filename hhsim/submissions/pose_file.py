@@ -1,14 +1,16 @@
-"""Submissions, format `hhsim-poses`: the hand that some other software shows at every tick of a scene, CSV or HDF5.
+"""Submissions, format `hhsim-poses`: hands and bodies as other software shows them at every tick, CSV or HDF5.
+
+A block of columns is of a hand, or of a body that is free: its name and `_` precede them, but for a file of one hand.
 
 docs/submissions.md lists columns, datasets and keys.
 """
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -19,12 +21,15 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS
 from hhsim.motion.csv_table import format_table, read_table
+from hhsim.motion.trajectory import ObjectMotion
+from hhsim.result.schema import SIDES
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 from hhsim.system.input_file import read_input_text
 
 FORMAT = "hhsim-poses"
 KEYS = ("scene", "made_by", "method", "hand")
 HDF5_SUFFIXES = (".h5", ".hdf5")
+FORCES = ("phalanx_force", "palm_force")
 LOOSE_UNIT = 1e-3
 """Largest deviation of a quaternion from unit length; one in single precision or of six digits is nearer."""
 
@@ -56,11 +61,39 @@ PARTS = {
     "duration": Part((), "s", ("duration",), optional=True),
 }
 COLUMNS = {column: name for name, part in PARTS.items() for column in part.columns}
+OF_TICKS = ("time", "duration")
+OF_BODY = tuple(ObjectMotion._fields)
+ALONE = ""
+"""Block of the hand of a file of one hand."""
+
+
+class Block(NamedTuple):
+    """Part of a block's values; of ticks themselves the block is `ALONE`."""
+
+    owner: str
+    part: str
+
+    @property
+    def name(self) -> str:
+        """Name of the dataset."""
+        return "/".join(filter(None, self))
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of its columns in the CSV table."""
+        return ["_".join(filter(None, (self.owner, column))) for column in PARTS[self.part].columns]
+
+
+def _parts_of(owner: str) -> list[str]:
+    """Return the parts that a block may have."""
+    if owner == ALONE:
+        return list(PARTS)
+    return [name for name in PARTS if name not in OF_TICKS] if owner in SIDES else list(OF_BODY)
 
 
 @dataclass(frozen=True, eq=False)
 class Submission:
-    """Hand that a method shows at every tick of a scene."""
+    """Hand, or right hand of two, and free bodies that a method shows at every tick of a scene."""
 
     method: str  # name of the method
     # Digest of the scene (`hhsim.submissions.scene_file.scene_digest`), or its first digits; "" if not stated.
@@ -76,18 +109,30 @@ class Submission:
     made_by: Mapping[str, Any] = field(default_factory=dict)
     hand: str = ""  # side of the hand, right or left; "" if not stated
     path: Path | None = None
+    left: "Submission | None" = None  # the left hand of two
+    # Poses of free bodies by their names: of the mesh that `hhsim scene` wrote, world, fields of T rows.
+    bodies: Mapping[str, ObjectMotion] = field(default_factory=dict)
 
     @property
-    def arrays(self) -> dict[str, FloatArray]:
-        """Arrays that it has, by the names in `PARTS`."""
-        values = {"time": self.time, **self.poses._asdict()}
-        more = {name: getattr(self, name) for name in PARTS if name not in values}
-        return {**values, **{name: array for name, array in more.items() if array is not None}}
+    def hands(self) -> "tuple[Submission, ...]":
+        """The hand, or the right and the left one."""
+        return (self,) if self.left is None else (self, self.left)
+
+    @property
+    def arrays(self) -> dict[Block, FloatArray]:
+        """Arrays that it has."""
+        of_ticks = {Block(ALONE, name): getattr(self, name) for name in OF_TICKS}
+        hands = zip([ALONE] if self.left is None else SIDES, self.hands)
+        shown = [(owner, {**hand.poses._asdict(), **{of: getattr(hand, of) for of in FORCES}}) for owner, hand in hands]
+        shown += [(name, poses._asdict()) for name, poses in self.bodies.items()]
+        found = of_ticks | {Block(owner, name): of for owner, values in shown for name, of in values.items()}
+        return {block: array for block, array in found.items() if array is not None}
 
     def keys(self) -> dict[str, str]:
         """Return its non-empty values of `KEYS`."""
         made = json.dumps(dict(self.made_by)) if self.made_by else ""
-        said = {"scene": self.scene, "made_by": made, "method": self.method, "hand": self.hand}
+        hand = self.hand if self.left is None else ""
+        said = {"scene": self.scene, "made_by": made, "method": self.method, "hand": hand}
         return {key: value for key, value in said.items() if value}
 
 
@@ -120,13 +165,13 @@ def read_submission(path: Path) -> Submission:
 def format_poses(submission: Submission) -> str:
     """Return the CSV text; numbers have full precision, so that the same bits are read back."""
     arrays = submission.arrays
-    names = [f"{column} [{PARTS[name].unit}]" for name in arrays for column in PARTS[name].columns]
+    names = [f"{column} [{PARTS[block.part].unit}]" for block in arrays for column in block.columns]
     numbers = np.column_stack([array.reshape(len(array), -1) for array in arrays.values()]).tolist()
     header = [name.removesuffix(" [1]") for name in names]
     return format_table({"format": FORMAT} | submission.keys(), header, ([*map(repr, row)] for row in numbers))
 
 
-def parse_poses(text: str) -> tuple[dict[str, str], dict[str, FloatArray]]:
+def parse_poses(text: str) -> tuple[dict[str, str], dict[Block, FloatArray]]:
     """Read the keys and the arrays of a CSV text.
 
     Raises InputError for a missing or unknown column, another unit, a line of another length, or a cell without a
@@ -139,43 +184,71 @@ def parse_poses(text: str) -> tuple[dict[str, str], dict[str, FloatArray]]:
     header = _columns(table.header)
     numbers, _ = table.numbers(table.header)
     arrays = {}
-    for name, part in PARTS.items():
-        if part.columns[0] in header:
-            chosen = [header.index(column) for column in part.columns]
-            arrays[name] = np.ascontiguousarray(numbers[:, chosen]).reshape(len(numbers), *part.shape)
+    for block in header.values():
+        chosen = [[*header].index(column) for column in block.columns]
+        arrays[block] = np.ascontiguousarray(numbers[:, chosen]).reshape(len(numbers), *PARTS[block.part].shape)
     return said, arrays
 
 
-def _columns(headings: Sequence[str]) -> list[str]:
-    """Return the names of the columns; raise InputError for missing or unknown ones, or another unit."""
-    found = []
+def _columns(headings: Sequence[str]) -> dict[str, Block]:
+    """Return the blocks of the columns by their names; InputError for missing or unknown ones, or another unit."""
+    found = dict[str, Block]()
     for heading in headings:
         match = re.fullmatch(r"\s*([^\[\]]*?)\s*(?:\[(.*)\])?\s*", heading)
         column, unit = (match[1], match[2]) if match else (heading, None)
-        if column not in COLUMNS:
-            raise InputError(f"the header has an {UnknownNameError('column', column, COLUMNS)}")
-        expected = PARTS[COLUMNS[column]].unit
+        block = _block_of(column)
+        expected = PARTS[block.part].unit
         if unit is not None and unit != expected:
             raise InputError(f"column {column} is in {unit}; expected {expected}")
         if column in found:
             raise InputError(f"the header has column {column} twice")
-        found.append(column)
-    for part in PARTS.values():
-        missing = [column for column in part.columns if column not in found]
-        if missing and not (part.optional and len(missing) == len(part.columns)):
+        found[column] = block
+    for block in _required(found.values()):
+        missing = [column for column in block.columns if column not in found]
+        if missing and not (PARTS[block.part].optional and len(missing) == len(block.columns)):
             more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
             raise InputError(f"the header lacks {', '.join(missing[:4])}{more}")
     return found
 
 
-def _read_hdf5(path: Path) -> tuple[dict[str, str], dict[str, FloatArray]]:
+def _block_of(column: str) -> Block:
+    """Return the block of a column; InputError for one that is unknown."""
+    owner, _, own = column.partition("_")
+    if column in COLUMNS:
+        return Block(ALONE, COLUMNS[column])
+    if owner not in SIDES:
+        owner, _, own = column.rpartition("_")
+    part = COLUMNS.get(own, "")
+    if not owner or part not in _parts_of(owner):
+        raise InputError(f"the header has an {UnknownNameError('column', column, COLUMNS)}")
+    return Block(owner, part)
+
+
+def _required(blocks: Iterable[Block]) -> list[Block]:
+    """Return the parts that blocks of these may or must have; of no hand those of one alone."""
+    owners = dict.fromkeys(block.owner for block in blocks if block.part not in OF_TICKS)
+    hands = [owner for owner in owners if owner == ALONE or owner in SIDES]
+    expected = list(SIDES) if set(hands) & set(SIDES) else [ALONE]
+    named = [*expected, *(owner for owner in owners if owner not in hands)]
+    found = [Block(owner, part) for owner in named for part in _parts_of(owner)]
+    ticks = [Block(ALONE, part) for part in OF_TICKS if expected != [ALONE]]
+    if expected != [ALONE] and ALONE in hands:
+        raise InputError(f"there are columns of one hand and of the {' and the '.join(SIDES)} one; expected either")
+    return [*ticks, *found]
+
+
+def _read_hdf5(path: Path) -> tuple[dict[str, str], dict[Block, FloatArray]]:
     try:
         with open_hdf5(path) as file:
             if file.attrs.get("format") != FORMAT:
                 raise InputError(f"format {file.attrs.get('format')}; expected an attribute format, {FORMAT}")
             said = {key: str(file.attrs[key]) for key in KEYS if key in file.attrs}
             arrays = {}
-            for name, part in PARTS.items():
+            owners = [name for name, of in file.items() if isinstance(of, h5py.Group)]
+            there = [Block(owner, part) for owner in owners for part in _parts_of(owner)]
+            there += [Block(ALONE, name) for name in PARTS if name in file]
+            for block in _required(there):
+                name, part = block.name, PARTS[block.part]
                 dataset = file.get(name)
                 if not isinstance(dataset, h5py.Dataset):
                     if not part.optional:
@@ -186,7 +259,7 @@ def _read_hdf5(path: Path) -> tuple[dict[str, str], dict[str, FloatArray]]:
                     raise InputError(f"dataset {name} is in {unit}; expected {part.unit}")
                 if dataset.dtype.kind not in "fiu":
                     raise InputError(f"dataset {name} holds no numbers")
-                arrays[name] = np.asarray(dataset[()], dtype=np.float64)
+                arrays[block] = np.asarray(dataset[()], dtype=np.float64)
             return said, arrays
     except InputError:
         raise
@@ -194,41 +267,58 @@ def _read_hdf5(path: Path) -> tuple[dict[str, str], dict[str, FloatArray]]:
         raise InputError(f"no HDF5 file, or a damaged one: {str(error).splitlines()[0][:120]}") from None
 
 
-def _submission(said: Mapping[str, str], arrays: dict[str, FloatArray], path: Path) -> Submission:
-    ticks = len(arrays["time"]) if arrays["time"].ndim else 0
+def _submission(said: Mapping[str, str], arrays: dict[Block, FloatArray], path: Path) -> Submission:
+    time = arrays[Block(ALONE, "time")]
+    ticks = len(time) if time.ndim else 0
     if ticks == 0:
         raise InputError("no ticks; expected a pose for every tick of the scene")
-    for name, array in arrays.items():
-        if array.shape != (ticks, *PARTS[name].shape):
-            wanted = _spelled(PARTS[name].shape)
+    for block, array in arrays.items():
+        name, shape = block.name, PARTS[block.part].shape
+        if array.shape != (ticks, *shape):
+            wanted = _spelled(shape)
             raise InputError(f"{name} has shape {array.shape}; expected {wanted}, T = {ticks:,} as time has")
         bad = np.flatnonzero(~np.isfinite(array).reshape(ticks, -1).all(axis=1))
         if bad.size:
             others = f", and of {bad.size - 1:,} more" if bad.size > 1 else ""
             raise InputError(f"{name} of tick {bad[0]:,} is not finite{others}")
-    length = np.linalg.norm(arrays["orientation"], axis=1)
-    bad = np.flatnonzero(np.abs(length - 1.0) > LOOSE_UNIT)
-    if bad.size:
-        off = f"has length {length[bad[0]]:.4g}"
-        raise InputError(f"orientation of tick {bad[0]:,} {off}; expected a unit quaternion w x y z")
-    if "duration" in arrays and (arrays["duration"] < 0.0).any():
-        raise InputError(f"duration of tick {int(np.argmax(arrays['duration'] < 0.0)):,} is negative")
-    if "palm_force" in arrays and "phalanx_force" not in arrays:
-        raise InputError("palm_force without phalanx_force; expected both, or the second alone")
+        if block.part == "orientation":
+            length = np.linalg.norm(array, axis=1)
+            bad = np.flatnonzero(np.abs(length - 1.0) > LOOSE_UNIT)
+            if bad.size:
+                off = f"has length {length[bad[0]]:.4g}"
+                raise InputError(f"{name} of tick {bad[0]:,} {off}; expected a unit quaternion w x y z")
+            array /= length[:, None]
+    duration = arrays.get(Block(ALONE, "duration"))
+    if duration is not None and (duration < 0.0).any():
+        raise InputError(f"duration of tick {int(np.argmax(duration < 0.0)):,} is negative")
+    owners = list(dict.fromkeys(block.owner for block in arrays if block.part not in OF_TICKS))
+    sides = [owner for owner in (ALONE, *SIDES) if owner in owners]
+    forces = {side: [arrays.get(Block(side, name)) for name in FORCES] for side in sides}
+    for phalanx, palm in forces.values():
+        if palm is not None and phalanx is None:
+            raise InputError("palm_force without phalanx_force; expected both, or the second alone")
+    if len({phalanx is None for phalanx, _ in forces.values()}) > 1:
+        raise InputError("forces of one of two hands; expected those of both, or none")
     try:
         made_by = json.loads(said.get("made_by", "{}"))
         if not isinstance(made_by, dict):
             raise ValueError("no object")
     except ValueError:
         raise InputError(f"made_by is {said['made_by']}; expected JSON as in the example of hhsim scene") from None
-    if said.get("hand", "") not in ("", "right", "left"):
+    if said.get("hand", "") not in ("", *SIDES):
         raise InputError(f"hand is '{said['hand']}'; expected right or left")
     method = " ".join(said.get("method", path.stem).split()) or path.stem
-    poses = HandConfiguration(*(arrays[name] for name in HandConfiguration._fields))
-    poses.orientation[:] /= length[:, None]
-    more = {name: arrays.get(name) for name in ("phalanx_force", "palm_force", "duration")}
-    scene, hand = said.get("scene", ""), said.get("hand", "")
-    return Submission(method, scene, arrays["time"], poses, **more, made_by=made_by, hand=hand, path=path)
+    about: dict[str, Any] = {"duration": duration, "made_by": made_by, "path": path}
+    about["bodies"] = {
+        name: ObjectMotion(*(arrays[Block(name, part)] for part in OF_BODY)) for name in owners if name not in sides
+    }
+    for side in reversed(sides):
+        poses = HandConfiguration(*(arrays[Block(side, name)] for name in HandConfiguration._fields))
+        hand = side or said.get("hand", "")
+        about |= {"hand": hand, **dict(zip(FORCES, forces[side], strict=True))}
+        made = Submission(method, said.get("scene", ""), time, poses, **about)
+        about["left"] = made
+    return made
 
 
 def _spelled(shape: tuple[int, ...]) -> str:

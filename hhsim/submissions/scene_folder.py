@@ -3,7 +3,7 @@
 import json
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +13,17 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import OutputError
 from hhsim.exchange.hand_bodies import STEP
 from hhsim.exchange.hand_formats import hand_mjcf, hand_urdf
-from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.motion.csv_file import POSE_COLUMNS, format_csv
+from hhsim.motion.trajectory import ObjectMotion
 from hhsim.scene.scene import Scene
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.bodies_toml import BODIES_FILE, JOINTS_FILE, bodies_toml
 from hhsim.submissions.pose_file import Submission, format_poses
 from hhsim.submissions.scene_file import (
+    free_bodies,
+    hand_prefixes,
     recorded_poses,
     scene_bodies,
     scene_content,
@@ -55,7 +57,8 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
     Raises OutputError as `check_scene_folder`, or if it cannot be written; InputError as `scene_mjcf`.
     """
     check_scene_folder(folder)
-    digest, hand, ticks = scene_digest(scene), scene.hands[0].model, scene.hands[0].ticks.seen_from_object()
+    digest, prefixes = scene_digest(scene), hand_prefixes(scene)
+    ticks = scene.ticks
     bodies, parts = scene_bodies(scene), seen_scene(scene).parts
     description = {
         "format": "hhsim-scene",
@@ -63,7 +66,7 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
         "made_by": scene_names(scene),
         "rate": ticks.rate,
         "ticks": ticks.tick_count,
-        "hand": hand.side,
+        "hand": scene_names(scene)["hand"],
         "phases": [phase._asdict() for phase in ticks.phases],
         "units": "m, rad, s, N; world right-handed, z up; quaternions w x y z",
         **({} if parts is None else {"bodies": [body.to_json() for body in bodies]}),
@@ -72,7 +75,7 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
     leaves = [np.column_stack([body.tree.leaf_center, body.tree.leaf_radius]).tolist() for body in bodies]
     spheres = [(*leaf, body.name) for body, its in zip(bodies, leaves) for leaf in its]
     names = ("object_position", "object_orientation", "name", "source")
-    about = {name: getattr(scene.hands[0].trajectory, name) for name in names}
+    about = [{name: getattr(hand.trajectory, name) for name in names} for hand in scene.hands]
     # The one object has a name of its own there.
     files_of = {body.name: bodies[0] for body in scene.solids} | {body.name: body for body in bodies if parts}
     files: dict[str, str | bytes] = {
@@ -80,18 +83,21 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
         "scene.json": json.dumps(description, indent=2) + "\n",
         **{f"{body.name}.obj": body.mesh.obj() for body in bodies},
         "spheres.csv": Table.of_cells(heading, spheres).csv(),
-        "motion.csv": format_csv(tick_trajectory(ticks, hand=hand.side, **about)),
-        "hand.json": json.dumps(_numbers(hand), indent=1) + "\n",
-        "hand.urdf": hand_urdf(hand),
-        "hand.xml": hand_mjcf(hand),
         "scene.xml": scene_mjcf(scene),
-        "README.md": _readme(scene, digest),
+        EXAMPLE: format_poses(example_submission(scene)),
         **bodies_toml(scene, {name: (f"{file.name}.obj", file.pose) for name, file in files_of.items()}),
     }
-    if parts is None:
-        files[EXAMPLE] = format_poses(example_submission(scene))
-    elif recorded_poses(scene):
+    for prefix, hand, of in zip(prefixes, scene.hands, about, strict=True):
+        moved, model = tick_trajectory(hand.ticks.seen_from_object(), hand=hand.model.side, **of), hand.model
+        files |= {
+            f"{prefix}motion.csv": format_csv(moved),
+            f"{prefix}hand.json": json.dumps(_numbers(model), indent=1) + "\n",
+            f"{prefix}hand.urdf": hand_urdf(model),
+            f"{prefix}hand.xml": hand_mjcf(model, prefix),
+        }
+    if parts is not None and recorded_poses(scene):
         files[DRIVEN_FILE] = _driven_poses(scene, parts.values)
+    files["README.md"] = _readme(scene, digest, files)
     target = folder.absolute()
     partial = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
@@ -116,16 +122,23 @@ def _driven_poses(scene: Scene, joints: Mapping[str, FloatArray]) -> str:
 
 
 def example_submission(scene: Scene) -> Submission:
-    """Return the user's own hand, which penetrates the object, as a submission."""
-    ticks = scene.hands[0].ticks.seen_from_object()
-    return Submission(
-        method="the user's own hand",
-        scene=scene_digest(scene),
-        time=ticks.time,
-        poses=HandConfiguration.of(ticks),
-        made_by=scene_names(scene),
-        hand=scene.hands[0].model.side,
-    )
+    """Return the users' own hands, which penetrate the bodies, as a submission in which free bodies stay."""
+    seen, count = seen_scene(scene), scene.ticks.tick_count
+    still = ObjectMotion(np.zeros((count, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)))
+    made = None
+    for hand, haptic in zip(reversed(scene.hands), reversed(seen.haptic), strict=True):
+        made = Submission(
+            method="the user's own hand" if len(scene.hands) == 1 else "the user's own hands",
+            scene=scene_digest(scene),
+            time=scene.ticks.time,
+            poses=haptic,
+            made_by=scene_names(scene),
+            hand=hand.model.side,
+            left=made,
+            bodies=dict.fromkeys(free_bodies(scene), still),
+        )
+    assert made is not None
+    return made
 
 
 def _numbers(hand: HandModel) -> dict[str, Any]:
@@ -146,48 +159,54 @@ def _numbers(hand: HandModel) -> dict[str, Any]:
     }
 
 
-def _readme(scene: Scene, digest: str) -> str:
+def _readme(scene: Scene, digest: str, files: Collection[str]) -> str:
     ticks = scene.ticks
-    side = scene.hands[0].model.side
-    sign = "" if side == "right" else "minus "
+    sides, prefixes = [hand.model.side for hand in scene.hands], hand_prefixes(scene)
+    sign = {"right": "", "left": "minus "}
+    signs = " and ".join(f"{sign[side]}w" if len(sides) == 1 else f"{sign[side]}w ({side})" for side in sides)
     meshes = ", ".join(f"`{body.name}.obj`" for body in scene_bodies(scene))
-    send = "`hhsim score` takes no poses beside\nseveral bodies, of which docs/submissions.md of hhsim tells."
-    last = f"| `{DRIVEN_FILE}` | poses and joint values of driven bodies |\n" if recorded_poses(scene) else ""
-    if len(scene.solids) == 1:
-        send = f"""Write a line a tick, and measure it:
+    motion, numbered = (", ".join(f"`{prefix}{name}`" for prefix in prefixes) for name in ("motion.csv", "hand.json"))
+    models = ", ".join(f"`{prefix}hand.{suffix}`" for prefix in prefixes for suffix in ("urdf", "xml"))
+    last = f"| `{DRIVEN_FILE}` | poses and joint values of driven bodies |\n" if DRIVEN_FILE in files else ""
+    free = ", ".join(f"`{name}.obj`" for name in free_bodies(scene))
+    moved = (
+        f" Columns of\n{free} are its pose, which begins at 0 0 0, 1 0 0 0: forces move it, and you say where to."
+        if free
+        else ""
+    )
+    return f"""# A scene of hhsim: {scene_title(scene_names(scene))}
+
+Show a hand for each of the {ticks.tick_count:,} ticks, {ticks.rate:g} a second: as near to the user's as it can be and
+not in the bodies. Write a line a tick, and measure it:
 
     hhsim score my-submission.csv
 
 Its columns are those of `{EXAMPLE}` with its first lines, which say by its digest what scene it is; your method's name
 instead of the one there. Forces on each phalanx and on the palm [N, world] and the time that each tick took [s] may
-follow: docs/submissions.md of hhsim lists the columns."""
-        last = f"| `{EXAMPLE}` | the user's own hand as a submission, which goes through everything |\n"
-    return f"""# A scene of hhsim: {scene_title(scene_names(scene))}
-
-Show a hand for each of the {ticks.tick_count:,} ticks, {ticks.rate:g} a second: as near to the user's as it can be and
-not in the object. {send}
+follow: docs/submissions.md of hhsim lists the columns.{moved}
 
 | file | holds |
 |---|---|
 | {meshes} | the mesh [m], world; of bodies of which none is free, in their own frames |
 | `spheres.csv` | the leaf spheres that cover it [m]: what hhsim's own methods touch by default |
-| `motion.csv` | the user's hand at every tick, with the phases of the motion |
-| `hand.json` | the hand as numbers [m, rad], palm frame |
-| `hand.urdf`, `hand.xml` | the same as URDF and MJCF; joints are called as the columns |
+| {motion} | the user's hand at every tick, with the phases of the motion |
+| {numbered} | the hand as numbers [m, rad], palm frame |
+| {models} | the same as URDF and MJCF; joints are called as the columns |
 | `scene.xml` | hand and object as MJCF: the mesh is seen, its spheres collide; keyframe `start` is the first tick |
-| `{BODIES_FILE}` | the bodies for hhsim: `hhsim replay {BODIES_FILE} motion.csv` |
+| `{BODIES_FILE}` | the bodies for hhsim: `hhsim replay {BODIES_FILE} {prefixes[0]}motion.csv` |
 | `{JOINTS_FILE}`, `NAME-poses.csv` | values of driven joints, and poses of bodies driven without one, if any |
+| `{EXAMPLE}` | the user's own hand as a submission, which goes through everything |
 {last}\
-| `{SCENE_FILE}` | all of it for hhsim; motion under `/motion`, bodies under `/bodies`, hand under `/hands` |
+| `{SCENE_FILE}` | all of it for hhsim; hands and motion under `/hands`, bodies under `/bodies` |
 | `scene.json` | digest, rate, phases |
 
 ## Frames and units
 
 SI units: m, rad, s, N. The world is right-handed with z up; quaternions are w x y z and turn the palm's frame to the
-world. Palm frame of this {side} hand: y to the fingers, z out of the back, x = y × z: to the right as the
-hand lies before you, fingers away from you, back up.
+world. Palm frame of a hand ({" and ".join(sides)} here): y to the fingers, z out of the back, x = y × z: to the right
+as the hand lies before you, fingers away from you, back up.
 
-A finger begins at `base`. With u = `distal` and w = `dorsal`, abduction turns u about {sign}w; then each flexion turns
+A finger begins at `base`. With u = `distal` and w = `dorsal`, abduction turns u about {signs}; then each flexion turns
 what is beyond its joint about w × u, which has been turned by abduction too, positive to the palm. Phalanx k is the
 hull of two spheres, of `radius` k and k + 1, whose centres are `length` k apart: a round cone. The palm is its spheres.
 

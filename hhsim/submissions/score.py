@@ -1,6 +1,6 @@
 """Score of a submission: its poses through the same code that measures a method, and its errors and suspicions."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,22 +18,25 @@ from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.metrics.mesh_penetration import mesh_clearance, ticks_looked_at
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.metrics.run_metric import Figure
-from hhsim.replay.replay import replay_scene
+from hhsim.motion.trajectory import RigidMotion
+from hhsim.replay.replay import Replay
 from hhsim.replay.summary import ReplaySummary
 from hhsim.replay.summary_table import SummaryRow, short_table
 from hhsim.replay.verdict import STATED_TIMES
 from hhsim.result.writer import state
+from hhsim.scene.body import Driven
 from hhsim.scene.scene import Scene
 from hhsim.solver.known_methods import SUBMITTED, known_for_now
 from hhsim.solver.method import FORCES, TIMES, Method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.outside_method import MethodHere, MethodScene, OutsideEngine, TickAnswer
 from hhsim.solver.reference_optimum import best_hands
-from hhsim.solver.scene_solver import SeenScene, seen_scene
+from hhsim.solver.scene_solver import SceneSolver, SeenScene, along, seen_scene
 from hhsim.solver.workspace import TickWorkspace
 from hhsim.submissions.pose_file import Submission
-from hhsim.submissions.scene_file import NOT_SCORED, named_scene, read_scene, scene_digest
+from hhsim.submissions.scene_file import named_scene, read_scene, scene_digest
 from hhsim.submissions.scene_folder import SCENE_FILE
+from hhsim.submissions.shown_bodies import as_seen, body_figures, shown_scene
 from hhsim.submissions.suspicions import require_scene, suspicions
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import contact_surface, encloses, put_parts
@@ -56,20 +59,32 @@ class PoseErrors(NamedTuple):
     off_best_max: float
 
 
-def _mesh_depth(seen: SeenScene, hand: HandModel, placed: PlacedHand) -> float:
-    if not encloses(seen.mesh):
-        return np.nan
-    palm, finger = hand_clearance(seen.tree.arrays(), hand_shape(hand), placed, limit=NEAR)
-    # The spheres cover the mesh: a hand outside of them is outside of the mesh.
-    inside = ticks_looked_at(np.minimum(palm, finger.min(axis=1)) < 0.0)
-    if inside.size == 0:
-        return 0.0
-    bvh = build_mesh_bvh(seen.mesh.vertices, seen.mesh.faces)
-    return max(0.0, -float(mesh_clearance(bvh, hand_shape(hand), placed.at(inside)).min()))
+def _mesh_depth(shown: Scene, hand: HandModel, placed: PlacedHand) -> float:
+    """Return the largest depth of a hand, placed in the world, in the bodies [m]; NaN where none encloses a space."""
+    depths = [np.nan]
+    for body in shown.solids:
+        if not encloses(body.mesh):
+            continue
+        mesh, tree, there = body.placed_mesh, body.placed_tree, placed
+        if isinstance(body.motion, Driven):
+            mesh, tree, poses = body.mesh, body.tree, body.motion.poses
+            there = RigidMotion(poses.orientation, poses.position).seen_hand(placed)
+        palm, finger = hand_clearance(tree.arrays(), hand_shape(hand), there, limit=NEAR)
+        # The spheres cover the mesh: a hand outside of them is outside of the mesh.
+        inside = ticks_looked_at(np.minimum(palm, finger.min(axis=1)) < 0.0)
+        depths.append(0.0)
+        if inside.size:
+            bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
+            depths.append(-float(mesh_clearance(bvh, hand_shape(hand), there.at(inside)).min()))
+    return float(np.nanmax(depths)) if len(depths) > 1 else np.nan
 
 
-def _off_best(seen: SeenScene, hand: HandModel, options: SolverOptions, placed: PlacedHand) -> tuple[float, float]:
-    haptic = seen.haptic[0]
+def _off_best(
+    seen: SeenScene, hand: HandModel, haptic: HandConfiguration, options: SolverOptions, placed: PlacedHand
+) -> tuple[float, float]:
+    if seen.parts is not None:
+        # Where bodies move in the frame there is no one surface to be outside of.
+        return np.nan, np.nan
     surface = contact_surface("mesh", seen.mesh, seen.tree).arrays
     users = forward_kinematics(hand, *haptic)
     palm, finger = hand_clearance(surface, hand_shape(hand), users, limit=NEAR)
@@ -86,20 +101,11 @@ def _off_best(seen: SeenScene, hand: HandModel, options: SolverOptions, placed: 
 
 
 @dataclass(frozen=True)
-class Score:
-    """Table of a run as `hhsim replay` has it, its probable mistakes, a line each, and the digest of its scene."""
+class HandScore:
+    """Table of one hand of a run as `hhsim replay` has it, and what its poses tell besides."""
 
     summary: ReplaySummary
     errors: PoseErrors
-    suspicions: tuple[str, ...]
-    scene: str
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Sentences that belong to the table."""
-        timed = any(row.name.startswith("tick_") for row in self.summary.rows)
-        said = (STATED_TIMES,) if timed else ()
-        return (*said, *self.summary.notes)
 
     @property
     def rows(self) -> tuple[SummaryRow, ...]:
@@ -112,9 +118,40 @@ class Score:
 
     def to_json(self) -> dict[str, Any]:
         """Return it as a document, SI units."""
-        more = {"scene": self.scene, **self.errors._asdict(), "suspicions": list(self.suspicions)}
-        more["notes"] = list(self.notes)
-        return {**self.summary.to_json(), **more}
+        return {**self.summary.to_json(), **self.errors._asdict()}
+
+
+@dataclass(frozen=True)
+class Score:
+    """Hands of a scored run, figures of its free bodies, its probable mistakes, a line each, and the scene's digest."""
+
+    hands: Mapping[str, HandScore]  # by their sides
+    bodies: Mapping[Figure, float]
+    not_judged: tuple[str, ...]
+    suspicions: tuple[str, ...]
+    scene: str
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences that belong to the table."""
+        runs = [hand.summary for hand in self.hands.values()]
+        timed = any(row.name.startswith("tick_") for run in runs for row in run.rows)
+        said = dict.fromkeys(note for run in runs for note in run.notes)
+        return (*((STATED_TIMES,) if timed else ()), *said, *self.not_judged)
+
+    @property
+    def body_rows(self) -> tuple[SummaryRow, ...]:
+        """Rows of the table that are of the free bodies."""
+        return tuple(SummaryRow(figure, value) for figure, value in self.bodies.items())
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as a document, SI units: of one hand its figures, of two those of each by its side."""
+        hands = {side: hand.to_json() for side, hand in self.hands.items()}
+        first = next(iter(hands.values()))
+        document = dict(first) if len(hands) == 1 else {"result": first["result"], "hands": hands}
+        bodies = {figure.name: value for figure, value in self.bodies.items()}
+        document |= {"scene": self.scene, **bodies, "suspicions": list(self.suspicions)}
+        return document | {"notes": list(self.notes)}
 
 
 def scene_of(submission: Submission, folder: Path | None = None) -> Scene:
@@ -140,7 +177,7 @@ def scene_of(submission: Submission, folder: Path | None = None) -> Scene:
 
 
 def submitted_method(name: str, submission: Submission) -> Method:
-    """Return a method of this name that answers each tick of a replay with the pose that was submitted for it."""
+    """Return a method of this name that answers each tick of a replay with the poses that were submitted for it."""
     given = {FORCES: submission.phalanx_force, TIMES: submission.duration}
     return Method(
         summary="poses that were computed elsewhere",
@@ -149,6 +186,7 @@ def submitted_method(name: str, submission: Submission) -> Method:
         never_penetrates=True,
         gives=frozenset(what for what, values in given.items() if values is not None),
         compiled=False,
+        beside_parts=True,
     )
 
 
@@ -170,36 +208,55 @@ def score(
         command: Words of the command line, which the file states.
 
     Raises:
-        InputError: It is of another scene, or of several bodies, or ticks are missing.
+        InputError: It is of another scene, or ticks are missing.
         OutputError: The file cannot be written.
     """
-    if len(scene.solids) > 1:
-        raise InputError(f"{scene.name}: {NOT_SCORED}")
     require_scene(submission, scene)
     doubts = suspicions(submission, scene)
-    digest = scene_digest(scene)
+    digest, shown = scene_digest(scene), shown_scene(scene, submission)
+    seen = seen_scene(shown)
+    given = as_seen(submission, seen_scene(scene), seen)
     name = f"{SUBMITTED}{submission.method}"
-    with known_for_now(name, submitted_method(name, submission)):
+    with known_for_now(name, submitted_method(name, given)):
         options = SolverOptions(method=name, surface=surface)
         file = submission.path.name if submission.path else ""
         said = {"method": submission.method, "file": file, "scene": digest, "suspicions": list(doubts)}
-        more: dict[str, Any] = {"description": {"submission": said}, "command": command, "progress": progress}
-        summary = replay_scene(scene, options, output_path, **more)
+        # Of what is free poses are sent: nothing else in the file says where it goes.
+        said |= {"bodies": list(submission.bodies)} if submission.bodies else {}
+        with SceneSolver(shown, options) as solver:
+            run = Replay(solver, {"submission": said})
+            with run.writer(output_path, command) as writer:
+                run.go(progress)
+                summaries = run.finish()
         progress("the best poses", 0, 1)
-        hand, seen = scene.hands[0].model, seen_scene(scene)
-        placed = forward_kinematics(hand, *submission.poses)
-        off_best = _off_best(seen, hand, options.at_rate(scene.ticks.rate), placed)
-        errors = PoseErrors(_mesh_depth(seen, hand, placed), *off_best)
-    assert summary.path is not None
-    known = {key: value for key, value in errors._asdict().items() if np.isfinite(value)}
-    state(summary.path, "score", known)
-    return Score(summary, errors, doubts, digest)
+        hands = dict[str, HandScore]()
+        for hand, own, haptic, summary in zip(shown.hands, given.hands, seen.haptic, summaries, strict=True):
+            placed = forward_kinematics(hand.model, *own.poses)
+            world = placed
+            if seen.carrier is not None:
+                frame = along(seen.carrier)
+                at = HandConfiguration(*own.poses)
+                places, turns = frame.points(at.position), frame.orientations(at.orientation)
+                world = forward_kinematics(hand.model, *at._replace(position=places, orientation=turns))
+            off_best = _off_best(seen, hand.model, haptic, options.at_rate(scene.ticks.rate), placed)
+            hands[hand.model.side] = HandScore(summary, PoseErrors(_mesh_depth(shown, hand.model, world), *off_best))
+    bodies, notes = body_figures(scene, shown, submission)
+    known = {side: _finite(of.errors._asdict()) for side, of in hands.items()}
+    of_hands = known if len(hands) > 1 else next(iter(known.values()))
+    state(writer.path, "score", of_hands | _finite({figure.name: value for figure, value in bodies.items()}))
+    return Score(hands, bodies, notes, doubts, digest)
+
+
+def _finite(values: Mapping[str, float]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if np.isfinite(value)}
 
 
 class _SubmittedEngine(OutsideEngine):
     """Engine that answers each tick with the pose and the time that were submitted for it."""
 
     def __init__(self, name: str, submission: Submission, workspace: TickWorkspace) -> None:
+        side = workspace.model.side
+        submission = next(hand for hand in submission.hands if hand.hand in ("", side))
         made = partial(_SubmittedPoses, submission)
         forces = submission.phalanx_force is not None
         super().__init__(partial(MethodHere, name, made, forces), forces, workspace)

@@ -15,18 +15,22 @@ from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import conjugate, quaternion_from_matrix, quaternion_product, rotation_matrix
 from hhsim.metrics.metrics import hand_clearance
+from hhsim.motion.trajectory import RigidMotion
 from hhsim.replay.conformance import FOLLOWS, same_but_for
+from hhsim.scene.body import Driven
 from hhsim.scene.scene import Scene
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.pose_file import Submission
-from hhsim.submissions.scene_file import scene_digest, scene_names, scene_title
+from hhsim.submissions.scene_file import free_bodies, scene_digest, scene_names, scene_title
+from hhsim.submissions.shown_bodies import shown_scene
 from hhsim.system.counted import counted
-from hhsim.trees.sphere_tree import SphereTree
 
 FREE_DISTANCE = 2e-3
 """Distance of the user's hand from the object [m] beyond which the shown hand is the user's."""
 LEAST_FREE_TICKS = 20
 """Least number of free ticks; of a scene with fewer, all ticks are compared."""
+MOST_BEGUN = 2e-3
+"""Largest way [m] that a body may have made in the first tick."""
 ANGLE_TOLERANCE = 0.02
 """Deviation of palms and joints from the user's [rad] above which they do not follow it."""
 UNEXPLAINED_SHARE = 0.1
@@ -59,9 +63,17 @@ def require_scene(submission: Submission, scene: Scene) -> None:
             f"{_name(submission)} is of {theirs} (scene {submission.scene[:12]}), and this is "
             f"{scene_title(scene_names(scene))} (scene {digest[:12]})"
         )
-    side = scene.hands[0].model.side
-    if submission.hand not in ("", side):
-        raise InputError(f"{_name(submission)} is of a {submission.hand} hand: the scene has a {side} one")
+    sides, own = [hand.model.side for hand in scene.hands], [hand.hand for hand in submission.hands]
+    if len(sides) != len(own):
+        counts = [counted(len(hands), "hand") for hands in (own, sides)]
+        raise InputError(f"{_name(submission)} is of {counts[0]}: the scene has {counts[1]}")
+    if own[0] not in ("", sides[0]):
+        raise InputError(f"{_name(submission)} is of a {own[0]} hand: the scene has a {sides[0]} one")
+    free = free_bodies(scene)
+    for name in [*free, *submission.bodies]:
+        if (name in free) != (name in submission.bodies):
+            there, found = ", ".join(free) or "none", ", ".join(submission.bodies) or "none"
+            raise InputError(f"{_name(submission)} has poses of bodies {found}; expected those that are free: {there}")
     wrong = _wrong_ticks(submission.time, scene.ticks.time, scene.ticks.rate)
     if wrong:
         raise InputError(f"{_name(submission)}: {wrong}")
@@ -104,12 +116,34 @@ def _wrong_ticks(time: FloatArray, wanted: FloatArray, rate: float) -> str:
 
 def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
     """Describe probable mistakes in poses, forces and times of a submission of this scene, a line each."""
-    seen, hand = seen_scene(scene), scene.hands[0].model
-    shown, user = submission.poses, seen.haptic[0]
-    free = _free(seen.tree, hand, user)
+    seen, sides = seen_scene(scene), [hand.model.side for hand in scene.hands]
+    found = [*_body_mistakes(submission)]
+    moved = shown_scene(scene, submission)
+    for side, hand, shown, user in zip(sides, scene.hands, submission.hands, seen.haptic):
+        whose = f"{side} hand: " if len(sides) > 1 else ""
+        free = _free(moved, hand.model, HandConfiguration.of(hand.ticks))
+        found += [f"{whose}{text}" for text in _hand_mistakes(shown, free, user, scene.ticks.rate)]
+    if submission.duration is not None and float(np.median(submission.duration)) > MOST_DURATION:
+        found.append(f"a tick takes {np.median(submission.duration):,.6g} s: microseconds?")
+    return tuple(found)
+
+
+def _body_mistakes(submission: Submission) -> Iterator[str]:
+    """Describe bodies that do not begin where they are."""
+    for name, poses in submission.bodies.items():
+        off = float(np.linalg.norm(poses.position[0]))
+        turned = 2.0 * float(np.arccos(np.clip(abs(poses.orientation[0, 0]), 0.0, 1.0)))
+        if off > MOST_BEGUN or turned > ANGLE_TOLERANCE:
+            place = f"{1e3 * off:,.3g} mm and {turned:.3g} rad off the place of {name}.obj"
+            yield f"{name} begins {place}: another unit, frame or order, or the pose of another frame of it?"
+
+
+def _hand_mistakes(submission: Submission, free: BoolArray, user: HandConfiguration, rate: float) -> list[str]:
+    """Describe mistakes in the poses and forces of one hand; `free` are the ticks in which nothing is near."""
+    shown = submission.poses
     found = [*_still(shown, user, free)]
     lag = _shift(shown.position, user.position, free)
-    seconds = lag / scene.ticks.rate
+    seconds = lag / rate
     if not 0.0 <= seconds <= MOST_LAG:
         which = "behind" if lag > 0 else "ahead of"
         found.append(f"shifted time: {counted(abs(lag), 'tick')} ({1e3 * abs(seconds):g} ms) {which} the user's hand?")
@@ -119,17 +153,19 @@ def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
         found += _position(now.position, then.position, then.orientation)
         found += _orientation(now.orientation, then.orientation)
         found += _fingers(now.flexion, now.abduction, then.flexion, then.abduction)
-    found += _forces(submission, None if found else user)
-    if submission.duration is not None and float(np.median(submission.duration)) > MOST_DURATION:
-        found.append(f"a tick takes {np.median(submission.duration):,.6g} s: microseconds?")
-    return tuple(found)
+    return [*found, *_forces(submission, None if found else user)]
 
 
-def _free(tree: SphereTree, hand: HandModel, user: HandConfiguration) -> BoolArray:
-    """Return True for ticks in which the user's hand is far from the object, whose tree it sees."""
-    placed = forward_kinematics(hand, *user)
-    palm, finger = hand_clearance(tree.arrays(), hand_shape(hand), placed, limit=FREE_DISTANCE)
-    free = np.asarray(np.minimum(palm, finger.min(axis=1)) >= FREE_DISTANCE)
+def _free(scene: Scene, hand: HandModel, user: HandConfiguration) -> BoolArray:
+    """Return True for ticks in which the user's hand, in the world, is far from the bodies."""
+    placed, free = forward_kinematics(hand, *user), np.ones(user.ticks, bool)
+    for body in scene.solids:
+        tree, there = body.placed_tree, placed
+        if isinstance(body.motion, Driven):
+            poses = body.motion.poses
+            tree, there = body.tree, RigidMotion(poses.orientation, poses.position).seen_hand(placed)
+        palm, finger = hand_clearance(tree.arrays(), hand_shape(hand), there, limit=FREE_DISTANCE)
+        free &= np.minimum(palm, finger.min(axis=1)) >= FREE_DISTANCE
     return free if free.sum() >= LEAST_FREE_TICKS else np.ones(len(free), bool)
 
 

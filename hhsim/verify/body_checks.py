@@ -58,6 +58,10 @@ def _carried(result: Result) -> list[Claim]:
     step = 0.0 if script is None else script.rate / result.rate
     if result.body.is_free or not result.frame or not (fixed or (step > 0.0 and step.is_integer())):
         return []
+    says = "the object moves where the scene says so, as its script carries it"
+    if sent := result.scene.get("submission", {}).get("bodies"):
+        note = f"{', '.join(sent)}: free, and shown where a submission has it; hhsim score measures its motion"
+        return [Claim("carried", says, NOT_JUDGED, unit="m, 1", note=note)]
     poses, off, note = result.poses(result.frame), np.full(result.ticks, np.inf), "the scene says that it is fixed"
     if script is not None and not fixed:
         start, last = result.body.place if len(result.bodies) == 1 else poses.at(0), script.sample_count - 1
@@ -67,7 +71,6 @@ def _carried(result: Result) -> list[Claim]:
             position, orientation = (np.tile(values, (last + 1, 1)) for values in start)
             own = ObjectMotion(moved.points(position), moved.orientations(orientation)).at(samples)
             off = np.max([np.abs(a - b).max(axis=1) for a, b in zip(poses, own)], axis=0)
-    says = "the object moves where the scene says so, as its script carries it"
     return [judged("carried", says, off, SAME, "m, 1", "rounding", ticks=np.arange(result.ticks), note=note)]
 
 

@@ -64,19 +64,34 @@ def test_what_is_suspected_is_said_and_the_exit_code_is_1(run: Run, tmp_path: Pa
     assert "millimetres?" in json.loads(found.out)["suspicions"][0]
 
 
-def test_a_scene_of_several_things_is_a_folder_and_no_poses_of_it_are_scored(run: Run, tmp_path: Path) -> None:
-    made = run("scene", "drawer", "shut", "--rate", "200", "--level", "1", "--out", "s", "--json")
+def test_two_hands_and_a_free_body_are_scored_and_other_blocks_are_refused(run: Run, tmp_path: Path) -> None:
+    both = ("cube", "lift-both", "--hands", "both", "--free", "--rate", "100", "--level", "2")
+    made = run("scene", *both, "--out", "s", "--json")
     files = json.loads(made.out)["files"]
-    assert made.code == 0 and {"drawer.obj", "case.obj", "box.obj", "scene.xml"} < set(files)
+    assert made.code == 0 and {"left_motion.csv", "right_hand.xml", "object.obj", "scene.xml"} < set(files)
     readme = (tmp_path / "s" / "README.md").read_text()
     assert all(f"`{name}`" in readme for name in files if name != "README.md")
-    assert "example" not in readme and "my-submission" not in readme
-    run("scene", *SCENE, "--out", "one", "--quiet")
-    poses = (tmp_path / "one" / "example-submission.csv").read_text()
-    (tmp_path / "s" / "mine.csv").write_text(poses)
-    (tmp_path / "mine.csv").write_text(poses.replace('"cube"', '"drawer"').replace('"touch"', '"shut"'))
-    for submission in ("s/mine.csv", "mine.csv"):
-        refused = run("score", submission, "--out", "r.h5")
-        assert refused.code == 2 and len(refused.err.strip().splitlines()) == 1
-        assert "several bodies is not scored; expected a scene of one object" in refused.err
-        assert not (tmp_path / "r.h5").exists()
+    poses = (tmp_path / "s" / "example-submission.csv").read_text()
+    # Also without the folder.
+    (tmp_path / "mine.csv").write_text(poses)
+    found = run("score", "mine.csv", "--out", "r.h5", "--json")
+    assert found.code == 0, found.err
+    document = json.loads(found.out)
+    assert set(document["hands"]) == {"right", "left"} and document["body_depth_max"] < 1e-6
+    assert "by mass and forces is not judged" in document["notes"][-1]
+    verified = json.loads(run("verify", "r.h5", "--every", "50", "--json").out)
+    assert "FAILS" not in json.dumps(verified)
+    shown = run("score", "mine.csv", "--scene", "s", "--out", "r2.h5").out
+    assert "right hand" in shown and "left hand" in shown and "bodies in each other, max" in shown
+
+    alone = poses.replace("left_", "right_").replace(",right_", ",", 1)
+    for text, told in (
+        (poses.replace("object_", "cube_"), "has poses of bodies cube; expected those that are free: object"),
+        (alone, "twice"),
+        (poses.replace("object_qz", "object_speed"), "unknown column 'object_speed'"),
+        (poses.replace(",left_px", ",px"), "columns of one hand and of the right and the left one; expected either"),
+    ):
+        (tmp_path / "wrong.csv").write_text(text)
+        refused = run("score", "wrong.csv", "--out", "r3.h5")
+        assert refused.code == 2 and len(refused.err.strip().splitlines()) == 1 and told in refused.err, refused.err
+        assert not (tmp_path / "r3.h5").exists()

@@ -23,9 +23,8 @@ from hhsim.scene.scene import Scene, open_scene
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import seen_scene
-from hhsim.submissions.scene_file import read_scene, scene_digest
-from hhsim.submissions.scene_folder import example_submission, write_scene_folder
-from hhsim.submissions.score import score
+from hhsim.submissions.scene_file import scene_digest
+from hhsim.submissions.scene_folder import write_scene_folder
 
 SINGLE = 1e-6
 """Bound of distances [m] of vertices, of which MuJoCo keeps 32 bits."""
@@ -388,7 +387,7 @@ def test_the_text_nests_bodies_on_joints_and_keeps_them_from_touching_their_bear
     files = {element.get("file", "") for element in model.iter() if element.get("file")}
     assert files == {"hand.xml", *(f"{name}.obj" for name in ("link", "base", "tip", "wall", "flap", "stuck"))}
     assert all((tmp_path / "s" / file).is_file() for file in files)
-    assert not any((tmp_path / "s" / name).exists() for name in ("example-submission.csv", "object.obj", "driven.csv"))
+    assert not any((tmp_path / "s" / name).exists() for name in ("object.obj", "driven.csv"))
 
 
 def test_a_name_of_the_hands_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
@@ -396,18 +395,6 @@ def test_a_name_of_the_hands_is_refused_and_nothing_is_written(tmp_path: Path) -
     with pytest.raises(InputError, match=r"'palm' is a body or a joint of the hand, too; expected another name"):
         write_scene_folder(scene, tmp_path / "s")
     assert [path.name for path in tmp_path.iterdir()] == ["own.toml"]
-
-
-@pytest.mark.parametrize(("name", "motion"), [("laptop", "open"), ("blocks", "stack")])
-def test_poses_beside_parts_or_bodies_are_not_scored(name: str, motion: str, tmp_path: Path) -> None:
-    scene = open_scene(name, motion, level=1, rate=100.0)
-    write_scene_folder(scene, tmp_path / "s")
-    told = "a hand beside several bodies is not scored; expected a scene of one object"
-    with pytest.raises(InputError, match=rf"scene\.h5 has {name}: {told}"):
-        read_scene(tmp_path / "s" / "scene.h5")
-    with pytest.raises(InputError, match=f"{name}: {told}"):
-        score(example_submission(scene), scene, tmp_path / "r.h5")
-    assert not (tmp_path / "r.h5").exists()
 
 
 def test_the_digest_is_of_all_bodies_and_parts(tmp_path: Path) -> None:

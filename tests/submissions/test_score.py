@@ -101,7 +101,7 @@ def test_what_is_not_given_has_no_row_and_no_claim_is_false(scene: Scene, as_cla
     assert not any(name.startswith(("force", "tick_")) for name in result.summary)
     assert not result.gives("forces") and not result.gives("times") and not result.gives("runs")
     assert result.summary["penetration_max"] == as_class.summary["penetration_max"]
-    labels = [row.name for row in found.rows]
+    labels = [row.name for row in found.hands["right"].rows]
     assert labels[:3] == ["penetration_max", "mesh_depth_max", "contact_error_max"]
     assert {"off_best_mean", "off_best_max"} < set(labels)
     assert result.scene["submission"]["suspicions"] == []
@@ -116,8 +116,8 @@ def test_the_best_hand_is_off_itself_by_nothing_and_the_users_by_what_it_is_push
     options = SolverOptions(surface="mesh")
     replay_scene(scene, options, tmp_path / "best.h5")
     best = load_result(tmp_path / "best.h5")
-    near = score(poses_of(best, scene, forces=False), scene, tmp_path / "near.h5", surface="mesh").errors
-    user = score(example_submission(scene), scene, tmp_path / "user.h5").errors
+    near = score(poses_of(best, scene, forces=False), scene, tmp_path / "near.h5", surface="mesh").hands["right"].errors
+    user = score(example_submission(scene), scene, tmp_path / "user.h5").hands["right"].errors
     assert near.mesh_depth_max == 0.0 and near.off_best_max < 1e-4
     deepest = load_result(tmp_path / "user.h5").summary["penetration_max"]
     # The spheres cover the mesh.
