@@ -348,6 +348,10 @@ def two_handed_motions(word: str, reading: Reading | None = None) -> tuple[Motio
     Errors as `resolve_trajectory`; also for a motion of one hand, or hands never seen together.
     """
     path = Path(word)
+    if path.is_dir():
+        # What `hhsim scene` writes of two hands.
+        right, left = (resolve_trajectory(path / f"{side}_motion.csv") for side in SIDES)
+        return right, left
     if is_imported(path):
         recordings = [read_imported(path, side, reading) for side in SIDES]
         # On the file's own clock: stamps count from each hand's first one.

@@ -58,8 +58,8 @@ class Ticks(NamedTuple):
 class Scene:
     """Hands and bodies of a replay, in the world.
 
-    Raises InputError for no hand, two of one side, hands or driven bodies of other ticks, bodies of one name, or a
-    joint on no body.
+    Raises InputError for no hand, two of one side, hands or driven bodies of other ticks, bodies of one name or
+    of a hand's, or a joint on no body.
     """
 
     hands: tuple[Hand, ...]  # one, or the right and the left one
@@ -76,6 +76,8 @@ class Scene:
         for name in names:
             if names.count(name) > 1:
                 raise InputError(f"two bodies have the name '{name}'; expected a name for each")
+            if name in SIDES:
+                raise InputError(f"a body has the name '{name}', which is a hand's; expected another name")
         check_known("body", [body.joint.on for body in self.solids if body.joint and body.joint.on], names)
         for body in self.solids:
             count = len(body.motion.poses.position) if isinstance(body.motion, Driven) else self.ticks.tick_count

@@ -74,6 +74,7 @@ def test_what_is_free_need_not_come_first_and_places_are_those_of_its_bearer(tmp
     ("before", "after", "message"),
     [
         ('name = "wall"', 'name = "peg"', "two bodies have the name 'peg'"),
+        ('name = "wall"', 'name = "left"', "a body has the name 'left', which is a hand's"),
         ("mass = 0.05", "mass = 0.05\ndensity = 900.0", "both mass and density"),
         ("[0.2, 0.0, 0.05]", "[0.05, 0.0, 0.05]", r"begins .* mm inside"),
         ("mass = 0.05", "mass = -1.0", "mass"),

@@ -1,11 +1,13 @@
 """The bodies of a scene's folder, read again: what `hhsim scene` writes, `hhsim replay` reads."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hhsim.scene.body import Body, Driven, Fixed, Free
+from hhsim.scene.described_scene import FreeWords, SceneWords, load_scene
 from hhsim.scene.scene import open_scene
 from hhsim.submissions.scene_folder import write_scene_folder
 
@@ -76,6 +78,18 @@ def test_bodies_come_back_as_they_were(tmp_path: Path, object_: str, motion: str
             assert np.ptp(was.motion.poses.position, axis=0).max() > 0.05
             for found, wanted in zip(*moved):
                 np.testing.assert_allclose(found, wanted, atol=1e-12)
+
+
+def test_two_hands_come_back_from_the_folder(tmp_path: Path) -> None:
+    of_both = partial(SceneWords, hand="both", level=1, rate=200.0)
+    written = load_scene(of_both(object="cube", trajectory="lift-both", free=FreeWords(mass=0.5)))
+    folder = tmp_path / "folder"
+    write_scene_folder(written.scene, folder)
+    read = load_scene(of_both(object=str(folder / "bodies.toml"), trajectory=str(folder)))
+    assert [hand.model.side for hand in read.scene.hands] == ["right", "left"]
+    for was, one in zip(written.scene.hands, read.scene.hands, strict=True):
+        np.testing.assert_allclose(one.ticks.position, was.ticks.position, atol=1e-12)
+        np.testing.assert_allclose(one.ticks.flexion, was.ticks.flexion, atol=1e-12)
 
 
 def test_a_hinge_that_begins_open_comes_back_at_its_value(tmp_path: Path) -> None:
