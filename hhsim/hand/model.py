@@ -55,6 +55,8 @@ from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 Side = Literal["right", "left"]
+SIDES: tuple[Side, Side] = ("right", "left")
+"""Names of hands, in their order."""
 
 DEFAULT_HAND_LENGTH = 0.19
 BREADTH_PER_LENGTH = 0.085 / 0.19

@@ -12,7 +12,7 @@ from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError, MeshError, named
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
-from hhsim.hand.model import HandModel, Side
+from hhsim.hand.model import SIDES, HandModel, Side
 from hhsim.metrics.field.field_table import field_rows, field_table
 from hhsim.metrics.field.field_verdict import field_verdict
 from hhsim.metrics.field.hands import FieldHands, FieldPair
@@ -43,7 +43,7 @@ from hhsim.replay.stored_scene import stored_hand
 from hhsim.replay.summary import ReplaySummary
 from hhsim.result.merge import merge_hands
 from hhsim.result.reader import Result, load_result
-from hhsim.result.schema import BETWEEN_COLUMNS, SIDES
+from hhsim.result.schema import BETWEEN_COLUMNS
 from hhsim.result.writer import add_skin
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.scene.scene import Scene

@@ -16,6 +16,7 @@ from hhsim.arrays import AnyArray, FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
+from hhsim.hand.model import SIDES
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.run.registry import needed_columns, run_metrics
@@ -34,7 +35,6 @@ from hhsim.result.schema import (
     MOTION_COLUMNS,
     OF_BODIES,
     POSE_COLUMNS,
-    SIDES,
     TICK,
 )
 from hhsim.result.writer import BodyPart, HandPart, ResultWriter

@@ -14,6 +14,7 @@ import numpy as np
 
 from hhsim.arrays import AnyArray, FloatArray, IntArray
 from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameError
+from hhsim.hand.model import SIDES
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickPhase, phase_names
 from hhsim.result import schema
 from hhsim.result.body import Body
@@ -356,7 +357,7 @@ def load_result(path: str | Path) -> Result:
     path = Path(path)
     with _opened(path) as file:
         _check_format(file, path)
-        names = [side for side in schema.SIDES if side in file[schema.HANDS]]
+        names = [side for side in SIDES if side in file[schema.HANDS]]
         if not names:
             raise DamagedFileError("damaged: it has no hand")
         columns, lengths = _checked_tables(file, names, path)

@@ -6,7 +6,7 @@ A result holds all that a run needs, so that it can be run again from nothing el
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,6 @@ SUFFIXES = (".h5", ".hdf5")
 """Suffixes of a result's name."""
 HANDS = "hands"
 """Group of the hands, `hands/right` and `hands/left`: each with its model, and its ticks."""
-SIDES: tuple[Literal["right"], Literal["left"]] = ("right", "left")
-"""Names of hands, in their order."""
 BODIES = "bodies"
 """Group of the bodies by their names: each with its mesh, its tree, and its ticks where it moves."""
 BODY_KINDS = ("fixed", "driven", "free")

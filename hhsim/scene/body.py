@@ -4,6 +4,7 @@ Poses, axes and points are in the world [m]: those of a body that moves are of t
 alone are in the frame of the body, which `position` and `orientation` place in the world.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal, Self, TypeAlias
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
+from hhsim.hand.model import SIDES
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh, mass_properties
 from hhsim.motion.trajectory import ObjectMotion
@@ -164,6 +166,15 @@ class HalfSpace:
         check_range("table", self.height)
         if self.friction is not None:
             check_range("table_friction", self.friction)
+
+
+def check_names(names: Sequence[str]) -> None:
+    """Raise InputError for two bodies of one name, or one with the name of a hand, which pairs of contacts have too."""
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"two bodies have the name '{name}'; expected a name for each")
+        if name in SIDES:
+            raise InputError(f"a body has the name '{name}', which is a hand's; expected another name")
 
 
 def triple(values: ArrayLike) -> Triple:

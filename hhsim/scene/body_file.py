@@ -59,7 +59,7 @@ from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.ranges import RANGES
 from hhsim.reproducible import norm
-from hhsim.scene.body import LEAST_LENGTH
+from hhsim.scene.body import LEAST_LENGTH, check_names
 from hhsim.scene.joint import JointSettings, Number, Three, require_no_circle
 from hhsim.system.settings_file import Settings, between, read_settings
 
@@ -175,9 +175,7 @@ class BodyFile(Settings, frozen=True):
     def check(self) -> None:
         """Check names, joints on other bodies, in no circle, driven ones on none that is free, and the number."""
         names = [body.name for body in self.body]
-        for name in names:
-            if names.count(name) > 1:
-                raise InputError(f"two bodies have the name '{name}'; expected a name for each")
+        check_names(names)
         solid = {body.name: body for body in self.body if body.plane is None}
         bearers = {body.name: body.bearer for body in self.body if body.bearer}
         check_known("body", bearers.values(), solid)

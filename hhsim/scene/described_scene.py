@@ -15,7 +15,7 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
-from hhsim.hand.model import HandModel, Side
+from hhsim.hand.model import SIDES, HandModel, Side
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.linkage.file import names_a_linkage
 from hhsim.mesh.catalogue import names_a_file, object_description
@@ -26,7 +26,6 @@ from hhsim.motion.trajectory import ResampleMode, Trajectory
 from hhsim.ranges import RANGES
 from hhsim.result.motion import holds_a_result, load_result_motion
 from hhsim.result.reader import load_result
-from hhsim.result.schema import SIDES
 from hhsim.scene.body import CLEARANCE, Free
 from hhsim.scene.contact_goals import TOUCHING
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object

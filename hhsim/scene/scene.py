@@ -9,10 +9,10 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, check_known
-from hhsim.hand.model import HandModel, Side
+from hhsim.hand.model import SIDES, HandModel, Side
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import ResampleMode, TickInput, TickPhase, Trajectory, phase_names
-from hhsim.scene.body import USUAL_FRICTION, Body, Driven, Free, HalfSpace
+from hhsim.scene.body import USUAL_FRICTION, Body, Driven, Free, HalfSpace, check_names
 from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.scene.demonstration import Demonstration
@@ -24,7 +24,6 @@ from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.triangle_tree import tree_of_any
 
-SIDES = ("right", "left")
 TABLE = "table"
 """Name of the plane under a body that is made free."""
 
@@ -73,11 +72,7 @@ class Scene:
         if len({(hand.ticks.tick_count, hand.ticks.rate) for hand in self.hands}) > 1:
             raise InputError("the two hands' recordings have not the same number of ticks")
         names = [body.name for body in self.bodies]
-        for name in names:
-            if names.count(name) > 1:
-                raise InputError(f"two bodies have the name '{name}'; expected a name for each")
-            if name in SIDES:
-                raise InputError(f"a body has the name '{name}', which is a hand's; expected another name")
+        check_names(names)
         check_known("body", [body.joint.on for body in self.solids if body.joint and body.joint.on], names)
         for body in self.solids:
             count = len(body.motion.poses.position) if isinstance(body.motion, Driven) else self.ticks.tick_count

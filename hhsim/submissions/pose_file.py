@@ -19,10 +19,10 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import DamagedFileError, InputError, UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import SIDES
 from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS
 from hhsim.motion.csv_table import format_table, read_table
 from hhsim.motion.trajectory import ObjectMotion
-from hhsim.result.schema import SIDES
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 from hhsim.system.input_file import read_input_text
 

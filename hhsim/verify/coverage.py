@@ -6,6 +6,7 @@ from typing import Any
 
 import h5py
 
+from hhsim.hand.model import SIDES
 from hhsim.result import schema
 from hhsim.result.reader import Result
 from hhsim.system.hdf5_input import open_hdf5
@@ -124,7 +125,7 @@ def _of_item(result: Result, path: str, item: Any) -> Iterator[str]:
     top, _, rest = path.partition("/")
     own, _, rest = rest.partition("/")
     whose = {schema.HANDS: "hand", schema.BODIES: "body"}.get(top)
-    if own and own in set(schema.SIDES) - {result.name} and top in (schema.HANDS, schema.SUMMARY):
+    if own and own in set(SIDES) - {result.name} and top in (schema.HANDS, schema.SUMMARY):
         return
     name = f"{whose}/{rest}".rstrip("/") if whose and own else top if top == schema.SUMMARY else path
     if isinstance(item, h5py.Dataset):

@@ -11,9 +11,9 @@ from joint_samples import joint_sample
 from pose_samples import umetrack_lines, umetrack_profile
 from short_grasp import short_grasp_text
 
+from hhsim.hand.model import SIDES
 from hhsim.recordings.joint_names import JOINT_ORDERS
 from hhsim.result.reader import load_result
-from hhsim.result.schema import SIDES
 
 
 @pytest.fixture(scope="module")

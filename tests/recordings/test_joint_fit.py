@@ -10,7 +10,7 @@ from joint_samples import Side, joint_sample, openxr_csv
 from recording_samples import read_as
 
 from hhsim.arrays import FloatArray
-from hhsim.hand.model import HandModel
+from hhsim.hand.model import SIDES, HandModel
 from hhsim.recordings.cleaning import CleaningOptions, clean_recording
 from hhsim.recordings.finger_ik import FingerAxes, finger_angles, finger_axes, finger_joints
 from hhsim.recordings.fitted_hand import fitted_hand
@@ -23,8 +23,6 @@ from hhsim.recordings.joint_fit import (
     fitted_axes,
     recorded_limits,
 )
-
-SIDES: tuple[Side, ...] = ("right", "left")
 
 
 def turned_axes(side: Side, along: float, across: float) -> FingerAxes:

@@ -24,7 +24,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
-from hhsim.hand.model import HandModel, Side
+from hhsim.hand.model import SIDES, HandModel, Side
 from hhsim.hand.quaternion import quaternion
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
@@ -233,7 +233,6 @@ def write_two_hands(folder: Path, frames: int, late: int = 0) -> None:
 
 
 BOTH = ("--object", "laptop.toml", "--hands", "both", "--max-correction", "150", "--out", "free.json", "--json")
-SIDES: tuple[Side, Side] = ("right", "left")
 
 
 def test_both_hands_are_freed_by_one_command(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,12 +12,13 @@ from typing import Self
 import numpy as np
 
 from hhsim.errors import HhsimError, InputError
+from hhsim.hand.model import SIDES
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.status import Stage
 from hhsim.live.session.supervisor import Say, SessionOutcome, Supervisor
 from hhsim.result.merge import merge_hands
 from hhsim.result.reader import load_result
-from hhsim.result.schema import INFORMATION, SIDES
+from hhsim.result.schema import INFORMATION
 from hhsim.system.output_path import free_name
 
 

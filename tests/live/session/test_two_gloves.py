@@ -21,6 +21,7 @@ from machine_share import assert_in_time, keeps_time
 from sampled import sampled
 
 from hhsim.errors import HhsimError, InputError
+from hhsim.hand.model import SIDES
 from hhsim.live.devices.registry import Hand
 from hhsim.live.session.supervisor import LOOP, WATCHDOG
 from hhsim.live.session.two_gloves import TwoGloves
@@ -28,7 +29,6 @@ from hhsim.live.shared_memory import RingReader
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import load_result
 from hhsim.result.safety import Safety
-from hhsim.result.schema import SIDES
 from hhsim.verify.verify import verify
 
 pytestmark = [pytest.mark.slow, keeps_time]
