@@ -47,6 +47,8 @@ AWAY, STEP = 0.5, 2e-3
 """How far they go [m], and how far in a tick."""
 LIGHTEST, HEAVIEST = 1e-3, 10.0
 """Masses [kg], between which their logarithm is uniform."""
+BULGE = 0.025
+"""More than the spheres of two bodies stick out of them together [m]."""
 GAP = 2e-6
 """Least distance of bodies at the start [m]."""
 STILL = np.array([1.0, 0.0, 0.0, 0.0])
@@ -233,11 +235,13 @@ def joint_free(drawing: Drawing) -> None:
 
 def several(drawing: Drawing) -> None:
     """Draw two or three bodies, stacked or beside each other, each fixed, driven or free."""
-    rng = drawing.rng
+    rng, out = drawing.rng, BULGE if drawing.surface == "spheres" else 0.0
     stacked, count, height = bool(rng.random() < 0.5), int(rng.integers(2, 4)), 0.0
     for k in range(count):
         gap = rng.choice([GAP, rng.uniform(GAP, 0.01)])
-        place = (*rng.uniform(-0.01, 0.01, 2), height + gap) if stacked else (0.12 * k, 0.0, gap)
+        place = (
+            (*rng.uniform(-0.01, 0.01, 2), height + gap + min(k, 1) * out) if stacked else ((0.12 + out) * k, 0.0, gap)
+        )
         solid = drawing.standing(random_solid(rng), place, not stacked or rng.random() < 0.3)
         height = float(solid.mesh.bounds[1, 2])
         kind = rng.choice(["free", "free", "fixed", "driven"]) if k else rng.choice(["free", "free", "fixed"])
