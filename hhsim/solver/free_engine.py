@@ -15,7 +15,7 @@ from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import HINGE, OBJECT_DOF, SLIDER, Support
 from hhsim.kernels.free.edges import EDGE_PAIRS, Edges
 from hhsim.kernels.free.meeting import SEEN
-from hhsim.kernels.free.pairs import Free, rebuild
+from hhsim.kernels.free.pairs import Free
 from hhsim.kernels.free.record import ObjectRecord, ThingsRecord, WorldRecord
 from hhsim.kernels.free.rows import SLACKS, friction_count
 from hhsim.kernels.free.state import MOST_HANDS, MOST_THINGS, world_dtype
@@ -25,7 +25,7 @@ from hhsim.kernels.hand.pose import copy_configuration
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
-from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
+from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.motion.trajectory import RigidMotion
@@ -157,8 +157,7 @@ class FreeEngine:
         hands, things = len(self.hands), len(self.things)
         if things > MOST_THINGS:
             raise InputError(f"{things} things; expected up to {MOST_THINGS}")
-        self._many = hands + things > 2 or workspace.options.self_contact
-        world, pairs = zeroed(world_dtype(self._many)), self._find_pairs()
+        world, pairs = zeroed(world_dtype()), self._find_pairs()
         self.world, problem, friction = world[0], world[0].problem, world[0].friction
         self.qp = new_work(len(problem.delta), len(problem.rhs))
         springs, modelled = workspace.options.stiffness.diagonal(), workspace.options.modelled()
@@ -173,16 +172,15 @@ class FreeEngine:
             surfaces = [hand.surface for hand in self.hands]
             for h, hand in enumerate(self.hands):
                 hand.use(self.states[h : h + 1])
-        most = MOST_THINGS if self._many else 1
         self.method = Free(
             workspace.tick_options,
-            filled(supports, most),
+            filled(supports, MOST_THINGS),
             self.states,
             world,
             zeroed(EDGE_PAIRS, pairs),
-            filled(movers, MOST_HANDS + MOST_THINGS if self._many else 1),
-            filled(surfaces, most),
-            filled(edges, most),
+            filled(movers, MOST_HANDS + MOST_THINGS),
+            filled(surfaces, MOST_THINGS),
+            filled(edges, MOST_THINGS),
         )
         self.ticks = object_record(0)
         self.all_ticks: ThingsRecord | None = None
@@ -361,8 +359,6 @@ class FreeEngine:
 
     def _fits(self) -> bool:
         """Take all as it stands; return whether what is near fits into the arrays."""
-        if not self._many:
-            return bool(rebuild(self.method, self.states))
         # By the function of the ticks: a second one that takes the method costs seconds of compilation.
         hands = range(len(self.hands))
         haptic = [HapticBlock(*(np.zeros((0, *shape)) for shape in HAPTIC_SHAPES)) for _ in hands]
@@ -396,26 +392,32 @@ class FreeEngine:
 
     def run(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord | None = None) -> int:
         """See `Engine.run`; the object's record goes to `ticks`, or to new arrays."""
-        if len(self.things) > 1:
-            return self.run_many((haptic,), (record,))
-        self.ticks = object_record(len(haptic.position)) if ticks is None else ticks
-        return int(run_block(*self.block(haptic, record, self.ticks)))
+        return self.run_many((haptic,), (record,), ticks)
 
-    def run_many(self, haptic: tuple[HapticBlock, ...], record: tuple[TickRecord, ...]) -> int:
-        """Run the ticks of all hands and things, whose program is one; return those done."""
+    def run_many(
+        self, haptic: tuple[HapticBlock, ...], record: tuple[TickRecord, ...], ticks: ObjectRecord | None = None
+    ) -> int:
+        """Run the ticks of all hands and bodies, whose program is one; return those done."""
         things = len(self.things)
-        done, own = self._run(self.method, haptic, record, self._driven(len(haptic[0].position)))
+        done, own = self._run(self.method, haptic, record, self._driven(len(haptic[0].position)), ticks)
         self.all_ticks = of_each(own) if things > 1 else None
         self.ticks = of_each(own).things[0] if self.all_ticks is None else of_first(self.all_ticks)
         return done
 
     def _run(
-        self, method: Free, haptic: Sequence[HapticBlock], record: Sequence[TickRecord], driven: FloatArray
+        self,
+        method: Free,
+        haptic: Sequence[HapticBlock],
+        record: Sequence[TickRecord],
+        driven: FloatArray,
+        ticks: ObjectRecord | None = None,
     ) -> tuple[int, WorldRecord]:
-        """Run ticks by a method; return those done, and the record of the bodies."""
+        """Run ticks by a method; return those done, and the record of the bodies: of one, in `ticks` if given."""
         count, things = len(haptic[0].position), len(self.things)
-        rows, points = np.zeros(count * ACTIVE_CAPACITY, np.int64), np.zeros((count * ACTIVE_CAPACITY, 3))
-        own = WorldRecord(world_record(things, count), rows, points, np.zeros((things, count, 6)))
+        bodies = world_record(things, count, ticks)
+        # As many rows as there are in all: those of a tick may follow on those of the ticks before it.
+        rows = len(bodies.body)
+        own = WorldRecord(bodies, np.zeros(rows, np.int64), np.zeros((rows, 3)), np.zeros((things, count, 6)))
         given, written = HapticBlock(*map(_of_all, zip(*haptic))), TickRecord(*map(_of_all, zip(*record)))
         done = int(run_many(method, self.states, self.qp, given, written, own, driven))
         if len(record) > 1:
@@ -445,10 +447,14 @@ def _of_all(values: Sequence[AnyArray]) -> AnyArray:
     return values[0][None] if len(values) == 1 else np.stack(values)
 
 
-def world_record(things: int, ticks: int) -> ObjectRecord:
-    """Allocate the record of bodies in a block of ticks, with the body first where it is of motion or wrenches."""
-    one, moved = object_record(ticks), ObjectRecord._fields.index("contact")
-    return ObjectRecord(*(np.zeros((things, *values.shape)) for values in one[:moved]), *one[moved:])
+def world_record(things: int, ticks: int, one: ObjectRecord | None = None) -> ObjectRecord:
+    """Return the record of bodies in a block of ticks, with the body first where it is of motion or wrenches.
+
+    That of the only body is `one`, where it is given.
+    """
+    first, moved = one or object_record(ticks), ObjectRecord._fields.index("contact")
+    moving = (values[None] if things == 1 else np.zeros((things, *values.shape)) for values in first[:moved])
+    return ObjectRecord._make([*moving, *first[moved:]])
 
 
 def object_record(ticks: int) -> ObjectRecord:

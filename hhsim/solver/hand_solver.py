@@ -37,7 +37,7 @@ from hhsim.solver.linearising_engine import LinearisingEngine, require_jointed
 from hhsim.solver.method import Engine
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, tick_record
-from hhsim.trees.contact_surface import ContactSurface, contact_surface, jointed_surface
+from hhsim.trees.contact_surface import contact_surface, jointed_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 START_LINEARISATIONS = 4000
@@ -205,18 +205,15 @@ def start_numba() -> None:
 
 @collector_at_rest()
 def warm_up(
-    hand: HandModel, options: SolverOptions, free: FreeObject | None = None, *, jointed: bool = False, others: int = 0
+    hand: HandModel, options: SolverOptions, free: FreeObject | None = None, *, jointed: bool = False
 ) -> WarmUp:
-    """Run one tick of a hand far from a small object, fixed, free, of parts or beside others, with every kernel."""
+    """Run one tick of a hand far from a small body, fixed, free or driven, with every kernel."""
     began = time.perf_counter()
     before = compiled_kernels()
-    far = np.full((3, 3), 100.0) + 0.01 * np.eye(3)
-    places = (far + 10.0 * k for k in range(1 + others))
-    surface: Any
-    meshes = (Mesh(at, np.array([[0, 1, 2]])) for at in places)
-    ball = np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1)
-    surface, *beside = (contact_surface(options.surface, of, SphereTree(of.vertices[:1], *ball)) for of in meshes)
-    one = surface = surface.arrays
+    mesh = Mesh(np.full((3, 3), 100.0) + 0.01 * np.eye(3), np.array([[0, 1, 2]]))
+    ball = SphereTree(mesh.vertices[:1], np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1))
+    surface: Any = contact_surface(options.surface, mesh, ball).arrays
+    one = surface
     if jointed:
         surface = jointed_surface([one], np.array([[[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]]))
     # A method from outside is not for a scene like this; what is compiled for it is what its hands are measured with.
@@ -226,7 +223,6 @@ def warm_up(
         surface,
         options if method.compiled or free is not None else replace(options, method="coupled"),
         None if free is None else replace(free, table=None),
-        [Thing(ContactSurface(more.arrays), free, fixed=True) for more in beside] if free is not None else (),
     )
     orientation = np.array([[1.0, 0.0, 0.0, 0.0]])
     block = solver.run(np.zeros((1, 3)), orientation, np.zeros((1, 5, 3)), np.zeros((1, 5)))

@@ -190,9 +190,8 @@ class SceneSolver:
         if self.is_jointed and not find_method(self.options.method).beside_parts:
             require_jointed(self.options)
         alone = None if two else free
-        others: dict[str, Any] = {"jointed": self.is_jointed, "others": len(self.seen.others)}
         self.prepared: tuple[WarmUp, ...] = tuple(
-            warm_up(hand.model, self.options, alone, **others) for hand in scene.hands
+            warm_up(hand.model, self.options, alone, jointed=self.is_jointed) for hand in scene.hands
         )
         # Each hand has the surface for itself: what is near it is kept with moving parts.
         self.surfaces = tuple(self.seen.surface(kind) for _ in scene.hands)

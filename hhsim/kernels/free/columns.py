@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.contact.linearise import LIMIT_ROWS
-from hhsim.kernels.free.body import OBJECT_DOF, SLIDER
+from hhsim.kernels.free.body import SLIDER
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline
 from hhsim.kernels.rotation import turned, turned_back
@@ -26,40 +26,32 @@ from hhsim.kernels.rotation import turned, turned_back
 States: TypeAlias = NDArray[np.void]
 """State of each pair; the first one's has what is of the things and of the program."""
 
-COMMON = 6 + OBJECT_DOF
-"""Columns that all rows have with one hand and one thing: the palm's and the thing's."""
 KINDS = 8
 """Keys of rows: that of their contact times this, plus 0 for its normal row, or 1 and on for those of friction."""
 
 
 @jit_inline
-def is_one(problem: Record) -> bool:
-    """Return True for the type of one hand and one thing, whose counts are known when it is compiled."""
-    return problem.first.shape[0] == 1
-
-
-@jit_inline
 def hand_count(problem: Record) -> int:
     """Return the number of hands."""
-    return as_int64(1) if is_one(problem) else problem.hands
+    return problem.hands
 
 
 @jit_inline
 def thing_count(problem: Record) -> int:
     """Return the number of things."""
-    return as_int64(1) if is_one(problem) else problem.things
+    return problem.things
 
 
 @jit_inline
 def pair_count(problem: Record) -> int:
     """Return the number of pairs: each hand and each thing, and things that may meet or are joined."""
-    return as_int64(1) if is_one(problem) else problem.pairs
+    return problem.pairs
 
 
 @jit_inline
 def common_count(problem: Record) -> int:
     """Return the number of columns that all rows have: of palms and things, then of slack variables."""
-    return as_int64(COMMON) if is_one(problem) else problem.width + problem.slacks
+    return problem.width + problem.slacks
 
 
 @jit_inline
@@ -71,46 +63,42 @@ def variable_count(problem: Record) -> int:
 @jit_inline
 def other_in(problem: Record, pair: int) -> int:
     """Return the thing that meets a pair's thing; -1 where it is a hand."""
-    return as_int64(-1) if is_one(problem) else problem.other[pair]
+    return problem.other[pair]
 
 
 @jit_inline
 def _pair_of(problem: Record, of: int) -> int:
-    return as_int64(0) if is_one(problem) else of // BODY_COUNT
+    return of // BODY_COUNT
 
 
 @jit_inline
 def thing_of(problem: Record, of: int) -> int:
     """Return the thing of a contact, by what it is of: body b of pair p is BODY_COUNT p + b, -1 - k is k's table."""
-    if is_one(problem):
-        return as_int64(0)
     return -1 - of if of < 0 else problem.thing[of // BODY_COUNT]
 
 
 @jit_inline
 def other_of(problem: Record, of: int) -> int:
     """Return the thing that meets the contact's thing there; -1 where it is a hand or the table."""
-    if is_one(problem) or of < 0:
-        return as_int64(-1)
-    return problem.other[of // BODY_COUNT]
+    return as_int64(-1) if of < 0 else problem.other[of // BODY_COUNT]
 
 
 @jit_inline
 def palm_column(problem: Record, hand: int) -> int:
     """Return the first variable of a palm."""
-    return as_int64(0) if is_one(problem) else problem.palm[hand]
+    return problem.palm[hand]
 
 
 @jit_inline
 def thing_column(problem: Record, thing: int) -> int:
     """Return the first variable of a thing; behind all variables for a fixed one."""
-    return as_int64(6) if is_one(problem) else problem.column[thing]
+    return problem.column[thing]
 
 
 @jit_inline
 def is_still(problem: Record) -> bool:
     """Return True where no thing has variables."""
-    return as_bool(False) if is_one(problem) else as_bool(problem.width == 6 * problem.hands)
+    return as_bool(problem.width == 6 * problem.hands)
 
 
 @jit_inline
@@ -376,9 +364,8 @@ def write_row(
     hand, at = problem.hand[pair], of - BODY_COUNT * pair
     pose = states[pair].pose
     width = common_count(problem)
-    if of < 0 or not is_one(problem):
-        for j in range(width):
-            common[j, row] = 0.0
+    for j in range(width):
+        common[j, row] = 0.0
     if other >= 0:
         _other_columns(bodies[other], pose, thing_column(problem, other), row, point, m, common)
         _fold(bodies[other], thing_column(problem, other), row, common)

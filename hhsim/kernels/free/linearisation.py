@@ -17,7 +17,6 @@ from hhsim.kernels.free.body import OBJECT_DOF, body_target, see_hand
 from hhsim.kernels.free.columns import (
     first_finger,
     hand_count,
-    is_one,
     is_still,
     object_columns,
     pair_count,
@@ -198,14 +197,12 @@ def prepare(method: Free, near: float, state: Record) -> int:
         abduction = problem.abduction_step[FINGER_COUNT * h : FINGER_COUNT * h + FINGER_COUNT]
         _aim(method.states[h], world, h, target, abduction)
         begin_rows(method.states[h].self_contact)
-    own = as_int64(0)
-    if not is_one(problem):
-        if hand_count(problem) > 1:
-            if world.meeting.count > 0:
-                keep_meetings(method.movers, method.states, world)
-            if world.kept_apart < -DEEP:
-                part_targets(method.states, problem, world.kept_apart)
-        own = _foresee_own(method, near, world)
+    if hand_count(problem) > 1:
+        if world.meeting.count > 0:
+            keep_meetings(method.movers, method.states, world)
+        if world.kept_apart < -DEEP:
+            part_targets(method.states, problem, world.kept_apart)
+    own = _foresee_own(method, near, world)
     _aim_fingers(method, world)
     _write_contacts(method, state)
     object_columns(method.states, bodies, contacts, problem)
@@ -256,8 +253,6 @@ def _add_rows(method: Free, clipped: bool, state: Record) -> bool:
     """Add rows of pairs of hands' bodies that the step at hand would bring together; return whether one is new."""
     world = method.world[0]
     problem, met, own = world.problem, False, False
-    if is_one(problem):
-        return False
     if hand_count(problem) > 1 and may_meet(method.options.offset, method.states, world):
         met = add_meetings(method.movers, method.options, method.states, world)
         if is_still(problem):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import Support, see_hand, show_hand
-from hhsim.kernels.free.columns import States, hand_count, is_one, other_in, pair_count, thing_count
+from hhsim.kernels.free.columns import States, hand_count, other_in, pair_count, thing_count
 from hhsim.kernels.free.edges import Edges, measure_edges, record_edges
 from hhsim.kernels.free.support import table_distances
 from hhsim.kernels.hand.kinematics import PALM_BODY, HandArrays
@@ -41,8 +41,6 @@ class Free(NamedTuple):
 def mover_of(method: Free, p: int) -> HandArrays:
     """Return the arrays of what moves in a pair: of a hand, or of a thing as a palm without fingers."""
     problem = method.world[0].problem
-    if is_one(problem):
-        return method.movers[0]
     other = problem.other[p]
     return method.movers[problem.hand[p] if other < 0 else hand_count(problem) + other]
 
@@ -50,8 +48,7 @@ def mover_of(method: Free, p: int) -> HandArrays:
 @jit_inline
 def surface_at(method: Free, p: int) -> Any:
     """Return the surface of the thing of a pair."""
-    problem = method.world[0].problem
-    return method.surfaces[as_int64(0) if is_one(problem) else problem.surface[p]]
+    return method.surfaces[method.world[0].problem.surface[p]]
 
 
 @jit

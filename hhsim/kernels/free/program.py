@@ -10,7 +10,6 @@ from hhsim.kernels.free.columns import (
     common_count,
     first_finger,
     hand_count,
-    is_one,
     pair_count,
     palm_column,
     thing_column,
@@ -89,7 +88,7 @@ def _guess(states: States, problem: Record, loaded: Record, meeting: Record) -> 
                     filled += 1
                     found = True
                     break
-    return filled if is_one(problem) else guess_dense(states, problem, meeting, loaded, filled)
+    return guess_dense(states, problem, meeting, loaded, filled)
 
 
 @jit
@@ -114,7 +113,7 @@ def scale_target(bodies: Record, problem: Record) -> None:
             target[column + 1] = target[column + 2] = 0.0
         if body.joint > 0:
             target[column + SLACK] = slack_target(body)
-        if not is_one(problem) and body.pair_joint > 0 and body.joint_friction > 0.0:
+        if body.pair_joint > 0 and body.joint_friction > 0.0:
             target[slack_column(problem, as_int64(k))] = slack_target(body)
 
 
@@ -186,7 +185,7 @@ def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, mee
             delta[column], delta[column + 1], delta[column + 2] = made * axis[0], made * axis[1], made * axis[2]
     for i in range(friction.count):
         friction.plain[i] = friction.cone[i] = 0.0
-    if not is_one(problem) and problem.dense_rows > 0:
+    if problem.dense_rows > 0:
         read_dense(problem, meeting, qp)
     loaded.count = qp.counts[0]
     for j in range(loaded.count):

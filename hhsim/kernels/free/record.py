@@ -14,7 +14,6 @@ from hhsim.kernels.free.columns import (
     States,
     coefficient,
     displacement,
-    is_one,
     other_of,
     pair_count,
     relative_turn,
@@ -165,8 +164,7 @@ def find_borne(
     count = as_int64(0)
     for p in range(pair_count(problem)):
         states[p].warm.count = 0
-    if not is_one(problem):
-        _bear_joints(states, bodies, problem, loaded, borne)
+    _bear_joints(states, bodies, problem, loaded, borne)
     for i in range(loaded.count):
         row = loaded.row[i]
         force = loaded.multiplier[i]

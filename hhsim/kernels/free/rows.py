@@ -35,7 +35,6 @@ from hhsim.kernels.free.columns import (
     displacement,
     first_finger,
     hand_count,
-    is_one,
     pair_count,
     relative_turn,
     torsion_radius,
@@ -428,9 +427,8 @@ def friction_rows(
     row = joint_rows(states, bodies, relaxed, row, problem)
     _add_group(problem, table, row, -1)
     dense = row
-    if not is_one(problem):
-        row = dense_rows(own, states, meeting, offset, relaxed, row, problem)
-        _add_group(problem, dense, row, -1)
+    row = dense_rows(own, states, meeting, offset, relaxed, row, problem)
+    _add_group(problem, dense, row, -1)
     problem.rows = row
     for i in range(friction.of_hand if problem.is_fresh == 1 else 0):
         problem.owner[friction.contact[i]] = i

@@ -21,13 +21,9 @@ MOST_HANDS, MOST_THINGS = 2, 6
 
 
 @cache
-def world_dtype(many: bool) -> "np.dtype[Any]":
-    """Build the dtype of the things, and of the program of all.
-
-    It is for one hand and one thing or, with `many`, for any numbers up to `MOST_HANDS` and `MOST_THINGS`, so that one
-    compilation does for all of them.
-    """
-    hands, things = (MOST_HANDS, MOST_THINGS) if many else (1, 1)
+def world_dtype() -> "np.dtype[Any]":
+    """Build the dtype of the bodies, and of the program of all: one compilation does for any numbers of both."""
+    hands, things = MOST_HANDS, MOST_THINGS
     problem, frictions = free_problem_dtype(hands, things), friction_count(things)
     common, dof, fingers = (problem[name].shape[0] for name in ("common", "delta", "abduction_step"))
     pairs = problem["hand"].shape

@@ -30,7 +30,6 @@ from hhsim.kernels.free.body import (
 from hhsim.kernels.free.columns import (
     States,
     hand_count,
-    is_one,
     is_still,
     pair_count,
     palm_column,
@@ -116,7 +115,7 @@ def _find_loads(method: Free, state: Record) -> None:
     find_borne(states, world.bodies, contacts, problem, world.friction, world.loaded, world.tried)
     if hand_count(problem) > 1:
         bear_meetings(states, world)
-    for h in range(0 if is_one(problem) else hand_count(problem)):
+    for h in range(hand_count(problem)):
         bear_own(method.options.own, states[h], as_int64(h), problem)
 
 
