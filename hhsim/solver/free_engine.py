@@ -45,8 +45,8 @@ NO_SUPPORT = Support(np.zeros((0, 3)), np.zeros(0))
 NO_EDGES = Edges(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)))
 BELOW = 1e-6
 """Largest depth [m] of an object in the table at the start: rounding."""
-STILL = FreeObject(1.0, (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), friction=0.0)
-"""Properties of a thing that nothing is free beside."""
+STILL = 1.0, (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""Mass, centre and inertia of a thing that nothing is free beside."""
 HAPTIC_SHAPES = ((3,), (4,), (5, 3), (5,))
 """Shapes of what a `HapticBlock` has of each tick."""
 HEAVY = 1e6
@@ -148,7 +148,7 @@ class FreeEngine:
             require_free(workspace.options)
         self.workspace = workspace
         first = ContactSurface(workspace.surface, (), workspace.mesh, workspace.tree)
-        still = Thing(first, STILL, fixed=True)
+        still = Thing(first, FreeObject(*STILL, friction=0.0), fixed=True)
         self.things = (still if free is None else Thing(first, free, name=free.name), *others)
         self.hands = (workspace,) if second is None else (workspace, second)
         surfaces = [thing.surface.arrays for thing in self.things]
