@@ -32,8 +32,11 @@ SOURCES = Path(__file__).parent
 @functools.cache
 def kernel_sources() -> dict[str, Path]:
     """Return the files of the package of kernels, its modules' and packages', by their dotted names."""
-    named = ((PACKAGE, *path.relative_to(SOURCES).with_suffix("").parts, path) for path in SOURCES.rglob("*.py"))
-    return {".".join(parts).removesuffix(".__init__"): path for *parts, path in named}
+    found = {}
+    for path in SOURCES.rglob("*.py"):
+        name = ".".join((PACKAGE, *path.relative_to(SOURCES).with_suffix("").parts))
+        found[name.removesuffix(".__init__")] = path
+    return found
 
 
 def source_of(module: str) -> Path | None:

@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from sampled import sampled
 
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.shipped import SUMS
