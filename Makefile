@@ -13,21 +13,27 @@ BIN := .venv/bin
 
 # Bytecode of what is imported is written at its first import; pip's of everything would take a third of its time. The
 # tests start hundreds of processes, so that a shell which forbids bytecode would have each compile its own.
-PIP := $(BIN)/python -m pip install --disable-pip-version-check --quiet --no-compile -c constraints.txt
+# The pip of $(PYTHON) installs into .venv, whose own comes last: to unpack and compile that first takes five seconds.
+PIP := $(PYTHON) -m pip --python .venv install --disable-pip-version-check --quiet --no-compile -c constraints.txt
 unexport PYTHONDONTWRITEBYTECODE
 # Kernels are compiled as soon as this is there.
 KERNELS_NEED := numpy numba h5py msgspec
+# What a replay imports besides; the rest, nine tenths of the bytes, comes after the first result.
+REPLAY_NEEDS := click rich
 
 # A live session and what tells of its machine need Linux; the rest has types that hold on macOS and Windows too.
 LINUX_ONLY := '/(live|doctor\.py|scheduling_facts\.py|cpu_accounts\.py|wakeups\.py)(/|$$)'
 
 .PHONY: replay test soak wheel sdist check-dist checks platforms kernels gate clean
 
-replay: .venv/hhsim.stamp
-	$(BIN)/hhsim replay
-
 # Kernels are compiled while the rest is installed.
-test: .venv/hhsim.stamp
+replay:
+	@$(MAKE) --no-print-directory -j 2 .venv/compiled.stamp .venv/replay.stamp
+	$(BIN)/hhsim replay
+	@$(MAKE) --no-print-directory .venv/hhsim.stamp
+
+test:
+	@$(MAKE) --no-print-directory -j 2 .venv/compiled.stamp .venv/hhsim.stamp
 	@$(MAKE) --no-print-directory -j 2 checks gate
 	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
 
@@ -63,12 +69,25 @@ gate: kernels
 .venv/python.stamp:
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' || \
 	{ echo 'hhsim needs Python 3.11 to 3.13 and "$(PYTHON)" is not: name one, such as make PYTHON=python3.12' >&2; exit 1; }
-	$(PYTHON) -m venv .venv
+	$(PYTHON) -m venv --without-pip .venv
 	@touch $@
 
-.venv/hhsim.stamp: .venv/python.stamp pyproject.toml constraints.txt
+.venv/kernels.stamp: .venv/python.stamp pyproject.toml constraints.txt
 	$(PIP) $(KERNELS_NEED)
-	$(BIN)/python -m tools.compile_ahead & $(PIP) -e .; code=$$?; wait; exit $$code
+	@touch $@
+
+# A kernel that is not compiled here is compiled by the run.
+.venv/compiled.stamp: .venv/kernels.stamp
+	-$(BIN)/python -m tools.compile_ahead
+	@touch $@
+
+.venv/replay.stamp: .venv/kernels.stamp
+	$(PIP) $(REPLAY_NEEDS)
+	$(PIP) --no-deps -e .
+	@touch $@
+
+.venv/hhsim.stamp: .venv/replay.stamp
+	$(PIP) hhsim pip
 	@touch $@
 
 # By its name, hhsim is found installed and left as it is: kernels are compiled by it meanwhile.

@@ -1,6 +1,7 @@
 """Command `hhsim`: a group that imports a command only when it is run, and reports all errors."""
 
 import errno
+import gc
 import json
 import os
 import signal
@@ -66,6 +67,8 @@ NO_MEMORY = "can't start new thread", "failed to map segment", "returned NULL wi
 """Words of errors that Python and the system's loader raise where memory is short."""
 INTERRUPTED = 130
 BROKEN_PIPE = 141
+MANY_OBJECTS = 10_000
+"""New objects after which the collector looks for circles."""
 
 
 @click.group(
@@ -97,6 +100,8 @@ def hhsim(context: click.Context) -> None:
 
 def main() -> None:
     """Run the command line and exit: the entry point."""
+    # Most of a command's objects stay: to look for circles whenever 700 more are there takes a twentieth of a replay.
+    gc.set_threshold(MANY_OBJECTS)
     prepare_streams()
     warnings.showwarning = _show_warning
     wanted = os.environ.get(COMPLETION_VARIABLE)
@@ -114,6 +119,8 @@ def main() -> None:
         # A closed pipe wants no more; an error that occurs while another is reported is on stderr already.
         if code != BROKEN_PIPE and error.__context__ is None:
             print(f"hhsim: error: cannot print the answer: {error.strerror or error}", file=sys.stderr)
+    # At its end the interpreter looks through all objects, several times: an eighth of a replay.
+    gc.freeze()
     sys.exit(code)
 
 

@@ -238,7 +238,7 @@ def command(
     from hhsim.result.writer import state
     from hhsim.scene.described_scene import load_words
     from hhsim.scene.motion_catalogue import import_remarks
-    from hhsim.solver.free_engine import require_free
+    from hhsim.solver.free_object import require_free
 
     if moving.side == "both" and (output.repeat > 1 or rerun is not None):
         raise click.UsageError("--repeat and --rerun are of one hand: hhsim view RESULT shows both after the replay")

@@ -29,7 +29,7 @@ from hhsim.replay.verdict import OK
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.script import parse_script
-from hhsim.solver.free_engine import require_free
+from hhsim.solver.free_object import require_free
 from hhsim.solver.method import METHODS, USUAL
 from hhsim.solver.options import TOUCH, SolverOptions, Stiffness
 from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_STEP_TOLERANCE

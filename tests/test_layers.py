@@ -47,7 +47,7 @@ LIBRARY = library()
 COMMAND_LINE = {name: path for name, path in modules().items() if name not in LIBRARY}
 COMPILATION = tuple(
     f"hhsim.kernels.{name}"
-    for name in ("jit", "callee", "by_reference", "kernel_cache", "cache_folder", "target", "shipped")
+    for name in ("jit", "callee", "by_reference", "kernel_cache", "kernel_files", "cache_folder", "target", "shipped")
 )
 """What makes kernels of functions, and is none."""
 KERNELS = {name: path for name, path in LIBRARY.items() if name.startswith("hhsim.kernels") and name not in COMPILATION}

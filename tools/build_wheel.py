@@ -19,6 +19,7 @@ from pathlib import Path
 
 from hhsim.kernels import shipped
 from hhsim.kernels.callee import CALLEE_PREFIX
+from hhsim.kernels.kernel_files import SUFFIX
 from hhsim.kernels.target import BUILT_FOR, CHOICE, named_target
 from tools.import_graph import REPOSITORY
 
@@ -78,7 +79,7 @@ def compile_all(cache: Path) -> str:
 def pack(cache: Path, folder: Path, target: str) -> None:
     """Copy the kernels that Python calls, with their digests and the text of their target."""
     lines = []
-    for path in sorted(cache.joinpath("kernels").glob("*/*.nb[ic]")):
+    for path in sorted(cache.joinpath("kernels").glob(f"*/*{SUFFIX}")):
         if path.name.startswith(CALLEE_PREFIX):
             continue
         name = path.relative_to(cache / "kernels")

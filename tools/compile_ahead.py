@@ -2,13 +2,14 @@
 
     python -m tools.compile_ahead
 
-needs numpy, numba, h5py and msgspec. One process compiles the tick, one what measures its hands.
+needs numpy, numba, h5py and msgspec. One process compiles the tick, one the programs in it and what measures its hands.
 """
 
 import gc
 import subprocess
 import sys
 from importlib.util import module_from_spec, spec_from_file_location
+from typing import Any
 
 import numpy as np
 
@@ -24,15 +25,42 @@ def compile_ticks() -> None:
     warm_up(HandModel.default(), SolverOptions())
 
 
+def compile_programs() -> None:
+    """Compile a third of a tick, which `compile_ticks` comes to when this is done: its program, and its end."""
+    from numba import typeof
+
+    from hhsim.hand.model import HandModel
+    from hhsim.kernels.tick.method import Coupled
+    from hhsim.kernels.tick.tick import finish_hand, solve_hand_until_kept
+    from hhsim.mesh.mesh import Mesh
+    from hhsim.solver.options import SolverOptions
+    from hhsim.solver.workspace import TickWorkspace
+    from hhsim.trees.contact_surface import contact_surface
+    from hhsim.trees.sphere_tree import SphereTree
+
+    ball = SphereTree(np.zeros((1, 3)), np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1))
+    surface = contact_surface("spheres", Mesh(np.eye(3), np.array([[0, 1, 2]])), ball).arrays
+    workspace = TickWorkspace(HandModel.default(), surface, SolverOptions())
+    method, hand, state, qp = Coupled(workspace.tick_options), workspace.hand, workspace.states[0], workspace.qp
+    kernels: dict[Any, tuple[Any, ...]] = {
+        solve_hand_until_kept: (method, hand, True, 1.0, state, qp),
+        finish_hand: (method, hand, surface, state, qp),
+    }
+    for kernel, arguments in kernels.items():
+        kernel.callee.compile(tuple(typeof(argument) for argument in arguments))
+
+
 def compile_measures() -> None:
     """Compile what a run's hands are measured with, by one hand on the bunny."""
     from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
     from hhsim.hand.model import HandModel
+    from hhsim.hand.self_pairs import self_pairs
     from hhsim.kernels.rotation import rotate_quaternion
     from hhsim.mesh.catalogue import load_object
     from hhsim.metrics.input_hand import input_hand, object_depths
     from hhsim.metrics.mesh_penetration import TouchedObject
     from hhsim.motion.analytic_motion import still
+    from hhsim.reproducible import arc_tangent
     from hhsim.solver.options import SolverOptions
     from hhsim.trees.cache import cached_sphere_tree
     from hhsim.trees.contact_surface import contact_surface
@@ -44,6 +72,8 @@ def compile_measures() -> None:
     motion = still(mesh.vertices[0])
     placed = forward_kinematics(hand, *motion)
     TouchedObject(mesh, surface, shape, fingers, SolverOptions().touch).contact_error(placed, touching)
+    self_pairs(hand)
+    arc_tangent(0.0, 1.0)
     rotate_quaternion(np.array([1.0, 0.0, 0.0, 0.0]), 0.1, 0.0, 0.0, np.empty(4))
     input_hand(hand, object_depths(surface, mesh, shape, fingers), motion, placed, touching, touching)
 
@@ -56,7 +86,13 @@ def find_data() -> None:
     sys.modules["hhsim.objects"] = module_from_spec(spec)
 
 
-PARTS = {"ticks": compile_ticks, "measures": compile_measures}
+def compile_others() -> None:
+    """Compile all but what `compile_ticks` compiles before it needs this."""
+    compile_programs()
+    compile_measures()
+
+
+PARTS = {"ticks": compile_ticks, "others": compile_others}
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:

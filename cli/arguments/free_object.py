@@ -68,7 +68,7 @@ class FreeChoice(OptionGroup, heading="Free object"):
             raise click.UsageError("--mass and --density exclude each other: one follows from the other")
         if given.pop("free"):
             from hhsim.scene.script import Script
-            from hhsim.solver.free_engine import require_free
+            from hhsim.solver.free_object import require_free
 
             require_free(solver)
             name = "" if motion is None else motion.name

@@ -275,7 +275,7 @@ def command(
     from hhsim.live.session.scene import grasping_hand, make_live_scene
     from hhsim.result.reader import check_result_path
     from hhsim.scene.motion_catalogue import import_remarks
-    from hhsim.solver.free_engine import require_free
+    from hhsim.solver.free_object import require_free
     from hhsim.solver.hand_solver import warm_up
     from hhsim.solver.options import SolverOptions
     from hhsim.system.output_path import dated_output_path

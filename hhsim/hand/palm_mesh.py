@@ -14,7 +14,7 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
-from hhsim.reproducible import dot, exponential, norm, sine_and_cosine
+from hhsim.reproducible import exponential, norm, sine_and_cosine
 
 RAYS_PER_EDGE = (16, 16, 8)
 """Squares along x, y and z of the box whose grid names the rays: 4 (16·16 + 16·8 + 8·16) = 2,048 triangles."""
@@ -39,11 +39,14 @@ class RoundCones(NamedTuple):
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Return the distance [m] of points, shape (m, 3), to each cone, shape (m, n); linear taper."""
-        axis = self.b - self.a
-        offset = points[:, None, :] - self.a
-        share = np.clip(dot(offset, axis) / dot(axis, axis), 0.0, 1.0)
-        gap = np.linalg.norm(offset - share[..., None] * axis, axis=2)
-        return np.asarray(gap - self.radius_a - share * (self.radius_b - self.radius_a), dtype=np.float64)
+        # Coordinate by coordinate: numpy sums along an axis of three in three times the time.
+        ax, ay, az = (self.b - self.a).T[..., None]
+        x, y, z = points.T[:, None] - self.a.T[..., None]
+        share = np.clip((x * ax + y * ay + z * az) / (ax * ax + ay * ay + az * az), 0.0, 1.0)
+        x, y, z = x - share * ax, y - share * ay, z - share * az
+        radius = self.radius_a[:, None], (self.radius_b - self.radius_a)[:, None]
+        gap = np.sqrt(x * x + y * y + z * z) - radius[0] - share * radius[1]
+        return np.ascontiguousarray(gap.T, dtype=np.float64)
 
 
 def palm_parts(hand_length: float, hand_breadth: float, knuckle: FloatArray, knuckle_radius: FloatArray) -> RoundCones:
@@ -129,11 +132,8 @@ def box_rays(half_extent: FloatArray) -> tuple[FloatArray, IntArray]:
                 square.append(cells.setdefault(tuple(cell), len(cells)))
             a, b, c, d = square if end else square[::-1]
             faces += [(a, b, c), (a, c, d)]
-    points = []
-    for cell_of_ray in cells:
-        # The tangent spreads the rays of a box's face evenly over the sphere.
-        sine, cosine = sine_and_cosine(0.25 * np.pi * (2.0 * np.array(cell_of_ray) / np.array(RAYS_PER_EDGE) - 1.0))
-        corner = sine / cosine
-        points.append(corner / norm(corner) * half_extent)
-    directions = np.array(points)
+    # The tangent spreads the rays of a box's face evenly over the sphere.
+    sine, cosine = sine_and_cosine(0.25 * np.pi * (2.0 * np.array(list(cells)) / np.array(RAYS_PER_EDGE) - 1.0))
+    corner = sine / cosine
+    directions = corner / norm(corner)[:, None] * half_extent
     return directions / np.linalg.norm(directions, axis=1, keepdims=True), np.array(faces, dtype=np.int64)

@@ -16,11 +16,12 @@ from typing import Any
 
 from llvmlite import binding as llvm
 from numba import types
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
 from numba.core.runtime import rtsys
 
 from hhsim.kernels.by_reference import Reference
 from hhsim.kernels.cache_folder import cache_root
+from hhsim.kernels.kernel_files import SUFFIX, KernelFiles
 from hhsim.kernels.shipped import ShippedCache, is_shipped
 from hhsim.kernels.target import TARGET
 
@@ -29,13 +30,23 @@ SOURCES = Path(__file__).parent
 
 
 @functools.cache
+def kernel_sources() -> dict[str, Path]:
+    """Return the files of the package of kernels, its modules' and packages', by their dotted names."""
+    found = {}
+    for path in SOURCES.rglob("*.py"):
+        name = ".".join((PACKAGE, *path.relative_to(SOURCES).with_suffix("").parts))
+        found[name.removesuffix(".__init__")] = path
+    return found
+
+
 def source_of(module: str) -> Path | None:
     """Return the file of a module or package of the kernels by its dotted name; None if it is neither."""
-    if module != PACKAGE and not module.startswith(f"{PACKAGE}."):
-        return None
-    path = SOURCES.joinpath(*module.split(".")[PACKAGE.count(".") + 1 :])
-    found = (path.with_suffix(".py"), path / "__init__.py")
-    return next((file for file in found if file.is_file()), None)
+    return kernel_sources().get(module)
+
+
+@functools.cache
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
 
 
 _IMPORT = re.compile(
@@ -61,7 +72,7 @@ def imported_kernels(module: str) -> tuple[str, ...]:
         return ()
     package = module if source.name == "__init__.py" else module.rpartition(".")[0]
     named: list[str] = []
-    for base, names in _import_statements(source.read_text(encoding="utf-8")):
+    for base, names in _import_statements(_text(source)):
         level = len(base) - len(base.lstrip("."))
         above = package.split(".")[: package.count(".") + 2 - level] if level else []
         whole = ".".join([*above, *([base[level:]] if base[level:] else [])])
@@ -73,12 +84,10 @@ def imported_kernels(module: str) -> tuple[str, ...]:
 def implementing_kernels() -> dict[str, tuple[str, ...]]:
     """Return, for each module that declares `generic` kernels, the modules that implement them."""
     found: dict[str, list[str]] = {}
-    for path in sorted(SOURCES.rglob("*.py")):
-        source = path.read_text(encoding="utf-8")
-        generics = set(re.findall(r"^@(\w+)\.of\(", source, re.MULTILINE))
+    for module, path in sorted(kernel_sources().items()):
+        generics = set(re.findall(r"^@(\w+)\.of\(", _text(path), re.MULTILINE)) if ".of(" in _text(path) else set()
         if generics:
-            module = ".".join([PACKAGE, *path.relative_to(SOURCES).with_suffix("").parts])
-            for base, names in _import_statements(source):
+            for base, names in _import_statements(_text(path)):
                 if base and not generics.isdisjoint(names):
                     found.setdefault(base, []).append(module)
     return {module: tuple(others) for module, others in found.items()}
@@ -105,7 +114,7 @@ def module_digest(module: str) -> str:
         source = source_of(name)
         assert source is not None, f"{name} is no module of {PACKAGE}"
         digest.update(name.encode())
-        digest.update(source.read_bytes())
+        digest.update(_text(source).encode())
     return digest.hexdigest()[:16]
 
 
@@ -149,8 +158,12 @@ class Stored(CompileResultCacheImpl):  # type: ignore[misc]
         self._filename_base = self.prefix + self.get_filename_base(function.__qualname__, getattr(sys, "abiflags", ""))
 
     def reduce(self, data: Any) -> Any:
-        """Return what is written: machine code alone, since its bitcode serves callers, which take the callee's."""
-        return without_bitcode(super().reduce(data))
+        """Return what is written: machine code alone, since its bitcode serves callers, which take the callee's.
+
+        Environments of callees hold what exceptions are made of; to read one imports the callee's module.
+        """
+        *stored, environments = super().reduce(data)
+        return without_bitcode((*stored, tuple(one for one in environments if one.consts)))
 
 
 def without_bitcode(stored: Any) -> Any:
@@ -169,26 +182,6 @@ def without_bitcode(stored: Any) -> Any:
     return tuple(without_bitcode(part) for part in stored)
 
 
-class _Index(IndexDataCacheFile):  # type: ignore[misc]
-    """numba's index of one kernel's files; as if empty where it names a type that other sources declare no more.
-
-    A file has the name of its signature. numba numbers them, and two processes that compile at once might give the same
-    number to two signatures, so that one's code would be taken for the other's.
-    """
-
-    def save(self, key: Any, data: Any) -> None:
-        """Keep what was compiled for a key."""
-        name = f"{self._index_name.removesuffix('.nbi')}.{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.nbc"
-        self._save_index({**self._load_index(), key: name})
-        self._save_data(name, data)
-
-    def _load_index(self) -> Any:
-        try:
-            return super()._load_index()
-        except (AttributeError, ImportError):
-            return {}
-
-
 class _FolderCache(FunctionCache):  # type: ignore[misc]
     """numba's file cache of one kernel, in a given folder."""
 
@@ -196,7 +189,7 @@ class _FolderCache(FunctionCache):  # type: ignore[misc]
         self._stored = stored
         self._impl_class = functools.partial(stored, folder=folder)
         super().__init__(function)
-        self._cache_file = _Index(self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
+        self._cache_file = KernelFiles(self._cache_path, self._impl.filename_base)
 
 
 class KernelCache(_FolderCache):
@@ -262,4 +255,4 @@ def compiled_kernels() -> int:
 def is_cached() -> bool:
     """Return True if compiled ticks of these sources are shipped or in the cache; if not, the first run compiles."""
     folder = module_cache(f"{PACKAGE}.tick.tick")
-    return is_shipped(folder.name) or (folder.is_dir() and any(folder.rglob("*.nbi")))
+    return is_shipped(folder.name) or (folder.is_dir() and any(folder.rglob(f"*{SUFFIX}")))

@@ -12,8 +12,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.caching import FunctionCache
 
+from hhsim.kernels.kernel_files import KernelFiles
 from hhsim.kernels.target import BUILT_FOR, CHOICE, COMPILED, TARGET, is_named
 
 FOLDER = COMPILED
@@ -59,17 +60,8 @@ def _warn(text: str) -> None:
     warnings.warn(f"{text}; install hhsim anew, or see {CHOICE}", ShippedKernelWarning, stacklevel=3)
 
 
-class _ShippedFile(IndexDataCacheFile):  # type: ignore[misc]
-    """Index and code of one kernel."""
-
-    def _load_index(self) -> dict[Any, str]:
-        content = checked(Path(self._index_path))
-        if content is None:
-            return {}
-        # numba writes its version, then the stamp of the source, which is empty, and the files by signature.
-        version = pickle.dumps(self._version, protocol=-1)
-        _, overloads = pickle.loads(content[len(version) :])
-        return dict(overloads)
+class _ShippedFiles(KernelFiles):
+    """Files of one kernel."""
 
     def _load_data(self, name: str) -> Any:
         content = checked(Path(self._data_path(name)))
@@ -85,8 +77,7 @@ class ShippedCache(FunctionCache):  # type: ignore[misc]
         place = FOLDER / folder
         self._impl_class = functools.partial(implementation, folder=place)
         super().__init__(function)
-        stamp = self._impl.locator.get_source_stamp()
-        self._cache_file = _ShippedFile(str(place), self._impl.filename_base, stamp)
+        self._cache_file = _ShippedFiles(str(place), self._impl.filename_base)
 
 
 def is_shipped(folder: str) -> bool:

@@ -1,7 +1,7 @@
 """Rows of a result's tables from the ticks that a scene's solver has just run: of hands, bodies and contacts."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -9,7 +9,6 @@ from hhsim.arrays import AnyArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import quaternion_product
-from hhsim.kernels.free.record import STICKS, ObjectRecord, ThingsRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
@@ -28,6 +27,9 @@ from hhsim.result.schema import (
     hand_tables,
 )
 from hhsim.solver.scene_solver import SceneSolver
+
+if TYPE_CHECKING:
+    from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
 
 Columns = dict[str, AnyArray]
 
@@ -54,7 +56,7 @@ class HandRows:
         carrier = self.solver.seen.carrier
         return None if carrier is None else carrier.at(ticks).since(carrier.position[0], carrier.orientation[0])
 
-    def rows(self, ticks: slice, given: Columns, record: TickRecord, free: ObjectRecord | None = None) -> TickRows:
+    def rows(self, ticks: slice, given: Columns, record: TickRecord, free: "ObjectRecord | None" = None) -> TickRows:
         """Return the rows of ticks that were solved last.
 
         `given` has the time, the number of the input sample, and the haptic hand, world, as the columns of the file;
@@ -80,7 +82,7 @@ class HandRows:
 
 
 def body_rows(
-    parts: MovingParts | None, record: ThingsRecord | None, names: Sequence[str], ticks: slice, own: Columns
+    parts: MovingParts | None, record: "ThingsRecord | None", names: Sequence[str], ticks: slice, own: Columns
 ) -> dict[str, Columns]:
     """Return the rows of bodies by their groups; of several the poses in `parts` are set, too.
 
@@ -123,7 +125,7 @@ def shown_columns(block: Columns, haptic: HandConfiguration, moved: RigidMotion 
     return {**world, **{f"haptic/{name}": values for name, values in haptic._asdict().items()}}
 
 
-def free_columns(ticks: ObjectRecord, position: AnyArray, orientation: AnyArray) -> Columns:
+def free_columns(ticks: "ObjectRecord", position: AnyArray, orientation: AnyArray) -> Columns:
     """Return the columns of a free body's ticks, world; its frame was at a pose [m], (3,) and (4,), at the start."""
     moved, count = RigidMotion(ticks.turn, ticks.shift), len(ticks.turn)
     places = moved.points(np.broadcast_to(np.asarray(position, np.float64), (count, 3)))
@@ -133,8 +135,10 @@ def free_columns(ticks: ObjectRecord, position: AnyArray, orientation: AnyArray)
     return pose | {column.name: column.taken(fields) for column in (*MOTION_COLUMNS, *FREE_COLUMNS)}
 
 
-def contact_rows(ticks: ObjectRecord, first: int) -> Columns:
+def contact_rows(ticks: "ObjectRecord", first: int) -> Columns:
     """Return the contacts of a block of ticks of a free body, as a hand counts bodies; `first` numbers the ticks."""
+    from hhsim.kernels.free.record import STICKS
+
     rows = int(ticks.contact[-1])
     fields = {name: values[:rows] for name, values in ticks._asdict().items()}
     tick = first + np.repeat(np.arange(len(ticks.turn)), np.diff(ticks.contact))

@@ -162,7 +162,7 @@ class ResultWriter:
                 table = self._tables[group]
                 end = table.rows + _count(arrays)
                 for name, array in arrays.items():
-                    dataset = self._file[group][name]
+                    dataset = table.datasets[name]
                     dataset.resize(end, axis=0)
                     dataset[table.rows :] = array
             for group, values in (attributes or {}).items():
@@ -228,6 +228,7 @@ class ResultWriter:
                     dtype=_stored_type(column),
                 )
                 describe_dataset(dataset, column)
+                table.datasets[column.name] = dataset
         for name, hand in hands.items():
             if hand.attributes:
                 self._file[f"{schema.HANDS}/{name}/{schema.LIVE}"].attrs.update(hand.attributes)
@@ -263,9 +264,8 @@ class ResultWriter:
     def _drop_half_a_block(self) -> None:
         # An interrupt may have come between two datasets, or between the growth of one and its values.
         with contextlib.suppress(OSError, RuntimeError, KeyError):
-            for group, table in self._tables.items():
-                for column in table.columns:
-                    dataset = self._file[group][column.name]
+            for table in self._tables.values():
+                for dataset in table.datasets.values():
                     if len(dataset) > table.rows:
                         dataset.resize(table.rows, axis=0)
 
@@ -335,6 +335,7 @@ class _Table:
 
     columns: Sequence[schema.Column]
     rows: int = 0
+    datasets: dict[str, h5py.Dataset] = field(default_factory=dict)  # by the name of their column
 
     def growth(self, arrays: Mapping[str, AnyArray]) -> int:
         """Upper bound of the datasets' growth by these rows [bytes]."""

@@ -69,8 +69,10 @@ def imported_suffixes() -> tuple[str, ...]:
 
 def is_imported(path: Path) -> bool:
     """Return True if a recording is imported: by its suffix, or a .csv by the names of its columns."""
-    if path.suffix.lower() != CSV_SUFFIX:
-        return path.suffix.lower() in imported_suffixes()
+    suffix = path.suffix.lower()
+    if suffix != CSV_SUFFIX:
+        # To ask each format imports it.
+        return suffix not in ("", SCRIPT_SUFFIX, *RECORDING_SUFFIXES) and suffix in imported_suffixes()
     if not path.is_file():
         return False
     from hhsim.recordings.registry import Content, ReadOptions, format_of

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from itertools import count
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -28,10 +28,9 @@ from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
-from hhsim.motion.trajectory import RigidMotion
 from hhsim.reproducible import across, matmul, principal_axes
-from hhsim.solver.free_object import FreeObject, Hinge, Slider
-from hhsim.solver.options import UNLIMITED, SolverOptions
+from hhsim.solver.free_object import FreeObject, Hinge, Slider, Thing, require_free
+from hhsim.solver.options import UNLIMITED
 from hhsim.solver.workspace import TickWorkspace, fresh_state, tick_record, zeroed
 from hhsim.trees.contact_surface import ContactSurface
 from hhsim.trees.hierarchy import build_hierarchy
@@ -45,42 +44,12 @@ NO_SUPPORT = Support(np.zeros((0, 3)), np.zeros(0))
 NO_EDGES = Edges(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)))
 BELOW = 1e-6
 """Largest depth [m] of an object in the table at the start: rounding."""
-STILL = FreeObject(1.0, (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), friction=0.0)
-"""Properties of a thing that nothing is free beside."""
+STILL = 1.0, (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""Mass, centre and inertia of a thing that nothing is free beside."""
 HAPTIC_SHAPES = ((3,), (4,), (5, 3), (5,))
 """Shapes of what a `HapticBlock` has of each tick."""
 HEAVY = 1e6
 """Mass [kg] and moment of inertia [kg·m²] of a driven thing: 100 N move it by 0.1 nm in a tick of 1 ms."""
-
-
-def require_free(options: SolverOptions) -> None:
-    """Raise an InputError unless a free object can be solved with these options."""
-    qp = options.qp
-    for wrong, message in (
-        (options.method != "coupled", f"method {options.method} has no free objects: coupled has"),
-        (qp != "active-set", f"a free object is solved for by hhsim's own QP solver, not {qp}: use active-set"),
-        (options.force != "kkt", "with a free object the forces are the program's own: use the force model kkt"),
-    ):
-        if wrong:
-            raise InputError(message)
-
-
-class Thing(NamedTuple):
-    """Object of a scene of several: surface, in the world at first, and properties.
-
-    Of a fixed one, and of a driven one, which goes by its motion since the first tick, only friction counts.
-    """
-
-    surface: ContactSurface
-    free: FreeObject
-    fixed: bool = False
-    name: str = ""
-    motion: RigidMotion | None = None
-
-    @property
-    def moves_freely(self) -> bool:
-        """True unless it is fixed or driven."""
-        return not self.fixed and self.motion is None
 
 
 def support_of(surface: ContactSurface) -> Support:
@@ -148,7 +117,7 @@ class FreeEngine:
             require_free(workspace.options)
         self.workspace = workspace
         first = ContactSurface(workspace.surface, (), workspace.mesh, workspace.tree)
-        still = Thing(first, STILL, fixed=True)
+        still = Thing(first, FreeObject(*STILL, friction=0.0), fixed=True)
         self.things = (still if free is None else Thing(first, free, name=free.name), *others)
         self.hands = (workspace,) if second is None else (workspace, second)
         surfaces = [thing.surface.arrays for thing in self.things]

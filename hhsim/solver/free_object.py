@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -12,6 +12,11 @@ from hhsim.ranges import check_range
 from hhsim.reproducible import norm
 from hhsim.scene.body import USUAL_FRICTION, Free, Joint, JointType, Triple
 from hhsim.system.settings_file import typed
+
+if TYPE_CHECKING:
+    from hhsim.motion.trajectory import RigidMotion
+    from hhsim.solver.options import SolverOptions
+    from hhsim.trees.contact_surface import ContactSurface
 
 LAW = "Coulomb with de Saxcé's correction, cone of 4 directions turned to the load; impacts inelastic; implicit Euler"
 """Contact law, as results state it."""
@@ -135,3 +140,33 @@ class FreeObject(Free):
     def from_json(cls, values: Mapping[str, Any]) -> Self:
         """Return what `to_json` stored; InputError for values that describe no free object."""
         return typed(values, cls, "free object")
+
+
+class Thing(NamedTuple):
+    """Object of a scene of several: surface, in the world at first, and properties.
+
+    Of a fixed one, and of a driven one, which goes by its motion since the first tick, only friction counts.
+    """
+
+    surface: "ContactSurface"
+    free: FreeObject
+    fixed: bool = False
+    name: str = ""
+    motion: "RigidMotion | None" = None
+
+    @property
+    def moves_freely(self) -> bool:
+        """True unless it is fixed or driven."""
+        return not self.fixed and self.motion is None
+
+
+def require_free(options: "SolverOptions") -> None:
+    """Raise an InputError unless a free object can be solved with these options."""
+    qp = options.qp
+    for wrong, message in (
+        (options.method != "coupled", f"method {options.method} has no free objects: coupled has"),
+        (qp != "active-set", f"a free object is solved for by hhsim's own QP solver, not {qp}: use active-set"),
+        (options.force != "kkt", "with a free object the forces are the program's own: use the force model kkt"),
+    ):
+        if wrong:
+            raise InputError(message)

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from hhsim.hand.self_pairs import self_clearance
 from hhsim.kernels.callee import collector_at_rest
 from hhsim.kernels.contact.penetration import clearances
 from hhsim.kernels.contact.self_pairs import NoPairs
-from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.hand.hand_shape import StoredHands
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.hand.pose import is_finite_configuration
@@ -30,8 +29,7 @@ from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSI
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import penetration
 from hhsim.reproducible import norm
-from hhsim.solver.free_engine import FreeEngine, Thing
-from hhsim.solver.free_object import FreeObject
+from hhsim.solver.free_object import FreeObject, Thing
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.linearising_engine import LinearisingEngine, require_jointed
 from hhsim.solver.method import Engine
@@ -40,10 +38,21 @@ from hhsim.solver.workspace import TickWorkspace, tick_record
 from hhsim.trees.contact_surface import contact_surface, jointed_surface
 from hhsim.trees.sphere_tree import SphereTree
 
+if TYPE_CHECKING:
+    from hhsim.kernels.free.record import ObjectRecord
+    from hhsim.solver.free_engine import FreeEngine
+
 START_LINEARISATIONS = 4000
 """Most linearisations of the approach from a free place to the object, where the haptic hand starts inside it."""
 SHARES = 64
 """Number of postures that are tried between a hand that is in itself and the straight one."""
+
+
+def free_engine(workspace: TickWorkspace, free: FreeObject | None, **more: Any) -> "FreeEngine":
+    """Make a `FreeEngine` of its arguments; nothing of it is imported before."""
+    from hhsim.solver.free_engine import FreeEngine
+
+    return FreeEngine(workspace, free, **more)
 
 
 class HandSolver:
@@ -77,19 +86,18 @@ class HandSolver:
             raise InputError(f"method {options.method} {self.method.missing}")
         if isinstance(self.workspace.surface, JointedSurface) and not self.method.beside_parts:
             require_jointed(options)
-        self.engine: Engine = (
-            self.method.engine(self.workspace) if free is None else FreeEngine(self.workspace, free, others=others)
-        )
+        self.free = None if free is None else free_engine(self.workspace, free, others=others)
+        self.engine: Engine = self.free or self.method.engine(self.workspace)
         self._started = False
 
     def __repr__(self) -> str:
         return f"HandSolver({self.options!r})"
 
     @property
-    def object_ticks(self) -> ObjectRecord:
+    def object_ticks(self) -> "ObjectRecord":
         """Record of the free object in the last ticks."""
-        assert isinstance(self.engine, FreeEngine)
-        return self.engine.ticks
+        assert self.free is not None
+        return self.free.ticks
 
     def run(
         self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray
@@ -104,7 +112,7 @@ class HandSolver:
             raise self.workspace.full()
         return record
 
-    def tick(self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None) -> int:
+    def tick(self, haptic: HapticBlock, record: TickRecord, object_ticks: "ObjectRecord | None" = None) -> int:
         """Run one tick for each haptic configuration with records that the caller allocated, for a loop in real time.
 
         It gives the same bytes as `run`, but returns the status bits of the last tick (`hhsim.kernels.tick.state`)
@@ -113,7 +121,7 @@ class HandSolver:
         one.
         """
         start, engine = 0 if self._started else self.begin(haptic), self.engine
-        own = [object_ticks] if isinstance(engine, FreeEngine) else []
+        own = [] if self.free is None else [object_ticks]
         done = engine.run(haptic, record, *own)
         record.status[0] |= start
         return int(record.status[done - 1])
@@ -147,8 +155,8 @@ class HandSolver:
             return 0
         engine = self.engine
         if workspace.beside:
-            if isinstance(engine, FreeEngine):
-                engine.approach(START_LINEARISATIONS)
+            if self.free is not None:
+                self.free.approach(START_LINEARISATIONS)
             return STATUS_START_INSIDE
         if not isinstance(engine, LinearisingEngine):
             # The start is no part of the method: every method begins from the same place.
@@ -164,7 +172,7 @@ class HandSolver:
         return STATUS_START_INSIDE
 
     def compiled_tick(
-        self, haptic: HapticBlock, record: TickRecord, object_ticks: ObjectRecord | None = None
+        self, haptic: HapticBlock, record: TickRecord, object_ticks: "ObjectRecord | None" = None
     ) -> tuple[int, TickBlock]:
         """Return the address of a begun `tick`'s machine code, and its arguments, for a loop in compiled code.
 

@@ -7,12 +7,11 @@ given in the world, and returned as the first free body sees them.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts, placed_mesh
@@ -21,8 +20,7 @@ from hhsim.scene.body import Body, Driven, Fixed, Free, HalfSpace
 from hhsim.scene.declared_bodies import joined_tree
 from hhsim.scene.overlap import raised
 from hhsim.scene.scene import Scene
-from hhsim.solver.free_engine import Thing
-from hhsim.solver.free_object import FreeObject, Hinge, Slider
+from hhsim.solver.free_object import FreeObject, Hinge, Slider, Thing
 from hhsim.solver.hand_solver import HandSolver, WarmUp, warm_up
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.linearising_engine import require_jointed
@@ -30,6 +28,9 @@ from hhsim.solver.options import SolverOptions
 from hhsim.solver.world_solver import WorldSolver
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
+
+if TYPE_CHECKING:
+    from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
 
 STRAY = 1e-9
 """Distance [m], or change of a quaternion, by which a body that goes along with a frame strays from it by rounding."""
@@ -217,11 +218,11 @@ class SceneSolver:
         """Run ticks with these hands, in the engine's frame."""
         return self._world.run(*haptic)
 
-    def object_ticks(self, hand: int = 0) -> ObjectRecord:
+    def object_ticks(self, hand: int = 0) -> "ObjectRecord":
         """Record of the first free body in the last ticks as that of a hand, see `FreeEngine.seen_by`."""
         return self._world.object_ticks(hand)
 
     @property
-    def all_ticks(self) -> ThingsRecord | None:
+    def all_ticks(self) -> "ThingsRecord | None":
         """Record of all bodies beside a free one in the last ticks; None where there are none."""
         return self._world.all_ticks

@@ -2,27 +2,28 @@
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
 from hhsim.arrays import AnyArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.contact.hand_pairs import hands_nearest
-from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
-from hhsim.kernels.free.side_by_side import find_meeting, run_hands_apart
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
 from hhsim.kernels.jit import as_argument
 from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.reproducible import norm
-from hhsim.solver.free_engine import FreeEngine, Thing
-from hhsim.solver.free_object import FreeObject
-from hhsim.solver.hand_solver import START_LINEARISATIONS, HandSolver, clearance, shift_until
+from hhsim.solver.free_object import FreeObject, Thing
+from hhsim.solver.hand_solver import START_LINEARISATIONS, HandSolver, clearance, free_engine, shift_until
 from hhsim.solver.linearising_engine import LinearisingEngine
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, tick_record
+
+if TYPE_CHECKING:
+    from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
+    from hhsim.solver.free_engine import FreeEngine
 
 FAR = 10.0
 """Distance [m] up to which hands that begin in each other, or may, are measured."""
@@ -60,10 +61,10 @@ class WorldSolver:
         self._spaces = tuple(hand.workspace for hand in hands)
         self._parts_move = isinstance(own, LinearisingEngine) and own.parts_move
         self._has_free = free is not None
-        self.engine = own if isinstance(own, FreeEngine) else None
+        self.engine = hands[0].free
         self._two: FreeEngine | None = None
         if len(self.hands) > 1 and (free is not None or keeps_hands_apart(hands[0].options)):
-            self._two = self.engine = FreeEngine(self._spaces[0], free, self._spaces[1], others)
+            self._two = self.engine = free_engine(self._spaces[0], free, second=self._spaces[1], others=others)
         self._started = self._two is None
         self._threads = ThreadPoolExecutor(len(self.hands))
 
@@ -87,13 +88,13 @@ class WorldSolver:
         """End the hands' threads."""
         self._threads.shutdown()
 
-    def object_ticks(self, hand: int = 0) -> ObjectRecord:
+    def object_ticks(self, hand: int = 0) -> "ObjectRecord":
         """Return the record of the free object in the last ticks as of one of the hands, see `FreeEngine.seen_by`."""
         assert self.engine is not None
         return self.engine.seen_by(hand)
 
     @property
-    def all_ticks(self) -> ThingsRecord | None:
+    def all_ticks(self) -> "ThingsRecord | None":
         """Record of all bodies beside a free one in the last ticks; None where there are none."""
         return None if self.engine is None else self.engine.all_ticks
 
@@ -114,6 +115,8 @@ class WorldSolver:
         if self._has_free:
             done = two.run_many(blocks, records)
         else:
+            from hhsim.kernels.free.side_by_side import run_hands_apart
+
             engines = [hand.engine for hand in self.hands]
             alone = tuple(engine.tick_method for engine in engines if isinstance(engine, LinearisingEngine))
             qps = tuple(space.qp for space in self._spaces)
@@ -123,8 +126,10 @@ class WorldSolver:
             raise two.workspace.full()
         return records
 
-    def _have_met(self, two: FreeEngine, kept: Sequence["_Kept"], records: tuple[TickRecord, ...]) -> bool:
+    def _have_met(self, two: "FreeEngine", kept: Sequence["_Kept"], records: tuple[TickRecord, ...]) -> bool:
         """Return whether the hands might have met in ticks of each alone, which began as `kept`."""
+        from hhsim.kernels.free.side_by_side import find_meeting
+
         # Balls around the palms that hold the hands are looked at first.
         poses = [before.fields["pose"][0] for before in kept]
         way = [np.vstack([pose.position, record.position]) for pose, record in zip(poses, records)]

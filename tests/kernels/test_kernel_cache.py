@@ -13,8 +13,8 @@ import pytest
 from sampled import sampled
 
 import hhsim
-from hhsim.kernels import kernel_cache
 from hhsim.kernels.kernel_cache import imported_kernels
+from hhsim.kernels.kernel_files import KernelFiles
 
 PACKAGE = Path(hhsim.__file__).parent
 
@@ -57,7 +57,7 @@ def test_an_edit_makes_the_kernels_stale_that_call_it_and_no_others(copy: Path) 
         "for name in ['', *edits]:\n"
         "    for path in [Path('hhsim', name)] * bool(name):\n"
         "        path.write_text(path.read_text() + '\\n# one more line\\n')\n"
-        "    for known in (cache.imported_kernels, cache.implementing_kernels, cache.module_digest):\n"
+        "    for known in (cache._text, cache.imported_kernels, cache.implementing_kernels, cache.module_digest):\n"
         "        known.cache_clear()\n"
         "    print(*(cache.module_cache(f'hhsim.kernels.{name}').name for name in watched))"
     )
@@ -153,7 +153,7 @@ def test_what_is_compiled_for_a_foreign_type_lies_apart(tmp_path: Path) -> None:
     assert found(2.0) == "2.0 0\n", "the surface of before"
 
 
-def test_an_index_that_names_a_type_of_before_is_as_if_empty(tmp_path: Path) -> None:
+def test_a_file_that_names_a_type_of_before_is_as_if_missing(tmp_path: Path) -> None:
     # A kernel that calls nothing keeps its folder while the types that others pass to it come and go.
     script = (
         "import hhsim.kernels.rotation as module; from typing import NamedTuple\n"
@@ -171,16 +171,13 @@ def test_an_index_that_names_a_type_of_before_is_as_if_empty(tmp_path: Path) -> 
     assert output(tmp_path, script.format("Later")) == "None\n7\n"
 
 
-def test_two_that_compile_at_once_never_share_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    index = kernel_cache._Index(str(tmp_path), "kernel", "")
-    with monkeypatch.context() as both:
-        # Each looks at an index that does not have the other's signature yet.
-        both.setattr(index, "_load_index", dict)
-        index.save("one", 1)
-        index.save("two", 2)
-    assert (index.load("one"), index.load("two")) == (None, 2)
-    index.save("one", 3)
-    assert (index.load("one"), index.load("two")) == (3, 2)
+def test_two_that_compile_at_once_never_share_a_file(tmp_path: Path) -> None:
+    one, other = (KernelFiles(str(tmp_path), "kernel") for _ in range(2))
+    assert one.load("first") is None
+    one.save("first", 1)
+    other.save("second", 2)
+    one.save("first", 3)
+    assert (other.load("first"), one.load("second")) == (3, 2)
     assert len(list(tmp_path.glob("*.nbc"))) == 2
 
 

@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from sampled import sampled
 
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.shipped import SUMS
@@ -68,17 +67,9 @@ def test_a_shipped_kernel_is_loaded_and_nothing_is_compiled_or_written(wheel: Pa
     assert not list((tmp_path / "empty").rglob("*.nbc"))
 
 
-@pytest.mark.parametrize(
-    ("kind", "fault"),
-    sampled(
-        [(kind, fault) for kind in ("nbi", "nbc") for fault in ("damaged", "missing", "unlisted")],
-        lambda place, _: place in (2, 3, 4),
-    ),
-)
-def test_a_file_that_is_not_what_was_built_is_named_and_not_run(
-    wheel: Path, tmp_path: Path, kind: str, fault: str
-) -> None:
-    (path,) = wheel.rglob(f"*.{kind}")
+@pytest.mark.parametrize("fault", ["damaged", "missing", "unlisted"])
+def test_a_file_that_is_not_what_was_built_is_named_and_not_run(wheel: Path, tmp_path: Path, fault: str) -> None:
+    (path,) = wheel.rglob("*.nbc")
     if fault == "damaged":
         content = bytearray(path.read_bytes())
         content[len(content) // 2] ^= 1

@@ -11,8 +11,7 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import RigidMotion
-from hhsim.solver.free_engine import Thing
-from hhsim.solver.free_object import FreeObject, Hinge
+from hhsim.solver.free_object import FreeObject, Hinge, Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface

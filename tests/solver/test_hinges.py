@@ -13,8 +13,7 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
-from hhsim.solver.free_engine import Thing
-from hhsim.solver.free_object import FreeObject, Hinge
+from hhsim.solver.free_object import FreeObject, Hinge, Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface

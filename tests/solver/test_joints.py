@@ -16,8 +16,7 @@ from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import load_result
 from hhsim.scene.declared_bodies import load_bodies
 from hhsim.scene.scene import open_scene
-from hhsim.solver.free_engine import Thing
-from hhsim.solver.free_object import FreeObject, Hinge, Slider
+from hhsim.solver.free_object import FreeObject, Hinge, Slider, Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import contact_surface

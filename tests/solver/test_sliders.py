@@ -11,8 +11,7 @@ from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
-from hhsim.solver.free_engine import Thing
-from hhsim.solver.free_object import FreeObject, Hinge, Slider
+from hhsim.solver.free_object import FreeObject, Hinge, Slider, Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface

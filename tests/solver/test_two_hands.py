@@ -16,8 +16,8 @@ from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE
 from hhsim.metrics.metrics import distance_of_hands
-from hhsim.solver.free_engine import FreeEngine, Thing
-from hhsim.solver.free_object import FreeObject
+from hhsim.solver.free_engine import FreeEngine
+from hhsim.solver.free_object import FreeObject, Thing
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.solver.world_solver import WorldSolver
