@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -13,6 +14,8 @@ from hhsim.errors import InputError, MeshError, named
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel, Side
+from hhsim.linkage.file import names_a_linkage
+from hhsim.mesh.catalogue import names_a_body_file, names_a_file
 from hhsim.metrics.field.field_table import field_rows, field_table
 from hhsim.metrics.field.field_verdict import field_verdict
 from hhsim.metrics.field.hands import FieldHands, FieldPair
@@ -53,11 +56,18 @@ from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.score import submitted_method
 from hhsim.system.atomic_write import new_files, write_atomically
+from hhsim.system.input_file import read_input
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import contact_surface, encloses
-from hhsim.trees.triangle_tree import tree_of_any
+from hhsim.trees.triangle_tree import triangle_tree
 
+LOADED = 64
+"""Objects that a process keeps loaded."""
+VOLUME_FRAMES = 12
+"""Frames whose intersection volume is computed, beside the deepest one; `hhsim score` computes that of all."""
+TREE_LEVEL = 2
+"""Level of the tree of an object's triangles in the result."""
 METHOD = "hhsim repair"
 """Name of the method in the result of a repair."""
 ROUNDING = 2e-6
@@ -82,20 +92,15 @@ def repair_recording(
 
 def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress) -> RepairOutcome:
     """Repair a recording into a folder that holds no other files."""
-    names = {"result": RESULT, "report": REPORT, "picture": PICTURE}
+    names = {"result": RESULT} | ({"report": REPORT, "picture": PICTURE} if request.pictures else {})
     paths = {"recording": request.out} | {what: request.beside(name) for what, name in names.items()}
     # The recording's own world will do where it says nothing of an axis up.
     given = {"hand": request.hand, "mano_model": request.mano_model, "usual_up": "z", **request.options}
     read = ReadOptions(**given)
     recording = _in_our_units(request.recording, read)
     bodies = _bodies(request)
-    for name, mesh in bodies.meshes.items():
-        if not encloses(mesh):
-            what = request.object if len(bodies.meshes) == 1 else f"body '{name}' of {request.object}"
-            raise MeshError(f"{what} encloses nothing, so that no hand is inside; expected a closed mesh")
+    for mesh in bodies.meshes.values():
         recording = recording.found(*map(note, (*mesh.repairs, *mesh.warnings)))
-    progress("tree", 0, 1)
-    bodies = bodies.with_trees(lambda mesh: tree_of_any(mesh, bodies.level))
     if request.object_poses is not None:
         recording = with_object_poses(recording, request.object_poses, read)
     with named(request.recording):
@@ -131,8 +136,9 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     if off is not None and off > ROUNDING:
         text = f"the format holds the corrected joints to {1e3 * off:.3f} mm; the figures are of what it holds"
         recording = recording.found(note(text))
-    # What is judged is what the file says.
-    written = _in_our_units(paths["recording"], read, request.recording)
+    # What is judged is what the file says: of joints themselves, without angles that fit them.
+    again = replace(read, fits_angles=recording.joints is None)
+    written = _in_our_units(paths["recording"], again, request.recording)
     after_skin = None
     if skin is not None:
         after_skin = _skin(paths["recording"], None, written, hand, read)
@@ -152,7 +158,7 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     joints, posture = recorded.seen_hand(written, seen.posture)
     after = recorded.judged(joints, posture, None if after_skin is None else recorded.seen_skin(after_skin))
     progress("figures", 0, 1)
-    rows = field_rows(FieldPair(before, after, force=force))
+    rows = field_rows(FieldPair(before, after, force=force, volume_frames=VOLUME_FRAMES))
     verdict = field_verdict(rows, request.max_correction)
     frames = tuple(int(frame) for frame in recorded.frames[marked])
     figures = {f"{row.name}_{when}": getattr(row, when) for row in rows for when in ("before", "after")}
@@ -167,9 +173,10 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         paths=paths,
         table=field_table(rows, f"{request.source.name} with {scene.name}"),
     )
-    progress("picture", 0, 1)
-    _draw(recorded, seen, before, after, paths["picture"])
-    write_atomically(paths["report"], repair_page(outcome, before, after, paths["picture"].read_bytes()).encode())
+    if request.pictures:
+        progress("picture", 0, 1)
+        _draw(recorded, seen, before, after, paths["picture"])
+        write_atomically(paths["report"], repair_page(outcome, before, after, paths["picture"].read_bytes()).encode())
     return outcome
 
 
@@ -197,12 +204,33 @@ def _corrected(
 
 
 def _bodies(request: RepairRequest) -> DeclaredBodies:
-    """Return the bodies of a request; InputError for some that are free."""
-    bodies = load_object(request.object, unit=request.unit, size=request.size)
+    """Return the bodies of a request with their trees; InputError for some that are free, MeshError for an open one.
+
+    A mesh file, by its content, and a name of the catalogue are loaded once in a process.
+    """
+    word, path = request.object, Path(request.object)
+    if names_a_linkage(word) or (names_a_file(word) and names_a_body_file(word)):
+        # What else such a file names is not looked at.
+        return _load(word, request.unit, request.size)
+    return _loaded_bodies(word, read_input(path) if path.is_file() else b"", request.unit, request.size)
+
+
+@lru_cache(maxsize=LOADED)
+def _loaded_bodies(word: str, content: bytes, unit: str | None, size: float | None) -> DeclaredBodies:
+    return _load(word, unit, size)
+
+
+def _load(word: str, unit: str | None, size: float | None) -> DeclaredBodies:
+    bodies = load_object(word, unit=unit, size=size)
     free = [body.name for body in bodies.settings if body.is_free]
     if free:
-        raise InputError(f"{request.object} has free bodies ({', '.join(free)}); expected fixed and driven ones")
-    return bodies
+        raise InputError(f"{word} has free bodies ({', '.join(free)}); expected fixed and driven ones")
+    for name, mesh in bodies.meshes.items():
+        if not encloses(mesh):
+            what = word if len(bodies.meshes) == 1 else f"body '{name}' of {word}"
+            raise MeshError(f"{what} encloses nothing, so that no hand is inside; expected a closed mesh")
+    # A hand is kept out of the triangles themselves: their tree is the broad phase of who reads the result.
+    return bodies.with_trees(lambda mesh: triangle_tree(mesh, TREE_LEVEL))
 
 
 def _begins(recording: Recording, request: RepairRequest, read: ReadOptions) -> float:

@@ -27,7 +27,7 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from glob import glob
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -102,6 +102,10 @@ class PlannedRepair:
     name: str
     request: RepairRequest
     time_limit: float
+
+    def pictured(self, pictures: bool) -> "PlannedRepair":
+        """Return the repair with a page and pictures, or without."""
+        return replace(self, request=replace(self.request, pictures=pictures))
 
 
 def is_manifest(path: Path) -> bool:
