@@ -62,6 +62,7 @@ class ReadOptions:
     episode: int | None = None  # number of the episode, in a file with several
     dexmo: DexmoRegression | None = None  # calibration of a Dexmo glove
     poses: Poses | None = None  # times of the poses for its calibration
+    array: str | None = None  # name of the array of joints, in a file with several
     # Order of the joints in rows without names, a key of `hhsim.recordings.joint_names.JOINT_ORDERS`.
     joint_order: str | None = None
     pose_order: str | None = None  # order of an object's quaternions that no name tells, "wxyz" or "xyzw"

@@ -1,11 +1,11 @@
 """Repair of one recording: from its file to the same file without penetration, its result and its figures."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -97,39 +97,18 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     # The recording's own world will do where it says nothing of an axis up.
     given = {"hand": request.hand, "mano_model": request.mano_model, "usual_up": "z", **request.options}
     read = ReadOptions(**given)
-    recording = _in_our_units(request.recording, read)
-    bodies = _bodies(request)
-    for mesh in bodies.meshes.values():
-        recording = recording.found(*map(note, (*mesh.repairs, *mesh.warnings)))
-    if request.object_poses is not None:
-        recording = with_object_poses(recording, request.object_poses, read)
-    with named(request.recording):
-        recording, hand = _hand(recording, request)
-    skin = _skin(request.recording, request.skin, recording, hand, read)
-    if skin is None:
-        hand = with_palm(hand, request.palm)
-    else:
-        hand, fit = hand_with_skin(hand, skin, HandConfiguration.of(recording), request.palm)
-        text = (
-            f"hand fitted to the skin: {100.0 * fit.contained:.1f} % of its vertices are contained, the others are "
-            f"{1e3 * fit.excess_mean:.3f} mm outside in the mean of all, {1e3 * fit.excess_max:.2f} mm at most"
-        )
-        recording = recording.found(note(text))
-    with named(request.recording):
-        began = _begins(recording, request, read) if len(bodies.settings) > 1 else 0.0
-        recorded = recorded_scene(recording, bodies, hand, request.recording.stem, began)
-    recording = suspect_joints(recording)
-    gone = recording.sample_count - len(recorded.frames)
-    if gone:
-        text = f"{gone} of {recording.sample_count} samples have no whole hand or no object: left as they are"
-        recording = recording.found(note(text))
-    scene, seen_by_object = recorded.scene, recorded.seen
-    began = perf_counter()
-    touched = seen_by_object.parts or contact_surface("mesh", seen_by_object.mesh, seen_by_object.tree)
-    notes = touched.surface("mesh").notes if isinstance(touched, MovingParts) else touched.notes
-    recording = recording.found(*map(note, notes))
+    recording = in_our_units(request.recording, read)
+    made = prepared(
+        request,
+        read,
+        recording,
+        bodies_of(request),
+        lambda recording, hand: _skin(request.recording, request.skin, recording, hand, read),
+    )
+    recording, recorded, touched, skin = made
+    scene, hand, began = recorded.scene, recorded.hand, perf_counter()
     seen_skin = None if skin is None else recorded.seen_skin(skin)
-    seen, marked = _corrected(request, recorded, touched, seen_skin, progress)
+    seen, marked = corrected(request.max_correction, recorded, touched, seen_skin, progress)
     took = perf_counter() - began
     correction = recorded.in_the_world(seen, recording)
     off = write_recording(request.recording, read, recording, correction, paths["recording"])
@@ -138,7 +117,7 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         recording = recording.found(note(text))
     # What is judged is what the file says: of joints themselves, without angles that fit them.
     again = replace(read, fits_angles=recording.joints is None)
-    written = _in_our_units(paths["recording"], again, request.recording)
+    written = in_our_units(paths["recording"], again, request.recording)
     after_skin = None
     if skin is not None:
         after_skin = _skin(paths["recording"], None, written, hand, read)
@@ -180,11 +159,59 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     return outcome
 
 
-def _corrected(
-    request: RepairRequest, recorded: RecordedScene, given: GivenObject, skin: Skin | None, progress: Progress
+class Prepared(NamedTuple):
+    """Recording beside its object, with the hand that fits it."""
+
+    recording: Recording  # in our units, with the angles of the fitted hand
+    recorded: RecordedScene
+    touched: GivenObject
+    skin: Skin | None
+
+
+def prepared(
+    request: RepairRequest,
+    read: ReadOptions,
+    recording: Recording,
+    bodies: DeclaredBodies,
+    skin_of: Callable[[Recording, HandModel], Skin | None],
+) -> Prepared:
+    """Fit a hand to a recording in our units, and put it beside bodies with their trees; errors as of the repair."""
+    for mesh in bodies.meshes.values():
+        recording = recording.found(*map(note, (*mesh.repairs, *mesh.warnings)))
+    if request.object_poses is not None:
+        recording = with_object_poses(recording, request.object_poses, read)
+    with named(request.recording):
+        recording, hand = _hand(recording, request)
+    skin = skin_of(recording, hand)
+    if skin is None:
+        hand = with_palm(hand, request.palm)
+    else:
+        hand, fit = hand_with_skin(hand, skin, HandConfiguration.of(recording), request.palm)
+        text = (
+            f"hand fitted to the skin: {100.0 * fit.contained:.1f} % of its vertices are contained, the others are "
+            f"{1e3 * fit.excess_mean:.3f} mm outside in the mean of all, {1e3 * fit.excess_max:.2f} mm at most"
+        )
+        recording = recording.found(note(text))
+    with named(request.recording):
+        began = _begins(recording, request, read) if len(bodies.settings) > 1 else 0.0
+        recorded = recorded_scene(recording, bodies, hand, request.recording.stem, began)
+    recording = suspect_joints(recording)
+    gone = recording.sample_count - len(recorded.frames)
+    if gone:
+        text = f"{gone} of {recording.sample_count} samples have no whole hand or no object: left as they are"
+        recording = recording.found(note(text))
+    seen_by_object = recorded.seen
+    touched = seen_by_object.parts or contact_surface("mesh", seen_by_object.mesh, seen_by_object.tree)
+    notes = touched.surface("mesh").notes if isinstance(touched, MovingParts) else touched.notes
+    recording = recording.found(*map(note, notes))
+    return Prepared(recording, recorded, touched, skin)
+
+
+def corrected(
+    limit: float, recorded: RecordedScene, given: GivenObject, skin: Skin | None, progress: Progress
 ) -> tuple[Correction, BoolArray]:
     """Return the correction as the object sees it, and a mask of the frames to be marked, shape (F,)."""
-    hand, haptic, limit = recorded.hand, recorded.haptic, request.max_correction
+    hand, haptic = recorded.hand, recorded.haptic
     free = repair_frames(hand, given, haptic, limit, progress)
     on_surface = recorded.tip_on_surface
     first, marked = correct(
@@ -203,7 +230,7 @@ def _corrected(
     return Correction(fitted, posture, rotation, joints, first.changed | moved), far | ~pushed.is_freed
 
 
-def _bodies(request: RepairRequest) -> DeclaredBodies:
+def bodies_of(request: RepairRequest) -> DeclaredBodies:
     """Return the bodies of a request with their trees; InputError for some that are free, MeshError for an open one.
 
     A mesh file, by its content, and a name of the catalogue are loaded once in a process.
@@ -221,7 +248,11 @@ def _loaded_bodies(word: str, content: bytes, unit: str | None, size: float | No
 
 
 def _load(word: str, unit: str | None, size: float | None) -> DeclaredBodies:
-    bodies = load_object(word, unit=unit, size=size)
+    return checked_bodies(load_object(word, unit=unit, size=size), word)
+
+
+def checked_bodies(bodies: DeclaredBodies, word: str) -> DeclaredBodies:
+    """Return bodies, which are called `word`, with their trees; errors as of `bodies_of`."""
     free = [body.name for body in bodies.settings if body.is_free]
     if free:
         raise InputError(f"{word} has free bodies ({', '.join(free)}); expected fixed and driven ones")
@@ -236,11 +267,12 @@ def _load(word: str, unit: str | None, size: float | None) -> DeclaredBodies:
 def _begins(recording: Recording, request: RepairRequest, read: ReadOptions) -> float:
     """Return the first stamp of the hand, or of both that are repaired [s]: joints of the object are at 0 s there."""
     both = [] if request.of_both is None else [replace(read, hand=side) for side in SIDES]
-    hands = [_in_our_units(request.source, options) for options in both] or [recording]
+    hands = [in_our_units(request.source, options) for options in both] or [recording]
     return min(float(np.nanmin(hand.time)) + hand.first_stamp for hand in hands)
 
 
-def _in_our_units(path: Path, read: ReadOptions, original: Path | None = None) -> Recording:
+def in_our_units(path: Path, read: ReadOptions, original: Path | None = None) -> Recording:
+    """Read a recording, and detect units that it does not state; arguments and errors as of `read_recording`."""
     recording = read_recording(path, read, original)
     with named(path):
         return clean_units(recording)
