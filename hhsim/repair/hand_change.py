@@ -30,9 +30,9 @@ def change_between(first: HandConfiguration, second: HandConfiguration) -> Float
 
 def changed_hand(hand: HandConfiguration, change: FloatArray) -> HandConfiguration:
     """Return hands after these changes, shape (T, 26); a change of exactly zero returns the same numbers."""
-    given = [as_argument(values) for values in (hand.orientation, hand.flexion.reshape(-1, 15), hand.abduction, change)]
-    turned, bent, spread = (np.empty(values.shape) for values in given[:3])
-    apply_changes(*given, turned, bent, spread)
+    orientation, flexion = as_argument(hand.orientation), as_argument(hand.flexion.reshape(-1, 15))
+    turned, bent, spread = np.empty(orientation.shape), np.empty(flexion.shape), np.empty(hand.abduction.shape)
+    apply_changes(orientation, flexion, as_argument(hand.abduction), as_argument(change), turned, bent, spread)
     return HandConfiguration(hand.position + change[:, :3], turned, bent.reshape(-1, 5, 3), spread)
 
 

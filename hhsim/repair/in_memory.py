@@ -1,6 +1,7 @@
 """Repair of a recording in memory: arrays in, arrays out, and no file is written."""
 
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
@@ -46,7 +47,7 @@ class RepairedMotion:
     def to_xarray(self) -> Any:
         """Return an xarray Dataset with dimensions frame, joint, axis; InputError without xarray."""
         try:
-            import xarray
+            xarray = import_module("xarray")
         except ImportError:
             raise InputError("xarray is not installed: pip install xarray; the fields are NumPy arrays") from None
         of_frames = {name: ("frame", getattr(self, name)) for name in ("changed", "marked")}

@@ -57,7 +57,8 @@ def bone_frames(hand: HandModel, posture: HandConfiguration) -> FloatArray:
     Its columns are, of a phalanx, the axis, the flexion axis and their cross product; of the palm, its own axes.
     """
     frames = np.empty((len(posture.orientation), 16, 3, 3))
-    place_bones(hand_bones(hand), *map(as_argument, posture[1:]), frames)
+    orientation, flexion, abduction = map(as_argument, posture[1:])
+    place_bones(hand_bones(hand), orientation, flexion, abduction, frames)
     return frames
 
 

@@ -279,8 +279,8 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
         return True
     if content.head.startswith(b"PK"):
         names = array_names(content.data)
-        others = {"wrist_pos", "flex", "poses", "pose", "hand_pose", "mano_pose"}
-        return options.array is not None or (bool(names) and not names & others)
+        foreign = {"wrist_pos", "flex", "poses", "pose", "hand_pose", "mano_pose"}
+        return options.array is not None or (bool(names) and not names & foreign)
     if content.is_json:
         text = content.beginning.lstrip()
         return LISTS.search(text) is not None or re.match(r"\[\s*\[\s*(\[\s*)?-?[0-9]", text) is not None
