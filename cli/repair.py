@@ -13,9 +13,9 @@ from .console import print_json, print_line, print_notes, print_table, progress
 from .import_ import FileSettings, HandData
 
 if TYPE_CHECKING:
-    from hhsim.repair.request import RepairOutcome
+    from hhsim.repair.request import Pictures, RepairOutcome
 
-ALWAYS, OF_MANY = ("recording", "out", "as_json", "quiet"), ("jobs", "scheduler")
+ALWAYS, OF_MANY = ("recording", "out", "as_json", "quiet", "pictures"), ("jobs", "scheduler")
 """Options of every repair, and those of a manifest alone."""
 
 
@@ -47,6 +47,11 @@ class RepairLimits(OptionGroup, heading="Repair"):
     )
     hands: Literal["one", "both"] = option(
         type=click.Choice(["one", "both"]), default="one", help="Hands of the recording that are repaired."
+    )
+    pictures: Literal["worst", "all", "none"] = option(
+        type=click.Choice(["worst", "all", "none"]),
+        default="worst",
+        help="Recordings of a manifest that get a page and pictures; a single one has them unless none.",
     )
     max_correction: float = option(
         type=Number(0.1, 200.0), default=15.0, metavar="MM", help="Largest move of a joint in a repaired frame [mm]."
@@ -103,7 +108,7 @@ def command(
         if not is_many and name in OF_MANY:
             raise click.UsageError(f"{typed_as} is for a manifest; {recording} is one recording")
     if is_many:
-        return _many(recording, out, jobs or 0, scheduler, printing)
+        return _many(recording, out, jobs or 0, scheduler, limits.pictures, printing)
     if limits.hands == "both" and (reading.hand or limits.skin):
         raise click.UsageError("--hand and --skin are of one hand, and --hands both repairs two")
     if thing.object is None:
@@ -122,6 +127,7 @@ def command(
         max_correction=1e-3 * limits.max_correction,
         skin=limits.skin,
         palm=limits.palm,
+        pictures=limits.pictures != "none",
         options={name: value for name, value in given.items() if value is not None},
     )
     typed = ("hhsim", *sys.argv[1:])
@@ -154,14 +160,18 @@ def _print(outcome: "RepairOutcome") -> None:
     print_line(f"written to {', '.join(str(path) for path in outcome.paths.values())}")
 
 
-def _many(manifest: Path, out: Path, jobs: int, scheduler: str, printing: options.Printing) -> int:
+def _many(
+    manifest: Path, out: Path, jobs: int, scheduler: str, pictures: "Pictures", printing: options.Printing
+) -> int:
     """Repair the recordings of a manifest; returns the exit code."""
     from hhsim.repair.repair import repair_recording
     from hhsim.sweep.repair_batch import run_manifest
     from hhsim.sweep.repair_page import brief_table
 
     with progress(quiet=printing.quiet, lines=True) as report:
-        found = run_manifest(manifest, out, repair_recording, workers=jobs, scheduler=scheduler, progress=report)
+        found = run_manifest(
+            manifest, out, repair_recording, workers=jobs, scheduler=scheduler, pictures=pictures, progress=report
+        )
     if printing.as_json:
         print_json({"recordings": found.table.records, "failed": dict(found.failed), "page": str(found.page)})
     elif not printing.quiet:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh, load_mesh
     from hhsim.motion.file import load_trajectory, save_trajectory
     from hhsim.motion.trajectory import Trajectory
+    from hhsim.repair.in_memory import repair
     from hhsim.replay.replay import replay_scene
     from hhsim.report.pictures import draw
     from hhsim.result.reader import Result, load_result
@@ -54,6 +55,7 @@ __all__ = [
     "load_result",
     "load_trajectory",
     "open_scene",
+    "repair",
     "replay_scene",
     "save_trajectory",
     "verify_result",
@@ -77,6 +79,7 @@ _PLACES = {
     "load_result": "hhsim.result.reader.load_result",
     "load_trajectory": "hhsim.motion.file.load_trajectory",
     "open_scene": "hhsim.scene.scene.open_scene",
+    "repair": "hhsim.repair",
     "replay_scene": "hhsim.replay.replay.replay_scene",
     "save_trajectory": "hhsim.motion.file.save_trajectory",
     "verify_result": "hhsim.verify.verify.verify",
@@ -90,7 +93,8 @@ def __getattr__(name: str) -> Any:
     if name not in _PLACES:
         raise AttributeError(f"module 'hhsim' has no attribute '{name}'")
     module, _, attribute = _PLACES[name].rpartition(".")
-    value = getattr(import_module(module), attribute)
+    # The package of the repair is called itself.
+    value = import_module(_PLACES[name]) if module == "hhsim" else getattr(import_module(module), attribute)
     globals()[name] = value
     if "numba" in sys.modules:
         import_module("hhsim.system.compile_notice").log_compilation()

@@ -54,5 +54,5 @@ def forward_kinematics(
     """Place a hand by its configuration at each tick, fields as of `hhsim.hand.configuration.HandConfiguration`."""
     origin, quaternion, bend, spread = (as_argument(values) for values in (position, orientation, flexion, abduction))
     joints = np.empty((len(origin), 5, 4, 3))
-    place_hands(hand.arrays(), origin, as_argument(rotation_matrix(quaternion)), bend, spread, joints)
+    place_hands(hand.shared_arrays, origin, as_argument(rotation_matrix(quaternion)), bend, spread, joints)
     return PlacedHand(joints, origin, quaternion)

@@ -290,7 +290,8 @@ class HandModel:
         )
 
     @cached_property
-    def _arrays(self) -> HandArrays:
+    def shared_arrays(self) -> HandArrays:
+        """Hand in the kernels' form, made once: nobody writes there."""
         return self.arrays()
 
     def joints(
@@ -304,7 +305,7 @@ class HandModel:
         palm = _array("position", position, (3,)), rotation_matrix(_array("orientation", orientation, (4,)))
         fingers = _array("flexion", flexion, (5, 3)), _array("abduction", abduction, (5,))
         rest = np.empty((5, 3, 3)), np.empty((5, 3)), np.empty((5, 3))
-        forward_kinematics(self._arrays, *palm, *fingers, joints, *rest)
+        forward_kinematics(self.shared_arrays, *palm, *fingers, joints, *rest)
         return joints
 
 

@@ -118,7 +118,8 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         frame = frame if points is given else frame._replace(flip=UNITY)
     side = known_side(points, side, findings, options.mirror, structural=named)
     fingers, wrist = points[:, 1:].reshape(-1, len(FINGERS), 4, 3), points[:, 0]
-    posture, off = fitted_posture(fingers, palm_from_knuckles(fingers[:, 1:, 0], wrist, side), side)
+    palm = palm_from_knuckles(fingers[:, 1:, 0], wrist, side)
+    posture, off = fitted_posture(fingers, palm, side, fits_angles=options.fits_angles)
     radii = None if joints.radius is None else metre * joints.radius[:, 1:].reshape(-1, len(FINGERS), 4)
     bones = recorded_bones(fingers, wrist, posture, side, radii)
     if radii is not None:
@@ -171,17 +172,23 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
     return placed(recording, joints.object_poses)
 
 
-def fitted_posture(fingers: FloatArray, palm: FloatArray, side: HandSide) -> tuple[HandConfiguration, Finding]:
+def fitted_posture(
+    fingers: FloatArray, palm: FloatArray, side: HandSide, *, fits_angles: bool = True
+) -> tuple[HandConfiguration, Finding]:
     """Compute our hand's posture in a recorded palm frame, with our knuckles on the recorded ones.
 
     `fingers` are joints and tip of each finger from its base on [m], world, shape (T, 5, 4, 3); `palm` is palm to
     world, unit (w, x, y, z), shape (T, 4). Returns the posture, NaN where a joint is missing, and the finding about the
-    bones' angle to it. Raises TrajectoryError where no finger is whole in any sample.
+    bones' angle to it; all angles are 0 unless `fits_angles`. Raises TrajectoryError where no finger is whole in any
+    sample.
     """
     origin, axes = palm_origin(fingers[:, 1:, 0], palm, side), finger_axes(side)
     joints = in_palm(fingers - origin[:, None, None], palm)
     base, length = median_bones(joints)
-    flexion, abduction = fitted_angles(joints, base, length, axes, side)
+    if fits_angles:
+        flexion, abduction = fitted_angles(joints, base, length, axes, side)
+    else:
+        flexion, abduction = np.zeros((len(joints), 5, 3)), np.zeros((len(joints), 5))
     if not np.isfinite(abduction).any():
         raise TrajectoryError("no sample holds the joints of a whole finger")
     posture = HandConfiguration(origin, palm, flexion, abduction)

@@ -4,7 +4,7 @@ import importlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -62,10 +62,13 @@ class ReadOptions:
     episode: int | None = None  # number of the episode, in a file with several
     dexmo: DexmoRegression | None = None  # calibration of a Dexmo glove
     poses: Poses | None = None  # times of the poses for its calibration
+    array: str | None = None  # name of the array of joints, in a file with several
     # Order of the joints in rows without names, a key of `hhsim.recordings.joint_names.JOINT_ORDERS`.
     joint_order: str | None = None
     pose_order: str | None = None  # order of an object's quaternions that no name tells, "wxyz" or "xyzw"
     pose_unit: str | None = None  # unit of an object's positions, "m", "cm" or "mm"
+    # False leaves the angles that fit joint centres out: 0 where the joints are known.
+    fits_angles: bool = True
     # File with the poses of the camera that an object's poses are relative to; None for the world.
     camera_poses: Path | None = None
 
@@ -387,7 +390,8 @@ def write_recording(
         if correction.changed.any():
             data = form.write(content, options, recording, correction)
             data = pickled_with(content.pickled, read_npz(data)) if content.pickled else data
-        off = _distance_read_back(form, Content.of_recording(source, data), options, recording, correction)
+        again = replace(options, fits_angles=recording.joints is None)
+        off = _distance_read_back(form, Content.of_recording(source, data), again, recording, correction)
     write_atomically(target, data)
     return off
 

@@ -4,7 +4,8 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_vector
+from hhsim.kernels.hand.hand_change import apply_changes, turns_between
+from hhsim.kernels.jit import as_argument
 
 NUMBERS = 26
 """Numbers of a change: palm shift [m], palm rotation vector [rad], 15 flexions and 5 abductions [rad]."""
@@ -21,23 +22,18 @@ def change_between(first: HandConfiguration, second: HandConfiguration) -> Float
 
     That of equal hands is exactly zero.
     """
-    turn = rotation_vector(quaternion_product(second.orientation, conjugate(first.orientation)))
-    # The product of a rotation and its inverse is the identity up to rounding only.
-    turn[(first.orientation == second.orientation).all(axis=1)] = 0.0
+    turn = np.empty((len(first.orientation), 3))
+    turns_between(as_argument(first.orientation), as_argument(second.orientation), turn)
     flexion = (second.flexion - first.flexion).reshape(len(turn), 15)
     return np.concatenate([second.position - first.position, turn, flexion, second.abduction - first.abduction], axis=1)
 
 
 def changed_hand(hand: HandConfiguration, change: FloatArray) -> HandConfiguration:
     """Return hands after these changes, shape (T, 26); a change of exactly zero returns the same numbers."""
-    turned = quaternion_product(quaternion(change[:, 3:6]), hand.orientation)
-    turned /= np.linalg.norm(turned, axis=1, keepdims=True)
-    return HandConfiguration(
-        hand.position + change[:, :3],
-        np.where((change[:, 3:6] != 0.0).any(axis=1, keepdims=True), turned, hand.orientation),
-        hand.flexion + change[:, 6:21].reshape(-1, 5, 3),
-        hand.abduction + change[:, 21:],
-    )
+    orientation, flexion = as_argument(hand.orientation), as_argument(hand.flexion.reshape(-1, 15))
+    turned, bent, spread = np.empty(orientation.shape), np.empty(flexion.shape), np.empty(hand.abduction.shape)
+    apply_changes(orientation, flexion, as_argument(hand.abduction), as_argument(change), turned, bent, spread)
+    return HandConfiguration(hand.position + change[:, :3], turned, bent.reshape(-1, 5, 3), spread)
 
 
 def mean_acceleration(points: FloatArray) -> float:

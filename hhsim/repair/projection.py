@@ -93,8 +93,6 @@ class FrameHand:
 
     def program(self) -> FrameProgram:
         """Return Gauss and Newton's program of the joints, with the distances of near balls linearised."""
-        from scipy.linalg import block_diag
-
         touching = np.flatnonzero(np.isfinite(self.touch))
         asked = self.nearest < self.range
         asked[TIPS[touching]] = True
@@ -103,15 +101,19 @@ class FrameHand:
         slopes = np.einsum("ni,nij->nj", normal, self.motion[asked])
         near = (value < self.range) & (np.abs(distance) > ON_SURFACE)
         tips = TIPS[touching, self.nearest[TIPS[touching]].argmin(axis=1)]
-        wishes, slack = slopes[(np.cumsum(asked) - 1)[tips]], np.eye(len(tips))
+        wishes = slopes[(np.cumsum(asked) - 1)[tips]]
         along = np.concatenate([self.motion[JOINTS].reshape(-1, NUMBERS), ORIGIN])
         off = np.append((self.wanted - self.points[JOINTS]).ravel(), (self.goal.position - self.posture.position)[0])
-        hessian = JOINT_STIFFNESS * along.T @ along + np.diag(REST)
+        count = NUMBERS + len(tips)
+        hessian, rows = TOUCH_STIFFNESS * np.eye(count), np.zeros((int(near.sum()) + len(tips), count))
+        hessian[:NUMBERS, :NUMBERS] = JOINT_STIFFNESS * along.T @ along + np.diag(REST)
+        rows[:, :NUMBERS] = np.concatenate([slopes[near], -wishes])
+        rows[len(rows) - len(tips) :, NUMBERS:] = np.eye(len(tips))
         pull = JOINT_STIFFNESS * off @ along + REST * change_between(self.posture, self.goal)[0]
         return FrameProgram(
-            block_diag(hessian, TOUCH_STIFFNESS * slack),
+            hessian,
             np.append(pull, np.zeros(len(tips))),
-            np.block([[slopes[near], np.zeros((near.sum(), len(tips)))], [-wishes, slack]]),
+            rows,
             np.append(self.gap - value[near], self.nearest[tips] - self.touch[touching]),
         )
 
@@ -134,7 +136,7 @@ class FrameHand:
 
     def is_free(self) -> bool:
         """Return True, and note the hand as found, if it does not penetrate."""
-        free = bool(self.judge.placed_clearance(self.posed.placed)[0] >= CLEAR)
+        free = self.judge.are_clear(self.points, self.radii, self.nearest)
         if free:
             self.found = self.posture
         return free

@@ -1,10 +1,11 @@
 """Repair of one recording: from its file to the same file without penetration, its result and its figures."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from hhsim.errors import InputError, MeshError, named
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import SIDES, HandModel, Side
+from hhsim.linkage.file import names_a_linkage
+from hhsim.mesh.catalogue import names_a_body_file, names_a_file
 from hhsim.metrics.field.field_table import field_rows, field_table
 from hhsim.metrics.field.field_verdict import field_verdict
 from hhsim.metrics.field.hands import FieldHands, FieldPair
@@ -53,11 +56,18 @@ from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.score import submitted_method
 from hhsim.system.atomic_write import new_files, write_atomically
+from hhsim.system.input_file import read_input
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import contact_surface, encloses
-from hhsim.trees.triangle_tree import tree_of_any
+from hhsim.trees.triangle_tree import triangle_tree
 
+LOADED = 64
+"""Objects that a process keeps loaded."""
+VOLUME_FRAMES = 12
+"""Frames whose intersection volume is computed, beside the deepest one; `hhsim score` computes that of all."""
+TREE_LEVEL = 2
+"""Level of the tree of an object's triangles in the result."""
 METHOD = "hhsim repair"
 """Name of the method in the result of a repair."""
 ROUNDING = 2e-6
@@ -82,57 +92,32 @@ def repair_recording(
 
 def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress) -> RepairOutcome:
     """Repair a recording into a folder that holds no other files."""
-    names = {"result": RESULT, "report": REPORT, "picture": PICTURE}
+    names = {"result": RESULT} | ({"report": REPORT, "picture": PICTURE} if request.pictures else {})
     paths = {"recording": request.out} | {what: request.beside(name) for what, name in names.items()}
     # The recording's own world will do where it says nothing of an axis up.
     given = {"hand": request.hand, "mano_model": request.mano_model, "usual_up": "z", **request.options}
     read = ReadOptions(**given)
-    recording = _in_our_units(request.recording, read)
-    bodies = _bodies(request)
-    for name, mesh in bodies.meshes.items():
-        if not encloses(mesh):
-            what = request.object if len(bodies.meshes) == 1 else f"body '{name}' of {request.object}"
-            raise MeshError(f"{what} encloses nothing, so that no hand is inside; expected a closed mesh")
-        recording = recording.found(*map(note, (*mesh.repairs, *mesh.warnings)))
-    progress("tree", 0, 1)
-    bodies = bodies.with_trees(lambda mesh: tree_of_any(mesh, bodies.level))
-    if request.object_poses is not None:
-        recording = with_object_poses(recording, request.object_poses, read)
-    with named(request.recording):
-        recording, hand = _hand(recording, request)
-    skin = _skin(request.recording, request.skin, recording, hand, read)
-    if skin is None:
-        hand = with_palm(hand, request.palm)
-    else:
-        hand, fit = hand_with_skin(hand, skin, HandConfiguration.of(recording), request.palm)
-        text = (
-            f"hand fitted to the skin: {100.0 * fit.contained:.1f} % of its vertices are contained, the others are "
-            f"{1e3 * fit.excess_mean:.3f} mm outside in the mean of all, {1e3 * fit.excess_max:.2f} mm at most"
-        )
-        recording = recording.found(note(text))
-    with named(request.recording):
-        began = _begins(recording, request, read) if len(bodies.settings) > 1 else 0.0
-        recorded = recorded_scene(recording, bodies, hand, request.recording.stem, began)
-    recording = suspect_joints(recording)
-    gone = recording.sample_count - len(recorded.frames)
-    if gone:
-        text = f"{gone} of {recording.sample_count} samples have no whole hand or no object: left as they are"
-        recording = recording.found(note(text))
-    scene, seen_by_object = recorded.scene, recorded.seen
-    began = perf_counter()
-    touched = seen_by_object.parts or contact_surface("mesh", seen_by_object.mesh, seen_by_object.tree)
-    notes = touched.surface("mesh").notes if isinstance(touched, MovingParts) else touched.notes
-    recording = recording.found(*map(note, notes))
+    recording = in_our_units(request.recording, read)
+    made = prepared(
+        request,
+        read,
+        recording,
+        bodies_of(request),
+        lambda recording, hand: _skin(request.recording, request.skin, recording, hand, read),
+    )
+    recording, recorded, touched, skin = made
+    scene, hand, began = recorded.scene, recorded.hand, perf_counter()
     seen_skin = None if skin is None else recorded.seen_skin(skin)
-    seen, marked = _corrected(request, recorded, touched, seen_skin, progress)
+    seen, marked = corrected(request.max_correction, recorded, touched, seen_skin, progress)
     took = perf_counter() - began
     correction = recorded.in_the_world(seen, recording)
     off = write_recording(request.recording, read, recording, correction, paths["recording"])
     if off is not None and off > ROUNDING:
         text = f"the format holds the corrected joints to {1e3 * off:.3f} mm; the figures are of what it holds"
         recording = recording.found(note(text))
-    # What is judged is what the file says.
-    written = _in_our_units(paths["recording"], read, request.recording)
+    # What is judged is what the file says: of joints themselves, without angles that fit them.
+    again = replace(read, fits_angles=recording.joints is None)
+    written = in_our_units(paths["recording"], again, request.recording)
     after_skin = None
     if skin is not None:
         after_skin = _skin(paths["recording"], None, written, hand, read)
@@ -152,7 +137,7 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     joints, posture = recorded.seen_hand(written, seen.posture)
     after = recorded.judged(joints, posture, None if after_skin is None else recorded.seen_skin(after_skin))
     progress("figures", 0, 1)
-    rows = field_rows(FieldPair(before, after, force=force))
+    rows = field_rows(FieldPair(before, after, force=force, volume_frames=VOLUME_FRAMES))
     verdict = field_verdict(rows, request.max_correction)
     frames = tuple(int(frame) for frame in recorded.frames[marked])
     figures = {f"{row.name}_{when}": getattr(row, when) for row in rows for when in ("before", "after")}
@@ -167,17 +152,66 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         paths=paths,
         table=field_table(rows, f"{request.source.name} with {scene.name}"),
     )
-    progress("picture", 0, 1)
-    _draw(recorded, seen, before, after, paths["picture"])
-    write_atomically(paths["report"], repair_page(outcome, before, after, paths["picture"].read_bytes()).encode())
+    if request.pictures:
+        progress("picture", 0, 1)
+        _draw(recorded, seen, before, after, paths["picture"])
+        write_atomically(paths["report"], repair_page(outcome, before, after, paths["picture"].read_bytes()).encode())
     return outcome
 
 
-def _corrected(
-    request: RepairRequest, recorded: RecordedScene, given: GivenObject, skin: Skin | None, progress: Progress
+class Prepared(NamedTuple):
+    """Recording beside its object, with the hand that fits it."""
+
+    recording: Recording  # in our units, with the angles of the fitted hand
+    recorded: RecordedScene
+    touched: GivenObject
+    skin: Skin | None
+
+
+def prepared(
+    request: RepairRequest,
+    read: ReadOptions,
+    recording: Recording,
+    bodies: DeclaredBodies,
+    skin_of: Callable[[Recording, HandModel], Skin | None],
+) -> Prepared:
+    """Fit a hand to a recording in our units, and put it beside bodies with their trees; errors as of the repair."""
+    for mesh in bodies.meshes.values():
+        recording = recording.found(*map(note, (*mesh.repairs, *mesh.warnings)))
+    if request.object_poses is not None:
+        recording = with_object_poses(recording, request.object_poses, read)
+    with named(request.recording):
+        recording, hand = _hand(recording, request)
+    skin = skin_of(recording, hand)
+    if skin is None:
+        hand = with_palm(hand, request.palm)
+    else:
+        hand, fit = hand_with_skin(hand, skin, HandConfiguration.of(recording), request.palm)
+        text = (
+            f"hand fitted to the skin: {100.0 * fit.contained:.1f} % of its vertices are contained, the others are "
+            f"{1e3 * fit.excess_mean:.3f} mm outside in the mean of all, {1e3 * fit.excess_max:.2f} mm at most"
+        )
+        recording = recording.found(note(text))
+    with named(request.recording):
+        began = _begins(recording, request, read) if len(bodies.settings) > 1 else 0.0
+        recorded = recorded_scene(recording, bodies, hand, request.recording.stem, began)
+    recording = suspect_joints(recording)
+    gone = recording.sample_count - len(recorded.frames)
+    if gone:
+        text = f"{gone} of {recording.sample_count} samples have no whole hand or no object: left as they are"
+        recording = recording.found(note(text))
+    seen_by_object = recorded.seen
+    touched = seen_by_object.parts or contact_surface("mesh", seen_by_object.mesh, seen_by_object.tree)
+    notes = touched.surface("mesh").notes if isinstance(touched, MovingParts) else touched.notes
+    recording = recording.found(*map(note, notes))
+    return Prepared(recording, recorded, touched, skin)
+
+
+def corrected(
+    limit: float, recorded: RecordedScene, given: GivenObject, skin: Skin | None, progress: Progress
 ) -> tuple[Correction, BoolArray]:
     """Return the correction as the object sees it, and a mask of the frames to be marked, shape (F,)."""
-    hand, haptic, limit = recorded.hand, recorded.haptic, request.max_correction
+    hand, haptic = recorded.hand, recorded.haptic
     free = repair_frames(hand, given, haptic, limit, progress)
     on_surface = recorded.tip_on_surface
     first, marked = correct(
@@ -196,23 +230,49 @@ def _corrected(
     return Correction(fitted, posture, rotation, joints, first.changed | moved), far | ~pushed.is_freed
 
 
-def _bodies(request: RepairRequest) -> DeclaredBodies:
-    """Return the bodies of a request; InputError for some that are free."""
-    bodies = load_object(request.object, unit=request.unit, size=request.size)
+def bodies_of(request: RepairRequest) -> DeclaredBodies:
+    """Return the bodies of a request with their trees; InputError for some that are free, MeshError for an open one.
+
+    A mesh file, by its content, and a name of the catalogue are loaded once in a process.
+    """
+    word, path = request.object, Path(request.object)
+    if names_a_linkage(word) or (names_a_file(word) and names_a_body_file(word)):
+        # What else such a file names is not looked at.
+        return _load(word, request.unit, request.size)
+    return _loaded_bodies(word, read_input(path) if path.is_file() else b"", request.unit, request.size)
+
+
+@lru_cache(maxsize=LOADED)
+def _loaded_bodies(word: str, content: bytes, unit: str | None, size: float | None) -> DeclaredBodies:
+    return _load(word, unit, size)
+
+
+def _load(word: str, unit: str | None, size: float | None) -> DeclaredBodies:
+    return checked_bodies(load_object(word, unit=unit, size=size), word)
+
+
+def checked_bodies(bodies: DeclaredBodies, word: str) -> DeclaredBodies:
+    """Return bodies, which are called `word`, with their trees; errors as of `bodies_of`."""
     free = [body.name for body in bodies.settings if body.is_free]
     if free:
-        raise InputError(f"{request.object} has free bodies ({', '.join(free)}); expected fixed and driven ones")
-    return bodies
+        raise InputError(f"{word} has free bodies ({', '.join(free)}); expected fixed and driven ones")
+    for name, mesh in bodies.meshes.items():
+        if not encloses(mesh):
+            what = word if len(bodies.meshes) == 1 else f"body '{name}' of {word}"
+            raise MeshError(f"{what} encloses nothing, so that no hand is inside; expected a closed mesh")
+    # A hand is kept out of the triangles themselves: their tree is the broad phase of who reads the result.
+    return bodies.with_trees(lambda mesh: triangle_tree(mesh, TREE_LEVEL))
 
 
 def _begins(recording: Recording, request: RepairRequest, read: ReadOptions) -> float:
     """Return the first stamp of the hand, or of both that are repaired [s]: joints of the object are at 0 s there."""
     both = [] if request.of_both is None else [replace(read, hand=side) for side in SIDES]
-    hands = [_in_our_units(request.source, options) for options in both] or [recording]
+    hands = [in_our_units(request.source, options) for options in both] or [recording]
     return min(float(np.nanmin(hand.time)) + hand.first_stamp for hand in hands)
 
 
-def _in_our_units(path: Path, read: ReadOptions, original: Path | None = None) -> Recording:
+def in_our_units(path: Path, read: ReadOptions, original: Path | None = None) -> Recording:
+    """Read a recording, and detect units that it does not state; arguments and errors as of `read_recording`."""
     recording = read_recording(path, read, original)
     with named(path):
         return clean_units(recording)

@@ -14,6 +14,10 @@ REPORT, RESULT, PICTURE = "report.html", "result.h5", "worst.png"
 """Names of the files beside a repaired recording, see `RepairRequest.beside`."""
 
 
+Pictures: TypeAlias = Literal["worst", "all", "none"]
+"""Recordings that get a page and pictures: the worst ones of many, all, or none."""
+
+
 @dataclass(frozen=True)
 class RepairRequest:
     """Recording to repair, and how."""
@@ -34,6 +38,7 @@ class RepairRequest:
     skin: Path | None = None
     # Palm that stays outside: `fitted` to the skin, or else in proportion to the hand, half as `thin`, or `none`.
     palm: Literal["fitted", "thin", "none"] = "fitted"
+    pictures: bool = True  # True writes the page and its pictures too
     of_both: Path | None = None  # recording of two hands of which this one is repaired; None for that of one hand
     # Further fields of `hhsim.recordings.registry.ReadOptions`.
     options: Mapping[str, Any] = field(default_factory=dict)

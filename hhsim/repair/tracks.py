@@ -16,10 +16,13 @@ from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
+from hhsim.kernels.contact.written_hand import balls_are_clear
 from hhsim.kernels.tick.block import HapticBlock
-from hhsim.metrics.field.hands import Bodies
+from hhsim.metrics.field.hands import Bodies, object_bvh
+from hhsim.metrics.mesh_penetration import RESOLUTION
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
+from hhsim.repair.written_hand import SHARES
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.system.progress import Progress, silent
@@ -70,6 +73,17 @@ class HandJudge:
     def placed_clearance(self, placed: PlacedHand, limit: float = CLEAR) -> FloatArray:
         """Return the same for any joints and palms."""
         return self.bodies.clearance(self.shape, placed, limit)
+
+    def are_clear(self, points: FloatArray, radii: FloatArray, least: FloatArray) -> bool:
+        """Return True if a hand of one frame, of balls as of `WrittenHand.samples`, has the clearance that it needs.
+
+        `least` are lower bounds of the balls' signed distances to all bodies [m], shape (n,).
+        """
+        rest = len(SHARES), CLEAR, RESOLUTION
+        return all(
+            balls_are_clear(object_bvh(mesh), np.ascontiguousarray(seen[0]), radii, least, *rest)
+            for mesh, seen in zip(self.bodies.meshes, self.bodies.seen(points[None]))
+        )
 
     def points(self, frames: HandConfiguration) -> FloatArray:
         """Return joints, tips and palm origin of each hand [m], shape (T, 21, 3)."""

@@ -13,8 +13,9 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import rotation_matrix
-from hhsim.recordings.correction import moved_joints
+from hhsim.kernels.contact.written_hand import HandBones, fill_with_balls, move_joints, place_bones
+from hhsim.kernels.jit import as_argument
+from hhsim.repair.hand_change import NUMBERS
 
 SHARES = np.linspace(0.0, 1.0, 17)
 """Places along the axis of a phalanx whose distances are linearised."""
@@ -25,10 +26,6 @@ JOINTS = np.concatenate([JOINTS[:, :, 0], JOINTS[:, 2:, 1]], axis=1).ravel()
 """Places of the joints and tips among the balls of `WrittenHand.samples`, shape (20,)."""
 TIPS = len(SHARES) * (3 * np.arange(5)[:, None] + 2) + np.arange(len(SHARES))
 """Places of the balls of the distal phalanges, shape (5, 17)."""
-CROSS = -np.array(
-    [[[0, 0, 0], [0, 0, 1], [0, -1, 0]], [[0, 0, -1], [0, 0, 0], [1, 0, 0]], [[0, 1, 0], [-1, 0, 0], [0, 0, 0]]]
-)
-"""Coefficients of a cross product: the k-th component of a × p is the sum of a_i CROSS[i, k, l] p_l."""
 
 
 class PosedHand(NamedTuple):
@@ -38,21 +35,31 @@ class PosedHand(NamedTuple):
     frames: FloatArray
 
 
+@lru_cache(maxsize=8)
+def hand_bones(hand: HandModel) -> HandBones:
+    """Return the directions and sizes of a hand in the kernels' form."""
+    palm = hand.palm_tree
+    sizes = hand.distal, hand.flexion_axis, hand.dorsal, hand.radius, palm.leaf_center, palm.leaf_radius
+    distal, across, dorsal, radius, center, ball = map(as_argument, sizes)
+    return HandBones(distal, across, dorsal, hand.abduction_sign, radius, center, ball)
+
+
+@lru_cache(maxsize=8)
+def ball_radii(hand: HandModel) -> FloatArray:
+    """Return the radii of the balls of `WrittenHand.samples` [m], shape (n,)."""
+    along = hand.radius[:, :3, None] + SHARES * np.diff(hand.radius, axis=1)[:, :, None]
+    return np.concatenate([along.ravel(), hand.palm_tree.leaf_radius])
+
+
 def bone_frames(hand: HandModel, posture: HandConfiguration) -> FloatArray:
     """Compute the frame of each bone, shape (T, 16, 3, 3), world.
 
     Its columns are, of a phalanx, the axis, the flexion axis and their cross product; of the palm, its own axes.
     """
-    across = hand.flexion_axis
-    spread = hand.abduction_sign * posture.abduction[..., None]
-    forward = np.cos(spread) * hand.distal + np.sin(spread) * across
-    hinge = np.cos(spread) * across - np.sin(spread) * hand.distal
-    total = np.cumsum(posture.flexion, axis=2)[..., None]
-    axis = np.cos(total) * forward[:, :, None] - np.sin(total) * hand.dorsal[:, None]
-    hinges = np.broadcast_to(hinge[:, :, None], axis.shape)
-    frames = np.stack([axis, hinges, np.cross(axis, hinges)], axis=-1).reshape(-1, 15, 3, 3)
-    palm = rotation_matrix(posture.orientation)[:, None]
-    return np.concatenate([palm, palm @ frames], axis=1)
+    frames = np.empty((len(posture.orientation), 16, 3, 3))
+    orientation, flexion, abduction = map(as_argument, posture[1:])
+    place_bones(hand_bones(hand), orientation, flexion, abduction, frames)
+    return frames
 
 
 class WrittenHand:
@@ -97,8 +104,9 @@ class WrittenHand:
         return self._moved(joints, posture, bone_frames(self.hand, posture))
 
     def _moved(self, joints: FloatArray, posture: HandConfiguration, frames: FloatArray) -> FloatArray:
-        shift = posture.position - self.fitted.position
-        return moved_joints(joints, self.fitted.position, shift, frames @ self.frames.swapaxes(-1, -2))
+        moved, own = np.empty(joints.shape), (as_argument(joints), as_argument(self.fitted.position))
+        move_joints(*own, self.frames, as_argument(posture.position), frames, moved)
+        return moved
 
     def at(self, frame: int) -> "WrittenHand":
         """Return a single frame, T = 1, with the tips where they are."""
@@ -114,31 +122,8 @@ class WrittenHand:
         They are centres [m], shape (n, 3); radii [m], shape (n,); and derivatives of the centres by a change of the
         hand as of `hhsim.repair.hand_change.change_between`, shape (n, 3, 26).
         """
-        joints, position = posed.placed.joints[0], posed.placed.position[0]
-        frames, palm = posed.frames[0], posed.frames[0, 0]
-        radius, tree = self.hand.radius, self.hand.palm_tree
-        along = SHARES[:, None]
-        centers = joints[:, :3, None] + along * (joints[:, 1:] - joints[:, :3])[:, :, None]
-        radii = radius[:, :3, None] + SHARES * (radius[:, 1:] - radius[:, :3])[:, :, None]
-        points = np.concatenate([centers.reshape(-1, 3), position + tree.leaf_center @ palm.T])
-        # Turns about the palm's origin, the flexion axes and the abduction axes, in this order.
-        spread = self.hand.abduction_sign * self.hand.dorsal @ palm.T
-        axis = np.concatenate([np.eye(3), frames[1:, :, 1], spread])
-        origin = np.concatenate([np.tile(position, (3, 1)), joints[:, :3].reshape(15, 3), joints[:, 0]])
-        across = np.tensordot(axis, CROSS, 1)
-        motion = np.empty((len(points), 3, 26))
-        motion[:, :, :3] = np.eye(3)
-        turns = (across @ points.T - across @ origin[:, :, None]).transpose(2, 1, 0)
-        motion[:, :, 3:] = turns * _moves(len(points))[:, None]
-        return points, np.concatenate([radii.ravel(), tree.leaf_radius]), motion
-
-
-@lru_cache(maxsize=4)
-def _moves(count: int) -> FloatArray:
-    """Return 1 where a ball of `samples` moves with a turn and 0 elsewhere, shape (count, 23)."""
-    moves = np.zeros((count, 23))
-    moves[:, :3] = 1.0
-    finger, phalanx = np.divmod(np.arange(15 * len(SHARES)) // len(SHARES), 3)
-    moves[: len(finger), 3:18] = (finger[:, None] == np.arange(15) // 3) & (phalanx[:, None] >= np.arange(15) % 3)
-    moves[: len(finger), 18:] = finger[:, None] == np.arange(5)
-    return moves
+        radii = ball_radii(self.hand)
+        points, motion = np.empty((len(radii), 3)), np.empty((len(radii), 3, NUMBERS))
+        joints, position = (as_argument(values[0]) for values in posed.placed[:2])
+        fill_with_balls(hand_bones(self.hand), joints, position, posed.frames[0], SHARES, points, motion)
+        return points, radii, motion

@@ -2,17 +2,18 @@
 
 import json
 import uuid
+from collections.abc import Iterable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from hhsim.repair.request import Repair
+from hhsim.repair.request import Pictures, Repair
 from hhsim.sweep.engines import require_dask, run_tasks
 from hhsim.sweep.folder import check_own, has_format, locked
 from hhsim.sweep.plan import source_digest
 from hhsim.sweep.repair_manifest import load_manifest
-from hhsim.sweep.repair_page import RepairedRow, repair_page, repair_table
-from hhsim.sweep.repair_row import RowOutcome, RowTask, keep_lost, read_outcome, row_digest
+from hhsim.sweep.repair_page import RepairedRow, repair_page, repair_table, worst_rows
+from hhsim.sweep.repair_row import RowOutcome, RowTask, is_done, keep_lost, read_outcome, row_digest
 from hhsim.system.atomic_write import write_atomically, write_together
 from hhsim.system.own_core import physical_cores
 from hhsim.system.plain_json import plain_json
@@ -33,7 +34,14 @@ class BatchOutcome:
 
 
 def run_manifest(
-    path: Path, out: Path, repair: Repair, *, workers: int = 0, scheduler: str = "", progress: Progress = silent
+    path: Path,
+    out: Path,
+    repair: Repair,
+    *,
+    workers: int = 0,
+    scheduler: str = "",
+    pictures: Pictures = "worst",
+    progress: Progress = silent,
 ) -> BatchOutcome:
     """Repair the recordings of a manifest that are not done yet, each in a folder of `out` with its name.
 
@@ -43,6 +51,8 @@ def run_manifest(
         repair: Function that the workers can import.
         workers: Processes of this machine; 0 for one per physical core.
         scheduler: Address of a Dask cluster, or `hhsim.sweep.engines.LOCAL`; "" for processes.
+        pictures: Rows that have a page and pictures of their own: the `worst` ten, which are repaired once more for
+            them, `all` or `none`.
 
     Raises:
         InputError: A fault of the manifest, no Dask, or no scheduler.
@@ -53,31 +63,40 @@ def run_manifest(
     check_own(out, has_format(out / MARK, FORMAT), "repairs")
     text, rows = load_manifest(path, out)
     attempt, sources = uuid.uuid4().hex, source_digest()
-    tasks = {task.digest: task for task in (RowTask(row, row_digest(row), repair, attempt, sources) for row in rows)}
-    with locked(out, out, "repair"):
-        content = {"format": FORMAT, "version": 1, "manifest": text}
-        write_atomically(out / MARK, f"{json.dumps(content, indent=1)}\n".encode())
-        before = {digest: read_outcome(task.row, digest) for digest, task in tasks.items()}
-        left = [task for digest, task in tasks.items() if not (found := before[digest]) or not found.is_final]
+    planned = {row_digest(row): row for row in rows}
+
+    def run(stage: str, digests: Iterable[str], pictured: bool) -> list[RepairedRow]:
+        """Run the rows of these digests that are not done yet, and return all rows with their outcomes."""
+        tasks = {
+            digest: RowTask(planned[digest].pictured(pictured), digest, repair, attempt, sources) for digest in digests
+        }
+        left = [task for digest, task in tasks.items() if not is_done(task.row, digest)]
         done = len(tasks) - len(left)
-        progress("recordings", done, len(tasks))
+        progress(stage, done, len(tasks))
         try:
             with closing(run_tasks(left, scheduler, workers or max(1, len(physical_cores())))) as ends:
                 for end in ends:
                     done += 1
                     if end.reason:
                         keep_lost(tasks[end.digest], end.reason)
-                    progress("recordings", done, len(tasks))
+                    progress(stage, done, len(tasks))
         except KeyboardInterrupt as interrupt:
-            interrupt.add_note(f"{done:,} of {len(tasks):,} recordings are done, and the same command goes on")
+            interrupt.add_note(f"{done:,} of {len(tasks):,} {stage} are done, and the same command goes on")
             raise
         lost = "its worker left no outcome in the folder"
-        ended = [
-            RepairedRow(
-                task.row, read_outcome(task.row, digest) or RowOutcome(digest=digest, state="failed", reason=lost)
-            )
-            for digest, task in tasks.items()
+        found = {digest: read_outcome(row, digest) for digest, row in planned.items()}
+        return [
+            RepairedRow(row, found[digest] or RowOutcome(digest=digest, state="failed", reason=lost))
+            for digest, row in planned.items()
         ]
+
+    with locked(out, out, "repair"):
+        content = {"format": FORMAT, "version": 1, "manifest": text}
+        write_atomically(out / MARK, f"{json.dumps(content, indent=1)}\n".encode())
+        ended = run("recordings", planned, pictures == "all")
+        worst = [(row.planned.pictured(True), row.outcome.digest) for row in worst_rows(ended) if pictures == "worst"]
+        if left := [digest for row, digest in worst if not is_done(row, digest)]:
+            ended = run("pictures", left, True)
         table = repair_table(ended)
         document = {
             "columns": {one.name: stored_unit(one.unit) for one in table.columns},

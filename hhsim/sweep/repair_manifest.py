@@ -17,8 +17,8 @@ Keys, the same in both; the first two are required::
     time_limit = 3600.0                     # of the repair of one recording [s]
 
 Further keys say how a file is read, by the names of the options of `hhsim import`: format, columns, rate, length_unit,
-world_up, mirror, joint_order, pose_order, pose_unit, mano_pose, profile, episode; skin is that of `hhsim repair`. Files
-are relative to the manifest's folder.
+world_up, mirror, array, joint_order, pose_order, pose_unit, mano_pose, profile, episode; skin is that of `hhsim
+repair`. Files are relative to the manifest's folder.
 """
 
 import csv
@@ -27,7 +27,7 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from glob import glob
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -75,6 +75,7 @@ class ManifestRow(Settings, frozen=True, kw_only=True, rename={"form": "format"}
     length_unit: Literal["m", "cm", "mm", "inch"] | None = None
     world_up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
     mirror: Literal["x", "y", "z"] | None = None
+    array: _TEXT | None = None
     joint_order: Literal["mediapipe", "mano", "smplx", "openxr"] | None = None
     pose_order: Literal["wxyz", "xyzw"] | None = None
     pose_unit: Literal["m", "cm", "mm"] | None = None
@@ -102,6 +103,10 @@ class PlannedRepair:
     name: str
     request: RepairRequest
     time_limit: float
+
+    def pictured(self, pictures: bool) -> "PlannedRepair":
+        """Return the repair with a page and pictures, or without."""
+        return replace(self, request=replace(self.request, pictures=pictures))
 
 
 def is_manifest(path: Path) -> bool:
@@ -258,7 +263,7 @@ def _is_file(path: Path) -> bool:
 
 _OF_THE_READER = (
     *("form", "rate", "length_unit", "world_up", "mirror", "mano_pose", "episode"),
-    *("joint_order", "pose_order", "pose_unit"),
+    *("array", "joint_order", "pose_order", "pose_unit"),
 )
 """Keys that are fields of `hhsim.recordings.registry.ReadOptions` as they are."""
 _KEYS = tuple({"form": "format"}.get(key, key) for key in ManifestRow.__struct_fields__)

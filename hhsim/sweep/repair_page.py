@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WORST = 10
-"""Number of rows of each list of the worst."""
+"""Number of rows of each list of the worst, and of those that have pictures."""
 RANKINGS = (
     ("depth_cones_max_after", "Deepest after the repair", 1.0),
     ("correction_max_after", "Largest correction", 1.0),
@@ -115,7 +115,6 @@ def repair_page(rows: Sequence[RepairedRow], table: Table, manifest: str) -> str
     """Return the HTML page of the rows and their table; `manifest` is the name of its file."""
     names, good = _figure_names(rows), sum(row.outcome.state == "repaired" for row in rows)
     rankings = [(heading, _ranking(rows, name, sign)) for name, heading, sign in RANKINGS if name in names]
-    worst = {row.name: row for _, ranked in rankings for row in ranked.rows}
     kept = [replace(column, name=_look(column.name).name) for column in table.columns]
     kept[:2] = [words("name", _linked), words("state", lambda row: Marked(row.outcome.state, MOODS[row.outcome.state]))]
     return render(
@@ -130,7 +129,7 @@ def repair_page(rows: Sequence[RepairedRow], table: Table, manifest: str) -> str
         spread=_spread(rows, names),
         histograms=_histograms(rows, names),
         rankings=rankings,
-        pictures=[(row, png) for row in worst.values() if (png := _picture(row))],
+        pictures=[(row, png) for row in worst_rows(rows) if (png := _picture(row))],
         table=replace(table, columns=kept),
     )
 
@@ -196,6 +195,13 @@ def _ranking(rows: Sequence[RepairedRow], name: str, sign: float) -> Table:
     known = [row for row in rows if np.isfinite(row.figure(name))]
     worst = sorted(known, key=lambda row: -sign * row.figure(name))[:WORST]
     return Table([words("name", _linked), _column(name)], worst, "Worst first")
+
+
+def worst_rows(rows: Sequence[RepairedRow]) -> list[RepairedRow]:
+    """Return the rows whose pictures are shown: the worst of each list, then the next ones, ten in all."""
+    ranked = [_ranking(rows, name, sign).rows for name, _, sign in RANKINGS]
+    found = {row.name: row for place in range(WORST) for own in ranked for row in own[place : place + 1]}
+    return list(found.values())[:WORST]
 
 
 def _picture(row: RepairedRow) -> bytes:

@@ -15,7 +15,7 @@ from msgspec import field, structs
 from hhsim import __version__
 from hhsim.errors import HhsimError, InputError, TrajectoryError
 from hhsim.mesh.catalogue import names_a_file
-from hhsim.repair.request import Repair
+from hhsim.repair.request import PICTURE, Repair
 from hhsim.sweep.engines import TaskEnd
 from hhsim.sweep.plan import DIGITS, file_digest, source_digest
 from hhsim.sweep.repair_manifest import PlannedRepair
@@ -74,7 +74,7 @@ class RowTask:
         try:
             with ONE_AT_A_TIME:
                 # A cluster runs again what a worker had done, or had begun, when it was lost.
-                if (before := read_outcome(self.row, self.digest)) and before.is_final:
+                if is_done(self.row, self.digest):
                     return TaskEnd(self.digest)
                 if _begun(folder, self.attempt) is not None:
                     return TaskEnd(self.digest, "its worker was lost")
@@ -122,7 +122,8 @@ class RowTask:
 def row_digest(row: PlannedRepair) -> str:
     """Return a digest of a row: the content of its files, its options, its name, and hhsim's sources."""
     request = row.request
-    stated = {name: value for name, value in vars(request).items() if name != "out"}
+    # Pictures are made of what is repaired, and change nothing of it.
+    stated = {name: value for name, value in vars(request).items() if name not in ("out", "pictures")}
     stated["object"] = Path(request.object) if names_a_file(request.object) else request.object
     stated |= {"name": row.name, "file": request.out.name, "hhsim": [__version__, source_digest()]}
     text = json.dumps(stated, sort_keys=True, default=_content)
@@ -139,6 +140,15 @@ def read_outcome(row: PlannedRepair, digest: str) -> RowOutcome | None:
     if found.state in ("repaired", "missed") and not row.request.out.is_file():
         return None
     return found if found.digest == digest else None
+
+
+def is_done(row: PlannedRepair, digest: str) -> bool:
+    """Return True if a row has come to an end for good, with its pictures if it is to have them."""
+    found = read_outcome(row, digest)
+    if found is None or not found.is_final:
+        return False
+    unpictured = row.request.pictures and found.state in ("repaired", "missed")
+    return not unpictured or row.request.beside(PICTURE).is_file()
 
 
 def write_outcome(folder: Path, outcome: RowOutcome) -> None:

@@ -16,6 +16,7 @@ import pytest
 from fake_repairs import run, tree, write_manifest
 
 from hhsim.errors import OutputError
+from hhsim.repair.request import PICTURE, REPORT, RepairOutcome, RepairRequest
 from hhsim.sweep import engines
 from hhsim.sweep import repair_batch as module
 from hhsim.sweep.folder import locked
@@ -185,3 +186,27 @@ def test_killed_and_resumed_it_has_the_same_files(tmp_path: Path, kills: int) ->
         assert process.returncode == -signal.SIGKILL and not (out / "table.csv").exists()
     subprocess.run(command, env=environment, check=True)
     assert tree(out) == tree(tmp_path / "undisturbed")
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_the_worst_rows_alone_have_pictures_unless_all_are_asked_for(tmp_path: Path) -> None:
+    def repaired(request: RepairRequest) -> RepairOutcome:
+        outcome = fake_repairs.repaired(request)
+        for name in (PICTURE, REPORT) if not request.pictures else ():
+            request.beside(name).unlink()
+        return outcome
+
+    def pictured(out: Path) -> set[str]:
+        return {path.parent.name for path in out.glob(f"*/*{PICTURE}")}
+
+    path, out = write_manifest(tmp_path, *(f"copy {1 + number}" for number in range(12)), "refuse 1"), tmp_path / "out"
+    run_manifest(path, out, repaired, pictures="none")
+    assert len(ran(out)) == 13 and not pictured(out)
+    bare = tree(out)
+    run_manifest(path, out, repaired)
+    assert ran(out) == sorted(pictured(out)) == sorted(f"r{number}" for number in range(2, 12))
+    assert {name: data for name, data in tree(out).items() if name in bare and name != "report.html"} == {
+        name: data for name, data in bare.items() if name != "report.html"
+    }
+    run_manifest(path, out, repaired, pictures="all")
+    assert ran(out) == ["r0", "r1"]

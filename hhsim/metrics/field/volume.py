@@ -17,6 +17,7 @@ from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, largest, mean, object_bvh, of_frames
 from hhsim.metrics.field.solid import SEGMENTS, cones_contain, cones_near, hand_solids, manifold_of
+from hhsim.metrics.mesh_penetration import sampled
 from hhsim.metrics.run_metric import each_with
 
 if TYPE_CHECKING:
@@ -41,11 +42,11 @@ def surface_voxels(mesh: Mesh, pitch: float) -> FloatArray:
 
 
 @lru_cache(maxsize=2)
-def volumes(hands: FieldHands, pitch: float) -> FloatArray:
+def volumes(hands: FieldHands, pitch: float, most: int = 0) -> FloatArray:
     """Compute three intersection volumes of each frame [m³], shape (T, 3): exact, solid voxels, surface voxels.
 
-    NaN in missing frames and without skin and cones, and where the skin is no closed surface. Of parts that move the
-    voxels are none of the object: NaN.
+    Of `most` frames, spread evenly, and of the deepest one; 0 for all. NaN in the others, in missing ones, without skin
+    and cones, and where the skin is no closed surface. Of parts that move the voxels are none of the object: NaN.
     """
     found = np.full((len(hands.time), 3), np.nan)
     solids_of = hand_solids(hands)
@@ -57,7 +58,10 @@ def volumes(hands: FieldHands, pitch: float) -> FloatArray:
     solids_of_bodies = [manifold_of(mesh.vertices, mesh.faces) for mesh in bodies.meshes]
     targets = [solid for solid in solids_of_bodies if solid is not None]
     voxels = () if bodies.motions else (solid_voxels(hands.mesh, pitch), surface_voxels(hands.mesh, pitch))
-    for frame in np.flatnonzero(hands.known).tolist():
+    frames = np.flatnonzero(hands.known)
+    if 0 < most < frames.size:
+        frames = sampled(frames, most, [frames[int(np.argmin(hands.distance[frames]))]])
+    for frame in frames.tolist():
         solids = solids_of(frame)
         if solids is None:
             continue
@@ -95,12 +99,14 @@ def _inside(solid: "Manifold", points: FloatArray) -> int:
 
 
 def _figures(kind: int, name: str, label: str, parameters: str) -> tuple[FieldMetric, ...]:
-    of = partial(of_frames, lambda pair, hands: volumes(hands, pair.pitch)[:, kind])
+    of = partial(of_frames, lambda pair, hands: volumes(hands, pair.pitch, pair.volume_frames)[:, kind])
 
     def stated(pair: FieldPair) -> str:
         surface = "cones" if pair.recorded.skin is None else "open wrist closed with a fan"
         size = f", pitch {1e3 * pair.pitch:g} mm" if kind else f", {SEGMENTS} edges around a cone"
-        return f"{parameters}{size}; {surface}"
+        known = int(pair.known.sum())
+        some = f"; {pair.volume_frames} of {known} frames and the deepest" if 0 < pair.volume_frames < known else ""
+        return f"{parameters}{size}; {surface}{some}"
 
     return each_with(
         FieldMetric(f"{name}_mean", f"IV, {label}, mean of frames", compute=of(mean)),

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError, TrajectoryError
+from hhsim.errors import InputError, TrajectoryError, UnknownNameError
 from hhsim.motion.csv_table import Table, lacks_names, read_table
 from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, numbers, read_npy
 from hhsim.recordings.correction import Changes, Correction, joint_changes
@@ -144,7 +144,7 @@ def _from_npz(content: Content, options: ReadOptions) -> JointPositions:
     if not arrays:
         files = ", ".join(sorted(array_names(content.data))[:4]) or "nothing"
         raise TrajectoryError(f"a zip archive of {files}, without an array; expected .npz, or the recording unpacked")
-    key = _points_key(content)
+    key = _points_key(content, options)
     points, stamps = arrays[key], time_column(arrays)
     time = None if stamps is None else numbers(arrays, stamps.name, len(points))
     unit = None if stamps is None else stamps.unit
@@ -154,15 +154,23 @@ def _from_npz(content: Content, options: ReadOptions) -> JointPositions:
     return replace(joints, object_poses=poses, findings=(*joints.findings, *unused(arrays, used)))
 
 
-def _points_key(content: Content) -> str:
-    """Return the name of the array of points; TrajectoryError if there is none, or more than one."""
+def _points_key(content: Content, options: ReadOptions) -> str:
+    """Return the name of the array of points, that of the options if they have one.
+
+    Raises TrajectoryError if there is none, or more than one; UnknownNameError for a name that the file does not have.
+    """
     arrays = content.arrays
+    if options.array is not None:
+        if options.array not in arrays:
+            raise UnknownNameError("array", options.array, arrays)
+        return options.array
     fitting = [key for key, value in arrays.items() if _is_points(value, content)]
     named = [key for key in fitting if key in NAMES] or fitting
     if len(named) != 1:
+        if named:
+            raise TrajectoryError(f"{len(named)} arrays of joints, {', '.join(named)}; say which one: --array NAME")
         held = ", ".join(f"{key} {np.shape(value)}" for key, value in list(arrays.items())[:6])
-        reason = "more than one" if named else "no"
-        raise TrajectoryError(f"{reason} array of shape {SHAPES}; it holds {held}")
+        raise TrajectoryError(f"no array of shape {SHAPES}; it holds {held}")
     return named[0]
 
 
@@ -171,7 +179,7 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
     if content.head.startswith(NPY):
         return npy_with(content.data, _moved(read_npy(content.data), recording, made))
     if content.head.startswith(b"PK"):
-        key = _points_key(content)
+        key = _points_key(content, options)
         points = content.arrays[key]
         order = stated_names(content, options, np.size(points[0]) // 3)
         return npz_with(content.data, {key: _moved(points, recording, made, order)})
@@ -271,7 +279,8 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
         return True
     if content.head.startswith(b"PK"):
         names = array_names(content.data)
-        return bool(names) and not names & {"wrist_pos", "flex", "poses", "pose", "hand_pose", "mano_pose"}
+        foreign = {"wrist_pos", "flex", "poses", "pose", "hand_pose", "mano_pose"}
+        return options.array is not None or (bool(names) and not names & foreign)
     if content.is_json:
         text = content.beginning.lstrip()
         return LISTS.search(text) is not None or re.match(r"\[\s*\[\s*(\[\s*)?-?[0-9]", text) is not None

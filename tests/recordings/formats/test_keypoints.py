@@ -166,7 +166,7 @@ def test_columns_that_name_their_joints_are_read_by_name_in_any_order() -> None:
         (array_npy(POINTS[:, :16]), r"shape \(40, 16, 3\); .*: 16 joints lack the fingertips"),
         (array_npy(POINTS)[:3000], "not an .npy array, or a damaged one"),
         (arrays_npz(a=POINTS[:, :5]), r"no array of shape \(T, 21, 3\).* it holds a \(40, 5, 3\)"),
-        (arrays_npz(a=POINTS, b=POINTS), "more than one array of shape"),
+        (arrays_npz(a=POINTS, b=POINTS), "2 arrays of joints, a, b; say which one: --array NAME"),
         (arrays_npz(a=POINTS, t=TIME[:5]), r"array 't' has shape \(5,\); expected \(40,\)"),
         (zipped("quest.csv"), r"a zip archive of quest\.csv, without an array"),
         (b'{"landmarks": 3}', "no frames in JSON that is an object with landmarks"),
@@ -177,6 +177,20 @@ def test_columns_that_name_their_joints_are_read_by_name_in_any_order() -> None:
 def test_what_is_no_recording_is_refused(data: bytes, said: str) -> None:
     with pytest.raises(TrajectoryError, match=said):
         read_as("keypoints", data)
+
+
+def test_one_of_several_arrays_is_read_and_written(tmp_path: Path) -> None:
+    path, out = tmp_path / "two.npz", tmp_path / "free.npz"
+    path.write_bytes(arrays_npz(left_hand=POINTS + 1.0, right_hand=POINTS, t=TIME))
+    options = ReadOptions(array="right_hand", world_up="y", hand="right")
+    recording = read_recording(path, options)
+    assert_our_own(recording, SAMPLE)
+    write_recording(path, options, recording, a_correction(recording), out)
+    with np.load(path) as before, np.load(out) as after:
+        assert before["left_hand"].tobytes() == after["left_hand"].tobytes()
+        assert np.abs(after["right_hand"] - before["right_hand"]).max() > 1e-4
+    with pytest.raises(InputError, match="unknown array 'righthand': did you mean right_hand"):
+        read_recording(path, ReadOptions(array="righthand"))
 
 
 def test_a_header_that_numpy_cannot_even_split_is_refused() -> None:

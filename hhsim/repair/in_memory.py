@@ -1,0 +1,148 @@
+"""Repair of a recording in memory: arrays in, arrays out, and no file is written."""
+
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hhsim.arrays import BoolArray, FloatArray
+from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.model import HandModel
+from hhsim.mesh.mesh import Mesh
+from hhsim.motion.npz_arrays import npz_of
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.joint_names import KEYPOINTS
+from hhsim.recordings.registry import Content, ReadOptions, read_content
+from hhsim.recordings.unit_detection import clean_units
+from hhsim.repair.repair import bodies_of, checked_bodies, corrected, in_our_units, prepared
+from hhsim.repair.request import MAX_CORRECTION, RepairRequest
+from hhsim.scene.declared_bodies import DeclaredBodies
+from hhsim.system.progress import Progress, silent
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RepairedMotion:
+    """Repaired recording of T samples, in its own coordinates and units of metres."""
+
+    time: FloatArray  # stamps [s], shape (T,)
+    # Joint centres in the order of `hhsim.recordings.joint_names.KEYPOINTS` [m], shape (T, 21, 3).
+    joints: FloatArray
+    changed: BoolArray  # samples that were moved, shape (T,); the others are as they were
+    # Samples that need a look: no repair, or a joint that moves by more than the limit, shape (T,).
+    marked: BoolArray
+    depth_before: FloatArray  # depth of the hand in the object [m], shape (T,); NaN without hand or object
+    depth_after: FloatArray
+    hand: HandModel  # hand that was fitted
+    posture: HandConfiguration  # its configuration after the repair, z up [m, rad]
+    findings: tuple[str, ...]  # remarks, a line each
+
+    def __repr__(self) -> str:
+        moved, depth = int(self.changed.sum()), 1e3 * np.nanmax(self.depth_after, initial=0.0)
+        return f"RepairedMotion({len(self.time):,} samples, {moved:,} moved, {depth:.3f} mm deep at most)"
+
+    def to_xarray(self) -> Any:
+        """Return an xarray Dataset with dimensions frame, joint, axis; InputError without xarray."""
+        try:
+            xarray = import_module("xarray")
+        except ImportError:
+            raise InputError("xarray is not installed: pip install xarray; the fields are NumPy arrays") from None
+        of_frames = {name: ("frame", getattr(self, name)) for name in ("changed", "marked")}
+        depths = {f"depth_{when}": ("frame", getattr(self, f"depth_{when}"), {"units": "m"}) for when in _WHEN}
+        joints = {"joints": (("frame", "joint", "axis"), self.joints, {"units": "m"})}
+        return xarray.Dataset(
+            {**joints, **of_frames, **depths},
+            {"time": ("frame", self.time, {"units": "s"}), "joint": list(KEYPOINTS), "axis": list("xyz")},
+            {"findings": list(self.findings)},
+        )
+
+
+_WHEN = ("before", "after")
+
+
+def repair(
+    recording: str | Path | ArrayLike,
+    object_: str | Path | Mesh,
+    *,
+    time: ArrayLike | None = None,
+    rate: float | None = None,
+    object_position: ArrayLike | None = None,
+    object_orientation: ArrayLike | None = None,
+    hand: HandSide = "",
+    max_correction: float = MAX_CORRECTION,
+    palm: Literal["fitted", "thin", "none"] = "fitted",
+    progress: Progress = silent,
+    **options: Any,
+) -> RepairedMotion:
+    """Repair a recording without writing a file: a path, or joints in memory.
+
+    Args:
+        recording: Path of a file of any format, or joint centres [m], shape (T, 21, 3), in MediaPipe's or MANO's order,
+            NaN where missing.
+        object_: Name of the catalogue, path of a mesh, URDF or TOML file, or a closed mesh [m].
+        time: Stamps of joints [s], shape (T,); or `rate`, samples a second [Hz].
+        rate: See `time`.
+        object_position: Where the object's frame is at each sample of joints [m], shape (T, 3); None for the origin.
+        object_orientation: Its orientation (w, x, y, z), shape (T, 4); None for upright.
+        hand: "right" or "left"; "" if the recording tells.
+        max_correction: Largest move of a joint in a sample that is not marked [m].
+        palm: As `hhsim repair --palm`.
+        progress: Called with the stage, how much is done and how much there is.
+        options: Further fields of `hhsim.recordings.registry.ReadOptions`.
+
+    Raises:
+        InputError: Options that do not fit the recording or the object.
+        TrajectoryError: A recording that cannot be read or used.
+        MeshError: A mesh that encloses nothing.
+    """
+    given: dict[str, Any] = {"hand": hand, "usual_up": "z", **options}
+    path = Path(recording) if isinstance(recording, str | Path) else Path("recording")
+    if isinstance(recording, str | Path):
+        if any(values is not None for values in (time, object_position, object_orientation)):
+            raise InputError("time and the object's poses are those in the file; expected them with joints alone")
+        read = ReadOptions(**given, rate=rate)
+        held = in_our_units(path, read)
+    else:
+        joints = np.asarray(recording, np.float64)
+        arrays: dict[str, Any] = {"keypoints": joints}
+        arrays |= {} if time is None else {"time": np.asarray(time, np.float64)}
+        if object_position is not None or object_orientation is not None:
+            places = np.zeros((len(joints), 3)) if object_position is None else object_position
+            upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(joints), 1))
+            arrays["object_pos"] = np.asarray(places, np.float64)
+            turns = upright if object_orientation is None else object_orientation
+            arrays["object_quat_wxyz"] = np.asarray(turns, np.float64)
+        read = ReadOptions(**{"length_unit": "m", "form": "keypoints", **given}, rate=rate)
+        held = clean_units(read_content(Content.of_recording(None, npz_of(arrays)), read))
+    request = RepairRequest(path, str(object_), path, hand=held.hand, max_correction=max_correction, palm=palm)
+    if isinstance(object_, Mesh):
+        bodies = checked_bodies(DeclaredBodies.of_mesh(object_), object_.name)
+    else:
+        bodies = bodies_of(request)
+    made = prepared(request, read, held, bodies, lambda *_: None)
+    recorded = made.recorded
+    seen, marked = corrected(max_correction, recorded, made.touched, None, progress)
+    correction = recorded.in_the_world(seen, made.recording)
+
+    def whole(values: Any, missing: Any) -> Any:
+        """Return values of the frames as those of all samples."""
+        full = np.full(made.recording.sample_count, missing)
+        full[recorded.frames] = values
+        return full
+
+    pairs = (recorded.joints, seen.fitted), (seen.joints, seen.posture)
+    before, after = (whole(np.maximum(-recorded.judged(*pair, None).distance, 0.0), np.nan) for pair in pairs)
+    return RepairedMotion(
+        made.recording.time,
+        made.recording.file_frame.to_file(correction.joints) * made.recording.file_frame.metre,
+        correction.changed,
+        whole(marked, missing=False),
+        before,
+        after,
+        recorded.hand,
+        correction.posture,
+        tuple(finding.text for finding in made.recording.findings),
+    )
