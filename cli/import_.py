@@ -10,108 +10,18 @@ from hhsim.table.table import Table
 
 from .arguments.comma_list import number_list
 from .arguments.option_group import GroupedCommand, OptionGroup, option
-from .arguments.options import FILE, OUTPUT, SIDES, UNITS, Number, Output, Side, file, metres, output_file
+from .arguments.options import FILE, OUTPUT, Number, Output, file, metres, output_file
+from .arguments.recording_options import FileSettings, HandData
 from .console import print_json, print_notes, print_table
 
 if TYPE_CHECKING:
     from hhsim.recordings.cleaning import CleaningOptions
     from hhsim.recordings.recording import Recording
-    from hhsim.recordings.registry import ReadOptions
 
 SECONDS = Number(-1e12, 1e12)
 """Range of a stamp, which may count from 1970."""
 POSE = number_list("from [s]", "to [s]", ranges=[(0.0, 1e12)] * 2)
 HAND_LENGTH = Number(50.0, 400.0)
-
-
-class FormatOption(click.Option):
-    """An option whose help names the formats when it is shown."""
-
-    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
-        """Ask for the names, which imports no format."""
-        from hhsim.recordings.formats import format_names
-
-        *names, last = format_names()
-        self.help = f"Format of the file: {', '.join(names)} or {last}. Default: the content decides."
-        return super().get_help_record(ctx)
-
-
-class FileSettings(OptionGroup, heading="Recording"):
-    """Meaning of the numbers in the file."""
-
-    form: str | None = option("--format", cls=FormatOption, metavar="NAME")
-    columns: Path | None = file("TOML", "Meaning of a CSV's columns (hhsim/recordings/column_map.py has an example).")
-    hand: Side | None = option(type=SIDES, help="Which hand it is, where the file does not say.")
-    time_unit: str | None = option(
-        type=click.Choice(["s", "ms", "us", "ns"]),
-        help="Unit of the stamps. Default: what the file says, else found from the stamps.",
-    )
-    length_unit: str | None = option(
-        type=UNITS, help="Unit of the positions. Default: what the file says, else found from them."
-    )
-    angle_unit: str | None = option(
-        type=click.Choice(["rad", "deg"]),
-        help="Unit of the joint angles. Default: what the file says, else found from them.",
-    )
-    palm_axes: str | None = option(
-        metavar="X,Y,Z",
-        help="Axes of a right palm to little finger, fingers and back. Default: what the file says, else x,y,z.",
-    )
-    world_up: str | None = option(
-        type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]),
-        help="Axis of the recording's world that points up. Default: what the file says, else z.",
-    )
-    rate: float | None = option(
-        type=Number(0.1, 100_000.0),
-        metavar="HZ",
-        help="Samples a second of a file without stamps [Hz], such as a camera's keypoints.",
-    )
-
-    def options(self, others: dict[str, Any]) -> "ReadOptions":
-        """Return the options for the library, with the `fields` of the other groups."""
-        from hhsim.recordings.column_map import read_column_map
-        from hhsim.recordings.registry import ReadOptions
-
-        return ReadOptions(
-            columns=None if self.columns is None else read_column_map(self.columns),
-            hand=self.hand or "",
-            palm_axes=None if self.palm_axes is None else tuple(part.strip() for part in self.palm_axes.split(",")),
-            **{name: getattr(self, name) for name in ("form", "world_up", "time_unit", "length_unit", "rate")},
-            **others,
-        )
-
-
-class HandData(OptionGroup, heading="MANO, UmeTrack, LeRobot, bare numbers"):
-    """Additional data that files of poses and data sets need."""
-
-    mirror: str | None = option(
-        type=click.Choice(["x", "y", "z"]),
-        help="Axis of left-handed coordinates that is turned round, of hand and object: z of Unity's.",
-    )
-    mano_model: Path | None = file("FILE", "Your own file of the MANO model, .pkl or .npz.")
-    mano_pose: str | None = option(
-        type=click.Choice(["axis-angle", "axis-angle-mean", "pca", "pca-flat"]),
-        help="Numbers of a MANO pose: angles or PCA coefficients, from the flat hand or from the mean pose.",
-    )
-    profile: Path | None = file("JSON", "Sizes of an UmeTrack hand. Default: *user_profile.json beside the recording.")
-    object_track: str | None = option(
-        metavar="UID",
-        help="Object that moves with an UmeTrack hand, of dynamic_objects.csv beside it. Default: the only one.",
-    )
-    episode: int | None = option(
-        type=click.IntRange(0, 2**63 - 1), metavar="N", help="Episode of a LeRobot file. Default: the only one."
-    )
-    array: str | None = option(metavar="NAME", help="Array of joints, in an .npz or a pickle with several.")
-    joint_order: str | None = option(
-        type=click.Choice(["mediapipe", "mano", "smplx", "openxr"]),
-        help="Order of joints without names. Default: found from the lengths of the bones.",
-    )
-    pose_order: str | None = option(
-        type=click.Choice(["wxyz", "xyzw"]), help="Order of an object's quaternions, where no name tells it."
-    )
-    pose_unit: str | None = option(
-        type=click.Choice(["m", "cm", "mm"]), help="Unit of an object's positions. Default: that of the hand's."
-    )
 
 
 class DexmoCalibration(OptionGroup, heading="Dexmo glove"):

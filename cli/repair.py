@@ -9,8 +9,8 @@ import click
 from .arguments import options
 from .arguments.option_group import GroupedCommand, OptionGroup, option, typed_options
 from .arguments.options import FILE, JOBS, OUTPUT, UNITS, Number, file, metres, ranged
+from .arguments.recording_options import FileSettings, HandData
 from .console import print_json, print_line, print_notes, print_table, progress
-from .import_ import FileSettings, HandData
 
 if TYPE_CHECKING:
     from hhsim.repair.request import Pictures, RepairOutcome

@@ -12,15 +12,17 @@ from hhsim.ranges import RANGES
 from hhsim.system.counted import counted
 from hhsim.table.table import Table, number, words
 
-from .arguments import options
+from .arguments import options, recording_options
 from .arguments.comma_list import number_list
 from .arguments.free_object import FreeChoice
 from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, option, shared
-from .arguments.options import COUNT, isolate, ranged
+from .arguments.options import COUNT, ranged
+from .arguments.recording_options import HandData, Sampling
+from .arguments.rerun_target import RERUN, RERUN_METAVAR, read_target
+from .arguments.solver_options import Linearising, SolverChoice, isolate
 from .arguments.tree_choice import TreeOrFile
 from .console import print_json, print_line, print_notes, print_table, progress
-from .import_ import HandData
 from .run_again import names_a_result, run_again
 
 if TYPE_CHECKING:
@@ -45,7 +47,7 @@ def complete_trajectory(context: click.Context, parameter: click.Parameter, inco
     return names or [CompletionItem(incomplete, type="file")]
 
 
-class SolverSettings(options.Linearising, options.SolverChoice):
+class SolverSettings(Linearising, SolverChoice):
     """Options of the solver; `stiffness` is k_t [N/m], k_r and k_θ [N·m/rad]."""
 
     isolate: bool = shared(isolate)
@@ -110,10 +112,10 @@ class SolverSettings(options.Linearising, options.SolverChoice):
         return SolverOptions(**{name: value for name, value in changed.items() if value is not None})
 
 
-class HandAndMotion(options.Sampling, heading="Hand and motion"):
+class HandAndMotion(Sampling, heading="Hand and motion"):
     """Hand and its motion; `tremor` is an amplitude of the palm's position [mm] and of its rotation [°]."""
 
-    place_object: Literal["recorded", "auto"] | None = options.place_object(None)
+    place_object: Literal["recorded", "auto"] | None = recording_options.place_object(None)
     object_pose: Literal["recorded", "fixed"] = option(
         type=click.Choice(["recorded", "fixed"]),
         default="recorded",
@@ -185,9 +187,9 @@ class ReplayOutput(options.Output):
 @ReplayOutput.argument("output")
 @click.option(
     "--rerun",
-    callback=options.read_target,
-    type=options.RERUN,
-    metavar=options.RERUN_METAVAR,
+    callback=read_target,
+    type=RERUN,
+    metavar=RERUN_METAVAR,
     help="Show the replay in rerun: open a viewer, write a file, or send to an open viewer at HOST:PORT.",
 )
 def command(

@@ -11,6 +11,7 @@ from .arguments import options
 from .arguments.free_object import FreeChoice
 from .arguments.object_argument import MeshSize, complete_object
 from .arguments.option_group import GroupedCommand
+from .arguments.recording_options import Sampling
 from .console import print_json, print_line, print_notes
 from .replay import complete_trajectory
 
@@ -26,7 +27,7 @@ from .replay import complete_trajectory
     help="Which hand grasps, or both. Default: the recording's, else the right.",
 )
 @FreeChoice.argument("free")
-@options.Sampling.argument("sampling")
+@Sampling.argument("sampling")
 @options.seed
 @click.option(
     "--out",
@@ -42,7 +43,7 @@ def command(
     level: int | None,
     side: Literal["right", "left", "both"] | None,
     free: FreeChoice,
-    sampling: options.Sampling,
+    sampling: Sampling,
     seed: int,
     out: Path | None,
     printing: options.Printing,

@@ -10,8 +10,8 @@ from hhsim.system.counted import counted
 
 from .arguments import options
 from .arguments.option_group import GroupedCommand
+from .arguments.recording_options import FileSettings, HandData
 from .console import print_json, print_line, print_notes, print_table, progress
-from .import_ import FileSettings, HandData
 from .repair import ObjectSettings
 
 

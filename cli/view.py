@@ -9,6 +9,7 @@ import click
 from hhsim.system.counted import counted
 
 from .arguments import options
+from .arguments.rerun_target import RERUN, RERUN_METAVAR, read_target
 from .console import print_json, print_notes, progress
 
 if TYPE_CHECKING:
@@ -22,9 +23,9 @@ SLOW, PIXELS = 1.0, 640
 @click.option(
     "--rerun",
     "target",
-    callback=options.read_target,
-    type=options.RERUN,
-    metavar=options.RERUN_METAVAR,
+    callback=read_target,
+    type=RERUN,
+    metavar=RERUN_METAVAR,
     help="Open a viewer, write a file, or send to an open viewer. Default: spawn, or none with --video.",
 )
 @click.option(

@@ -7,6 +7,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+import pytest
+
 from tools.import_graph import (
     PACKAGES,
     REPOSITORY,
@@ -15,13 +17,22 @@ from tools.import_graph import (
     imports_of,
     is_package,
     library,
+    lines_of,
     matrix,
     modules,
     package_of,
+    reached_from,
 )
 
 MOST_MODULES = 25
 """Of one package: more is a drawer."""
+MOST_LINES = {"replay": 48_800, "build_tree": 12_100}
+"""Lines that a command can import, of some 95,000: a hundredth more than it does."""
+ROOMS = tuple(
+    f"hhsim.{name}"
+    for name in ("bench", "board", "engines", "gate", "live", "repair", "report", "submissions", "sweep", "verify")
+)
+"""Packages of other commands, which neither of these imports."""
 
 HEAVY = {"click", "rich", "rerun", "trimesh", "qpsolvers", "clarabel", "matplotlib", "scipy", "jinja2"}
 """Packages that are imported where they are used: together they cost more than a second."""
@@ -100,6 +111,13 @@ def test_an_import_by_name_is_seen_and_one_for_types_alone_does_not_run(tmp_path
 def test_nothing_below_imports_the_command_line_or_the_tools() -> None:
     above = ("hhsim.cli", "tools")
     assert found_imports(LIBRARY.values(), lambda imported: imported.name.startswith(above)) == []
+
+
+@pytest.mark.parametrize(("command", "most"), MOST_LINES.items())
+def test_a_command_reaches_no_more_than_it_needs(command: str, most: int) -> None:
+    reached = reached_from(command)
+    assert lines_of(reached) <= most
+    assert {name for name in reached if name.startswith(ROOMS)} == set()
 
 
 def test_no_package_is_a_drawer() -> None:

@@ -1,7 +1,7 @@
 """Who imports whom in hhsim, read from the sources: what the layout's tests hold, and ARCHITECTURE.md draws."""
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -122,6 +122,27 @@ def _statements(tree: ast.Module) -> Iterator[tuple[ast.stmt, bool, bool]]:
                 yield inner, at_import and not later, runs and not typing
             if isinstance(inner, ast.stmt | ast.ExceptHandler | ast.match_case):
                 waiting.append((inner, at_import and not later, runs and not typing))
+
+
+def reached_from(command: str) -> set[str]:
+    """Return the modules that a command of the command line can import, when it begins or where it needs them.
+
+    Those of a `hhsim.registry.Registry`, and those that implement a generic kernel, are found by name and not followed.
+    """
+    reached: set[str] = set()
+    waiting = ["hhsim.cli.main", f"hhsim.cli.{command}"]
+    while waiting:
+        module = waiting.pop()
+        if module in modules() and module not in reached:
+            reached.add(module)
+            package = [] if module.count(".") < 2 else [module.rpartition(".")[0]]
+            waiting += [found.name for found in imports_of(modules()[module]) if found.runs] + package
+    return reached
+
+
+def lines_of(names: Iterable[str]) -> int:
+    """Return the number of lines of modules."""
+    return sum(modules()[name].read_text(encoding="utf-8").count("\n") for name in names)
 
 
 @cache

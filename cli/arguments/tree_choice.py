@@ -1,6 +1,5 @@
 """Sphere tree of a replay: one of a level, the coarsest within an error, or that of a file."""
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -8,6 +7,7 @@ import click
 
 from hhsim.system.progress import Progress
 
+from .length import read_length
 from .option_group import OptionGroup, option
 from .options import file
 
@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from hhsim.trees.sphere_tree import SphereTree
 
 AUTO = 0
-LEAST_ERROR = 1e-6
-"""Least --max-error [m]."""
-METRES = {"": 1e-3, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
 
 
 class ChosenTree(NamedTuple):
@@ -38,20 +35,6 @@ def read_level(context: click.Context, parameter: click.Parameter, value: str | 
     if value not in ("1", "2", "3", "4", "5"):
         raise click.BadParameter(f"'{value}', expected 1 to 5, or auto", context, parameter)
     return int(value)
-
-
-def read_length(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:
-    """Read a length such as 0.3mm or 300um, or a number in mm; return metres."""
-    if value is None:
-        return None
-    found = re.fullmatch(r"([0-9.]+(?:e-?[0-9]+)?) ?(|mm|um|µm|m)", value)
-    try:
-        length = float(found[1]) * METRES[found[2]] if found else 0.0
-    except ValueError:
-        length = 0.0
-    if not LEAST_ERROR <= length < 1.0:
-        raise click.BadParameter(f"'{value}', expected a length such as 0.3mm, from 1um to 1m", context, parameter)
-    return length
 
 
 class TreeChoice(OptionGroup, heading="Sphere tree"):

@@ -7,7 +7,7 @@ import click
 
 from hhsim.table.table import Table, number, words
 
-from ..arguments import options
+from ..arguments import options, recording_options
 from ..arguments.comma_list import names, read_names
 from ..arguments.object_argument import MeshSize, complete_object
 from ..console import print_table, progress
@@ -41,10 +41,10 @@ OPTIONAL = ("tip [mm/tick]", "sample [%]", "ticks", "lag [mm]", "no cause")
 """Columns that a narrow terminal leaves out."""
 
 
-class RecordedMotion(options.Sampling):
+class RecordedMotion(recording_options.Sampling):
     """Sampling of a recording, and the place of its object."""
 
-    place_object: Literal["auto", "recorded"] = options.place_object("auto")
+    place_object: Literal["auto", "recorded"] = recording_options.place_object("auto")
 
 
 class RecordedSolvers(Solvers):

@@ -11,6 +11,7 @@ from hhsim.table.table import Table, number, words
 from ..arguments import options
 from ..arguments.object_argument import MeshSize, complete_object
 from ..arguments.option_group import OptionGroup, option
+from ..arguments.solver_options import Linearising
 from ..console import print_table, progress
 from .suite import Solvers, SuiteTable
 
@@ -53,7 +54,7 @@ class Targets(OptionGroup):
 @Solvers.argument("solvers")
 @Targets.argument("targets")
 @options.tree_level
-@options.Linearising.argument("linearising")
+@Linearising.argument("linearising")
 @click.option("--jobs", type=options.JOBS, default=1, metavar="N", help="Processes to share the work.")
 @click.option(
     "--keep",
@@ -69,7 +70,7 @@ def command(
     solvers: Solvers,
     targets: Targets,
     level: int | None,
-    linearising: options.Linearising,
+    linearising: Linearising,
     jobs: int,
     keep: Path | None,
     mesh_size: MeshSize,

@@ -17,6 +17,9 @@ from ..arguments.comma_list import number_list, one_or_five
 from ..arguments.free_object import FreeChoice
 from ..arguments.object_argument import MeshFile, complete_object
 from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
+from ..arguments.options import metres
+from ..arguments.rerun_target import RERUN, RERUN_METAVAR, read_target
+from ..arguments.solver_options import OWN_METHODS, SolverChoice
 from ..arguments.tree_choice import TreeChoice
 from ..console import print_json, print_notes, progress
 from ..replay import complete_trajectory
@@ -38,7 +41,7 @@ USUAL_MOTION, USUAL_FREE_MOTION = "grasp", "lift"
 
 def check_rerun(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
     """Check at once that viewer or file can be used; the viewer's process parses the option again."""
-    options.read_target(context, parameter, value)
+    read_target(context, parameter, value)
     return value
 
 
@@ -180,10 +183,10 @@ class Feedback(OptionGroup, heading="Forces"):
     dry_run: bool = option(is_flag=True, help="Read the glove, and send nothing to it.")
 
 
-class SessionSolver(options.SolverChoice):
+class SessionSolver(SolverChoice):
     """Solver of a session, whose loop is compiled with hhsim's own methods alone."""
 
-    method: str = option(type=click.Choice(METHODS.names()), default="coupled", help=f"{options.OWN_METHODS}.")
+    method: str = option(type=click.Choice(METHODS.names()), default="coupled", help=f"{OWN_METHODS}.")
 
 
 class SessionSettings(OptionGroup, heading="Session"):
@@ -206,8 +209,8 @@ class SessionSettings(OptionGroup, heading="Session"):
     no_record: bool = option(is_flag=True, help="Record nothing.")
     rerun: str | None = option(
         callback=check_rerun,
-        type=options.RERUN,
-        metavar=options.RERUN_METAVAR,
+        type=RERUN,
+        metavar=RERUN_METAVAR,
         help="Show the hand live in the rerun viewer: open one, write a file for one, or send to one that is open, at "
         "HOST:PORT.",
     )
@@ -274,6 +277,7 @@ def command(
     from hhsim.live.real_time import RealTimeWishes
     from hhsim.live.session.scene import grasping_hand, make_live_scene
     from hhsim.result.reader import check_result_path
+    from hhsim.scene.declared_bodies import load_object
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.solver.free_object import require_free
     from hhsim.solver.hand_solver import warm_up
@@ -300,7 +304,8 @@ def command(
     ]
     solid = solver.surface != "mesh"
     links = free.of_links(object_)
-    bodies = mesh_file.bodies(object_, worn[0][1][2], solid=solid, links=links)
+    lengths = {name: metres(getattr(mesh_file, name)) for name in ("size", "thickness")}
+    bodies = load_object(object_, worn[0][1][2], solid=solid, free=links, unit=mesh_file.unit, **lengths)
     mesh = bodies.mesh
     if len(bodies.solid) > 1 and free.free and links is None:
         raise click.UsageError(f"--free is for one object: '{object_}' says itself which bodies are free")

@@ -4,13 +4,13 @@ import click
 
 from hhsim.table.table import Table, words
 
-from ..arguments import options
+from ..arguments import options, solver_options
 from ..console import announce_compilation, print_json, print_line, print_table
 
 
 @click.command(cls=options.Command)
 @click.argument("name")
-@options.isolate
+@solver_options.isolate
 @options.json
 def command(name: str, isolate: bool, as_json: bool) -> int:
     """Tell what is wrong with a method from outside.

@@ -7,17 +7,18 @@ frame.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.hand.fingers import FINGERS
-from hhsim.hand.model import HandModel
+from hhsim.hand.fingers import BODIES, FINGERS
 from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product, rotation_matrix
-from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
 from hhsim.mesh.mesh import Mesh
+
+if TYPE_CHECKING:
+    from hhsim.hand.model import HandModel
 
 SKIN = np.array([0.91, 0.70, 0.58])
 SPHERE = np.array([0.42, 0.62, 0.78])
@@ -161,11 +162,11 @@ class PiecePoses(NamedTuple):
     quaternion: FloatArray
 
 
-def piece_surfaces(hand: HandModel, rings: int = RINGS, sides: int = SIDES) -> tuple[Surface, ...]:
+def piece_surfaces(hand: "HandModel", rings: int = RINGS, sides: int = SIDES) -> tuple[Surface, ...]:
     """Return the surface of each piece in its own frame, of so many rings to each end of a phalanx."""
     surfaces = []
     for finger in range(len(FINGERS)):
-        for k in range(PHALANX_COUNT):
+        for k in range(len(PHALANGES)):
             length = hand.length[finger, k]
             radius_a, radius_b = hand.radius[finger, k : k + 2]
             tip = np.array([0.0, length, 0.0])
@@ -179,7 +180,7 @@ def piece_surfaces(hand: HandModel, rings: int = RINGS, sides: int = SIDES) -> t
     return (*surfaces, mesh_surface(hand.palm_mesh, SKIN))
 
 
-def hand_surface(hand: HandModel, pose: Iterable[ArrayLike], pieces: Sequence[Surface] = ()) -> Surface:
+def hand_surface(hand: "HandModel", pose: Iterable[ArrayLike], pieces: Sequence[Surface] = ()) -> Surface:
     """Return the hand's surface in the world frame, of `pieces` as of `piece_surfaces`, or else of fine ones.
 
     `pose` has the fields of a `HandConfiguration`, the arguments of `HandModel.joints`.
@@ -192,7 +193,7 @@ def hand_surface(hand: HandModel, pose: Iterable[ArrayLike], pieces: Sequence[Su
 
 
 def piece_poses(
-    hand: HandModel, position: ArrayLike, orientation: ArrayLike, flexion: ArrayLike, abduction: ArrayLike
+    hand: "HandModel", position: ArrayLike, orientation: ArrayLike, flexion: ArrayLike, abduction: ArrayLike
 ) -> PiecePoses:
     """Compute the poses of the pieces.
 
@@ -206,13 +207,13 @@ def piece_poses(
     spread = _turn(2, hand.abduction_sign * np.asarray(abduction, np.float64))
     bend = _turn(0, -np.cumsum(np.asarray(flexion, np.float64), axis=2))
     turn = quaternion_product(quaternion_product(base, spread)[:, :, None], bend)
-    joint = np.empty((len(origin), len(FINGERS), PHALANX_COUNT, 3))
+    joint = np.empty((len(origin), len(FINGERS), len(PHALANGES), 3))
     joint[:, :, 0] = origin[:, None] + np.einsum("tij,fj->tfi", rotation_matrix(palm), hand.base)
     along = hand.length[:, :-1, None] * rotation_matrix(turn[:, :, :-1])[..., 1]
     joint[:, :, 1:] = joint[:, :, :1] + np.cumsum(along, axis=2)
     return PiecePoses(
-        np.concatenate([joint.reshape(-1, PALM_BODY, 3), origin[:, None]], axis=1),
-        np.concatenate([turn.reshape(-1, PALM_BODY, 4), palm[:, None]], axis=1),
+        np.concatenate([joint.reshape(-1, BODIES - 1, 3), origin[:, None]], axis=1),
+        np.concatenate([turn.reshape(-1, BODIES - 1, 4), palm[:, None]], axis=1),
     )
 
 
