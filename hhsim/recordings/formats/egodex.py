@@ -1,7 +1,7 @@
 """EgoDex's HDF5: a 4 × 4 matrix a frame of each ARKit joint in `transforms`, 30 Hz, y up, m (Hoque et al. 2025).
 
-The knuckle of ARKit's thumb is its saddle joint. Its tracking has no stamps, and a confidence of each joint and frame in
-some files. A corrected recording has places and turns of a hand's joints in `transforms`, and nothing else changed.
+The knuckle of ARKit's thumb is its saddle joint. There are no stamps; some files have a confidence of each joint and
+frame. A corrected recording has places and turns of a hand's joints in `transforms`, and nothing else changed.
 """
 
 import io
