@@ -1,6 +1,7 @@
 """`hhsim repair`."""
 
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -17,6 +18,20 @@ if TYPE_CHECKING:
 
 ALWAYS, OF_MANY = ("recording", "out", "as_json", "quiet", "pictures"), ("jobs", "scheduler")
 """Options of every repair, and those of a manifest alone."""
+FOLLOWED = (
+    "recording",
+    "out",
+    "quiet",
+    "object",
+    "unit",
+    "size",
+    "hand",
+    "rate",
+    "max_correction",
+    "follow",
+    "latency",
+)
+"""Options of frames that are repaired as they come."""
 
 
 class ObjectSettings(OptionGroup, heading="Object"):
@@ -55,6 +70,12 @@ class RepairLimits(OptionGroup, heading="Repair"):
     )
     max_correction: float = option(
         type=Number(0.1, 200.0), default=15.0, metavar="MM", help="Largest move of a joint in a repaired frame [mm]."
+    )
+    follow: bool = option(
+        is_flag=True, help="RECORDING has a frame of JSON a line, - for stdin, and each is repaired as it comes."
+    )
+    latency: int = option(
+        type=click.IntRange(2, 1000), default=8, metavar="N", help="Frames after which --follow gives one."
     )
 
 
@@ -96,7 +117,10 @@ def command(
       hhsim repair hand.csv --object bunny --object-poses bunny.csv --out hand-free.csv
       hhsim repair seq.npz --mano-model MANO_RIGHT.pkl --mano-pose axis-angle --object box.obj --out free.npz
       hhsim repair manifest.toml --out repaired
+      tracker | hhsim repair - --follow --rate 30 --object mug.stl --out - | robot
     """
+    if limits.follow:
+        return _follow(recording, thing, limits, reading, out)
     from hhsim.repair.repair import repair_recording
     from hhsim.repair.request import RepairRequest
     from hhsim.sweep.repair_manifest import is_manifest
@@ -147,6 +171,37 @@ def command(
     if last and not (printing.quiet or printing.as_json):
         print_line(last)
     return 0 if all(outcome.ok for outcome in outcomes) else 1
+
+
+def _follow(recording: Path, thing: ObjectSettings, limits: RepairLimits, reading: FileSettings, out: Path) -> int:
+    """Repair frames as they come; returns the exit code."""
+    from hhsim.repair.follow import Follower, followed_lines
+    from hhsim.repair.repair import bodies_of
+    from hhsim.repair.request import RepairRequest
+    from hhsim.system.output_path import check_output_path
+
+    for name, typed_as in typed_options(click.get_current_context()).items():
+        if name not in FOLLOWED:
+            raise click.UsageError(f"{typed_as} is for a whole recording; --follow has frames as they come")
+    if thing.object is None:
+        raise click.UsageError("--object names the object that the hand holds")
+    piped = str(out) == "-"
+    if not piped:
+        check_output_path(out)
+        if out.exists():
+            raise click.UsageError(f"{out} exists, so it is not replaced")
+    request = RepairRequest(recording, thing.object, out, unit=thing.unit, size=metres(thing.size))
+    follower = Follower(
+        bodies_of(request), latency=limits.latency, hand=reading.hand or "", max_correction=1e-3 * limits.max_correction
+    )
+    marked = False
+    with ExitStack() as files:
+        source = sys.stdin if str(recording) == "-" else files.enter_context(recording.open(encoding="utf-8"))
+        target = sys.stdout if piped else files.enter_context(out.open("x", encoding="utf-8"))
+        for frame, line in followed_lines(source, follower, reading.rate):
+            print(line, file=target, flush=True)
+            marked |= frame.marked
+    return 1 if marked else 0
 
 
 def _print(outcome: "RepairOutcome") -> None:

@@ -10,7 +10,7 @@ from hhsim.errors import OutputError, TrajectoryError
 from hhsim.hand import model
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
-from hhsim.recordings.finger_ik import finger_joints, usual_fingers
+from hhsim.recordings.finger_ik import FingerAxes, finger_joints, usual_fingers
 from hhsim.recordings.frames import in_palm, turned
 from hhsim.recordings.joint_fit import fitted_angles, fitted_axes, recorded_limits
 from hhsim.recordings.recorded_bones import RecordedBones, fit_error
@@ -76,6 +76,25 @@ def fitted_hand(recording: Recording, source: str) -> tuple[Recording, str]:
     moved = recording.changed(position=recording.position + turned(recording.orientation, shift * mirror))
     by = f"palm moved by {1e3 * np.linalg.norm(shift):.1f} mm in the hand: its knuckles are the fitted hand's"
     return moved.found(note(by)), text
+
+
+def in_angles_of(recording: Recording, hand: HandModel) -> Recording:
+    """Return a recording of joint centres in the angles of a hand that was fitted to other samples of the same hand.
+
+    Raises TrajectoryError for no joint centres.
+    """
+    bones, joints = recording.bones, recording.joints
+    if bones is None or joints is None:
+        raise TrajectoryError(f"{recording.form or 'it'} holds angles only; expected the centres of joints")
+    fingers = joints[:, 1:].reshape(-1, len(FINGERS), 4, 3)
+    position = fingers[:, 1:, 0].mean(axis=1) - turned(recording.orientation, hand.base[1:].mean(axis=0))
+    at = in_palm(fingers - position[:, None, None], recording.orientation)
+    length = hand.length.copy()
+    if bones.tip_on_surface:
+        length[:, 2] += hand.radius[:, 3]
+    axes = FingerAxes(hand.distal, hand.dorsal, hand.abduction_sign * hand.flexion_axis)
+    flexion, abduction = fitted_angles(at, hand.base, length, axes, bones.hand)
+    return recording.changed(position=position, flexion=flexion, abduction=abduction)
 
 
 def _fitted(

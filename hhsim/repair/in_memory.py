@@ -65,7 +65,7 @@ _WHEN = ("before", "after")
 
 def repair(
     recording: str | Path | ArrayLike,
-    object_: str | Path | Mesh,
+    object_: str | Path | Mesh | DeclaredBodies,
     *,
     time: ArrayLike | None = None,
     rate: float | None = None,
@@ -74,6 +74,7 @@ def repair(
     hand: HandSide = "",
     max_correction: float = MAX_CORRECTION,
     palm: Literal["fitted", "thin", "none"] = "fitted",
+    fitted: HandModel | None = None,
     progress: Progress = silent,
     **options: Any,
 ) -> RepairedMotion:
@@ -82,7 +83,8 @@ def repair(
     Args:
         recording: Path of a file of any format, or joint centres [m], shape (T, 21, 3), in MediaPipe's or MANO's order,
             NaN where missing.
-        object_: Name of the catalogue, path of a mesh, URDF or TOML file, or a closed mesh [m].
+        object_: Name of the catalogue, path of a mesh, URDF or TOML file, or a closed mesh [m]; or
+            bodies with their trees.
         time: Stamps of joints [s], shape (T,); or `rate`, samples a second [Hz].
         rate: See `time`.
         object_position: Where the object's frame is at each sample of joints [m], shape (T, 3); None for the origin.
@@ -90,6 +92,7 @@ def repair(
         hand: "right" or "left"; "" if the recording tells.
         max_correction: Largest move of a joint in a sample that is not marked [m].
         palm: As `hhsim repair --palm`.
+        fitted: Hand that was fitted before, to other samples of the recorded hand; None to fit one.
         progress: Called with the stage, how much is done and how much there is.
         options: Further fields of `hhsim.recordings.registry.ReadOptions`.
 
@@ -118,11 +121,13 @@ def repair(
         read = ReadOptions(**{"length_unit": "m", "form": "keypoints", **given}, rate=rate)
         held = clean_units(read_content(Content.of_recording(None, npz_of(arrays)), read))
     request = RepairRequest(path, str(object_), path, hand=held.hand, max_correction=max_correction, palm=palm)
-    if isinstance(object_, Mesh):
+    if isinstance(object_, DeclaredBodies):
+        bodies = object_
+    elif isinstance(object_, Mesh):
         bodies = checked_bodies(DeclaredBodies.of_mesh(object_), object_.name)
     else:
         bodies = bodies_of(request)
-    made = prepared(request, read, held, bodies, lambda *_: None)
+    made = prepared(request, read, held, bodies, lambda *_: None, fitted)
     recorded = made.recorded
     seen, marked = corrected(max_correction, recorded, made.touched, None, progress)
     correction = recorded.in_the_world(seen, made.recording)

@@ -22,7 +22,7 @@ from hhsim.metrics.field.hands import FieldHands, FieldPair
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.recordings.correction import Correction
-from hhsim.recordings.fitted_hand import fitted_hand
+from hhsim.recordings.fitted_hand import fitted_hand, in_angles_of
 from hhsim.recordings.mano_model import read_mano_model
 from hhsim.recordings.object_poses import with_object_poses
 from hhsim.recordings.outliers import suspect_joints
@@ -174,17 +174,21 @@ def prepared(
     recording: Recording,
     bodies: DeclaredBodies,
     skin_of: Callable[[Recording, HandModel], Skin | None],
+    fitted: HandModel | None = None,
 ) -> Prepared:
-    """Fit a hand to a recording in our units, and put it beside bodies with their trees; errors as of the repair."""
+    """Fit a hand to a recording in our units, and put it beside bodies with their trees; errors as of the repair.
+
+    `fitted` is a hand that was fitted before, to other samples of the recorded hand.
+    """
     for mesh in bodies.meshes.values():
         recording = recording.found(*map(note, (*mesh.repairs, *mesh.warnings)))
     if request.object_poses is not None:
         recording = with_object_poses(recording, request.object_poses, read)
     with named(request.recording):
-        recording, hand = _hand(recording, request)
+        recording, hand = _hand(recording, request) if fitted is None else (in_angles_of(recording, fitted), fitted)
     skin = skin_of(recording, hand)
     if skin is None:
-        hand = with_palm(hand, request.palm)
+        hand = with_palm(hand, request.palm) if fitted is None else hand
     else:
         hand, fit = hand_with_skin(hand, skin, HandConfiguration.of(recording), request.palm)
         text = (

@@ -13,6 +13,7 @@ from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.surfaces.mesh import SURFACE as MESH
 from hhsim.kernels.surfaces.spheres import SURFACE as SPHERES
+from hhsim.mesh.content_cache import kept_by_content
 from hhsim.mesh.features import mesh_features
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import is_closed, merged_vertices
@@ -46,7 +47,7 @@ def contact_surface(name: str, mesh: Mesh | None, tree: SphereTree | None) -> Co
     if name == "spheres" or mesh is None:
         raise InputError(f"this object has no {name}")
     closed = encloses(mesh)
-    features, repeated = mesh_features(mesh.vertices, mesh.faces, closed=closed)
+    features, repeated = features_of(mesh, closed)
     notes = []
     if repeated:
         notes.append(f"{counted(repeated, 'triangle')} on the same corners as another one: that one is touched")
@@ -55,6 +56,12 @@ def contact_surface(name: str, mesh: Mesh | None, tree: SphereTree | None) -> Co
     if not closed:
         notes.append("the triangles enclose nothing: both sides can be touched, and no hand begins inside")
     return ContactSurface(features, tuple(notes), mesh, tree)
+
+
+@kept_by_content(8)
+def features_of(mesh: Mesh, closed: bool) -> tuple[MeshFeatures, int]:
+    """Return what `hhsim.mesh.features.mesh_features` finds of a mesh; nobody writes there."""
+    return mesh_features(mesh.vertices, mesh.faces, closed=closed)
 
 
 def jointed_surface(parts: Sequence[Any], path: FloatArray) -> JointedSurface:

@@ -21,7 +21,7 @@ ABSURD = (
 )
 WORDS = {
     *("--method", "--fingers", "--qp", "--object", "--motion", "--surface", "--case", "--columns", "--name"),
-    *("--source", "--licence", "--format", "--object-track", "--profile", "--host", "--pose-host"),
+    *("--source", "--licence", "--format", "--object-track", "--array", "--profile", "--host", "--pose-host"),
     *("--scheduler", "--serial", "--rerun", "--trajectory", "--palm-axes", "--robot", "--link"),
 }
 """Options whose texts hold no number."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
@@ -11,12 +11,13 @@ from hhsim.errors import InputError
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, closest_points, mesh_signed_distance
-from hhsim.mesh.features import mesh_features
+from hhsim.mesh.content_cache import kept_by_content
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import FAR, mesh_clearance
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.metrics.run_metric import Figure
 from hhsim.motion.trajectory import RigidMotion
+from hhsim.trees.contact_surface import features_of
 
 TIPS = (4, 8, 12, 16, 20)
 """Places of the fingertips among `hhsim.recordings.joint_names.KEYPOINTS`."""
@@ -230,10 +231,10 @@ class FieldPair:
         return self.recorded.known & self.repaired.known
 
 
-@lru_cache(maxsize=8)
+@kept_by_content(8)
 def object_bvh(mesh: Mesh) -> MeshBvh:
     """Return the hierarchy over the triangles of a closed mesh, whose sign holds also where they cross."""
-    features, _ = mesh_features(mesh.vertices, mesh.faces, closed=True)
+    features, _ = features_of(mesh, True)
     return build_mesh_bvh(mesh.vertices, mesh.faces, by_winding=len(features.pseudonormal) == 0)
 
 

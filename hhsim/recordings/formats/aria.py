@@ -1,0 +1,133 @@
+"""Project Aria's hand_tracking_results.csv of MPS: 21 landmarks of each hand in the frame of the glasses [m].
+
+Their order is five fingertips from thumb to little finger, wrist, two joints of the thumb, three of each other finger,
+and the palm's centre. The thumb's saddle joint is none of them: it is put where a usual hand of this size has it. The
+glasses move with the head, so an object's poses are to be in their frame too. A confidence below 0 is no hand.
+
+A corrected recording has the landmarks, the wrist's pose and the normals of palm and wrist moved with their bones.
+"""
+
+import re
+from itertools import chain
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import TrajectoryError
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel
+from hhsim.motion.csv_table import Table, read_table
+from hhsim.motion.text_edit import NewColumn, cell_edits
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.correction import ANGLE_DIGITS, Correction, joint_changes
+from hhsim.recordings.finger_ik import palm_from_knuckles, usual_fingers
+from hhsim.recordings.frames import turned
+from hhsim.recordings.joint_names import KEYPOINTS
+from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
+from hhsim.recordings.recording import SIDES, Finding, Recording, chosen_side, note, unreadable
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+
+LANDMARKS = (
+    *(f"{finger}_tip" for finger in FINGERS),
+    *("wrist", "thumb_proximal", "thumb_distal"),
+    *(f"{finger}_{part}" for finger in FINGERS[1:] for part in ("proximal", "intermediate", "distal")),
+    "palm",
+)
+"""OpenXR's names of the landmarks in their order."""
+SADDLE = "thumb_metacarpal"
+STAMPS = "tracking_timestamp_us"
+_LANDMARK = re.compile(r"tx_(left|right)_landmark_0_device")
+
+
+def landmark_columns(side: HandSide) -> dict[str, list[str]]:
+    """Return the three columns of each landmark of a hand."""
+    return {joint: [f"t{axis}_{side}_landmark_{k}_device" for axis in "xyz"] for k, joint in enumerate(LANDMARKS)}
+
+
+def _table(content: Content, options: ReadOptions) -> tuple[Table, HandSide, FloatArray, list[Finding]]:
+    """Return the table, the hand of the options or else the one in more frames, its confidence (T,), and findings."""
+    table = read_table(content.text)
+    findings, confidence = [*map(note, table.notes)], dict[HandSide, FloatArray]()
+    for side in SIDES:
+        needed = [STAMPS, f"{side}_tracking_confidence", *chain(*landmark_columns(side).values())]
+        missing = [column for column in needed if column not in table.header]
+        if f"tx_{side}_landmark_0_device" not in table.header:
+            continue
+        if missing:
+            raise TrajectoryError(f"no column {missing[0]}; expected Aria's stamps, confidence and 21 landmarks")
+        confidence[side] = table.numbers([f"{side}_tracking_confidence"])[0][:, 0]
+    seen = {side: int((values >= 0.0).sum()) for side, values in confidence.items()}
+    side, remarks = chosen_side(seen, options.hand)
+    return table, side, confidence[side], [*findings, *remarks]
+
+
+def _read(content: Content, options: ReadOptions) -> Recording:
+    """Read the hand of the options, else the one in more frames; raises TrajectoryError."""
+    table, side, confidence, findings = _table(content, options)
+    columns = landmark_columns(side)
+    values, broken = table.numbers([*chain(*columns.values())])
+    findings += unreadable(broken)
+    values[~(confidence >= 0.0)] = np.nan
+    places = dict(zip(LANDMARKS, values.reshape(len(values), -1, 3).swapaxes(0, 1), strict=True))
+    places[SADDLE] = _saddle(places, side)
+    findings.append(note("the thumb's saddle joint is that of a usual hand of this size: the file has none"))
+    made = JointPositions(
+        position=np.stack([places[joint] for joint in KEYPOINTS], axis=1),
+        form="aria",
+        what=f"{len(LANDMARKS)} landmarks of the {side} hand, in the frame of the glasses",
+        time=table.numbers([STAMPS])[0][:, 0],
+        time_unit="us",
+        hand=side,
+        unit=1.0,
+        device="Project Aria, MPS",
+        findings=tuple(findings),
+    )
+    return recording_of_joints(made, content, options)
+
+
+def _saddle(places: dict[str, FloatArray], side: HandSide) -> FloatArray:
+    """Return the thumb's saddle joint [m], shape (T, 3), fixed in the palm where a usual hand has it."""
+    wrist, knuckles = places["wrist"], np.stack([places[f"{finger}_proximal"] for finger in FINGERS[1:]], axis=1)
+    base, usual = usual_fingers(side)["base"], HandModel.default(side).wrist
+    lengths = np.linalg.norm(knuckles[:, 1] - wrist, axis=1)
+    known = lengths[np.isfinite(lengths)]
+    size = float(np.median(known)) / float(np.linalg.norm(base[2] - usual)) if known.size else 1.0
+    palm = palm_from_knuckles(knuckles, wrist, side)
+    return np.asarray(wrist + turned(palm, np.broadcast_to(size * (base[0] - usual), wrist.shape)))
+
+
+def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
+    made = joint_changes(recording, correction)
+    table, side, _, _ = _table(content, options)
+    new: dict[str, NewColumn] = {}
+
+    def put(columns: list[str], values: FloatArray, digits: int) -> None:
+        new.update({column: NewColumn(own, digits) for column, own in zip(columns, values.T)})
+
+    def of(columns: list[str]) -> FloatArray | None:
+        """Return the changed rows of columns; None without them."""
+        return table.numbers(columns)[0][made.rows] if set(columns) <= set(table.header) else None
+
+    wrist, turn = (
+        [f"t{axis}_{side}_device_wrist" for axis in "xyz"],
+        [f"q{axis}_{side}_device_wrist" for axis in "wxyz"],
+    )
+    for joint, columns in [*landmark_columns(side).items(), ("wrist", wrist)]:
+        if (places := of(columns)) is not None:
+            put(columns, made.moved(joint, places), made.digits)
+    if (turns := of(turn)) is not None:
+        put(turn, made.turned("wrist", turns), ANGLE_DIGITS)
+    for where in ("palm", "wrist"):
+        normal = [f"n{axis}_{side}_{where}_device" for axis in "xyz"]
+        if (directions := of(normal)) is not None:
+            put(normal, (made.turn[:, 0] @ directions[:, :, None])[:, :, 0], ANGLE_DIGITS)
+    return content.edited(cell_edits(content.exact_text, table, made.rows.tolist(), new), table.decimal)
+
+
+def _sniff(content: Content, options: ReadOptions) -> bool:
+    return options.columns is None and any(_LANDMARK.fullmatch(column) for column in content.header)
+
+
+FORMAT = RecordingFormat(
+    "aria", "Project Aria's hand_tracking_results.csv of MPS", (".csv",), _sniff, _read, write=_write
+)

@@ -1,0 +1,134 @@
+"""EgoDex's HDF5: a 4 × 4 matrix a frame of each ARKit joint in `transforms`, 30 Hz, y up, m (Hoque et al. 2025).
+
+The knuckle of ARKit's thumb is its saddle joint. There are no stamps; some files have a confidence of each joint and
+frame. A corrected recording has places and turns of a hand's joints in `transforms`, and nothing else changed.
+"""
+
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import h5py
+import numpy as np
+
+from hhsim.errors import TrajectoryError
+from hhsim.hand.fingers import FINGERS
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.correction import BONE_OF, Correction, joint_changes
+from hhsim.recordings.joint_names import KEYPOINTS
+from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
+from hhsim.recordings.recording import SIDES, Recording, chosen_side, unused
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.system.hdf5_input import require_own_data
+
+SIGNATURE, GROUP = b"\x89HDF", "transforms"
+RATE = 30.0
+PARTS = ("Knuckle", "IntermediateBase", "IntermediateTip", "Tip")
+SMALLEST_CONFIDENCE = 0.5
+"""Confidence below which a joint is doubtful."""
+
+
+def arkit_joints(side: HandSide) -> dict[str, str]:
+    """Return ARKit's name of each of `KEYPOINTS` and of the metacarpals of a hand, by OpenXR's name."""
+    stem = {finger: f"{side}{finger.capitalize()}{'' if finger == 'thumb' else 'Finger'}" for finger in FINGERS}
+    names = [f"{side}Hand", *(f"{stem[finger]}{part}" for finger in FINGERS for part in PARTS)]
+    others = {f"{finger}_metacarpal": f"{stem[finger]}Metacarpal" for finger in FINGERS[1:]}
+    return dict(zip(KEYPOINTS, names, strict=True)) | others
+
+
+@contextmanager
+def _opened(content: Content, mode: str = "r") -> Iterator[tuple[io.BytesIO, h5py.File]]:
+    """Open the file in memory; TrajectoryError for a damaged one."""
+    image = io.BytesIO(content.data)
+    try:
+        with h5py.File(image, mode) as file:
+            require_own_data(file)
+            yield image, file
+    except (OSError, KeyError, RuntimeError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise TrajectoryError(f"a damaged HDF5 file, or none of EgoDex: {reason}") from None
+
+
+def _hands(group: Any) -> dict[HandSide, dict[str, Any]]:
+    """Return the data sets of each hand with all 21 joints, by OpenXR's names."""
+    found = {}
+    for side in SIDES:
+        joints = {joint: group[name] for joint, name in arkit_joints(side).items() if name in group}
+        if set(KEYPOINTS) <= set(joints):
+            found[side] = joints
+    return found
+
+
+def _chosen(file: h5py.File, options: ReadOptions) -> tuple[HandSide, dict[str, Any], list[Any]]:
+    """Return the hand of the options, else the right one, its data sets, and what is to be told of it."""
+    group = file.get(GROUP)
+    hands = _hands(group) if isinstance(group, h5py.Group) else {}
+    if not hands:
+        held = ", ".join(list(group if isinstance(group, h5py.Group) else file)[:4]) or "nothing"
+        raise TrajectoryError(f"no hand in '{GROUP}', it holds {held}; expected EgoDex's joints, such as rightHand")
+    side, findings = chosen_side({side: len(joints["wrist"]) for side, joints in hands.items()}, options.hand)
+    for joint, values in hands[side].items():
+        frames = len(hands[side]["wrist"])
+        if values.shape != (frames, 4, 4):
+            name = arkit_joints(side)[joint]
+            raise TrajectoryError(f"'{name}' has shape {values.shape}; expected ({frames}, 4, 4)")
+    return side, hands[side], [*findings, *unused({name: None for name in file if name != GROUP})]
+
+
+def _read(content: Content, options: ReadOptions) -> Recording:
+    """Read the hand of the options, else the right one; raises TrajectoryError."""
+    with _opened(content) as (_, file):
+        side, joints, findings = _chosen(file, options)
+        position = np.stack([np.asarray(joints[joint][:, :3, 3], np.float64) for joint in KEYPOINTS], axis=1)
+        given = file.get("confidences")
+        names = [arkit_joints(side)[joint] for joint in KEYPOINTS]
+        sure = isinstance(given, h5py.Group) and all(name in given for name in names)
+        doubtful = np.any([given[name][:] < SMALLEST_CONFIDENCE for name in names], axis=0) if sure else None
+    if doubtful is not None and doubtful.shape != (len(position),):
+        raise TrajectoryError(f"confidences of shape {doubtful.shape}; expected one a frame, ({len(position)},)")
+    made = JointPositions(
+        position=position,
+        form="egodex",
+        what=f"ARKit's joints of the {side} hand",
+        rate=RATE,
+        hand=side,
+        unit=1.0,
+        up="y",
+        doubtful=doubtful,
+        device="ARKit (EgoDex)",
+        findings=tuple(findings),
+    )
+    return recording_of_joints(made, content, options)
+
+
+def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
+    made = joint_changes(recording, correction)
+    with _opened(content, "r+") as (image, file):
+        _, joints, _ = _chosen(file, options)
+        for joint, values in joints.items():
+            matrices = values[:]
+            rows = matrices[made.rows]
+            # A metacarpal turns with the palm.
+            turn = made.turn[:, BONE_OF[joint]]
+            rows[:, :3, 3] = made.moved(joint, rows[:, :3, 3].astype(np.float64))
+            rows[:, :3, :3] = turn @ rows[:, :3, :3]
+            matrices[made.rows] = rows
+            values[...] = matrices
+    return image.getvalue()
+
+
+def _sniff(content: Content, options: ReadOptions) -> bool:
+    if not content.head.startswith(SIGNATURE):
+        return False
+    try:
+        # A result of hours is not read for it.
+        with h5py.File(content.path or io.BytesIO(content.data), "r") as file:
+            return any(f"{GROUP}/{arkit_joints(side)['wrist']}" in file for side in SIDES)
+    except (OSError, RuntimeError):
+        return False
+
+
+FORMAT = RecordingFormat(
+    "egodex", "an HDF5 file of EgoDex, with ARKit's joints in transforms", (".hdf5", ".h5"), _sniff, _read, write=_write
+)

@@ -1,0 +1,90 @@
+"""Repair of frames as they come, against the repair of the whole recording by the same hand."""
+
+import io
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Run
+from repair_scenes import HAND, scene_case
+
+from hhsim.errors import InputError
+from hhsim.hand.quaternion import quaternion, rotation_matrix
+from hhsim.repair.follow import FollowedFrame, Follower, GivenFrame, followed_lines
+from hhsim.repair.in_memory import repair
+from hhsim.repair.recorded_scene import model_joints
+from hhsim.repair.repair import bodies_of
+from hhsim.repair.request import RepairRequest
+
+RATE, LIMIT, LATENCY = 30.0, 0.03, 8
+COUNT = 30
+SEEN = model_joints(HAND, scene_case("sphere", "grasp", 50, 3, 3 + COUNT).frames)
+TURN = quaternion(np.linspace(0.0, 0.8, COUNT)[:, None] * [0.3, -0.5, 0.6])
+SHIFT = np.linspace(0.0, 0.2, COUNT)[:, None] * [1.0, 0.5, 0.2]
+JOINTS = SEEN @ rotation_matrix(TURN).swapaxes(1, 2) + SHIFT[:, None]
+BODIES = bodies_of(RepairRequest(Path(), "sphere", Path()))
+
+
+def lines() -> list[str]:
+    fields = zip(JOINTS.tolist(), SHIFT.tolist(), TURN.tolist(), strict=True)
+    return [
+        json.dumps({"t": k / RATE, "joints": joints, "object_position": place, "object_orientation": turn})
+        for k, (joints, place, turn) in enumerate(fields)
+    ]
+
+
+def test_what_has_settled_is_as_in_the_whole_recording_and_comes_in_time() -> None:
+    follower, found, waited = (
+        Follower(BODIES, latency=LATENCY, hand="right", max_correction=LIMIT),
+        list[FollowedFrame](),
+        [],
+    )
+    for k in range(COUNT):
+        new = follower.add(GivenFrame(k / RATE, JOINTS[k], SHIFT[k], TURN[k]))
+        waited += [k - frame.frame for frame in new if k >= 2 * LATENCY]
+        found += new
+    found += follower.end()
+    assert [frame.frame for frame in found] == list(range(COUNT)) and max(waited) <= LATENCY
+    assert follower.fitted is not None
+    given = {"object_position": SHIFT, "object_orientation": TURN, "hand": "right", "max_correction": LIMIT}
+    whole = repair(JOINTS, "sphere", rate=RATE, fitted=follower.fitted, **given)
+    assert np.nanmax(whole.depth_before) > 5e-3 and whole.changed.sum() > 5
+    assert max(frame.depth for frame in found) == 0.0
+    off = np.linalg.norm(np.array([frame.joints for frame in found]) - whole.joints, axis=2).max(axis=1)
+    assert np.median(off[whole.changed]) < 1e-4 and off.max() < 1e-3
+    untouched = [k for k, frame in enumerate(found) if not frame.changed]
+    np.testing.assert_array_equal([found[k].joints for k in untouched], JOINTS[untouched])
+
+
+def test_frames_that_are_piped_come_out_repaired(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO("\n".join(lines())))
+    words = ("--follow", "--object", "sphere", "--hand", "right", "--max-correction", "30")
+    answer = run("repair", "-", *words, "--out", "free.jsonl")
+    assert answer.code == 0, answer.err
+    made = [json.loads(line) for line in (tmp_path / "free.jsonl").read_text().splitlines()]
+    assert [frame["frame"] for frame in made] == list(range(COUNT))
+    assert not any(frame["marked"] or frame["depth"] for frame in made)
+    assert any(frame["changed"] for frame in made) and np.shape([frame["joints"] for frame in made]) == (COUNT, 21, 3)
+    again = run("repair", "-", *words, "--out", "free.jsonl")
+    assert again.code == 2 and "not replaced" in again.err
+    refused = run("repair", "-", *words, "--palm", "none", "--out", "other.jsonl")
+    assert refused.code == 2 and "--palm is for a whole recording" in refused.err
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("{", "line 1: no JSON"),
+        ("3", "line 1: no joints"),
+        ('{"joints": [[0, 0, 0]], "t": 0}', r"line 1: joints has shape \(1, 3\)"),
+        (json.dumps(SEEN[0].tolist()), "line 1: no stamp; expected 'time'"),
+        (json.dumps({"joints": SEEN[0].tolist(), "t": 0, "object_orientation": [0] * 4}), "is no rotation"),
+        (json.dumps({"joints": "none", "t": 0}), "holds other things than numbers"),
+    ],
+)
+def test_a_line_that_is_no_frame_is_told(line: str, said: str) -> None:
+    with pytest.raises(InputError, match=said) as caught:
+        list(followed_lines([line], Follower(BODIES)))
+    assert "\n" not in str(caught.value)
