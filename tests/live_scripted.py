@@ -11,7 +11,7 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.kernels.live.accounts import account_waking, measure_miss, name_miss
 from hhsim.kernels.live.deadlines import NOTHING, due_time, next_deadline, woken
-from hhsim.kernels.live.loop import wake_driver
+from hhsim.kernels.live.loop import DRIVERS, wake_driver
 from hhsim.kernels.live.tick import begin_tick, command_tick, look_for_stop, publish_tick, waiting_since
 from hhsim.live.device import Capability, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
 from hhsim.live.devices.registry import configure
@@ -234,7 +234,7 @@ class SteppedLoop(LiveLoop):
         self.deadlines = Deadlines(setup.period_ns, clock, self.live.deadlines)
 
     def start(self) -> None:
-        self._wake = int(self.begin(self.accounts).descriptors[2])
+        self._wake = int(self.begin(self.accounts).descriptors[DRIVERS])
 
     def wait(self) -> None:
         self.deadlines.wait(lambda: int(waiting_since(self.live)))
@@ -243,10 +243,8 @@ class SteppedLoop(LiveLoop):
     def tick(self) -> None:
         clock, live, at = self.clock, self.live, self.deadlines.at
         account_tick(self.misses, at, self.accounts)
-        solved, status = bool(begin_tick(live)), 0
-        if solved:
-            solved, status = self._solve()
-        command_tick(live, clock.now(), solved, status)
+        solved = bool(begin_tick(live)) and self._solve()
+        command_tick(live, clock.now(), solved, int(self.at.status))
         wake_driver(live, self._wake, clock.now())
         done = clock.now()
         name_misses(self.misses, at, self.accounts)
