@@ -35,6 +35,8 @@ IN_TIME = 50_000_000
 PATIENCE = 180.0
 """Longest wait for something that comes soon on a quiet machine [s]."""
 STIFF = 0.2
+RATE = 250.0
+"""Ticks a second [Hz]."""
 
 
 def grasping_setup(port: int, record: Path | None, side: Hand = "right") -> LiveSetup:
@@ -61,7 +63,8 @@ def grasping_scene(port: int, side: Hand, *, free: bool = False, beside: LiveSce
     other = None if beside is None else grasping_hand(beside.scene.hands[0].model, tree, None)
     low = float(item.mesh.bounds[0, 2])
     freed = (lambda scene: scene.freed(mass=0.1, table=low - CLEARANCE)) if free else (lambda scene: scene)
-    return make_live_scene(bodies, hand, device, PoseConfig("fixed"), None, other=other, freed=freed)
+    pose = PoseConfig("fixed")
+    return make_live_scene(bodies, hand, device, pose, None, rate=RATE, other=other, freed=freed)
 
 
 def _held(own: LiveScene, scene: LiveScene, record: Path | None) -> LiveSetup:
@@ -74,7 +77,7 @@ def _held(own: LiveScene, scene: LiveScene, record: Path | None) -> LiveSetup:
         output=OutputLimits(stiffness=(0.5,) * 5, stiffness_rise=50.0, ramp=0.1),
         record=record,
         duration=600.0,
-        rate=250.0,
+        rate=RATE,
     )
 
 

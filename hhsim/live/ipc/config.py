@@ -122,6 +122,8 @@ class LiveSetup:
             raise InputError(f"the rate is {self.rate:g} Hz: expected {low:g} to {high:g} Hz")
         if self.duration is not None and not 0.0 < self.duration < math.inf:
             raise InputError(f"the duration is {self.duration:g} s: it must be positive and finite")
+        if self.scene is not None and self.scene.ticks.rate != self.rate:
+            raise InputError(f"a scene at {self.scene.ticks.rate:g} Hz in a loop at {self.rate:g} Hz")
         sides = tuple(each.hand.side for each in self.hands)
         if len(sides) > 1 and (sides != SIDES or self.scene is None or len(self.scene.hands) != len(sides)):
             raise InputError(f"gloves of the {' and the '.join(sides)} hand: expected right, left, and a scene of both")
