@@ -63,10 +63,9 @@ def _reasons(rows: SessionRows) -> Claim:
 def _other_hand(rows: SessionRows) -> BoolArray:
     """Return True for ticks whose word of a fault of the other hand is groundless, or missing in the tick after it."""
     stated = rows.safety & Safety.OTHER_HAND > 0
-    others = [hand for hand in rows.result.hands.values() if hand.name != rows.result.name]
-    if not others:
+    if rows.result.other is None:
         return stated
-    faulty = np.asarray(others[0]["live/tick/safety"], np.int64) & FREES_BOTH > 0
+    faulty = np.asarray(rows.result.other["live/tick/safety"], np.int64) & FREES_BOTH > 0
     before, known = np.append(False, faulty[:-1]), np.append(False, rows.closed[:-1])
     # What is found while a tick is solved frees the other hand in the next one.
     return np.asarray(known & (stated & ~(faulty | before) | ~stated & before))
