@@ -1,7 +1,7 @@
 """Argument OBJECT, a name of the catalogue, a mesh file, a URDF or an MJCF, and the options of a mesh file."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 from click.shell_completion import CompletionItem
@@ -11,7 +11,6 @@ from .options import UNITS, metres, ranged
 
 if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
-    from hhsim.scene.declared_bodies import DeclaredBodies
 
 
 def complete_object(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -42,13 +41,6 @@ class MeshFile(MeshSize):
     thickness: float | None = ranged(
         "thickness", "MM", "Make each open part of a mesh file a sheet this thick [mm], instead of closing it.", 1e-3
     )
-
-    def bodies(self, object_: str, motion: object, *, solid: bool, links: "dict[str, Any] | None") -> "DeclaredBodies":
-        """Load the bodies that OBJECT means, as `hhsim.scene.declared_bodies.load_object`."""
-        from hhsim.scene.declared_bodies import load_object
-
-        about: dict[str, Any] = {"unit": self.unit, "size": metres(self.size), "thickness": metres(self.thickness)}
-        return load_object(object_, motion, solid=solid, free=links, **about)
 
     def unit_length(self, object_: str) -> float:
         """Return the length [m] of the mesh's unit, for a file of its sphere tree."""

@@ -97,7 +97,7 @@ def await_tick(live: LiveArrays, descriptor: int) -> None:
 
 
 @jit
-def _begin(hands: Hands) -> bool:
+def begin_hands(hands: Hands) -> bool:
     """Take and judge the input of all hands; returns whether there is one to solve for of each."""
     loop, solved = hands[0].loop[0], True
     # The first hand last: its samples set the pace.
@@ -162,7 +162,7 @@ def run_loop(hands: Hands, files: SystemFiles, address: int, block: Any) -> int:
         await_tick(first, files.descriptors[2])
         look_for_stop(first)
         _account(first, files)
-        solved = _begin(hands)
+        solved = begin_hands(hands)
         if solved and address == 0:
             loop.asks = 1
             return ASKS_PYTHON
