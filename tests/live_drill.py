@@ -3,7 +3,7 @@
 import os
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,11 +18,12 @@ from hhsim.live.devices.registry import Hand, configure
 from hhsim.live.ipc.config import LiveSetup, OutputLimits
 from hhsim.live.ipc.status import Stage
 from hhsim.live.pose.registry import PoseConfig
-from hhsim.live.session.scene import make_live_scene
+from hhsim.live.session.scene import LiveScene, grasping_hand, make_live_scene
 from hhsim.live.session.supervisor import LOOP, WATCHDOG, Supervisor
 from hhsim.live.shared_memory import RingReader
 from hhsim.mesh.catalogue import load_object
 from hhsim.result.safety import Safety
+from hhsim.scene.body import CLEARANCE
 from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.options import SolverOptions
@@ -34,28 +35,49 @@ IN_TIME = 50_000_000
 PATIENCE = 180.0
 """Longest wait for something that comes soon on a quiet machine [s]."""
 STIFF = 0.2
+RATE = 250.0
+"""Ticks a second [Hz]."""
 
 
 def grasping_setup(port: int, record: Path | None, side: Hand = "right") -> LiveSetup:
     """Fingers that close on a cube at the place where they grasp it, and are stopped soon."""
+    scene = grasping_scene(port, side)
+    warm_up(scene.scene.hands[0].model, SolverOptions())
+    return _held(scene, scene, record)
+
+
+def two_grasping_setup(ports: Sequence[int], record: Path | None, *, free: bool = False) -> LiveSetup:
+    """The same of both hands at one cube, free or not."""
+    right = grasping_scene(ports[0], "right", free=free)
+    left = grasping_scene(ports[1], "left", free=free, beside=right)
+    both = right.both(left)
+    return replace(_held(right, both, record), beside=_held(left, both, record))
+
+
+def grasping_scene(port: int, side: Hand, *, free: bool = False, beside: LiveScene | None = None) -> LiveScene:
+    """The cube, and a glove of a hand where it grasps it."""
     item = load_object("cube")
     tree = cached_sphere_tree(item.mesh, TreeOptions(level=3))
-    hand = HandModel.default(side)
     device = configure("dexmo", port=port, hand=side)
-    scene = make_live_scene(DeclaredBodies.of_mesh(item.mesh, tree), hand, device, PoseConfig("fixed"), None)
-    options = SolverOptions()
-    warm_up(hand, options)
+    hand, bodies = HandModel.default(side), DeclaredBodies.of_mesh(item.mesh, tree)
+    other = None if beside is None else grasping_hand(beside.scene.hands[0].model, tree, None)
+    low = float(item.mesh.bounds[0, 2])
+    freed = (lambda scene: scene.freed(mass=0.1, table=low - CLEARANCE)) if free else (lambda scene: scene)
+    pose = PoseConfig("fixed")
+    return make_live_scene(bodies, hand, device, pose, None, rate=RATE, other=other, freed=freed)
+
+
+def _held(own: LiveScene, scene: LiveScene, record: Path | None) -> LiveSetup:
     return LiveSetup(
-        mesh=scene.mesh,
-        tree=scene.tree,
-        hand=hand,
-        options=options,
-        device=scene.device,
-        pose=scene.pose,
+        **scene.bodies,
+        hand=own.scene.hands[0].model,
+        options=SolverOptions(),
+        device=own.device,
+        pose=own.pose,
         output=OutputLimits(stiffness=(0.5,) * 5, stiffness_rise=50.0, ramp=0.1),
         record=record,
         duration=600.0,
-        rate=250.0,
+        rate=RATE,
     )
 
 

@@ -129,6 +129,7 @@ def pour(ring: SharedRing, records: Records) -> None:
 
 
 def ended(memory: SessionMemory, pid: int, reason: str = "duration") -> None:
-    memory.status["loop_pid"] = pid
-    memory.facts.write({**FACTS, "reason": reason})
-    memory.status["stage"] = Stage.ENDED
+    for hand in memory.hands:
+        hand.status["loop_pid"] = pid
+        hand.facts.write({**FACTS, "reason": reason})
+        hand.status["stage"] = Stage.ENDED

@@ -11,8 +11,8 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.kernels.live.accounts import account_waking, measure_miss, name_miss
 from hhsim.kernels.live.deadlines import NOTHING, due_time, next_deadline, woken
-from hhsim.kernels.live.loop import wake_driver
-from hhsim.kernels.live.tick import begin_tick, command_tick, look_for_stop, publish_tick, waiting_since
+from hhsim.kernels.live.loop import DRIVERS, begin_hands, wake_driver
+from hhsim.kernels.live.tick import command_tick, look_for_stop, publish_tick, waiting_since
 from hhsim.live.device import Capability, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
@@ -227,34 +227,37 @@ class SteppedLoop(LiveLoop):
     """The steps of `run_loop`, in Python and by a clock that is told the time."""
 
     def __init__(
-        self, setup: LiveSetup, memory: SessionMemory, info: GloveInfo, clock: FakeClock, accounts: CpuAccounts
+        self, setup: LiveSetup, memory: SessionMemory, clock: FakeClock, accounts: CpuAccounts, *infos: GloveInfo
     ) -> None:
-        super().__init__(setup, memory, info, now=clock.now)
+        super().__init__(setup, memory, *infos, now=clock.now)
         self.clock, self.accounts = clock, accounts
         self.deadlines = Deadlines(setup.period_ns, clock, self.live.deadlines)
 
     def start(self) -> None:
-        self._wake = int(self.begin(self.accounts).descriptors[2])
+        self._wake = self.begin(self.accounts).descriptors[DRIVERS:].tolist()
 
     def wait(self) -> None:
         self.deadlines.wait(lambda: int(waiting_since(self.live)))
         look_for_stop(self.live)
 
     def tick(self) -> None:
-        clock, live, at = self.clock, self.live, self.deadlines.at
+        clock, at = self.clock, self.deadlines.at
         account_tick(self.misses, at, self.accounts)
-        solved, status = bool(begin_tick(live)), 0
-        if solved:
-            solved, status = self._solve()
-        command_tick(live, clock.now(), solved, status)
-        wake_driver(live, self._wake, clock.now())
+        solved = bool(begin_hands(tuple(hand.live for hand in self.hands))) and self._solve()
+        for hand, wake in zip(self.hands, self._wake):
+            command_tick(hand.live, clock.now(), solved, int(hand.at.status))
+            wake_driver(hand.live, wake, clock.now())
         done = clock.now()
         name_misses(self.misses, at, self.accounts)
-        publish_tick(live, done, solved)
+        for hand in reversed(self.hands):
+            publish_tick(hand.live, done, solved)
 
 
 class InStep:
-    """A loop and its driver in one thread: the driver looks right before each tick, and right after it."""
+    """A loop and its driver in one thread: the driver looks right before each tick, and right after it.
+
+    `beside` is the left glove and the source of its palm's pose.
+    """
 
     def __init__(
         self,
@@ -265,23 +268,30 @@ class InStep:
         *,
         pose: PoseSource | None = None,
         accounts: FakeAccounts | None = None,
+        beside: tuple[GloveDevice, PoseSource] | None = None,
     ) -> None:
         self.glove, self.clock = glove, clock
-        source = pose or FixedPose(PoseConfig())
-        self.driver = GloveDriver(memory, glove, source, dry_run=setup.dry_run, now=clock.now)
-        self.loop = SteppedLoop(setup, memory, glove.info, clock, accounts or CpuAccounts())
+        worn = [(glove, pose or FixedPose(PoseConfig())), *([beside] if beside else [])]
+        self.drivers = [
+            GloveDriver(own, *of, dry_run=setup.dry_run, now=clock.now) for own, of in zip(memory.hands, worn)
+        ]
+        self.driver = self.drivers[0]
+        infos = (own.info for own, _ in worn)
+        self.loop = SteppedLoop(setup, memory, clock, accounts or CpuAccounts(), *infos)
 
     def run(self) -> str:
-        loop, driver = self.loop, self.driver
+        loop = self.loop
         try:
-            driver.take()
+            for driver in self.drivers:
+                driver.take()
             loop.start()
             while not loop.stopped:
                 self.step()
         finally:
             loop.end()
-            driver.close()
-            loop.story.tell()
+            for driver in self.drivers:
+                driver.close()
+            loop.tell()
         return loop.stopped
 
     def step(self) -> None:
@@ -291,11 +301,13 @@ class InStep:
             end = int(at.deadline_ns + at.period_ns + at.shift_ns)
             self.clock.alarms.append((end - moment.early_ns - moment.work_ns, self.driver.take))
         self.loop.wait()
-        if not moment.early_ns:
-            self.driver.take()
+        for driver in self.drivers:
+            if not moment.early_ns or driver is not self.driver:
+                driver.take()
         self.loop.tick()
-        self.driver.give()
-        self.loop.story.tell()
+        for driver in self.drivers:
+            driver.give()
+        self.loop.tell()
 
 
 QUICK = OutputLimits(ramp=0.01, stiffness_rise=1e4, bend_speed=1e3)

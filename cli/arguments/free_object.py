@@ -1,6 +1,6 @@
 """Options of a free object."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,10 +10,8 @@ from .option_group import OptionGroup, option
 from .options import ranged, within
 
 if TYPE_CHECKING:
-    from hhsim.mesh.mesh import Mesh
     from hhsim.scene.described_scene import FreeWords
     from hhsim.scene.motion_catalogue import Motion
-    from hhsim.solver.free_object import FreeObject
     from hhsim.solver.options import SolverOptions
 
 UNDER, NONE = "under", "none"
@@ -90,20 +88,3 @@ class FreeChoice(OptionGroup, heading="Free object"):
         for name in {"torsion", "table"} & set(given):
             given[name] = given[name] if given[name] in (UNDER, NONE) else 1e-3 * float(given[name])
         return FreeWords(**given)
-
-    def of_links(self, word: str) -> "dict[str, Any] | None":
-        """Return what --free says of a URDF or MJCF file, SI; None without it, or for another object."""
-        from hhsim.linkage.file import names_a_linkage
-
-        said = self.words()
-        return None if said is None or not names_a_linkage(word) else said.given()
-
-    def object(self, mesh: "Mesh", word: str) -> "FreeObject | None":
-        """Return the free object of a mesh [m] at its first place; None without --free, or of links."""
-        from hhsim.linkage.file import names_a_linkage
-        from hhsim.solver.free_object import FreeObject
-
-        said = self.words()
-        return (
-            None if said is None or names_a_linkage(word) else FreeObject.of_mesh(mesh, **said.properties(mesh, word))
-        )

@@ -1,29 +1,14 @@
 """Sphere tree of a replay: one of a level, the coarsest within an error, or that of a file."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
 
 import click
-
-from hhsim.system.progress import Progress
 
 from .length import read_length
 from .option_group import OptionGroup, option
 from .options import file
 
-if TYPE_CHECKING:
-    from hhsim.mesh.mesh import Mesh
-    from hhsim.scene.declared_bodies import DeclaredBodies
-    from hhsim.trees.sphere_tree import SphereTree
-
 AUTO = 0
-
-
-class ChosenTree(NamedTuple):
-    """A sphere tree, and notes on the choice."""
-
-    tree: "SphereTree"
-    notes: tuple[str, ...]
 
 
 def read_level(context: click.Context, parameter: click.Parameter, value: str | None) -> int | None:
@@ -58,28 +43,6 @@ class TreeChoice(OptionGroup, heading="Sphere tree"):
         if self.max_error is not None and self.level not in (None, AUTO):
             raise click.UsageError(f"--max-error chooses the level itself: leave --level {self.level} out")
         return self.level or None
-
-    def choose(self, mesh: "Mesh", usual_level: int, report: Progress, *, solid: bool = True) -> ChosenTree:
-        """Build the tree, or take it from the cache; without `solid` also of triangles that enclose nothing.
-
-        Raises UsageError as `stated`.
-        """
-        from hhsim.trees.triangle_tree import chosen_tree
-
-        return ChosenTree(*chosen_tree(mesh, self.stated() or usual_level, self.max_error, solid, report))
-
-    def grow(
-        self, bodies: "DeclaredBodies", report: Progress, *, solid: bool = True
-    ) -> "tuple[DeclaredBodies, tuple[str, ...]]":
-        """Return the bodies with their trees, and notes on the choice; arguments and errors are those of `choose`."""
-        notes: list[str] = []
-
-        def made(mesh: "Mesh") -> "SphereTree":
-            found = self.choose(mesh, bodies.level, report, solid=solid)
-            notes.extend(found.notes)
-            return found.tree
-
-        return bodies.with_trees(made), tuple(dict.fromkeys(notes))
 
 
 class TreeOrFile(TreeChoice):

@@ -17,7 +17,6 @@ from ..arguments.comma_list import number_list, one_or_five
 from ..arguments.free_object import FreeChoice
 from ..arguments.object_argument import MeshFile, complete_object
 from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
-from ..arguments.options import metres
 from ..arguments.rerun_target import RERUN, RERUN_METAVAR, read_target
 from ..arguments.solver_options import OWN_METHODS, SolverChoice
 from ..arguments.tree_choice import TreeChoice
@@ -33,8 +32,6 @@ if TYPE_CHECKING:
 
     Inputs = tuple[GloveConfig, PoseConfig, Motion | None]
 
-NOT_OF_TWO = "each of two gloves has a loop of its own, and what is free would go by both"
-"""Reason of a refusal."""
 USUAL_MOTION, USUAL_FREE_MOTION = "grasp", "lift"
 """Motions of a glove that plays one, beside a fixed object and a free one."""
 
@@ -155,8 +152,10 @@ class HandChoice(OptionGroup, heading="Hand"):
     def _motion(self, word: str, *, two: bool) -> "Motion":
         """Return the motion that a word means; for one of two gloves its hand's, where a file holds both."""
         from hhsim.scene.described_scene import motion_of_side
+        from hhsim.scene.script import Script
 
-        return motion_of_side(word, (self.side or "right") if two else "")
+        motion = motion_of_side(word, (self.side or "right") if two else "")
+        return motion.of_two() if two and isinstance(motion, Script) else motion
 
 
 class Feedback(OptionGroup, heading="Forces"):
@@ -277,7 +276,7 @@ def command(
     from hhsim.live.real_time import RealTimeWishes
     from hhsim.live.session.scene import grasping_hand, make_live_scene
     from hhsim.result.reader import check_result_path
-    from hhsim.scene.declared_bodies import load_object
+    from hhsim.scene.described_scene import SceneWords, load_words
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.solver.free_object import require_free
     from hhsim.solver.hand_solver import warm_up
@@ -289,46 +288,46 @@ def command(
     usual = USUAL_FREE_MOTION if free.free else USUAL_MOTION
     worn = hand.of_both(glove, session.seed, usual)
     two = len(worn) > 1
-    if two and free.free:
-        raise click.UsageError(f"--free is of one glove: {NOT_OF_TWO}")
     if two and session.rerun is not None:
         raise click.UsageError("--rerun shows one hand: leave it out with two gloves, and see hhsim view")
-    for own, (_, _, motion) in worn:
+    motions = [motion for _, (_, _, motion) in worn]
+    for (own, _), motion in zip(worn, motions):
         print_notes(import_remarks(motion, own.trajectory or ""))
     options = SolverOptions(period=1.0 / session.rate, **solver.given())
-    for _, (_, _, motion) in worn:
+    for motion in motions:
         free.require(options, motion)
     models = [
         HandModel.default(device.hand) if own.hand_file is None else HandModel.from_toml(own.hand_file, device.hand)
         for own, (device, _, _) in worn
     ]
-    solid = solver.surface != "mesh"
-    links = free.of_links(object_)
-    lengths = {name: metres(getattr(mesh_file, name)) for name in ("size", "thickness")}
-    bodies = load_object(object_, worn[0][1][2], solid=solid, free=links, unit=mesh_file.unit, **lengths)
-    mesh = bodies.mesh
-    if len(bodies.solid) > 1 and free.free and links is None:
-        raise click.UsageError(f"--free is for one object: '{object_}' says itself which bodies are free")
+    words = SceneWords(
+        object=object_,
+        trajectory=hand.trajectory or usual,
+        unit=mesh_file.unit,
+        size_mm=mesh_file.size,
+        thickness_mm=mesh_file.thickness,
+        level=tree.stated(),
+        max_error=tree.max_error,
+        free=free.words(),
+    )
+    loaded = load_words(words, solid=solver.surface != "mesh", motions=[one for one in motions if one is not None])
+    bodies, mesh = loaded.bodies, loaded.bodies.mesh
     if any(body.is_free for body in bodies.settings):
         require_free(options)
-        if two:
-            raise click.UsageError(f"'{object_}' has free bodies, which are of one glove: {NOT_OF_TWO}")
-    # An error of the mesh comes before its tree is built.
-    free.object(mesh, object_)
     kinds = "-".join(device.kind for _, (device, _, _) in worn)
     record = None
     if not session.no_record:
         record = session.record or dated_output_path(f"{mesh.name}-live-{kinds}")
         check_result_path(record)
     print_notes(mesh.warnings, prefix="warning")
-    scenes = []
     with progress(quiet=session.quiet) as report:
-        bodies, notes = tree.grow(bodies, report, solid=solid)
-        other = grasping_hand(models[0], bodies.tree, worn[0][1][2]) if two else None
+        bodies, notes = loaded.grown(report)
+        other = grasping_hand(models[0], bodies.tree, motions[0]) if two else None
+        scenes = []
         for i, (own, (device, palm, motion)) in enumerate(worn):
-            placed, beside = own.palm is not None, other if i else None
-            about, rate = (bodies, models[i], device, palm, motion), session.rate
-            scenes.append(make_live_scene(*about, rate=rate, placed=placed, seed=session.seed, other=beside))
+            about: dict[str, Any] = {"placed": own.palm is not None, "other": other if i else None}
+            about |= {"rate": session.rate, "seed": session.seed, "freed": loaded.freed}
+            scenes.append(make_live_scene(bodies, models[i], device, palm, motion, **about))
     print_notes(notes)
     duration = session.duration
     for scene in scenes:
@@ -336,16 +335,17 @@ def command(
             duration = max(duration or 0.0, scene.device.playback.duration)
         # An error of the settings comes before any process is started.
         open_device(scene.device)
-    setups = [
-        LiveSetup(
-            mesh=scene.mesh,
-            tree=scene.tree,
+    given = scenes[0].both(scenes[1]) if two else scenes[0]
+    setup = None
+    # The left hand's first, which stands in that of the right one.
+    for (own, (_, _, motion)), model, scene in reversed(list(zip(worn, models, scenes))):
+        setup = LiveSetup(
+            **given.bodies,
+            beside=setup,
             hand=model,
             options=options,
             device=scene.device,
             pose=scene.pose,
-            free=scene.free or free.object(scene.mesh, object_),
-            bodies=scene.bodies,
             rate=session.rate,
             output=OutputLimits() if feedback.stiffness is None else OutputLimits(stiffness=feedback.stiffness),
             safety=SafetyLimits(stale=1e-3 * feedback.stale, after_stall=feedback.after_stall),
@@ -366,22 +366,20 @@ def command(
                 "seed": session.seed,
             },
         )
-        for (own, (_, _, motion)), model, scene in zip(worn, models, scenes)
-    ]
-    for setup in setups:
-        if setup.bodies is None:
-            warm_up(setup.hand, setup.options, setup.free)
-    warning = quick_warning(session.rate, setups[0].real_time)
+    assert setup is not None
+    if setup.scene is None:
+        warm_up(setup.hand, setup.options, setup.free)
+    warning = quick_warning(session.rate, setup.real_time)
     print_notes([warning] if warning else [], prefix="warning")
     heading = f"{mesh.name}, {solver.method}, {' and '.join(device.kind for _, (device, _, _) in worn)}"
-    outcomes, error = run_session(setups, heading, quiet=session.quiet)
+    outcome, error = run_session(setup, heading, quiet=session.quiet)
     if session.as_json:
-        print_json(session_json(outcomes, error, record))
+        print_json(session_json(outcome, error))
     elif not session.quiet:
-        for setup, outcome in zip(setups, outcomes):
-            if outcome.ticks:
-                whose = f"{setup.hand.side} hand, " if two else ""
-                print_summary(outcome, f"{whose}{heading}: {outcome.seconds:,.1f} s, {outcome.reason}")
+        for of_hand in outcome.hands:
+            if of_hand.ticks:
+                whose = f"{of_hand.side} hand, " if two else ""
+                print_summary(of_hand, f"{whose}{heading}: {of_hand.seconds:,.1f} s, {of_hand.reason}")
     if error:
         print(f"hhsim: error: {error}", file=sys.stderr)
-    return 2 if error else int(any(outcome.fault_at_end for outcome in outcomes))
+    return 2 if error else int(bool(outcome.fault_at_end))

@@ -204,17 +204,15 @@ def _keys(descriptor: int) -> str | None:
     return re.sub(r"\x1b[\[O][^@-~]*[@-~]?", "", found.decode("utf-8", "replace"))
 
 
-def run_session(setups: "Sequence[LiveSetup]", heading: str, *, quiet: bool) -> "tuple[list[SessionOutcome], str]":
-    """Run a session to its end; return the outcome of each hand, and the error in a line, or "".
+def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[SessionOutcome, str]":
+    """Run a session to its end; return its outcome, and the error in a line, or "".
 
     `heading` is the title of the display, which is warnings and faults alone where `quiet` is set.
     """
     from hhsim.errors import HhsimError
     from hhsim.live.pose.keyboard import HELP, PalmKeys, write_keyboard_pose
     from hhsim.live.session.supervisor import Supervisor, stop_signals
-    from hhsim.live.session.two_gloves import TwoGloves
 
-    setup = setups[0]
     by_keys = setup.pose.kind == "keyboard"
     palm = PalmKeys(setup.pose.position, setup.pose.orientation)
     status = LiveStatus(heading, HELP if by_keys else (HELP[-1],), quiet=quiet)
@@ -222,9 +220,9 @@ def run_session(setups: "Sequence[LiveSetup]", heading: str, *, quiet: bool) -> 
         stop_signals() as stop_signal,
         terminal_keys() as read_keys,
         status.shown(),
-        Supervisor(setup, status.say) if len(setups) == 1 else TwoGloves(setups, status.say) as session,
+        Supervisor(setup, status.say) as session,
     ):
-        hands = session.hands if isinstance(session, TwoGloves) else (session,)
+        memory = session.memory
         before = time.monotonic()
         stopping = False
         where = str(setup.record or "")
@@ -238,13 +236,13 @@ def run_session(setups: "Sequence[LiveSetup]", heading: str, *, quiet: bool) -> 
                 stopping = True
                 session.request_stop(reason)
             if by_keys and palm.advance(now - before):
-                write_keyboard_pose(hands[0].memory.status_block, palm.position, palm.orientation)
+                write_keyboard_pose(memory.status_block, palm.position, palm.orientation)
             before = now
-            status.update([(hand.memory.status, hand.tally) for hand in hands], where, palm if by_keys else None)
-        ended = session.end()
-        outcomes = list(ended) if isinstance(ended, tuple) else [ended]
+            hands = [(hand.status, tally) for hand, tally in zip(memory.hands, session.tallies)]
+            status.update(hands, where, palm if by_keys else None)
+        outcome = session.end()
     try:
         session.check()
     except HhsimError as error:
-        return outcomes, str(error)
-    return outcomes, ""
+        return outcome, str(error)
+    return outcome, ""

@@ -1,15 +1,12 @@
 """Summary that a live session prints at its end."""
 
 import math
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hhsim.table.table import Table, shown
 
-from ..arguments.options import HANDS
 from ..console import print_line, print_table
 
 if TYPE_CHECKING:
@@ -130,12 +127,12 @@ def _off_the_mesh(result: "Result") -> float:
     return float(np.fmax.reduce(run.touched.contact_error(placed, np.ones(chosen.size, bool)), initial=math.nan))
 
 
-def session_json(outcomes: "Sequence[SessionOutcome]", error: str, record: Path | None) -> dict[str, Any]:
+def session_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
     """Return `summary_json` of one hand, or of both by their names."""
-    if len(outcomes) == 1:
-        return summary_json(outcomes[0], error)
-    hands = {side: summary_json(outcome, "") for side, outcome in zip(HANDS, outcomes)}
-    return {"session": None if record is None else str(record), "error": error or None, "hands": hands}
+    if outcome.beside is None:
+        return summary_json(outcome, error)
+    hands = {of_hand.side: summary_json(of_hand, "") for of_hand in outcome.hands}
+    return {"session": str(outcome.record) if outcome.record else None, "error": error or None, "hands": hands}
 
 
 def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:

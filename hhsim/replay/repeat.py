@@ -179,15 +179,7 @@ def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
         require_whole(hand)
         if hand.ticks == 0:
             raise InputError(f"{hand.label} holds no ticks: there is nothing to run again")
-    if not result.own_time:
-        return _run(shown, list(result.hands.values()), progress or silent)
-    # Hands of two loops have ticks of their own.
-    runs = [_run([hand], [hand], progress or silent) for hand in shown]
-    arrays = tuple(array for run in runs for array in run.arrays)
-    notes = tuple(dict.fromkeys(note for run in runs for note in run.notes))
-    ticks, stored = (sum(getattr(run, name) for run in runs) for name in ("ticks", "ticks_stored"))
-    elsewhere = any(run.made_elsewhere for run in runs)
-    return RunAgain(result.path, result.complete, ticks, stored, arrays, notes, elsewhere)
+    return _run(shown, list(result.hands.values()), progress or silent)
 
 
 def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> RunAgain:
@@ -210,8 +202,8 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> 
     with SceneSolver(scene, stored_options(result)) as solver, interruptible_between() as check_interrupt:
         rows = [HandRows(solver, hand, list(result.bodies)) for hand in range(len(hands))]
         every = zip(result.blocks([array.name for array in of_bodies]), *(one.blocks(names) for one in hands))
-        # A session beside several bodies had each tick solved by itself.
-        single = result.live is not None and bool(solver.seen.others)
+        # A session of two hands, or beside several bodies, had each tick solved by itself.
+        single = result.live is not None and (bool(solver.seen.others) or len(hands) > 1)
         for first, blocks in zip(
             range(0, total, 1 if single else CHUNK_TICKS), _tick_by_tick(every) if single else every
         ):

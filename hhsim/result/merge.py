@@ -10,19 +10,18 @@ import numpy as np
 
 from hhsim.arrays import AnyArray
 from hhsim.errors import InputError
-from hhsim.result.schema import BETWEEN_COLUMNS, BODIES, HANDS, SUMMARY, TICK, TIME
+from hhsim.result.schema import BETWEEN_COLUMNS, BODIES, HANDS, SUMMARY, TICK
 from hhsim.result.writer import describe_dataset, output_errors, split_scenes
 from hhsim.system.atomic_write import partial_file
 from hhsim.system.checksummed_file import seal_file
 from hhsim.system.hdf5_input import open_hdf5
 
 
-def merge_hands(parts: Sequence[Path], path: Path, between: Mapping[str, AnyArray] | None = None) -> Path:
-    """Merge the complete results of the right and the left hand in one file, and delete them.
+def merge_hands(parts: Sequence[Path], path: Path, between: Mapping[str, AnyArray]) -> Path:
+    """Merge the complete results of the right and the left hand in the same ticks in one file, and delete them.
 
-    `between` has the arrays of `BETWEEN_COLUMNS` by name, of hands that are in the same ticks; else each hand has a
-    time of its own. Raises InputError for results of two objects, OutputError where the file cannot be written; the
-    parts stay.
+    `between` has the arrays of `BETWEEN_COLUMNS` by name. Raises InputError for results of two objects, OutputError
+    where the file cannot be written; the parts stay.
     """
     with output_errors(path):
         with partial_file(path) as partial:
@@ -37,12 +36,8 @@ def merge_hands(parts: Sequence[Path], path: Path, between: Mapping[str, AnyArra
                     if of is other:
                         of.copy(f"{HANDS}/{name}", file[HANDS])
                         of.copy(f"{SUMMARY}/{name}", file[SUMMARY])
-                    if between is None:
-                        of.copy(f"{TICK}/{TIME.name}", file[f"{HANDS}/{name}/{TICK}"])
-                if between is None:
-                    del file[TICK]
-                for column in BETWEEN_COLUMNS if between is not None else ():
-                    values = np.asarray((between or {})[column.name], column.dtype)
+                for column in BETWEEN_COLUMNS:
+                    values = np.asarray(between[column.name], column.dtype)
                     describe_dataset(file.create_dataset(f"{TICK}/{column.name}", data=values), column)
                 common, own = split_scenes({name: _scene(of, name) for name, of in hands.items()})
                 file.attrs["scene"] = json.dumps(common, sort_keys=True)

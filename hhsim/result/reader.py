@@ -225,18 +225,12 @@ class Result:
         """Path in the file of a dataset by its name."""
         if name.startswith((f"{schema.BODIES}/", f"{schema.CONTACT}/", f"{schema.TICK}/")):
             return name
-        if name.startswith(f"{schema.BETWEEN}/") or (name == schema.TIME.name and not self.own_time):
+        if name.startswith(f"{schema.BETWEEN}/") or name == schema.TIME.name:
             return f"{schema.TICK}/{name}"
         if not self.name:
             raise InputError(f"{self.path} holds two hands: {name} is that of .hands['right'] or .hands['left']")
         group = f"{schema.HANDS}/{self.name}"
         return f"{group}/{name}" if name.startswith(f"{schema.LIVE}/") else f"{group}/{schema.TICK}/{name}"
-
-    @cached_property
-    def own_time(self) -> bool:
-        """True where hands of two loops have ticks of their own."""
-        with _opened(self.path) as file:
-            return schema.TICK not in file
 
     def __getitem__(self, name: str) -> AnyArray:
         if name not in self._loaded:
@@ -360,16 +354,15 @@ def load_result(path: str | Path) -> Result:
         names = [side for side in SIDES if side in file[schema.HANDS]]
         if not names:
             raise DamagedFileError("damaged: it has no hand")
-        columns, lengths = _checked_tables(file, names, path)
+        columns, ticks = _checked_tables(file, names, path)
         attributes, summary = file.attrs, file[schema.SUMMARY]
         dirty, common = attributes["git_dirty"], _mapping(attributes["scene"])
-        ticks = lengths if lengths[""] < 0 else dict.fromkeys(lengths, min(lengths.values()))
         if attributes["complete"]:
             _require_equal_rows(file, path)
         whole = Result(
             path=path,
             complete=bool(attributes["complete"]),
-            ticks=min(ticks[name] for name in names),
+            ticks=ticks,
             schema_version=int(attributes["schema_version"]),
             hhsim_version=str(attributes["hhsim_version"]),
             created_utc=str(attributes["created_utc"]),
@@ -395,9 +388,8 @@ def load_result(path: str | Path) -> Result:
             hands[name] = replace(
                 whole,
                 name=name,
-                ticks=ticks[name],
                 scene=_Stated({**common, **_mapping(group.attrs["scene"])}, path),
-                phases=tuple(phase for phase in phases if phase.first_tick < ticks[name]),
+                phases=tuple(phase for phase in phases if phase.first_tick < ticks),
                 summary={**whole.summary, **_attributes(summary[name])},
                 static={f"hand/{column}": array for column, array in static.items()},
                 live=_Stated(_attributes(group[schema.LIVE]), path) if schema.LIVE in group else None,
@@ -449,29 +441,22 @@ def _moving_frame(file: h5py.File) -> str:
     return f"{group}/{schema.TICK}" if moves else ""
 
 
-def _checked_tables(
-    file: h5py.File, names: Sequence[str], path: Path
-) -> tuple[dict[str, tuple[str, ...]], dict[str, int]]:
-    """Check all datasets; return the columns of each body's ticks, and rows of each hand's ticks, of all as "".
-
-    The rows of all are -1 where each hand has ticks of its own.
-    """
-    lengths: dict[str, int] = {}
-    shared = [file[schema.TICK][schema.TIME.name]] if schema.TICK in file else []
+def _checked_tables(file: h5py.File, names: Sequence[str], path: Path) -> tuple[dict[str, tuple[str, ...]], int]:
+    """Check all datasets; return the columns of each body's ticks, and the number of ticks that all have."""
+    shared: list[h5py.Dataset] = []
     for name in names:
-        group, own = file[schema.HANDS][name], schema.hand_columns() if shared else schema.TICK_COLUMNS
-        for column in own:
+        group = file[schema.HANDS][name]
+        for column in schema.hand_columns():
             _check_dataset(group.get(schema.TICK, {}), column, (-1, *column.shape), path)
+            shared.append(group[schema.TICK][column.name])
         for column in schema.HAND_STATIC:
             _check_dataset(group, column, column.shape, path)
         _check_together(group, _TOGETHER, path)
-        rows = [len(group[schema.TICK][column.name]) for column in own]
         if schema.LIVE_TICK in group:
-            rows += [len(group[schema.LIVE_TICK][column.name]) for column in schema.LIVE_TICK_COLUMNS]
-        lengths[name] = min(rows)
+            shared += [group[schema.LIVE_TICK][column.name] for column in schema.LIVE_TICK_COLUMNS]
     columns: dict[str, tuple[str, ...]] = {}
-    for column in (schema.TIME, *_of_frame(file)) if shared else ():
-        _check_dataset(file[schema.TICK], column, (-1, *column.shape), path)
+    for column in (schema.TIME, *_of_frame(file)):
+        _check_dataset(file.get(schema.TICK, {}), column, (-1, *column.shape), path)
         shared.append(file[schema.TICK][column.name])
     known = {column.name: column for column in schema.BODY_COLUMNS}
     for name in _body_names(file):
@@ -486,8 +471,7 @@ def _checked_tables(
             shared.append(needed[column.name])
     for column in schema.CONTACT_COLUMNS if schema.CONTACT in file else ():
         _check_dataset(file[schema.CONTACT], column, (-1, *column.shape), path)
-    lengths[""] = min(map(len, shared), default=-1)
-    return columns, lengths
+    return columns, min(map(len, shared))
 
 
 def _of_frame(file: h5py.File) -> list[schema.Column]:
@@ -612,8 +596,7 @@ def _require_equal_rows(file: h5py.File, path: Path) -> None:
         group = name.rpartition("/")[0]
         within = group.split("/")
         if schema.TICK in within:
-            # Hands of two loops have ticks of their own.
-            table = schema.TICK if schema.TICK in file else "/".join(within[:2])
+            table = schema.TICK
         elif schema.LIVE in within or group == schema.CONTACT:
             table = group
         else:

@@ -19,17 +19,6 @@ class Safety(IntFlag):
     OTHER_HAND = 512
 
 
-FREES_BOTH = (
-    Safety.STALE_INPUT
-    | Safety.NOT_FINITE
-    | Safety.SOLVER_FAILED
-    | Safety.OVERRUN_STREAK
-    | Safety.DEVICE_LOST
-    | Safety.NO_WATCHDOG
-)
-"""Faults of one hand that free the user's other one, too."""
-
-
 def free_counts(count: Callable[[Safety], int]) -> dict[str, int]:
     """Return the number of ticks kept free by the name of each reason; the other hand's if there was any."""
     counts = {why: count(why) for why in Safety}

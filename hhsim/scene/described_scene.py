@@ -161,13 +161,16 @@ class LoadedWords:
 
     def placed(self, fingers: Sequence[str] = FINGERS, report: Progress = silent) -> PlacedScene:
         """Grow the trees and make the scene, for hands that use some fingers; errors as `load_scene`."""
-        words = self.words
         bodies, notes = self.grown(report)
-        placed = described_scene(words, bodies, self.hands, self.motions, fingers)
-        scene = placed.scene
-        if words.free is not None and not names_a_linkage(words.object):
-            scene = scene.freed(**words.free.properties(scene.solids[0].placed_mesh, words.object))
-        return replace(placed, scene=scene, notes=notes)
+        placed = described_scene(self.words, bodies, self.hands, self.motions, fingers)
+        return replace(placed, scene=self.freed(placed.scene), notes=notes)
+
+    def freed(self, scene: Scene) -> Scene:
+        """Return a scene with its body free if the words say so; those of a URDF or MJCF are so already."""
+        free, word = self.words.free, self.words.object
+        if free is None or names_a_linkage(word):
+            return scene
+        return scene.freed(**free.properties(scene.solids[0].placed_mesh, word))
 
     def _unit_length(self) -> float:
         """Return the length [m] of the mesh's unit, for a file of its sphere tree."""
@@ -191,13 +194,13 @@ def load_scene(
     return load_words(words, solid=solid).placed(fingers, report)
 
 
-def load_words(words: SceneWords, *, solid: bool = True) -> LoadedWords:
-    """Load the motions and the bodies that words name; errors as `load_scene`."""
-    motions = _motions(words)
+def load_words(words: SceneWords, *, solid: bool = True, motions: Sequence[Motion] | None = None) -> LoadedWords:
+    """Load the motions, unless they are given, and the bodies that words name; errors as `load_scene`."""
+    motions = _motions(words) if motions is None else tuple(motions)
     size, thickness = (None if given is None else 1e-3 * given for given in (words.size_mm, words.thickness_mm))
     links = None if words.free is None or not names_a_linkage(words.object) else words.free.given()
     about: dict[str, Any] = {"unit": words.unit, "size": size, "thickness": thickness, "free": links}
-    bodies = load_object(words.object, motions[0], solid=solid, **about)
+    bodies = load_object(words.object, next(iter(motions), None), solid=solid, **about)
     if len(bodies.solid) > 1 and ((words.free is not None and links is None) or words.tree is not None):
         raise InputError(f"--free, --tree and --rerun are for one object, not for '{words.object}'")
     if words.free is not None and links is None:

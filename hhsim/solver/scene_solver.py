@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts, placed_mesh
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
@@ -32,6 +32,8 @@ from hhsim.trees.sphere_tree import SphereTree
 if TYPE_CHECKING:
     from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
 
+FAR = 100.0
+"""Place of hands that are to touch nothing [m]."""
 STRAY = 1e-9
 """Distance [m], or change of a quaternion, by which a body that goes along with a frame strays from it by rounding."""
 
@@ -218,6 +220,14 @@ class SceneSolver:
         """Run ticks with these hands, in the engine's frame."""
         return self._world.run(*haptic)
 
+    def begin(self, haptic: Sequence[HapticBlock]) -> list[int]:
+        """Place the hands for their first tick, see `WorldSolver.begin`."""
+        return self._world.begin(haptic)
+
+    def compiled_tick(self, haptic: Sequence[HapticBlock], record: Sequence[TickRecord]) -> tuple[int, tuple[Any, ...]]:
+        """Return machine code of a tick and its arguments, or 0 where Python takes part, see `WorldSolver`."""
+        return self._world.compiled_tick(haptic, record)
+
     def object_ticks(self, hand: int = 0) -> "ObjectRecord":
         """Record of the first free body in the last ticks as that of a hand, see `FreeEngine.seen_by`."""
         return self._world.object_ticks(hand)
@@ -226,3 +236,12 @@ class SceneSolver:
     def all_ticks(self) -> "ThingsRecord | None":
         """Record of all bodies beside a free one in the last ticks; None where there are none."""
         return self._world.all_ticks
+
+
+def warm_up_hands(scene: Scene, options: SolverOptions) -> None:
+    """Run a tick of a scene of two hands, both far from everything, with every kernel of a tick of both."""
+    far = HandConfiguration(
+        np.full((1, 3), FAR), np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 5, 3)), np.zeros((1, 5))
+    )
+    with SceneSolver(scene, options) as solver:
+        solver.run_given([far, far._replace(position=-far.position)])

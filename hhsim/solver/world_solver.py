@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, cast
 
 import numpy as np
 
@@ -10,9 +10,10 @@ from hhsim.arrays import AnyArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.contact.hand_pairs import hands_nearest
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
-from hhsim.kernels.jit import as_argument
+from hhsim.kernels.jit import JIT_ENABLED, as_argument
 from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.reproducible import norm
 from hhsim.solver.free_object import FreeObject, Thing
@@ -77,8 +78,7 @@ class WorldSolver:
         blocks = tuple(HapticBlock(*(as_argument(values) for values in given)) for given in haptic)
         begun = [0] * len(blocks)
         if not self._started and len(blocks[0].position):
-            self._started = True
-            begun = self._begin(blocks)
+            begun = self.begin(blocks)
         records = self._run(blocks, haptic)
         for record, start in zip(records, begun):
             record.status[:1] |= start
@@ -100,7 +100,8 @@ class WorldSolver:
 
     def _run(self, blocks: tuple[HapticBlock, ...], haptic: Sequence[HandConfiguration]) -> tuple[TickRecord, ...]:
         two = self._two
-        if two is None or not (self._has_free or two.world.is_near):
+        # Hands whose ticks come one by one take turns in one call, which is quicker than two threads.
+        if two is None or not (self._has_free or two.world.is_near or len(blocks[0].position) == 1):
             kept = [_Kept.of(space) for space in self._spaces] if two is not None else []
             if len(self.hands) == 1:
                 return (self.hands[0].run(*haptic[0]),)
@@ -117,11 +118,7 @@ class WorldSolver:
         else:
             from hhsim.kernels.free.side_by_side import run_hands_apart
 
-            engines = [hand.engine for hand in self.hands]
-            alone = tuple(engine.tick_method for engine in engines if isinstance(engine, LinearisingEngine))
-            qps = tuple(space.qp for space in self._spaces)
-            both = (blocks[0], blocks[1]), (records[0], records[1])
-            done = run_hands_apart(alone, two.method, qps, *both, self._parts_move, two.qp)
+            done = run_hands_apart(*self._of_both(two, blocks, records))
         if done and any(record.status[done - 1] & STATUS_CAPACITY_EXCEEDED for record in records):
             raise two.workspace.full()
         return records
@@ -141,11 +138,35 @@ class WorldSolver:
             copy_configuration(pose, space.states[0].pose)
         return bool(find_meeting(two.method, (records[0], records[1])) < len(records[0].position))
 
-    def _begin(self, haptic: Sequence[HapticBlock]) -> list[int]:
-        """Place both hands, apart where they begin in each other; return the status bits of each first tick."""
+    def _of_both(
+        self, two: "FreeEngine", haptic: Sequence[HapticBlock], record: Sequence[TickRecord]
+    ) -> tuple[Any, ...]:
+        """Return the arguments of `run_hands_apart`."""
+        engines = [hand.engine for hand in self.hands]
+        alone = tuple(engine.tick_method for engine in engines if isinstance(engine, LinearisingEngine))
+        qps = tuple(space.qp for space in self._spaces)
+        return alone, two.method, qps, tuple(haptic), tuple(record), self._parts_move, two.qp
+
+    def compiled_tick(self, haptic: Sequence[HapticBlock], record: Sequence[TickRecord]) -> tuple[int, tuple[Any, ...]]:
+        """Return the address of a begun tick's machine code, and its arguments, see `HandSolver.compiled_tick`."""
         two = self._two
-        assert two is not None
+        if two is None or self._has_free or not JIT_ENABLED:
+            space = self._spaces[0]
+            return 0, space.block(Coupled(space.tick_options), haptic[0], record[0])
+        from hhsim.kernels.free.side_by_side import run_hands_apart
+
+        block, compiled = self._of_both(two, haptic, record), cast(Any, run_hands_apart)
+        return compiled.address(*block), block
+
+    def begin(self, haptic: Sequence[HapticBlock]) -> list[int]:
+        """Place both hands, apart where they begin in each other; return the status bits of each first tick.
+
+        The first tick does it if nobody has, and must be given the same input.
+        """
+        self._started, two = True, self._two
         begun = [hand.begin(given) for hand, given in zip(self.hands, haptic)]
+        if two is None:
+            return begun
         parted = _part(self._spaces, two.world.meeting)
         if parted:
             begun = [start | STATUS_START_INSIDE for start in begun]

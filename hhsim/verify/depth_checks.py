@@ -174,10 +174,10 @@ def hands_apart_claims(judge: JudgedTicks) -> list[Claim]:
 
 
 def _between(judge: JudgedTicks) -> list[Claim]:
-    """Judge how far two hands are from each other at every tick; none where they have no ticks in common."""
+    """Judge how far two hands are from each other at every tick."""
     result = judge.result.hands[judge.result.name]
     ticks = judge.numbers
-    if result.other is None or BETWEEN_COLUMNS[0].name not in result:
+    if result.other is None:
         return []
     hands = result, result.other
     off = np.zeros(len(ticks))

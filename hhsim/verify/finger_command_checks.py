@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.kernels.live.interlock import FREES_BOTH
 from hhsim.result.safety import Safety
 from hhsim.verify.claim import Claim, all_true, judged
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, HANDED_OVER, INPUT_INVALID, QUIET, SessionRows
@@ -51,11 +52,23 @@ def _reasons(rows: SessionRows) -> Claim:
         groundless = stated & ~(bad & (came < rows.over)) & (status & INPUT_INVALID == 0)
         wrong["not finite"] |= clear & (missing | groundless)
     if rows.dry_run or not safety["watchdog"]:
-        wrong["no watchdog"] = bits & (Safety.NO_WATCHDOG | Safety.OTHER_HAND) > 0
+        wrong["no watchdog"] = bits & Safety.NO_WATCHDOG > 0
+    wrong["other hand"] = _other_hand(rows)
     found = [f"{name} at {int(ticks.argmax()):,}" for name, ticks in wrong.items() if ticks.any()]
     says = "the reasons for free fingers are those that the stamps, the samples and the status show"
     any_ = np.any(list(wrong.values()), axis=0)
     return all_true("reasons", says, any_, ticks=rows.numbers, note=f"wrong: {', '.join(found)}" if found else "")
+
+
+def _other_hand(rows: SessionRows) -> BoolArray:
+    """Return True for ticks whose word of a fault of the other hand is groundless, or missing in the tick after it."""
+    stated = rows.safety & Safety.OTHER_HAND > 0
+    if rows.result.other is None:
+        return stated
+    faulty = np.asarray(rows.result.other["live/tick/safety"], np.int64) & FREES_BOTH > 0
+    before, known = np.append(False, faulty[:-1]), np.append(False, rows.closed[:-1])
+    # What is found while a tick is solved frees the other hand in the next one.
+    return np.asarray(known & (stated & ~(faulty | before) | ~stated & before))
 
 
 def _release_at(rows: SessionRows) -> int:

@@ -367,7 +367,7 @@ def test_a_session_whose_recorder_lost_ticks_and_samples_is_judged_by_what_is_le
     samples = RingReader(scripted.memory.samples).read(10**6)[1]
     options = loop_options(scripted.setup.options, scripted.setup.rate)
     with SessionWriter(tmp_path / "gap.h5", scripted.setup, options, FACTS) as writer:
-        writer.lost = {"ticks": 11, "samples": 7, "events": 0}
+        writer.hands[0].lost = {"ticks": 11, "samples": 7, "events": 0}
         for first, last in ((0, 120), (131, len(ticks))):
             writer.take("ticks", first, ticks[first:last])
         for first, last in ((0, 125), (132, len(samples))):

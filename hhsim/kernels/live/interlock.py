@@ -15,8 +15,8 @@ DRY_RUN = 128
 NO_INPUT_YET = 256
 OTHER_HAND = 512
 """Bits of `hhsim.result.safety.Safety`, whose test compares them."""
-HELD_BACK = 2
-"""`hhsim.live.ipc.status.HELD_BACK`."""
+FREES_BOTH = STALE_INPUT | NOT_FINITE | SOLVER_FAILED | OVERRUN_STREAK | DEVICE_LOST | NO_WATCHDOG
+"""Faults of one hand that free the user's other one, too."""
 
 INTERLOCK = np.dtype(
     [
@@ -43,7 +43,7 @@ def judge(
     usable: bool,
     missed: int,
     watchdog_ns: int,
-    armed: int,
+    armed: bool,
     lost: bool,
     stopping: bool,
 ) -> int:
@@ -51,8 +51,7 @@ def judge(
 
     Sample and pose in use came at `sample_ns` and `pose_ns`, -1 before the first; the newest sample may be unusable.
     `missed` counts the periods right before this tick, and one more if it began late, without a sleep. The watchdog's
-    last sign of life is 0 before the first; `armed` is not 0 if it can reach the glove, and HELD_BACK for a fault of
-    the user's other hand. The glove may be `lost`.
+    last sign of life is 0 before the first; it may be `armed`, that is, reach the glove, which may be `lost`.
     """
     bits = interlock.always
     if sample_ns < 0 or pose_ns < 0:
@@ -69,9 +68,6 @@ def judge(
         bits |= DEVICE_LOST
     if stopping:
         bits |= STOPPING
-    if interlock.watched == 1:
-        if armed == 0 or now - watchdog_ns > interlock.watchdog_ns:
-            bits |= NO_WATCHDOG
-        elif armed == HELD_BACK:
-            bits |= OTHER_HAND
+    if interlock.watched == 1 and (not armed or now - watchdog_ns > interlock.watchdog_ns):
+        bits |= NO_WATCHDOG
     return bits

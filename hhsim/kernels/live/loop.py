@@ -1,7 +1,7 @@
 """Compiled loop of a session: waits, ticks and records until it is to stop, without the interpreter."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numba import types
@@ -19,25 +19,28 @@ from hhsim.kernels.live.tick import (
     begin_hand,
     begin_tick,
     command_tick,
+    free_with_other,
     look_for_stop,
     publish_tick,
     waiting_since,
 )
 
-if TYPE_CHECKING:
-    from hhsim.kernels.tick.block import TickBlock
-
 Bytes = NDArray[np.uint8]
+Hands = tuple[LiveArrays, ...]
+"""One hand, or the right and the left one."""
 
 ASKS_PYTHON = 0
-"""Outcome of `run_loop`: Python has to solve, by a method that is not compiled."""
+"""Outcome of `run_loop`: Python has to solve, by what is not compiled."""
+DRIVERS = 3
+"""Place of the first driver's event among `SystemFiles.descriptors`."""
 
 
 @by_reference
 class SystemFiles(NamedTuple):
     """System files of the loop."""
 
-    descriptors: NDArray[np.int64]  # of schedstat, /proc/stat, the driver's and the loop's event; -1 for none, (4,)
+    # Of schedstat, /proc/stat, the event of the first hand's samples, and that of each hand's driver; -1 for none.
+    descriptors: NDArray[np.int64]
     line: Bytes  # buffers for the text of the first two
     lines: Bytes
     allowed: NDArray[np.bool_]  # processors whose steal counts, by their numbers
@@ -58,11 +61,11 @@ def _call_block(typing: Any, address: Any, block: Any) -> Any:
 
 if JIT_ENABLED:
     # Called by its address: a tick is the very code that a replay runs, compiled once.
-    _run_block = cast(Callable[[int, "TickBlock"], int], intrinsic(_call_block))
+    _run_block = cast(Callable[[int, Any], int], intrinsic(_call_block))
 
 else:
 
-    def _run_block(address: int, block: "TickBlock") -> int:
+    def _run_block(address: int, block: Any) -> int:
         return address
 
 
@@ -94,18 +97,36 @@ def await_tick(live: LiveArrays, descriptor: int) -> None:
 
 
 @jit
-def _finish(live: LiveArrays, files: SystemFiles, solved: bool, status: int) -> None:
+def begin_hands(hands: Hands) -> bool:
+    """Take and judge the input of all hands; returns whether there is one to solve for of each."""
+    loop, solved = hands[0].loop[0], True
+    # The first hand last: its samples set the pace.
+    for h in range(len(hands) - 1, -1, -1):
+        own = hands[h].loop[0]
+        own.stop[0], own.placing[0] = loop.stop[0], loop.placing[0]
+        solved = begin_tick(hands[h]) and solved
+    for h in range(len(hands) - 1):
+        free_with_other(hands[h], hands[h + 1])
+        free_with_other(hands[h + 1], hands[h])
+    return solved
+
+
+@jit
+def _finish(hands: Hands, files: SystemFiles, solved: bool) -> None:
     """Do what follows the solving of a tick."""
-    deadlines, misses = live.deadlines[0], live.misses[0]
-    command_tick(live, monotonic_ns(), solved, status)
-    wake_driver(live, files.descriptors[2], monotonic_ns())
+    deadlines, misses = hands[0].deadlines[0], hands[0].misses[0]
+    for h in range(len(hands)):
+        command_tick(hands[h], monotonic_ns(), solved, hands[h].loop[0].status)
+        wake_driver(hands[h], files.descriptors[DRIVERS + h], monotonic_ns())
     done = monotonic_ns()
     if deadlines.missed > 0:
         steal = -1
         if measure_miss(misses, deadlines.asked_ns, deadlines.late_ns):
             steal = read_steal(files.descriptors[1], files.lines, files.allowed, files.step[0])
         name_miss(misses, steal)
-    publish_tick(live, done, solved)
+    # The first hand last: who has read its tick finds the other's.
+    for h in range(len(hands) - 1, -1, -1):
+        publish_tick(hands[h], done, solved)
 
 
 @jit
@@ -119,38 +140,40 @@ def _account(live: LiveArrays, files: SystemFiles) -> None:
 
 
 @jit
-def run_loop(live: LiveArrays, files: SystemFiles, address: int, block: "TickBlock") -> int:
+def run_loop(hands: Hands, files: SystemFiles, address: int, block: Any) -> int:
     """Tick until the loop is to stop (returns `STOP_…`), or Python has to solve (returns `ASKS_PYTHON`).
 
-    Periods begin with the first call. `address` is that of `run_block`'s machine code for the types of `block`, 0 if
-    Python solves; `block` has the haptic hand and records of the loop's row. After `ASKS_PYTHON`, in the middle of a
-    tick, the next call continues it with `LOOP.solved` and `LOOP.status` set.
+    Periods begin with the first call; all hands have the records of periods and misses in common. `address` is that of
+    machine code for the types of `block`, its arguments, such as `run_block`'s; 0 if Python solves. `block` has the
+    haptic hands and records of the loop's rows. After `ASKS_PYTHON`, in the middle of a tick, the next call continues
+    it with `LOOP.solved`, and `LOOP.status` of each hand, set.
     """
-    loop, deadlines = live.loop[0], live.deadlines[0]
+    first = hands[0]
+    loop, deadlines = first.loop[0], first.deadlines[0]
     if loop.asks == 1:
         loop.asks = 0
-        _finish(live, files, loop.solved == 1, loop.status)
+        _finish(hands, files, loop.solved == 1)
     if loop.begun == 0:
         # Not before the call: the interpreter's time for it is no part of a period.
         loop.begun = 1
         begin_periods(deadlines, monotonic_ns())
-        _account(live, files)
+        _account(first, files)
     while loop.stop[0] == 0:
-        await_tick(live, files.descriptors[3])
-        look_for_stop(live)
-        _account(live, files)
-        solved = begin_tick(live)
-        status = 0
+        await_tick(first, files.descriptors[2])
+        look_for_stop(first)
+        _account(first, files)
+        solved = begin_hands(hands)
         if solved and address == 0:
             loop.asks = 1
             return ASKS_PYTHON
         if solved:
-            solved = begin_hand(live)
+            solved = begin_hand(first)
         if solved:
-            status = loop.status
-            loop.status = 0
             _run_block(address, block)
-            block.record.status[0] |= status
-            status = block.record.status[0]
-        _finish(live, files, solved, status)
+            for h in range(len(hands)):
+                row, own = hands[h].row[0], hands[h].loop[0]
+                row.status |= own.placed
+                own.placed = 0
+                own.status = row.status
+        _finish(hands, files, solved)
     return loop.stop[0]

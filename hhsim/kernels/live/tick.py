@@ -14,7 +14,16 @@ from hhsim.kernels.jit import Indices, as_int64, jit
 from hhsim.kernels.live.accounts import CAUSES
 from hhsim.kernels.live.deadlines import NOTHING
 from hhsim.kernels.live.finger_command import ease_fingers, free_fingers, update_command
-from hhsim.kernels.live.interlock import DEVICE_LOST, DRY_RUN, NOT_FINITE, OVERRUN_STREAK, SOLVER_FAILED, judge
+from hhsim.kernels.live.interlock import (
+    DEVICE_LOST,
+    DRY_RUN,
+    FREES_BOTH,
+    NOT_FINITE,
+    OTHER_HAND,
+    OVERRUN_STREAK,
+    SOLVER_FAILED,
+    judge,
+)
 from hhsim.kernels.live.notes import BEGAN_INSIDE, DRIVER_SILENT, FULL, LONG_TICK, MISSED, REFUSED, SAFETY_CHANGED, note
 from hhsim.kernels.live.phase import count_phase, deadline_shift
 from hhsim.kernels.live.plausibility import use_sample
@@ -46,7 +55,8 @@ LOOP = np.dtype(
         ("usual_ns", np.float64),  # usual interval of the glove's samples, 0 before there are two
         ("asks", np.int64),  # 1: Python solves this tick
         ("solved", np.int64),  # 1: it did
-        ("status", np.int64),  # status bits of Python's solver, or of who placed the hand
+        ("status", np.int64),  # status bits of the solved tick
+        ("placed", np.int64),  # status bits of who placed the hand, for its first tick
         ("safety", np.int64),  # bits of this tick
         ("told", np.int64),  # bits of the last note
         ("latency_ns", np.int64),  # from `arrived_ns` to the command, -1 without one
@@ -214,11 +224,21 @@ def begin_tick(live: LiveArrays) -> bool:
         loop.usable == 1,
         deadlines.missed + deadlines.at_once,
         status.watchdog_ns,
-        status.watchdog_armed,
+        status.watchdog_armed != 0,
         lost,
         loop.stop[0] != 0,
     )
     return loop.sample_ns >= 0 and loop.pose_ns >= 0
+
+
+@jit
+def free_with_other(live: LiveArrays, other: LiveArrays) -> None:
+    """Keep the fingers free in a tick in which a fault frees those of the user's other hand, or did in the one before.
+
+    What the solving of a tick shows is known to the other hand in the next one.
+    """
+    if (other.loop[0].safety | other.loop[0].told) & FREES_BOTH != 0:
+        live.loop[0].safety |= OTHER_HAND
 
 
 @jit

@@ -12,7 +12,7 @@ from msgspec import Meta
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
-from hhsim.hand.model import HandModel
+from hhsim.hand.model import SIDES, HandModel
 from hhsim.live.device import FINGER_COUNT
 from hhsim.live.devices.registry import GloveConfig
 from hhsim.live.ipc.status import WatchdogSetup
@@ -20,7 +20,8 @@ from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.mesh.mesh import Mesh
 from hhsim.recordings.dexmo_regression import DexmoRegression
-from hhsim.result.safety import AFTER_STALL, FREES_BOTH
+from hhsim.result.safety import AFTER_STALL
+from hhsim.scene.body import Free
 from hhsim.scene.scene import Scene
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
@@ -85,7 +86,10 @@ class SafetyLimits:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LiveSetup:
-    """Settings of a live session; raises InputError for a rate or a duration out of range."""
+    """Settings of a live session, and of one of its hands.
+
+    Raises InputError for a rate or a duration out of range, or hands that do not go together.
+    """
 
     mesh: Mesh  # the object and its sphere tree [m], world frame; of a free object, at its first pose
     tree: SphereTree
@@ -94,7 +98,9 @@ class LiveSetup:
     device: GloveConfig  # the glove; its calibration relates bend to joint angles, and so makes the set points
     pose: PoseConfig  # source of the palm's pose
     free: FreeObject | None = None  # body of a free object that is alone; None for a fixed one
-    bodies: Scene | None = None  # scene of one tick of several bodies, the first free one of which is `mesh`
+    # Scene of one tick, of several bodies of which some are free, or of two hands; `mesh` is its first free body.
+    scene: Scene | None = None
+    beside: "LiveSetup | None" = None  # of the left hand, in the setup of the right one
     rate: float = 1000.0  # ticks a second [Hz]
     duration: float | None = None  # duration [s]; None until it is stopped
     output: OutputLimits = field(default_factory=OutputLimits)
@@ -115,11 +121,24 @@ class LiveSetup:
             raise InputError(f"the rate is {self.rate:g} Hz: expected {low:g} to {high:g} Hz")
         if self.duration is not None and not 0.0 < self.duration < math.inf:
             raise InputError(f"the duration is {self.duration:g} s: it must be positive and finite")
+        if self.scene is not None and self.scene.ticks.rate != self.rate:
+            raise InputError(f"a scene at {self.scene.ticks.rate:g} Hz in a loop at {self.rate:g} Hz")
+        sides = tuple(each.hand.side for each in self.hands)
+        if len(sides) > 1 and (sides != SIDES or self.scene is None or len(self.scene.hands) != len(sides)):
+            raise InputError(f"gloves of the {' and the '.join(sides)} hand: expected right, left, and a scene of both")
+
+    @property
+    def hands(self) -> "tuple[LiveSetup, ...]":
+        """Setups of all hands, this one first."""
+        return (self,) if self.beside is None else (self, self.beside)
 
     @property
     def recorded_bodies(self) -> int:
         """Number of bodies whose motion is recorded: none of fixed ones."""
-        return len(self.bodies.solids) if self.bodies is not None else int(self.free is not None)
+        if self.scene is None:
+            return int(self.free is not None)
+        solids = self.scene.solids
+        return len(solids) if any(isinstance(body.motion, Free) for body in solids) else 0
 
     @property
     def periods(self) -> int:
@@ -161,7 +180,6 @@ class LiveSetup:
             real_time=self.real_time,
             supervisor=self.supervisor,
             periods=self.periods,
-            faults=int(FREES_BOTH),
         )
 
     def limits_json(self) -> dict[str, Any]:

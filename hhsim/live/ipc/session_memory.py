@@ -51,6 +51,24 @@ def bodies_row(bodies: int) -> np.dtype[Any]:
     return _record(*OBJECT_FIELDS, MOTION._replace(shape=(bodies, *MOTION.shape)))
 
 
+class Rows(NamedTuple):
+    """Rows that a session records of its bodies in a tick."""
+
+    bodies: int = 0  # number of bodies, none that are fixed
+    apart: bool = False  # True if Python writes them to a ring of their own; else the tick's row has the only one
+
+    @property
+    def ticks(self) -> tuple[np.dtype[Any], int]:
+        """Type and capacity of the ring of a hand's ticks."""
+        capacity = FREE_TICK_CAPACITY if self.bodies else TICK_CAPACITY
+        return FREE_TICK if self.bodies and not self.apart else LIVE_TICK, capacity
+
+    @property
+    def own(self) -> tuple[np.dtype[Any], int]:
+        """Type and capacity of the ring of bodies."""
+        return bodies_row(self.bodies), FREE_TICK_CAPACITY if self.apart else 1
+
+
 EVENT = np.dtype([("time_ns", np.int64), ("level", np.int64), ("text", "S240")], align=True)
 """A line of the session's log: CLOCK_MONOTONIC [ns]; level 0 for information, 1 a warning, 2 a fault; UTF-8."""
 EVENT_BYTES = EVENT["text"].itemsize
@@ -114,17 +132,18 @@ class FactPage:
 
 
 class SessionMemory:
-    """Memory shared by the processes of a session."""
+    """Memory shared by the processes of a session: of a hand, with that of the other one `beside` it."""
 
-    def __init__(self, descriptors: Descriptors, *, bodies: int = 0) -> None:
-        self.descriptors, self._bodies = descriptors, bodies
+    def __init__(self, descriptors: Descriptors, *others: Descriptors, rows: Rows) -> None:
+        self.descriptors, self._rows = descriptors, rows
+        self.beside = SessionMemory(*others, rows=rows) if others else None
         self.status_block = SharedBlock(descriptors.status, LIVE_STATUS)
         # The one record of `LIVE_STATUS`; `status["heartbeat_ns"]` reads and writes in place.
         self.status = self.status_block.array[0]
-        # Of `LIVE_TICK`, or of `FREE_TICK` if the object is free, written by the loop.
-        self.ticks = SharedRing(descriptors.ticks, *_tick_ring(bodies))
-        # Of several bodies, by Python before the tick of the same number is in its ring.
-        self.bodies = SharedRing(descriptors.bodies, *_body_ring(bodies))
+        # Of `LIVE_TICK`, or of `FREE_TICK` if the object is free, written by the loop; the first hand's last.
+        self.ticks = SharedRing(descriptors.ticks, *rows.ticks)
+        # Of bodies, by Python before the tick of the same number is in its ring; the first hand's is used.
+        self.bodies = SharedRing(descriptors.bodies, *rows.own)
         self.samples = SharedRing(descriptors.samples, GLOVE_SAMPLE, SAMPLE_CAPACITY)  # written by the driver
         self.events = SharedRing(descriptors.events, EVENT, EVENT_CAPACITY)  # the session's log, written by the loop
         self.words = SharedRing(descriptors.words, EVENT, WORD_CAPACITY)  # by the driver for the loop, which logs them
@@ -136,34 +155,40 @@ class SessionMemory:
         self.wake, self.sampled = descriptors.wake, descriptors.sampled
 
     @classmethod
-    def create(cls, *, bodies: int = 0) -> Self:
+    def create(cls, *, bodies: int = 0, hands: int = 1) -> Self:
         """Allocate memory for a session that records the motion of some bodies.
 
         Its descriptors are for the children (`pass_fds`), and are closed with it.
         """
-        descriptors = Descriptors(
-            SharedBlock.create("status", LIVE_STATUS).descriptor,
-            SharedRing.create("ticks", *_tick_ring(bodies)).descriptor,
-            SharedRing.create("samples", GLOVE_SAMPLE, SAMPLE_CAPACITY).descriptor,
-            SharedRing.create("events", EVENT, EVENT_CAPACITY).descriptor,
-            SharedRing.create("words", EVENT, WORD_CAPACITY).descriptor,
-            SharedRing.create("bodies", *_body_ring(bodies)).descriptor,
-            *(SharedBlock.create(name, FACTS).descriptor for name in ("facts", "device")),
-            *(os.eventfd(0, os.EFD_NONBLOCK) for _ in range(2)),
-        )
-        memory = cls(descriptors, bodies=bodies)
-        memory.status["battery"] = memory.status["sample_ns"] = -1
-        weakref.finalize(memory, _close, descriptors)
+        rows = Rows(bodies, bodies > 1 or (bodies > 0 and hands > 1))
+        memory = cls(*(_allocate(rows) for _ in range(hands)), rows=rows)
+        for hand in memory.hands:
+            hand.status["battery"] = hand.status["sample_ns"] = -1
+            weakref.finalize(hand, _close, hand.descriptors)
         return memory
+
+    @property
+    def hands(self) -> "tuple[SessionMemory, ...]":
+        """Memory of all hands, this one first."""
+        return (self,) if self.beside is None else (self, self.beside)
+
+    @property
+    def inherited(self) -> list[int]:
+        """Descriptors of all hands, which a child inherits."""
+        return [descriptor for hand in self.hands for descriptor in hand.descriptors]
 
     def populate(self) -> None:
         """Prefault every page that a tick reads or writes."""
         for memory in (self.status_block, self.ticks, self.samples):
             memory.populate()
 
-    def with_setup(self, setup: object) -> int:
-        """Pickle this memory and the setup of a child for `session_process`; returns the descriptor."""
-        return write_setup((self.descriptors, self._bodies), setup)
+    def with_setup(self, setup: object, *, alone: bool = False) -> int:
+        """Pickle this memory, or this hand's alone, and the setup of a child for `session_process`.
+
+        Returns the descriptor.
+        """
+        hands = (self,) if alone else self.hands
+        return write_setup(([hand.descriptors for hand in hands], self._rows), setup)
 
     def log(self, level: int, text: str, time_ns: int | None = None) -> None:
         """Add an event (INFORMATION, WARNING, FAULT), by default of now [ns]; for the loop alone. Long text is cut."""
@@ -174,34 +199,45 @@ class SessionMemory:
         _add_line(self.words, level, text, time.monotonic_ns())
 
 
-def _tick_ring(bodies: int) -> tuple[np.dtype[Any], int]:
-    if bodies == 1:
-        return FREE_TICK, FREE_TICK_CAPACITY
-    return LIVE_TICK, FREE_TICK_CAPACITY if bodies else TICK_CAPACITY
-
-
-def _body_ring(bodies: int) -> tuple[np.dtype[Any], int]:
-    return bodies_row(bodies), FREE_TICK_CAPACITY if bodies > 1 else 1
+def _allocate(rows: Rows) -> Descriptors:
+    """Allocate the memory of a hand."""
+    return Descriptors(
+        SharedBlock.create("status", LIVE_STATUS).descriptor,
+        SharedRing.create("ticks", *rows.ticks).descriptor,
+        SharedRing.create("samples", GLOVE_SAMPLE, SAMPLE_CAPACITY).descriptor,
+        SharedRing.create("events", EVENT, EVENT_CAPACITY).descriptor,
+        SharedRing.create("words", EVENT, WORD_CAPACITY).descriptor,
+        SharedRing.create("bodies", *rows.own).descriptor,
+        *(SharedBlock.create(name, FACTS).descriptor for name in ("facts", "device")),
+        *(os.eventfd(0, os.EFD_NONBLOCK) for _ in range(2)),
+    )
 
 
 class TickReader(RingReader):
-    """Reader of the ticks of a session, with the rows of several bodies at each."""
+    """Reader of the ticks of a session: of its hands, with the rows of bodies at each."""
 
     def __init__(self, memory: SessionMemory) -> None:
         super().__init__(memory.ticks)
         self._bodies = memory.bodies
+        self._others = [hand.ticks for hand in memory.hands[1:]]
 
-    def read(self, most: int) -> tuple[int, AnyArray]:
-        """See `RingReader.read`; fields of bodies follow those of the tick."""
-        first, ticks = super().read(most)
-        if self._bodies.capacity == 1:
-            return first, ticks
-        rows = self._bodies.records[(first + np.arange(len(ticks))) % self._bodies.capacity]
-        found = np.empty(len(ticks), [(name, of.dtype[name]) for of in (ticks, rows) for name in of.dtype.names or ()])
-        for of in (ticks, rows):
-            for name in of.dtype.names or ():
-                found[name] = of[name]
+    def read_hands(self, most: int) -> tuple[int, list[AnyArray]]:
+        """Read the ticks of all hands, see `RingReader.read`; fields of bodies follow those of the first hand's."""
+        first, ticks = self.read(most)
+        at = first + np.arange(len(ticks))
+        found = [ticks, *(ring.records[at % ring.capacity] for ring in self._others)]
+        if self._bodies.capacity > 1:
+            found[0] = _joined(ticks, self._bodies.records[at % self._bodies.capacity])
         return first, found
+
+
+def _joined(*parts: AnyArray) -> AnyArray:
+    """Return records with the fields of all parts."""
+    names = [(of, name) for of in parts for name in of.dtype.names or ()]
+    found = np.empty(len(parts[0]), [(name, of.dtype[name]) for of, name in names])
+    for of, name in names:
+        found[name] = of[name]
+    return found
 
 
 def _add_line(ring: SharedRing, level: int, text: str, time_ns: int) -> None:
@@ -215,8 +251,8 @@ def _add_line(ring: SharedRing, level: int, text: str, time_ns: int) -> None:
 
 def session_process(name: str, arguments: Sequence[str] | None = None) -> tuple[Any, SessionMemory]:
     """Name this process of a session, and return its setup and its memory, which its command line names."""
-    (descriptors, bodies), setup = process_setup(name, arguments)
-    return setup, SessionMemory(descriptors, bodies=bodies)
+    (descriptors, rows), setup = process_setup(name, arguments)
+    return setup, SessionMemory(*descriptors, rows=rows)
 
 
 def exit_code(body: Callable[[], object], failed: Callable[[str], object] = lambda text: None) -> int:

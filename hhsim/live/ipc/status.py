@@ -63,12 +63,10 @@ LIVE_STATUS = np.dtype(
 those of `DeviceCounters`, `missed_by` is by `MissCause` without NONE, both in their order. `command_version`,
 `palm_version` and `pose_version` are odd while the command, the palm's pose and the pose of the keyboard are being
 written. `loop_ready` is 1 when the glove may be opened, 2 when the loop is about to begin; `driver_begun` is 1 when the
-samples before that are in their ring. `stop_requested` is 1 if the user ends the session, -n if signal n does.
+samples before that are in their ring. `watchdog_armed` is 1 if the watchdog reaches the glove. `stop_requested` is 1 if
+the user ends the session, -n if signal n does. Of two gloves each has a block: those of the second one's loop, stop and
+recorder say the same.
 """
-
-
-ARMED, HELD_BACK = 1, 2
-"""Values of `watchdog_armed`: it reaches the glove; it does, and a fault of the other hand keeps this one free."""
 
 
 class LoopProcess:
@@ -84,17 +82,13 @@ class LoopProcess:
         """True from its begin to its end, as far as `wait` has seen either."""
         return self.known and not self.gone
 
-    def wait(self, timeout: float = 0.0, other: "LoopProcess | None" = None) -> None:
-        """Sleep for `timeout` [s], or until the process, or another loop's, ends."""
-        loops = [self] if other is None else [self, other]
-        for loop in loops:
-            loop._open()
-        known = [loop._descriptor for loop in loops if loop.alive]
-        ended, _, _ = select.select(known, [], [], timeout)
-        for loop in loops:
-            if loop.alive and loop._descriptor in ended:
-                loop.gone = True
-                os.close(loop._descriptor)
+    def wait(self, timeout: float = 0.0) -> None:
+        """Sleep for `timeout` [s], or until the process ends."""
+        self._open()
+        ended, _, _ = select.select([self._descriptor] if self.alive else [], [], [], timeout)
+        if ended:
+            self.gone = True
+            os.close(self._descriptor)
 
     def _open(self) -> None:
         number = int(self._status["loop_pid"])
@@ -116,7 +110,6 @@ class WatchdogSetup:
     real_time: RealTimeWishes
     supervisor: int
     periods: int = -1  # number of periods after which the loop ends by itself, -1 for none
-    faults: int = 0  # bits of `Safety` that free the user's other hand, too
 
 
 @dataclass(frozen=True)

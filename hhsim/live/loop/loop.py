@@ -1,13 +1,14 @@
 """Loop of a live session: the memory of `hhsim.kernels.live`, which ticks and decides, and what it needs of Python.
 
-The ticks run in one compiled call, `run_loop`. Python finds the first free place of the shown hand, in another thread
-while the loop goes on, and solves the ticks of methods and QP solvers that are not compiled.
+The ticks run in one compiled call, `run_loop`. Python finds the first free place of the shown hands, in another thread
+while the loop goes on, and solves the ticks of methods and QP solvers that are not compiled, and of several free bodies
+or both hands at one. Of two gloves each has its samples, its commands and its judgement; periods and ticks are one.
 """
 
 import math
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.model import SIDES
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.live import tick
@@ -22,13 +24,12 @@ from hhsim.kernels.live.accounts import MISSES, account_steal, account_waking
 from hhsim.kernels.live.deadlines import DEADLINES, begin_periods
 from hhsim.kernels.live.finger_command import COMMANDER
 from hhsim.kernels.live.interlock import DRY_RUN, INTERLOCK
-from hhsim.kernels.live.loop import ASKS_PYTHON, SystemFiles, run_loop
+from hhsim.kernels.live.loop import ASKS_PYTHON, DRIVERS, SystemFiles, run_loop
 from hhsim.kernels.live.notes import NOTES
 from hhsim.kernels.live.phase import PHASE
 from hhsim.kernels.live.plausibility import WATCH, begin_watch
 from hhsim.kernels.parallel.atomic import load_acquire, store_release
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
-from hhsim.kernels.tick.method import Coupled
 from hhsim.live.device import MOST_CHANNELS, Capability, GloveInfo
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
@@ -147,12 +148,12 @@ class MissAccounts:
             account_steal(self.state[0], self._accounts.steal_ns())
 
 
-def system_files(accounts: CpuAccounts) -> SystemFiles:
-    """Return the files of the system's accounts for compiled code, without the events that wake driver and loop."""
+def system_files(accounts: CpuAccounts, events: Sequence[int]) -> SystemFiles:
+    """Return the files of the system's accounts for compiled code, with the events that wake the loop and drivers."""
     allowed = np.zeros(max(accounts.processors, default=0) + 1, np.bool_)
     allowed[list(accounts.processors)] = True
     return SystemFiles(
-        descriptors=np.array([accounts.schedule, accounts.stat, -1, -1]),
+        descriptors=np.array([accounts.schedule, accounts.stat, *events]),
         line=np.zeros(LINE_BYTES, np.uint8),
         lines=np.zeros(accounts.stat_bytes, np.uint8),
         allowed=allowed,
@@ -161,7 +162,7 @@ def system_files(accounts: CpuAccounts) -> SystemFiles:
 
 
 NO_FILES = SystemFiles(
-    np.full(4, -1), np.zeros(1, np.uint8), np.zeros(1, np.uint8), np.zeros(1, np.bool_), np.ones(1, np.int64)
+    np.full(DRIVERS, -1), np.zeros(1, np.uint8), np.zeros(1, np.uint8), np.zeros(1, np.bool_), np.ones(1, np.int64)
 )
 
 
@@ -181,38 +182,21 @@ def object_row(rows: Any) -> ObjectRecord:
     return ObjectRecord(**fields | {name: fields[name][0] for name in ObjectRecord._fields[first:]})
 
 
-class LiveLoop:
-    """Loop of a session with a glove as its driver describes it; `now` is the clock of `begin` [ns].
-
-    A tick whose haptic hand is not known yet, or whose solver raised, is not published: it cannot be replayed. `live`
-    has the records of the compiled loop, `at` its record of `LOOP`, `story` the log of the loop.
-    """
+class LoopHand:
+    """A hand of a loop: its records of `hhsim.kernels.live`, its row, its log; periods and misses are the loop's."""
 
     def __init__(
-        self, setup: LiveSetup, memory: SessionMemory, info: GloveInfo, *, now: Callable[[], int] = time.monotonic_ns
+        self, setup: LiveSetup, memory: SessionMemory, info: GloveInfo, whose: str, deadlines: Any, misses: MissAccounts
     ) -> None:
-        self.setup = setup
         self.memory = memory
-        self._now = now
         period = setup.period_ns
-        deadlines = deadline_record(period, now())
-        self.misses = MissAccounts(deadlines, now)
-        options = loop_options(setup.options, setup.rate)
-        # Ticks beside several bodies are solved in Python.
-        self._scene = None if setup.bodies is None else SceneSolver(setup.bodies, options)
-        self.solver = (
-            self._scene.hands[0]
-            if self._scene is not None
-            else HandSolver(setup.hand, setup.contact_surface(), options, setup.free)
-        )
         feels = bool(info.capabilities & (Capability.FORCE | Capability.POWER))
-        rows: Any = zeroed(memory.ticks.records.dtype)
+        self.rows: Any = zeroed(memory.ticks.records.dtype)
+        rows = self.rows
         rows["haptic_orientation"][:, 0] = 1.0
         rows["input_seq"] = -1
-        names = ("haptic_position", "haptic_orientation", "haptic_flexion", "haptic_abduction")
-        self._haptic = HapticBlock(*(rows[name].view(np.ndarray) for name in names))
-        self._record = TickRecord(*(rows[name].view(np.ndarray) for name in TickRecord._fields))
-        self._object = None if setup.free is None else object_row(rows)
+        self.haptic = HapticBlock(*(rows[f"haptic_{name}"].view(np.ndarray) for name in HapticBlock._fields))
+        self.record = TickRecord(*(rows[name].view(np.ndarray) for name in TickRecord._fields))
         self.live = tick.LiveArrays(
             loop=zeroed(tick.LOOP),
             deadlines=deadlines,
@@ -220,7 +204,7 @@ class LiveLoop:
             interlock=interlock_record(setup.safety, dry_run=setup.dry_run, period_ns=period),
             commander=commander_record(setup.output, setup.bend_lines(), 1e-9 * period, feels=feels),
             watch=watch_record(info),
-            misses=self.misses.state,
+            misses=misses.state,
             notes=zeroed(NOTES),
             refused=zeroed(REFUSED),
             status=memory.status_block.array.view(np.recarray),
@@ -230,10 +214,7 @@ class LiveLoop:
             samples=memory.samples.records.view(np.recarray),
             samples_written=memory.samples.counter,
         )
-        self.story = Story(setup, memory, info, self.live.notes, self.live.refused, self.live.loop)
-        self._signal = ""
-        self._block: Any = None
-        self._run: Any = None
+        self.story = Story(setup, memory, info, self.live.notes, self.live.refused, self.live.loop, whose)
         at: Any = self.live.loop[0]
         self.at = at
         at.periods = setup.periods
@@ -242,6 +223,51 @@ class LiveLoop:
         at.sample_ns = at.pose_ns = at.input_seq = at.arrived_ns = at.latency_ns = -1
         at.usable = 1
         at.wake_ns = WAKE_NS
+
+    def failed(self, error: Exception) -> None:
+        """Free the fingers in this tick for an error of the solver, which the log tells."""
+        self.at.safety |= int(Safety.SOLVER_FAILED)
+        self.story.detail[Safety.SOLVER_FAILED] = f"{type(error).__name__}: {error}"
+
+    def end(self) -> None:
+        """Command free fingers and announce the end, on which the driver releases the glove."""
+        status, command = self.memory.status, self.live.commander[0]
+        command.stiffness[:] = command.phalanx[:] = 0.0
+        status["command_stiffness"] = status["command_force"] = 0.0
+        status["stage"] = Stage.ENDING
+
+
+class LiveLoop:
+    """Loop of a session with the glove of each hand as its driver describes it; `now` is the clock of `begin` [ns].
+
+    A tick whose haptic hands are not all known yet, or whose solver raised, is not published: it cannot be replayed.
+    `hands` are its hands; `live` has the records of the first one, `at` its record of `LOOP`, `story` its log.
+    """
+
+    def __init__(
+        self, setup: LiveSetup, memory: SessionMemory, *gloves: GloveInfo, now: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        self.setup = setup
+        self.memory = memory
+        self._now = now
+        deadlines = deadline_record(setup.period_ns, now())
+        self.misses = MissAccounts(deadlines, now)
+        options = loop_options(setup.options, setup.rate)
+        self._scene = None if setup.scene is None else SceneSolver(setup.scene, options)
+        self.solver = (
+            self._scene.hands[0]
+            if self._scene is not None
+            else HandSolver(setup.hand, setup.contact_surface(), options, setup.free)
+        )
+        names = [""] if setup.beside is None else [f"{side} hand: " for side in SIDES]
+        each = zip(setup.hands, memory.hands, gloves, names, strict=True)
+        self.hands = tuple(LoopHand(*of, deadlines, self.misses) for of in each)
+        first = self.hands[0]
+        self.live, self.story, self.at = first.live, first.story, first.at
+        self._object = None if setup.free is None or self._scene is not None else object_row(first.rows)
+        self._signal = ""
+        self._block: Any = None
+        self._run: Any = None
 
     @property
     def compiled(self) -> bool:
@@ -277,28 +303,29 @@ class LiveLoop:
             files = self.begin(CpuAccounts(None if cpu < 0 else cpu))
             while not self.stopped or self.at.asks:
                 address, block = self._block
-                code = self._run(self.live, files, address, block)
+                code = self._run(tuple(hand.live for hand in self.hands), files, address, block)
                 if code == ASKS_PYTHON:
-                    self.at.solved, self.at.status = self._solve()
+                    self.at.solved = self._solve()
         finally:
             self.end()
         return self.stopped
 
     def prepare(self) -> None:
         """Compile, or load from the cache, what `run` calls; the solver's own kernels are there."""
+        haptic, record = (tuple(getattr(hand, name) for hand in self.hands) for name in ("haptic", "record"))
         if self._scene is None:
-            self._block = self.solver.compiled_tick(self._haptic, self._record, self._object)
+            self._block = self.solver.compiled_tick(haptic[0], record[0], self._object)
         else:
-            space = self.solver.workspace
-            self._block = 0, space.block(Coupled(space.tick_options), self._haptic, self._record)
+            self._block = self._scene.compiled_tick(haptic, record)
         compiled: Any = run_loop
-        self._run = compiled.entry(self.live, NO_FILES, *self._block) if JIT_ENABLED else run_loop
+        hands = tuple(hand.live for hand in self.hands)
+        self._run = compiled.entry(hands, NO_FILES, *self._block) if JIT_ENABLED else run_loop
         # `place` has to find its kernels compiled.
         placing = self.at.placing
         store_release(placing, 0, load_acquire(placing, 0))
 
     def place(self) -> None:
-        """Wait for a user's hand and put the shown hand at the nearest free place; returns then, or at the end.
+        """Wait for the user's hands and put the shown ones at the nearest free place; returns then, or at the end.
 
         In another thread than the loop's if it is `compiled`: this takes many periods for a hand that begins inside.
         """
@@ -308,65 +335,73 @@ class LiveLoop:
                 return
             time.sleep(PLACE_SECONDS)
         try:
-            self.at.status = self.solver.begin(self._haptic)
+            haptic = tuple(hand.haptic for hand in self.hands)
+            begun = [self.solver.begin(haptic[0])] if self._scene is None else self._scene.begin(haptic)
+            for hand, start in zip(self.hands, begun):
+                hand.at.placed = start
             store_release(placing, 0, tick.PLACED)
         except Exception as error:
-            self.story.detail[Safety.SOLVER_FAILED] = f"{type(error).__name__}: {error}"
+            for hand in self.hands:
+                hand.story.detail[Safety.SOLVER_FAILED] = f"{type(error).__name__}: {error}"
             store_release(placing, 0, tick.NOT_PLACED)
 
     def begin(self, accounts: CpuAccounts) -> SystemFiles:
         """Begin the first period with the accounts of the calling thread; earlier samples, too old, are skipped."""
-        self.at.taken = self.memory.samples.written
         begin_periods(self.live.deadlines[0], self._now())
         self.misses.begin(accounts)
-        files = system_files(accounts)
-        files.descriptors[2:] = -1 if self.setup.dry_run else self.memory.wake, self.memory.sampled
+        memories = [hand.memory for hand in self.hands]
+        wake = [-1 if self.setup.dry_run else memory.wake for memory in memories]
+        files = system_files(accounts, [self.memory.sampled, *wake])
         if self.misses.steal_unread:
             self.memory.log(INFORMATION, STEAL_UNREAD)
-        status = self.memory.status
-        self.memory.populate()
-        status["heartbeat_ns"] = self._now()
-        status["stage"] = Stage.RUNNING
+        for hand, memory in zip(self.hands, memories):
+            hand.at.taken = memory.samples.written
+            memory.populate()
+            memory.status["heartbeat_ns"] = self._now()
+            memory.status["stage"] = Stage.RUNNING
         return files
 
     def tell(self) -> None:
         """Log the loop's notes, and read accounts that are too slow for a tick; in another thread, now and then."""
-        self.story.tell()
+        for hand in self.hands:
+            hand.story.tell()
         self.misses.keep_steal()
 
     def end(self) -> None:
-        """Command free fingers and announce the end, on which the driver releases the glove."""
-        status, command = self.memory.status, self.live.commander[0]
-        command.stiffness[:] = command.phalanx[:] = 0.0
-        status["command_stiffness"] = status["command_force"] = 0.0
-        status["stage"] = Stage.ENDING
+        """End each hand, see `LoopHand.end`."""
+        for hand in self.hands:
+            hand.end()
 
-    def _solve(self) -> tuple[bool, int]:
-        """Solve a tick in Python; returns False if there is no graphic hand, and the solver's status bits."""
+    def _solve(self) -> bool:
+        """Solve a tick in Python, with the solver's status bits; False if there are no graphic hands."""
         try:
             if self._scene is not None:
-                return True, self._solve_scene(self._scene)
-            return True, self.solver.tick(self._haptic, self._record, self._object)
+                self._solve_scene(self._scene)
+            else:
+                self.at.status = self.solver.tick(self.hands[0].haptic, self.hands[0].record, self._object)
         except Exception as error:  # of whatever kind: the fingers are freed and the loop goes on
-            self.at.safety |= int(Safety.SOLVER_FAILED)
-            self.story.detail[Safety.SOLVER_FAILED] = f"{type(error).__name__}: {error}"
-            return False, 0
+            for hand in self.hands:
+                hand.failed(error)
+            return False
+        return True
 
-    def _solve_scene(self, scene: SceneSolver) -> int:
-        """Solve a tick beside several bodies, whose motion goes to their ring; return the solver's status bits."""
-        (found,) = scene.run_given([HandConfiguration(*self._haptic)])
-        for own, values in zip(self._record, found):
-            own[...] = values
+    def _solve_scene(self, scene: SceneSolver) -> None:
+        """Solve a tick of a scene; the motion of its bodies goes to their ring."""
+        found = scene.run_given([HandConfiguration(*hand.haptic) for hand in self.hands])
+        for hand, record in zip(self.hands, found):
+            for own, values in zip(hand.record, record):
+                own[...] = values
+            hand.at.status = record.status[0]
+        if scene.seen.free is None:
+            return
         first, every, slot = scene.object_ticks(), scene.all_ticks, self.memory.bodies.slot()
-        assert every is not None
-        rows = int(first.contact[-1])
-        of_tick = ObjectRecord._fields.index("contact")
+        rows, of_tick = int(first.contact[-1]), ObjectRecord._fields.index("contact")
         for name in ObjectRecord._fields[:of_tick]:
             slot[name] = getattr(first, name)[0]
         slot["contact"] = 0, rows
         for name in ObjectRecord._fields[of_tick + 1 :]:
             slot[name][:rows] = getattr(first, name)[:rows]
-        for row, body, wrench in zip(slot["motion"], every.things, every.thing_wrench, strict=True):
+        bodies, wrenches = ((first,), np.zeros((1, 1, 6))) if every is None else (every.things, every.thing_wrench)
+        for row, body, wrench in zip(slot["motion"], bodies, wrenches, strict=True):
             row[:] = np.concatenate([*(getattr(body, name)[0] for name in ObjectRecord._fields[:6]), wrench[0]])
         self.memory.bodies.publish()
-        return int(found.status[0])

@@ -1,7 +1,7 @@
 """Process of the loop: `python -m hhsim.live.loop.process --setup FD`, started by the supervisor.
 
-Kernels are ready before the driver, a child of this process, connects to the glove. However this process ends, the
-system notifies the driver, which releases the glove.
+Kernels are ready before the drivers, children of this process, one for each glove, connect. However this process ends,
+the system notifies the drivers, which release the gloves.
 
 Exit codes: 0 it was stopped, 1 a fault of hhsim's own, 2 the glove or the pose cannot be reached, or the setup cannot
 be used. The reason is the last event and a line on stderr.
@@ -28,6 +28,7 @@ from hhsim.live.loop.loop import LiveLoop, loop_options
 from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with, keep_off, processors_awake
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
 from hhsim.solver.hand_solver import warm_up
+from hhsim.solver.scene_solver import warm_up_hands
 
 TELL_SECONDS = 0.02
 """Period at which the loop's notes are logged [s]."""
@@ -59,59 +60,75 @@ class Ending:
             raise SystemExit(0)
 
 
-def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, driver: ChildProcess) -> None:
-    """Make everything ready, run the loop until it is stopped, and leave the glove released.
+def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, drivers: Sequence[ChildProcess]) -> None:
+    """Make everything ready, run the loop until it is stopped, and leave the gloves released.
 
-    The loop has its own thread, in which compiled code runs; the calling one logs its notes. HhsimError if the glove or
-    the pose cannot be reached, or if the driver has died.
+    The loop has its own thread, in which compiled code runs; the calling one logs its notes. HhsimError if a glove or a
+    pose cannot be reached, or if a driver has died.
     """
-    options = loop_options(setup.options, setup.rate)
-    if setup.bodies is None:
-        warm_up(setup.hand, options, setup.free)
-    if options.method not in ("coupled", "progressive") or setup.free is not None:
-        # `coupled` brings a hand out that begins inside the object.
-        warm_up(setup.hand, replace(options, method="coupled"))
-    LiveLoop(setup, memory, GloveInfo("", Capability.NONE, ())).prepare()
-    memory.status["loop_ready"] = OPEN
-    while not (device := memory.device.read()):
-        if not driver.running:
-            raise HhsimError(driver.last_line() or f"the glove's driver {driver.how_it_ended()}")
+    make_ready(setup, memory)
+    for hand in memory.hands:
+        hand.status["loop_ready"] = OPEN
+    while not all(devices := [hand.device.read() for hand in memory.hands]):
+        for driver in drivers:
+            if not driver.running:
+                raise HhsimError(driver.last_line() or f"the glove's {driver.name} {driver.how_it_ended()}")
         time.sleep(TELL_SECONDS / 10)
-    loop = LiveLoop(setup, memory, glove_info(device))
+    loop = LiveLoop(setup, memory, *map(glove_info, devices))
     loop.prepare()
-    thread = LoopThread(loop, device)
+    thread = LoopThread(loop, devices)
     ending.loop = loop
     thread.start()
     died = ""
     while thread.is_alive():
         loop.tell()
-        if not driver.running and not died and not loop.stopped:
-            died = f"the glove's driver {driver.how_it_ended()}"
+        dead = next((driver for driver in drivers if not driver.running), None)
+        if dead is not None and not died and not loop.stopped:
+            died = f"the glove's {dead.name} {dead.how_it_ended()}"
             loop.stop(died)
         thread.join(TELL_SECONDS)
-    loop.story.tell()
+    loop.tell()
     if thread.failure is not None:
         raise thread.failure
-    if not driver.wait(DRIVER_PATIENCE):
-        memory.log(FAULT, "the glove's driver does not end: it is killed")
-        driver.send(signal.SIGKILL)
-        driver.wait(DRIVER_PATIENCE)
-    loop.story.tell()
-    memory.facts.write(thread.facts | {"reason": loop.stopped})
+    for driver in drivers:
+        if not driver.wait(DRIVER_PATIENCE):
+            memory.log(FAULT, f"the glove's {driver.name} does not end: it is killed")
+            driver.send(signal.SIGKILL)
+            driver.wait(DRIVER_PATIENCE)
+    loop.tell()
+    for hand, facts in zip(memory.hands, thread.facts):
+        hand.facts.write(facts | {"reason": loop.stopped})
     if died:
         raise HhsimError(died)
 
 
-class LoopThread(threading.Thread):
-    """Thread of a loop, with real-time requests of its own; `device` describes glove and pose as the driver does.
+def make_ready(setup: LiveSetup, memory: SessionMemory) -> None:
+    """Compile, or load, the kernels of a session's ticks and of its loop."""
+    options = loop_options(setup.options, setup.rate)
+    if setup.scene is None:
+        warm_up(setup.hand, options, setup.free)
+    elif setup.beside is not None:
+        warm_up_hands(setup.scene, options)
+    if options.method not in ("coupled", "progressive") or setup.free is not None:
+        # `coupled` brings a hand out that begins inside the object.
+        warm_up(setup.hand, replace(options, method="coupled"))
+    nothing = GloveInfo("", Capability.NONE, ())
+    LiveLoop(setup, memory, *(nothing for _ in memory.hands)).prepare()
 
-    `facts` are those of the session when it began, `failure` is the exception that ended the thread, if any.
+
+class LoopThread(threading.Thread):
+    """Thread of a loop, with real-time requests of its own; `devices` describe glove and pose as the drivers do.
+
+    `facts` are those of the session of each hand when it began, `failure` is the exception that ended the thread.
     """
 
-    def __init__(self, loop: LiveLoop, device: dict[str, Any]) -> None:
+    def __init__(self, loop: LiveLoop, devices: Sequence[dict[str, Any]]) -> None:
         super().__init__(name="hhsim-loop", daemon=True)
         self._loop = loop
-        self.facts = {"pose": device["pose"], "device": {name: device[name] for name in device if name != "pose"}}
+        self.facts: list[dict[str, Any]] = [
+            {"pose": device["pose"], "device": {name: device[name] for name in device if name != "pose"}}
+            for device in devices
+        ]
         self.failure: BaseException | None = None
 
     def start(self) -> None:
@@ -140,15 +157,17 @@ class LoopThread(threading.Thread):
 
     def _run(self, mode: dict[str, Any]) -> None:
         loop, memory = self._loop, self._loop.memory
-        self.facts["real_time"] = mode
-        memory.facts.write(self.facts)
+        for hand, facts in zip(memory.hands, self.facts):
+            facts["real_time"] = mode
+            hand.facts.write(facts)
         memory.log(INFORMATION, f"the loop runs at {loop.setup.rate:g} Hz: {described(mode)}")
         for line in mode["refused"]:
             memory.log(WARNING, line)
         # A glove that plays a motion begins it now; earlier samples of others are discarded.
-        memory.status["loop_ready"] = BEGIN
+        for hand in memory.hands:
+            hand.status["loop_ready"] = BEGIN
         begun = time.monotonic() + DRIVER_PATIENCE
-        while not memory.status["driver_begun"] and time.monotonic() < begun:
+        while not all(hand.status["driver_begun"] for hand in memory.hands) and time.monotonic() < begun:
             time.sleep(0.0005)
         loop.run(mode["cpu"])
 
@@ -158,29 +177,39 @@ def main(arguments: Sequence[str] | None = None) -> int:
     setup: LiveSetup
     setup, memory = session_process("loop", arguments)
     ending = Ending()
-    driver: ChildProcess | None = None
-    memory.status["loop_pid"] = os.getpid()
-    memory.status["stage"] = Stage.STARTING
+    drivers: list[ChildProcess] = []
+    for hand in memory.hands:
+        hand.status["loop_pid"] = os.getpid()
+    tell_stage(memory, Stage.STARTING)
 
     def body() -> None:
-        nonlocal driver
         if not end_with(setup.supervisor):
             raise HhsimError("the loop's supervisor ended before the loop began")
-        oldest_ns = setup.oldest_heartbeat_ns
-        given = DriverSetup(setup.device, setup.pose, setup.dry_run, oldest_ns, setup.real_time, os.getpid())
-        descriptor = memory.with_setup(given)
-        # It waits until the loop is ready.
-        driver = ChildProcess("driver", "hhsim.live.loop.driver", descriptor, memory.descriptors)
-        os.close(descriptor)
-        run_session(setup, memory, ending, driver)
+        for own, hand in zip(setup.hands, memory.hands):
+            given = DriverSetup(
+                own.device, own.pose, setup.dry_run, setup.oldest_heartbeat_ns, setup.real_time, os.getpid()
+            )
+            descriptor = hand.with_setup(given, alone=True)
+            # It waits until the loop is ready.
+            name = "driver" if setup.beside is None else f"{own.hand.side}-driver"
+            drivers.append(ChildProcess(name, "hhsim.live.loop.driver", descriptor, hand.descriptors))
+            os.close(descriptor)
+        run_session(setup, memory, ending, drivers)
 
     try:
         return exit_code(body, lambda text: memory.log(FAULT, text))
     finally:
-        memory.status["stage"] = Stage.ENDING
-        if driver is not None and not driver.wait(DRIVER_PATIENCE):
-            driver.send(signal.SIGKILL)
-        memory.status["stage"] = Stage.ENDED
+        tell_stage(memory, Stage.ENDING)
+        for driver in drivers:
+            if not driver.wait(DRIVER_PATIENCE):
+                driver.send(signal.SIGKILL)
+        tell_stage(memory, Stage.ENDED)
+
+
+def tell_stage(memory: SessionMemory, stage: Stage) -> None:
+    """Set the stage of the session in the status of each hand."""
+    for hand in memory.hands:
+        hand.status["stage"] = stage
 
 
 if __name__ == "__main__":

@@ -77,12 +77,22 @@ class SafetyLog:
 
 
 class Story:
-    """Writes a session's log from records of `LiveArrays`; `tell` is for one thread, `detail` as of `SafetyLog`."""
+    """Writes a session's log from records of `LiveArrays`; `tell` is for one thread, `detail` as of `SafetyLog`.
+
+    Each line begins with `whose`.
+    """
 
     def __init__(
-        self, setup: LiveSetup, memory: SessionMemory, info: GloveInfo, notes: Any, refused: Any, loop: Any
+        self,
+        setup: LiveSetup,
+        memory: SessionMemory,
+        info: GloveInfo,
+        notes: Any,
+        refused: Any,
+        loop: Any,
+        whose: str = "",
     ) -> None:
-        self._stale, self._memory, self._info = setup.safety.stale, memory, info
+        self._stale, self._memory, self._info, self._whose = setup.safety.stale, memory, info, whose
         self._notes, self._refused, self._loop = notes[0], refused[0], loop[0]
         self._words = RingReader(memory.words)
         self._next = 0
@@ -95,20 +105,23 @@ class Story:
         if not self._begun:
             self._begun = True
             for text in doubts(self._info):
-                self._memory.log(WARNING, text)
+                self._log_line(WARNING, text)
         # Up to the notes of this moment: the driver's reasons for them are read below.
         written = int(self._notes.written[0])
         self._read_words()
         if written - self._next > CAPACITY:
             lost = written - CAPACITY - self._next
-            self._memory.log(WARNING, f"{counted(lost, 'thing')} to tell lost: they came too fast")
+            self._log_line(WARNING, f"{counted(lost, 'thing')} to tell lost: they came too fast")
             self._next += lost
         while self._next < written:
             i = self._next % CAPACITY
             self._next += 1
             time_ns, code, place, count = (int(getattr(self._notes, name)[i]) for name in _NUMBERS)
             for level, text in self._lines(time_ns, code, place, count, float(self._notes.value[i])):
-                self._memory.log(level, text, time_ns)
+                self._log_line(level, text, time_ns)
+
+    def _log_line(self, level: int, text: str, time_ns: int | None = None) -> None:
+        self._memory.log(level, f"{self._whose}{text}", time_ns)
 
     def _read_words(self) -> None:
         _, words = self._words.read(WORD_CAPACITY)
@@ -117,7 +130,7 @@ class Story:
             if level == REASON:
                 self.detail[Safety.DEVICE_LOST] = text
             else:
-                self._memory.log(level, text, int(word["time_ns"]))
+                self._log_line(level, text, int(word["time_ns"]))
 
     def _lines(self, time_ns: int, code: int, place: int, count: int, value: float) -> list[Line]:
         """Return the lines of a note; notes that only explain a later one change `detail`."""

@@ -5,8 +5,8 @@ end of its process. The heartbeat is usually quicker: a process with much locked
 fails it frees the fingers every 20 ms. It does not end before the loop has, whatever signal it gets, and releases a
 session that has ended once more.
 
-Of two gloves in one session it has a connection to each. A fault of one hand frees the other one, too: the watchdog
-releases its glove, and holds its fingers back (`watchdog_armed`), so that its loop commands nothing from its next tick.
+Of two gloves in one session it has a connection to each, and frees those whose driver has failed, or both where the
+loop has. That a fault of one hand frees the other one is the loop's task.
 
 It imports little: its own setup, the status block, and the part of the glove's driver that connects.
 """
@@ -21,7 +21,7 @@ from types import FrameType
 
 from hhsim.live.device import DeviceError, FingerRelease
 from hhsim.live.devices.registry import open_release
-from hhsim.live.ipc.status import ARMED, HELD_BACK, LIVE_STATUS, LoopProcess, Stage, WatchdogSetup
+from hhsim.live.ipc.status import LIVE_STATUS, LoopProcess, Stage, WatchdogSetup
 from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
 from hhsim.live.shared_memory import SharedBlock, process_setup
 
@@ -41,7 +41,7 @@ class WatchedHand:
     def __init__(self, setup: WatchdogSetup, device: FingerRelease | None) -> None:
         self._supervisor = setup.supervisor
         self._stale_ns = setup.oldest_ns
-        self._periods, self._faults = setup.periods, setup.faults
+        self._periods = setup.periods
         self._block = SharedBlock(setup.status, LIVE_STATUS)
         self._status = self._block.array[0]
         self._device = device
@@ -68,27 +68,19 @@ class WatchedHand:
         amiss = amiss or (stage == Stage.RUNNING and now - int(status["driver_ns"]) > self._stale_ns)
         return amiss or self._broke_off(stage)
 
-    def faulty(self, now: int) -> bool:
-        """Return whether the user's other hand is to be free for a fault of this one."""
-        stage = int(self._status["stage"])
-        if stage == Stage.RUNNING:
-            return self.amiss(now) or int(self._status["safety"]) & self._faults != 0
-        return self._broke_off(stage)
-
     def _broke_off(self, stage: int) -> bool:
         """Return whether the loop ends by itself before its time, as after the death of its driver."""
         status = self._status
         over = 0 <= self._periods <= int(status["ticks"] + status["missed"])
         return stage in (Stage.ENDING, Stage.ENDED) and status["stop_requested"] == 0 and not over
 
-    def look(self, now: int, other_faulty: bool) -> None:
-        """Say that the watchdog is alive, and free the fingers now and then while this or the other hand needs it."""
+    def look(self, now: int) -> None:
+        """Say that the watchdog is alive, and free the fingers now and then while that is needed."""
         status = self._status
         status["watchdog_ns"] = now
         self._stay_connected(now)
-        # Before the release: the loop's next command is to hold nothing.
-        status["watchdog_armed"] = (HELD_BACK if other_faulty else ARMED) if self._armed else 0
-        if (other_faulty or self.amiss(now)) and now - self._released_ns >= RELEASE_NS:
+        status["watchdog_armed"] = self._armed
+        if self.amiss(now) and now - self._released_ns >= RELEASE_NS:
             self._released_ns = now
             if self._free_fingers():
                 status["watchdog_releases"] += 1
@@ -156,11 +148,11 @@ class Watchdog:
     def _step(self) -> bool:
         """Look once at each hand; True if there is nothing left to watch."""
         hands = self._hands
-        hands[0].loop.wait(WATCH_SECONDS, *(hand.loop for hand in hands[1:]))
+        for hand, patience in zip(hands, (WATCH_SECONDS, 0.0)):
+            hand.loop.wait(patience)
         now = time.monotonic_ns()
-        faulty = [hand.faulty(now) for hand in hands]
-        for hand, beside in zip(hands, reversed(faulty)):
-            hand.look(now, len(hands) > 1 and beside)
+        for hand in hands:
+            hand.look(now)
         over = [hand.over(now, self._may_end) for hand in hands]
         return all(over)
 

@@ -24,6 +24,8 @@ from typing import Any, Self
 import numpy as np
 
 from hhsim.arrays import AnyArray, Records
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.live.device import COUNTERS
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import SessionMemory, TickReader, exit_code, session_process
@@ -33,18 +35,22 @@ from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
 from hhsim.live.session.statistics import LiveTally, session_figures
 from hhsim.live.session.tick_block import SessionColumns
 from hhsim.live.shared_memory import RingReader
+from hhsim.metrics.metrics import distance_of_hands
 from hhsim.replay.stored_scene import describe_scene, hand_arrays
 from hhsim.result.miss_cause import by_name
 from hhsim.result.reader import CHUNK_TICKS, check_result_path
 from hhsim.result.schema import (
+    BETWEEN_COLUMNS,
     CONTACT,
     EVENT_COLUMNS,
     HANDS,
+    HANDS_APART,
     LIVE,
     LIVE_EVENT,
     LIVE_SAMPLE,
     LIVE_TICK,
     LIVE_TICK_COLUMNS,
+    TICK,
     Column,
     hand_tables,
     sample_columns,
@@ -53,6 +59,7 @@ from hhsim.result.writer import HandPart, ResultWriter
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.world_solver import keeps_hands_apart
 
 RINGS = ("ticks", "samples", "events")
 
@@ -68,49 +75,99 @@ CUT_SHORT = "the recorder was told to stop before the session ended"
 LOOP_DIED = "the loop failed or was killed"
 
 
-class SessionWriter:
-    """Takes records as they come out of the rings, and writes them block by block; OutputError without a file.
+class HandRecords:
+    """A hand of a session's file, `number` of its hands: its columns, and the records that wait to be written.
 
-    `options` are those that the loop solves with, `facts` the `SessionMemory.facts` before the session ran. `lost` is
-    kept up to date by the reader of the rings; `empty` is True if neither a tick nor a sample has come.
+    `lost` is kept up to date by the reader of the rings.
     """
 
-    def __init__(self, path: Path, setup: LiveSetup, options: SolverOptions, facts: Mapping[str, Any]) -> None:
+    def __init__(self, setup: LiveSetup, options: SolverOptions, number: int, facts: Mapping[str, Any]) -> None:
+        self.setup, self.facts = setup.hands[number], facts
+        self.side, self.model = self.setup.hand.side, self.setup.hand
+        self.columns = SessionColumns(setup, options, number)
         self.lost = dict.fromkeys(RINGS, 0)
-        self.empty = True
         self.tally = LiveTally()
         self.penetration_max = 0.0
-        device = dict(facts.get("device", {}))
-        self._channels = len(device.get("channels", ()))
+        self.waiting: dict[str, list[tuple[int, Records]]] = {ring: [] for ring in RINGS}
+        self._channels = len(facts.get("device", {}).get("channels", ()))
         self._sample_columns = sample_columns(self._channels)
-        self._columns = SessionColumns(setup, options)
-        self._waiting: dict[str, list[tuple[int, Records]]] = {ring: [] for ring in RINGS}
-        self._began = -1
-        description, bodies = dict(setup.description), self._columns.bodies
-        free = next((FreeObject.from_json(of.properties) for of in bodies.values() if of.kind == "free"), None)
-        scene = {
-            **description,
-            "motion": description.get("motion") or "live",
-            "rate": setup.rate,
-            "duration": setup.duration,
-            "device": setup.device.kind,
-            **describe_scene(setup.mesh, setup.tree, setup.hand, options, bodies, free),
-        }
+
+    def part(self, described: Mapping[str, Any]) -> HandPart:
+        """Return the hand of a file, whose scene is described."""
+        setup, facts = self.setup, self.facts
         header: dict[str, str | int] = {
-            "device": as_text(device),
+            "device": as_text(dict(facts.get("device", {}))),
             "real_time": as_text(facts.get("real_time", {})),
             "pose": str(facts.get("pose", "")),
             "limits": as_text(setup.limits_json()),
             "dry_run": int(setup.dry_run),
             "utc_offset": time.time_ns() - time.monotonic_ns(),
-            "counters": as_text({}),
-            **self._lost_attributes(),
-            "ended": "",
+            **self.attributes(np.zeros(0), ""),
         }
         tables = {LIVE_TICK: LIVE_TICK_COLUMNS, LIVE_SAMPLE: self._sample_columns, LIVE_EVENT: EVENT_COLUMNS}
-        self._side = setup.hand.side
-        hands = {str(self._side): HandPart(scene, hand_arrays(setup.hand), tables, header)}
-        self._writer = ResultWriter(path, hands=hands, bodies=bodies, command=setup.command)
+        return HandPart(described, hand_arrays(self.model), tables, header)
+
+    def attributes(self, counters: AnyArray, ended: str) -> dict[str, str | int]:
+        """Return the attributes of /live that change while the session runs."""
+        named = as_text(dict(zip(COUNTERS, map(int, counters))))
+        return {"counters": named, "ended": ended, **{f"lost_{ring}": self.lost[ring] for ring in RINGS}}
+
+    def taken(self) -> dict[str, list[tuple[int, Records]]]:
+        """Return what waits, which then waits no more."""
+        taken, self.waiting = self.waiting, {ring: [] for ring in RINGS}
+        return taken
+
+    def count(self, ticks: Records, columns: Mapping[str, AnyArray]) -> None:
+        """Count ticks with their columns in the figures."""
+        self.tally.count(ticks)
+        # The depth of a hand that is not finite is NaN.
+        self.penetration_max = float(np.fmax.reduce(columns["penetration_depth"], initial=self.penetration_max))
+
+    def tables(self, taken: Mapping[str, Sequence[tuple[int, Records]]]) -> dict[str, dict[str, AnyArray]]:
+        """Return the rows of /live."""
+        live = [_numbered(LIVE_TICK_COLUMNS, first, records) for first, records in taken["ticks"]]
+        samples = [
+            _numbered(self._sample_columns, first, records) | {"channel": records["channels"][:, : self._channels]}
+            for first, records in taken["samples"]
+        ]
+        events = [_fields(EVENT_COLUMNS, records) for _, records in taken["events"]]
+        whose = f"{self.side} hand: ".encode()
+        for rows in events:
+            # In its own table a hand needs no name.
+            rows["text"] = np.array([text.removeprefix(whose) for text in rows["text"].tolist()], rows["text"].dtype)
+        found = {LIVE_TICK: live, LIVE_SAMPLE: samples, LIVE_EVENT: events}
+        return {f"{HANDS}/{self.side}/{table}": _joined(rows) for table, rows in found.items()}
+
+
+class SessionWriter:
+    """Takes records as they come out of the rings, and writes them block by block; OutputError without a file.
+
+    `options` are those that the loop solves with, `facts` the `SessionMemory.facts` of each hand before the session
+    ran. `empty` is True if neither a tick nor a sample has come.
+    """
+
+    def __init__(self, path: Path, setup: LiveSetup, options: SolverOptions, *facts: Mapping[str, Any]) -> None:
+        self.empty = True
+        self.hands = [HandRecords(setup, options, number, of) for number, of in enumerate(facts)]
+        self._began, self._both = -1, len(self.hands) > 1
+        bodies = self.hands[0].columns.bodies
+        free = next((FreeObject.from_json(of.properties) for of in bodies.values() if of.kind == "free"), None)
+        apart = {HANDS_APART: free is not None or keeps_hands_apart(options)} if self._both else {}
+        parts = {}
+        for hand in self.hands:
+            given = dict(hand.setup.description)
+            described = {
+                **given,
+                "motion": given.get("motion") or "live",
+                "rate": setup.rate,
+                "duration": setup.duration,
+                "device": hand.setup.device.kind,
+                **apart,
+                **describe_scene(setup.mesh, setup.tree, hand.model, options, bodies, free),
+            }
+            parts[str(hand.side)] = hand.part(described)
+        between = BETWEEN_COLUMNS if self._both else ()
+        self._writer = ResultWriter(path, hands=parts, bodies=bodies, columns=between, command=setup.command)
 
     def __enter__(self) -> Self:
         return self
@@ -126,51 +183,61 @@ class SessionWriter:
     @property
     def waiting_ticks(self) -> int:
         """Number of ticks in the next block."""
-        return sum(len(records) for _, records in self._waiting["ticks"])
+        return sum(len(records) for _, records in self.hands[0].waiting["ticks"])
 
-    def take(self, ring: str, first: int, records: Records) -> None:
-        """Keep records of one of `RINGS` for the next block; `first` is the number of the first one in the ring."""
+    def take(self, ring: str, first: int, records: Records, hand: int = 0) -> None:
+        """Keep records of one of `RINGS` of a hand for the next block; `first` is the number of the first one.
+
+        All hands have the same ticks.
+        """
         if len(records):
-            self._waiting[ring].append((first, records))
+            self.hands[hand].waiting[ring].append((first, records))
             self.empty = self.empty and ring == "events"
 
     def write(self, counters: AnyArray, ended: str = "") -> None:
-        """Write the records that were taken, with `counters` of the device and a reason if the recording ends here.
+        """Write the records that were taken, with `counters` of the devices and a reason if the recording ends here.
 
-        OutputError if the disk is full or gone; the ticks before stay readable.
+        The counters have shape (hands, counters), or those of one hand. OutputError if the disk is full or gone; the
+        ticks before stay readable.
         """
-        taken, self._waiting = self._waiting, {ring: [] for ring in RINGS}
-        ticks, live, contacts = [], [], []
-        bodies: dict[str, list[dict[str, AnyArray]]] = {}
+        taken = [hand.taken() for hand in self.hands]
+        ticks: list[dict[str, dict[str, AnyArray]]] = []
         row = self._writer.ticks
-        for first, records in taken["ticks"]:
-            if self._began < 0:
-                self._began = int(records["time_ns"][0])
-            of_hand, of_bodies = self._columns.block(first, records, self._began)
-            ticks.append(of_hand)
-            for group, rows in of_bodies.items():
-                bodies.setdefault(group, []).append(rows)
-            self.tally.count(records)
-            # The depth of a hand that is not finite is NaN.
-            depths = ticks[-1]["penetration_depth"]
-            self.penetration_max = float(np.fmax.reduce(depths, initial=self.penetration_max))
-            live.append(_numbered(LIVE_TICK_COLUMNS, first, records))
-            contacts.append(self._columns.contacts(row, records))
-            row += len(records)
-        samples = [
-            _numbered(self._sample_columns, first, records) | {"channel": records["channels"][:, : self._channels]}
-            for first, records in taken["samples"]
-        ]
-        events = [_fields(EVENT_COLUMNS, records) for _, records in taken["events"]]
+        for blocks in zip(*(of["ticks"] for of in taken), strict=True):
+            ticks.append(self._tables(row, blocks))
+            row += len(blocks[0][1])
+        groups = dict.fromkeys(group for tables in ticks for group in tables)
+        joined = {group: _joined([tables[group] for tables in ticks]) for group in groups}
         # A tick counts as written with its row of live/tick: its contacts come before that.
-        hand = f"{HANDS}/{self._side}"
-        tables = {CONTACT: contacts, **bodies}
-        tables |= {f"{hand}/{LIVE_TICK}": live, f"{hand}/{LIVE_SAMPLE}": samples, f"{hand}/{LIVE_EVENT}": events}
-        named = as_text(dict(zip(COUNTERS, map(int, counters), strict=True)))
-        attributes: dict[str, str | int] = {"counters": named, "ended": ended, **self._lost_attributes()}
-        joined = {group: _joined(rows) for group, rows in tables.items()}
-        of_ticks = hand_tables(self._side, _joined(ticks)) if ticks else {}
-        self._writer.append({**of_ticks, **joined}, {f"{hand}/{LIVE}": attributes})
+        for hand, of in zip(self.hands, taken):
+            joined |= hand.tables(of)
+        attributes = {
+            f"{HANDS}/{hand.side}/{LIVE}": hand.attributes(of, ended)
+            for hand, of in zip(self.hands, np.atleast_2d(counters), strict=True)
+        }
+        self._writer.append(joined, attributes)
+
+    def _tables(self, row: int, blocks: Sequence[tuple[int, Records]]) -> dict[str, dict[str, AnyArray]]:
+        """Return the rows of ticks of all hands; `row` is the number of the first one in the file."""
+        of_bodies = blocks[0][1]
+        if self._began < 0:
+            self._began = int(of_bodies["time_ns"][0])
+        tables: dict[str, dict[str, AnyArray]] = {}
+        placed: dict[str, list[PlacedHand]] = {"haptic": [], "graphic": []}
+        for hand, (first, records) in zip(self.hands, blocks):
+            block, moved = hand.columns.block(first, records, self._began, of_bodies)
+            hand.count(records, block)
+            # What both hands say of time and bodies is the same.
+            tables = {**hand_tables(hand.side, block), **moved, **tables}
+            if self._both:
+                haptic = (block[f"haptic/{name}"] for name in HandConfiguration._fields)
+                placed["haptic"].append(forward_kinematics(hand.model, *haptic))
+                shown = (block[f"graphic/{name}"] for name in ("joints", "position", "orientation"))
+                placed["graphic"].append(PlacedHand(*shown))
+        models = [hand.model for hand in self.hands]
+        for column in BETWEEN_COLUMNS if self._both else ():
+            tables[TICK][column.name] = distance_of_hands(models, placed[column.name.rpartition("/")[2]])
+        return {**tables, CONTACT: self.hands[0].columns.contacts(row, of_bodies)}
 
     def finish(self, ended: str, counters: AnyArray, missed: int, missed_by: Mapping[str, int]) -> Path:
         """Write the records that were taken and the summary, and mark the file complete.
@@ -178,11 +245,12 @@ class SessionWriter:
         `ended` and `counters` are as in `write`, which raises the same; the others as of `session_figures`.
         """
         self.write(counters, ended)
-        figures = session_figures(self.tally, missed, missed_by, self.penetration_max, self.lost)
-        return self._writer.finish({self._side: figures})
-
-    def _lost_attributes(self) -> dict[str, int]:
-        return {f"lost_{ring}": self.lost[ring] for ring in RINGS}
+        return self._writer.finish(
+            {
+                hand.side: session_figures(hand.tally, missed, missed_by, hand.penetration_max, hand.lost)
+                for hand in self.hands
+            }
+        )
 
 
 def _fields(columns: Sequence[Column], records: Records) -> dict[str, AnyArray]:
@@ -211,7 +279,12 @@ class Recorder:
         self._path = setup.record
         self._setup = setup
         self._memory = memory
-        self._readers = {ring: RingReader(getattr(memory, ring)) for ring in RINGS} | {"ticks": TickReader(memory)}
+        self._ticks = TickReader(memory)
+        self._readers = [
+            (number, ring, RingReader(getattr(hand, ring)))
+            for number, hand in enumerate(memory.hands)
+            for ring in RINGS[1:]
+        ]
         self._parent = os.getppid()
         self._loop = LoopProcess(memory.status)
         self._stop = False
@@ -225,43 +298,62 @@ class Recorder:
         check_result_path(self._path)
         options = loop_options(self._setup.options, self._setup.rate)
         # Kernels that measure penetration are compiled before ticks wait.
-        if self._setup.bodies is None:
+        if self._setup.scene is None:
             warm_up(self._setup.hand, options, self._setup.free)
-        while not self._memory.facts.read():
+        elif self._setup.beside is not None:
+            warm_up(self._setup.hand, options)
+            flat = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 5, 3)), np.zeros((1, 5))
+            models = [hand.hand for hand in self._setup.hands]
+            distance_of_hands(models, [forward_kinematics(model, *flat) for model in models])
+        while not all(hand.facts.read() for hand in self._memory.hands):
             # The glove is being connected; without it there is no session.
             if self._end() or self._stop:
                 return
             self._loop.wait(POLL)
-        with SessionWriter(self._path, self._setup, options, self._memory.facts.read()) as writer:
+        facts = [hand.facts.read() for hand in self._memory.hands]
+        with SessionWriter(self._path, self._setup, options, *facts) as writer:
             ended = self._follow(writer)
             become_ordinary()
             if writer.empty:
                 return
-            status = self._memory.status
             if ended == CUT_SHORT:
-                writer.write(status["counters"], ended)
+                writer.write(self._counters, ended)
                 return
-            writer.finish(ended, status["counters"], int(status["missed"]), by_name(status["missed_by"]))
-            status["recorder_ticks"], status["recorder_lost"] = writer.ticks, writer.lost["ticks"]
+            status = self._memory.status
+            writer.finish(ended, self._counters, int(status["missed"]), by_name(status["missed_by"]))
+            self._tell(writer)
+
+    @property
+    def _counters(self) -> AnyArray:
+        return np.stack([hand.status["counters"] for hand in self._memory.hands])
+
+    def _tell(self, writer: SessionWriter) -> None:
+        """Tell each hand's status how much is written and lost."""
+        for hand in self._memory.hands:
+            hand.status["recorder_ticks"], hand.status["recorder_lost"] = writer.ticks, self._ticks.lost
 
     def _follow(self, writer: SessionWriter) -> str:
         """Write block after block until the session has ended; returns the reason."""
-        written, status = time.monotonic(), self._memory.status
+        written = time.monotonic()
         while True:
             # Read before the rings: all records before the end are read after it.
             ended = self._end()
-            more = False
-            for ring, reader in self._readers.items():
+            first, ticks = self._ticks.read_hands(BLOCK_RECORDS)
+            more = len(ticks[0]) == BLOCK_RECORDS
+            for number, records in enumerate(ticks):
+                writer.take("ticks", first, records, number)
+                writer.hands[number].lost["ticks"] = self._ticks.lost
+            for number, ring, reader in self._readers:
                 first, records = reader.read(BLOCK_RECORDS)
-                writer.take(ring, first, records)
-                writer.lost[ring] = reader.lost
+                writer.take(ring, first, records, number)
+                writer.hands[number].lost[ring] = reader.lost
                 more = more or len(records) == BLOCK_RECORDS
             now = time.monotonic()
             over = not more and (bool(ended) or self._stop)
             if over or writer.waiting_ticks >= CHUNK_TICKS or now - written >= LONGEST_WAIT:
-                writer.write(status["counters"])
+                writer.write(self._counters)
                 written = now
-            status["recorder_ticks"], status["recorder_lost"] = writer.ticks, writer.lost["ticks"]
+            self._tell(writer)
             if over:
                 return ended or CUT_SHORT
             if not more:

@@ -1,6 +1,8 @@
 """Scene of a live session: the bodies in the world, and where palm and fingers begin."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,17 +14,16 @@ from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.live.devices.registry import GLOVES, GloveConfig
 from hhsim.live.playback import Playback
 from hhsim.live.pose.registry import POSES, PoseConfig
-from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import Trajectory
-from hhsim.scene.body import Body, Driven, Fixed
+from hhsim.replay.stored_scene import body_name
+from hhsim.scene.body import Body, Driven, Fixed, Free
 from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.scene.motion_catalogue import Motion, load_script
-from hhsim.scene.scene import Scene, scene_of
+from hhsim.scene.scene import Scene, require_one_object, scene_of
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import planned
-from hhsim.solver.free_object import FreeObject
-from hhsim.solver.scene_solver import seen_scene
+from hhsim.solver.scene_solver import SeenScene, seen_scene
 from hhsim.trees.sphere_tree import SphereTree
 
 ABOVE = 0.05
@@ -31,21 +32,30 @@ ABOVE = 0.05
 
 @dataclass(frozen=True, eq=False)
 class LiveScene:
-    """Bodies, glove and palm of a session, and their origin as plain values.
+    """Bodies of a session at its first tick, glove and palm of a hand, and their origin as plain values."""
 
-    Attributes:
-        mesh, tree: First free body, or all bodies where none is free [m], world.
-        bodies: Scene of one tick of several bodies, of which some are free; None for others.
-        free: A free body that is alone; None for others.
-    """
-
-    mesh: Mesh
-    tree: SphereTree
+    scene: Scene  # of one tick; nothing in it is driven, and of several bodies one is free
     device: GloveConfig
     pose: PoseConfig
     description: dict[str, Any]
-    bodies: Scene | None = None
-    free: FreeObject | None = None
+
+    @cached_property
+    def seen(self) -> SeenScene:
+        """The scene as its engine sees it."""
+        return seen_scene(self.scene)
+
+    def both(self, left: "LiveScene") -> "LiveScene":
+        """Return the scene of this hand, the right one, and the left one; InputError for bodies at another place."""
+        hands = (*self.scene.hands, *left.scene.hands)
+        require_one_object([hand.trajectory for hand in hands])
+        return replace(self, scene=replace(self.scene, hands=hands))
+
+    @property
+    def bodies(self) -> dict[str, Any]:
+        """Bodies as `LiveSetup` takes them, by its attributes."""
+        seen, many = self.seen, len(self.scene.hands) > 1 or len(self.scene.solids) > 1
+        bodies = {"free": None, "scene": self.scene} if many else {"free": seen.free, "scene": None}
+        return {"mesh": seen.mesh, "tree": seen.tree, **bodies}
 
 
 def make_live_scene(
@@ -59,25 +69,20 @@ def make_live_scene(
     placed: bool = False,
     seed: int = 0,
     other: OtherHand | None = None,
+    freed: Callable[[Scene], Scene] = lambda scene: scene,
 ) -> LiveScene:
     """Put bodies with their sphere trees [m], glove and palm together; driven bodies stay where they begin.
 
     `motion` is that of a simulated or replayed glove, or of a replayed palm; None if neither plays one. If `placed`,
     the palm begins at the pose of `pose`; otherwise where it can grasp, beside the user's `other` hand. `rate` is that
-    of the ticks [Hz], `seed` of a script's tremor and sensor noise. Raises TrajectoryError for a motion that cannot be
-    done on these bodies.
+    of the ticks [Hz], `seed` of a script's tremor and sensor noise; `freed` may make the body of a scene free. Raises
+    TrajectoryError for a motion that cannot be done on these bodies.
     """
     palm, still = POSES[pose.kind], np.array([[1.0, 0.0, 0.0, 0.0]])
     rest = Trajectory(np.zeros(1), np.zeros((1, 3)), still, np.zeros((1, 5, 3)), np.zeros((1, 5)))
-    scene = scene_of(bodies, [hand], [motion or rest], rate=rate, seed=seed, other=other)
+    scene = freed(scene_of(bodies, [hand], [motion or rest], rate=rate, seed=seed, other=other))
     played = scene.hands[0].trajectory
-    first = scene.first(1)
-    still_now = (
-        replace(one, motion=Fixed()) if isinstance(one, Body) and isinstance(one.motion, Driven) else one
-        for one in first.bodies
-    )
-    first = replace(first, bodies=tuple(still_now))
-    seen = seen_scene(first)
+    first = _standing_still(scene.first(1))
     where = {}
     if motion is not None:
         where = {name: getattr(played, name).tolist() for name in ("object_position", "object_orientation")}
@@ -88,7 +93,7 @@ def make_live_scene(
         if palm.plays:
             pose = replace(pose, playback=playback)
     if palm.placed and not placed:
-        position, orientation = palm_place(hand, seen.tree, palm.back, other)
+        position, orientation = palm_place(hand, seen_scene(first).tree, palm.back, other)
         x, y, z = map(float, position)
         a, b, c, d = map(float, orientation)
         pose = replace(pose, position=(x, y, z), orientation=(a, b, c, d))
@@ -99,8 +104,20 @@ def make_live_scene(
         **where,
         "palm_begins": [*pose.position, *pose.orientation] if palm.placed else None,
     }
-    of_several = (first, None) if seen.others else (None, seen.free)
-    return LiveScene(seen.mesh, seen.tree, device, pose, described, *of_several)
+    return LiveScene(first, device, pose, described)
+
+
+def _standing_still(scene: Scene) -> Scene:
+    """Return a scene of one tick without driven bodies; where none is free all are one body."""
+    stays = (
+        replace(one, motion=Fixed()) if isinstance(one, Body) and isinstance(one.motion, Driven) else one
+        for one in scene.bodies
+    )
+    scene = replace(scene, bodies=tuple(stays))
+    if len(scene.solids) == 1 or any(isinstance(body.motion, Free) for body in scene.solids):
+        return scene
+    seen = seen_scene(scene)
+    return replace(scene, bodies=(Body(body_name(scene.name), seen.mesh, seen.tree),))
 
 
 def grasping_hand(hand: HandModel, tree: SphereTree, motion: Motion | None) -> OtherHand | None:

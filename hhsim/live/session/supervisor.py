@@ -122,30 +122,34 @@ class SessionOutcome:
     loop_failed: str = ""  # failure that ended the loop early; "" if there was none
     side: str = "right"  # of the hand
     fault_at_end: str = ""  # first fault reported while the session ended, fingers not freed for one; "" for none
+    beside: "SessionOutcome | None" = None  # of the left hand, in that of the right one
+
+    @property
+    def hands(self) -> "tuple[SessionOutcome, ...]":
+        """Outcomes of all hands, this one first."""
+        return (self,) if self.beside is None else (self, self.beside)
 
 
 class Supervisor:
     """A live session, as a context manager that ends it in order on every way out.
 
-    It counts the session's ticks in `tally`, and calls `say` for every event while it happens. `beside` is the session
-    of the user's other hand, whose watchdog is this one's too: it begins before this one and ends after it.
+    It counts the ticks of each hand in `tallies`, and calls `say` for every event while it happens; those of one of two
+    hands begin with its name. `memory` and `tally` are of the first hand.
     """
 
-    def __init__(
-        self, setup: LiveSetup, say: Say = lambda text, level: None, beside: "Supervisor | None" = None
-    ) -> None:
-        setup = replace(setup, real_time=setup.real_time.chosen())
-        self.setup = setup
+    def __init__(self, setup: LiveSetup, say: Say = lambda text, level: None) -> None:
+        real_time = setup.real_time.chosen()
+        beside = None if setup.beside is None else replace(setup.beside, real_time=real_time)
+        self.setup = setup = replace(setup, real_time=real_time, beside=beside)
         self._say = say
-        self.memory = SessionMemory.create(bodies=setup.recorded_bodies)
-        self.tally = LiveTally(self.memory.ticks)
-        self._events = RingReader(self.memory.events)
+        self.memory = SessionMemory.create(bodies=setup.recorded_bodies, hands=len(setup.hands))
+        self.tallies = [LiveTally(hand.ticks) for hand in self.memory.hands]
+        self.tally = self.tallies[0]
+        self._events = [RingReader(hand.events) for hand in self.memory.hands]
         descriptor = self.memory.with_setup(setup)
         self._setups = dict.fromkeys((LOOP, RECORDER, VIEWER), descriptor)
-        self._watched = [setup.for_watchdog(self.memory.descriptors.status)]
-        self._beside = beside
-        if beside is not None:
-            beside._watched += self._watched
+        each = zip(setup.hands, self.memory.hands)
+        self._setups[WATCHDOG] = write_setup(*(own.for_watchdog(hand.descriptors.status) for own, hand in each))
         self._children: dict[str, ChildProcess] = {}
         self._notices: list[tuple[float, int, str]] = []
         self._reason = self._loop_failed = self._record_failed = self._fault_at_end = ""
@@ -160,14 +164,11 @@ class Supervisor:
         setup = self.setup
         started = {
             RECORDER: setup.record is not None,
-            WATCHDOG: setup.safety.watchdog and not setup.dry_run and self._beside is None,
+            WATCHDOG: setup.safety.watchdog and not setup.dry_run,
             LOOP: True,
             VIEWER: setup.rerun is not None,
         }
         self._began = time.monotonic()
-        # The other hand's session keeps this process off the processor that both loops take turns on.
-        os.sched_setaffinity(0, self._processors)
-        self._setups[WATCHDOG] = write_setup(*self._watched)
         try:
             for name in started:
                 if started[name]:
@@ -191,22 +192,15 @@ class Supervisor:
 
     def pid(self, name: str) -> int | None:
         """Return the process id of `LOOP`, `WATCHDOG`, `RECORDER` or `VIEWER`; None if it does not run."""
-        if name == WATCHDOG and self._beside is not None:
-            return self._beside.pid(name)
         child = self._children.get(name)
         return child.pid if child is not None and child.running else None
-
-    @property
-    def over(self) -> bool:
-        """True if the loop has ended, or ends, at the end of the session's duration."""
-        status = self.memory.status
-        return 0 <= self.setup.periods <= int(status["ticks"] + status["missed"])
 
     def poll(self) -> bool:
         """Watch the processes, report events and count ticks, ten times a second; True while the session goes on."""
         self._read_rings()
         if self.stage == Stage.RUNNING:
-            self.tally.note(int(self.memory.status["ticks"]), time.monotonic_ns())
+            for tally in self.tallies:
+                tally.note(int(self.memory.status["ticks"]), time.monotonic_ns())
         # `end` waits for a loop that was requested to end.
         if not self._children[LOOP].running or self.memory.status["stop_requested"]:
             return False
@@ -225,7 +219,7 @@ class Supervisor:
     def request_stop(self, reason: str) -> None:
         """Request the loop to free the fingers and end; the first reason is kept."""
         self._reason = self._reason or reason
-        self.memory.status["stop_requested"] = -NOT_BY_THE_USER.get(reason, -1)
+        self._tell(stop_requested=-NOT_BY_THE_USER.get(reason, -1))
 
     def end(self, reason: str = "") -> SessionOutcome:
         """End all processes in order for a reason, if nothing else has ended the session; may be called again."""
@@ -265,8 +259,13 @@ class Supervisor:
             raise HhsimError(f"the recording{where} is not whole: {self._record_failed}")
 
     def _start(self, name: str) -> None:
-        inherited = [*self.memory.descriptors, *(other.status for other in self._watched[1:])]
-        self._children[name] = ChildProcess(name, MODULES[name], self._setups[name], inherited)
+        self._children[name] = ChildProcess(name, MODULES[name], self._setups[name], self.memory.inherited)
+
+    def _tell(self, **values: int) -> None:
+        """Set fields of the status of each hand."""
+        for hand in self.memory.hands:
+            for name, value in values.items():
+                hand.status[name] = value
 
     def _watch_loop(self) -> None:
         heartbeat = int(self.memory.status["heartbeat_ns"])
@@ -297,9 +296,9 @@ class Supervisor:
     def _end_loop(self) -> None:
         loop, status = self._children.get(LOOP), self.memory.status
         if loop is None:
-            status["stage"] = Stage.ENDED
+            self._tell(stage=Stage.ENDED)
             return
-        status["stop_requested"] = status["stop_requested"] or 1
+        self._tell(stop_requested=int(status["stop_requested"]) or 1)
         starting = self.stage == Stage.STARTING
         if starting:
             # No finger is held yet, and the request is not read while a kernel is compiled.
@@ -318,7 +317,7 @@ class Supervisor:
             until = time.monotonic() + RELEASE_PATIENCE
             while self.pid(WATCHDOG) is not None and time.monotonic() < until:
                 time.sleep(0.01)
-            status["stage"] = Stage.ENDED
+            self._tell(stage=Stage.ENDED)
 
     def _end_child(self, name: str, patience: float, activity: Callable[[], str]) -> bool:
         """Wait for a process that does `activity`, `patience` [s] before SIGTERM; True if it just ends."""
@@ -352,12 +351,13 @@ class Supervisor:
 
     def _read_rings(self) -> None:
         """Count new ticks and report new events."""
-        self.tally.read()
-        _, events = self._events.read(256)
-        for event in events:
-            text, level = bytes(event["text"]).decode("utf-8", "replace"), int(event["level"])
-            # A fault before the first tick is the error that ends the command, which prints it.
-            self._notice(text, level, silent=level == FAULT and int(self.memory.status["ticks"]) == 0)
+        for tally, reader in zip(self.tallies, self._events):
+            tally.read()
+            for event in reader.read(256)[1]:
+                text, level = bytes(event["text"]).decode("utf-8", "replace"), int(event["level"])
+                # A fault before the first tick is the error that ends the command, which prints it.
+                silent = level == FAULT and int(self.memory.status["ticks"]) == 0
+                self._notice(text, level, silent=silent)
 
     def _notice(self, text: str, level: int, *, silent: bool = False) -> None:
         self._notices.append((time.monotonic() - self._began, level, text))
@@ -373,26 +373,31 @@ class Supervisor:
 
     def _outcome_now(self) -> SessionOutcome:
         status = self.memory.status
-        facts = self.memory.facts.read()
+        facts = [hand.facts.read() for hand in self.memory.hands]
         if not self._record_failed and status["recorder_failed"]:
             self._record_failed = "the recorder failed"
-        return SessionOutcome(
-            reason=self._reason or str(facts.get("reason", "")) or "the loop ended",
-            seconds=float((status["ticks"] + status["missed"]) / self.setup.rate),
-            ticks=int(status["ticks"]),
-            missed=int(status["missed"]),
-            missed_by=by_name(status["missed_by"]),
-            tally=self.tally,
-            facts=facts,
-            counters=DeviceCounters(*map(int, status["counters"])),
-            record=self.setup.record,
-            side=self.setup.hand.side,
-            recorded=int(status["recorder_ticks"]),
-            record_lost=int(status["recorder_lost"]),
-            record_failed=self._record_failed,
-            notices=self._notices,
-            watchdog_restarts=self._watchdog_restarts,
-            watchdog_releases=int(status["watchdog_releases"]),
-            loop_failed=self._loop_failed,
-            fault_at_end=self._fault_at_end,
+        first, *others = (
+            SessionOutcome(
+                reason=self._reason or str(facts[0].get("reason", "")) or "the loop ended",
+                seconds=float((status["ticks"] + status["missed"]) / self.setup.rate),
+                ticks=int(status["ticks"]),
+                missed=int(status["missed"]),
+                missed_by=by_name(status["missed_by"]),
+                tally=tally,
+                facts=own,
+                counters=DeviceCounters(*map(int, hand.status["counters"])),
+                record=self.setup.record,
+                side=setup.hand.side,
+                recorded=int(status["recorder_ticks"]),
+                record_lost=int(status["recorder_lost"]),
+                record_failed=self._record_failed,
+                notices=self._notices,
+                watchdog_restarts=self._watchdog_restarts,
+                watchdog_releases=int(hand.status["watchdog_releases"]),
+                loop_failed=self._loop_failed,
+                fault_at_end=self._fault_at_end,
+            )
+            for setup, hand, tally, own in zip(self.setup.hands, self.memory.hands, self.tallies, facts)
         )
+        first.beside = next(iter(others), None)
+        return first

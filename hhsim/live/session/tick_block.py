@@ -22,36 +22,43 @@ Columns = dict[str, AnyArray]
 
 
 class SessionColumns:
-    """Builds columns of hand and bodies, and of /contact, block by block, with the options of the loop."""
+    """Builds columns of a hand and of bodies, and of /contact, block by block, with the options of the loop."""
 
-    def __init__(self, setup: LiveSetup, options: SolverOptions) -> None:
-        scene = None if setup.bodies is None else standing_apart(setup.bodies, options.surface)
+    def __init__(self, setup: LiveSetup, options: SolverOptions, hand: int = 0) -> None:
+        scene = None if setup.scene is None else standing_apart(setup.scene, options.surface)
         seen = None if scene is None else seen_scene(scene)
+        self._hands = len(setup.hands)
         self.parts = None if seen is None or seen.parts is None else _with_room(seen.parts)
         kind, place = "fixed" if setup.free is None else "free", ObjectMotion(*setup.object_pose())
         self.bodies = {body_name(setup.mesh.name): body_part(kind, setup.mesh, setup.tree, place, setup.free)}
         if scene is not None and seen is not None:
             self.bodies = body_parts(scene, seen)
-        self._columns = TickColumns(setup.contact_surface().arrays, setup.hand, options, self.parts)
+        model = setup.hands[hand].hand
+        surface = setup.contact_surface() if seen is None else seen.surface(options.surface)
+        self._columns = TickColumns(surface.arrays, model, options, self.parts)
         self._is_free = setup.recorded_bodies > 0
-        self._pose = setup.object_pose()
+        self._pose = setup.object_pose() if seen is None else seen.place
         self._next = 0
 
-    def block(self, first: int, records: Records, began_ns: int) -> tuple[Columns, dict[str, Columns]]:
+    def block(
+        self, first: int, records: Records, began_ns: int, bodies: Records | None = None
+    ) -> tuple[Columns, dict[str, Columns]]:
         """Build the columns of the next ticks, of the hand, and of bodies that move by their groups.
 
         `records` are one or more of the ring, `first` the number of the first one, counted from the loop's beginning;
         earlier ones may be lost. `began_ns` is CLOCK_MONOTONIC at which the session's first tick was due [ns].
+        `bodies` are records with the fields of bodies, by default these.
         """
+        bodies = records if bodies is None else bodies
         if first != self._next:
             self._columns.forget()
         self._next = first + len(records)
         haptic = HandConfiguration(*(records[f"haptic_{name}"] for name in HandConfiguration._fields))
         record = TickRecord(*(np.ascontiguousarray(records[name]) for name in TickRecord._fields))
         time = 1e-9 * (records["time_ns"] - began_ns)
-        moved = next(iter(self.moved(records)), None)
-        own = free_columns(object_ticks(records), *self._pose) if self._is_free else {}
-        motions = None if self.parts is None else body_ticks(records)
+        moved = next(iter(self.moved(bodies)), None)
+        own = free_columns(object_ticks(bodies), *self._pose) if self._is_free else {}
+        motions = None if self.parts is None else body_ticks(bodies)
         self._columns.rewind()
         of_bodies = body_rows(self.parts, motions, list(self.bodies), slice(0, len(records)), own)
         block = self._columns.block(time, records["input_seq"], seen_hand(haptic, moved), record)
@@ -59,7 +66,7 @@ class SessionColumns:
 
     def contacts(self, first: int, records: Records) -> Columns:
         """Build the rows of /contact of these ticks; `first` is the number of their first row in /tick."""
-        return stored_contacts(contact_rows(object_ticks(records), first), 1) if self._is_free else {}
+        return stored_contacts(contact_rows(object_ticks(records), first), self._hands) if self._is_free else {}
 
     def moved(self, records: Records) -> tuple[RigidMotion, ...]:
         """Return the motion of bodies since before the first tick, at the end of each; none of one that is fixed."""

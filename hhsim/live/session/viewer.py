@@ -128,7 +128,7 @@ class LiveViewer:
 
     def _show(self, viewer: RerunScene) -> None:
         _, events = self._events.read(self._memory.events.capacity)
-        first, records = self._ticks.read(self._memory.ticks.capacity)
+        first, (records, *_) = self._ticks.read_hands(self._memory.ticks.capacity)
         if len(records) > 0:
             if self._begin_ns < 0:
                 self._begin_ns = int(records["time_ns"][0])

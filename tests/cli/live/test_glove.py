@@ -63,10 +63,6 @@ HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
         ),
         (["--device", "left=sim,right=sim", "--hand", "left"], "--hand left is for one glove: two name their hands"),
         (
-            ["--device", "left=sim,right=sim", "--free"],
-            "--free is of one glove: each of two gloves has a loop of its own",
-        ),
-        (
             ["--device", "left=sim,right=sim", "--rerun", "a.rrd"],
             "--rerun shows one hand: leave it out with two gloves",
         ),
@@ -148,6 +144,8 @@ def test_two_simulated_gloves_are_one_document_and_one_file(run: Run, tmp_path: 
     document = json.loads(answer.out)
     assert (document["session"], document["error"], list(document["hands"])) == ("both.h5", None, ["right", "left"])
     assert [path.name for path in tmp_path.iterdir()] == ["both.h5"]
+    whole = load_result(tmp_path / "both.h5")
+    assert len(whole["time"]) == len(whole["between/graphic"]) == whole.ticks
     for side, motion in (("right", "grasp"), ("left", "pinch")):
         hand, result = document["hands"][side], load_hand(tmp_path / "both.h5", side)
         assert (hand["reason"], hand["session"], hand["pose"]) == ("duration", "both.h5", f"replay of {motion}")

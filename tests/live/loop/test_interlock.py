@@ -10,7 +10,6 @@ from hhsim.errors import InputError
 from hhsim.kernels.live import interlock as bits
 from hhsim.kernels.live.interlock import judge
 from hhsim.live.ipc.config import SafetyLimits
-from hhsim.live.ipc.status import ARMED, HELD_BACK
 from hhsim.live.loop.loop import interlock_record
 from hhsim.live.loop.story import LOGGED, QUIET_NS, SafetyLog
 from hhsim.result.safety import Safety
@@ -23,7 +22,7 @@ GOOD: dict[str, Any] = {
     "usable": True,
     "missed": 0,
     "watchdog_ns": NOW,
-    "armed": ARMED,
+    "armed": True,
     "lost": False,
     "stopping": False,
 }
@@ -52,10 +51,8 @@ def test_what_is_good_frees_nothing() -> None:
         ({"missed": 10}, Safety.OVERRUN_STREAK),
         ({"watchdog_ns": NOW - 100 * MS}, 0),
         ({"watchdog_ns": NOW - 100 * MS - 1}, Safety.NO_WATCHDOG),
-        ({"watchdog_ns": 0, "armed": 0}, Safety.NO_WATCHDOG),
-        ({"armed": 0}, Safety.NO_WATCHDOG),
-        ({"armed": HELD_BACK}, Safety.OTHER_HAND),
-        ({"armed": HELD_BACK, "watchdog_ns": NOW - 100 * MS - 1}, Safety.NO_WATCHDOG),
+        ({"watchdog_ns": 0, "armed": False}, Safety.NO_WATCHDOG),
+        ({"armed": False}, Safety.NO_WATCHDOG),
         ({"lost": True}, Safety.DEVICE_LOST),
         ({"stopping": True}, Safety.STOPPING),
         ({"stopping": True, "lost": True, "usable": False}, Safety.STOPPING | Safety.DEVICE_LOST | Safety.NOT_FINITE),

@@ -42,12 +42,10 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
     (folder / "bodies.toml").write_text(BODIES)
     bodies = load_object(folder / "bodies.toml").with_trees(tree_maker(2))
     scene = make_live_scene(bodies, HandModel.default(), configure(), PoseConfig(), None, placed=True)
-    assert scene.bodies is not None and scene.free is None
+    assert scene.bodies["scene"] is scene.scene and scene.bodies["free"] is None
     moments = [Moment(FREE + (FIST - FREE) * i / 40) for i in range(60)]
     setup = make_setup(
-        mesh=scene.mesh,
-        tree=scene.tree,
-        bodies=scene.bodies,
+        **scene.bodies,
         options=SolverOptions(surface="mesh"),
         record=folder / "session.h5",
         output=OutputLimits(ramp=0.02),
@@ -80,5 +78,6 @@ def test_it_runs_again_bit_for_bit_and_every_claim_holds(result: Result) -> None
 def test_driven_bodies_stay_where_they_begin(tmp_path: Path) -> None:
     bodies = load_object("laptop").with_trees(tree_maker(2))
     scene = make_live_scene(bodies, HandModel.default(), configure(), PoseConfig(), None)
-    assert scene.bodies is None and scene.free is None and scene.mesh.name == "laptop"
-    assert len(scene.mesh.faces) == sum(len(mesh.faces) for mesh in bodies.meshes.values())
+    found = scene.bodies
+    assert found["scene"] is None and found["free"] is None and found["mesh"].name == "laptop"
+    assert len(found["mesh"].faces) == sum(len(mesh.faces) for mesh in bodies.meshes.values())

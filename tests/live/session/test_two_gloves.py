@@ -15,16 +15,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_drill import PATIENCE, STIFF, FakeDexmo, Fault, grasping_setup, stiff
+from live_drill import PATIENCE, STIFF, FakeDexmo, Fault, grasping_scene, grasping_setup, stiff, two_grasping_setup
 from live_peers import free_ports
 from machine_share import assert_in_time, keeps_time
 from sampled import sampled
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.model import SIDES
-from hhsim.live.devices.registry import Hand
-from hhsim.live.session.supervisor import LOOP, WATCHDOG
-from hhsim.live.session.two_gloves import TwoGloves
+from hhsim.live.session.supervisor import LOOP, WATCHDOG, Supervisor
 from hhsim.live.shared_memory import RingReader
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import load_result
@@ -38,17 +36,16 @@ RIGHT, LEFT = 0, 1
 class TwoGlovesDrill:
     """A session of two gloves, each at a server of its own, whose fingers close on a cube and are stopped."""
 
-    def __init__(self, folder: Path, stack: ExitStack, record: Path | None = None) -> None:
+    def __init__(self, folder: Path, stack: ExitStack, record: Path | None = None, *, free: bool = False) -> None:
         self.log: list[str] = []
         self.gloves = []
         for side, number in zip(SIDES, (1, 2)):
             glove = FakeDexmo(folder / f"{side}.log", "--gloves", f"{number}:{side}")
             glove.port = free_ports(socket.SOCK_STREAM)
             self.gloves.append(stack.enter_context(glove))
-        sides: tuple[Hand, Hand] = SIDES
-        setups = [grasping_setup(glove.port, record, side) for glove, side in zip(self.gloves, sides)]
-        self.session = stack.enter_context(TwoGloves(setups, lambda text, level: self.log.append(text)))
-        self.hands = self.session.hands
+        setup = two_grasping_setup([glove.port for glove in self.gloves], record, free=free)
+        self.session = stack.enter_context(Supervisor(setup, lambda text, level: self.log.append(text)))
+        self.hands = self.session.memory.hands
 
     def until(self, reached: Callable[[], bool], what: str) -> None:
         limit = time.monotonic() + PATIENCE
@@ -58,19 +55,19 @@ class TwoGlovesDrill:
             time.sleep(0.002)
 
     def held(self) -> bool:
-        return all(float(hand.memory.status["command_stiffness"].max()) > STIFF for hand in self.hands)
+        return all(float(hand.status["command_stiffness"].max()) > STIFF for hand in self.hands)
 
     def grasp(self) -> None:
         """Wait until both hands are held, and let the user's hands stand still there."""
         for _ in range(2):
             for hand, glove in zip(self.hands, self.gloves):
                 glove.order("move")
-                self.until(lambda hand=hand: float(hand.memory.status["command_stiffness"].max()) > STIFF, "held hand")  # type: ignore[misc]
+                self.until(lambda hand=hand: float(hand.status["command_stiffness"].max()) > STIFF, "held hand")  # type: ignore[misc]
                 glove.order("hold")
         self.until(self.held, "two held hands")
 
     def fault(self, breaks: Callable[[], object]) -> Fault:
-        pids = [hand.pid(LOOP) for hand in self.hands] + [self.hands[RIGHT].pid(WATCHDOG)]
+        pids = (self.session.pid(name) for name in (LOOP, WATCHDOG))
         return Fault(breaks, *(glove.pid for glove in self.gloves), *(pid for pid in pids if pid is not None))
 
     def assert_both_free(self, fault: Fault) -> None:
@@ -97,18 +94,18 @@ def drill(tmp_path: Path) -> Iterator[TwoGlovesDrill]:
 
 
 def driver_of(drill: TwoGlovesDrill, hand: int) -> int:
-    pid = drill.hands[hand].pid(LOOP)
-    (driver,) = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    return int(driver)
+    pid = drill.session.pid(LOOP)
+    drivers = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return int(drivers[hand])
 
 
 def loop_of(drill: TwoGlovesDrill, hand: int) -> int:
-    pid = drill.hands[hand].pid(LOOP)
+    pid = drill.session.pid(LOOP)
     assert pid is not None
     return pid
 
 
-KILLED: list[Any] = [(driver_of, LEFT), (driver_of, RIGHT), (loop_of, RIGHT), (loop_of, LEFT)]
+KILLED: list[Any] = [(driver_of, LEFT), (driver_of, RIGHT), (loop_of, RIGHT)]
 
 
 @pytest.mark.parametrize(
@@ -116,7 +113,7 @@ KILLED: list[Any] = [(driver_of, LEFT), (driver_of, RIGHT), (loop_of, RIGHT), (l
     sampled(KILLED, lambda number, _: number == 0),
     ids=lambda value: getattr(value, "__name__", ""),
 )
-def test_a_process_of_either_hand_is_killed(
+def test_a_process_of_the_session_is_killed(
     drill: TwoGlovesDrill, process: Callable[[TwoGlovesDrill, int], int], hand: int
 ) -> None:
     drill.grasp()
@@ -124,18 +121,19 @@ def test_a_process_of_either_hand_is_killed(
     killed = drill.fault(lambda: os.kill(pid, signal.SIGKILL))
     drill.let_it_end(killed)
     drill.assert_both_free(killed)
-    with pytest.raises(HhsimError, match=rf"{SIDES[hand]} hand: the session ended early: .*SIGKILL"):
+    who = rf"the glove's {SIDES[hand]}-driver" if process is driver_of else "the loop"
+    with pytest.raises(HhsimError, match=rf"the session ended early: {who} .*SIGKILL"):
         drill.session.check()
     for glove in drill.gloves:
         assert not stiff(glove.commands[-1:]).any()
 
 
 def assert_a_silent_glove_frees_both_hands_and_both_are_held_again(drill: TwoGlovesDrill) -> None:
-    ring = RingReader(drill.hands[RIGHT].memory.ticks)
+    ring = RingReader(drill.hands[RIGHT].ticks)
     stalled = drill.fault(lambda: drill.gloves[LEFT].order("stall"))
-    other = drill.hands[RIGHT].memory.status
+    other = drill.hands[RIGHT].status
     drill.until(lambda: bool(other["safety"] & Safety.OTHER_HAND), "word of the other hand")
-    assert drill.hands[LEFT].memory.status["safety"] & Safety.STALE_INPUT
+    assert drill.hands[LEFT].status["safety"] & Safety.STALE_INPUT
     drill.until(lambda: stalled.is_over(time.monotonic_ns()), "time in which fingers may be held")
     _, ticks = ring.read(16_000)
     assert_in_time(int(ticks["time_ns"][stiff(ticks)].max()) - stalled.since, stalled.allowed)
@@ -145,14 +143,17 @@ def assert_a_silent_glove_frees_both_hands_and_both_are_held_again(drill: TwoGlo
     assert any(text.startswith("right hand: a fault of the other hand: the fingers are free") for text in drill.log)
 
 
-def test_a_fault_of_one_glove_frees_both_and_the_session_ends_in_one_file_that_runs_again(tmp_path: Path) -> None:
+@pytest.mark.parametrize("free", sampled([True, False], lambda number, _: number == 0))
+def test_a_fault_of_one_glove_frees_both_and_the_session_ends_in_one_file_that_runs_again(
+    tmp_path: Path, free: bool
+) -> None:
     record = tmp_path / "both.h5"
     with ExitStack() as stack:
-        drill = TwoGlovesDrill(tmp_path, stack, record)
+        drill = TwoGlovesDrill(tmp_path, stack, record, free=free)
         drill.grasp()
         assert_a_silent_glove_frees_both_hands_and_both_are_held_again(drill)
         drill.session.request_stop("a key")
-        outcomes = drill.session.end()
+        outcomes = drill.session.end().hands
         drill.session.check()
         assert [outcome.reason for outcome in outcomes] == ["a key"] * 2
     for glove in drill.gloves:
@@ -161,18 +162,21 @@ def test_a_fault_of_one_glove_frees_both_and_the_session_ends_in_one_file_that_r
             assert not stiff(commands[commands["client"] == client][-1:]).any()
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".h5", ".log", ".log"]
     assert [(outcome.record, outcome.side) for outcome in outcomes] == [(record, side) for side in SIDES]
-    for (side, result), outcome in zip(load_result(record).hands.items(), outcomes, strict=True):
-        assert (result.complete, result.scene["hand"]["side"], result.ticks) == (True, side, outcome.recorded)
+    whole = load_result(record)
+    assert whole.complete and whole.ticks == outcomes[0].recorded and run_again(whole).identical
+    assert whole["between/graphic"].min() >= 0.0 and whole.body.is_free == free
+    for side, result in whole.hands.items():
+        assert result.scene["hand"]["side"] == side
         assert np.max(result["live/tick/command_stiffness"]) > STIFF
-        assert run_again(result).identical
         assert not [claim for claim in verify(result).claims if claim.failed]
 
 
-def test_setups_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
+def test_setups_that_do_not_go_together_are_refused() -> None:
     right, left = (grasping_setup(1, None, side) for side in SIDES)
-    for pair, wrong in (
-        ((left, right), "gloves of the left and the right hand"),
-        ((right, replace(left, mesh=replace(left.mesh, vertices=left.mesh.vertices + 0.1))), "different places"),
-    ):
-        with pytest.raises(InputError, match=wrong):
-            TwoGloves(pair)
+    with pytest.raises(InputError, match="gloves of the left and the right hand"):
+        replace(left, beside=right)
+    scene = grasping_scene(1, "left")
+    moved = replace(scene.scene.hands[0].trajectory, object_position=np.ones(3))
+    hand = replace(scene.scene.hands[0], trajectory=moved)
+    with pytest.raises(InputError, match="not the same object"):
+        grasping_scene(1, "right").both(replace(scene, scene=replace(scene.scene, hands=(hand,))))

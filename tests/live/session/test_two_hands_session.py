@@ -1,0 +1,141 @@
+"""A session of two gloves in step with a clock that is told the time: both hands move one body, and keep apart."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from live_rings import ended
+from live_scripted import FakeAccounts, FakeClock, InStep
+from numpy.typing import NDArray
+from sampled import sampled
+
+from hhsim.hand.model import SIDES, HandModel
+from hhsim.live.device import DeviceError
+from hhsim.live.devices.registry import Hand, configure
+from hhsim.live.drivers.sim import SimGlove
+from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
+from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.pose.registry import PoseConfig
+from hhsim.live.pose.sources import ReplayPose
+from hhsim.live.session.recorder import Recorder
+from hhsim.live.session.scene import LiveScene, grasping_hand, make_live_scene
+from hhsim.mesh.catalogue import load_object
+from hhsim.replay.repeat import run_again
+from hhsim.result.reader import Result, load_result
+from hhsim.result.safety import Safety
+from hhsim.scene.body import CLEARANCE
+from hhsim.scene.declared_bodies import DeclaredBodies
+from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.scene import tree_maker
+from hhsim.solver.options import SolverOptions
+from hhsim.verify.verify import verify
+
+RATE = 250.0
+GONE = range(80, 100)
+"""Ticks in which the left glove of a test is gone."""
+
+
+class DroppingGlove(SimGlove):
+    """A simulated glove that may be gone."""
+
+    is_gone: Callable[[], bool] = staticmethod(lambda: False)
+
+    def read(self, samples_out: NDArray[np.void]) -> int:
+        if self.is_gone():
+            raise DeviceError("the glove is gone")
+        return super().read(samples_out)
+
+    def reconnect(self) -> bool:
+        return not self.is_gone()
+
+
+def scene_of_hand(side: Hand, *, free: bool) -> LiveScene:
+    item = load_object("cube")
+    bodies = DeclaredBodies.of_mesh(item.mesh).with_trees(tree_maker(3))
+    motion, low = load_script("lift-both").of_two(), float(item.mesh.bounds[0, 2])
+    about: dict[str, Any] = {"rate": RATE}
+    if side == "left":
+        about["other"] = grasping_hand(HandModel.default("right"), bodies.tree, motion)
+    if free:
+        about["freed"] = lambda scene: scene.freed(mass=0.1, friction=0.8, table=low - CLEARANCE)
+    pose = PoseConfig("replay")
+    return make_live_scene(bodies, HandModel.default(side), configure(hand=side), pose, motion, **about)
+
+
+def record(
+    path: Path, patch: pytest.MonkeyPatch, seconds: float, *, free: bool, gone: range = range(0)
+) -> tuple[Result, SessionMemory]:
+    """Both hands do *lift-both*, by simulated gloves."""
+    right, left = (scene_of_hand(side, free=free) for side in SIDES)
+    both, clock = right.both(left), FakeClock()
+    patch.setattr("hhsim.live.drivers.sim.time", SimpleNamespace(monotonic_ns=clock.now))
+
+    def setup(own: LiveScene, beside: LiveSetup | None = None) -> LiveSetup:
+        return LiveSetup(
+            **both.bodies,
+            beside=beside,
+            hand=own.scene.hands[0].model,
+            options=SolverOptions(),
+            device=own.device,
+            pose=own.pose,
+            output=OutputLimits(ramp=0.1),
+            safety=SafetyLimits(watchdog=False),
+            rate=RATE,
+            duration=seconds,
+            record=path,
+            description=own.description,
+        )
+
+    whole = setup(right, setup(left))
+    memory = SessionMemory.create(bodies=whole.recorded_bodies, hands=2)
+    gloves = [DroppingGlove(of.device) for of in (right, left)]
+    begun = clock.now()
+    gloves[1].is_gone = lambda: round(1e-9 * (clock.now() - begun) * RATE) in gone
+    poses = [ReplayPose(of.pose) for of in (right, left)]
+    session = InStep(
+        whole, memory, gloves[0], clock, pose=poses[0], accounts=FakeAccounts(), beside=(gloves[1], poses[1])
+    )
+    assert session.run() == "duration"
+    ended(memory, os.getpid())
+    Recorder(whole, memory).run()
+    return load_result(path), memory
+
+
+def assert_sound(result: Result) -> None:
+    """It runs again to the same bits, and what it says is so."""
+    assert result.complete and run_again(result).identical
+    assert result["between/graphic"].min() >= 0.0
+    for hand in result.hands.values():
+        # The clock of the test stands still while a tick is solved.
+        assert {claim.name for claim in verify(hand).claims if claim.failed} <= {"latency", "wake-up"}
+
+
+@pytest.mark.soak
+def test_two_simulated_gloves_lift_a_free_cube(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    result, _ = record(tmp_path / "lift.h5", monkeypatch, 2.5, free=True)
+    assert_sound(result)
+    raised = result.body["position"][:, 2] - result.body["position"][0, 2]
+    assert raised.max() > 0.08
+    at_the_top = raised > 0.07
+    for hand in result.hands.values():
+        assert hand["force/total"][at_the_top].any() and (hand["live/tick/command_stiffness"][at_the_top] > 0.0).any()
+    assert set(np.unique(result["contact/a"])) and result["contact/tick"][-1] < result.ticks
+
+
+@pytest.mark.parametrize("free", sampled([True, False], lambda number, _: number == 0))
+def test_a_glove_that_drops_out_frees_both_hands_until_it_is_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: bool
+) -> None:
+    result, memory = record(tmp_path / "gone.h5", monkeypatch, 0.6, free=free, gone=GONE)
+    assert_sound(result)
+    right, left = (hand["live/tick/safety"] for hand in result.hands.values())
+    lost = left & Safety.DEVICE_LOST > 0
+    assert lost.sum() >= len(GONE) - 2 and not lost[: GONE[0] - 5].any() and not lost[GONE[-1] + 8 :].any()
+    np.testing.assert_array_equal(right & Safety.OTHER_HAND > 0, lost | np.append(False, lost[:-1]))
+    for hand in result.hands.values():
+        assert not hand["live/tick/command_stiffness"][lost].any()
+    assert not memory.beside.status["device_lost"]  # type: ignore[union-attr]
