@@ -1,5 +1,6 @@
 """Faults planted in the file of an honest result, each with the claim that finds it: shared by the referee's tests."""
 
+import json
 import shutil
 from dataclasses import asdict
 from pathlib import Path
@@ -381,6 +382,7 @@ SEALED = {
     *("missing_sphere", "wrong_parent", "edited_mesh", "longer_finger", "thicker_finger", "moved_sphere"),
     *("shrunk_sphere", "slightly_shrunk_sphere", "pushed_vertex", "dropped_palm_sphere"),
     *("loose_palm_sphere", "widened_limits", "wider_spread", "placed_elsewhere"),
+    *("post elsewhere", "thinner post", "thinner lid", "begun elsewhere"),
 }
 """Faults whose forger also made the checksums fit."""
 EVERYWHERE = {
@@ -399,8 +401,17 @@ def planted(source: Path, folder: Path, fault: Fault) -> Result:
     with changed(path) as file:
         fault(file)
         if fault.__name__ in SEALED:
-            ((side, hand),), ((name, body),) = file["hands"].items(), file["bodies"].items()
-            arrays = {column.name: hand[column.name][...] for column in HAND_STATIC}
-            of_body = {name: {column.name: body[column.name][...] for column in BODY_STATIC}}
-            forge_scene(file, lambda scene: scene.update(checksums=checksums(side, arrays, of_body)))
+            _fit_checksums(file)
     return load_result(path)
+
+
+def _fit_checksums(file: h5py.File) -> None:
+    of_bodies = {
+        name: {column.name: body[column.name][...] for column in BODY_STATIC} for name, body in file["bodies"].items()
+    }
+    for side, hand in file["hands"].items():
+        arrays = {column.name: hand[column.name][...] for column in HAND_STATIC}
+        for of in (file, hand):
+            scene = json.loads(of.attrs["scene"])
+            if "checksums" in scene:
+                of.attrs["scene"] = json.dumps({**scene, "checksums": checksums(side, arrays, of_bodies)})

@@ -183,8 +183,6 @@ def test_the_referee_finds_the_joint_of_a_hasty_hand_true(object_: str, motion: 
     ("object_", "dataset", "tick", "add", "claim"),
     [
         ("door", "leaf/tick/position", 2000, [0.0, 1e-8, 0.0], "hinge"),
-        ("door", "leaf/tick/orientation", 2000, [0.0, 1e-8, 0.0, 0.0], "hinge"),
-        ("door", "leaf/tick/angular_velocity", 2000, [0.0, 0.0, 1e-3], "hinge"),
         ("door", "leaf/tick/hand_wrench", 2000, [0.0, 1e-2, 0.0, 0.0, 0.0, 0.0], "hinge"),
         ("drawer", "drawer/tick/position", SHUT, [1e-8, 0.0, 0.0], "slider"),
         ("drawer", "drawer/tick/orientation", MOVES, [0.0, 1e-8, 0.0, 0.0], "slider"),
@@ -193,11 +191,6 @@ def test_the_referee_finds_the_joint_of_a_hasty_hand_true(object_: str, motion: 
         ("chest", "tray/tick/position", HELD, [0.0, 1e-8, 0.0], "driven"),
         ("chest", "tray/tick/orientation", HELD, [0.0, 1e-8, 0.0, 0.0], "driven"),
         ("chest", "tray/tick/recorded_position", HELD, [0.0, 1e-8, 0.0], "driven"),
-        ("chest", "tray/tick/velocity", HELD, [0.0, 1e-3, 0.0], "object velocity"),
-        ("chest", "lid/tick/position", HELD, [0.0, 0.0, 1e-5], "joint"),
-        ("blocks", "blue/tick/velocity", TICKS - 1, [0.0, 0.0, 1e-3], "Newton"),
-        ("blocks", "green/tick/body_wrench", TICKS - 1, [0.0, 0.0, 1e-3, 0.0, 0.0, 0.0], "between bodies"),
-        ("blocks", "blue/tick/position", TICKS - 1, [0.0, 0.0, -1e-5], "bodies apart"),
     ],
 )
 def test_the_referee_finds_a_planted_fault(
@@ -218,9 +211,7 @@ def test_the_referee_finds_a_planted_fault(
 @pytest.mark.parametrize(
     ("object_", "joint", "change"),
     [
-        ("door", "hinge", {"friction": 0.09}),
         ("door", "hinge", {"limits": [-0.5, 0.5]}),
-        ("door", "hinge", {"origin": [-0.13, 0.001, 0.0]}),
         ("drawer", "slider", {"friction": 1.4}),
         ("drawer", "slider", {"limits": [-0.11, 0.1]}),
         ("drawer", "slider", {"axis": [1e-6, 1.0, 0.0]}),

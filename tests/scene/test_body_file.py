@@ -73,25 +73,19 @@ def test_what_is_free_need_not_come_first_and_places_are_those_of_its_bearer(tmp
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
-        ('name = "wall"', 'name = "peg"', "two bodies have the name 'peg'"),
         ('name = "wall"', 'name = "left"', "a body has the name 'left', which is a hand's"),
         ("mass = 0.05", "mass = 0.05\ndensity = 900.0", "both mass and density"),
         ("[0.2, 0.0, 0.05]", "[0.05, 0.0, 0.05]", r"begins .* mm inside"),
         ("mass = 0.05", "mass = -1.0", "mass"),
         ("fixed = true", "glued = true", "glued"),
-        ("mass = 0.05", HINGE.replace("1.0]", "0.0]"), "axis has length 0"),
         ("mass = 0.05", HINGE + "joint.limits = [0.1, 1.0]", "start has the value 0, beyond the limits; expected 0.1"),
-        ("mass = 0.05", HINGE + 'joint.on = "post"', "unknown body 'post'"),
         ("mass = 0.05", HINGE + 'joint.on = "table"', "unknown body 'table'"),
-        ("mass = 0.05", HINGE + 'joint.on = "peg"', "joints in a circle: peg on peg"),
         ("fixed = true", "fixed = true\n" + HINGE, "'wall' has both fixed and joint"),
         ("mass = 0.05", SLIDER.replace("1.0]", "0.0]"), "axis has length 0"),
         ("mass = 0.05", SLIDER + "joint.limits = [0.1, 1.0]", "start has the value 0, beyond the limits"),
         ("fixed = true", f"fixed = true\n{DRIVEN}", "'wall' has both fixed and joint"),
         ('plane = "under"', 'plane = "under"\n' + HINGE, "'table' is a plane, which stays where it is"),
-        ("fixed = true", DRIVEN.replace("0.1]]", "0.3]]"), r"motion\[2\] has the value 0.3, beyond the limits"),
         ("fixed = true", 'poses = { file = "gone.npy", rate = 30.0 }', "gone.npy: no such file"),
-        ("box = [0.1, 0.1, 0.1]", "box = [0.1, 0.1, 0.0]", "box"),
     ],
 )
 def test_bad_files_of_bodies_are_refused_in_one_line(tmp_path: Path, before: str, after: str, message: str) -> None:

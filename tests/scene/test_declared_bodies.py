@@ -1,6 +1,5 @@
 """Bodies of a file as scenes: meshes, trees, poses in the scene, and faults told in one line."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,46 +13,6 @@ from hhsim.scene.declared_bodies import load_bodies, require_no_joints
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.scene import open_scene
 from hhsim.solver.scene_solver import seen_scene
-
-BOOK = """[[body]]
-name = "back"
-box = [0.1, 0.1, 0.01]
-fixed = true
-
-[[body]]
-name = "front"
-box = [0.1, 0.1, 0.01]
-position = [0.0, 0.0, {height}]
-joint.on = "back"
-joint.type = "slider"
-joint.axis = [0.0, 0.0, 1.0]
-joint.limits = [0.0, 0.1]
-joint.motion = [[0.0, 0.0], [1.0, 0.05]]
-"""
-FAULTS = {
-    "overlap": (BOOK.format(height=0.007), "body 'front' begins 3 mm inside body 'back'; expected at most 1 mm"),
-    "crossing": (
-        # No corner of one is in the other.
-        BOOK.format(height=0.0).replace("[0.1, 0.1, 0.01]", "[0.3, 0.01, 0.01]", 1),
-        "begins 10 mm inside body",
-    ),
-    "no shape": (BOOK.format(height=0.01).replace("box = [0.1, 0.1, 0.01]\n", "", 1), "no mesh and no box"),
-    "two shapes": (BOOK.format(height=0.01).replace("box =", 'mesh = "cube"\nbox =', 1), "both a mesh and a box"),
-    "missing mesh": (BOOK.format(height=0.01).replace("box = [0.1, 0.1, 0.01]", 'mesh = "b.ply"', 1), "b.ply"),
-    "size": (BOOK.format(height=0.01).replace("[0.1, 0.1, 0.01]", "[0.1, 0.1, 0.0]", 1), "box[3]"),
-}
-
-
-@pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_is_one_line_that_names_the_file_and_what_is_wrong(fault: str, tmp_path: Path) -> None:
-    text, expected = FAULTS[fault]
-    path = tmp_path / "book.toml"
-    path.write_text(text)
-    with pytest.raises(HhsimError) as told:
-        load_bodies(path)
-    assert expected in str(told.value)
-    assert str(path) in str(told.value)
-    assert "\n" not in str(told.value)
 
 
 def test_joints_that_a_script_moves_are_those_of_the_bodies() -> None:

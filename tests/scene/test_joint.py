@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from hhsim.errors import InputError
+from hhsim.errors import HhsimError, InputError
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.scene.body_file import BodySettings
 from hhsim.scene.declared_bodies import DeclaredBodies, load_bodies
@@ -27,8 +27,32 @@ axis = [0.0, 2.0, 0.0]
 limits = [0.0, 2.0]
 motion = [[0.0, 0.0], [1.0, 1.5]]
 """
+BOOK = """[[body]]
+name = "back"
+box = [0.1, 0.1, 0.01]
+fixed = true
 
+[[body]]
+name = "front"
+box = [0.1, 0.1, 0.01]
+position = [0.0, 0.0, {height}]
+joint.on = "back"
+joint.type = "slider"
+joint.axis = [0.0, 0.0, 1.0]
+joint.limits = [0.0, 0.1]
+joint.motion = [[0.0, 0.0], [1.0, 0.05]]
+"""
 FAULTS = {
+    "overlap": (BOOK.format(height=0.007), "body 'front' begins 3 mm inside body 'back'; expected at most 1 mm"),
+    "crossing": (
+        # No corner of one is in the other.
+        BOOK.format(height=0.0).replace("[0.1, 0.1, 0.01]", "[0.3, 0.01, 0.01]", 1),
+        "begins 10 mm inside body",
+    ),
+    "no shape": (BOOK.format(height=0.01).replace("box = [0.1, 0.1, 0.01]\n", "", 1), "no mesh and no box"),
+    "two shapes": (BOOK.format(height=0.01).replace("box =", 'mesh = "cube"\nbox =', 1), "both a mesh and a box"),
+    "missing mesh": (BOOK.format(height=0.01).replace("box = [0.1, 0.1, 0.01]", 'mesh = "b.ply"', 1), "b.ply"),
+    "size": (BOOK.format(height=0.01).replace("[0.1, 0.1, 0.01]", "[0.1, 0.1, 0.0]", 1), "box[3]"),
     "names": (BASE + BASE, "two bodies have the name 'base'"),
     "parent": (BASE + LID.replace('on = "base"', 'on = "bass"'), "'bass'"),
     "circle": (
@@ -73,7 +97,7 @@ def test_a_fault_is_one_line_that_names_the_file_and_what_is_wrong(fault: str, t
     text, expected = FAULTS[fault]
     path = tmp_path / "bodies.toml"
     path.write_text(text)
-    with pytest.raises(InputError) as raised:
+    with pytest.raises(HhsimError) as raised:
         load_bodies(path)
     message = str(raised.value)
     assert message.startswith(f"{path}: ")

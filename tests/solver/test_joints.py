@@ -9,12 +9,10 @@ from free_scenes import REACH_PER_STIFFNESS, box, closing, far_hand, tongs, tong
 from scipy.integrate import solve_ivp
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import load_result
-from hhsim.scene.declared_bodies import load_bodies
 from hhsim.scene.scene import open_scene
 from hhsim.solver.free_object import FreeObject, Hinge, Slider, Thing
 from hhsim.solver.hand_solver import HandSolver
@@ -225,13 +223,6 @@ mass = 0.4
 """
 
 
-SLIDER = """mass = 0.4
-joint.type = "slider"
-joint.axis = [1.0, 0.0, 0.0]
-joint.on = "lid"
-"""
-
-
 def written(folder: Path, text: str) -> str:
     path = folder / "pair.toml"
     path.write_text(text)
@@ -245,18 +236,3 @@ def test_a_file_of_two_on_a_hinge_is_replayed_and_judged(tmp_path: Path) -> None
     assert not [name for name, claim in claims.items() if claim.failed]
     assert claims["joint"].verdict == "holds" and claims["table on object"].verdict == "not judged"
     assert claims["Newton"].checked and claims["Euler"].checked
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "message"),
-    [
-        ('joint.on = "base"', 'joint.on = "floor"', "body 'floor'"),
-        ("mass = 0.4", SLIDER, "circle: lid on base on lid"),
-        ('joint.on = "base"', 'joint.on = "lid"', "circle: lid on lid"),
-    ],
-)
-def test_joints_of_no_two_bodies_are_refused(tmp_path: Path, before: str, after: str, message: str) -> None:
-    assert before in SCENE
-    with pytest.raises(InputError, match=message) as refused:
-        load_bodies(written(tmp_path, SCENE.replace(before, after)))
-    assert "\n" not in str(refused.value)

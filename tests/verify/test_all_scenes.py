@@ -2,7 +2,6 @@
 
 import importlib
 import json
-import shutil
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache, partial
 from pathlib import Path
@@ -13,13 +12,11 @@ import h5py
 import numpy as np
 import pytest
 from file_faults import Fault, at, attribute, with_name
+from planted_faults import failing, planted
 from sampled import first_of_each, sampled
-from sealed_change import changed
 
 from hhsim.errors import InputError
-from hhsim.replay.stored_scene import checksums
-from hhsim.result.reader import load_result
-from hhsim.result.schema import BODY_STATIC, HAND_STATIC
+from hhsim.result.reader import Result, load_result
 from hhsim.verify.claim import NOT_JUDGED
 from hhsim.verify.coverage import items, judges
 from hhsim.verify.verify import Verification, verify
@@ -57,19 +54,15 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     return replayed
 
 
-def verified(path: Path) -> Verification:
-    """Verdicts on the last hand of a file, and on all bodies."""
+def verified(result: Result) -> Verification:
+    """Verdicts on the last hand of a result, and on all bodies."""
     # What the tick after a sampled one begins with is judged there: that of `LATE` is.
-    return verify(list(load_result(path).hands.values())[-1], every=(LATE - 1) // 2)
+    return verify(list(result.hands.values())[-1], every=(LATE - 1) // 2)
 
 
 @pytest.fixture(scope="module")
 def honest(made: Callable[[str], Path]) -> Callable[[str], Verification]:
-    return cache(lambda scene: verified(made(scene)))
-
-
-def failing(found: Verification) -> set[str]:
-    return {claim.name for claim in found.claims if claim.failed}
+    return cache(lambda scene: verified(load_result(made(scene))))
 
 
 def named(found: Verification) -> set[str]:
@@ -77,29 +70,6 @@ def named(found: Verification) -> set[str]:
     (claim,) = [claim for claim in found.claims if claim.name == "unjudged"]
     assert claim.verdict == NOT_JUDGED
     return set(claim.note.split(", "))
-
-
-def planted(path: Path, folder: Path, fault: Fault, *, sealed: bool = False) -> Verification:
-    forged = folder / "planted.h5"
-    shutil.copy(path, forged)
-    with changed(forged) as file:
-        fault(file)
-        if sealed:
-            _fit_checksums(file)
-    return verified(forged)
-
-
-def _fit_checksums(file: h5py.File) -> None:
-    of_bodies = {
-        name: {column.name: body[column.name][...] for column in BODY_STATIC} for name, body in file["bodies"].items()
-    }
-    for side, hand in file["hands"].items():
-        arrays = {column.name: hand[column.name][...] for column in HAND_STATIC}
-        scene = json.loads(hand.attrs["scene"])
-        common = json.loads(file.attrs["scene"])
-        own = scene if "checksums" in scene else common
-        own["checksums"] = checksums(side, arrays, of_bodies)
-        hand.attrs["scene"], file.attrs["scene"] = json.dumps(scene), json.dumps(common)
 
 
 @pytest.mark.parametrize("scene", sampled(SCENES, lambda place, _: place < 1))
@@ -273,7 +243,6 @@ FAULTS: dict[str, dict[Fault, str]] = {
     },
 }
 """What finds each fault, by scenes: a claim, or the item that is named as not judged."""
-SEALED = ("post elsewhere", "thinner post", "thinner lid", "begun elsewhere")
 BY_SCENE = {(scene, fault): claim for scene, faults in FAULTS.items() for fault, claim in faults.items()}
 
 
@@ -284,7 +253,7 @@ def test_a_planted_fault_is_caught_or_named(
     made: Callable[[str], Path], honest: Callable[[str], Verification], tmp_path: Path, scene: str, fault: Fault
 ) -> None:
     claim = BY_SCENE[scene, fault]
-    found = planted(made(scene), tmp_path, fault, sealed=fault.__name__ in SEALED)
+    found = verified(planted(made(scene), tmp_path, fault))
     if claim.startswith(("@", "scene.")):
         assert claim in named(found)
     else:
@@ -378,7 +347,7 @@ def test_each_judged_item_is_judged(
     for item, change in changes(path, judged):
         if item not in caught:
             try:
-                verdict = planted(path, tmp_path, change)
+                verdict = verified(planted(path, tmp_path, with_name(item, change)))
                 # What can be judged no more is named.
                 found = failing(verdict) & judges(item) | named(verdict) & {item}
             except (InputError, ValueError, KeyError):

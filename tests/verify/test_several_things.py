@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 from file_faults import Fault, at, with_name
+from planted_faults import planted
 from sampled import first_of_each
 from sealed_change import changed
 
@@ -61,14 +62,6 @@ def claims(result: Result, ticks: Any = (AT_REST, HELD)) -> dict[str, Claim]:
 
 def failing(result: Result) -> set[str]:
     return {name for name, claim in claims(result).items() if claim.failed}
-
-
-def planted(result: Result, folder: Path, fault: Fault) -> Result:
-    path = folder / "planted.h5"
-    shutil.copy(result.path, path)
-    with changed(path) as file:
-        fault(file)
-    return load_result(path)
 
 
 def test_an_honest_result_passes_where_the_hand_bears_on_both(honest: Result) -> None:
@@ -141,7 +134,7 @@ def test_a_planted_fault_is_found_by_name(
     honest: Result, found_in_honest: set[str], tmp_path: Path, fault: Fault
 ) -> None:
     assert FAULTS[fault] not in found_in_honest
-    assert FAULTS[fault] in failing(planted(honest, tmp_path, fault))
+    assert FAULTS[fault] in failing(planted(honest.path, tmp_path, fault))
 
 
 def test_the_last_of_several_programs_in_a_tick_may_step_back(honest: Result, tmp_path: Path) -> None:
@@ -156,7 +149,7 @@ def test_the_last_of_several_programs_in_a_tick_may_step_back(honest: Result, tm
             bare = np.argwhere(~file["hands/right/tick/force/phalanx"][HELD].any(axis=2))[0]
             file["hands/right/tick/force/phalanx"][HELD, bare[0], bare[1]] = (0.0, 0.0, share * allowance)
 
-        return claims(planted(honest, tmp_path, pushed_in_the_air), [HELD])["hand's balance"].failed
+        return claims(planted(honest.path, tmp_path, pushed_in_the_air), [HELD])["hand's balance"].failed
 
     assert judge.moved[HELD] < 0.2 * judge.options["step_tolerance"]
     # Where one program moves nothing, no step turns a normal.
@@ -168,7 +161,7 @@ def test_a_result_without_a_settled_tick_has_a_verdict(honest: Result, tmp_path:
     def settles_never(file: h5py.File) -> None:
         file["hands/right/tick/status"][:] = status
 
-    found = claims(planted(honest, tmp_path, settles_never), np.arange(0, TICKS, 400))
+    found = claims(planted(honest.path, tmp_path, settles_never), np.arange(0, TICKS, 400))
     assert found["hand's balance"].verdict == NOT_JUDGED and found["hand's balance"].checked == 0
     assert found["bodies apart"].verdict == HOLDS
 
@@ -200,7 +193,7 @@ def test_a_thing_may_lag_where_the_hand_does_not(honest: Result, tmp_path: Path,
         file["hands/right/tick/work/linearisations"][HELD] = honest.scene["solver"]["linearisations"]
         fault(file)
 
-    judge = JudgedTicks(list(planted(honest, tmp_path, lags).hands.values())[-1], np.array([HELD]))
+    judge = JudgedTicks(list(planted(honest.path, tmp_path, lags).hands.values())[-1], np.array([HELD]))
     lag = next(claim for claim in posture_claims(judge) if claim.name == "lag")
     assert (lag.verdict == HOLDS) == holds and (not holds or "in 1 tick the hand is done" in lag.note)
     assert holds or lag.tick == HELD
@@ -208,7 +201,7 @@ def test_a_thing_may_lag_where_the_hand_does_not(honest: Result, tmp_path: Path,
 
 def test_figures_of_the_users_hand_are_there(honest: Result, tmp_path: Path) -> None:
     def verdicts(change: dict[str, Any]) -> dict[str, Claim]:
-        result = planted(honest, tmp_path, lambda file: file["summary/right"].attrs.update(change))
+        result = planted(honest.path, tmp_path, lambda file: file["summary/right"].attrs.update(change))
         return {claim.name: claim for claim in input_hand_claims(JudgedTicks(result, np.array([HELD])))}
 
     assert verdicts({})["correction"].verdict == HOLDS

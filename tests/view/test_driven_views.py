@@ -1,4 +1,4 @@
-"""A driven object in the viewer, in films and in tables: where the world has it, tick by tick."""
+"""A driven object in the viewer: where the world has it, tick by tick."""
 
 from pathlib import Path
 
@@ -9,11 +9,9 @@ from rerun_files import Recording
 from short_grasp import short_grasp, short_scene
 
 from hhsim.replay.replay import replay_scene
-from hhsim.result.csv_export import export_ticks
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import make_scene
 from hhsim.solver.options import SolverOptions
-from hhsim.view.film import video_frames
 from hhsim.view.sink import parse_target
 from hhsim.view.viewer import view_result
 
@@ -48,23 +46,3 @@ def test_the_viewer_moves_the_object_and_finds_the_contacts_on_it(result: Result
         one = type(moved)(moved.turn[tick : tick + 1], moved.shift[tick : tick + 1])
         away = np.linalg.norm(one.points(center[None])[0][:, None] - np.array(points[tick]), axis=2) - radius[:, None]
         assert np.abs(away).min(axis=0).max() < 1.1e-5
-
-
-def test_a_film_shows_the_object_where_it_is(result: Result) -> None:
-    ticks = np.array([0, 100, 179])
-    moving = list(video_frames(result, ticks, 160))
-    seen = [np.asarray((picture < 245).any(axis=2)) for picture in moving]
-    assert all(mask.sum() > 40 for mask in seen)
-    middles = [np.argwhere(mask[: int(0.85 * len(mask))]).mean(axis=0) for mask in seen]
-    assert np.linalg.norm(middles[2] - middles[0]) > 3.0
-
-
-def test_a_table_has_the_objects_pose_where_it_moves(result: Result, tmp_path: Path) -> None:
-    headings = export_ticks(
-        result,
-        tmp_path / "ticks.csv",
-        ["time", *(f"{result.body.group}/tick/{name}" for name in ("position", "orientation"))],
-    )
-    assert headings[1] == f"{result.body.group}/tick/position[0] [m]" and len(headings) == 8
-    table = np.loadtxt(tmp_path / "ticks.csv", delimiter=",", skiprows=1)
-    np.testing.assert_array_equal(table[:, 2:5], result.body["position"])
