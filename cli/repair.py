@@ -117,7 +117,7 @@ def command(
       hhsim repair hand.csv --object bunny --object-poses bunny.csv --out hand-free.csv
       hhsim repair seq.npz --mano-model MANO_RIGHT.pkl --mano-pose axis-angle --object box.obj --out free.npz
       hhsim repair manifest.toml --out repaired
-      tracker | hhsim repair - --follow --rate 30 --object mug.stl --out - | robot
+      hhsim repair - --follow --rate 30 --object mug.stl --out free.jsonl
     """
     if limits.follow:
         return _follow(recording, thing, limits, reading, out)

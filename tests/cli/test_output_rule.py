@@ -51,6 +51,7 @@ WRITERS = {
     "hhsim/system/checksummed_file.py": "adds the seal to a file that was just written",
     "hhsim/live/shared_memory.py": "memory, no file",
     "hhsim/live/real_time.py": "the system's, not the user's",
+    "cli/repair.py": "lines as they come, into a file that was not there",
     "cli/gate.py": "appends to CI's summary",
 }
 """Modules that open a file to write by themselves, and why none of these replaces anything."""
