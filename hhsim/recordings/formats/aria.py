@@ -88,7 +88,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
 def _saddle(places: dict[str, FloatArray], side: HandSide) -> FloatArray:
     """Return the thumb's saddle joint [m], shape (T, 3), fixed in the palm where a usual hand has it."""
     wrist, knuckles = places["wrist"], np.stack([places[f"{finger}_proximal"] for finger in FINGERS[1:]], axis=1)
-    base, usual = usual_fingers(side)["base"], HandModel.default(side).wrist
+    base, usual = usual_fingers(side)["base"], HandModel.default("left" if side == "left" else "right").wrist
     lengths = np.linalg.norm(knuckles[:, 1] - wrist, axis=1)
     known = lengths[np.isfinite(lengths)]
     size = float(np.median(known)) / float(np.linalg.norm(base[2] - usual)) if known.size else 1.0
