@@ -197,8 +197,10 @@ def _follow(recording: Path, thing: ObjectSettings, limits: RepairLimits, readin
     marked = False
     with ExitStack() as files:
         source = sys.stdin if str(recording) == "-" else files.enter_context(recording.open(encoding="utf-8"))
-        target = sys.stdout if piped else files.enter_context(out.open("x", encoding="utf-8"))
+        target = sys.stdout if piped else None
         for frame, line in followed_lines(source, follower, reading.rate):
+            # What ends before a first frame leaves no file.
+            target = target or files.enter_context(out.open("x", encoding="utf-8"))
             print(line, file=target, flush=True)
             marked |= frame.marked
     return 1 if marked else 0

@@ -67,6 +67,8 @@ def test_frames_that_are_piped_come_out_repaired(run: Run, tmp_path: Path, monke
     assert [frame["frame"] for frame in made] == list(range(COUNT))
     assert not any(frame["marked"] or frame["depth"] for frame in made)
     assert any(frame["changed"] for frame in made) and np.shape([frame["joints"] for frame in made]) == (COUNT, 21, 3)
+    monkeypatch.setattr(sys, "stdin", io.StringIO("[1]"))
+    assert run("repair", "-", *words, "--out", "none.jsonl").code == 2 and not (tmp_path / "none.jsonl").exists()
     again = run("repair", "-", *words, "--out", "free.jsonl")
     assert again.code == 2 and "not replaced" in again.err
     refused = run("repair", "-", *words, "--palm", "none", "--out", "other.jsonl")
