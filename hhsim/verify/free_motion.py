@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from hhsim.result.body import Body
 from hhsim.result.contacts import ON_TABLE
 from hhsim.result.reader import Result
@@ -55,6 +55,15 @@ class FreeBody:
         """Dataset of the body."""
         return np.asarray(self.stored[column])
 
+    def of_hands(self, column: str, bits: int = -1) -> AnyArray:
+        """Dataset of the hand at the ticks, of two the greater value: hands and body have one program.
+
+        Of flags only `bits` count.
+        """
+        hands = (self.result, *([] if self.result.other is None else [self.result.other]))
+        every = [np.asarray(hand[column]) for hand in hands]
+        return np.asarray(np.max([of & bits for of in every] if bits >= 0 else every, axis=0))
+
     @cached_property
     def turned(self) -> "Rotation":
         """Rotations of the object from its place before the first tick, T + 1 of them."""
@@ -85,8 +94,7 @@ class FreeBody:
     @cached_property
     def whole(self) -> IntArray:
         """Ticks that neither lag nor are stuck; in others the object makes only a fraction of its program's step."""
-        behind = (np.asarray(self.result["status"]) & (LAG | STUCK)) != 0
-        return np.asarray(np.flatnonzero(~behind))
+        return np.asarray(np.flatnonzero(self.of_hands("status", LAG | STUCK) == 0))
 
     @property
     def size(self) -> FloatArray:

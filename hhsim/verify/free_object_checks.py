@@ -23,7 +23,7 @@ from hhsim.verify.free_motion import FreeBody, FreeMotion
 from hhsim.verify.joint_checks import driven_claim, held_claim, pair_claim
 from hhsim.verify.judged_body import JudgedBody
 from hhsim.verify.kinematics import Posed, configurations, own_hand, phalanx_axes, pose, rotations, turn_between
-from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, STUCK, JudgedTicks
+from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, START_INSIDE, STUCK, JudgedTicks
 
 if TYPE_CHECKING:
     pass
@@ -260,9 +260,11 @@ def _slips(motion: FreeMotion) -> list[Claim]:
     wrong = (np.asarray(motion.result["contact/sticks"]) == 1) != (motion.slip <= STICKS)
     # An object that tilts off the table and back in a tick's programs has turned otherwise than their turns add up to,
     # and how far it was off is not in the file: the step tolerance is of the hand beside it.
-    untold = motion.of_table & ~motion.of_other & (np.asarray(motion.result["work/linearisations"])[motion.tick] > 2)
+    untold = motion.of_table & ~motion.of_other & (motion.of_hands("work/linearisations")[motion.tick] > 2)
     untold &= np.isfinite(motion.slip)
-    known = motion.follows[motion.tick] & ~untold
+    # Where a hand was put that began inside is not in the file.
+    put = (np.asarray(motion.result["status"])[motion.tick] & START_INSIDE != 0) & ~motion.of_table
+    known = motion.follows[motion.tick] & ~untold & ~put
     off_by, says = np.abs(own - motion.slip), "the slip of a contact along the surface is that of the two bodies"
     why = "a nanometre, and what the turns of the tick add to the solver's straight steps, to second order"
     note = f"not of {counted(int(untold.sum()), 'contact')} with the table in ticks of three programs or more"
@@ -297,7 +299,7 @@ def _balanced(motion: FreeMotion, slip: FloatArray) -> Claim:
     # In a tick that lags it is the slip of a program of whose step the hand has made a fraction.
     behind = np.setdiff1d(motion.ticks, motion.whole)
     to_go = np.hypot(np.max(motion.coefficient, initial=0.0), float(motion.free["torsion"]) / RADIUS)
-    most[behind] += to_go * np.asarray(motion.result["lag"])[behind]
+    most[behind] += to_go * motion.of_hands("lag")[behind]
     in_contact = np.unique(motion.tick)
     size = 1e6 * np.percentile(off[in_contact], (50.0, 99.0, 100.0)) if len(in_contact) else np.zeros(3)
     says = "the slip that friction is balanced against is the slip made, to what the file says"
