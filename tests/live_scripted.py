@@ -252,6 +252,10 @@ class SteppedLoop(LiveLoop):
         for hand in reversed(self.hands):
             publish_tick(hand.live, done, solved)
 
+    def log(self) -> None:
+        for hand in self.hands:
+            hand.story.tell()
+
 
 class InStep:
     """A loop and its driver in one thread: the driver looks right before each tick, and right after it.
@@ -291,7 +295,7 @@ class InStep:
             loop.end()
             for driver in self.drivers:
                 driver.close()
-            loop.tell()
+            loop.log()
         return loop.stopped
 
     def step(self) -> None:
@@ -307,7 +311,7 @@ class InStep:
         self.loop.tick()
         for driver in self.drivers:
             driver.give()
-        self.loop.tell()
+        self.loop.log()
 
 
 QUICK = OutputLimits(ramp=0.01, stiffness_rise=1e4, bend_speed=1e3)
