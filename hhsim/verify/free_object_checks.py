@@ -23,7 +23,7 @@ from hhsim.verify.free_motion import FreeBody, FreeMotion
 from hhsim.verify.joint_checks import driven_claim, held_claim, pair_claim
 from hhsim.verify.judged_body import JudgedBody
 from hhsim.verify.kinematics import Posed, configurations, own_hand, phalanx_axes, pose, rotations, turn_between
-from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, STUCK, JudgedTicks
+from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, START_INSIDE, STUCK, JudgedTicks
 
 if TYPE_CHECKING:
     pass
@@ -262,7 +262,9 @@ def _slips(motion: FreeMotion) -> list[Claim]:
     # and how far it was off is not in the file: the step tolerance is of the hand beside it.
     untold = motion.of_table & ~motion.of_other & (motion.of_hands("work/linearisations")[motion.tick] > 2)
     untold &= np.isfinite(motion.slip)
-    known = motion.follows[motion.tick] & ~untold
+    # Where a hand was put that began inside is not in the file.
+    put = (np.asarray(motion.result["status"])[motion.tick] & START_INSIDE != 0) & ~motion.of_table
+    known = motion.follows[motion.tick] & ~untold & ~put
     off_by, says = np.abs(own - motion.slip), "the slip of a contact along the surface is that of the two bodies"
     why = "a nanometre, and what the turns of the tick add to the solver's straight steps, to second order"
     note = f"not of {counted(int(untold.sum()), 'contact')} with the table in ticks of three programs or more"

@@ -12,7 +12,7 @@ from hhsim.system.cpu_accounts import CpuAccounts
 
 def test_compiled_code_reads_the_accounts_that_python_reads() -> None:
     accounts = CpuAccounts()
-    files = system_files(accounts)
+    files = system_files(accounts, [-1, -1])
     schedule, stat, *_ = map(int, files.descriptors)
     pairs: list[tuple[Callable[[], int], Callable[[], int]]] = [
         (lambda: read_run_delay(schedule, files.line), accounts.run_delay_ns),
