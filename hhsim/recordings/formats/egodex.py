@@ -12,7 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from hhsim.errors import TrajectoryError
+from hhsim.errors import DamagedFileError, InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import BONE_OF, Correction, joint_changes
@@ -20,7 +20,7 @@ from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.recording import SIDES, Recording, chosen_side, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
-from hhsim.system.hdf5_input import require_own_data
+from hhsim.system.hdf5_input import DAMAGE, open_hdf5, require_own_data
 
 SIGNATURE, GROUP = b"\x89HDF", "transforms"
 RATE = 30.0
@@ -39,13 +39,16 @@ def arkit_joints(side: HandSide) -> dict[str, str]:
 
 @contextmanager
 def _opened(content: Content, mode: str = "r") -> Iterator[tuple[io.BytesIO, h5py.File]]:
-    """Open the file in memory; TrajectoryError for a damaged one."""
+    """Open the file in memory, after a child process has read it; TrajectoryError for a damaged one."""
+    if content.path is None:
+        raise InputError("an HDF5 file is read from its path")
     image = io.BytesIO(content.data)
     try:
+        open_hdf5(content.path).close()
         with h5py.File(image, mode) as file:
             require_own_data(file)
             yield image, file
-    except (OSError, KeyError, RuntimeError, ValueError) as error:
+    except (DamagedFileError, *DAMAGE) as error:
         reason = " ".join(str(error).split())
         raise TrajectoryError(f"a damaged HDF5 file, or none of EgoDex: {reason}") from None
 
@@ -119,13 +122,12 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
 
 
 def _sniff(content: Content, options: ReadOptions) -> bool:
-    if not content.head.startswith(SIGNATURE):
+    if content.path is None or not content.head.startswith(SIGNATURE):
         return False
     try:
-        # A result of hours is not read for it.
-        with h5py.File(content.path or io.BytesIO(content.data), "r") as file:
+        with open_hdf5(content.path) as file:
             return any(f"{GROUP}/{arkit_joints(side)['wrist']}" in file for side in SIDES)
-    except (OSError, RuntimeError):
+    except (DamagedFileError, *DAMAGE):
         return False
 
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from correction_samples import a_correction
 from joint_samples import assert_our_own, joint_sample
-from recording_samples import read_as
 
 from hhsim.errors import TrajectoryError
 from hhsim.recordings.formats.egodex import arkit_joints
 from hhsim.recordings.joint_names import OPENXR_JOINTS
+from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import ReadOptions, read_recording, write_recording
 
 SAMPLE = joint_sample()
@@ -35,6 +35,12 @@ def egodex(change: Callable[[h5py.File], Any] = lambda file: None, sides: tuple[
         file["camera/intrinsic"] = np.eye(3)
         change(file)
     return image.getvalue()
+
+
+def read_written(folder: Path, image: bytes) -> Recording:
+    path = folder / "1.hdf5"
+    path.write_bytes(image)
+    return read_recording(path, ReadOptions(form="egodex", hand="right"))
 
 
 def test_arkits_joints_are_our_own_hand(tmp_path: Path) -> None:
@@ -81,17 +87,17 @@ def flattened(file: h5py.File) -> None:
         (flattened, r"'rightHand' has shape \(40, 16\)"),
     ],
 )
-def test_a_file_of_other_things_is_told(change: Callable[[h5py.File], Any], said: str) -> None:
+def test_a_file_of_other_things_is_told(tmp_path: Path, change: Callable[[h5py.File], Any], said: str) -> None:
     with pytest.raises(TrajectoryError, match=said) as caught:
-        read_as("egodex", egodex(change, ("right",)))
+        read_written(tmp_path, egodex(change, ("right",)))
     assert "\n" not in str(caught.value)
     with pytest.raises(TrajectoryError, match="a damaged HDF5 file"):
-        read_as("egodex", egodex()[:4000])
+        read_written(tmp_path, egodex()[:4000])
 
 
-def test_a_joint_of_little_confidence_is_doubtful() -> None:
+def test_a_joint_of_little_confidence_is_doubtful(tmp_path: Path) -> None:
     def doubt(file: h5py.File) -> None:
         file["confidences/rightHand"][2] = 0.2
 
-    recording = read_as("egodex", egodex(doubt), hand="right")
+    recording = read_written(tmp_path, egodex(doubt))
     assert np.flatnonzero(recording.flags).tolist() == [2]
