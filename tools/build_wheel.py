@@ -38,6 +38,7 @@ COMMANDS = (
     "replay cylinder grasp --hands both",
     "replay cube lift-both --hands both --free",
     "replay laptop close",
+    "replay laptop close --hands both",
     "replay rock carry --tremor 0.1,0.2",
     "replay examples/mug.stl grasp --unit mm",
     "replay examples/mug.stl whole-hand --unit mm",

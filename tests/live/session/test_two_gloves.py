@@ -62,7 +62,7 @@ class TwoGlovesDrill:
         for _ in range(2):
             for hand, glove in zip(self.hands, self.gloves):
                 glove.order("move")
-                self.until(lambda hand=hand: float(hand.status["command_stiffness"].max()) > STIFF, "held hand")  # type: ignore[misc]
+                self.until(lambda hand=hand: float(hand.status["command_stiffness"].max()) > STIFF, "held hand")
                 glove.order("hold")
         self.until(self.held, "two held hands")
 

@@ -138,4 +138,4 @@ def test_a_glove_that_drops_out_frees_both_hands_until_it_is_back(
     np.testing.assert_array_equal(right & Safety.OTHER_HAND > 0, lost | np.append(False, lost[:-1]))
     for hand in result.hands.values():
         assert not hand["live/tick/command_stiffness"][lost].any()
-    assert not memory.beside.status["device_lost"]  # type: ignore[union-attr]
+    assert not memory.beside.status["device_lost"]
