@@ -1,4 +1,4 @@
-"""Repair beside a thing whose parts move as recorded: every part, in every frame, where it is in that frame.
+"""Repair beside a body whose parts move as recorded: every part, in every frame, where it is in that frame.
 
 The referee is coal, with a lid that is turned about its hinge in closed form.
 """
