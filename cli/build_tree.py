@@ -95,6 +95,11 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
 @TreeSource.argument("source")
 @MeshFile.argument("mesh_file")
 @click.option("--link", metavar="NAME", default="", help="Link of a URDF or MJCF file that has several.")
+@click.option(
+    "--solid",
+    is_flag=True,
+    help="Close a mesh file to a solid, meshed anew if need be. Default: its own triangles are covered as they are.",
+)
 @Output.argument("output")
 @click.option(
     "--plot",
@@ -109,6 +114,7 @@ def command(
     source: TreeSource,
     mesh_file: MeshFile,
     link: str,
+    solid: bool,
     output: Output,
     plot: Path | None,
     seed: int,
@@ -116,9 +122,10 @@ def command(
     """Build the sphere tree of an object and measure its error.
 
     OBJECT is a name (hhsim objects), a mesh file, or a URDF or MJCF file, of which --link names a link. The spheres
-    of each level cover the whole mesh, with a proof in the file; the table says how far they protrude from it, as
-    sampled and as proved. A tree that was built before is taken from the cache. The file is .h5, or with --out
-    FILE.sph the text format of Bradshaw's toolkit.
+    of each level cover every triangle, with a proof in the file; the table says how far they protrude, as sampled and
+    as proved. A mesh need not be closed: what is open is covered as a skin, unless --solid or --thickness is given.
+    A tree that was built before is taken from the cache. The file is .h5, or with --out FILE.sph the text format of
+    Bradshaw's toolkit.
 
     \b
     Examples:
@@ -142,7 +149,7 @@ def command(
     from hhsim.trees.foreign_tree import import_tree, load_sph, save_sph
 
     source.check()
-    mesh, usual_level = mesh_file.read(object_, link=link)
+    mesh, usual_level = mesh_file.read(object_, solid=solid or None, link=link)
     options = build.options(usual_level, seed)
     kind = f"{1e6 * build.max_error:.0f}um" if build.max_error else options.leaves or options.level
     path = output.path(f"{mesh.name}-tree-{source.path.stem if source.path else kind}")
@@ -174,7 +181,7 @@ def command(
         print_json(
             {
                 "object": mesh.name,
-                "triangles": len(mesh.faces),
+                "triangles": len(mesh.covered_faces),
                 "extent": mesh.extent.tolist(),
                 "repairs": mesh.repairs,
                 "warnings": mesh.warnings,
@@ -202,7 +209,7 @@ def command(
             number("gap max", "gap_max", "mm", 3),
             number("CPU", lambda error: _of_level(tree, error.level)["cpu_seconds"], "s", 2, missing=""),
         )
-        print_table(Table(columns, tree.errors, f"{mesh.name}: {len(mesh.faces):,} triangles"))
+        print_table(Table(columns, tree.errors, f"{mesh.name}: {len(mesh.covered_faces):,} triangles"))
         for repair in mesh.repairs:
             print(f"repaired: {repair}")
         for note in found.notes if found else ():

@@ -27,7 +27,7 @@ class MeshSize(OptionGroup, heading="Mesh file"):
     unit: str | None = option(type=UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
     size: float | None = ranged("size", "MM", "Scale a mesh file to this longest extent [mm], whatever its unit.", 1e-3)
 
-    def read(self, object_: str, *, solid: bool = True, link: str = "") -> tuple["Mesh", int]:
+    def read(self, object_: str, *, solid: bool | None = True, link: str = "") -> tuple["Mesh", int]:
         """Load the mesh [m] of OBJECT, and its usual tree level, as `hhsim.linkage.object_mesh.resolve_object`."""
         from hhsim.linkage.object_mesh import resolve_object
 

@@ -45,6 +45,9 @@ class Mesh:
     source: str = ""  # path, or the generator with its parameters
     repairs: tuple[str, ...] = field(default=())  # repairs and assumptions, one plain sentence each
     warnings: tuple[str, ...] = field(default=())  # suspicions that do not stop the work, one plain sentence each
+    # Triangles of the file, shape (G, 3), where `faces` are not they: `faces` then say where the inside is, by winding
+    # number, and distances are measured to them, but these are covered. See `hhsim.mesh.own_triangles`.
+    own_faces: IntArray | None = field(default=None)
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices, dtype=np.float64, order="C")
@@ -52,6 +55,10 @@ class Mesh:
         require_usable_arrays(vertices, faces, self.name)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
+        if self.own_faces is not None:
+            own = np.array(self.own_faces, dtype=np.int64, order="C")
+            require_usable_arrays(vertices, own, self.name)
+            object.__setattr__(self, "own_faces", own)
 
     def __repr__(self) -> str:
         size = " x ".join(f"{1e3 * length:.1f}" for length in self.extent)
@@ -62,10 +69,15 @@ class Mesh:
         """Corner positions of each triangle [m], shape (F, 3, 3)."""
         return np.ascontiguousarray(self.vertices[self.faces])
 
+    @property
+    def covered_faces(self) -> IntArray:
+        """Corner indices of the triangles that a sphere tree covers, shape (G, 3)."""
+        return self.faces if self.own_faces is None else self.own_faces
+
     @cached_property
     def bounds(self) -> FloatArray:
         """Lowest and highest corner of the axis-aligned box around the triangles [m], shape (2, 3)."""
-        corners = self.triangles.reshape(-1, 3)
+        corners = self.vertices[self.covered_faces].reshape(-1, 3)
         return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
     @property
@@ -89,6 +101,8 @@ class Mesh:
         """Content hash (hex) of the vertices as little-endian float64 and the faces as little-endian int64."""
         digest = hashlib.sha256(self.vertices.astype("<f8").tobytes())
         digest.update(self.faces.astype("<i8").tobytes())
+        if self.own_faces is not None:
+            digest.update(self.own_faces.astype("<i8").tobytes())
         return digest.hexdigest()
 
     def obj(self) -> str:
@@ -127,7 +141,11 @@ def require_usable_arrays(vertices: FloatArray, faces: IntArray, name: str) -> N
 
 
 def load_mesh(
-    path: str | Path, unit: str = "m", size: float | None = None, thickness: float | None = None, solid: bool = True
+    path: str | Path,
+    unit: str = "m",
+    size: float | None = None,
+    thickness: float | None = None,
+    solid: bool | None = True,
 ) -> Mesh:
     """Read a mesh file, scale it to metres, check it and give it an inside.
 
@@ -140,7 +158,8 @@ def load_mesh(
         size: Longest extent of the mesh [m]; replaces `unit`.
         thickness: Makes a sheet this thick [m] of each open part, instead of closing it.
         solid: False takes the triangles as they are, closed or not, and turns those whose turning alone gives them an
-            inside: for contact with the mesh itself.
+            inside: for contact with the mesh itself. None makes a solid where that leaves the triangles as they are,
+            and else what a sphere tree needs of them, see `hhsim.mesh.own_triangles`.
 
     Raises:
         InputError: No such file, an unknown unit, or a size or a thickness out of its range.
@@ -174,7 +193,7 @@ def load_mesh(
 
 
 def with_inside(
-    mesh: Mesh, unit_length: float = 1.0, hint: str = "", thickness: float | None = None, solid: bool = True
+    mesh: Mesh, unit_length: float = 1.0, hint: str = "", thickness: float | None = None, solid: bool | None = True
 ) -> Mesh:
     """Return triangles in a unit of so many metres as a mesh in metres that has an inside, as of `load_mesh`.
 
@@ -196,6 +215,11 @@ def with_inside(
             mesh, vertices=surface.vertices, faces=surface.faces, repairs=repairs, warnings=tuple(surface.warnings)
         )
         return found.scaled(unit_length)
+    if solid is None:
+        from hhsim.mesh.own_triangles import own_triangles
+
+        own = own_triangles(mesh.vertices, mesh.faces, mesh.source)
+        return replace(mesh, **own._asdict()).scaled(unit_length)
     turned, said = turned_triangles(mesh.vertices, mesh.faces)
     if turned.any():
         faces = np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces)

@@ -9,11 +9,11 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
-from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
+from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers
-from hhsim.trees.error import measure_levels, prove_cover
+from hhsim.trees.error import measure_levels, prove_cover, signed_bvh
 from hhsim.trees.hierarchy import cover_hierarchy
 from hhsim.trees.options import MOST_LEAVES, TreeOptions, needed_level
 from hhsim.trees.sphere_tree import LevelCover, SphereTree
@@ -44,7 +44,7 @@ def build_sphere_tree(
     that of the last level, and every inner node encloses the leaves below it.
 
     Args:
-        mesh: Watertight and wound outward.
+        mesh: Watertight and wound outward, or any triangles as of `hhsim.mesh.own_triangles`.
         progress: Called with (stage, done, total), stages "cover", "tree" and "measure".
         threads: Number of threads; the bytes do not depend on it.
 
@@ -54,11 +54,11 @@ def build_sphere_tree(
     """
     options = TreeOptions() if options is None else options
     vertices = np.ascontiguousarray(mesh.vertices, np.float64)
-    faces = np.ascontiguousarray(mesh.faces, np.int64)
-    bvh = build_mesh_bvh(vertices, faces)
+    faces = np.ascontiguousarray(mesh.covered_faces, np.int64)
+    bvh = signed_bvh(mesh)
     with Workers(threads) as workers:
         try:
-            tree = _Builder((vertices, faces, bvh), options, progress, workers).build()
+            tree = _Builder((mesh, vertices, faces, bvh), options, progress, workers).build()
         except (MeshError, InputError) as error:
             raise type(error)(f"{mesh.name}: {error}") from error
         progress("tree", 1, 1)
@@ -68,10 +68,14 @@ def build_sphere_tree(
 
 class _Builder:
     def __init__(
-        self, surface: tuple[FloatArray, IntArray, MeshBvh], options: TreeOptions, progress: Progress, workers: Workers
+        self,
+        surface: tuple[Mesh, FloatArray, IntArray, MeshBvh],
+        options: TreeOptions,
+        progress: Progress,
+        workers: Workers,
     ) -> None:
         self.surface, self.options, self.progress, self.workers = surface, options, progress, workers
-        self.ready = in_own_frame(*surface[:2])
+        self.ready = in_own_frame(surface[0])
         self.done = self.total = 0
 
     def build(self) -> SphereTree:
@@ -111,7 +115,7 @@ class _Builder:
         Of a balanced cover half of the bound is subtracted from all radii: the surface then lies at most so far out of
         the spheres, and they at most so far out of it. MeshError if a face cannot be proved.
         """
-        vertices, faces, bvh = self.surface
+        _, vertices, faces, bvh = self.surface
         unproved, proof = prove_cover(vertices, faces, center, radius, self.workers)
         if unproved.size:
             radius = radius + GROWTH * float(np.ptp(vertices[faces].reshape(-1, 3), axis=0).max())
@@ -129,7 +133,7 @@ def proved_anew(tree: SphereTree, mesh: Mesh) -> SphereTree:
     """Return the tree of a mesh, such as a mirror image, with new proofs; MeshError if a face cannot be proved."""
     covers = []
     for old in tree.covers:
-        unproved, proof = prove_cover(mesh.vertices, mesh.faces, old.center, old.radius + old.gap)
+        unproved, proof = prove_cover(mesh.vertices, mesh.covered_faces, old.center, old.radius + old.gap)
         if unproved.size:
             raise MeshError(f"{mesh.name}: {unproved.size} faces are not covered, first face {unproved[0]}")
         covers.append(replace(old, proof=proof))

@@ -31,8 +31,8 @@ def faults(mesh: Mesh, covers: "tuple[LevelCover, ...]") -> tuple[str, ...]:
     """Return the faults of the covers of levels 0 and on for a mesh, a plain sentence each; empty if there are none."""
     if not any(cover.proved for cover in covers):
         return ("the tree holds no proof that it covers the mesh",)
-    corner = np.ascontiguousarray(mesh.triangles.reshape(-1, 9))
-    bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
+    corner = np.ascontiguousarray(mesh.vertices[mesh.covered_faces].reshape(-1, 9))
+    bvh = build_mesh_bvh(mesh.vertices, mesh.faces, by_winding=mesh.own_faces is not None)
     found = []
     for level, cover in enumerate(covers):
         size = max(float(np.abs(corner).max()), float(np.abs(cover.center).max()))
