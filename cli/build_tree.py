@@ -181,7 +181,7 @@ def command(
         print_json(
             {
                 "object": mesh.name,
-                "triangles": len(mesh.covered_faces),
+                "triangles": len(mesh.faces),
                 "extent": mesh.extent.tolist(),
                 "repairs": mesh.repairs,
                 "warnings": mesh.warnings,
@@ -209,7 +209,7 @@ def command(
             number("gap max", "gap_max", "mm", 3),
             number("CPU", lambda error: _of_level(tree, error.level)["cpu_seconds"], "s", 2, missing=""),
         )
-        print_table(Table(columns, tree.errors, f"{mesh.name}: {len(mesh.covered_faces):,} triangles"))
+        print_table(Table(columns, tree.errors, f"{mesh.name}: {len(mesh.faces):,} triangles"))
         for repair in mesh.repairs:
             print(f"repaired: {repair}")
         for note in found.notes if found else ():
