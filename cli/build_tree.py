@@ -95,11 +95,6 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
 @TreeSource.argument("source")
 @MeshFile.argument("mesh_file")
 @click.option("--link", metavar="NAME", default="", help="Link of a URDF or MJCF file that has several.")
-@click.option(
-    "--solid",
-    is_flag=True,
-    help="Close a mesh file to a solid, meshed anew if need be. Default: its own triangles are covered as they are.",
-)
 @Output.argument("output")
 @click.option(
     "--plot",
@@ -114,7 +109,6 @@ def command(
     source: TreeSource,
     mesh_file: MeshFile,
     link: str,
-    solid: bool,
     output: Output,
     plot: Path | None,
     seed: int,
@@ -149,7 +143,7 @@ def command(
     from hhsim.trees.foreign_tree import import_tree, load_sph, save_sph
 
     source.check()
-    mesh, usual_level = mesh_file.read(object_, solid=solid or None, link=link)
+    mesh, usual_level = mesh_file.read(object_, solid=mesh_file.solid or None, link=link)
     options = build.options(usual_level, seed)
     kind = f"{1e6 * build.max_error:.0f}um" if build.max_error else options.leaves or options.level
     path = output.path(f"{mesh.name}-tree-{source.path.stem if source.path else kind}")
