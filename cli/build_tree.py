@@ -116,9 +116,10 @@ def command(
     """Build the sphere tree of an object and measure its error.
 
     OBJECT is a name (hhsim objects), a mesh file, or a URDF or MJCF file, of which --link names a link. The spheres
-    of each level cover the whole mesh, with a proof in the file; the table says how far they protrude from it, as
-    sampled and as proved. A tree that was built before is taken from the cache. The file is .h5, or with --out
-    FILE.sph the text format of Bradshaw's toolkit.
+    of each level cover every triangle, with a proof in the file; the table says how far they protrude, as sampled and
+    as proved. A mesh need not be closed: what is open is covered as a skin, unless --solid or --thickness is given.
+    A tree that was built before is taken from the cache. The file is .h5, or with --out FILE.sph the text format of
+    Bradshaw's toolkit.
 
     \b
     Examples:
@@ -142,7 +143,7 @@ def command(
     from hhsim.trees.foreign_tree import import_tree, load_sph, save_sph
 
     source.check()
-    mesh, usual_level = mesh_file.read(object_, link=link)
+    mesh, usual_level = mesh_file.read(object_, solid=mesh_file.solid or None, link=link)
     options = build.options(usual_level, seed)
     kind = f"{1e6 * build.max_error:.0f}um" if build.max_error else options.leaves or options.level
     path = output.path(f"{mesh.name}-tree-{source.path.stem if source.path else kind}")

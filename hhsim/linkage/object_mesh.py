@@ -15,7 +15,7 @@ def resolve_object(
     unit: str | None = None,
     size: float | None = None,
     thickness: float | None = None,
-    solid: bool = True,
+    solid: bool | None = True,
     link: str = "",
 ) -> tuple[Mesh, int]:
     """Return the mesh that a catalogue name, a mesh file, or a URDF or MJCF file means, and its usual tree level.
@@ -23,7 +23,7 @@ def resolve_object(
     Args:
         name_or_path: A word with a suffix or a folder is a file.
         unit, size, thickness: Of a mesh file [-, m, m], as for `hhsim.mesh.mesh.load_mesh`; a unit of None is m.
-        solid: False takes the triangles of a file as they are, unless sheets are asked for.
+        solid: As for `load_mesh`; sheets of a thickness are solids.
         link: Link of a URDF or MJCF file, in its own frame; one without a name is the only one, in the file's.
 
     Raises:
@@ -57,10 +57,16 @@ def resolve_object(
         return item.mesh, item.level
     if unit is not None and size is not None:
         raise InputError("unit and size exclude each other: size scales whatever the unit is")
-    return load_mesh(word, unit or "m", size, thickness=thickness, solid=solid or thickness is not None), MESH_LEVEL
+    solid = True if thickness is not None else solid
+    return load_mesh(word, unit or "m", size, thickness=thickness, solid=solid), MESH_LEVEL
 
 
-def link_mesh(linkage: Linkage, name: str, source: str, solid: bool = True) -> Mesh:
+def solid_for(surface: str, asked: bool = False) -> bool | None:
+    """Return the argument `solid` of `resolve_object` for a surface, spheres or mesh, or for a solid asked for."""
+    return True if asked else None if surface == "spheres" else False
+
+
+def link_mesh(linkage: Linkage, name: str, source: str, solid: bool | None = True) -> Mesh:
     """Return the surface of a link [m] in its own frame, as `load_mesh` of a mesh file; InputError names the link."""
     vertices, faces = linkage.link(name).triangles
     about = f"link '{name}'"
