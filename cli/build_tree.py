@@ -1,7 +1,7 @@
 """`hhsim build-tree`."""
 
 import time
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -14,11 +14,13 @@ from .arguments.length import read_length
 from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, OptionGroup, option, typed_options
 from .arguments.options import OUTPUT, UNITS, Output, file, seed
+from .arguments.rerun_target import RERUN, RERUN_METAVAR, read_target
 from .console import print_json, print_notes, print_table, progress
 
 if TYPE_CHECKING:
     from hhsim.trees.options import TreeOptions
     from hhsim.trees.sphere_tree import SphereTree
+    from hhsim.view.sink import RerunTarget
 
 
 class BuiltTree(OptionGroup, heading="Sphere tree"):
@@ -32,7 +34,13 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
     leaves: int | None = option(
         type=click.IntRange(1, 262_144),
         metavar="N",
-        help="Number of leaves, or fewer if they suffice. Default: --branching to the power of --level.",
+        help="Number of leaves, or fewer if they suffice, of each link of a robot. Default: --branching to the power "
+        "of --level; 16 for a robot.",
+    )
+    total: int | None = option(
+        type=click.IntRange(1, 262_144),
+        metavar="N",
+        help="Number of spheres of all links of a robot, shared out by error.",
     )
     max_error: float | None = option(
         callback=read_length,
@@ -59,11 +67,25 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
         level = self.level if named else usual_level
         return TreeOptions(level, self.branching, self.leaves, seed, self.cover, self.max_error)
 
+    def of_links(self, seed: int) -> "TreeOptions":
+        """Return the options of each link of a robot; UsageError for --total beside another number."""
+        from .robot_spheres import USUAL_LEAVES
+
+        given = [name for name in ("level", "leaves", "max_error") if getattr(self, name) is not None]
+        if self.total is not None and given:
+            raise click.UsageError(f"--total and --{given[0].replace('_', '-')} exclude each other")
+        from hhsim.trees.options import TreeOptions
+
+        leaves = self.leaves if given else USUAL_LEAVES
+        return TreeOptions(self.level, self.branching, leaves, seed, self.cover, self.max_error)
+
 
 class TreeSource(OptionGroup, heading="Sphere tree of a file"):
     """File in place of a tree that is built."""
 
-    path: Path | None = file("FILE", "Build nothing: mend and measure the tree of a .sph or .h5 file.", "--from")
+    path: Path | None = file(
+        "FILE", "Build nothing: measure the spheres of a .sph, .h5, .urdf, .yml, .xrdf or .json file.", "--from"
+    )
     frame: Literal["auto", "mesh", "centred"] | None = option(
         type=click.Choice(["auto", "mesh", "centred"]),
         help="Origin of a .sph file: that of the mesh, centred in its box, or what fits better (auto). Default: auto.",
@@ -72,6 +94,11 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
         type=UNITS,
         help="Length unit of the .sph file. Default: that of the mesh file; m for an object of the catalogue.",
     )
+
+    @property
+    def holds_links(self) -> bool:
+        """True for a file that has spheres of links by their names."""
+        return self.path is not None and self.path.suffix.lower() in (".urdf", ".yml", ".yaml", ".xrdf", ".json")
 
     def check(self) -> None:
         """Raise UsageError for options of `--from` without it, and for options of a build beside it."""
@@ -83,7 +110,7 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
         typed = typed_options(click.get_current_context())
         for name in (field.name for field in fields(BuiltTree) if field.name in typed):
             raise click.UsageError(f"{typed[name]} is for trees that are built; {self.path} has its own")
-        if self.path.suffix == ".h5" and (self.frame or self.from_unit):
+        if self.path.suffix != ".sph" and (self.frame or self.from_unit):
             raise click.UsageError(
                 f"--frame and --from-unit are for .sph files; {self.path} is in metres and has its frame"
             )
@@ -94,7 +121,7 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
 @BuiltTree.argument("build")
 @TreeSource.argument("source")
 @MeshFile.argument("mesh_file")
-@click.option("--link", metavar="NAME", default="", help="Link of a URDF or MJCF file that has several.")
+@click.option("--link", metavar="NAME", default="", help="One link of a URDF or MJCF file, or of a --from file.")
 @click.option(
     "--solid",
     is_flag=True,
@@ -102,10 +129,24 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
 )
 @Output.argument("output")
 @click.option(
+    "--as",
+    "kind",
+    type=click.Choice(["h5", "urdf", "curobo", "json", "mjcf", "srdf", "xrdf"]),
+    default=None,
+    help="Format of a robot's spheres. Default: that of --out's ending, or h5.",
+)
+@click.option(
     "--plot",
     type=OUTPUT,
     metavar="FILE",
     help="Draw the mesh, its spheres coloured by protrusion, and the errors of all levels.",
+)
+@click.option(
+    "--rerun",
+    type=RERUN,
+    callback=read_target,
+    metavar=RERUN_METAVAR,
+    help="Show a robot and its spheres in rerun: open a viewer, write a file, or send to an open viewer at HOST:PORT.",
 )
 @seed
 def command(
@@ -116,12 +157,15 @@ def command(
     link: str,
     solid: bool,
     output: Output,
+    kind: str | None,
     plot: Path | None,
+    rerun: "RerunTarget | None",
     seed: int,
 ) -> None:
-    """Build the sphere tree of an object and measure its error.
+    """Build the sphere tree of an object, or spheres for every link of a robot, and measure their error.
 
-    OBJECT is a name (hhsim objects), a mesh file, or a URDF or MJCF file, of which --link names a link. The spheres
+    OBJECT is a name (hhsim objects), a mesh file, or a URDF or MJCF file: a robot where links move, of which --link
+    names one. The spheres
     of each level cover every triangle, with a proof in the file; the table says how far they protrude, as sampled and
     as proved. A mesh need not be closed: what is open is covered as a skin, unless --solid or --thickness is given.
     A tree that was built before is taken from the cache. The file is .h5, or with --out FILE.sph the text format of
@@ -139,20 +183,41 @@ def command(
       hhsim build-tree bowl.stl --unit mm --thickness 2
       hhsim build-tree drawer.urdf --link handle
       hhsim build-tree mug.obj --unit mm --from mug-medial.sph --out mug-medial.h5
+      hhsim build-tree arm.urdf --as curobo --out arm.yml
+      hhsim build-tree arm.urdf --total 100 --as urdf --plot arm.png
+      hhsim build-tree arm.urdf --from arm.yml
     """
+    from hhsim.linkage.file import names_a_linkage
     from hhsim.mesh.mesh import METRES_PER_UNIT
     from hhsim.render.tree_figure import draw_tree
     from hhsim.system.output_path import check_output_path, check_picture
     from hhsim.system.thread_pool import usual_threads
     from hhsim.trees.cache import cache_path, kept_sphere_tree
     from hhsim.trees.file import load_tree, save_tree
+    from hhsim.trees.fit import measure_fit
     from hhsim.trees.foreign_tree import import_tree, load_sph, save_sph
 
+    from .robot_spheres import fit_columns, import_spheres, means_a_robot, robot_spheres
+
     source.check()
-    mesh, usual_level = mesh_file.read(object_, solid=solid or None, link=link)
+    if means_a_robot(object_, kind or "", link, build.total, output.out):
+        if solid or mesh_file.given():
+            given = "--solid is" if solid else f"--{next(iter(mesh_file.given()))} is"
+            raise click.UsageError(f"{given} for mesh files; {object_} is a robot, whose triangles are as it states")
+        options = build.of_links(seed) if source.path is None else None
+        threads = build.threads or usual_threads()
+        robot_spheres(
+            Path(object_), link, options, build.total, kind or "", source.path, output, plot, rerun, threads, seed
+        )
+        return
+    if rerun is not None:
+        raise click.UsageError(f"--rerun is for a robot, a URDF or MJCF file whose links move, and {object_} is none")
+    # A link of a file of spheres is none of a mesh.
+    of_object = link if source.path is None or names_a_linkage(object_) else ""
+    mesh, usual_level = mesh_file.read(object_, solid=solid or None, link=of_object)
     options = build.options(usual_level, seed)
-    kind = f"{1e6 * build.max_error:.0f}um" if build.max_error else options.leaves or options.level
-    path = output.path(f"{mesh.name}-tree-{source.path.stem if source.path else kind}")
+    fineness = f"{1e6 * build.max_error:.0f}um" if build.max_error else options.leaves or options.level
+    path = output.path(f"{mesh.name}-tree-{source.path.stem if source.path else fineness}")
     if path.suffix not in (".h5", ".sph"):
         raise click.UsageError(f"--out {path}: a sphere tree is a .h5 or a .sph file")
     check_output_path(path, "sphere tree", load_sph if path.suffix == ".sph" else load_tree)
@@ -166,7 +231,10 @@ def command(
             tree = kept_sphere_tree(mesh, options, report, build.threads or usual_threads())
         else:
             unit = METRES_PER_UNIT[source.from_unit] if source.from_unit else mesh_file.unit_length(object_)
-            found = import_tree(source.path, mesh, unit, source.frame or "auto", seed, report)
+            if source.holds_links or (link and not of_object):
+                found = import_spheres(source.path, mesh, link, seed)
+            else:
+                found = import_tree(source.path, mesh, unit, source.frame or "auto", seed, report)
             tree = found.tree
     seconds = time.perf_counter() - start
     if path.suffix == ".sph":
@@ -176,6 +244,7 @@ def command(
     if plot is not None:
         draw_tree(plot, mesh, tree)
     faults = tree.check(mesh)
+    fit = measure_fit(mesh, tree.leaf_center, tree.leaf_radius, seed) if found else None
     print_notes(mesh.warnings, prefix="warning")
     if output.as_json:
         print_json(
@@ -188,6 +257,7 @@ def command(
                 "leaves": tree.leaf_count,
                 "levels": [vars(error) | _of_level(tree, error.level) for error in tree.errors],
                 "options": dict(tree.options),
+                "fit": asdict(fit) if fit else None,
                 "proved": not faults,
                 "faults": faults,
                 "seconds": seconds,
@@ -210,6 +280,8 @@ def command(
             number("CPU", lambda error: _of_level(tree, error.level)["cpu_seconds"], "s", 2, missing=""),
         )
         print_table(Table(columns, tree.errors, f"{mesh.name}: {len(mesh.covered_faces):,} triangles"))
+        if fit is not None:
+            print_table(Table(fit_columns(), [fit], "fit of the leaves"))
         for repair in mesh.repairs:
             print(f"repaired: {repair}")
         for note in found.notes if found else ():

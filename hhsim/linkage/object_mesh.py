@@ -68,8 +68,9 @@ def _read(path: Path, link: str) -> Linkage | Robot:
     """Return the linkage of a file; where it has no such link, or no scene can have its joints, all of its links."""
     try:
         linkage = read_linkage(path)
-        if link:
-            linkage.link(link)
+        with named(path):
+            if link:
+                linkage.link(link)
     except InputError:
         if not link:
             raise

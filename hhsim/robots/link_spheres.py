@@ -13,6 +13,7 @@ from hhsim.linkage.linkage import Link
 from hhsim.linkage.robot import Robot
 from hhsim.mesh.mesh import Mesh, with_inside
 from hhsim.mesh.shapes import Triangles, ellipsoid
+from hhsim.mesh.topology import merged_vertices
 from hhsim.robots.share_out import best_shares, share_out
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers
@@ -60,7 +61,8 @@ def link_meshes(robot: Robot, path: Path, name: str = "") -> dict[str, Mesh]:
 
 
 def _surface(triangles: Triangles, name: str, source: str) -> Mesh:
-    vertices, faces = triangles
+    # Files of some kinds give each triangle corners of its own.
+    vertices, faces = merged_vertices(*triangles)
     about = f"link '{name}'"
     corner = vertices[faces]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
