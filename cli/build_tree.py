@@ -14,13 +14,12 @@ from .arguments.length import read_length
 from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, OptionGroup, option, typed_options
 from .arguments.options import OUTPUT, UNITS, Output, file, seed
-from .arguments.rerun_target import RERUN, RERUN_METAVAR, read_target
 from .console import print_json, print_notes, print_table, progress
+from .robots.spheres import USUAL_LEAVES, RobotOptions, fit_columns, import_spheres, robot_spheres
 
 if TYPE_CHECKING:
     from hhsim.trees.options import TreeOptions
     from hhsim.trees.sphere_tree import SphereTree
-    from hhsim.view.sink import RerunTarget
 
 
 class BuiltTree(OptionGroup, heading="Sphere tree"):
@@ -36,11 +35,6 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
         metavar="N",
         help="Number of leaves, or fewer if they suffice, of each link of a robot. Default: --branching to the power "
         "of --level; 16 for a robot.",
-    )
-    total: int | None = option(
-        type=click.IntRange(1, 262_144),
-        metavar="N",
-        help="Number of spheres of all links of a robot, shared out by error.",
     )
     max_error: float | None = option(
         callback=read_length,
@@ -67,15 +61,13 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
         level = self.level if named else usual_level
         return TreeOptions(level, self.branching, self.leaves, seed, self.cover, self.max_error)
 
-    def of_links(self, seed: int) -> "TreeOptions":
+    def of_links(self, total: int | None, seed: int) -> "TreeOptions":
         """Return the options of each link of a robot; UsageError for --total beside another number."""
-        from .robot_spheres import USUAL_LEAVES
-
-        given = [name for name in ("level", "leaves", "max_error") if getattr(self, name) is not None]
-        if self.total is not None and given:
-            raise click.UsageError(f"--total and --{given[0].replace('_', '-')} exclude each other")
         from hhsim.trees.options import TreeOptions
 
+        given = [name for name in ("level", "leaves", "max_error") if getattr(self, name) is not None]
+        if total is not None and given:
+            raise click.UsageError(f"--total and --{given[0].replace('_', '-')} exclude each other")
         leaves = self.leaves if given else USUAL_LEAVES
         return TreeOptions(self.level, self.branching, leaves, seed, self.cover, self.max_error)
 
@@ -120,8 +112,8 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
 @click.argument("object_", metavar="OBJECT", shell_complete=complete_object)
 @BuiltTree.argument("build")
 @TreeSource.argument("source")
+@RobotOptions.argument("robot")
 @MeshFile.argument("mesh_file")
-@click.option("--link", metavar="NAME", default="", help="One link of a URDF or MJCF file, or of a --from file.")
 @click.option(
     "--solid",
     is_flag=True,
@@ -129,24 +121,10 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
 )
 @Output.argument("output")
 @click.option(
-    "--as",
-    "kind",
-    type=click.Choice(["h5", "urdf", "curobo", "json", "mjcf", "srdf", "xrdf"]),
-    default=None,
-    help="Format of a robot's spheres. Default: that of --out's ending, or h5.",
-)
-@click.option(
     "--plot",
     type=OUTPUT,
     metavar="FILE",
     help="Draw the mesh, its spheres coloured by protrusion, and the errors of all levels.",
-)
-@click.option(
-    "--rerun",
-    type=RERUN,
-    callback=read_target,
-    metavar=RERUN_METAVAR,
-    help="Show a robot and its spheres in rerun: open a viewer, write a file, or send to an open viewer at HOST:PORT.",
 )
 @seed
 def command(
@@ -154,22 +132,22 @@ def command(
     build: BuiltTree,
     source: TreeSource,
     mesh_file: MeshFile,
-    link: str,
+    robot: RobotOptions,
     solid: bool,
     output: Output,
-    kind: str | None,
     plot: Path | None,
-    rerun: "RerunTarget | None",
     seed: int,
 ) -> None:
     """Build the sphere tree of an object, or spheres for every link of a robot, and measure their error.
 
-    OBJECT is a name (hhsim objects), a mesh file, or a URDF or MJCF file: a robot where links move, of which --link
-    names one. The spheres
+    OBJECT is a name (hhsim objects), a mesh file, or a URDF or MJCF file, of which --link names a link. The spheres
     of each level cover every triangle, with a proof in the file; the table says how far they protrude, as sampled and
     as proved. A mesh need not be closed: what is open is covered as a skin, unless --solid or --thickness is given.
     A tree that was built before is taken from the cache. The file is .h5, or with --out FILE.sph the text format of
     Bradshaw's toolkit.
+
+    A URDF or MJCF whose links move is a robot: each link gets spheres that cover its collision geometry, written for
+    the program that --as names, with the pairs of links that touch in every pose.
 
     \b
     Examples:
@@ -197,21 +175,16 @@ def command(
     from hhsim.trees.fit import measure_fit
     from hhsim.trees.foreign_tree import import_tree, load_sph, save_sph
 
-    from .robot_spheres import fit_columns, import_spheres, means_a_robot, robot_spheres
-
     source.check()
-    if means_a_robot(object_, kind or "", link, build.total, output.out):
+    link = robot.link or ""
+    if robot.means(object_, output.out):
         if solid or mesh_file.given():
             given = "--solid is" if solid else f"--{next(iter(mesh_file.given()))} is"
             raise click.UsageError(f"{given} for mesh files; {object_} is a robot, whose triangles are as it states")
-        options = build.of_links(seed) if source.path is None else None
+        options = build.of_links(robot.total, seed) if source.path is None else None
         threads = build.threads or usual_threads()
-        robot_spheres(
-            Path(object_), link, options, build.total, kind or "", source.path, output, plot, rerun, threads, seed
-        )
+        robot_spheres(Path(object_), robot, options, source.path, output, plot, threads, seed)
         return
-    if rerun is not None:
-        raise click.UsageError(f"--rerun is for a robot, a URDF or MJCF file whose links move, and {object_} is none")
     # A link of a file of spheres is none of a mesh.
     of_object = link if source.path is None or names_a_linkage(object_) else ""
     mesh, usual_level = mesh_file.read(object_, solid=solid or None, link=of_object)

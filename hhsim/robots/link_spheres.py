@@ -24,6 +24,8 @@ from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.options import TreeOptions, needed_level
 from hhsim.trees.sphere_tree import SphereTree
 
+MOST_TRIANGLES = 500_000
+"""Most triangles of a link: more take minutes, and no planner's collision mesh has them."""
 WIDEST = 64
 """Most spheres of a foreign set below one inner sphere."""
 
@@ -39,6 +41,12 @@ class LinkSpheres:
     proved: bool  # True if it is proved that the spheres cover every triangle
     cpu_seconds: float  # CPU time of building, proving and measuring them [s]
     cached: bool  # True if the tree was built before
+
+    @property
+    def error(self) -> float:
+        """Proved bound of the distance [m] of the spheres from the link, to either side."""
+        gap = self.tree.covers[-1].gap if self.tree.covers else self.fit.surface_gap_max
+        return max(self.fit.bound, gap, 0.0)
 
     @property
     def spheres(self) -> FloatArray:
@@ -64,6 +72,10 @@ def _surface(triangles: Triangles, name: str, source: str) -> Mesh:
     # Files of some kinds give each triangle corners of its own.
     vertices, faces = merged_vertices(*triangles)
     about = f"link '{name}'"
+    if len(faces) > MOST_TRIANGLES:
+        raise MeshError(
+            f"{about}: {len(faces):,} triangles; expected {MOST_TRIANGLES:,} at most: simplify its collision mesh"
+        )
     corner = vertices[faces]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
     if not area.max(initial=0.0) > 0.0:
@@ -77,20 +89,25 @@ def build_link(link: Link, mesh: Mesh, options: TreeOptions) -> LinkSpheres:
     start = time.thread_time()
     cached = False
     if link.balls is not None and len(link.balls) <= options.leaf_limit:
-        # Triangles of a sphere lie in it, those of the mesh around it.
-        parts = [ellipsoid(ball[3] * np.ones(3)) for ball in link.balls]
-        inner = Link(link.name, tuple((points + ball[:3], faces) for ball, (points, faces) in zip(link.balls, parts)))
-        mesh, tree = _surface(inner.triangles, link.name, mesh.source), tree_of_spheres(link.balls)
+        mesh, tree = _inside_balls(link.balls, mesh), tree_of_spheres(link.balls)
     else:
         cached = cache_path(mesh, options).exists()
         tree = kept_sphere_tree(mesh, options)
     return _measured(mesh, tree, start, cached, options.seed)
 
 
-def judge_link(mesh: Mesh, spheres: FloatArray, seed: int = 0) -> LinkSpheres:
+def judge_link(link: Link, mesh: Mesh, spheres: FloatArray, seed: int = 0) -> LinkSpheres:
     """Return spheres from elsewhere, centres and radii [m], shape (n, 4), as those of a link, measured."""
     start = time.thread_time()
+    mesh = mesh if link.balls is None else _inside_balls(link.balls, mesh)
     return _measured(mesh, tree_of_spheres(spheres), start, False, seed)
+
+
+def _inside_balls(balls: FloatArray, mesh: Mesh) -> Mesh:
+    """Return the surface of spheres, whose triangles lie in them, while those of the link's mesh lie around them."""
+    shapes = [ellipsoid(ball[3] * np.ones(3)) for ball in balls]
+    inner = Link(mesh.name, tuple((points + ball[:3], faces) for ball, (points, faces) in zip(balls, shapes)))
+    return _surface(inner.triangles, mesh.name, mesh.source)
 
 
 def _measured(mesh: Mesh, tree: SphereTree, start: float, cached: bool, seed: int) -> LinkSpheres:
@@ -154,7 +171,7 @@ def build_in_all(
         each = {name: replace(options, level=None, leaves=count) for name, count in shares.items()}
         for name, found in build_links(robot, meshes, each, threads, progress).items():
             built[name][shares[name]] = found
-        return {name: max(built[name][count].fit.bound, 0.0) for name, count in shares.items()}
+        return {name: built[name][count].error for name, count in shares.items()}
 
     shares = best_shares(share_out(list(meshes), total, measure), total)
     return {name: replace(built[name][count], cpu_seconds=_all_seconds(built[name])) for name, count in shares.items()}

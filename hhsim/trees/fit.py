@@ -1,6 +1,6 @@
 """Figures of how spheres fit a mesh, by the definitions that robot planners use.
 
-Coverage, protrusion, surface gap and volume ratio are those of cuRobo's `SphereFitMetrics`: coverage is of the inside,
+Coverage, protrusion, surface gap and volume ratio are those of cuRobo: coverage is of the inside,
 protrusion of the surface of each sphere by itself, and the volume of spheres that overlap counts twice.
 """
 

@@ -12,10 +12,13 @@ from hhsim.errors import InputError
 from hhsim.system.counted import counted
 from hhsim.table.table import Table, number, words
 
-from .arguments.options import Output
-from .console import print_json, print_notes, print_table, progress
+from ..arguments.option_group import OptionGroup, option
+from ..arguments.options import Output
+from ..arguments.rerun_target import RERUN, RERUN_METAVAR, read_target
+from ..console import print_json, print_notes, print_table, progress
 
 if TYPE_CHECKING:
+    from hhsim.linkage.robot import Robot
     from hhsim.mesh.mesh import Mesh
     from hhsim.robots.link_spheres import LinkSpheres
     from hhsim.robots.robot_spheres import RobotSpheres
@@ -27,29 +30,50 @@ USUAL_LEAVES = 16
 """Spheres of a link where nothing says how many."""
 
 
-def means_a_robot(object_: str, kind: str, link: str, total: int | None, out: Path | None) -> bool:
-    """Return True if OBJECT is a robot: a URDF or MJCF whose links move, unless one link's tree is asked for."""
-    from hhsim.linkage.file import names_a_linkage, read_robot
-    from hhsim.robots.formats.registry import format_of
+class RobotOptions(OptionGroup, heading="Robot"):
+    """One link of a robot, format of its spheres, and where they are shown."""
 
-    asked = bool(kind) or total is not None or (out is not None and format_of(out) not in ("", "h5"))
-    if not names_a_linkage(object_):
-        if asked:
-            raise click.UsageError(f"--as and --total are for a robot, a URDF or MJCF file, and {object_} is none")
-        return False
-    return asked or (not link and read_robot(Path(object_)).moves)
+    link: str | None = option(metavar="NAME", help="One link of a URDF or MJCF file, or of a --from file.")
+    total: int | None = option(
+        type=click.IntRange(1, 262_144),
+        metavar="N",
+        help="Number of spheres of all links, shared out by error. Default: --leaves of each.",
+    )
+    kind: str | None = option(
+        "--as",
+        type=click.Choice(["h5", "urdf", "curobo", "json", "mjcf", "srdf", "xrdf"]),
+        help="Format of the spheres. Default: that of --out's ending, or h5.",
+    )
+    rerun: "RerunTarget | None" = option(
+        type=RERUN,
+        callback=read_target,
+        metavar=RERUN_METAVAR,
+        help="Show links and spheres in rerun: open a viewer, write a file, or send to an open viewer at HOST:PORT.",
+    )
+
+    def means(self, object_: str, out: Path | None) -> bool:
+        """Return True if OBJECT is a robot: a URDF or MJCF whose links move, unless one link's tree is asked for."""
+        from hhsim.linkage.file import names_a_linkage, read_robot
+        from hhsim.robots.formats.registry import format_of
+
+        named = (self.kind, self.total, self.rerun) != (None, None, None)
+        if not names_a_linkage(object_):
+            if named:
+                raise click.UsageError(
+                    f"--as, --total and --rerun are for a robot, a URDF or MJCF file, and {object_} is none"
+                )
+            return False
+        named = named or (out is not None and format_of(out) not in ("", "h5"))
+        return named or (not self.link and read_robot(Path(object_)).moves)
 
 
 def robot_spheres(
     path: Path,
-    link: str,
+    robot_options: RobotOptions,
     options: "TreeOptions | None",
-    total: int | None,
-    kind: str,
     source: Path | None,
     output: Output,
     plot: Path | None,
-    rerun: "RerunTarget | None",
     threads: int,
     seed: int,
 ) -> None:
@@ -64,7 +88,8 @@ def robot_spheres(
     from hhsim.trees.options import TreeOptions
 
     out_kind = "" if output.out is None else format_of(output.out)
-    name = kind or out_kind or "h5"
+    total, rerun = robot_options.total, robot_options.rerun
+    name = robot_options.kind or out_kind or "h5"
     format_ = FORMATS[name]
     out = output.path(f"{path.stem}-spheres", format_.suffixes[0])
     if format_of(out) != name:
@@ -74,11 +99,11 @@ def robot_spheres(
         check_picture(plot)
     start = time.process_time()
     robot = read_robot(path)
-    meshes = link_meshes(robot, path, link)
+    meshes = link_meshes(robot, path, robot_options.link or "")
     notes = [f"{mesh.name}: {note}" for mesh in meshes.values() for note in (*mesh.repairs, *mesh.warnings)]
     with progress(quiet=output.quiet) as report:
         if source is not None:
-            built = _judged(meshes, source, seed, notes)
+            built = _judged(robot, meshes, source, seed, notes)
         elif total is not None:
             built = build_in_all(robot, meshes, total, replace(options or TreeOptions(), seed=seed), threads, report)
         else:
@@ -108,7 +133,9 @@ def robot_spheres(
             print(f"the picture is in {plot}")
 
 
-def _judged(meshes: Mapping[str, "Mesh"], source: Path, seed: int, notes: list[str]) -> "dict[str, LinkSpheres]":
+def _judged(
+    robot: "Robot", meshes: Mapping[str, "Mesh"], source: Path, seed: int, notes: list[str]
+) -> "dict[str, LinkSpheres]":
     """Measure the spheres of a file on the links of the same names, and note what has no counterpart."""
     from hhsim.robots.formats.registry import read_spheres
     from hhsim.robots.link_spheres import judge_link
@@ -123,7 +150,7 @@ def _judged(meshes: Mapping[str, "Mesh"], source: Path, seed: int, notes: list[s
     ):
         if names:
             notes.append(f"{', '.join(names)}: {what}")
-    return {name: judge_link(meshes[name], given[name], seed) for name in both}
+    return {name: judge_link(robot.link(name), meshes[name], given[name], seed) for name in both}
 
 
 def import_spheres(source: Path, mesh: "Mesh", link: str, seed: int) -> "ImportedTree":
