@@ -9,6 +9,7 @@ children of slot n are the slots n·B + 1 to n·B + B. A radius that is not posi
 columns, and lines after the last slot, are ignored.
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple, get_args
@@ -85,6 +86,20 @@ def import_tree(
     else:
         tree, chosen, placement_notes = _placed(source, mesh, unit_length, frame)
         notes += placement_notes
+    return judge_tree(source, tree, mesh, chosen, notes, seed, progress)
+
+
+def judge_tree(
+    source: Path,
+    tree: SphereTree,
+    mesh: Mesh,
+    chosen: str = "mesh",
+    notes: Iterable[str] = (),
+    seed: int = 0,
+    progress: Progress = silent,
+) -> ImportedTree:
+    """Return a tree of a file, in metres and in the mesh's frame, measured; arguments, errors as of `import_tree`."""
+    notes = list(notes)
     spheres, extent = float(np.ptp(tree.bounds, axis=0).max()), float(mesh.extent.max())
     gap = _mean_gap(sample_mesh(mesh.vertices, mesh.faces, _SAMPLES, np.random.default_rng(0)), tree)
     if not extent / _OFF_SIZE <= spheres <= extent * _OFF_SIZE:
