@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from body_tables import body, body_file, joint
 from free_scenes import REACH_PER_STIFFNESS, box, closing, far_hand, tongs, tongs_at
 from scipy.integrate import solve_ivp
 
@@ -206,34 +207,21 @@ def test_a_plate_on_a_hinged_one_is_a_double_pendulum() -> None:
     np.testing.assert_allclose(wrench[1, :, :3], moved + [0.0, 0.0, mass[1] * G], atol=1e-5)
 
 
-SCENE = """
-[[body]]
-name = "lid"
-box = [0.2, 0.15, 0.01]
-position = [0.2, 0.0, 0.0]
-mass = 0.2
-joint.type = "hinge"
-joint.axis = [0.0, 1.0, 0.0]
-joint.origin = [0.1, 0.0, -0.005]
-joint.on = "base"
-
-[[body]]
-name = "base"
-box = [0.2, 0.15, 0.01]
-position = [-0.1, 0.0, 0.005]
-mass = 0.4
-"""
-
-
-def written(folder: Path, text: str) -> str:
-    path = folder / "pair.toml"
-    path.write_text(text)
-    return str(path)
+PAIR = (
+    body(
+        "lid",
+        [0.2, 0.15, 0.01],
+        position=[0.2, 0.0, 0.0],
+        mass=0.2,
+        joint=joint("hinge", [0.0, 1.0, 0.0], origin=[0.1, 0.0, -0.005], on="base"),
+    ),
+    body("base", [0.2, 0.15, 0.01], position=[-0.1, 0.0, 0.005], mass=0.4),
+)
 
 
 def test_a_file_of_two_on_a_hinge_is_replayed_and_judged(tmp_path: Path) -> None:
     out = tmp_path / "pair.h5"
-    replay_scene(open_scene(written(tmp_path, SCENE), "never", level=2), SolverOptions(surface="mesh"), out)
+    replay_scene(open_scene(body_file(tmp_path, *PAIR), "never", level=2), SolverOptions(surface="mesh"), out)
     claims = {claim.name: claim for claim in free_claims(load_result(out))}
     assert not [name for name, claim in claims.items() if claim.failed]
     assert claims["joint"].verdict == "holds" and claims["table on object"].verdict == "not judged"
