@@ -15,10 +15,12 @@ from conftest import REPOSITORY
 from markdown_pages import Page
 
 DOCS = REPOSITORY / "docs"
-TO_COME = {"gallery.md", "robot-spheres.md", "results.md"}
+TO_COME = {"gallery.md", "robot-spheres.md"}
 """Pages of the navigation that are hidden until their file is there."""
 MADE = {"commands.md", "python.md", "architecture.md", "contributing.md", "changelog.md", "examples.md"}
 """Pages that tools/site_pages.py makes."""
+README_WORDS, DOCS_WORDS = 700, 35_000
+"""Most words of the README, and of the pages of docs/ but its lab book."""
 FIRST_PAGE = 1_500_000
 """What the first page may take, with its pictures and the theme [bytes]."""
 
@@ -44,9 +46,13 @@ def test_the_navigation_leads_to_every_page() -> None:
         for kind in ("md", "ipynb")
         for path in DOCS.rglob(f"*.{kind}")
     }
-    moved = {path.name for path in DOCS.glob("*.md") if path.read_text(encoding="utf-8").startswith("# Moved")}
+    moved = {path.name for path in DOCS.glob("*.md") if Page.read(path).is_moved}
     assert there - moved <= set(named)
     assert {uri for uri in set(named) - there if "/" not in uri} <= TO_COME | MADE
+
+
+def test_the_readme_is_short() -> None:
+    assert len((REPOSITORY / "README.md").read_text(encoding="utf-8").split()) <= README_WORDS
 
 
 class Targets(HTMLParser):
