@@ -38,6 +38,7 @@ from hhsim.solver.world_solver import keeps_hands_apart
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 README = Page.read(DOCS.parent / "README.md")
 METRICS, METHODS_PAGE, FAQ = (Page.read(DOCS / name) for name in ("metrics.md", "methods.md", "faq.md"))
+PAPER, MEASURED = (Page.read(DOCS / "lab" / name) for name in ("paper.md", "methods.md"))
 
 MOTION = """
 title = "short"
@@ -199,9 +200,14 @@ def test_defaults_of_the_options_are_those_of_the_code() -> None:
     }
 
 
-def test_each_method_has_its_section_and_its_row_in_the_table() -> None:
+def test_each_method_has_its_section_and_its_row_in_both_tables() -> None:
     assert {*METHODS} <= METHODS_PAGE.anchors()
-    assert {*METHODS} <= {row[0].strip("`") for row in METHODS_PAGE.rows() if len(row) == 7}
+    whole = {row[0].strip("`"): row for row in MEASURED.rows() if len(row) == 7}
+    short_table = {spans(row[0])[0]: row for row in METHODS_PAGE.rows() if len(row) == 4 and spans(row[0])}
+    assert set(short_table) == set(METHODS)
+    for name, row in short_table.items():
+        assert row[2] == whole[name][2]
+        assert row[3] == whole[name][4]
 
 
 NUMBER = r"(?<![\w.,])(\d+(?:,\d{3})*(?:\.\d+)?)(?![\w])"
@@ -266,7 +272,7 @@ def test_a_stiffer_palm_is_nearer_to_the_users(short: tuple[ReplaySummary, Resul
 
 
 def test_every_equation_of_the_paper_has_its_functions() -> None:
-    rows = [row for row in METHODS_PAGE.rows() if re.match(r"(Eq\.|Fig\.|Section) ", row[0]) and spans(row[1])]
+    rows = [row for row in PAPER.rows() if re.match(r"(Eq\.|Fig\.|Section) ", row[0]) and spans(row[1])]
     numbered = [int(n) for row in rows if row[0].startswith("Eq.") for n in re.findall(r"\d+", row[0])]
     assert numbered == list(range(1, 15))
     named = 0
@@ -280,5 +286,5 @@ def test_every_equation_of_the_paper_has_its_functions() -> None:
                 named += 1
     assert named > 30
     # What the page says of k and of Δr is so.
-    assert f"k = {Stiffness().contact:g} N/m (`Stiffness.contact`)" in METHODS_PAGE.text
-    assert f"spheres within {1e6 * TOUCH:g} µm" in METHODS_PAGE.text
+    assert f"k = {Stiffness().contact:g} N/m (`Stiffness.contact`)" in PAPER.text
+    assert f"spheres within {1e6 * TOUCH:g} µm" in PAPER.text
