@@ -248,7 +248,8 @@ def open_scene(
     Args:
         object_: A name (`hhsim objects`), a mesh file, the TOML of bodies, or a mesh [m].
         motion: A name (`hhsim trajectories`), a script (.toml), a recording, a result, or a loaded motion.
-        unit, size: Of a mesh file, as for `hhsim.mesh.mesh.load_mesh`: m, cm, mm or inch, and [m]; None is m.
+        unit: Length unit of a mesh file, as for `hhsim.mesh.mesh.load_mesh`: m, cm, mm or inch; None is m.
+        size: Longest extent that a mesh file is scaled to [m]; None leaves it as it is.
         solid: True closes a mesh file to a solid, None covers what is none as a skin, and False takes its triangles as
             they are, for `SolverOptions(surface="mesh")`.
         level: Level of the leaves of the tree of each body, 1 to 5; None is the object's own, 3 or 4.

@@ -1,6 +1,6 @@
 """Plan of a sweep: a TOML file of objects, motions, methods, surfaces and options, each combined with each.
 
-docs/sweeps.md lists its keys. Files are relative to the plan's folder. Options have a result's names, in SI units. A
+docs/results.md lists its keys. Files are relative to the plan's folder. Options have a result's names, in SI units. A
 cell is one combination: one replay, its parts, its name, and its digest.
 """
 
