@@ -59,7 +59,7 @@ _SHARES = 16
 """Number of ranges of spheres that threads share out."""
 
 
-class _Cover:
+class CoverInProgress:
     """Spheres and their micro-triangles, while they are improved."""
 
     def __init__(self, bvh: MeshBvh, micro: MicroTriangles, spheres: int, workers: Workers) -> None:
@@ -71,6 +71,7 @@ class _Cover:
         self.cost, self.second_cost = np.full((2, count), np.inf)
 
     def drop(self, stays: BoolArray) -> None:
+        """Drop the spheres that do not stay; their micro-triangles have no valid owner then."""
         self.owner = (np.cumsum(stays) - 1)[self.owner]
         self.center, self.depth, self.step = self.center[stays].copy(), self.depth[stays], self.step[stays]
 
@@ -170,6 +171,7 @@ class _Cover:
                 self.assign()
 
     def relax(self, rounds: int) -> None:
+        """Move spheres and assign micro-triangles, so many times."""
         for turn in range(rounds):
             self.move(afresh=turn == 0)
             self.assign()
@@ -184,6 +186,16 @@ class _Cover:
         # So that costly spheres have less to cover, and cheap ones more.
         self.assign(self.depth + _HANDICAP * np.clip(most - own, 0.0, _SLACK * most))
         self.relax(_ROUNDS[1])
+
+    def spheres_of(self, mesh: "MeshInFrame") -> tuple[FloatArray, FloatArray]:
+        """Return centres [m], shape (n, 3), and radii [m], (n,), that suffice for each micro-triangle's owner."""
+        radius = np.empty(len(self.depth))
+        kernel.covering_radius(self.micro, self.center, self.owner, radius)
+        used = radius >= 0.0
+        center, radius = mesh.frame.out_of(self.center[used]), radius[used] * mesh.frame.size
+        size = max(mesh.reach, float(np.abs(center).max()))
+        # A vertex was moved by at most half a step of the grid along each axis.
+        return center, radius + GRID * mesh.frame.size + ROUNDING * (radius + size)
 
 
 GRID = 2.0**-30
@@ -290,7 +302,7 @@ def cover_of(
     """
     edge = edges_for(mesh.corner, np.ones(len(mesh.corner)), COARSE * spheres)
     micro = cut_mesh(mesh.corner, mesh.normal, edge)
-    cover = _Cover(mesh.bvh, micro, spheres, workers or Workers())
+    cover = CoverInProgress(mesh.bvh, micro, spheres, workers or Workers())
     cover.fill()
     cover.assign()
     least, best = cover.worst, (cover.center.copy(), cover.depth.copy())
@@ -318,10 +330,4 @@ def cover_of(
         cover.assign()
     progress("cover", cycles + 1, cycles + 1)
 
-    radius = np.empty(len(cover.depth))
-    kernel.covering_radius(cover.micro, cover.center, cover.owner, radius)
-    used = radius >= 0.0
-    center, radius = mesh.frame.out_of(cover.center[used]), radius[used] * mesh.frame.size
-    size = max(mesh.reach, float(np.abs(center).max()))
-    # A vertex was moved by at most half a step of the grid along each axis.
-    return center, radius + GRID * mesh.frame.size + ROUNDING * (radius + size)
+    return cover.spheres_of(mesh)
