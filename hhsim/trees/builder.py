@@ -9,9 +9,9 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
-from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
+from hhsim.kernels.mesh.bvh import MeshBvh
 from hhsim.mesh.mesh import Mesh
-from hhsim.mesh.signed_bvh import signed_bvh
+from hhsim.mesh.signed_bvh import heights, signed_bvh
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers
 from hhsim.trees.error import measure_levels, prove_cover
@@ -130,7 +130,7 @@ class _Builder:
             unproved, proof = prove_cover(vertices, faces, center, radius, self.workers)
         if unproved.size:
             raise MeshError(f"{unproved.size} faces could not be covered, first face {unproved[0]}")
-        cover = LevelCover(center, radius, -mesh_signed_distance(bvh, center), 0.0, proof)
+        cover = LevelCover(center, radius, -heights(bvh, center), 0.0, proof)
         if self.options.cover != "balanced":
             return cover
         half = 0.5 * max(cover.bound, 0.0)

@@ -14,7 +14,9 @@ from hhsim.kernels.cover.sphere_descent import move_spheres
 from hhsim.kernels.kd_tree import subtrees
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals
 from hhsim.mesh.mesh import Mesh
-from hhsim.mesh.signed_bvh import signed_bvh
+from hhsim.mesh.own_triangles import places_in
+from hhsim.mesh.shell import Shell
+from hhsim.mesh.signed_bvh import heights, signed_bvh
 from hhsim.reproducible import dot, matmul, norm
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers, ranges
@@ -53,6 +55,8 @@ _REPLACEMENTS = 4
 _TRIMS = 4
 _TRIM_FROM = 0.95
 _THINNEST = 1e-9
+_BESIDE = 1e-4
+"""Distance from a triangle at which its sides are told from each other, in sizes of the mesh."""
 _SUBTREES = 3
 """Depth of the subtrees of micro-triangles that threads share out."""
 _SHARES = 16
@@ -249,9 +253,9 @@ def canonical_frame(vertices: FloatArray) -> CanonicalFrame:
 class MeshInFrame(NamedTuple):
     """A mesh prepared for covers of any number of spheres, in its own frame.
 
-    corner: (F, 9) in the frame, of the triangles to be covered; normal: (F, 3), outward, 0 for a sheet; bvh: signed,
-        over those that distances are measured to; frame: back to the mesh's place; reach: largest coordinate of the
-        mesh [m].
+    corner: (F, 9) in the frame, of the triangles to be covered; normal: (F, 3), away from the inner side, 0 of a sheet;
+        bvh: signed, over those that distances are measured to; frame: back to the mesh's place; reach: largest
+        coordinate of the mesh [m].
     """
 
     corner: FloatArray
@@ -273,13 +277,33 @@ def in_own_frame(mesh: Mesh) -> MeshInFrame:
     if mesh.shell is None:
         bvh = build_mesh_bvh(inside, faces)
     else:
-        shell = replace(mesh.shell, vertices=frame.into(mesh.shell.vertices))
-        bvh = signed_bvh(replace(mesh, shell=shell))
-        # A sphere for a skin begins in it: nothing says which side of a triangle is the inner one.
-        normal[:] = 0.0
+        shell = mesh.shell._replace(vertices=frame.into(mesh.shell.vertices))
+        bvh = signed_bvh(replace(mesh, vertices=inside, shell=shell))
+        normal = _inner_sides(inside, faces, normal, shell, bvh)
     return MeshInFrame(
         np.ascontiguousarray(inside[faces]).reshape(-1, 9), normal, bvh, frame, float(np.abs(corner).max())
     )
+
+
+def _inner_sides(vertices: FloatArray, faces: IntArray, normal: FloatArray, shell: Shell, bvh: MeshBvh) -> FloatArray:
+    """Turn the normals of a skin's triangles, (F, 3), away from the inner side of its solid; those of sheets are 0.
+
+    A sphere for a sheet begins in it, any other one on the inner side. A triangle that the solid has not is in it, or
+    cut in it: its inner side is where it is deeper.
+    """
+    of_sheet = (
+        places_in(vertices, faces, vertices, shell.sheets) >= 0 if len(shell.sheets) else np.zeros(len(faces), bool)
+    )
+    found = np.where(of_sheet[:, None], 0.0, normal)
+    if not len(shell.faces):
+        return found
+    place = places_in(vertices, faces, shell.vertices, shell.faces)
+    has = place >= 0
+    found[has] = face_normals(shell.vertices, shell.faces)[place[has]]
+    left = np.flatnonzero(~has & ~of_sheet)
+    middle, away = vertices[faces[left]].mean(axis=1), _BESIDE * normal[left]
+    found[left[heights(bvh, middle + away) < heights(bvh, middle - away)]] *= -1.0
+    return found
 
 
 def _require_volume(corner: FloatArray) -> None:
