@@ -114,11 +114,6 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
 @TreeSource.argument("source")
 @RobotOptions.argument("robot")
 @MeshFile.argument("mesh_file")
-@click.option(
-    "--solid",
-    is_flag=True,
-    help="Close a mesh file to a solid, meshed anew if need be. Default: its own triangles are covered as they are.",
-)
 @Output.argument("output")
 @click.option(
     "--plot",
@@ -133,7 +128,6 @@ def command(
     source: TreeSource,
     mesh_file: MeshFile,
     robot: RobotOptions,
-    solid: bool,
     output: Output,
     plot: Path | None,
     seed: int,
@@ -178,16 +172,17 @@ def command(
     source.check()
     link = robot.link or ""
     if robot.means(object_, output.out):
-        if solid or mesh_file.given():
-            given = "--solid is" if solid else f"--{next(iter(mesh_file.given()))} is"
-            raise click.UsageError(f"{given} for mesh files; {object_} is a robot, whose triangles are as it states")
+        given = next((name for name, value in mesh_file.given().items() if value is not False), None)
+        if given:
+            message = f"--{given} is for mesh files; {object_} is a robot, whose triangles are as it states"
+            raise click.UsageError(message)
         options = build.of_links(robot.total, seed) if source.path is None else None
         threads = build.threads or usual_threads()
         robot_spheres(Path(object_), robot, options, source.path, output, plot, threads, seed)
         return
     # A link of a file of spheres is none of a mesh.
     of_object = link if source.path is None or names_a_linkage(object_) else ""
-    mesh, usual_level = mesh_file.read(object_, solid=solid or None, link=of_object)
+    mesh, usual_level = mesh_file.read(object_, solid=mesh_file.solid or None, link=of_object)
     options = build.options(usual_level, seed)
     fineness = f"{1e6 * build.max_error:.0f}um" if build.max_error else options.leaves or options.level
     path = output.path(f"{mesh.name}-tree-{source.path.stem if source.path else fineness}")
@@ -223,7 +218,7 @@ def command(
         print_json(
             {
                 "object": mesh.name,
-                "triangles": len(mesh.covered_faces),
+                "triangles": len(mesh.faces),
                 "extent": mesh.extent.tolist(),
                 "repairs": mesh.repairs,
                 "warnings": mesh.warnings,
@@ -252,7 +247,7 @@ def command(
             number("gap max", "gap_max", "mm", 3),
             number("CPU", lambda error: _of_level(tree, error.level)["cpu_seconds"], "s", 2, missing=""),
         )
-        print_table(Table(columns, tree.errors, f"{mesh.name}: {len(mesh.covered_faces):,} triangles"))
+        print_table(Table(columns, tree.errors, f"{mesh.name}: {len(mesh.faces):,} triangles"))
         if fit is not None:
             print_table(Table(fit_columns(), [fit], "fit of the leaves"))
         for repair in mesh.repairs:

@@ -210,7 +210,7 @@ def _document(found: "RobotSpheres", seconds: float) -> dict[str, Any]:
         "links": [
             {
                 "link": link.name,
-                "triangles": len(link.mesh.covered_faces),
+                "triangles": len(link.mesh.faces),
                 **asdict(link.fit),
                 "proved": link.proved,
                 "cpu_seconds": link.cpu_seconds,

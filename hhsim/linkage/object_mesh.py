@@ -24,7 +24,7 @@ def resolve_object(
     Args:
         name_or_path: A word with a suffix or a folder is a file.
         unit, size, thickness: Of a mesh file [-, m, m], as for `hhsim.mesh.mesh.load_mesh`; a unit of None is m.
-        solid: False takes the triangles of a file as they are, None for a sphere tree, unless sheets are asked for.
+        solid: As for `load_mesh`; sheets of a thickness are solids.
         link: Link of a URDF or MJCF file, in its own frame; one without a name is the only one, in the file's.
 
     Raises:
@@ -62,6 +62,11 @@ def resolve_object(
         raise InputError("unit and size exclude each other: size scales whatever the unit is")
     solid = True if thickness is not None else solid
     return load_mesh(word, unit or "m", size, thickness=thickness, solid=solid), MESH_LEVEL
+
+
+def solid_for(surface: str, asked: bool = False) -> bool | None:
+    """Return the argument `solid` of `resolve_object` for a surface, spheres or mesh, or for a solid asked for."""
+    return True if asked else None if surface == "spheres" else False
 
 
 def _read(path: Path, link: str) -> Linkage | Robot:

@@ -45,9 +45,9 @@ class Mesh:
     source: str = ""  # path, or the generator with its parameters
     repairs: tuple[str, ...] = field(default=())  # repairs and assumptions, one plain sentence each
     warnings: tuple[str, ...] = field(default=())  # suspicions that do not stop the work, one plain sentence each
-    # Triangles of the file, shape (G, 3), where `faces` are not they: `faces` then say where the inside is, by winding
-    # number, and distances are measured to them, but these are covered. See `hhsim.mesh.own_triangles`.
-    own_faces: IntArray | None = field(default=None)
+    # Triangles around the inside by winding number, and sheets from both sides, where the faces are no solid but the
+    # file's own, touched as a skin: see `hhsim.mesh.own_triangles`. Only a tree's builder needs it.
+    shell: "Mesh | None" = field(default=None)
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices, dtype=np.float64, order="C")
@@ -55,10 +55,6 @@ class Mesh:
         require_usable_arrays(vertices, faces, self.name)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
-        if self.own_faces is not None:
-            own = np.array(self.own_faces, dtype=np.int64, order="C")
-            require_usable_arrays(vertices, own, self.name)
-            object.__setattr__(self, "own_faces", own)
 
     def __repr__(self) -> str:
         size = " x ".join(f"{1e3 * length:.1f}" for length in self.extent)
@@ -69,15 +65,10 @@ class Mesh:
         """Corner positions of each triangle [m], shape (F, 3, 3)."""
         return np.ascontiguousarray(self.vertices[self.faces])
 
-    @property
-    def covered_faces(self) -> IntArray:
-        """Corner indices of the triangles that a sphere tree covers, shape (G, 3)."""
-        return self.faces if self.own_faces is None else self.own_faces
-
     @cached_property
     def bounds(self) -> FloatArray:
         """Lowest and highest corner of the axis-aligned box around the triangles [m], shape (2, 3)."""
-        corners = self.vertices[self.covered_faces].reshape(-1, 3)
+        corners = self.triangles.reshape(-1, 3)
         return np.stack([corners.min(axis=0), corners.max(axis=0)])
 
     @property
@@ -101,8 +92,6 @@ class Mesh:
         """Content hash (hex) of the vertices as little-endian float64 and the faces as little-endian int64."""
         digest = hashlib.sha256(self.vertices.astype("<f8").tobytes())
         digest.update(self.faces.astype("<i8").tobytes())
-        if self.own_faces is not None:
-            digest.update(self.own_faces.astype("<i8").tobytes())
         return digest.hexdigest()
 
     def obj(self) -> str:
@@ -113,12 +102,14 @@ class Mesh:
 
     def scaled(self, factor: float) -> "Mesh":
         """Return the mesh scaled about the origin by a positive factor [-]."""
-        return replace(self, vertices=self.vertices * factor)
+        shell = self.shell and self.shell.scaled(factor)
+        return replace(self, vertices=self.vertices * factor, shell=shell)
 
     def transformed(self, rotation: ArrayLike, translation: ArrayLike) -> "Mesh":
         """Return the mesh moved by `rotation @ vertex + translation`; shapes (3, 3) and (3,) [m]."""
         turned = matmul(self.vertices, np.asarray(rotation, dtype=np.float64).T)
-        return replace(self, vertices=turned + np.asarray(translation, dtype=np.float64))
+        shell = self.shell and self.shell.transformed(rotation, translation)
+        return replace(self, vertices=turned + np.asarray(translation, dtype=np.float64), shell=shell)
 
 
 def require_usable_arrays(vertices: FloatArray, faces: IntArray, name: str) -> None:
@@ -158,8 +149,8 @@ def load_mesh(
         size: Longest extent of the mesh [m]; replaces `unit`.
         thickness: Makes a sheet this thick [m] of each open part, instead of closing it.
         solid: False takes the triangles as they are, closed or not, and turns those whose turning alone gives them an
-            inside: for contact with the mesh itself. None makes a solid where that leaves the triangles as they are,
-            and else what a sphere tree needs of them, see `hhsim.mesh.own_triangles`.
+            inside: for contact with the mesh itself. None makes a solid where that leaves the triangles as they are;
+            else they are a skin for a sphere tree to cover, see `hhsim.mesh.own_triangles`.
 
     Raises:
         InputError: No such file, an unknown unit, or a size or a thickness out of its range.
@@ -219,7 +210,8 @@ def with_inside(
         from hhsim.mesh.own_triangles import own_triangles
 
         own = own_triangles(mesh.vertices, mesh.faces, mesh.source)
-        return replace(mesh, **own._asdict()).scaled(unit_length)
+        shell = own.shell and Mesh(*own.shell, name=mesh.name, source=mesh.source)
+        return replace(mesh, **{**own._asdict(), "shell": shell}).scaled(unit_length)
     turned, said = turned_triangles(mesh.vertices, mesh.faces)
     if turned.any():
         faces = np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces)

@@ -34,20 +34,20 @@ DEEP = 0.75
 
 
 class CoveredSurface(NamedTuple):
-    """Triangles to measure distances to, `faces`, and those of the file, both of `vertices`, in the file's unit.
+    """Triangles of a file to cover, and its shell (`hhsim.mesh.mesh.Mesh.shell`), None of a solid, in the file's unit.
 
-    The file's are None if `faces` are they, and a solid. What was repaired or assumed, and suspicions, are sentences.
+    What was repaired or assumed, and suspicions, are sentences.
     """
 
-    vertices: FloatArray
-    faces: IntArray
-    own_faces: IntArray | None
+    vertices: FloatArray  # (V, 3)
+    faces: IntArray  # (F, 3)
+    shell: tuple[FloatArray, IntArray] | None
     repairs: tuple[str, ...]
     warnings: tuple[str, ...] = ()
 
 
 def own_triangles(given_vertices: FloatArray, given_faces: IntArray, name: str) -> CoveredSurface:
-    """Find the inside of any mesh, (V, 3) and (F, 3), and keep its own triangles to be covered.
+    """Return the triangles of any mesh, (V, 3) and (F, 3), each once, and a shell unless they are a solid.
 
     A mesh that a safe repair closes without a change of its triangles becomes that solid. Raises MeshError, which
     begins with the name, where no triangle has an area.
@@ -73,7 +73,7 @@ def own_triangles(given_vertices: FloatArray, given_faces: IntArray, name: str) 
     if len(sheet):
         repairs.append(f"{counted(len(sheet), 'triangle')} of open parts enclose nothing: spheres cover them as a skin")
     whole = np.concatenate([enclosing + len(vertices), sheet, sheet[:, ::-1]])
-    return CoveredSurface(np.concatenate([vertices, solid]), whole, faces, tuple(repairs))
+    return CoveredSurface(vertices, faces, (np.concatenate([vertices, solid]), whole), tuple(repairs))
 
 
 def _has_all(vertices: FloatArray, faces: IntArray, own_vertices: FloatArray, own: IntArray) -> bool:

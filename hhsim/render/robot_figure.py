@@ -7,6 +7,7 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.render.figure import new_figure, save_figure
 from hhsim.render.rasterizer import blend, frame, lit, look_from, see_spheres, shade
 from hhsim.render.tree_figure import COLORS, MESH_COLOR
@@ -14,7 +15,6 @@ from hhsim.render.triangle_soup import joined, mesh_surface, moved
 from hhsim.robots.poses import start_poses
 from hhsim.robots.robot_spheres import RobotSpheres
 from hhsim.system.output_path import check_picture
-from hhsim.trees.error import signed_bvh
 
 DRAWN_EXTENT = 0.2
 """Longest extent that is drawn [m]: the shading is made for things of a hand's size."""
@@ -41,7 +41,7 @@ def draw_robot(path: Path, found: RobotSpheres) -> None:
     scale = DRAWN_EXTENT / float((high - low).max())
     surface = joined(
         [
-            moved(mesh_surface(Mesh(scale * each.mesh.vertices, each.mesh.covered_faces), MESH_COLOR), turn, scale * at)
+            moved(mesh_surface(Mesh(scale * each.mesh.vertices, each.mesh.faces), MESH_COLOR), turn, scale * at)
             for each, (turn, at) in zip(found.links, places)
         ]
     )

@@ -7,11 +7,11 @@ import numpy as np
 
 from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.render.figure import new_figure, save_figure, tidy
 from hhsim.render.rasterizer import blend, frame, lit, look_from, see_spheres, shade
 from hhsim.render.triangle_soup import mesh_surface
 from hhsim.system.output_path import check_picture
-from hhsim.trees.error import signed_bvh
 from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def draw_tree(path: Path, mesh: Mesh, tree: SphereTree) -> None:
     last = tree.errors[-1]
     highest = max(last.protrusion_max, 1e-12)
     scale = DRAWN_EXTENT / float(mesh.extent.max())
-    surface = mesh_surface(Mesh(scale * mesh.vertices, mesh.covered_faces), MESH_COLOR)
+    surface = mesh_surface(mesh.scaled(scale), MESH_COLOR)
     center, radius = tree.spheres(tree.depth)
     reach = np.concatenate(
         [surface.points, *(scale * (center + side * radius[:, None] * VIEW[k]) for k in (0, 1) for side in (-1.0, 1.0))]
@@ -59,7 +59,7 @@ def draw_tree(path: Path, mesh: Mesh, tree: SphereTree) -> None:
 
     figure = new_figure(19.2, 6.9)
     grey = "; grey: the mesh outside of them" if last.gap_max > _LEAST else ""
-    title = f"{mesh.name}: {len(mesh.covered_faces):,} triangles", f"level {last.level}: {last.spheres:,} spheres{grey}"
+    title = f"{mesh.name}: {len(mesh.faces):,} triangles", f"level {last.level}: {last.spheres:,} spheres{grey}"
     for column, (text, layers) in enumerate(zip(title, ([alone], [alone, spheres]), strict=True)):
         axes = figure.add_axes((0.005 + 0.325 * column, 0.02, 0.32, 0.88))
         axes.imshow(blend([(layer, 1.0) for layer in layers]))

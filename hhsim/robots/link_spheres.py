@@ -117,7 +117,7 @@ def _measured(mesh: Mesh, tree: SphereTree, start: float, cached: bool, seed: in
     else:
         # Of corners that lie on a sphere, rounding decides.
         grown = tree.leaf_radius + 1e-9 * float(mesh.extent.max())
-        proved = not prove_cover(mesh.vertices, mesh.covered_faces, tree.leaf_center, grown)[0].size
+        proved = not prove_cover(mesh.vertices, mesh.faces, tree.leaf_center, grown)[0].size
     return LinkSpheres(mesh.name, mesh, tree, fit, proved, time.thread_time() - start, cached)
 
 
@@ -145,7 +145,7 @@ def build_links(
         return found
 
     # The largest first, so that no thread ends long after the others.
-    order = sorted(options, key=lambda name: -len(meshes[name].covered_faces))
+    order = sorted(options, key=lambda name: -len(meshes[name].faces))
     with Workers(threads) as workers:
         found = dict(zip(order, workers.each(build, [(name,) for name in order])))
     return {name: found[name] for name in options}

@@ -11,9 +11,10 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
 from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers
-from hhsim.trees.error import measure_levels, prove_cover, signed_bvh
+from hhsim.trees.error import measure_levels, prove_cover
 from hhsim.trees.hierarchy import cover_hierarchy
 from hhsim.trees.options import MOST_LEAVES, TreeOptions, needed_level
 from hhsim.trees.sphere_tree import LevelCover, SphereTree
@@ -54,7 +55,7 @@ def build_sphere_tree(
     """
     options = TreeOptions() if options is None else options
     vertices = np.ascontiguousarray(mesh.vertices, np.float64)
-    faces = np.ascontiguousarray(mesh.covered_faces, np.int64)
+    faces = np.ascontiguousarray(mesh.faces, np.int64)
     bvh = signed_bvh(mesh)
     with Workers(threads) as workers:
         try:
@@ -133,7 +134,7 @@ def proved_anew(tree: SphereTree, mesh: Mesh) -> SphereTree:
     """Return the tree of a mesh, such as a mirror image, with new proofs; MeshError if a face cannot be proved."""
     covers = []
     for old in tree.covers:
-        unproved, proof = prove_cover(mesh.vertices, mesh.covered_faces, old.center, old.radius + old.gap)
+        unproved, proof = prove_cover(mesh.vertices, mesh.faces, old.center, old.radius + old.gap)
         if unproved.size:
             raise MeshError(f"{mesh.name}: {unproved.size} faces are not covered, first face {unproved[0]}")
         covers.append(replace(old, proof=proof))

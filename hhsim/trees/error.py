@@ -5,8 +5,7 @@ import numpy as np
 from hhsim.arrays import Codes, FloatArray, IntArray
 from hhsim.kernels.cover.certify import certify_cover
 from hhsim.kernels.cover.sampled_error import exposed, union_distance
-from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
-from hhsim.mesh.mesh import Mesh
+from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
 from hhsim.mesh.topology import face_areas, random_points
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers, ranges
@@ -19,11 +18,6 @@ LEAST_SAMPLES_EACH = 24
 """Least number of samples on each sphere of a level."""
 _PARTS = 8
 """Number of ranges that threads share out."""
-
-
-def signed_bvh(mesh: Mesh) -> MeshBvh:
-    """Build the hierarchy over the faces of a mesh [m] that tells how deep a point lies inside it."""
-    return build_mesh_bvh(mesh.vertices, mesh.faces, by_winding=mesh.own_faces is not None)
 
 
 def sample_mesh(vertices: FloatArray, faces: IntArray, count: int, rng: np.random.Generator) -> FloatArray:

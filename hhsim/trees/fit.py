@@ -12,7 +12,8 @@ from hhsim.arrays import FloatArray
 from hhsim.kernels.cover.sampled_error import union_distance
 from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
 from hhsim.mesh.mesh import LEAST_FILLED, Mesh
-from hhsim.trees.error import MESH_SAMPLES, protrusion_bound, sample_mesh, signed_bvh
+from hhsim.mesh.signed_bvh import signed_bvh
+from hhsim.trees.error import MESH_SAMPLES, protrusion_bound, sample_mesh
 
 INSIDE_SAMPLES = 10_000
 MOST_TRIED = 400_000
@@ -42,7 +43,7 @@ class Fit:
 def measure_fit(mesh: Mesh, center: FloatArray, radius: FloatArray, seed: int = 0) -> Fit:
     """Measure spheres, centres (n, 3) and radii (n,) [m], against a mesh with 20,000 points on it and 10,000 in it."""
     bvh = signed_bvh(mesh)
-    surface = sample_mesh(mesh.vertices, mesh.covered_faces, MESH_SAMPLES, np.random.default_rng([seed, 0]))
+    surface = sample_mesh(mesh.vertices, mesh.faces, MESH_SAMPLES, np.random.default_rng([seed, 0]))
     gap = _outside(surface, center, radius)
     inside = _inside_points(mesh, bvh, np.random.default_rng([seed, 1]))
     height = _heights(bvh, center, radius, np.random.default_rng([seed, 2]))

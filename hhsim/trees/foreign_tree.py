@@ -20,10 +20,11 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, named
 from hhsim.kernels.cover.sampled_error import union_distance
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import read_input_text
 from hhsim.system.progress import Progress, silent
-from hhsim.trees.error import measure_levels, protrusion_bound, prove_cover, sample_mesh, signed_bvh
+from hhsim.trees.error import measure_levels, protrusion_bound, prove_cover, sample_mesh
 from hhsim.trees.file import load_tree
 from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
 
@@ -100,7 +101,7 @@ def judge_tree(
     """Return a tree of a file, in metres and in the mesh's frame, measured; arguments, errors as of `import_tree`."""
     notes = list(notes)
     spheres, extent = float(np.ptp(tree.bounds, axis=0).max()), float(mesh.extent.max())
-    gap = _mean_gap(sample_mesh(mesh.vertices, mesh.covered_faces, _SAMPLES, np.random.default_rng(0)), tree)
+    gap = _mean_gap(sample_mesh(mesh.vertices, mesh.faces, _SAMPLES, np.random.default_rng(0)), tree)
     if not extent / _OFF_SIZE <= spheres <= extent * _OFF_SIZE:
         spans = f"its spheres span {1e3 * spheres:.4g} mm, but {mesh.name} {1e3 * extent:.4g} mm"
         raise InputError(f"{source}: {spans}: is it in another unit, or of another mesh?")
@@ -108,10 +109,10 @@ def judge_tree(
         off = f"its spheres are {1e3 * gap:.4g} mm off {mesh.name} in the mean"
         raise InputError(f"{source}: {off}: is it in another frame, or of another mesh?")
     bvh = signed_bvh(mesh)
-    unproved = prove_cover(mesh.vertices, mesh.covered_faces, tree.leaf_center, tree.leaf_radius)[0].size
-    errors = measure_levels(mesh.vertices, mesh.covered_faces, bvh, tree, seed, progress)
+    unproved = prove_cover(mesh.vertices, mesh.faces, tree.leaf_center, tree.leaf_radius)[0].size
+    errors = measure_levels(mesh.vertices, mesh.faces, bvh, tree, seed, progress)
     if unproved:
-        share = f"{unproved:,} of {len(mesh.covered_faces):,}"
+        share = f"{unproved:,} of {len(mesh.faces):,}"
         notes.append(
             f"the leaves are not proved to cover {share} triangles: a hand that stays out "
             f"of them can be inside the mesh; gap {1e3 * errors[-1].gap_max:.3g} mm at most, as sampled"
@@ -151,7 +152,7 @@ def _placed(source: Path, mesh: Mesh, unit_length: float, frame: Frame) -> tuple
         return tree, "mesh", notes
     if frame == "centred":
         return shifted, "centred", notes
-    points = sample_mesh(mesh.vertices, mesh.covered_faces, _SAMPLES, np.random.default_rng(0))
+    points = sample_mesh(mesh.vertices, mesh.faces, _SAMPLES, np.random.default_rng(0))
     given, centred = (_mean_gap(points, placed) for placed in (tree, shifted))
     if abs(given - centred) <= _SAME * extent:
         # Both cover the mesh: the one that sticks out less is where it belongs.

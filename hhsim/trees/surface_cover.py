@@ -1,7 +1,7 @@
 """Cover of a mesh by spheres that protrude as little as possible."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,8 +13,8 @@ from hhsim.kernels.cover.micro_triangle import MicroTriangles, cut_mesh, edges_f
 from hhsim.kernels.cover.sphere_descent import move_spheres
 from hhsim.kernels.kd_tree import subtrees
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals
-from hhsim.mesh import topology
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.reproducible import dot, matmul, norm
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers, ranges
@@ -251,19 +251,20 @@ class MeshInFrame(NamedTuple):
 
 def in_own_frame(mesh: Mesh) -> MeshInFrame:
     """Prepare a mesh for covers; MeshError if one that has to be a solid encloses no volume."""
-    vertices, faces = mesh.vertices, np.ascontiguousarray(mesh.covered_faces)
+    vertices, faces = mesh.vertices, np.ascontiguousarray(mesh.faces)
     corner = np.ascontiguousarray(vertices[faces], np.float64).reshape(-1, 9)
-    if mesh.own_faces is None:
+    if mesh.shell is None:
         _require_volume(corner)
     frame = canonical_frame(vertices[np.unique(faces)])
     inside = frame.into(vertices)
-    bvh = build_mesh_bvh(inside, mesh.faces, by_winding=mesh.own_faces is not None)
     normal = face_normals(inside, faces)
-    if mesh.own_faces is not None:
-        # A sphere for a sheet begins in it, and for what encloses something on the inner side.
-        group = topology.distinct_rows(np.sort(np.concatenate([mesh.faces, faces]), axis=1))[1]
-        count = np.bincount(group[: len(mesh.faces)], minlength=int(group.max()) + 1)
-        normal[count[group[len(mesh.faces) :]] != 1] = 0.0
+    if mesh.shell is None:
+        bvh = build_mesh_bvh(inside, faces)
+    else:
+        shell = replace(mesh.shell, vertices=frame.into(mesh.shell.vertices))
+        bvh = signed_bvh(replace(mesh, shell=shell))
+        # A sphere for a skin begins in it: nothing says which side of a triangle is the inner one.
+        normal[:] = 0.0
     return MeshInFrame(
         np.ascontiguousarray(inside[faces]).reshape(-1, 9), normal, bvh, frame, float(np.abs(corner).max())
     )

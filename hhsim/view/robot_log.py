@@ -21,7 +21,7 @@ def show_robot(found: RobotSpheres, target: RerunTarget) -> None:
         for link in found.links:
             turn, place = poses[link.name][0][0], poses[link.name][1][0]
             path = rr.new_entity_path(["robot", link.name])
-            faces = link.mesh.covered_faces
+            faces = link.mesh.faces
             corners = link.mesh.vertices[faces].reshape(-1, 3)
             stream.log(path, rr.Transform3D(mat3x3=turn, translation=place), static=True)
             triangles = np.arange(len(corners)).reshape(-1, 3)

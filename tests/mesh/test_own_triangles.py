@@ -9,10 +9,10 @@ import trimesh
 from hhsim.errors import MeshError
 from hhsim.kernels.cover.sampled_error import union_distance
 from hhsim.kernels.mesh.bvh import mesh_signed_distance
-from hhsim.mesh.mesh import Mesh
-from hhsim.mesh.own_triangles import own_triangles
+from hhsim.mesh.mesh import Mesh, with_inside
+from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.trees.builder import build_sphere_tree
-from hhsim.trees.error import sample_mesh, signed_bvh
+from hhsim.trees.error import sample_mesh
 from hhsim.trees.options import TreeOptions
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
@@ -40,7 +40,7 @@ SHEET = trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0.1, 0.08, 0.01], [0, 0.08, 0]
 
 
 def kept(mesh: Mesh) -> Mesh:
-    return replace(mesh, **own_triangles(mesh.vertices, mesh.faces, mesh.name)._asdict())
+    return with_inside(replace(mesh, source=mesh.name), solid=None)
 
 
 CASES = {
@@ -79,14 +79,14 @@ def test_a_tree_covers_the_triangles_of_a_mesh_that_is_no_solid(name: str) -> No
 def test_a_solid_is_as_it_was_repaired_before() -> None:
     given = mesh_of(at(inside_out(BOX), 0.2, 0.0, 0.0), at(BOX, 0.0, 0.3, 0.0))
     mesh = kept(given)
-    assert mesh.own_faces is None
+    assert mesh.shell is None
     assert mesh.volume == pytest.approx(2.0 * BOX.volume)
 
 
 def test_each_own_triangle_is_covered_once_and_in_its_place() -> None:
     given = mesh_of(SHEET, inside_out(SHEET), SHEET, at(BOX, 0.0, 0.0, 0.001))
     mesh = kept(given)
-    corners = np.sort(mesh.vertices[mesh.covered_faces].reshape(-1, 9), axis=1)
+    corners = np.sort(mesh.vertices[mesh.faces].reshape(-1, 9), axis=1)
     wanted = np.unique(np.sort(given.triangles.reshape(-1, 9), axis=1), axis=0)
     assert len(corners) == len(wanted) == len(BOX.faces) + len(SHEET.faces)
     assert np.array_equal(np.unique(corners, axis=0), wanted)

@@ -6,11 +6,11 @@ from typing import Any
 
 from hhsim.errors import InputError
 from hhsim.kernels.mesh.bvh import mesh_signed_distance
+from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.robots.formats.registry import RobotFormat, Spheres
 from hhsim.robots.numbers import checked_spheres
 from hhsim.robots.robot_spheres import RobotSpheres
 from hhsim.system.input_file import read_input_text
-from hhsim.trees.error import signed_bvh
 
 
 def write_json(found: RobotSpheres) -> bytes:
