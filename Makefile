@@ -3,6 +3,7 @@
 #   make test       style, types, tests, and the gate on errors and work
 #   make wheel      a wheel with its kernels compiled, in dist/
 #   make sdist      the sources as a distribution, in dist/;  make check-dist  checks what lies there
+#   make gallery    the films, tables and page of docs/gallery.md
 #   make soak       tests that repeat at length what make test has shown
 # Another interpreter: make test PYTHON=python3.12
 
@@ -24,7 +25,7 @@ REPLAY_NEEDS := click rich
 # A live session and what tells of its machine need Linux; the rest has types that hold on macOS and Windows too.
 LINUX_ONLY := '/(live|doctor\.py|scheduling_facts\.py|cpu_accounts\.py|wakeups\.py)(/|$$)'
 
-.PHONY: replay test soak wheel sdist check-dist checks platforms kernels gate clean
+.PHONY: replay test soak gallery wheel sdist check-dist checks platforms kernels gate clean
 
 # Kernels are compiled while the rest is installed.
 replay:
@@ -40,6 +41,9 @@ test:
 soak: .venv/test.stamp
 	@$(MAKE) --no-print-directory kernels platforms
 	$(BIN)/python -m pytest $(PYTEST_OPTIONS) -m soak
+
+gallery: .venv/hhsim.stamp
+	$(BIN)/python -m tools.gallery
 
 wheel: .venv/test.stamp
 	$(BIN)/python -m tools.build_wheel
