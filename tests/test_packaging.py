@@ -4,6 +4,7 @@ import importlib.metadata
 import importlib.resources
 import os
 import re
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -50,10 +51,24 @@ def test_the_recipe_of_conda_needs_what_the_package_needs(repository: Path) -> N
 
 
 def test_workflows_name_actions_by_their_commits(repository: Path) -> None:
-    files = [*(repository / ".github" / "workflows").glob("*.yml")]
+    files = [*(repository / ".github" / "workflows").glob("*.yml"), *(repository / "examples").glob("*.yml")]
     used = [line.split("uses:")[1] for file in files for line in file.read_text().splitlines() if "uses:" in line]
     assert len(used) > 8
     assert [line for line in used if not re.fullmatch(r" [\w./-]+@[0-9a-f]{40} # v[\d.]+", line)] == []
+
+
+def test_a_release_states_where_its_repository_is(repository: Path, tmp_path: Path) -> None:
+    (tmp_path / "recipe").mkdir()
+    files = ("pyproject.toml", "CITATION.cff", "recipe/recipe.yaml")
+    for name in files:
+        shutil.copy(repository / name, tmp_path / name)
+    script, address = repository / ".github" / "state_address.sh", "https://host.example/group/hhsim"
+    subprocess.run(["sh", script, address], cwd=tmp_path, check=True)
+    project, citation, recipe = ((tmp_path / name).read_text() for name in files)
+    stated = tomllib.loads(project)["project"]
+    assert stated.pop("urls")["Repository"] == yaml.safe_load(citation)["repository-code"] == address
+    assert yaml.safe_load(recipe)["about"]["repository"] == address
+    assert stated == tomllib.loads((repository / "pyproject.toml").read_text())["project"]
 
 
 def test_the_page_of_the_api_names_what_the_package_gives(repository: Path) -> None:
