@@ -1,6 +1,7 @@
 # Both commands need Python 3.11 to 3.13 with pip; everything else goes into .venv, once.
 #   make replay     the first result: a five-finger grasp of the Stanford bunny
 #   make test       style, types, tests, and the gate on errors and work
+#   make site       the documentation as a site, in site/
 #   make wheel      a wheel with its kernels compiled, in dist/
 #   make sdist      the sources as a distribution, in dist/;  make check-dist  checks what lies there
 #   make gallery    the films, tables and page of docs/gallery.md
@@ -25,7 +26,7 @@ REPLAY_NEEDS := click rich
 # A live session and what tells of its machine need Linux; the rest has types that hold on macOS and Windows too.
 LINUX_ONLY := '/(live|doctor\.py|scheduling_facts\.py|cpu_accounts\.py|wakeups\.py)(/|$$)'
 
-.PHONY: replay test soak gallery wheel sdist check-dist checks platforms kernels gate clean
+.PHONY: replay test site gallery soak wheel sdist check-dist checks platforms kernels gate clean
 
 # Kernels are compiled while the rest is installed.
 replay:
@@ -44,6 +45,10 @@ soak: .venv/test.stamp
 
 gallery: .venv/hhsim.stamp
 	$(BIN)/python -m tools.gallery
+
+site: .venv/docs.stamp
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
+	@echo 'site/ has it; to read it here: $(PYTHON) -m http.server -d site'
 
 wheel: .venv/test.stamp
 	$(BIN)/python -m tools.build_wheel
@@ -99,9 +104,14 @@ gate: kernels
 	$(PIP) 'hhsim[test,lint]'
 	@touch $@
 
+.venv/docs.stamp: .venv/hhsim.stamp
+	$(PIP) 'hhsim[docs]'
+	$(PIP) --no-deps sphinx-mathjax-offline  # for the MathJax in it; Sphinx is not used
+	@touch $@
+
 .venv/release.stamp: .venv/test.stamp
 	$(PIP) 'hhsim[release]'
 	@touch $@
 
 clean:
-	rm -rf .venv build dist hhsim.egg-info .pytest_cache .mypy_cache .ruff_cache
+	rm -rf .venv build dist site hhsim.egg-info .pytest_cache .mypy_cache .ruff_cache

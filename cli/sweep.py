@@ -49,7 +49,7 @@ class SweepSettings(OptionGroup):
 def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> int:
     """Replay all that a plan names, each with each, and resume.
 
-    PLAN is a TOML file of objects, motions, methods, surfaces and sets of options (docs/sweeps.md). Each cell is what
+    PLAN is a TOML file of objects, motions, methods, surfaces and sets of options (docs/results.md). Each cell is what
     hhsim replay makes of the same words, in a file of its own that appears in one step: whatever ends a sweep, the same
     command goes on with what is not done yet. What a cell depends on is in its name, so that one whose inputs, options
     or hhsim change is run anew. hhsim board shows the results as one table. The exit code is 1 where cells failed.

@@ -31,6 +31,11 @@ class Page:
         return cls(path, path.read_text(encoding="utf-8"))
 
     @property
+    def is_moved(self) -> bool:
+        """True of a page that only says where its text went."""
+        return self.text.startswith("# Moved\n")
+
+    @property
     def prose(self) -> str:
         """The text without its fenced blocks."""
         return FENCE.sub("", self.text)
@@ -102,13 +107,13 @@ def _words(text: str) -> list[str]:
 
 def pages(repository: Path) -> list[Page]:
     """Every page of the repository that a reader may open."""
-    paths = [repository / "README.md", repository / "ARCHITECTURE.md", *sorted((repository / "docs").glob("*.md"))]
+    paths = [repository / "README.md", repository / "ARCHITECTURE.md", *sorted((repository / "docs").rglob("*.md"))]
     return [Page.read(path) for path in [*paths, *sorted((repository / "examples").glob("*.md"))]]
 
 
 def documented_faults(repository: Path, table: int) -> dict[str, str]:
     """Claims by the names of the faults they find, of the first (0) or the second (1) table."""
-    text = (repository / "docs" / "verify.md").read_text(encoding="utf-8")
+    text = (repository / "docs" / "lab" / "verify.md").read_text(encoding="utf-8")
     rows = text.split("| found by | planted faults |")[1 + table].split("\n\n")[0].splitlines()[2:]
     cells = [[cell.strip() for cell in row.split("|")] for row in rows]
     return {

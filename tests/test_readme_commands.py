@@ -1,4 +1,4 @@
-"""Every command of the README, pasted line by line in a fresh clone, in order: what a newcomer does first."""
+"""Every command of the README and of docs/cli.md, pasted in a fresh clone, in order: what a newcomer does first."""
 
 import os
 import re
@@ -26,7 +26,8 @@ SUFFIXES = (".stl", ".csv", ".h5", ".py", ".toml", ".rrd", ".html", ".npz")
 
 def lines(repository: Path) -> list[str]:
     """The command lines, without those that run the tests."""
-    return [line for line in Page.read(repository / "README.md").command_lines() if not RECURSIVE.search(line)]
+    pages = [Page.read(repository / name) for name in ("README.md", "docs/cli.md")]
+    return [line for page in pages for line in page.command_lines() if not RECURSIVE.search(line)]
 
 
 def test_every_file_is_there_or_made_by_a_line_before(repository: Path) -> None:

@@ -59,7 +59,7 @@ def test_every_command_explains_itself(name: str, repository: Path) -> None:
     command = entry.hhsim.get_command(context, name)
     assert command is not None
     assert command.get_short_help_str(limit=200) == COMMANDS[name]
-    assert f"hhsim {name}" in (repository / "README.md").read_text(encoding="utf-8")
+    assert f"hhsim {name}" in (repository / "docs" / "cli.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

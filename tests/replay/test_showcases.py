@@ -1,4 +1,4 @@
-"""Every scene that the README and the catalogue of motions put forward is within all limits: what a newcomer sees."""
+"""Every scene that README, docs/cli.md and the catalogue put forward is within all limits: what a newcomer sees."""
 
 import json
 import shlex
@@ -11,14 +11,19 @@ from sampled import sampled
 from hhsim.replay.verdict import NOT_JUDGED, OK, UNTOUCHED
 from hhsim.scene.motion_catalogue import describe, trajectory_names
 
-README = [line for line in Page.read(REPOSITORY / "README.md").command_lines() if line.startswith("hhsim replay ")]
+PASTED = [
+    line
+    for name in ("README.md", "docs/cli.md")
+    for line in Page.read(REPOSITORY / name).command_lines()
+    if line.startswith("hhsim replay ")
+]
 SHOWN = dict.fromkeys(
     " ".join(shlex.split(line, comments=True))
-    for line in [*README, *(describe(name).line for name in trajectory_names())]
+    for line in [*PASTED, *(describe(name).line for name in trajectory_names())]
 )
 """Commands, each once."""
 MADE = ("project_out:ProjectOut", "session.h5")
-"""What lines of README before make by other commands than an import."""
+"""What lines before make by other commands than an import."""
 QUICK = ("hhsim replay cup handle", "hhsim replay blocks stack --surface mesh", describe("lift").line)
 MISSED = {describe("hand-over").line: {"force_ripple_hold", "force_step", "lag_ticks"}}
 """Figures over their limits, by the commands that docs/metrics.md names."""
@@ -28,7 +33,7 @@ MISSED = {describe("hand-over").line: {"force_ripple_hold", "force_step", "lag_t
     "line", sampled((line for line in SHOWN if not line.endswith(MADE)), lambda _, line: line in QUICK)
 )
 def test_what_is_put_forward_is_within_limits(line: str, run: Run) -> None:
-    # README imports it to a file of this name.
+    # A line imports it to a file of this name.
     words = line.replace("grab.h5", "examples/grab.csv").split()[1:]
     words = [str(REPOSITORY / word) if word.startswith("examples/") else word for word in words]
     if "--out" in words:
