@@ -1,7 +1,7 @@
 """`hhsim build-tree`."""
 
 import time
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -15,6 +15,7 @@ from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, OptionGroup, option, typed_options
 from .arguments.options import OUTPUT, UNITS, Output, file, seed
 from .console import print_json, print_notes, print_table, progress
+from .robots.spheres import USUAL_LEAVES, RobotOptions, fit_columns, import_spheres, robot_spheres
 
 if TYPE_CHECKING:
     from hhsim.trees.options import TreeOptions
@@ -32,7 +33,8 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
     leaves: int | None = option(
         type=click.IntRange(1, 262_144),
         metavar="N",
-        help="Number of leaves, or fewer if they suffice. Default: --branching to the power of --level.",
+        help="Number of leaves, or fewer if they suffice, of each link of a robot. Default: --branching to the power "
+        "of --level; 16 for a robot.",
     )
     max_error: float | None = option(
         callback=read_length,
@@ -59,11 +61,23 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
         level = self.level if named else usual_level
         return TreeOptions(level, self.branching, self.leaves, seed, self.cover, self.max_error)
 
+    def of_links(self, total: int | None, seed: int) -> "TreeOptions":
+        """Return the options of each link of a robot; UsageError for --total beside another number."""
+        from hhsim.trees.options import TreeOptions
+
+        given = [name for name in ("level", "leaves", "max_error") if getattr(self, name) is not None]
+        if total is not None and given:
+            raise click.UsageError(f"--total and --{given[0].replace('_', '-')} exclude each other")
+        leaves = self.leaves if given else USUAL_LEAVES
+        return TreeOptions(self.level, self.branching, leaves, seed, self.cover, self.max_error)
+
 
 class TreeSource(OptionGroup, heading="Sphere tree of a file"):
     """File in place of a tree that is built."""
 
-    path: Path | None = file("FILE", "Build nothing: mend and measure the tree of a .sph or .h5 file.", "--from")
+    path: Path | None = file(
+        "FILE", "Build nothing: measure the spheres of a .sph, .h5, .urdf, .yml, .xrdf or .json file.", "--from"
+    )
     frame: Literal["auto", "mesh", "centred"] | None = option(
         type=click.Choice(["auto", "mesh", "centred"]),
         help="Origin of a .sph file: that of the mesh, centred in its box, or what fits better (auto). Default: auto.",
@@ -72,6 +86,11 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
         type=UNITS,
         help="Length unit of the .sph file. Default: that of the mesh file; m for an object of the catalogue.",
     )
+
+    @property
+    def holds_links(self) -> bool:
+        """True for a file that has spheres of links by their names."""
+        return self.path is not None and self.path.suffix.lower() in (".urdf", ".yml", ".yaml", ".xrdf", ".json")
 
     def check(self) -> None:
         """Raise UsageError for options of `--from` without it, and for options of a build beside it."""
@@ -83,7 +102,7 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
         typed = typed_options(click.get_current_context())
         for name in (field.name for field in fields(BuiltTree) if field.name in typed):
             raise click.UsageError(f"{typed[name]} is for trees that are built; {self.path} has its own")
-        if self.path.suffix == ".h5" and (self.frame or self.from_unit):
+        if self.path.suffix != ".sph" and (self.frame or self.from_unit):
             raise click.UsageError(
                 f"--frame and --from-unit are for .sph files; {self.path} is in metres and has its frame"
             )
@@ -93,8 +112,8 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
 @click.argument("object_", metavar="OBJECT", shell_complete=complete_object)
 @BuiltTree.argument("build")
 @TreeSource.argument("source")
+@RobotOptions.argument("robot")
 @MeshFile.argument("mesh_file")
-@click.option("--link", metavar="NAME", default="", help="Link of a URDF or MJCF file that has several.")
 @Output.argument("output")
 @click.option(
     "--plot",
@@ -108,17 +127,21 @@ def command(
     build: BuiltTree,
     source: TreeSource,
     mesh_file: MeshFile,
-    link: str,
+    robot: RobotOptions,
     output: Output,
     plot: Path | None,
     seed: int,
 ) -> None:
-    """Build the sphere tree of an object and measure its error.
+    """Build the sphere tree of an object, or spheres for every link of a robot, and measure their error.
 
     OBJECT is a name (hhsim objects), a mesh file, or a URDF or MJCF file, of which --link names a link. The spheres
-    of each level cover the whole mesh, with a proof in the file; the table says how far they protrude from it, as
-    sampled and as proved. A tree that was built before is taken from the cache. The file is .h5, or with --out
-    FILE.sph the text format of Bradshaw's toolkit.
+    of each level cover every triangle, with a proof in the file; the table says how far they protrude, as sampled and
+    as proved. A mesh need not be closed: what is open is covered as a skin, unless --solid or --thickness is given.
+    A tree that was built before is taken from the cache. The file is .h5, or with --out FILE.sph the text format of
+    Bradshaw's toolkit.
+
+    A URDF or MJCF whose links move is a robot: each link gets spheres that cover its collision geometry, written for
+    the program that --as names, with the pairs of links that touch in every pose.
 
     \b
     Examples:
@@ -132,20 +155,37 @@ def command(
       hhsim build-tree bowl.stl --unit mm --thickness 2
       hhsim build-tree drawer.urdf --link handle
       hhsim build-tree mug.obj --unit mm --from mug-medial.sph --out mug-medial.h5
+      hhsim build-tree arm.urdf --as curobo --out arm.yml
+      hhsim build-tree arm.urdf --total 100 --as urdf --plot arm.png
+      hhsim build-tree arm.urdf --from arm.yml
     """
+    from hhsim.linkage.file import names_a_linkage
     from hhsim.mesh.mesh import METRES_PER_UNIT
     from hhsim.render.tree_figure import draw_tree
     from hhsim.system.output_path import check_output_path, check_picture
     from hhsim.system.thread_pool import usual_threads
     from hhsim.trees.cache import cache_path, kept_sphere_tree
     from hhsim.trees.file import load_tree, save_tree
+    from hhsim.trees.fit import measure_fit
     from hhsim.trees.foreign_tree import import_tree, load_sph, save_sph
 
     source.check()
-    mesh, usual_level = mesh_file.read(object_, link=link)
+    link = robot.link or ""
+    if robot.means(object_, output.out):
+        given = next((name for name, value in mesh_file.given().items() if value is not False), None)
+        if given:
+            message = f"--{given} is for mesh files; {object_} is a robot, whose triangles are as it states"
+            raise click.UsageError(message)
+        options = build.of_links(robot.total, seed) if source.path is None else None
+        threads = build.threads or usual_threads()
+        robot_spheres(Path(object_), robot, options, source.path, output, plot, threads, seed)
+        return
+    # A link of a file of spheres is none of a mesh.
+    of_object = link if source.path is None or names_a_linkage(object_) else ""
+    mesh, usual_level = mesh_file.read(object_, solid=mesh_file.solid or None, link=of_object)
     options = build.options(usual_level, seed)
-    kind = f"{1e6 * build.max_error:.0f}um" if build.max_error else options.leaves or options.level
-    path = output.path(f"{mesh.name}-tree-{source.path.stem if source.path else kind}")
+    fineness = f"{1e6 * build.max_error:.0f}um" if build.max_error else options.leaves or options.level
+    path = output.path(f"{mesh.name}-tree-{source.path.stem if source.path else fineness}")
     if path.suffix not in (".h5", ".sph"):
         raise click.UsageError(f"--out {path}: a sphere tree is a .h5 or a .sph file")
     check_output_path(path, "sphere tree", load_sph if path.suffix == ".sph" else load_tree)
@@ -159,7 +199,10 @@ def command(
             tree = kept_sphere_tree(mesh, options, report, build.threads or usual_threads())
         else:
             unit = METRES_PER_UNIT[source.from_unit] if source.from_unit else mesh_file.unit_length(object_)
-            found = import_tree(source.path, mesh, unit, source.frame or "auto", seed, report)
+            if source.holds_links or (link and not of_object):
+                found = import_spheres(source.path, mesh, link, seed)
+            else:
+                found = import_tree(source.path, mesh, unit, source.frame or "auto", seed, report)
             tree = found.tree
     seconds = time.perf_counter() - start
     if path.suffix == ".sph":
@@ -169,6 +212,7 @@ def command(
     if plot is not None:
         draw_tree(plot, mesh, tree)
     faults = tree.check(mesh)
+    fit = measure_fit(mesh, tree.leaf_center, tree.leaf_radius, seed) if found else None
     print_notes(mesh.warnings, prefix="warning")
     if output.as_json:
         print_json(
@@ -181,6 +225,7 @@ def command(
                 "leaves": tree.leaf_count,
                 "levels": [vars(error) | _of_level(tree, error.level) for error in tree.errors],
                 "options": dict(tree.options),
+                "fit": asdict(fit) if fit else None,
                 "proved": not faults,
                 "faults": faults,
                 "seconds": seconds,
@@ -203,6 +248,8 @@ def command(
             number("CPU", lambda error: _of_level(tree, error.level)["cpu_seconds"], "s", 2, missing=""),
         )
         print_table(Table(columns, tree.errors, f"{mesh.name}: {len(mesh.faces):,} triangles"))
+        if fit is not None:
+            print_table(Table(fit_columns(), [fit], "fit of the leaves"))
         for repair in mesh.repairs:
             print(f"repaired: {repair}")
         for note in found.notes if found else ():

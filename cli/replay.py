@@ -149,6 +149,7 @@ class HandAndMotion(Sampling, heading="Hand and motion"):
             unit=mesh_file.unit,
             size_mm=mesh_file.size,
             thickness_mm=mesh_file.thickness,
+            solid=mesh_file.solid,
             level=tree.stated(),
             max_error=tree.max_error,
             tree=str(tree.path) if tree.path else None,
@@ -245,7 +246,7 @@ def command(
     if moving.side == "both" and (output.repeat > 1 or rerun is not None):
         raise click.UsageError("--repeat and --rerun are of one hand: hhsim view RESULT shows both after the replay")
     solver_options = solver.options()
-    loaded = load_words(moving.words(object_, trajectory, mesh_file, tree, data, free), solid=solver.surface != "mesh")
+    loaded = load_words(moving.words(object_, trajectory, mesh_file, tree, data, free), surface=solver.surface)
     motion, bodies = loaded.motions[0], loaded.bodies
     free.require(solver_options, motion, way_out=": --object-pose fixed keeps it where it is at first")
     remarks = import_remarks(motion, trajectory)

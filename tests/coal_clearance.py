@@ -17,9 +17,9 @@ def coal_clearance(hand: HandModel, mesh: Mesh, placed: PlacedHand) -> float:
     return float(HandReferee(mesh, open_too=True).clearances(hand_shape(hand), placed, np.inf).min())
 
 
-def things_clearance(hand: HandModel, meshes: Sequence[Mesh], record: Any, things: Sequence[Any]) -> float:
-    """The same of several things, by their records; the hand's record is as the first thing sees it."""
-    moved = [RigidMotion(thing.turn, thing.shift) for thing in things]
+def bodies_clearance(hand: HandModel, meshes: Sequence[Mesh], record: Any, bodies: Sequence[Any]) -> float:
+    """The same of several bodies, by their records; the hand's record is as the first body sees it."""
+    moved = [RigidMotion(body.turn, body.shift) for body in bodies]
     joints, position = (moved[0].points(values) for values in (record.joints, record.position))
     world = PlacedHand(joints, position, moved[0].orientations(record.orientation))
     return min(coal_clearance(hand, mesh, own.seen_hand(world)) for mesh, own in zip(meshes, moved))

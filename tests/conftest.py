@@ -17,6 +17,8 @@ import pytest
 from hypothesis import HealthCheck, is_hypothesis_test, settings
 from renewed import FAILED
 
+from hhsim.registry import declared
+
 settings.register_profile(
     "hhsim", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=False
 )
@@ -159,6 +161,26 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp
         return Answer(exit_.value.code, captured.out, captured.err)
 
     return called
+
+
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
+    """Install a package `others` with entry points of a group, and with modules: their names and sources."""
+    site = tmp_path / "site"
+
+    def install(group: str, *lines: str, **modules: str) -> None:
+        info = site / "others-1.0.dist-info"
+        info.mkdir(parents=True)
+        (info / "METADATA").write_text("Metadata-Version: 2.1\nName: others\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text("\n".join([f"[{group}]", *lines]))
+        for name, source in modules.items():
+            (site / f"{name}.py").write_text(source)
+            monkeypatch.delitem(sys.modules, name, raising=False)
+        monkeypatch.syspath_prepend(str(site))
+        declared.cache_clear()
+
+    yield install
+    declared.cache_clear()
 
 
 @pytest.fixture

@@ -29,7 +29,7 @@ def last_program(solver: Any) -> CoulombProgram:
     """The program that the solver's last tick ended with."""
     world = solver.engine.world
     problem, friction, loaded = world.problem, world.friction, world.loaded
-    width = 6 * (problem.hands + problem.things)
+    width = 6 * (problem.hands + problem.bodies)
     count = width + 3 * FINGER_COUNT * problem.hands
     dense, owners = {}, {}
     for g in range(problem.groups):
@@ -74,7 +74,7 @@ def last_program(solver: Any) -> CoulombProgram:
 
 def _weights(world: Any) -> FloatArray:
     hand = world.problem.inverse_root
-    return np.concatenate([hand[:6], *(body.inverse_root for body in world.bodies[: world.problem.things]), hand[6:]])
+    return np.concatenate([hand[:6], *(body.inverse_root for body in world.bodies[: world.problem.bodies]), hand[6:]])
 
 
 def _scaled(world: Any) -> FloatArray:

@@ -110,15 +110,68 @@ class Fault:
         return self._allowed
 
 
-class Drill:
+class Watched:
+    """A session that is looked after, `carriers` by whose processes gloves hear of it, and what its supervisor said."""
+
+    session: Supervisor
+
+    def __init__(self) -> None:
+        self.log: list[str] = []
+        self.carriers: list[int] = []
+
+    def begun(self, setup: LiveSetup) -> Supervisor:
+        """Make the session, which logs."""
+        self.session = Supervisor(setup, lambda text, level: self.log.append(text))
+        return self.session
+
+    def until(self, reached: Callable[[], bool], what: str) -> None:
+        """Look after the session until something is so."""
+        limit = time.monotonic() + PATIENCE
+        while not reached():
+            assert self.session.poll(), f"the session ended before {what}: {self.session.end().notices}"
+            assert time.monotonic() < limit, f"no {what} within {PATIENCE:g} s: {self.session.end().notices}"
+            time.sleep(0.002)
+
+    def fault(self, breaks: Callable[[], object]) -> Fault:
+        """Break something, while a finger is held."""
+        running = (self.session.pid(name) for name in (LOOP, WATCHDOG))
+        return Fault(breaks, *self.carriers, *(pid for pid in running if pid is not None))
+
+    def kill_pid(self, pid: int, number: int = signal.SIGKILL) -> Fault:
+        """Kill a process as a crash would, or send it another signal."""
+        return self.fault(lambda: os.kill(pid, number))
+
+    def kill(self, name: str, number: int = signal.SIGKILL) -> Fault:
+        """The same by the process's name."""
+        pid = self.session.pid(name)
+        assert pid is not None
+        return self.kill_pid(pid, number)
+
+    def let_it_end(self, fault: Fault) -> None:
+        """Look after the session until it ends of a fault."""
+        while self.session.poll():
+            fault.is_over(time.monotonic_ns())
+            time.sleep(0.002)
+        self.session.end()
+
+    def drivers(self) -> list[int]:
+        """The processes that the loop started."""
+        pid = self.session.pid(LOOP)
+        return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+    @property
+    def sound(self) -> bool:
+        """Whether another drill can be held with it."""
+        return self.session.pid(LOOP) is not None and self.session.stage == Stage.RUNNING
+
+
+class Drill(Watched):
     """A session, its glove, and what both of them saw."""
 
     def __init__(self, glove: FakeDexmo, record: Path | None = None, rerun: str | None = None) -> None:
-        self.glove = glove
-        self.log: list[str] = []
-        """What the supervisor said."""
-        setup = replace(grasping_setup(glove.port, record), rerun=rerun)
-        self.session = Supervisor(setup, lambda text, level: self.log.append(text))
+        super().__init__()
+        self.glove, self.carriers = glove, [glove.pid]
+        self.begun(replace(grasping_setup(glove.port, record), rerun=rerun))
         self._ring = RingReader(self.session.memory.ticks)
         self._ticks: list[NDArray[Any]] = []
 
@@ -142,21 +195,17 @@ class Drill:
         """That the stiffest finger is told now."""
         return float(self.session.memory.status["command_stiffness"].max())
 
-    def until(self, reached: Callable[[], bool], what: str) -> None:
-        """Look after the session until something is so."""
-        limit = time.monotonic() + PATIENCE
-        while not reached():
-            assert self.session.poll(), f"the session ended before {what}: {self.session.end().notices}"
-            assert time.monotonic() < limit, f"no {what} within {PATIENCE:g} s: {self.session.end().notices}"
-            time.sleep(0.002)
+    def until_held(self) -> None:
+        """Look after the session until a finger is stopped."""
+        self.until(lambda: self.stiffness > STIFF, "finger that is stopped")
 
     def grasp(self) -> None:
         """Wait until a finger is held, and let the user's hand stand still there."""
         self.glove.order("move")
-        self.until(lambda: self.stiffness > STIFF, "finger that is stopped")
+        self.until_held()
         self.glove.order("hold")
         self.go_on(0.1)
-        self.until(lambda: self.stiffness > STIFF, "finger that is stopped")
+        self.until_held()
 
     def go_on(self, seconds: float) -> None:
         """Look after the session for a time."""
@@ -170,29 +219,13 @@ class Drill:
         before = len(self.ticks)
         self.go_on(0.2)
         # A machine that is busy may let the input grow old meanwhile: then they are held again soon.
-        self.until(lambda: self.stiffness > STIFF, "finger that is still stopped")
+        self.until_held()
         assert self.session.stage == Stage.RUNNING
         assert stiff(self.ticks[before:]).any()
-
-    @property
-    def sound(self) -> bool:
-        """Whether another drill can be held with it."""
-        return self.session.pid(LOOP) is not None and self.session.stage == Stage.RUNNING
-
-    def fault(self, breaks: Callable[[], object]) -> Fault:
-        """Break something, while a finger is held."""
-        running = (self.session.pid(name) for name in (LOOP, WATCHDOG))
-        return Fault(breaks, self.glove.pid, *(pid for pid in running if pid is not None))
 
     def order(self, text: str) -> Fault:
         """Have the glove do something that is a fault."""
         return self.fault(lambda: self.glove.order(text))
-
-    def kill(self, name: str, number: int = signal.SIGKILL) -> Fault:
-        """Kill a process as a crash would, or send it another signal."""
-        pid = self.session.pid(name)
-        assert pid is not None
-        return self.fault(lambda: os.kill(pid, number))
 
     def until_over(self, fault: Fault, seen: Callable[[], NDArray[Any]]) -> None:
         """Look after the session until `seen`, commands or ticks, go beyond the time in which fingers may be held."""

@@ -37,12 +37,17 @@ def free_ports(kind: socket.SocketKind) -> int:
             return port
 
 
+def until(reached: Callable[[], object]) -> None:
+    """Wait until something is so."""
+    end = time.monotonic() + PATIENCE
+    while not reached():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.002)
+
+
 def until_listened_to(*ports: int) -> None:
     """Wait until somebody has these UDP ports: a datagram before that is lost."""
-    end = time.monotonic() + PATIENCE
-    while not all(f":{port:04X} " in Path("/proc/net/udp").read_text() for port in ports):
-        assert time.monotonic() < end, f"nobody listens at {ports}"
-        time.sleep(0.01)
+    until(lambda: all(f":{port:04X} " in Path("/proc/net/udp").read_text() for port in ports))
 
 
 class Reader:
@@ -86,10 +91,7 @@ class Reader:
         raise AssertionError("the device was never lost")
 
     def until_back(self) -> None:
-        end = time.monotonic() + PATIENCE
-        while not self.device.reconnect():
-            assert time.monotonic() < end, "it never came back"
-            time.sleep(0.001)
+        until(self.device.reconnect)
 
 
 @contextmanager

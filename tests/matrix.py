@@ -9,6 +9,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from body_tables import TABLE, body, body_file, joint
 from command_server import CommandServer, Served
 from leap_document import leap_hand
 
@@ -28,53 +29,31 @@ KINDS: dict[str, tuple[str, ...]] = {
     "several": ("blocks.toml", "grasp"),
 }
 """Object, motion and options of each kind of bodies."""
+LID = joint(
+    "hinge",
+    [0.0, 1.0, 0.0],
+    on="base",
+    origin=[-0.03, 0.0, 0.0151],
+    limits=[-0.5, 0.0],
+    motion=[[0.0, 0.0], [1.5, 0.0], [2.0, -0.1]],
+)
+SLIDE = joint("slider", [1.0, 0.0, 0.0], on="rail", limits=[-0.03, 0.03], friction=0.2)
 OBJECTS = {
-    "lid.toml": """
-[[body]]
-name = "base"
-box = [0.06, 0.06, 0.03]
-position = [0.0, 0.0, -0.0151]
-fixed = true
-[[body]]
-name = "lid"
-box = [0.06, 0.06, 0.03]
-position = [0.0, 0.0, 0.0302]
-joint.type = "hinge"
-joint.on = "base"
-joint.axis = [0.0, 1.0, 0.0]
-joint.origin = [-0.03, 0.0, 0.0151]
-joint.limits = [-0.5, 0.0]
-joint.motion = [[0.0, 0.0], [1.5, 0.0], [2.0, -0.1]]
-""",
-    "slide.toml": """
-[[body]]
-name = "block"
-box = [0.06, 0.06, 0.06]
-position = [0.0, 0.0, 0.036]
-mass = 0.2
-joint = {type = "slider", on = "rail", axis = [1.0, 0.0, 0.0], limits = [-0.03, 0.03], friction = 0.2}
-[[body]]
-name = "rail"
-box = [0.2, 0.04, 0.01]
-position = [0.0, 0.0, -0.036]
-fixed = true
-""",
-    "blocks.toml": """
-[[body]]
-name = "block"
-box = [0.06, 0.06, 0.06]
-mass = 0.2
-[[body]]
-name = "post"
-box = [0.03, 0.03, 0.06]
-position = [-0.08, -0.05, 0.0]
-fixed = true
-[[body]]
-name = "table"
-plane = "under"
-""",
+    "lid.toml": (
+        body("base", [0.06, 0.06, 0.03], position=[0.0, 0.0, -0.0151], fixed=True),
+        body("lid", [0.06, 0.06, 0.03], position=[0.0, 0.0, 0.0302], joint=LID),
+    ),
+    "slide.toml": (
+        body("block", [0.06, 0.06, 0.06], position=[0.0, 0.0, 0.036], mass=0.2, joint=SLIDE),
+        body("rail", [0.2, 0.04, 0.01], position=[0.0, 0.0, -0.036], fixed=True),
+    ),
+    "blocks.toml": (
+        body("block", [0.06, 0.06, 0.06], mass=0.2),
+        body("post", [0.03, 0.03, 0.06], position=[-0.08, -0.05, 0.0], fixed=True),
+        TABLE,
+    ),
 }
-"""Files of several bodies."""
+"""Bodies of each file of several."""
 SHORT = ("--rate", "25", "--level", "3")
 WORKS = "works"
 
@@ -109,8 +88,8 @@ class Cells:
 
     def __init__(self, server: CommandServer) -> None:
         self.server, self.folder = server, server.folder
-        for name, text in OBJECTS.items():
-            (self.folder / name).write_text(text)
+        for name, tables in OBJECTS.items():
+            body_file(self.folder, *tables, name=name)
         self.replayed = cache(self._replayed)
 
     def run(self, *arguments: str, codes: Sequence[int] = (0,)) -> Served:

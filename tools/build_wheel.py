@@ -15,6 +15,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from hhsim.kernels import shipped
@@ -57,23 +58,25 @@ def compile_all(cache: Path) -> str:
         done = subprocess.run(command, cwd=REPOSITORY, env=environment, check=True, capture_output=True, text=True)
         return done.stdout.strip()
 
+    def in_turn(*commands: str) -> None:
+        for command in commands:
+            run("-c", MAIN, *shlex.split(command))
+
     run("tests/compile_kernels.py")
-    with tempfile.TemporaryDirectory() as place:
-        for number, command in enumerate(COMMANDS):
-            result = f"{place}/{number}.h5"
-            run("-c", MAIN, *shlex.split(command), "--out", result)
-            run("-c", MAIN, "verify", result)
-            run("-c", MAIN, "report", result, "--out", f"{place}/{number}.html")
-        run("-c", MAIN, "compare", f"{place}/0.h5", f"{place}/1.h5")
-        for number, scene in enumerate(("", "cube --free --mass 0.1")):
-            session = f"{place}/session-{number}.h5"
-            run("-c", MAIN, "live", "glove", *scene.split(), "--duration", "1", "--out", session)
-            run("-c", MAIN, "replay", session)
-        run("-c", MAIN, "scene", "cube", "pinch", "--out", f"{place}/scene")
-        run("-c", MAIN, "score", f"{place}/scene/example-submission.csv", "--out", f"{place}/score.h5")
-        words = ("--object", "rock", "--max-correction", "20")
-        run("-c", MAIN, "repair", "examples/grab.csv", *words, "--out", f"{place}/repaired.csv")
-        run("-c", MAIN, "build-tree", "examples/mug.stl", "--unit", "mm", "--level", "3", "--out", f"{place}/mug.h5")
+    with tempfile.TemporaryDirectory() as place, ThreadPoolExecutor(len(os.sched_getaffinity(0))) as side_by_side:
+        chains: list[tuple[str, ...]] = []
+        for n, command in enumerate(COMMANDS):
+            result = f"{place}/{n}.h5"
+            chains.append((f"{command} --out {result}", f"verify {result}", f"report {result} --out {place}/{n}.html"))
+        for n, scene in enumerate(("", "cube --free --mass 0.1")):
+            session = f"{place}/session-{n}.h5"
+            chains.append((f"live glove {scene} --duration 1 --out {session}", f"replay {session}"))
+        submission = f"{place}/scene/example-submission.csv"
+        chains.append((f"scene cube pinch --out {place}/scene", f"score {submission} --out {place}/score.h5"))
+        chains.append((f"repair examples/grab.csv --object rock --max-correction 20 --out {place}/repaired.csv",))
+        chains.append((f"build-tree examples/mug.stl --unit mm --level 3 --out {place}/mug.h5",))
+        list(side_by_side.map(lambda chain: in_turn(*chain), chains))
+        in_turn(f"compare {place}/0.h5 {place}/1.h5")
     return run("-c", "from hhsim.kernels.target import TARGET; print(TARGET)")
 
 

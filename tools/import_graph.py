@@ -16,7 +16,7 @@ PACKAGES = (
     ),
     *("hhsim.kernels.parts", "hhsim.kernels.free", "hhsim.kernels.live"),
     *("hhsim.system", "hhsim.table", "hhsim.mesh", "hhsim.trees", "hhsim.hand", "hhsim.exchange"),
-    *("hhsim.linkage", "hhsim.motion"),
+    *("hhsim.linkage", "hhsim.robots", "hhsim.robots.formats", "hhsim.motion"),
     "hhsim.result",
     *(
         "hhsim.recordings",

@@ -27,7 +27,7 @@ class MeshSize(OptionGroup, heading="Mesh file"):
     unit: str | None = option(type=UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
     size: float | None = ranged("size", "MM", "Scale a mesh file to this longest extent [mm], whatever its unit.", 1e-3)
 
-    def read(self, object_: str, *, solid: bool = True, link: str = "") -> tuple["Mesh", int]:
+    def read(self, object_: str, *, solid: bool | None = True, link: str = "") -> tuple["Mesh", int]:
         """Load the mesh [m] of OBJECT, and its usual tree level, as `hhsim.linkage.object_mesh.resolve_object`."""
         from hhsim.linkage.object_mesh import resolve_object
 
@@ -36,10 +36,14 @@ class MeshSize(OptionGroup, heading="Mesh file"):
 
 
 class MeshFile(MeshSize):
-    """Reading of a mesh file; its open parts become sheets of a thickness [mm], or are closed."""
+    """Reading of a mesh file: as it is, as a solid, or with sheets of a thickness [mm] in place of its open parts."""
 
+    solid: bool = option(
+        is_flag=True,
+        help="Close a mesh file to a solid, meshed anew if need be. Default: what is none is touched as a skin.",
+    )
     thickness: float | None = ranged(
-        "thickness", "MM", "Make each open part of a mesh file a sheet this thick [mm], instead of closing it.", 1e-3
+        "thickness", "MM", "Make each open part of a mesh file a sheet this thick [mm], and the whole a solid.", 1e-3
     )
 
     def unit_length(self, object_: str) -> float:

@@ -17,9 +17,9 @@ class FormatOption(click.Option):
 
     def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
         """Ask for the names, which imports no format."""
-        from hhsim.recordings.formats import format_names
+        from hhsim.recordings.formats import FORMATS
 
-        *names, last = format_names()
+        *names, last = FORMATS.names()
         self.help = f"Format of the file: {', '.join(names)} or {last}. Default: the content decides."
         return super().get_help_record(ctx)
 

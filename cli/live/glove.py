@@ -306,11 +306,12 @@ def command(
         unit=mesh_file.unit,
         size_mm=mesh_file.size,
         thickness_mm=mesh_file.thickness,
+        solid=mesh_file.solid,
         level=tree.stated(),
         max_error=tree.max_error,
         free=free.words(),
     )
-    loaded = load_words(words, solid=solver.surface != "mesh", motions=[one for one in motions if one is not None])
+    loaded = load_words(words, surface=solver.surface, motions=[one for one in motions if one is not None])
     bodies, mesh = loaded.bodies, loaded.bodies.mesh
     if any(body.is_free for body in bodies.settings):
         require_free(options)

@@ -4,12 +4,14 @@ import functools
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 from hhsim.errors import DamagedFileError, InputError, named
 from hhsim.linkage.linkage import Linkage
-from hhsim.linkage.mjcf import read_mjcf
-from hhsim.linkage.urdf import mesh_file, read_urdf
+from hhsim.linkage.mjcf import read_mjcf, read_mjcf_robot
+from hhsim.linkage.robot import Robot
+from hhsim.linkage.urdf import mesh_file, read_urdf, read_urdf_robot
 from hhsim.reproducible import sine_and_cosine
 from hhsim.system.child_reader import read_in_child
 from hhsim.system.input_file import check_ordinary, read_input
@@ -30,6 +32,20 @@ def names_a_linkage(word: str | Path) -> bool:
 
 def read_linkage(path: Path) -> Linkage:
     """Read a URDF or MJCF file and its meshes; InputError names the file, the element, and what would be right."""
+    found: Linkage = _checked(path, "linkage")
+    return found
+
+
+def read_robot(path: Path, looks: bool = False) -> Robot:
+    """Read every link of a URDF or MJCF file by its name, with what collides; errors as `read_linkage`.
+
+    With `looks`, a link in which nothing collides is as it looks.
+    """
+    found: Robot = _checked(path, "robot that looks" if looks else "robot")
+    return found
+
+
+def _checked(path: Path, what: str) -> Any:
     with named(path):
         try:
             check_ordinary(path, MOST_BYTES)
@@ -40,11 +56,11 @@ def read_linkage(path: Path) -> Linkage:
             raise InputError(f"{error.strerror or error}; expected a URDF or an MJCF file") from None
         if path.is_dir():
             raise InputError("a folder; expected a URDF or an MJCF file")
-        return _read(path, state.st_mtime_ns)
+        return _read(path, what, state.st_mtime_ns)
 
 
 @functools.lru_cache(maxsize=2)
-def _read(path: Path, _changed: int) -> Linkage:
+def _read(path: Path, what: str, _changed: int) -> Any:
     """Read a file as it was when it was changed last [ns]."""
     try:
         kind, size = read_in_child(lambda: _look(path), REFUSAL)
@@ -53,8 +69,12 @@ def _read(path: Path, _changed: int) -> Linkage:
         # Before the fork: what a child loads is lost with it.
         import_module("trimesh")
         sine_and_cosine(0.0)
-        read = read_mjcf if kind == "mujoco" else read_urdf
-        return read_in_child(lambda: read(_root(path), path), REFUSAL, size)
+        if what == "linkage":
+            read = read_mjcf if kind == "mujoco" else read_urdf
+            return read_in_child(lambda: read(_root(path), path), REFUSAL, size)
+        robot = read_mjcf_robot if kind == "mujoco" else read_urdf_robot
+        looks = what == "robot that looks"
+        return read_in_child(lambda: robot(_root(path), path, looks), REFUSAL, size)
     except DamagedFileError as error:
         raise InputError(str(error)) from None
 

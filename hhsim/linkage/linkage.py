@@ -49,6 +49,14 @@ class Frame(NamedTuple):
 HERE = Frame(np.eye(3), np.zeros(3))
 
 
+class Mimic(NamedTuple):
+    """Joint whose value another one follows: `factor` times it, plus `offset` [rad] or [m]."""
+
+    leader: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+
 class Inertial(NamedTuple):
     """Mass [kg] of a link, its centre [m] (3,) and inertia about it [kg·m²] (3, 3), both None where unknown."""
 
@@ -66,6 +74,8 @@ class Link:
     inertial: Inertial | None = None  # None: by the density of what moves it
     friction: float | None = None  # coefficient of sliding friction; None: unstated
     torsion: float | None = None  # moment about its normal that a contact bears per newton of its force [m]
+    # Centre and radius [m] of each shape, shape (n, 4), where all of them are spheres.
+    balls: FloatArray | None = None
 
     @property
     def triangles(self) -> Triangles:
@@ -80,7 +90,7 @@ class LinkJoint:
     """Joint of a link and its parent; `frame` is the link's place in its parent's frame with the joint at 0."""
 
     name: str
-    type: JointType | Literal["fixed", "free"]
+    type: JointType | Literal["fixed", "free", "planar", "ball"]  # the last two of a robot alone
     parent: str  # name of a link; "" is the world
     child: str
     frame: Frame = HERE
@@ -89,6 +99,7 @@ class LinkJoint:
     limits: tuple[float, float] | None = None  # least and greatest value [rad] or [m]; None: without end
     friction: float = 0.0  # largest moment [N·m] or force [N] of dry friction
     start: float = 0.0  # value at which the file's scene begins [rad] or [m]
+    mimic: Mimic | None = None  # of a robot alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,12 +151,12 @@ def merged_linkage(
     roots, links between two joints that have no shape, or no shapes at all.
     """
     notes = list(notes)
-    _require_tree(links, joints)
+    require_tree(links, joints)
     parent_joint = {joint.child: joint for joint in joints}
     # Of each link the first one of its rigid group, and its frame there.
     first: dict[str, str] = {"": ""}
     places: dict[str, Frame] = {"": HERE}
-    order = _parents_first(links, parent_joint)
+    order = parents_first(links, parent_joint)
     groups: dict[str, list[Link]] = {}
     for link in order:
         joint = parent_joint.get(link.name)
@@ -239,7 +250,8 @@ def required_shape(vertices: FloatArray) -> None:
         )
 
 
-def _require_tree(links: Sequence[Link], joints: Sequence[LinkJoint]) -> None:
+def require_tree(links: Sequence[Link], joints: Sequence[LinkJoint]) -> None:
+    """Raise InputError for names given twice, joints of links that there are not, circles, several roots, no links."""
     names = [link.name for link in links]
     if not names:
         raise InputError("no links; expected at least one, with a shape")
@@ -273,7 +285,8 @@ def _require_tree(links: Sequence[Link], joints: Sequence[LinkJoint]) -> None:
         raise InputError(f"links {', '.join(roots[:4])} hang on no joint; expected one such link")
 
 
-def _parents_first(links: Sequence[Link], parent_joint: Mapping[str, LinkJoint]) -> list[Link]:
+def parents_first(links: Sequence[Link], parent_joint: Mapping[str, LinkJoint]) -> list[Link]:
+    """Return links in an order in which parents come first, by the joint of each child."""
     depth: dict[str, int] = {}
     for link in links:
         chain = [link.name]

@@ -1,7 +1,7 @@
 """MJCF (mujoco.readthedocs.io): bodies and joints of a `<mujoco>`, as MuJoCo compiles them."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -10,6 +10,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, named
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.linkage.linkage import (
+    HERE,
     LARGEST,
     Frame,
     Inertial,
@@ -23,7 +24,8 @@ from hhsim.linkage.linkage import (
     required_limits,
     required_shape,
 )
-from hhsim.mesh.shapes import Triangles, box, capsule, cylinder, ellipsoid
+from hhsim.linkage.robot import Robot, robot_of
+from hhsim.mesh.shapes import ENCLOSING, Triangles, box, capsule, cylinder, ellipsoid
 from hhsim.reproducible import matmul
 
 RIGID = "rigid bodies: hhsim has no soft ones"
@@ -44,11 +46,23 @@ MOST_GEOMS = 10_000
 
 def read_mjcf(root: Element, path: Path) -> Linkage:
     """Return the linkage of the `<mujoco>` of a file; InputError names the element, or has MuJoCo's reason."""
-    import mujoco
-
     for where, expected in ELEMENTS.items():
         for element in root.iterfind(f".//{where}"):
             raise InputError(f"<{element.tag}> '{element.get('name', '')}'; expected {expected}")
+    return _compiled(path).linkage(path.stem)
+
+
+def read_mjcf_robot(root: Element, path: Path, looks: bool) -> Robot:
+    """Return every body and joint of the `<mujoco>` of a file by its name; errors and `looks` as `read_urdf_robot`.
+
+    Shapes of the world are left out; of several joints of a body all but the last move links of no shape.
+    """
+    return _compiled(path, ENCLOSING).robot(root.get("model") or path.stem, looks)
+
+
+def _compiled(path: Path, round_factor: float = 1.0) -> "_Model":
+    import mujoco
+
     # Its warnings go to a file in the current folder otherwise.
     mujoco.set_mju_user_warning(lambda text: None)
     try:
@@ -58,13 +72,14 @@ def read_mjcf(root: Element, path: Path) -> Linkage:
     except RuntimeError as error:
         # It has one message for whatever it does not expect, which is most often that there is not enough memory.
         raise InputError(f"MuJoCo breaks down over it, as over a shape that is too large: {error}") from None
-    return _Model(model, mujoco).linkage(path.stem)
+    return _Model(model, mujoco, round_factor)
 
 
 class _Model:
     """A compiled model, and what is made of it."""
 
-    def __init__(self, model: Any, mujoco: Any) -> None:
+    def __init__(self, model: Any, mujoco: Any, round_factor: float) -> None:
+        self.round_factor = round_factor
         self.model, self.kinds, self.joint_kinds = model, mujoco.mjtGeom, mujoco.mjtJoint
         self.names = [model.body(body).name or f"body{body}" for body in range(model.nbody)]
         self.notes: list[str] = []
@@ -85,6 +100,61 @@ class _Model:
         joints = [self.joint(body) for body in range(1, model.nbody)]
         moves = any(joint.type != "fixed" for joint in joints)
         return merged_linkage(name, links, joints, self.notes, on_world=moves, table=self.table)
+
+    def robot(self, name: str, looks: bool) -> Robot:
+        if self.model.ngeom > MOST_GEOMS:
+            raise InputError(f"{self.model.ngeom:,} geoms; expected {MOST_GEOMS:,} at most")
+        links, joints = [Link(self.names[0])], []
+        for body in range(1, self.model.nbody):
+            moving = self.moving_joints(body)
+            links += [Link(joint.child) for joint in moving[:-1]]
+            links.append(self.robot_link(body, looks))
+            joints += moving
+        return robot_of(name, links, joints)
+
+    def robot_link(self, body: int, looks: bool) -> Link:
+        model = self.model
+        with named(f"body '{self.names[body]}'"):
+            own = np.flatnonzero(model.geom_bodyid == body)
+            collides = (model.geom_contype[own] != 0) | (model.geom_conaffinity[own] != 0)
+            geoms = [int(geom) for geom in (own[collides] if collides.any() or not looks else own)]
+            geoms = [geom for geom in geoms if self.kinds(int(model.geom_type[geom])) not in self.endless]
+            balls = [
+                [*model.geom_pos[geom], model.geom_size[geom, 0]]
+                for geom in geoms
+                if self.kinds(int(model.geom_type[geom])) == self.kinds.mjGEOM_SPHERE
+            ]
+            shapes = tuple(self.shape(geom) for geom in geoms)
+            round_ = np.array(balls) if balls and len(balls) == len(geoms) else None
+            return Link(self.names[body], shapes, self.inertial(body), balls=round_)
+
+    @property
+    def endless(self) -> tuple[Any, ...]:
+        """Kinds of geoms that are of the ground."""
+        return self.kinds.mjGEOM_PLANE, self.kinds.mjGEOM_HFIELD
+
+    def moving_joints(self, body: int) -> list[LinkJoint]:
+        """Return the joints of a body in their order; those before its last one move links of no shape."""
+        model, name = self.model, self.names[body]
+        parent = self.names[model.body_parentid[body]]
+        frame = _frame(model.body_quat[body], model.body_pos[body])
+        count, first = int(model.body_jntnum[body]), int(model.body_jntadr[body])
+        if not count:
+            return [LinkJoint(f"of {name}", "fixed", parent, name, frame)]
+        found = []
+        for joint in range(first, first + count):
+            word = self._joint(joint)
+            child = name if joint == first + count - 1 else f"{name}#{word}"
+            kind = self.joint_kinds(int(model.jnt_type[joint]))
+            if kind in (self.joint_kinds.mjJNT_FREE, self.joint_kinds.mjJNT_BALL):
+                type_: Literal["free", "ball"] = "free" if kind == self.joint_kinds.mjJNT_FREE else "ball"
+                origin = frame.points(np.array(model.jnt_pos[joint]))
+                found.append(LinkJoint(word, type_, parent, child, frame, origin=origin))
+            else:
+                with named(f"joint '{word}'"):
+                    found.append(self.single_joint(joint, parent, child, frame))
+            parent, frame = child, HERE
+        return found
 
     def link(self, body: int) -> Link:
         model = self.model
@@ -126,11 +196,12 @@ class _Model:
             elif kind == kinds.mjGEOM_BOX:
                 vertices, faces = box([2.0 * a, 2.0 * b, 2.0 * c])
             elif kind == kinds.mjGEOM_CYLINDER:
-                vertices, faces = cylinder(a, 2.0 * b)
+                vertices, faces = cylinder(a * self.round_factor, 2.0 * b)
             elif kind == kinds.mjGEOM_CAPSULE:
-                vertices, faces = capsule(a, 2.0 * b)
+                vertices, faces = capsule(a * self.round_factor, 2.0 * b)
             elif kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
-                vertices, faces = ellipsoid([a, a, a] if kind == kinds.mjGEOM_SPHERE else [a, b, c])
+                radii = np.array([a, a, a] if kind == kinds.mjGEOM_SPHERE else [a, b, c])
+                vertices, faces = ellipsoid(radii * self.round_factor)
             else:
                 word = kind.name.removeprefix("mjGEOM_").lower()
                 raise InputError(f"its type is {word}; expected mesh, box, cylinder, capsule, sphere or ellipsoid")
@@ -172,27 +243,32 @@ class _Model:
                 return LinkJoint(word, "free", parent, name, frame)
             if kind == self.joint_kinds.mjJNT_BALL:
                 raise InputError("its type is ball; expected hinge, slide or free")
-            turns = kind == self.joint_kinds.mjJNT_HINGE
-            limits, dof, start = None, int(model.jnt_dofadr[first]), float(model.qpos0[model.jnt_qposadr[first]])
-            if model.jnt_limited[first]:
-                least, most = model.jnt_range[first].tolist()
-                limits = required_limits((least, most), "hinge" if turns else "slider")
-            for field, what in (("jnt_stiffness", "spring"), ("dof_damping", "damping")):
-                if np.any(getattr(model, field)[first if what == "spring" else dof]):
-                    self.notes.append(f"joint '{word}': its {what} is left out: hhsim has dry friction alone")
-            axis = matmul(frame.rotation, required_axis(np.array(model.jnt_axis[first])))
-            origin = frame.points(np.array(model.jnt_pos[first]))
-            # Its frame is that of the start; ours has the joint at 0.
-            if turns:
-                back = rotation_matrix(quaternion(-start * axis))
-                frame = Frame(matmul(back, frame.rotation), matmul(back, frame.position - origin) + origin)
-            else:
-                frame = Frame(frame.rotation, frame.position - start * axis)
-            if limits is not None:
-                start = min(max(start, limits[0]), limits[1])
-            friction = float(model.dof_frictionloss[dof])
-            type_: JointType = "hinge" if turns else "slider"
-            return LinkJoint(word, type_, parent, name, frame, axis, origin, limits, friction, start)
+            return self.single_joint(first, parent, name, frame)
+
+    def single_joint(self, joint: int, parent: str, child: str, frame: Frame) -> LinkJoint:
+        """Return a hinge or a slider."""
+        model, word = self.model, self._joint(joint)
+        turns = self.joint_kinds(int(model.jnt_type[joint])) == self.joint_kinds.mjJNT_HINGE
+        limits, dof, start = None, int(model.jnt_dofadr[joint]), float(model.qpos0[model.jnt_qposadr[joint]])
+        if model.jnt_limited[joint]:
+            least, most = model.jnt_range[joint].tolist()
+            limits = required_limits((least, most), "hinge" if turns else "slider")
+        for field, what in (("jnt_stiffness", "spring"), ("dof_damping", "damping")):
+            if np.any(getattr(model, field)[joint if what == "spring" else dof]):
+                self.notes.append(f"joint '{word}': its {what} is left out: hhsim has dry friction alone")
+        axis = matmul(frame.rotation, required_axis(np.array(model.jnt_axis[joint])))
+        origin = frame.points(np.array(model.jnt_pos[joint]))
+        # Its frame is that of the start; ours has the joint at 0.
+        if turns:
+            back = rotation_matrix(quaternion(-start * axis))
+            frame = Frame(matmul(back, frame.rotation), matmul(back, frame.position - origin) + origin)
+        else:
+            frame = Frame(frame.rotation, frame.position - start * axis)
+        if limits is not None:
+            start = min(max(start, limits[0]), limits[1])
+        friction = float(model.dof_frictionloss[dof])
+        type_: JointType = "hinge" if turns else "slider"
+        return LinkJoint(word, type_, parent, child, frame, axis, origin, limits, friction, start)
 
     def _geom(self, geom: int) -> str:
         return self.model.geom(geom).name or f"number {geom}"

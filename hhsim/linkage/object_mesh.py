@@ -4,8 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from hhsim.errors import InputError, named
-from hhsim.linkage.file import names_a_linkage, read_linkage
+from hhsim.linkage.file import names_a_linkage, read_linkage, read_robot
 from hhsim.linkage.linkage import Linkage
+from hhsim.linkage.robot import Robot
 from hhsim.mesh.catalogue import MESH_LEVEL, load_object, names_a_file
 from hhsim.mesh.mesh import Mesh, load_mesh, with_inside
 
@@ -15,7 +16,7 @@ def resolve_object(
     unit: str | None = None,
     size: float | None = None,
     thickness: float | None = None,
-    solid: bool = True,
+    solid: bool | None = True,
     link: str = "",
 ) -> tuple[Mesh, int]:
     """Return the mesh that a catalogue name, a mesh file, or a URDF or MJCF file means, and its usual tree level.
@@ -23,7 +24,7 @@ def resolve_object(
     Args:
         name_or_path: A word with a suffix or a folder is a file.
         unit, size, thickness: Of a mesh file [-, m, m], as for `hhsim.mesh.mesh.load_mesh`; a unit of None is m.
-        solid: False takes the triangles of a file as they are, unless sheets are asked for.
+        solid: As for `load_mesh`; sheets of a thickness are solids.
         link: Link of a URDF or MJCF file, in its own frame; one without a name is the only one, in the file's.
 
     Raises:
@@ -37,7 +38,7 @@ def resolve_object(
     if names_a_linkage(word):
         if given:
             raise InputError(f"{given} for mesh files; {word} states its sizes")
-        linkage = read_linkage(Path(word))
+        linkage = _read(Path(word), link)
         with named(word):
             if not link and len(linkage.links) > 1:
                 names = ", ".join(one.name for one in linkage.links)
@@ -46,8 +47,10 @@ def resolve_object(
             if not link:
                 # The only link is where the file has it.
                 mesh = replace(mesh, name=Path(word).stem)
-                mesh = mesh.transformed(*linkage.start_frames()[linkage.links[0].name]) if linkage.joints else mesh
-        return replace(mesh, warnings=(*mesh.warnings, *linkage.notes)), MESH_LEVEL
+                if isinstance(linkage, Linkage) and linkage.joints:
+                    mesh = mesh.transformed(*linkage.start_frames()[linkage.links[0].name])
+        notes = linkage.notes if isinstance(linkage, Linkage) else ()
+        return replace(mesh, warnings=(*mesh.warnings, *notes)), MESH_LEVEL
     if link:
         raise InputError(f"a link is of a URDF or MJCF file; '{word}' is none")
     if not names_a_file(word):
@@ -57,10 +60,33 @@ def resolve_object(
         return item.mesh, item.level
     if unit is not None and size is not None:
         raise InputError("unit and size exclude each other: size scales whatever the unit is")
-    return load_mesh(word, unit or "m", size, thickness=thickness, solid=solid or thickness is not None), MESH_LEVEL
+    solid = True if thickness is not None else solid
+    return load_mesh(word, unit or "m", size, thickness=thickness, solid=solid), MESH_LEVEL
 
 
-def link_mesh(linkage: Linkage, name: str, source: str, solid: bool = True) -> Mesh:
+def solid_for(surface: str, asked: bool = False) -> bool | None:
+    """Return the argument `solid` of `resolve_object` for a surface, spheres or mesh, or for a solid asked for."""
+    return True if asked else None if surface == "spheres" else False
+
+
+def _read(path: Path, link: str) -> Linkage | Robot:
+    """Return the linkage of a file; where it has no such link, or no scene can have its joints, all of its links."""
+    try:
+        linkage = read_linkage(path)
+        with named(path):
+            if link:
+                linkage.link(link)
+    except InputError:
+        if not link:
+            raise
+        robot = read_robot(path, looks=True)
+        if any(one.name == link for one in robot.solid):
+            return robot
+        raise
+    return linkage
+
+
+def link_mesh(linkage: Linkage | Robot, name: str, source: str, solid: bool | None = True) -> Mesh:
     """Return the surface of a link [m] in its own frame, as `load_mesh` of a mesh file; InputError names the link."""
     vertices, faces = linkage.link(name).triangles
     about = f"link '{name}'"

@@ -1,7 +1,6 @@
 """URDF (wiki.ros.org/urdf/XML): links and joints of a `<robot>`."""
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -18,18 +17,21 @@ from hhsim.linkage.linkage import (
     Link,
     Linkage,
     LinkJoint,
+    Mimic,
     merged_linkage,
     required_axis,
     required_inertial,
     required_limits,
     required_shape,
 )
+from hhsim.linkage.robot import Robot, robot_of
 from hhsim.mesh.file import read_triangles
-from hhsim.mesh.shapes import Triangles, box, capsule, cylinder, ellipsoid
+from hhsim.mesh.shapes import ENCLOSING, Triangles, box, capsule, cylinder, ellipsoid
 from hhsim.reproducible import matmul, sine_and_cosine
 
 TYPES = ("revolute", "continuous", "prismatic", "fixed")
 FREE_TYPES = ("planar", "floating")
+MIMIC = (("multiplier", "1"), ("offset", "0"))
 ADDRESSES = ("package://", "model://")
 """Beginnings of a mesh's name that stand before a package's."""
 
@@ -37,20 +39,43 @@ ADDRESSES = ("package://", "model://")
 def read_urdf(root: Element, path: Path) -> Linkage:
     """Return the linkage of the `<robot>` of a file; InputError names the element at fault and what would be right."""
     notes: list[str] = []
-    meshes: dict[Path, Triangles] = {}
-
-    def triangles(file: Path) -> Triangles:
-        if file not in meshes:
-            meshes[file] = read_triangles(file)
-        return meshes[file]
-
-    if any("}" in element.tag and "xacro" in element.tag for element in root.iter() if isinstance(element.tag, str)):
-        raise InputError("it has macros of xacro; expected a URDF: xacro FILE > FILE.urdf")
-    links = [_link(element, path, triangles) for element in root.findall("link")]
+    meshes = _Meshes(path)
+    _require_plain(root)
+    links = [_link(element, meshes) for element in root.findall("link")]
     joints = [_joint(element, notes) for element in root.findall("joint")]
     children = {joint.child for joint in joints}
     on_world = any(link.name == WORLD for link in links if link.name not in children)
     return merged_linkage(root.get("name") or path.stem, links, joints, notes, on_world=on_world)
+
+
+def read_urdf_robot(root: Element, path: Path, looks: bool) -> Robot:
+    """Return every link and joint of the `<robot>` of a file by its name, with what collides; errors as `read_urdf`.
+
+    Triangles of round shapes enclose them. With `looks`, a link that states no `<collision>` is as it looks.
+    """
+    meshes = _Meshes(path, ENCLOSING)
+    _require_plain(root)
+    links = [_link(element, meshes, looks) for element in root.findall("link")]
+    joints = [_joint(element, [], of_scene=False) for element in root.findall("joint")]
+    return robot_of(root.get("name") or path.stem, links, joints)
+
+
+class _Meshes:
+    """Triangles of a URDF's shapes; radii of round ones are taken times a factor."""
+
+    def __init__(self, path: Path, round_factor: float = 1.0) -> None:
+        self.path, self.round_factor = path, round_factor
+        self._read: dict[Path, Triangles] = {}
+
+    def of_file(self, file: Path) -> Triangles:
+        if file not in self._read:
+            self._read[file] = read_triangles(file)
+        return self._read[file]
+
+
+def _require_plain(root: Element) -> None:
+    if any("}" in element.tag and "xacro" in element.tag for element in root.iter() if isinstance(element.tag, str)):
+        raise InputError("it has macros of xacro; expected a URDF: xacro FILE > FILE.urdf")
 
 
 def mesh_file(name: str, path: Path) -> Path:
@@ -68,40 +93,47 @@ def mesh_file(name: str, path: Path) -> Path:
     return next((found for found in tries if found.is_file()), path.parent / plain)
 
 
-def _link(element: Element, path: Path, triangles: Callable[[Path], Triangles]) -> Link:
+def _link(element: Element, meshes: _Meshes, looks: bool = True) -> Link:
     name = _name(element)
     with named(f"link '{name}'"):
         # What touches is what collides; a link that states no such shape is as it looks.
-        shown = element.findall("collision") or element.findall("visual")
-        shapes = tuple(_shape(each, path, triangles) for each in shown)
+        shown = element.findall("collision") or (element.findall("visual") if looks else [])
+        shapes = tuple(_shape(each, meshes) for each in shown)
         friction = element.find("contact/lateral_friction")
         value = None if friction is None else _numbers(friction, "value", 1)[0]
         if value is not None and not 0.0 <= value <= LARGEST:
             raise InputError(f'<lateral_friction value="{value:g}">; expected 0 or more')
         inertial = element.find("inertial")
-        return Link(name, shapes, None if inertial is None else _inertial(inertial), value)
+        spheres = [(_origin(each), each.find("geometry/sphere")) for each in shown]
+        balls = [
+            [*place.position.tolist(), _sizes(sphere, "radius", 1)[0]]
+            for place, sphere in spheres
+            if sphere is not None
+        ]
+        round_ = np.array(balls) if balls and len(balls) == len(shown) else None
+        return Link(name, shapes, None if inertial is None else _inertial(inertial), value, balls=round_)
 
 
-def _shape(element: Element, path: Path, triangles: Callable[[Path], Triangles]) -> Triangles:
+def _shape(element: Element, meshes: _Meshes) -> Triangles:
     geometry = element.find("geometry")
     given = [] if geometry is None else list(geometry)
     if len(given) != 1:
         raise InputError(f"<{element.tag}> has {len(given)} shapes in its <geometry>; expected one")
     shape = given[0]
-    vertices, faces = _triangles(shape, path, triangles)
+    vertices, faces = _triangles(shape, meshes)
     with named(f"<{shape.tag}>"):
         required_shape(vertices)
     return _origin(element).points(vertices), faces
 
 
-def _triangles(shape: Element, path: Path, triangles: Callable[[Path], Triangles]) -> Triangles:
+def _triangles(shape: Element, meshes: _Meshes) -> Triangles:
     if shape.tag == "box":
         return box(_sizes(shape, "size", 3))
     if shape.tag == "sphere":
-        return ellipsoid(_sizes(shape, "radius", 1) * np.ones(3))
+        return ellipsoid(_sizes(shape, "radius", 1) * meshes.round_factor * np.ones(3))
     if shape.tag in ("cylinder", "capsule"):
         radius, length = (float(_sizes(shape, key, 1)[0]) for key in ("radius", "length"))
-        return (cylinder if shape.tag == "cylinder" else capsule)(radius, length)
+        return (cylinder if shape.tag == "cylinder" else capsule)(radius * meshes.round_factor, length)
     if shape.tag != "mesh":
         raise InputError(f"shape <{shape.tag}>; expected mesh, box, cylinder, sphere or capsule")
     file = shape.get("filename") or ""
@@ -110,11 +142,11 @@ def _triangles(shape: Element, path: Path, triangles: Callable[[Path], Triangles
     factors = _numbers(shape, "scale", None, "1 1 1")
     if len(factors) not in (1, 3) or not (np.abs(factors) > 0.0).all():
         raise InputError(f'<mesh scale="{shape.get("scale")}">; expected three numbers other than 0')
-    found = mesh_file(file, path)
+    found = mesh_file(file, meshes.path)
     if not found.is_file():
         more = " or in a folder above it" if file.startswith(ADDRESSES) else ""
-        raise InputError(f"mesh '{file}' is missing; expected it beside {path.name}{more}")
-    vertices, faces = triangles(found)
+        raise InputError(f"mesh '{file}' is missing; expected it beside {meshes.path.name}{more}")
+    vertices, faces = meshes.of_file(found)
     return vertices * factors, faces[:, ::-1] if np.prod(np.broadcast_to(factors, 3)) < 0.0 else faces
 
 
@@ -130,14 +162,14 @@ def _inertial(element: Element) -> Inertial | None:
     return required_inertial(value, frame.position, turned)
 
 
-def _joint(element: Element, notes: list[str]) -> LinkJoint:
+def _joint(element: Element, notes: list[str], of_scene: bool = True) -> LinkJoint:
     name, kind = _name(element), element.get("type", "")
     with named(f"joint '{name}'"):
-        if kind not in TYPES:
+        if kind not in (TYPES if of_scene else TYPES + FREE_TYPES):
             free = ": of a link that moves so, make a file of its own" if kind in FREE_TYPES else ""
             raise InputError(f"its type is '{kind}'; expected {', '.join(TYPES)}{free}")
         mimic = element.find("mimic")
-        if mimic is not None:
+        if mimic is not None and of_scene:
             leader = mimic.get("joint", "")
             raise InputError(f"it mimics '{leader}'; expected joints that move by themselves: remove its <mimic>")
         parent, child = (_of_link(element, role) for role in ("parent", "child"))
@@ -146,6 +178,11 @@ def _joint(element: Element, notes: list[str]) -> LinkJoint:
             return LinkJoint(name, "fixed", parent, child, frame)
         given = element.find("axis")
         axis = required_axis(np.array([1.0, 0.0, 0.0]) if given is None else _numbers(given, "xyz", 3))
+        if kind in FREE_TYPES:
+            turned = matmul(frame.rotation, axis)
+            return LinkJoint(
+                name, "planar" if kind == "planar" else "free", parent, child, frame, turned, frame.position
+            )
         type_: JointType = "slider" if kind == "prismatic" else "hinge"
         limits = None
         if kind != "continuous":
@@ -168,7 +205,11 @@ def _joint(element: Element, notes: list[str]) -> LinkJoint:
         least, most = limits or (0.0, 0.0)
         start = min(max(0.0, least), most)
         turned = matmul(frame.rotation, axis)
-        return LinkJoint(name, type_, parent, child, frame, turned, frame.position, limits, friction, start)
+        follows = None
+        if mimic is not None:
+            factor, offset = (float(_numbers(mimic, key, 1, usual)[0]) for key, usual in MIMIC)
+            follows = Mimic(mimic.get("joint", ""), factor, offset)
+        return LinkJoint(name, type_, parent, child, frame, turned, frame.position, limits, friction, start, follows)
 
 
 def _of_link(element: Element, role: str) -> str:

@@ -45,6 +45,9 @@ class Mesh:
     source: str = ""  # path, or the generator with its parameters
     repairs: tuple[str, ...] = field(default=())  # repairs and assumptions, one plain sentence each
     warnings: tuple[str, ...] = field(default=())  # suspicions that do not stop the work, one plain sentence each
+    # Triangles around the inside by winding number, and sheets from both sides, where the faces are no solid but the
+    # file's own, touched as a skin: see `hhsim.mesh.own_triangles`. Only a tree's builder needs it.
+    shell: "Mesh | None" = field(default=None)
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices, dtype=np.float64, order="C")
@@ -99,12 +102,14 @@ class Mesh:
 
     def scaled(self, factor: float) -> "Mesh":
         """Return the mesh scaled about the origin by a positive factor [-]."""
-        return replace(self, vertices=self.vertices * factor)
+        shell = self.shell and self.shell.scaled(factor)
+        return replace(self, vertices=self.vertices * factor, shell=shell)
 
     def transformed(self, rotation: ArrayLike, translation: ArrayLike) -> "Mesh":
         """Return the mesh moved by `rotation @ vertex + translation`; shapes (3, 3) and (3,) [m]."""
         turned = matmul(self.vertices, np.asarray(rotation, dtype=np.float64).T)
-        return replace(self, vertices=turned + np.asarray(translation, dtype=np.float64))
+        shell = self.shell and self.shell.transformed(rotation, translation)
+        return replace(self, vertices=turned + np.asarray(translation, dtype=np.float64), shell=shell)
 
 
 def require_usable_arrays(vertices: FloatArray, faces: IntArray, name: str) -> None:
@@ -127,7 +132,11 @@ def require_usable_arrays(vertices: FloatArray, faces: IntArray, name: str) -> N
 
 
 def load_mesh(
-    path: str | Path, unit: str = "m", size: float | None = None, thickness: float | None = None, solid: bool = True
+    path: str | Path,
+    unit: str = "m",
+    size: float | None = None,
+    thickness: float | None = None,
+    solid: bool | None = True,
 ) -> Mesh:
     """Read a mesh file, scale it to metres, check it and give it an inside.
 
@@ -140,7 +149,8 @@ def load_mesh(
         size: Longest extent of the mesh [m]; replaces `unit`.
         thickness: Makes a sheet this thick [m] of each open part, instead of closing it.
         solid: False takes the triangles as they are, closed or not, and turns those whose turning alone gives them an
-            inside: for contact with the mesh itself.
+            inside: for contact with the mesh itself. None makes a solid where that leaves the triangles as they are;
+            else they are a skin for a sphere tree to cover, see `hhsim.mesh.own_triangles`.
 
     Raises:
         InputError: No such file, an unknown unit, or a size or a thickness out of its range.
@@ -174,7 +184,7 @@ def load_mesh(
 
 
 def with_inside(
-    mesh: Mesh, unit_length: float = 1.0, hint: str = "", thickness: float | None = None, solid: bool = True
+    mesh: Mesh, unit_length: float = 1.0, hint: str = "", thickness: float | None = None, solid: bool | None = True
 ) -> Mesh:
     """Return triangles in a unit of so many metres as a mesh in metres that has an inside, as of `load_mesh`.
 
@@ -196,6 +206,12 @@ def with_inside(
             mesh, vertices=surface.vertices, faces=surface.faces, repairs=repairs, warnings=tuple(surface.warnings)
         )
         return found.scaled(unit_length)
+    if solid is None:
+        from hhsim.mesh.own_triangles import own_triangles
+
+        own = own_triangles(mesh.vertices, mesh.faces, mesh.source)
+        shell = own.shell and Mesh(*own.shell, name=mesh.name, source=mesh.source)
+        return replace(mesh, **{**own._asdict(), "shell": shell}).scaled(unit_length)
     turned, said = turned_triangles(mesh.vertices, mesh.faces)
     if turned.any():
         faces = np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces)

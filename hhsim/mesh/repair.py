@@ -3,6 +3,7 @@
 Parts that overlap are joined, so that the winding number of the closed surface is 0 or 1.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -326,6 +327,24 @@ def turn_outward(surface: MeshInRepair) -> None:
 
 def resolve_overlaps(surface: MeshInRepair) -> None:
     """Join parts that overlap, so that the winding number is 0 or 1; MeshError if a part crosses itself."""
+    faulty, tested, low, high = found = _join(surface)
+    share = faulty / tested if tested else 1.0
+    if share > CROSSING_SHARE:
+        raise surface.error(f"crosses itself: {_crossing(found)}")
+    if faulty:
+        surface.warnings.append(
+            f"crosses itself at about {percent(share)} of its surface (winding number {low:.2f} to {high:.2f})"
+        )
+
+
+def joined_parts(surface: MeshInRepair) -> None:
+    """Join parts that overlap where that is safe, and leave all as it is where a part crosses itself."""
+    with suppress(MeshError):
+        _join(surface)
+
+
+def _join(surface: MeshInRepair) -> tuple[int, int, float, float]:
+    """Join parts that overlap, and return what `winding_faults` finds then; MeshError if a part crosses itself."""
     found = winding_faults(surface.vertices, surface.faces)
     if found[0] and (parts := int(topology.part_labels(surface.faces).max()) + 1) > 1:
         _require_sound_parts(surface)
@@ -335,14 +354,7 @@ def resolve_overlaps(surface: MeshInRepair) -> None:
             left = int(topology.part_labels(surface.faces).max()) + 1
             surface.repairs.append(f"joined {parts} overlapping parts into {left}")
             found = winding_faults(surface.vertices, surface.faces)
-    faulty, tested, low, high = found
-    share = faulty / tested if tested else 1.0
-    if share > CROSSING_SHARE:
-        raise surface.error(f"crosses itself: {_crossing(found)}")
-    if faulty:
-        surface.warnings.append(
-            f"crosses itself at about {percent(share)} of its surface (winding number {low:.2f} to {high:.2f})"
-        )
+    return found
 
 
 def _crossing(found: tuple[int, int, float, float]) -> str:

@@ -1,4 +1,4 @@
-"""Parts of a thing over time: their surfaces, where they are, and what of a hand is inside them."""
+"""Parts of a body over time: their surfaces, where they are, and what of a hand is inside them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,21 +27,21 @@ from hhsim.trees.sphere_tree import SphereTree
 class MovingParts:
     """P rigid parts at T ticks."""
 
-    name: str  # of the thing
+    name: str  # of the body
     names: tuple[str, ...]  # of the parts
     meshes: tuple[Mesh, ...]  # each part's own, in its frame [m]
     trees: tuple[SphereTree, ...]
     world: FloatArray  # position [m] and orientation (w, x, y, z) of each part at each tick, world, (T, P, 7)
     values: Mapping[str, FloatArray]  # of each joint at each tick [rad] or [m], (T,), by the name of its part
-    # Motion of the whole thing, or of the first one, since the first tick; None where joints alone move.
+    # Motion of the whole body, or of the first one, since the first tick; None where joints alone move.
     carried: RigidMotion | None = None
-    free: bool = False  # True for several things, each of which goes its own way
-    # Motion since the first tick that a driven one of several things is to make, world, by its name.
+    free: bool = False  # True for several bodies, each of which goes its own way
+    # Motion since the first tick that a driven one of several bodies is to make, world, by its name.
     driven: Mapping[str, RigidMotion] = field(default_factory=dict)
 
     @cached_property
     def path(self) -> FloatArray:
-        """Poses as `world` in the scene's frame, which moves with the whole thing; the same wherever the joints are."""
+        """Poses as `world` in the scene's frame, which moves with the whole body; the same wherever the joints are."""
         if self.carried is None:
             return self.world
         moved, joints = self.carried, np.stack([*self.values.values(), np.zeros(len(self.world))], axis=1)

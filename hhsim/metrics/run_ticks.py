@@ -257,7 +257,7 @@ def result_ticks(result: Result, columns: Datasets | None = None) -> RunTicks:
 
 
 def touched_object(result: Result) -> TouchedObject:
-    """Return the object of a result, or a thing's parts, as the hand touched it; InputError for invalid arrays."""
+    """Return the object of a result, or a body's parts, as the hand touched it; InputError for invalid arrays."""
     static, parts, first = result.static, result_parts(result), result.body
     mesh = Mesh(first.vertices, first.faces)
     tree = sphere_tree_of(first.static, "tree")

@@ -269,8 +269,7 @@ def _is_text(text: str) -> bool:
 
 def recording_formats() -> dict[str, RecordingFormat]:
     """Return every format by its name, in the order of detection."""
-    names = importlib.import_module(FORMATS_PACKAGE).format_names()
-    formats: list[RecordingFormat] = [importlib.import_module(f"{FORMATS_PACKAGE}.{name}").FORMAT for name in names]
+    formats: list[RecordingFormat] = list(importlib.import_module(FORMATS_PACKAGE).FORMATS.values())
     return {form.name: form for form in sorted(formats, key=lambda form: (form.rank, form.name))}
 
 

@@ -12,7 +12,7 @@ from hhsim.bench.paper.bench import PaperRuns
 from hhsim.bench.paper.run import INDEX, SceneRun
 from hhsim.bench.paper.scene import CASES, held_ticks
 from hhsim.errors import OutputError
-from hhsim.hand.fingers import FINGERS
+from hhsim.hand.fingers import FINGERS, PHALANX_NAMES
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
 from hhsim.kernels.tick.step import DURATION_DETECT
 from hhsim.mesh.catalogue import load_object, object_names
@@ -21,7 +21,7 @@ from hhsim.metrics.brute_force_distance import round_cone_contact
 from hhsim.render.figure import new_figure, save_figure, tidy
 from hhsim.render.hand_picture import GHOST, PieceForce, View, arrow_layers, arrow_surfaces, behind, label, viewpoint
 from hhsim.render.rasterizer import blend, frame, look_from, shade
-from hhsim.render.triangle_soup import PHALANGES, STONE, hand_surface, joined, mesh_surface, painted
+from hhsim.render.triangle_soup import STONE, hand_surface, joined, mesh_surface, painted
 from hhsim.scene.contact_goals import TOUCHING
 from hhsim.system.output_path import check_picture
 from hhsim.system.progress import Progress, silent
@@ -238,7 +238,7 @@ def _forces(number: str, run: SceneRun, moment: int) -> list[PieceForce]:
     shown = run.shown[moment]
     joints = run.stage.hand.joints(*shown.graphic)
     middles = 0.5 * (joints[INDEX, :-1] + joints[INDEX, 1:])
-    tips, phalanges = zip(FINGERS, joints[:, -1], shown.fingertip), zip(PHALANGES, middles, shown.index_finger)
+    tips, phalanges = zip(FINGERS, joints[:, -1], shown.fingertip), zip(PHALANX_NAMES, middles, shown.index_finger)
     return [PieceForce(*one) for one in (tips if number == "12" else phalanges) if one[2].any()]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.hand.fingers import BODIES, FINGERS
+from hhsim.hand.fingers import BODIES, FINGERS, PHALANX_NAMES
 from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product, rotation_matrix
 from hhsim.mesh.mesh import Mesh
 
@@ -23,10 +23,7 @@ if TYPE_CHECKING:
 SKIN = np.array([0.91, 0.70, 0.58])
 SPHERE = np.array([0.42, 0.62, 0.78])
 STONE = np.array([0.80, 0.80, 0.78])
-PHALANGES = ("proximal", "middle", "distal")
-"""Names of the phalanges of a finger; the thumb's metacarpal counts as its first."""
-
-PIECES = tuple(f"{finger}/{phalanx}" for finger in FINGERS for phalanx in PHALANGES) + ("palm",)
+PIECES = tuple(f"{finger}/{phalanx}" for finger in FINGERS for phalanx in PHALANX_NAMES) + ("palm",)
 """Names of the pieces, in the order of the kernels' bodies."""
 
 RINGS, SIDES = 8, 24
@@ -166,7 +163,7 @@ def piece_surfaces(hand: "HandModel", rings: int = RINGS, sides: int = SIDES) ->
     """Return the surface of each piece in its own frame, of so many rings to each end of a phalanx."""
     surfaces = []
     for finger in range(len(FINGERS)):
-        for k in range(len(PHALANGES)):
+        for k in range(len(PHALANX_NAMES)):
             length = hand.length[finger, k]
             radius_a, radius_b = hand.radius[finger, k : k + 2]
             tip = np.array([0.0, length, 0.0])
@@ -207,7 +204,7 @@ def piece_poses(
     spread = _turn(2, hand.abduction_sign * np.asarray(abduction, np.float64))
     bend = _turn(0, -np.cumsum(np.asarray(flexion, np.float64), axis=2))
     turn = quaternion_product(quaternion_product(base, spread)[:, :, None], bend)
-    joint = np.empty((len(origin), len(FINGERS), len(PHALANGES), 3))
+    joint = np.empty((len(origin), len(FINGERS), len(PHALANX_NAMES), 3))
     joint[:, :, 0] = origin[:, None] + np.einsum("tij,fj->tfi", rotation_matrix(palm), hand.base)
     along = hand.length[:, :-1, None] * rotation_matrix(turn[:, :, :-1])[..., 1]
     joint[:, :, 1:] = joint[:, :, :1] + np.cumsum(along, axis=2)

@@ -1,9 +1,8 @@
 """Repair of a recording in memory: arrays in, arrays out, and no file is written."""
 
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,8 +19,12 @@ from hhsim.recordings.registry import Content, ReadOptions, read_content
 from hhsim.recordings.unit_detection import clean_units
 from hhsim.repair.repair import bodies_of, checked_bodies, corrected, in_our_units, prepared
 from hhsim.repair.request import MAX_CORRECTION, RepairRequest
+from hhsim.result.labelled import Variable, as_dataset
 from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.system.progress import Progress, silent
+
+if TYPE_CHECKING:
+    import xarray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,23 +47,14 @@ class RepairedMotion:
         moved, depth = int(self.changed.sum()), 1e3 * np.nanmax(self.depth_after, initial=0.0)
         return f"RepairedMotion({len(self.time):,} samples, {moved:,} moved, {depth:.3f} mm deep at most)"
 
-    def to_xarray(self) -> Any:
-        """Return an xarray Dataset with dimensions frame, joint, axis; InputError without xarray."""
-        try:
-            xarray = import_module("xarray")
-        except ImportError:
-            raise InputError("xarray is not installed: pip install xarray; the fields are NumPy arrays") from None
-        of_frames = {name: ("frame", getattr(self, name)) for name in ("changed", "marked")}
-        depths = {f"depth_{when}": ("frame", getattr(self, f"depth_{when}"), {"units": "m"}) for when in _WHEN}
-        joints = {"joints": (("frame", "joint", "axis"), self.joints, {"units": "m"})}
-        return xarray.Dataset(
-            {**joints, **of_frames, **depths},
-            {"time": ("frame", self.time, {"units": "s"}), "joint": list(KEYPOINTS), "axis": list("xyz")},
-            {"findings": list(self.findings)},
-        )
-
-
-_WHEN = ("before", "after")
+    def to_xarray(self) -> "xarray.Dataset":
+        """Return an xarray Dataset along time, joint and axis, units as attributes; InputError without xarray."""
+        found = {"joints": Variable(("time", "joint", "axis"), self.joints, "m", "joint centres after the repair")}
+        found |= {name: Variable(("time",), getattr(self, name)) for name in ("changed", "marked")}
+        found |= {name: Variable(("time",), getattr(self, name), "m") for name in ("depth_before", "depth_after")}
+        time = Variable(("time",), self.time, "s")
+        labels = {"joint": list(KEYPOINTS), "axis": list("xyz")}
+        return as_dataset(found, {"time": time, **labels}, {"findings": list(self.findings)})
 
 
 def repair(

@@ -252,7 +252,7 @@ def _loaded_bodies(word: str, content: bytes, unit: str | None, size: float | No
 
 
 def _load(word: str, unit: str | None, size: float | None) -> DeclaredBodies:
-    return checked_bodies(load_object(word, unit=unit, size=size), word)
+    return checked_bodies(load_object(word, unit=unit, size=size, solid=True), word)
 
 
 def checked_bodies(bodies: DeclaredBodies, word: str) -> DeclaredBodies:

@@ -29,7 +29,7 @@ from hhsim.result.schema import (
 from hhsim.solver.scene_solver import SceneSolver
 
 if TYPE_CHECKING:
-    from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
+    from hhsim.kernels.free.record import BodiesRecord, ObjectRecord
 
 Columns = dict[str, AnyArray]
 
@@ -82,7 +82,7 @@ class HandRows:
 
 
 def body_rows(
-    parts: MovingParts | None, record: "ThingsRecord | None", names: Sequence[str], ticks: slice, own: Columns
+    parts: MovingParts | None, record: "BodiesRecord | None", names: Sequence[str], ticks: slice, own: Columns
 ) -> dict[str, Columns]:
     """Return the rows of bodies by their groups; of several the poses in `parts` are set, too.
 
@@ -97,8 +97,8 @@ def body_rows(
             pose = {"position": parts.world[ticks, p, :3], "orientation": parts.world[ticks, p, 3:]}
             rows[f"{BODIES}/{name}/{TICK}"] = pose | joint
         return rows
-    begun, rows = RigidMotion(record.things[0].turn, record.things[0].shift), {}
-    for k, (name, body, wrench) in enumerate(zip(parts.names, record.things, record.thing_wrench, strict=True)):
+    begun, rows = RigidMotion(record.bodies[0].turn, record.bodies[0].shift), {}
+    for k, (name, body, wrench) in enumerate(zip(parts.names, record.bodies, record.body_wrench, strict=True)):
         parts.world[ticks, k, :3] = begun.seen_points(body.shift)
         parts.world[ticks, k, 3:] = begun.seen_orientations(body.turn)
         columns = {"position": body.shift, "orientation": body.turn, OF_BODIES.name: wrench}

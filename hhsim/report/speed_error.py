@@ -19,6 +19,7 @@ from hhsim.report.figure import ReportFigure, drawn_figure, run_style, time_text
 from hhsim.report.trade_off import MARKS, Mark, TradeOff, trade_off_drawing
 from hhsim.result.reader import Result
 from hhsim.scene.motion_catalogue import of_the_paper
+from hhsim.trees.contact_surface import encloses
 from hhsim.view.viewer import shown_scene
 
 SAMPLES = 20
@@ -89,6 +90,8 @@ def _off_the_mesh(result: Result, contact: IntArray) -> float:
     try:
         scene = shown_scene(result)
         trees = [build_mesh_bvh(mesh.vertices, mesh.faces) for mesh, _ in scene.bodies.values()]
+        # Nothing is in a skin.
+        solid = [encloses(mesh) for mesh, _ in scene.bodies.values()]
     except HhsimError:
         # The hand, tree or mesh is not that of the run.
         return np.nan
@@ -98,10 +101,12 @@ def _off_the_mesh(result: Result, contact: IntArray) -> float:
         return np.nan
     placed = PlacedHand(*(np.array([tick[name] for tick in ticks]) for name in ticks[0]))
     touching, farthest = 0, 0.0
-    for bvh, surface, moved in zip_longest(trees, scene.surface_arrays, result.meshes_moved()):
+    for bvh, has_inside, surface, moved in zip_longest(trees, solid, scene.surface_arrays, result.meshes_moved()):
         seen = placed if moved is None else RigidMotion(moved.turn[chosen], moved.shift[chosen]).seen_hand(placed)
         off = contact_error(bvh, find_contact_points(surface, scene.shape, seen, scene.touch).point)
-        farthest = max(farthest, off.max(initial=0.0), -mesh_clearance(bvh, scene.shape, seen).min())
+        farthest = max(farthest, off.max(initial=0.0))
+        if has_inside:
+            farthest = max(farthest, -mesh_clearance(bvh, scene.shape, seen).min())
         touching += len(off)
     return float(farthest) if touching else np.nan
 

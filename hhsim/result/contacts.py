@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhsim.arrays import AnyArray, IntArray
-from hhsim.hand.fingers import FINGERS
+from hhsim.hand.fingers import FINGERS, PHALANX_NAMES
 from hhsim.result.schema import CONTACT, HAND_BODIES, TABLE
 
 if TYPE_CHECKING:
@@ -15,12 +15,11 @@ if TYPE_CHECKING:
 
 ON_TABLE = -1
 """Code of the table as a hand counts bodies; -2 - k is the body of number k, touched by the first one."""
-_PHALANGES = ("proximal", "middle", "distal")
 
 
 def contact_names(hands: Sequence[str], bodies: Sequence[str]) -> list[str]:
     """Names of the bodies of contacts in the order of their codes: of the hands, the table, the bodies."""
-    of_hand = [*(f"{finger}/{phalanx}" for finger in FINGERS for phalanx in _PHALANGES), "palm"]
+    of_hand = [*(f"{finger}/{phalanx}" for finger in FINGERS for phalanx in PHALANX_NAMES), "palm"]
     return [*(f"{hand}/{part}" for hand in hands for part in of_hand), TABLE, *bodies]
 
 

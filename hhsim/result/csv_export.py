@@ -3,15 +3,12 @@
 import csv
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
-from hhsim.arrays import FloatArray
 from hhsim.errors import OutputError, UnknownNameError
 from hhsim.result.reader import CHUNK_TICKS, Result
-from hhsim.result.schema import BETWEEN_COLUMNS, BODY_COLUMNS, LIVE_TICK, LIVE_TICK_COLUMNS, TICK, TICK_COLUMNS, Column
+from hhsim.result.schema import Column
+from hhsim.result.variables import SIZES, sizes, tick_columns
 from hhsim.system.atomic_write import partial_file
 from hhsim.system.output_path import begins_with, check_output_path
 from hhsim.system.progress import Progress, silent
@@ -23,11 +20,6 @@ USUAL = (
     *("duration/total_cpu", "duration/total", "status", "lag"),
 )
 """Datasets written by default."""
-SIZES = {
-    "force/size": (Column("force/size", (), "<f8", "N", "size of the total force"), "force/total"),
-    "force/finger": (Column("force/finger", (5,), "<f8", "N", "size of the force on each finger"), "force/phalanx"),
-}
-"""Columns of force magnitudes, summed over phalanges, and the datasets that they are computed from."""
 ALL = "all"
 SUFFIX = ".csv"
 
@@ -50,15 +42,7 @@ def export_ticks(
     if path.suffix.lower() != SUFFIX:
         raise OutputError(f"{path} is no name for a table: it has to end in {SUFFIX}")
     check_output_path(path, "table of ticks", begins_with(b"tick,"))
-    known = {column.name: column for column in TICK_COLUMNS} | {name: column for name, (column, _) in SIZES.items()}
-    if result.other is not None:
-        known |= {column.name: column for column in BETWEEN_COLUMNS if column.name in result}
-    if result.live is not None:
-        of_loop = (replace(column, name=f"{LIVE_TICK}/{column.name}") for column in LIVE_TICK_COLUMNS)
-        known |= {column.name: column for column in of_loop}
-    for body in result.bodies.values():
-        of_body = (replace(one, name=f"{body.group}/{TICK}/{one.name}") for one in BODY_COLUMNS if one.name in body)
-        known |= {column.name: column for column in of_body}
+    known = tick_columns(result)
     wanted = tuple(known) if columns and ALL in columns else tuple(columns or USUAL)
     for name in wanted:
         if name not in known:
@@ -74,18 +58,13 @@ def export_ticks(
             for block in result.blocks(needed, CHUNK_TICKS):
                 progress("ticks", first, result.ticks)
                 # As Python's numbers: they are written with as many digits as give the same number back.
-                values = [_sizes(block[SIZES[name][1]]) if name in SIZES else block[name] for name in wanted]
+                values = [sizes(block[SIZES[name][1]]) if name in SIZES else block[name] for name in wanted]
                 flat = [each.reshape(len(each), -1).tolist() for each in values]
                 table.writerows([tick, *itertools.chain(*row)] for tick, row in enumerate(zip(*flat), start=first))
                 first += len(flat[0])
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
     return headings
-
-
-def _sizes(force: FloatArray) -> FloatArray:
-    """Magnitudes of forces (T, 3), or of their sums over phalanges (T, fingers, 3, 3) [N]."""
-    return np.asarray(np.linalg.norm(force if force.ndim == 2 else force.sum(axis=2), axis=-1))
 
 
 def column_headings(column: Column) -> Iterator[str]:

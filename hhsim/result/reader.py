@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from types import EllipsisType
-from typing import Any, SupportsIndex, TypeAlias
+from typing import TYPE_CHECKING, Any, SupportsIndex, TypeAlias
 
 import h5py
 import numpy as np
@@ -19,10 +19,18 @@ from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickPhase, phase_
 from hhsim.result import schema
 from hhsim.result.body import Body
 from hhsim.result.contacts import Contacts, known_pairs
+from hhsim.result.labelled import as_dataset, as_frame, imported
+from hhsim.result.plot import plot_curves
+from hhsim.result.variables import coordinates, variables
 from hhsim.system.environment import UNKNOWN
 from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5, read_numbers
 from hhsim.system.input_file import media_kind_of
 from hhsim.system.output_path import check_output_path
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.axes import Axes
 
 TURNS = {column.name: column.turns for column in schema.TICK_COLUMNS if column.turns}
 """Kind of transformation (`Column.turns`) by dataset."""
@@ -329,6 +337,45 @@ class Result:
 
     def _skin(self, file: h5py.File) -> Any:
         return file[schema.HANDS][self.name].get(schema.SKIN)
+
+    def to_xarray(self, names: Sequence[str] = ()) -> "xarray.Dataset":
+        """Return datasets and groups by name, or all, as an xarray Dataset along time, with phases as a coordinate.
+
+        Units and descriptions are attributes. A file of two hands as a whole has them along `hand`; bodies are told by
+        name, as `bodies/NAME/tick/position`. Raises UnknownNameError for no such name, InputError without xarray.
+        """
+        found = variables(self, names)
+        stated: dict[str, Any] = {
+            name: self.scene[name] for name in ("object_name", "motion", "rate") if name in self.scene
+        }
+        stated |= {"method": self.method, "surface": self.surface, "hhsim_version": self.hhsim_version}
+        return as_dataset({name: found[name] for name in found if name != "time"}, coordinates(self), stated)
+
+    def to_pandas(self, names: Sequence[str] = ()) -> "pandas.DataFrame":
+        """Return datasets and groups by name as a pandas DataFrame, a column an element: `force/total[x]`.
+
+        The index is the time [s], and `phase` a column; without names it has all that has a row a tick. Names of
+        `contact` or `live/sample` give a row for each of these. `attrs["units"]` has the unit of each column.
+        Raises UnknownNameError for no such name, InputError for datasets of different rows, or without pandas.
+        """
+        found = {name: variable for name, variable in variables(self, names).items() if name != "time"}
+        if not names:
+            found = {name: variable for name, variable in found.items() if variable.axes[0] == "time"}
+        if len({variable.axes[0] for variable in found.values()}) != 1:
+            raise InputError(f"{', '.join(names)} are no datasets with the same rows: expected those of one table")
+        given = coordinates(self)
+        of_ticks = next(iter(found.values())).axes[0] == "time"
+        frame = as_frame(found, {**given, "hand": list(self.hands)}, given["time"] if of_ticks else None)
+        if of_ticks:
+            frame.insert(0, "phase", imported("pandas").Categorical(given["phase"].values))
+        return frame
+
+    def plot(self, name: str = "force", ax: "Axes | None" = None) -> "Axes":
+        """Draw every element of a dataset, or of a group of one unit, over time; return the axes of matplotlib.
+
+        Without `ax`, it is a figure of pyplot's, which a notebook shows. Errors as `hhsim.result.plot.plot_curves`.
+        """
+        return plot_curves(self, name, ax)
 
     def phase_at(self, tick: int) -> str:
         """Name of the phase of a tick; "" for none."""

@@ -267,13 +267,13 @@ def require_apart(names: Sequence[str], meshes: Sequence[Mesh], joined: Containe
 
 
 def load_bodies(
-    word: str | Path, motion: object = None, *, solid: bool = True, free: Mapping[str, Any] | None = None
+    word: str | Path, motion: object = None, *, solid: bool | None = None, free: Mapping[str, Any] | None = None
 ) -> DeclaredBodies:
     """Load the bodies of a file and their meshes; joints are moved by the motion, if it is a script that has some.
 
-    `word` is a name of the catalogue, or a TOML, URDF or MJCF file, whose bodies are `free` or not; without `solid`
-    the triangles of mesh files are taken as they are. Raises UnknownNameError for no such file, mesh, or joint;
-    InputError for a file that cannot be used, or bodies that begin inside each other.
+    `word` is a name of the catalogue, or a TOML, URDF or MJCF file, whose bodies are `free` or not; `solid` is as for
+    `hhsim.mesh.mesh.load_mesh`, but None makes solids of free bodies. Raises UnknownNameError for no such file, mesh,
+    or joint; InputError for a file that cannot be used, or bodies that begin inside each other.
     """
     path = Path(word)
     if names_a_linkage(path):
@@ -297,10 +297,10 @@ def load_bodies(
     return found
 
 
-def _usual_level(bodies: Sequence[BodySettings], solid: bool) -> int:
-    """Return the usual level of the trees of bodies, of which corners meet each other without `solid`."""
+def _usual_level(bodies: Sequence[BodySettings], solid: bool | None) -> int:
+    """Return the usual level of the trees of bodies, of which corners meet each other if `solid` is False."""
     surfaces = [body for body in bodies if body.plane is None]
-    many = solid and len(surfaces) > 1 and any(body.is_free for body in surfaces)
+    many = solid is not False and len(surfaces) > 1 and any(body.is_free for body in surfaces)
     return LEVEL_OF_MANY if many else MESH_LEVEL
 
 
@@ -317,11 +317,12 @@ def _moved(bodies: Sequence[BodySettings], motion: object, word: str) -> tuple[B
     return BodyFile(tuple(structs.replace(body, joint=joints.get(body.name)) for body in bodies)).body
 
 
-def _mesh(body: BodySettings, folder: Path, solid: bool) -> Mesh:
+def _mesh(body: BodySettings, folder: Path, solid: bool | None) -> Mesh:
     """Load the mesh of a body, in its own frame [m]; InputError names the body."""
     if body.box is not None:
         return box_mesh(body.box, body.name)
     known = body.mesh in object_names()
+    solid = True if solid is None and body.is_free else solid
     with named(f"body '{body.name}'"):
         mesh, _ = resolve_object(body.mesh if known else folder / body.mesh, body.unit, solid=solid)
     return replace(mesh, name=body.name)
@@ -342,7 +343,7 @@ def load_object(
     unit: str | None = None,
     size: float | None = None,
     thickness: float | None = None,
-    solid: bool = True,
+    solid: bool | None = None,
     free: Mapping[str, Any] | None = None,
 ) -> DeclaredBodies:
     """Load what OBJECT means: a name of the catalogue, a mesh file, a URDF or MJCF, a file of bodies, or a mesh [m].

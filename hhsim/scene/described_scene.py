@@ -18,6 +18,7 @@ from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import SIDES, HandModel, Side
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.linkage.file import names_a_linkage
+from hhsim.linkage.object_mesh import solid_for
 from hhsim.mesh.catalogue import names_a_file, object_description
 from hhsim.mesh.file import read_triangles
 from hhsim.mesh.mesh import METRES_PER_UNIT, Mesh
@@ -82,6 +83,7 @@ class SceneWords(Settings, frozen=True, kw_only=True):
     unit: str | None = None  # unit of a mesh file
     size_mm: float | None = None  # its longest extent [mm]
     thickness_mm: float | None = None  # thickness of its open parts' sheets [mm]
+    solid: bool = False  # True if it is closed to a solid
     level: Annotated[int, between(1, MOST_LEVEL)] | None = None  # level of the tree
     max_error: Annotated[float, between(1e-6, 1.0)] | None = None  # error that the level was chosen by [m]
     tree: str | None = None  # file of the tree
@@ -135,7 +137,7 @@ class LoadedWords:
     words: SceneWords
     motions: tuple[Motion, ...]  # of one hand, or of the right and the left one
     bodies: DeclaredBodies
-    solid: bool  # False takes triangles as they are
+    solid: bool | None  # False takes triangles as they are
 
     @property
     def hands(self) -> list[HandModel]:
@@ -183,23 +185,25 @@ class LoadedWords:
 
 
 def load_scene(
-    words: SceneWords, *, solid: bool = True, fingers: Sequence[str] = FINGERS, report: Progress = silent
+    words: SceneWords, *, surface: str = "spheres", fingers: Sequence[str] = FINGERS, report: Progress = silent
 ) -> PlacedScene:
     """Make the scene that words name.
 
-    Without `solid` triangles are taken as they are, for the surface mesh. Raises UnknownNameError for no such object,
-    trajectory or joint; InputError for a file or words that cannot be used, or do not go together; TrajectoryError for
-    a motion that cannot be done on this object.
+    Triangles are taken as they are for the surface `mesh`; for spheres a mesh that is no solid is a skin. Raises
+    UnknownNameError for no such object, trajectory or joint; InputError for a file or words that cannot be used, or do
+    not go together; TrajectoryError for a motion that cannot be done on this object.
     """
-    return load_words(words, solid=solid).placed(fingers, report)
+    return load_words(words, surface=surface).placed(fingers, report)
 
 
-def load_words(words: SceneWords, *, solid: bool = True, motions: Sequence[Motion] | None = None) -> LoadedWords:
+def load_words(words: SceneWords, *, surface: str = "spheres", motions: Sequence[Motion] | None = None) -> LoadedWords:
     """Load the motions, unless they are given, and the bodies that words name; errors as `load_scene`."""
     motions = _motions(words) if motions is None else tuple(motions)
     size, thickness = (None if given is None else 1e-3 * given for given in (words.size_mm, words.thickness_mm))
     links = None if words.free is None or not names_a_linkage(words.object) else words.free.given()
     about: dict[str, Any] = {"unit": words.unit, "size": size, "thickness": thickness, "free": links}
+    # What is free has a mass.
+    solid = solid_for(surface, words.solid or (surface == "spheres" and words.free is not None and links is None))
     bodies = load_object(words.object, next(iter(motions), None), solid=solid, **about)
     if len(bodies.solid) > 1 and ((words.free is not None and links is None) or words.tree is not None):
         raise InputError(f"--free, --tree and --rerun are for one object, not for '{words.object}'")
@@ -270,6 +274,7 @@ def described_scene(
         "tree_options": dict(bodies.tree.options),
         "place_object": placed.place,
         "placement": placed.to_json(),
+        **({"solid": True} if words.solid else {}),
         **({} if words.ticks is None else {"ticks": words.ticks}),
         **({} if words.reading is None else {"reading": words.reading}),
         # Files of objects that stand still by themselves do not mention it.

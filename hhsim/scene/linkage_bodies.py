@@ -29,7 +29,7 @@ Motions = Mapping[str, Sequence[Keyframe]]
 
 
 def linkage_bodies(
-    path: Path, motion: object = None, *, free: Mapping[str, Any] | None = None, solid: bool = True
+    path: Path, motion: object = None, *, free: Mapping[str, Any] | None = None, solid: bool | None = None
 ) -> tuple[tuple[BodySettings, ...], dict[str, Mesh]]:
     """Return the links of a URDF or MJCF file as bodies, and their meshes [m] by their names, each in its own frame.
 
@@ -38,7 +38,7 @@ def linkage_bodies(
         motion: A script may move joints.
         free: None where everything stands but what the motion moves; else `mass`, `density`, `friction`, `torsion` of
             the only link in place of the file's [kg, kg/m³, 1, m], and `table`: under, none, or a height [m].
-        solid: False takes the triangles as they are.
+        solid: As for `hhsim.scene.declared_bodies.load_bodies`.
 
     Raises:
         InputError: As `read_linkage`; values of joints beyond their limits, driven joints on what is free, or `free`
@@ -60,7 +60,10 @@ def linkage_bodies(
             if plane != NONE:
                 name = "table" if all(body.name != "table" for body in bodies) else "table-under-all"
                 bodies.append(BodySettings(name=name, plane=plane))
-        meshes = {link.name: link_mesh(linkage, link.name, str(path), solid) for link in linkage.links}
+        solids = {body.name for body in bodies if solid or (solid is None and body.is_free)}
+        meshes = {
+            link.name: link_mesh(linkage, link.name, str(path), link.name in solids or solid) for link in linkage.links
+        }
         first = linkage.links[0].name
         meshes[first] = replace(meshes[first], warnings=(*meshes[first].warnings, *notes))
         return BodyFile(tuple(bodies)).body, meshes

@@ -19,10 +19,8 @@ from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.motion_catalogue import Motion, resolve_trajectory
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import planned, synthesize
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
-from hhsim.trees.triangle_tree import tree_of_any
+from hhsim.trees.triangle_tree import chosen_tree
 
 TABLE = "table"
 """Name of the plane under a body that is made free."""
@@ -227,9 +225,9 @@ def make_scene(mesh: Mesh, tree: SphereTree, hand: HandModel, motion: Motion, **
     return scene_of(DeclaredBodies.of_mesh(mesh, tree), [hand], [motion], **others)
 
 
-def tree_maker(level: int, *, solid: bool = True) -> Any:
+def tree_maker(level: int, *, solid: bool | None = None) -> Any:
     """Return what makes the sphere tree of a mesh, or takes it from the cache; see `open_scene`."""
-    return lambda mesh: cached_sphere_tree(mesh, TreeOptions(level=level)) if solid else tree_of_any(mesh, level)
+    return lambda mesh: chosen_tree(mesh, level, solid=solid)[0]
 
 
 def open_scene(
@@ -238,7 +236,7 @@ def open_scene(
     *,
     unit: str | None = None,
     size: float | None = None,
-    solid: bool = True,
+    solid: bool | None = None,
     level: int | None = None,
     hand: HandModel | Side | None = None,
     rate: float = 1000.0,
@@ -252,7 +250,8 @@ def open_scene(
         motion: A name (`hhsim trajectories`), a script (.toml), a recording, a result, or a loaded motion.
         unit: Length unit of a mesh file, as for `hhsim.mesh.mesh.load_mesh`: m, cm, mm or inch; None is m.
         size: Longest extent that a mesh file is scaled to [m]; None leaves it as it is.
-        solid: False takes the triangles of a mesh file as they are, for `SolverOptions(surface="mesh")`.
+        solid: True closes a mesh file to a solid, None covers what is none as a skin, and False takes its triangles as
+            they are, for `SolverOptions(surface="mesh")`.
         level: Level of the leaves of the tree of each body, 1 to 5; None is the object's own, 3 or 4.
         hand: A model, or right or left for the default hand of that side; None is the motion's side.
         rate: Ticks per second [Hz].

@@ -1,4 +1,4 @@
-"""Engine of `coupled` with free objects: hands and things in one program, with friction and a table."""
+"""Engine of `coupled` with free objects: hands and bodies in one program, with friction and a table."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -16,9 +16,9 @@ from hhsim.kernels.free.body import HINGE, OBJECT_DOF, SLIDER, Support
 from hhsim.kernels.free.edges import EDGE_PAIRS, Edges
 from hhsim.kernels.free.meeting import SEEN
 from hhsim.kernels.free.pairs import Free
-from hhsim.kernels.free.record import ObjectRecord, ThingsRecord, WorldRecord
+from hhsim.kernels.free.record import BodiesRecord, ObjectRecord, WorldRecord
 from hhsim.kernels.free.rows import SLACKS, friction_count
-from hhsim.kernels.free.state import MOST_HANDS, MOST_THINGS, world_dtype
+from hhsim.kernels.free.state import MOST_BODIES, MOST_HANDS, world_dtype
 from hhsim.kernels.free.tick import run_many
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration
@@ -29,14 +29,14 @@ from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.reproducible import across, matmul, principal_axes
-from hhsim.solver.free_object import FreeObject, Hinge, Slider, Thing, require_free
+from hhsim.solver.free_object import EngineBody, FreeObject, Hinge, Slider, require_free
 from hhsim.solver.options import UNLIMITED
 from hhsim.solver.workspace import TickWorkspace, fresh_state, tick_record, zeroed
 from hhsim.trees.contact_surface import ContactSurface
 from hhsim.trees.hierarchy import build_hierarchy
 
 MOST_POINTS = 1024
-"""Most corners or spheres by which a thing meets another one: as many as a palm may have."""
+"""Most corners or spheres by which a body meets another one: as many as a palm may have."""
 FLAT = 1e-9
 """Faces that turn by less than this at an edge go on in one plane, or are a groove."""
 BRANCHING = 8
@@ -45,11 +45,11 @@ NO_EDGES = Edges(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2
 BELOW = 1e-6
 """Largest depth [m] of an object in the table at the start: rounding."""
 STILL = 1.0, (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-"""Mass, centre and inertia of a thing that nothing is free beside."""
+"""Mass, centre and inertia of a body that nothing is free beside."""
 HAPTIC_SHAPES = ((3,), (4,), (5, 3), (5,))
 """Shapes of what a `HapticBlock` has of each tick."""
 HEAVY = 1e6
-"""Mass [kg] and moment of inertia [kg·m²] of a driven thing: 100 N move it by 0.1 nm in a tick of 1 ms."""
+"""Mass [kg] and moment of inertia [kg·m²] of a driven body: 100 N move it by 0.1 nm in a tick of 1 ms."""
 
 
 def support_of(surface: ContactSurface) -> Support:
@@ -72,11 +72,11 @@ def support_of(surface: ContactSurface) -> Support:
 
 
 def _as_palm(hand: HandArrays, surface: Any, center: FloatArray) -> HandArrays:
-    """Return a thing as a palm about its centre: its leaf spheres, or the corners of its mesh."""
+    """Return a body as a palm about its centre: its leaf spheres, or the corners of its mesh."""
     points, radius = support_of(ContactSurface(surface))
     if len(points) > MOST_POINTS:
         expected = f"expected up to {MOST_POINTS:,}, of a tree of a lower level, or the surface mesh"
-        raise InputError(f"a thing beside others has {len(points):,} corners or spheres; {expected}")
+        raise InputError(f"a body beside others has {len(points):,} corners or spheres; {expected}")
     level = next(level for level in count(1) if BRANCHING**level >= len(points))
     return hand._replace(**palm_arrays(build_hierarchy(points - center, radius, level, BRANCHING), hand.length))
 
@@ -101,7 +101,7 @@ def _about(axis: FloatArray) -> FloatArray:
 
 
 class FreeEngine:
-    """Runs the ticks of one or two hands and free objects; `ticks` has the record of the first, `things` of all.
+    """Runs the ticks of one or two hands and free objects; `ticks` has the record of the first, `bodies` of all.
 
     With None for `free` nothing moves: the states of the pairs are then those of the hands' workspaces.
     """
@@ -111,30 +111,30 @@ class FreeEngine:
         workspace: TickWorkspace,
         free: FreeObject | None,
         second: TickWorkspace | None = None,
-        others: Sequence[Thing] = (),
+        others: Sequence[EngineBody] = (),
     ) -> None:
         if free is not None:
             require_free(workspace.options)
         self.workspace = workspace
         first = ContactSurface(workspace.surface, (), workspace.mesh, workspace.tree)
-        still = Thing(first, FreeObject(*STILL, friction=0.0), fixed=True)
-        self.things = (still if free is None else Thing(first, free, name=free.name), *others)
+        still = EngineBody(first, FreeObject(*STILL, friction=0.0), fixed=True)
+        self.bodies = (still if free is None else EngineBody(first, free, name=free.name), *others)
         self.hands = (workspace,) if second is None else (workspace, second)
-        surfaces = [thing.surface.arrays for thing in self.things]
+        surfaces = [body.surface.arrays for body in self.bodies]
         for hand in self.hands:
             hand.beside = tuple(surfaces[1:])
-        hands, things = len(self.hands), len(self.things)
-        if things > MOST_THINGS:
-            raise InputError(f"{things} things; expected up to {MOST_THINGS}")
+        hands, bodies = len(self.hands), len(self.bodies)
+        if bodies > MOST_BODIES:
+            raise InputError(f"{bodies} bodies; expected up to {MOST_BODIES}")
         world, pairs = zeroed(world_dtype()), self._find_pairs()
         self.world, problem, friction = world[0], world[0].problem, world[0].friction
         self.qp = new_work(len(problem.delta), len(problem.rhs))
         springs, modelled = workspace.options.stiffness.diagonal(), workspace.options.modelled()
         self.states = fresh_state(workspace.states.dtype, springs, modelled, pairs)
-        supports = [support_of(thing.surface) if thing.moves_freely else NO_SUPPORT for thing in self.things]
+        supports = [support_of(body.surface) if body.moves_freely else NO_SUPPORT for body in self.bodies]
         movers, edges = [hand.hand for hand in self.hands], [NO_EDGES]
         if others:
-            placed = list(zip(surfaces, map(self._center, self.things)))
+            placed = list(zip(surfaces, map(self._center, self.bodies)))
             movers += [_as_palm(workspace.hand, *given) for given in placed]
             edges = [_edges_of(*given) for given in placed]
         if free is None:
@@ -143,21 +143,21 @@ class FreeEngine:
                 hand.use(self.states[h : h + 1])
         self.method = Free(
             workspace.tick_options,
-            filled(supports, MOST_THINGS),
+            filled(supports, MOST_BODIES),
             self.states,
             world,
             zeroed(EDGE_PAIRS, pairs),
-            filled(movers, MOST_HANDS + MOST_THINGS),
-            filled(surfaces, MOST_THINGS),
-            filled(edges, MOST_THINGS),
+            filled(movers, MOST_HANDS + MOST_BODIES),
+            filled(surfaces, MOST_BODIES),
+            filled(edges, MOST_BODIES),
         )
         self.ticks = object_record(0)
-        self.all_ticks: ThingsRecord | None = None
+        self.all_ticks: BodiesRecord | None = None
         self._ticks = 0
         self._name_pairs()
         if free is None:
             problem.surface[:hands] = range(hands)
-        problem.hands, problem.things, friction.room = hands, things, friction_count(things)
+        problem.hands, problem.bodies, friction.room = hands, bodies, friction_count(bodies)
         problem.slacks = 0
         self._name_columns()
         self.world.seen, self.world.within = SEEN, workspace.options.margin
@@ -165,111 +165,111 @@ class FreeEngine:
             self.world.seen = workspace.options.margin
         self.world.meeting.reach[:hands] = [hand_reach(hand.hand) for hand in self.hands]
         problem.inverse_root[:] = self.states[0].problem.inverse_root
-        for k, (thing, support, body) in enumerate(zip(self.things, supports, self.world.bodies)):
-            self._place(thing, support, body)
-            bearer = self._bearer(thing)
+        for k, (body, support, record) in enumerate(zip(self.bodies, supports, self.world.bodies)):
+            self._place(body, support, record)
+            bearer = self._bearer(body)
             if bearer is not None:
-                body.pair = self._pairs.index((0, k, bearer))
-                self._join_pair(thing.free.joint, thing.free, body)
-                problem.slacks = SLACKS if body.joint_friction > 0.0 else problem.slacks
-            elif thing.free.joint is not None and not thing.fixed:
-                self._join(thing.free, thing.free.joint, body)
+                record.pair = self._pairs.index((0, k, bearer))
+                self._join_pair(body.free.joint, body.free, record)
+                problem.slacks = SLACKS if record.joint_friction > 0.0 else problem.slacks
+            elif body.free.joint is not None and not body.fixed:
+                self._join(body.free, body.free.joint, record)
             # As if the tick before had ended with these velocities: by them it is foreseen what slips.
             column = problem.column[k]
-            step = body.period * np.concatenate([body.velocity, body.spin])
+            step = record.period * np.concatenate([record.velocity, record.spin])
             self.world.safe_total[column : column + 6] = step
 
     def _name_columns(self) -> None:
-        """Give each palm and each thing that moves its columns; a fixed thing has those behind all others."""
+        """Give each palm and each body that moves its columns; a fixed body has those behind all others."""
         problem = self.world.problem
         palms = [problem.palm[h : h + 1] for h in range(len(self.hands))]
-        moving = [problem.column[k : k + 1] for k, thing in enumerate(self.things) if not thing.fixed]
+        moving = [problem.column[k : k + 1] for k, body in enumerate(self.bodies) if not body.fixed]
         problem.column[:] = len(problem.delta) - OBJECT_DOF
-        begins_moving = not self.things[0].fixed
+        begins_moving = not self.bodies[0].fixed
         order = [palms[0], *moving[:begins_moving], *palms[1:], *moving[begins_moving:]]
         for number, column in enumerate(order):
             column[0] = 6 * number
         problem.width = 6 * len(order)
 
     def _find_pairs(self) -> int:
-        """Find the pairs, the hands and the first thing first; return how many."""
-        hands, things = range(len(self.hands)), range(len(self.things))
-        self._pairs = [(h, -1, 0) for h in hands] + [(h, -1, k) for h in hands for k in things[1:]]
-        for other, one in enumerate(self.things):
+        """Find the pairs, the hands and the first body first; return how many."""
+        hands, bodies = range(len(self.hands)), range(len(self.bodies))
+        self._pairs = [(h, -1, 0) for h in hands] + [(h, -1, k) for h in hands for k in bodies[1:]]
+        for other, one in enumerate(self.bodies):
             bearer = self._bearer(one)
-            self._pairs += [(0, other, k) for k in things if k == bearer or self._may_meet(one, self.things[k])]
+            self._pairs += [(0, other, k) for k in bodies if k == bearer or self._may_meet(one, self.bodies[k])]
         return len(self._pairs)
 
     def _name_pairs(self) -> None:
         """Say what each pair is of."""
         problem, count = self.world.problem, len(self._pairs)
-        problem.hand[:count], problem.other[:count], problem.thing[:count] = np.array(self._pairs).T
-        problem.surface[:count], problem.pairs = problem.thing[:count], count
-        for state, (_, other, thing) in zip(self.states, self._pairs):
+        problem.hand[:count], problem.other[:count], problem.body[:count] = np.array(self._pairs).T
+        problem.surface[:count], problem.pairs = problem.body[:count], count
+        for state, (_, other, body) in zip(self.states, self._pairs):
             if other >= 0:
                 state.modelled[:] = False
-                state.modelled[PALM_BODY] = self._may_meet(self.things[other], self.things[thing])
+                state.modelled[PALM_BODY] = self._may_meet(self.bodies[other], self.bodies[body])
 
     @staticmethod
-    def _may_meet(one: Thing, two: Thing) -> bool:
-        """Return True if one of two things moves freely, and no joint bears one on the other, through which it goes."""
+    def _may_meet(one: EngineBody, two: EngineBody) -> bool:
+        """Return True if one of two bodies moves freely, and no joint bears one on the other, through which it goes."""
         if one is two:
             return False
         bears = ((a.free.joint.on if a.free.joint else "", b.name) for a, b in ((one, two), (two, one)))
         joined = any(on != "" and on == name for on, name in bears)
         return not joined and (one.moves_freely or two.moves_freely)
 
-    def _bearer(self, thing: Thing) -> int | None:
-        """Return the number of the free thing that bears a thing's joint; None for a fixed one, or the world."""
-        on = thing.free.joint.on if thing.free.joint and not thing.fixed else ""
-        return next((k for k, one in enumerate(self.things) if on and one.name == on and not one.fixed), None)
+    def _bearer(self, body: EngineBody) -> int | None:
+        """Return the number of the free body that bears a body's joint; None for a fixed one, or the world."""
+        on = body.free.joint.on if body.free.joint and not body.fixed else ""
+        return next((k for k, one in enumerate(self.bodies) if on and one.name == on and not one.fixed), None)
 
     def _driven(self, ticks: int) -> FloatArray:
-        """Return position [m] and orientation of each thing's centre in the next ticks, (K, B, 7), 0 unless driven."""
-        poses = np.zeros((len(self.things), ticks, 7))
-        for pose, thing in zip(poses, self.things):
-            if thing.motion is not None:
-                motion = thing.motion.at(np.minimum(self._ticks + np.arange(ticks), len(thing.motion.turn) - 1))
-                pose[:, :3], pose[:, 3:] = motion.points(np.tile(self._center(thing), (ticks, 1))), motion.turn
+        """Return position [m] and orientation of each body's centre in the next ticks, (K, B, 7), 0 unless driven."""
+        poses = np.zeros((len(self.bodies), ticks, 7))
+        for pose, body in zip(poses, self.bodies):
+            if body.motion is not None:
+                motion = body.motion.at(np.minimum(self._ticks + np.arange(ticks), len(body.motion.turn) - 1))
+                pose[:, :3], pose[:, 3:] = motion.points(np.tile(self._center(body), (ticks, 1))), motion.turn
         self._ticks += ticks
         return poses
 
-    def _center(self, thing: Thing) -> FloatArray:
-        """Return the point about which a thing turns [m], world at the start, shape (3,)."""
-        return thing.free.pivot if self._bearer(thing) is None else np.array(thing.free.center)
+    def _center(self, body: EngineBody) -> FloatArray:
+        """Return the point about which a body turns [m], world at the start, shape (3,)."""
+        return body.free.pivot if self._bearer(body) is None else np.array(body.free.center)
 
-    def _place(self, thing: Thing, support: Support, body: Any) -> None:
-        free, period, offset = thing.free, self.workspace.options.period, self.workspace.options.offset
+    def _place(self, body: EngineBody, support: Support, record: Any) -> None:
+        free, period, offset = body.free, self.workspace.options.period, self.workspace.options.offset
         # Right-handed, or the gyroscopic term would have the other sign.
         moment, axes = principal_axes(free.inertia)
-        body.is_free, body.is_driven = not thing.fixed, thing.motion is not None
-        body.period = period
-        body.center[:] = body.position[:] = self._center(thing)
-        body.axes[:] = axes.T
-        body.moment[:] = moment
+        record.is_free, record.is_driven = not body.fixed, body.motion is not None
+        record.period = period
+        record.center[:] = record.position[:] = self._center(body)
+        record.axes[:] = axes.T
+        record.moment[:] = moment
         # Damping at the end of the step weighs as mass: forces balance as they would without it.
-        damped = 0.0 if thing.fixed else period / np.sqrt(1.0 + free.damping * period)
-        body.inverse_root[:3] = damped / np.sqrt(free.mass)
-        body.inverse_root[3:] = damped / np.sqrt(moment)
-        body.gravity[:] = free.gravity
-        body.damping = free.damping
-        body.friction, body.torsion = free.friction, free.torsion
-        if thing.motion is not None:
-            body.inverse_root[:] = period / np.sqrt(HEAVY)
-        body.has_table = free.table is not None and thing.moves_freely
-        body.table = 0.0 if free.table is None else free.table
-        body.table_friction = free.of_table
-        body.orientation[0] = 1.0
-        body.rotation[:] = np.eye(3)
-        body.velocity[:] = free.velocity
-        body.spin[:] = matmul(axes.T, free.angular_velocity)
-        if not body.has_table:
+        damped = 0.0 if body.fixed else period / np.sqrt(1.0 + free.damping * period)
+        record.inverse_root[:3] = damped / np.sqrt(free.mass)
+        record.inverse_root[3:] = damped / np.sqrt(moment)
+        record.gravity[:] = free.gravity
+        record.damping = free.damping
+        record.friction, record.torsion = free.friction, free.torsion
+        if body.motion is not None:
+            record.inverse_root[:] = period / np.sqrt(HEAVY)
+        record.has_table = free.table is not None and body.moves_freely
+        record.table = 0.0 if free.table is None else free.table
+        record.table_friction = free.of_table
+        record.orientation[0] = 1.0
+        record.rotation[:] = np.eye(3)
+        record.velocity[:] = free.velocity
+        record.spin[:] = matmul(axes.T, free.angular_velocity)
+        if not record.has_table:
             return
-        lowest = float((support.point[:, 2] - support.radius).min()) - body.table
+        lowest = float((support.point[:, 2] - support.radius).min()) - record.table
         if lowest < -BELOW:
-            depth, height = f"{-1e3 * lowest:.3g} mm below", f"z = {1e3 * (lowest + body.table):.6g} mm or lower"
+            depth, height = f"{-1e3 * lowest:.3g} mm below", f"z = {1e3 * (lowest + record.table):.6g} mm or lower"
             raise InputError(f"the object begins {depth} the table: put the table at {height}")
-        body.position[2] += max(0.0, offset - lowest)
+        record.position[2] += max(0.0, offset - lowest)
 
     @staticmethod
     def _join(free: FreeObject, joint: Hinge | Slider, body: Any) -> None:
@@ -320,24 +320,24 @@ class FreeEngine:
         if not self._fits():
             raise workspace.full()
         problem = world.problem
-        for state, thing, other in zip(self.states, problem.thing, problem.other):
+        for state, body, other in zip(self.states, problem.body, problem.other):
             depth = -float(state.candidates.nearest[PALM_BODY])
             if other >= 0 and depth > 0.0:
-                one, two = (self.things[k].name or "the first thing" for k in (other, thing))
-                raise InputError(f"{one} begins {1e3 * depth:.3g} mm inside {two}; expected things beside each other")
+                one, two = (self.bodies[k].name or "the first body" for k in (other, body))
+                raise InputError(f"{one} begins {1e3 * depth:.3g} mm inside {two}; expected bodies beside each other")
 
     def _fits(self) -> bool:
         """Take all as it stands; return whether what is near fits into the arrays."""
         # By the function of the ticks: a second one that takes the method costs seconds of compilation.
         hands = range(len(self.hands))
         haptic = [HapticBlock(*(np.zeros((0, *shape)) for shape in HAPTIC_SHAPES)) for _ in hands]
-        done, _ = self._run(self.method, haptic, [tick_record(0) for _ in hands], np.zeros((len(self.things), 0, 7)))
+        done, _ = self._run(self.method, haptic, [tick_record(0) for _ in hands], np.zeros((len(self.bodies), 0, 7)))
         return done == 0
 
     def approach(self, linearisations: int) -> None:
         """Bring the hands from free places as near to the user's as so many linearisations of one tick can.
 
-        It is beside things that stand still and do not rub. Raises HhsimError where more pairs were near than fit.
+        It is beside bodies that stand still and do not rub. Raises HhsimError where more pairs were near than fit.
         """
         world = self.world
         bodies, problem, total = world.bodies, world.problem, world.safe_total.copy()
@@ -351,7 +351,7 @@ class FreeEngine:
         records = [tick_record(1) for _ in self.hands]
         options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED)
         method = self.method._replace(options=options)
-        self._run(method, haptic, records, np.zeros((len(self.things), 1, 7)))
+        self._run(method, haptic, records, np.zeros((len(self.bodies), 1, 7)))
         if records[0].status[0] & STATUS_CAPACITY_EXCEEDED:
             raise self.workspace.full()
         for state, hand in zip(self.states, self.hands):
@@ -367,10 +367,10 @@ class FreeEngine:
         self, haptic: tuple[HapticBlock, ...], record: tuple[TickRecord, ...], ticks: ObjectRecord | None = None
     ) -> int:
         """Run the ticks of all hands and bodies, whose program is one; return those done."""
-        things = len(self.things)
+        bodies = len(self.bodies)
         done, own = self._run(self.method, haptic, record, self._driven(len(haptic[0].position)), ticks)
-        self.all_ticks = of_each(own) if things > 1 else None
-        self.ticks = of_each(own).things[0] if self.all_ticks is None else of_first(self.all_ticks)
+        self.all_ticks = of_each(own) if bodies > 1 else None
+        self.ticks = of_each(own).bodies[0] if self.all_ticks is None else of_first(self.all_ticks)
         return done
 
     def _run(
@@ -382,11 +382,11 @@ class FreeEngine:
         ticks: ObjectRecord | None = None,
     ) -> tuple[int, WorldRecord]:
         """Run ticks by a method; return those done, and the record of the bodies: of one, in `ticks` if given."""
-        count, things = len(haptic[0].position), len(self.things)
-        bodies = world_record(things, count, ticks)
+        count = len(haptic[0].position)
+        bodies = world_record(len(self.bodies), count, ticks)
         # As many rows as there are in all: those of a tick may follow on those of the ticks before it.
         rows = len(bodies.body)
-        own = WorldRecord(bodies, np.zeros(rows, np.int64), np.zeros((rows, 3)), np.zeros((things, count, 6)))
+        own = WorldRecord(bodies, np.zeros(rows, np.int64), np.zeros((rows, 3)), np.zeros((len(self.bodies), count, 6)))
         given, written = HapticBlock(*map(_of_all, zip(*haptic))), TickRecord(*map(_of_all, zip(*record)))
         done = int(run_many(method, self.states, self.qp, given, written, own, driven))
         if len(record) > 1:
@@ -416,13 +416,13 @@ def _of_all(values: Sequence[AnyArray]) -> AnyArray:
     return values[0][None] if len(values) == 1 else np.stack(values)
 
 
-def world_record(things: int, ticks: int, one: ObjectRecord | None = None) -> ObjectRecord:
+def world_record(bodies: int, ticks: int, one: ObjectRecord | None = None) -> ObjectRecord:
     """Return the record of bodies in a block of ticks, with the body first where it is of motion or wrenches.
 
     That of the only body is `one`, where it is given.
     """
     first, moved = one or object_record(ticks), ObjectRecord._fields.index("contact")
-    moving = (values[None] if things == 1 else np.zeros((things, *values.shape)) for values in first[:moved])
+    moving = (values[None] if bodies == 1 else np.zeros((bodies, *values.shape)) for values in first[:moved])
     return ObjectRecord._make([*moving, *first[moved:]])
 
 
@@ -449,27 +449,27 @@ def object_record(ticks: int) -> ObjectRecord:
     )
 
 
-def of_each(record: WorldRecord) -> ThingsRecord:
+def of_each(record: WorldRecord) -> BodiesRecord:
     """Return the record of each body, as views."""
     moved = ObjectRecord._fields.index("contact")
     own, shared = record.bodies[:moved], record.bodies[moved:]
-    return ThingsRecord(tuple(ObjectRecord(*rows, *shared) for rows in zip(*own)), *record[1:])
+    return BodiesRecord(tuple(ObjectRecord(*rows, *shared) for rows in zip(*own)), *record[1:])
 
 
-def of_first(record: ThingsRecord) -> ObjectRecord:
-    """Return the record of the first thing with its own contacts; other things count as the table does.
+def of_first(record: BodiesRecord) -> ObjectRecord:
+    """Return the record of the first body with its own contacts; other bodies count as the table does.
 
-    Where it meets another thing `body` is -2 less that one's number, and normal and forces are on the first thing.
+    Where it meets another body `body` is -2 less that one's number, and normal and forces are on the first body.
     """
-    first = record.things[0]
+    first = record.bodies[0]
     count = int(first.contact[-1])
     other = -2 - first.body[:count]
-    on_first, by_first = record.thing[:count] == 0, other == 0
+    on_first, by_first = record.contact_body[:count] == 0, other == 0
     chosen = np.flatnonzero(on_first | by_first)
-    # Where another thing touches the first one, what is stated is on the other.
+    # Where another body touches the first one, what is stated is on the other.
     sign = np.where(on_first & (other >= 0), -1.0, 1.0)[chosen, None]
     tick = np.repeat(np.arange(len(first.turn)), np.diff(first.contact))[chosen]
-    body = np.where(by_first, -2 - record.thing[:count], first.body[:count])[chosen]
+    body = np.where(by_first, -2 - record.contact_body[:count], first.body[:count])[chosen]
     rows = {name: getattr(first, name)[chosen] for name in ("normal_force", "torsional_moment", "slip")}
     point = np.where(by_first[:, None], record.other_point[:count], first.point[:count])[chosen]
     return first._replace(
@@ -479,7 +479,7 @@ def of_first(record: ThingsRecord) -> ObjectRecord:
         normal=sign * first.normal[chosen],
         friction_force=sign * first.friction_force[chosen],
         contact=np.searchsorted(tick, np.arange(len(first.turn) + 1)),
-        table_wrench=first.table_wrench + record.thing_wrench[0],
+        table_wrench=first.table_wrench + record.body_wrench[0],
     )
 
 

@@ -51,7 +51,7 @@ class _Joint:
 
 @dataclass(frozen=True)
 class Hinge(_Joint):
-    """Hinge of a free object, in the world or on another thing, about which alone it turns."""
+    """Hinge of a free object, in the world or on another body, about which alone it turns."""
 
     KIND: ClassVar[JointType] = "hinge"
     VALUES = ("angles", np.pi, "rad", "π")
@@ -60,7 +60,7 @@ class Hinge(_Joint):
     origin: Triple  # a point of the axis [m], world
     limits: tuple[float, float] | None = None  # least and greatest angle from the first tick on [rad], within ±π
     friction: float = 0.0  # largest moment of its dry friction [N·m]
-    on: str = ""  # name of the thing that bears it, which the object goes through; "": the world
+    on: str = ""  # name of the body that bears it, which the object goes through; "": the world
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -70,7 +70,7 @@ class Hinge(_Joint):
 
 @dataclass(frozen=True)
 class Slider(_Joint):
-    """Slider of a free object, in the world or on another thing, along which alone it moves."""
+    """Slider of a free object, in the world or on another body, along which alone it moves."""
 
     KIND: ClassVar[JointType] = "slider"
     VALUES = ("ways", 100.0, "m", "100")
@@ -91,7 +91,7 @@ class FreeObject(Free):
     table_friction: float | None = None  # μ of table and object; None: as `friction`
     hinge: Hinge | None = None  # without a hinge or a slider it moves in all directions
     slider: Slider | None = None
-    name: str = ""  # by which joints of other things are on it
+    name: str = ""  # by which joints of other bodies are on it
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -142,7 +142,7 @@ class FreeObject(Free):
         return typed(values, cls, "free object")
 
 
-class Thing(NamedTuple):
+class EngineBody(NamedTuple):
     """Object of a scene of several: surface, in the world at first, and properties.
 
     Of a fixed one, and of a driven one, which goes by its motion since the first tick, only friction counts.

@@ -29,7 +29,7 @@ from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSI
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import penetration
 from hhsim.reproducible import norm
-from hhsim.solver.free_object import FreeObject, Thing
+from hhsim.solver.free_object import EngineBody, FreeObject
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.linearising_engine import LinearisingEngine, require_jointed
 from hhsim.solver.method import Engine
@@ -64,7 +64,7 @@ class HandSolver:
         options: Method, stiffness and lengths.
         free: Physical properties of a free object. `surface` is then its place at the start; ticks are given in the
             world and returned as seen from the object, whose own motion is in `object_ticks`.
-        others: Further things beside a free object. A hand that begins in one of them is freed of it, too.
+        others: Further bodies beside a free object. A hand that begins in one of them is freed of it, too.
 
     Raises:
         InputError: A method that lacks what it needs, arrays of another surface than the options name, or options that
@@ -77,7 +77,7 @@ class HandSolver:
         surface: Any,
         options: SolverOptions,
         free: FreeObject | None = None,
-        others: Sequence[Thing] = (),
+        others: Sequence[EngineBody] = (),
     ) -> None:
         self.options = options
         self.workspace = TickWorkspace(hand, surface, options)
@@ -129,7 +129,7 @@ class HandSolver:
     def begin(self, haptic: HapticBlock) -> int:
         """Place the graphic hand at the first finite haptic configuration; the first tick does it if nobody has.
 
-        Where that is inside the object or a thing beside it, or its own parts are in each other, start at a free place
+        Where that is inside the object or a body beside it, or its own parts are in each other, start at a free place
         nearby and come as near as possible; a hand whose program is that of others, too, waits there for them. The
         first tick must be given the same input. Returns STATUS_START_INSIDE or 0; raises HhsimError where more pairs
         were near than the arrays hold.
@@ -246,7 +246,7 @@ def clearance(workspace: TickWorkspace) -> float:
 
 
 def _clearances(workspace: TickWorkspace) -> list[float]:
-    """Signed distances [m] to the object, and to each thing beside it."""
+    """Signed distances [m] to the object, and to each body beside it."""
     pose, options = workspace.states[0].pose, workspace.options
     joints = workspace.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
     rotation = np.empty((3, 3))

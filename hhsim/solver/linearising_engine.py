@@ -15,15 +15,15 @@ from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.solver.workspace import TickWorkspace, zeroed
 
 _SOLVED_WITH = {"method": ("coupled", "progressive"), "qp": ("active-set",), "threads": (1,), "force": ("kkt",)}
-"""Options that things of several parts go with."""
+"""Options that bodies of several parts go with."""
 
 
 def require_jointed(options: SolverOptions) -> None:
-    """Raise an InputError unless a thing of several parts can be touched with these options."""
+    """Raise an InputError unless a body of several parts can be touched with these options."""
     for name, expected in _SOLVED_WITH.items():
         if (found := getattr(options, name)) not in expected:
             wanted = " or ".join(map(str, expected))
-            raise InputError(f"{name} {found} has no things of several parts: expected {wanted}")
+            raise InputError(f"{name} {found} has no bodies of several parts: expected {wanted}")
 
 
 class LinearisingEngine:

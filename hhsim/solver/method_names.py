@@ -8,13 +8,13 @@ import hashlib
 import inspect
 import sys
 from collections.abc import Callable
-from functools import cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
 from hhsim.errors import InputError, UnknownNameError
+from hhsim.registry import declared
 from hhsim.solver.method import METHODS, Method
 from hhsim.system.foreign_call import ForeignError, foreign_call
 
@@ -24,10 +24,9 @@ ISOLATED = "isolated:"
 """Prefix of the name of a method from outside that runs in a process of its own."""
 
 
-@cache
 def declared_methods() -> dict[str, EntryPoint]:
     """Return the entry points of installed packages by name, but for hhsim's own names."""
-    return {entry.name: entry for entry in entry_points(group=GROUP) if entry.name not in METHODS}
+    return {name: entry for name, entry in declared(GROUP).items() if name not in METHODS}
 
 
 def method_names() -> list[str]:

@@ -20,7 +20,7 @@ from hhsim.scene.body import Body, Driven, Fixed, Free, HalfSpace
 from hhsim.scene.declared_bodies import joined_tree
 from hhsim.scene.overlap import raised
 from hhsim.scene.scene import Scene
-from hhsim.solver.free_object import FreeObject, Hinge, Slider, Thing
+from hhsim.solver.free_object import EngineBody, FreeObject, Hinge, Slider
 from hhsim.solver.hand_solver import HandSolver, WarmUp, warm_up
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.linearising_engine import require_jointed
@@ -30,7 +30,7 @@ from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
-    from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
+    from hhsim.kernels.free.record import BodiesRecord, ObjectRecord
 
 FAR = 100.0
 """Place of hands that are to touch nothing [m]."""
@@ -68,11 +68,11 @@ class SeenScene:
             return self.parts.surface(kind)
         return contact_surface(kind, self.mesh, self.tree)
 
-    def things(self, kind: str) -> list[Thing]:
+    def bodies(self, kind: str) -> list[EngineBody]:
         """Return the bodies beside a free one."""
         driven = {} if self.parts is None else self.parts.driven
         return [
-            Thing(
+            EngineBody(
                 contact_surface(kind, body.placed_mesh, body.placed_tree), free, fixed, body.name, driven.get(body.name)
             )
             for free, fixed, body in self.others
@@ -198,12 +198,12 @@ class SceneSolver:
         )
         # Each hand has the surface for itself: what is near it is kept with moving parts.
         self.surfaces = tuple(self.seen.surface(kind) for _ in scene.hands)
-        self.things = self.seen.things(kind)
+        self.bodies = self.seen.bodies(kind)
         self.hands = tuple(
-            HandSolver(hand.model, surface, self.options, alone, self.things)
+            HandSolver(hand.model, surface, self.options, alone, self.bodies)
             for hand, surface in zip(scene.hands, self.surfaces)
         )
-        self._world = WorldSolver(self.hands, free, self.things)
+        self._world = WorldSolver(self.hands, free, self.bodies)
 
     def __enter__(self) -> Self:
         return self
@@ -233,7 +233,7 @@ class SceneSolver:
         return self._world.object_ticks(hand)
 
     @property
-    def all_ticks(self) -> "ThingsRecord | None":
+    def all_ticks(self) -> "BodiesRecord | None":
         """Record of all bodies beside a free one in the last ticks; None where there are none."""
         return self._world.all_ticks
 

@@ -75,7 +75,7 @@ class TickWorkspace:
         arrays = made_of.arrays
         surface = begun(arrays) if isinstance(arrays, JointedSurface) else arrays
         self.surface: Any = surface
-        self.beside: tuple[Any, ...] = ()  # surfaces of further things, whose own ticks are not made here
+        self.beside: tuple[Any, ...] = ()  # surfaces of further bodies, whose own ticks are not made here
         self.model = model
         self.mesh, self.tree = made_of.mesh, made_of.tree
         self.hand = model.arrays()
@@ -110,9 +110,9 @@ class TickWorkspace:
             f"{SURFACES[self.options.surface].coarser}"
         )
 
-    def center(self, thing: int = 0) -> FloatArray:
-        """Return a point that a hand in the object, or in a thing beside it, moves away from [m], world, shape (3,)."""
-        surface = (self.surface, *self.beside)[thing]
+    def center(self, body: int = 0) -> FloatArray:
+        """Return a point that a hand in the object, or in a body beside it, moves away from [m], world, shape (3,)."""
+        surface = (self.surface, *self.beside)[body]
         return surface_of(surface).center(getattr(surface, "pieces", surface))
 
     def run_block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> int:

@@ -16,14 +16,14 @@ from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.reproducible import norm
-from hhsim.solver.free_object import FreeObject, Thing
+from hhsim.solver.free_object import EngineBody, FreeObject
 from hhsim.solver.hand_solver import START_LINEARISATIONS, HandSolver, clearance, free_engine, shift_until
 from hhsim.solver.linearising_engine import LinearisingEngine
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, tick_record
 
 if TYPE_CHECKING:
-    from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
+    from hhsim.kernels.free.record import BodiesRecord, ObjectRecord
     from hhsim.solver.free_engine import FreeEngine
 
 FAR = 10.0
@@ -49,14 +49,14 @@ class WorldSolver:
         hands: Solver of one hand, which has all that is free; or of the right and the left one, at one surface where it
             is at first and with the same options: each places its hand at the start.
         free: Physical properties of a free object beside two hands.
-        others: Further things beside it.
+        others: Further bodies beside it.
 
     Raises:
         InputError: Options that a free object does not go with.
     """
 
     def __init__(
-        self, hands: Sequence[HandSolver], free: FreeObject | None = None, others: Sequence[Thing] = ()
+        self, hands: Sequence[HandSolver], free: FreeObject | None = None, others: Sequence[EngineBody] = ()
     ) -> None:
         self.hands, own = tuple(hands), hands[0].engine
         self._spaces = tuple(hand.workspace for hand in hands)
@@ -94,7 +94,7 @@ class WorldSolver:
         return self.engine.seen_by(hand)
 
     @property
-    def all_ticks(self) -> "ThingsRecord | None":
+    def all_ticks(self) -> "BodiesRecord | None":
         """Record of all bodies beside a free one in the last ticks; None where there are none."""
         return None if self.engine is None else self.engine.all_ticks
 
@@ -170,7 +170,7 @@ class WorldSolver:
         parted = _part(self._spaces, two.world.meeting)
         if parted:
             begun = [start | STATUS_START_INSIDE for start in begun]
-        # Beside one thing alone each hand has come as near as it can.
+        # Beside one body alone each hand has come as near as it can.
         if parted or (any(begun) and self._spaces[0].beside):
             two.approach(START_LINEARISATIONS)
         elif self._has_free:

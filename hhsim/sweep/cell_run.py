@@ -135,4 +135,4 @@ def load_cell(cell: Cell, plan_folder: Path) -> LoadedWords:
     files = {"object": names_a_file(words.object), "trajectory": words.trajectory not in trajectory_names()}
     files["hand_file"] = words.hand_file is not None
     own = {name: str(plan_folder / getattr(words, name)) for name, is_file in files.items() if is_file}
-    return load_words(structs.replace(words, **own), solid=cell.surface != "mesh")
+    return load_words(structs.replace(words, **own), surface=cell.surface)

@@ -58,6 +58,7 @@ class SweptObject(Settings, frozen=True, rename={"word": "file"}):
     unit: Literal["m", "cm", "mm", "inch"] | None = None
     size_mm: Annotated[float, between(1e-3, 1e5)] | None = None
     thickness_mm: Annotated[float, between(1e-3, 1e5)] | None = None
+    solid: bool = False
 
 
 class SweptMotion(Settings, frozen=True, rename={"word": "file"}):
@@ -105,7 +106,7 @@ class Cell:
 
     def words(self) -> SceneWords:
         """Return the words that describe its scene."""
-        shape = {name: getattr(self.object, name) for name in ("unit", "size_mm", "thickness_mm")}
+        shape = {name: getattr(self.object, name) for name in ("unit", "size_mm", "thickness_mm", "solid")}
         names = {"object": self.object.word, "trajectory": self.motion.word}
         stated = {name: value for name, value in self.options.items() if name in OF_THE_SCENE}
         return typed({**names, **shape, **stated, "ticks": self.ticks, "seed": self.seed}, SceneWords, self.label)
@@ -120,7 +121,7 @@ class Cell:
         told = {name: value for name, value in scene.items() if name not in usual or value != usual[name]}
         stated = {
             "object": [_content(folder, shape.word, names_a_file(shape.word)), shape.unit, shape.size_mm],
-            "thickness_mm": shape.thickness_mm,
+            "thickness_mm": [shape.thickness_mm, shape.solid],
             "motion": _content(folder, self.motion.word, self.motion.word not in trajectory_names()),
             "hand": None if hand is None else _content(folder, hand, True),
             "method": [self.method, find_method(self.method).source],
@@ -316,8 +317,9 @@ def checked_object(where: str, folder: Path, entry: str | SweptObject) -> SweptO
     else:
         with named(where):
             check_known("object", [found.word], object_names())
-        if (found.unit, found.size_mm, found.thickness_mm) != (None, None, None):
-            raise InputError(f"{where}: '{found.word}' has its size: unit, size_mm and thickness_mm are for mesh files")
+        if (found.unit, found.size_mm, found.thickness_mm, found.solid) != (None, None, None, False):
+            what = "unit, size_mm, thickness_mm and solid are for mesh files"
+            raise InputError(f"{where}: '{found.word}' has its size: {what}")
     return structs.replace(found, name=found.name or Path(found.word).stem)
 
 

@@ -7,7 +7,7 @@ Keys, the same in both; the first two are required::
     mano_model = "MANO_RIGHT.pkl"
     [[recording]]
     recording = "seqs/{object}_*.npz"       # {object} matches as * does, and is known by that name to the other keys
-    object = "meshes/{object}.obj"          # a mesh file, a name of the catalogue, or a thing's TOML
+    object = "meshes/{object}.obj"          # a mesh file, a name of the catalogue, or a body's TOML
     poses = "poses/{stem}.npy"              # {stem}: name of the recording's file without suffix; {folder}: its folder
     name = "{folder}-{stem}"                # of the folder of what is written; default: {stem}
     hand = "right"

@@ -9,8 +9,9 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
-from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
+from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers
 from hhsim.trees.error import measure_levels, prove_cover
@@ -44,7 +45,7 @@ def build_sphere_tree(
     that of the last level, and every inner node encloses the leaves below it.
 
     Args:
-        mesh: Watertight and wound outward.
+        mesh: Watertight and wound outward, or any triangles as of `hhsim.mesh.own_triangles`.
         progress: Called with (stage, done, total), stages "cover", "tree" and "measure".
         threads: Number of threads; the bytes do not depend on it.
 
@@ -55,10 +56,10 @@ def build_sphere_tree(
     options = TreeOptions() if options is None else options
     vertices = np.ascontiguousarray(mesh.vertices, np.float64)
     faces = np.ascontiguousarray(mesh.faces, np.int64)
-    bvh = build_mesh_bvh(vertices, faces)
+    bvh = signed_bvh(mesh)
     with Workers(threads) as workers:
         try:
-            tree = _Builder((vertices, faces, bvh), options, progress, workers).build()
+            tree = _Builder((mesh, vertices, faces, bvh), options, progress, workers).build()
         except (MeshError, InputError) as error:
             raise type(error)(f"{mesh.name}: {error}") from error
         progress("tree", 1, 1)
@@ -68,10 +69,14 @@ def build_sphere_tree(
 
 class _Builder:
     def __init__(
-        self, surface: tuple[FloatArray, IntArray, MeshBvh], options: TreeOptions, progress: Progress, workers: Workers
+        self,
+        surface: tuple[Mesh, FloatArray, IntArray, MeshBvh],
+        options: TreeOptions,
+        progress: Progress,
+        workers: Workers,
     ) -> None:
         self.surface, self.options, self.progress, self.workers = surface, options, progress, workers
-        self.ready = in_own_frame(*surface[:2])
+        self.ready = in_own_frame(surface[0])
         self.done = self.total = 0
 
     def build(self) -> SphereTree:
@@ -111,7 +116,7 @@ class _Builder:
         Of a balanced cover half of the bound is subtracted from all radii: the surface then lies at most so far out of
         the spheres, and they at most so far out of it. MeshError if a face cannot be proved.
         """
-        vertices, faces, bvh = self.surface
+        _, vertices, faces, bvh = self.surface
         unproved, proof = prove_cover(vertices, faces, center, radius, self.workers)
         if unproved.size:
             radius = radius + GROWTH * float(np.ptp(vertices[faces].reshape(-1, 3), axis=0).max())

@@ -67,7 +67,7 @@ def features_of(mesh: Mesh, closed: bool) -> tuple[MeshFeatures, int]:
 def jointed_surface(parts: Sequence[Any], path: FloatArray) -> JointedSurface:
     """Put the surfaces of parts, each in its part's frame, together, with the parts where they are at the first tick.
 
-    `path` has position [m] and orientation (w, x, y, z) of each part in the thing's frame at each tick, (T, P, 7).
+    `path` has position [m] and orientation (w, x, y, z) of each part in the body's frame at each tick, (T, P, 7).
     Raises InputError for parts of different surfaces.
     """
     kinds = {type(arrays) for arrays in parts}

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhsim.kernels.cover import check_certificate
-from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
+from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.signed_bvh import signed_bvh
 
 if TYPE_CHECKING:
     from hhsim.trees.sphere_tree import LevelCover
@@ -32,7 +33,7 @@ def faults(mesh: Mesh, covers: "tuple[LevelCover, ...]") -> tuple[str, ...]:
     if not any(cover.proved for cover in covers):
         return ("the tree holds no proof that it covers the mesh",)
     corner = np.ascontiguousarray(mesh.triangles.reshape(-1, 9))
-    bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
+    bvh = signed_bvh(mesh)
     found = []
     for level, cover in enumerate(covers):
         size = max(float(np.abs(corner).max()), float(np.abs(cover.center).max()))

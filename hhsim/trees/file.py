@@ -1,8 +1,10 @@
 """Hhsim-tree file: a sphere tree in HDF5, sealed, with units of every number."""
 
 import json
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
+from typing import TypeVar
 
 import h5py
 import numpy as np
@@ -13,7 +15,10 @@ from hhsim.system.atomic_write import put_dataset, sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5, read_numbers
 from hhsim.trees.sphere_tree import LENGTHS, LevelCover, LevelError, SphereTree
 
+T = TypeVar("T")
 FORMAT = "hhsim-tree"
+SEVERAL = "hhsim-robot-trees"
+"""Format of a file whose groups are such trees by name."""
 SCHEMA_VERSION = 2
 
 _WORTH_PACKING = 1000
@@ -54,7 +59,18 @@ def save_tree(tree: SphereTree, path: str | Path) -> None:
     write_atomically(Path(path), sealed_hdf5(lambda file: _write(tree, file)))
 
 
-def _write(tree: SphereTree, file: h5py.File) -> None:
+def trees_file(trees: Mapping[str, SphereTree]) -> bytes:
+    """Return the bytes of a file of several trees by name, each in a group of its name."""
+
+    def write(file: h5py.File) -> None:
+        file.attrs["format"] = SEVERAL
+        for name, tree in trees.items():
+            _write(tree, file.create_group(name))
+
+    return sealed_hdf5(write)
+
+
+def _write(tree: SphereTree, file: h5py.Group) -> None:
     file.attrs["format"] = FORMAT
     file.attrs["schema_version"] = SCHEMA_VERSION
     file.attrs["mesh_sha256"] = tree.mesh_sha256
@@ -82,12 +98,26 @@ def _write_dataset(group: h5py.Group, name: str, data: AnyArray, units: str, lon
 
 def load_tree(path: str | Path, shipped: bool = False) -> SphereTree:
     """Read and check a user's or shipped tree; InputError for no hhsim-tree of a known version, or an invalid tree."""
-    source = Path(path)
+    return _opened(Path(path), shipped, _read)
+
+
+def load_trees(path: str | Path) -> dict[str, SphereTree]:
+    """Read the trees of a file of several by name, or the tree of a file of one as that of no name; as `load_tree`."""
+
+    def read(file: h5py.File) -> dict[str, SphereTree]:
+        if file.attrs.get("format") != SEVERAL:
+            return {"": _read(file)}
+        return {name: _read(file[name]) for name in file}
+
+    return _opened(Path(path), False, read)
+
+
+def _opened(source: Path, shipped: bool, read: Callable[[h5py.File], T]) -> T:
     if not source.exists():
         raise InputError(f"{source}: no such file; expected a sphere tree (.h5)")
     try:
         with open_hdf5(source, shipped) as file:
-            return _read(file)
+            return read(file)
     except InputError as error:
         raise InputError(f"{source}: {error}") from error
     except DAMAGE as error:
@@ -95,7 +125,7 @@ def load_tree(path: str | Path, shipped: bool = False) -> SphereTree:
         raise InputError(f"{source}: not a readable hhsim-tree file ({reason})") from error
 
 
-def _read(file: h5py.File) -> SphereTree:
+def _read(file: h5py.Group) -> SphereTree:
     kind = file.attrs.get("format")
     if kind != FORMAT:
         raise InputError(f"format is {kind!r}, expected '{FORMAT}'")

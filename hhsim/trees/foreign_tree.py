@@ -9,6 +9,7 @@ children of slot n are the slots n·B + 1 to n·B + B. A radius that is not posi
 columns, and lines after the last slot, are ignored.
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple, get_args
@@ -18,8 +19,8 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, named
 from hhsim.kernels.cover.sampled_error import union_distance
-from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import read_input_text
 from hhsim.system.progress import Progress, silent
@@ -85,6 +86,20 @@ def import_tree(
     else:
         tree, chosen, placement_notes = _placed(source, mesh, unit_length, frame)
         notes += placement_notes
+    return judge_tree(source, tree, mesh, chosen, notes, seed, progress)
+
+
+def judge_tree(
+    source: Path,
+    tree: SphereTree,
+    mesh: Mesh,
+    chosen: str = "mesh",
+    notes: Iterable[str] = (),
+    seed: int = 0,
+    progress: Progress = silent,
+) -> ImportedTree:
+    """Return a tree of a file, in metres and in the mesh's frame, measured; arguments, errors as of `import_tree`."""
+    notes = list(notes)
     spheres, extent = float(np.ptp(tree.bounds, axis=0).max()), float(mesh.extent.max())
     gap = _mean_gap(sample_mesh(mesh.vertices, mesh.faces, _SAMPLES, np.random.default_rng(0)), tree)
     if not extent / _OFF_SIZE <= spheres <= extent * _OFF_SIZE:
@@ -93,12 +108,13 @@ def import_tree(
     if gap > _OFF_PLACE * extent:
         off = f"its spheres are {1e3 * gap:.4g} mm off {mesh.name} in the mean"
         raise InputError(f"{source}: {off}: is it in another frame, or of another mesh?")
-    bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
+    bvh = signed_bvh(mesh)
     unproved = prove_cover(mesh.vertices, mesh.faces, tree.leaf_center, tree.leaf_radius)[0].size
     errors = measure_levels(mesh.vertices, mesh.faces, bvh, tree, seed, progress)
     if unproved:
+        share = f"{unproved:,} of {len(mesh.faces):,}"
         notes.append(
-            f"the leaves are not proved to cover {unproved:,} of {len(mesh.faces):,} triangles: a hand that stays out "
+            f"the leaves are not proved to cover {share} triangles: a hand that stays out "
             f"of them can be inside the mesh; gap {1e3 * errors[-1].gap_max:.3g} mm at most, as sampled"
         )
     options = {**tree.options, "imported": source.name, "frame": chosen}
@@ -113,7 +129,9 @@ def load_tree_for(path: str | Path, mesh: Mesh, unit_length: float = 1.0) -> Imp
         sha256 = load_tree(source).mesh_sha256
         if sha256 not in ("", mesh.sha256):
             other = f"built for the mesh {sha256[:12]}…, but {mesh.name} is {mesh.sha256[:12]}…"
-            raise InputError(f"{source}: {other}; name the object, unit and size of the tree, or build it again")
+            raise InputError(
+                f"{source}: {other}; name the object, unit and size of the tree, or build it again, with --solid"
+            )
     return import_tree(source, mesh, unit_length)
 
 
@@ -138,7 +156,7 @@ def _placed(source: Path, mesh: Mesh, unit_length: float, frame: Frame) -> tuple
     given, centred = (_mean_gap(points, placed) for placed in (tree, shifted))
     if abs(given - centred) <= _SAME * extent:
         # Both cover the mesh: the one that sticks out less is where it belongs.
-        bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
+        bvh = signed_bvh(mesh)
         first, second = (protrusion_bound(bvh, t.leaf_center, t.leaf_radius) for t in (tree, shifted))
         chosen = "mesh" if first <= second else "centred"
         reason = f"the spheres protrude by {1e3 * min(first, second):.3g} mm, else by {1e3 * max(first, second):.3g} mm"

@@ -1,7 +1,7 @@
 """Cover of a mesh by spheres that protrude as little as possible."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +13,8 @@ from hhsim.kernels.cover.micro_triangle import MicroTriangles, cut_mesh, edges_f
 from hhsim.kernels.cover.sphere_descent import move_spheres
 from hhsim.kernels.kd_tree import subtrees
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals
+from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.reproducible import dot, matmul, norm
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers, ranges
@@ -235,20 +237,40 @@ def canonical_frame(vertices: FloatArray) -> CanonicalFrame:
 class MeshInFrame(NamedTuple):
     """A mesh prepared for covers of any number of spheres, in its own frame.
 
-    vertices: (V, 3) in the frame; faces: (F, 3); bvh: over both; frame: back to the mesh's place; reach: largest
-        coordinate of the mesh [m].
+    corner: (F, 9) in the frame, of the triangles to be covered; normal: (F, 3), outward, 0 for a sheet; bvh: signed,
+        over those that distances are measured to; frame: back to the mesh's place; reach: largest coordinate of the
+        mesh [m].
     """
 
-    vertices: FloatArray
-    faces: IntArray
+    corner: FloatArray
+    normal: FloatArray
     bvh: MeshBvh
     frame: CanonicalFrame
     reach: float
 
 
-def in_own_frame(vertices: FloatArray, faces: IntArray) -> MeshInFrame:
-    """Prepare a mesh, (V, 3) [m] and (F, 3) wound outward, for covers; MeshError if it encloses no volume."""
+def in_own_frame(mesh: Mesh) -> MeshInFrame:
+    """Prepare a mesh for covers; MeshError if one that has to be a solid encloses no volume."""
+    vertices, faces = mesh.vertices, np.ascontiguousarray(mesh.faces)
     corner = np.ascontiguousarray(vertices[faces], np.float64).reshape(-1, 9)
+    if mesh.shell is None:
+        _require_volume(corner)
+    frame = canonical_frame(vertices[np.unique(faces)])
+    inside = frame.into(vertices)
+    normal = face_normals(inside, faces)
+    if mesh.shell is None:
+        bvh = build_mesh_bvh(inside, faces)
+    else:
+        shell = replace(mesh.shell, vertices=frame.into(mesh.shell.vertices))
+        bvh = signed_bvh(replace(mesh, shell=shell))
+        # A sphere for a skin begins in it: nothing says which side of a triangle is the inner one.
+        normal[:] = 0.0
+    return MeshInFrame(
+        np.ascontiguousarray(inside[faces]).reshape(-1, 9), normal, bvh, frame, float(np.abs(corner).max())
+    )
+
+
+def _require_volume(corner: FloatArray) -> None:
     a, b, c = (corner[:, k : k + 3] - corner[0, :3] for k in (0, 3, 6))
     normal = np.cross(b - a, c - a)
     volume = float(dot(a, normal).sum()) / 6.0
@@ -256,9 +278,6 @@ def in_own_frame(vertices: FloatArray, faces: IntArray) -> MeshInFrame:
     # A sheet has a volume too, by rounding.
     if not volume > _THINNEST * area * float(np.ptp(corner.reshape(-1, 3), axis=0).max()):
         raise MeshError(f"the mesh has no inside: its volume is {volume:.3g} m³; expected it closed and wound outward")
-    frame = canonical_frame(vertices[np.unique(faces)])
-    inside = frame.into(vertices)
-    return MeshInFrame(inside, faces, build_mesh_bvh(inside, faces), frame, float(np.abs(corner).max()))
 
 
 def cover_of(
@@ -269,9 +288,8 @@ def cover_of(
     `progress` is called with ("cover", cycles done, cycles); `workers` are threads to build with, None the calling one:
     the bytes do not depend on them. Returns centres [m], shape (n, 3), and radii [m], shape (n,).
     """
-    corner = np.ascontiguousarray(mesh.vertices[mesh.faces]).reshape(-1, 9)
-    edge = edges_for(corner, np.ones(len(corner)), COARSE * spheres)
-    micro = cut_mesh(corner, face_normals(mesh.vertices, mesh.faces), edge)
+    edge = edges_for(mesh.corner, np.ones(len(mesh.corner)), COARSE * spheres)
+    micro = cut_mesh(mesh.corner, mesh.normal, edge)
     cover = _Cover(mesh.bvh, micro, spheres, workers or Workers())
     cover.fill()
     cover.assign()

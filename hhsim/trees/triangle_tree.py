@@ -50,16 +50,16 @@ def tree_of_any(mesh: Mesh, level: int, progress: Progress = silent) -> SphereTr
 
 
 def chosen_tree(
-    mesh: Mesh, level: int, max_error: float | None = None, solid: bool = True, progress: Progress = silent
+    mesh: Mesh, level: int, max_error: float | None = None, solid: bool | None = None, progress: Progress = silent
 ) -> tuple[SphereTree, tuple[str, ...]]:
     """Return the tree of a level, or the coarsest within an error [m], and notes on the choice.
 
-    Without `solid` a tree of a level is of any triangles. Raises MeshError as `cached_sphere_tree`.
+    If `solid` is False, a tree of a level only finds the triangles. Raises MeshError as `cached_sphere_tree`.
     """
     if max_error is None:
-        if solid:
-            return cached_sphere_tree(mesh, TreeOptions(level=level), progress), ()
-        return tree_of_any(mesh, level, progress), ()
+        if solid is False:
+            return tree_of_any(mesh, level, progress), ()
+        return cached_sphere_tree(mesh, TreeOptions(level=level), progress), ()
     tree = coarsest_sphere_tree(mesh, max_error, progress)
     note = (
         f"level {tree.depth} is the coarsest within {1e3 * max_error:g} mm: {tree.leaf_count:,} spheres, "

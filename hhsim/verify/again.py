@@ -27,7 +27,7 @@ from hhsim.scene.synthesis import planned
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.system.progress import Progress
 from hhsim.verify.claim import NOT_JUDGED, Claim, difference, figures_apart, judged
-from hhsim.verify.origin_checks import own_object, own_tree
+from hhsim.verify.origin_checks import own_object, own_tree, solid_of
 
 SAME_MOTION = 1e-9
 """Tolerance of the hands of one motion [m, rad]: rounding of the resampling on another machine."""
@@ -135,7 +135,7 @@ def _made_again(result: Result) -> tuple[TickInput, MovingParts | None]:
     hand, seed = stored_hand(result), int(scene.get("seed") or 0)
     parts = result_parts(result)
     if parts is not None and not parts.free:
-        bodies = load_bodies(str(scene["object"]), motion, solid=result.surface != "mesh")
+        bodies = load_bodies(str(scene["object"]), motion, solid=solid_of(result))
         bodies = replace(bodies, trees=dict(zip(parts.names, parts.trees)))
     elif parts is not None:
         # A script finds its place by the name of the bodies.

@@ -25,6 +25,7 @@ from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.file_checks import own_script
 from hhsim.verify.joint_checks import joint_claims
 from hhsim.verify.kinematics import rotations
+from hhsim.verify.origin_checks import solid_of
 
 ABOVE = 1e-6
 """Largest initial height of a free body above its place [m], from the solver's offset to the table."""
@@ -124,7 +125,7 @@ def _placed(result: Result, again: bool) -> tuple[scene_body.Body | scene_body.H
     if not known or "recording" in scene or scene.get("placement") or not scene.get("trajectory"):
         return None
     motion = resolve_trajectory(str(scene["trajectory"]), scene.get("reading"))
-    bodies = load_bodies(word, motion, solid=result.surface != "mesh")
+    bodies = load_bodies(word, motion, solid=solid_of(result))
     if bodies.mesh.sha256 != scene.get("object_mesh"):
         return None
     trees = {name: stored_tree(result.bodies[name]) for name in bodies.meshes if name in result.bodies}

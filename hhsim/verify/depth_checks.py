@@ -73,7 +73,7 @@ def _candidates(judge: JudgedTicks) -> list[Claim]:
     reach (twice the final step) are listed.
     """
     if not judge.safe or (judge.result.body.is_free and len(judge.result.bodies) > 1):
-        # Pairs with other things count, too, and are not in the file.
+        # Pairs with other bodies count, too, and are not in the file.
         return []
     result, near, chosen = judge.result, judge.listed, judge.chosen[judge.asked]
     after = np.minimum(chosen + 1, result.ticks - 1)

@@ -8,7 +8,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
-from hhsim.linkage.object_mesh import resolve_object
+from hhsim.linkage.object_mesh import resolve_object, solid_for
 from hhsim.mesh.catalogue import load_object, names_a_file, object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.run_ticks import leaves_in_reach
@@ -58,12 +58,18 @@ def own_object(result: Result, again: bool) -> Mesh | None:
             size, thickness = (
                 None if scene.get(name) is None else 1e-3 * float(scene[name]) for name in ("size_mm", "thickness_mm")
             )
-            mesh, _ = resolve_object(word, scene.get("unit"), size, thickness, solid=result.surface != "mesh")
+            mesh, _ = resolve_object(word, scene.get("unit"), size, thickness, solid=solid_of(result))
         else:
             mesh = None
     except HhsimError:
         return None
     return mesh if mesh is not None and mesh.sha256 == stated else None
+
+
+def solid_of(result: Result) -> bool | None:
+    """Return the argument `solid` that the meshes of a result's objects were loaded with."""
+    of_one = len(result.bodies) == 1 and result.surface == "spheres" and result.body.is_free
+    return solid_for(result.surface, bool(result.scene.get("solid")) or of_one)
 
 
 def own_tree(result: Result, mesh: Mesh, again: bool) -> SphereTree | None:

@@ -218,7 +218,7 @@ class JudgedTicks:
 
     @cached_property
     def bodies(self) -> tuple[JudgedBody, ...]:
-        """Object, or parts of a thing, where they are at the chosen ticks."""
+        """Object, or parts of a body, where they are at the chosen ticks."""
         return judged_bodies(self.result, self.chosen)
 
     @property

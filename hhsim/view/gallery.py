@@ -105,7 +105,7 @@ class _Rooted:
 
 
 def _read(path: Path, root: str, unit: str) -> list[Shown]:
-    """Return what a file shows: each hand of a result, or the one thing that it holds."""
+    """Return what a file shows: each hand of a result, or the one body that it holds."""
     kind = file_kind(path)
     if kind != "result":
         return [_read_other(path, kind, root, unit)]

@@ -59,7 +59,7 @@ def moment(result: Result, scene: ShownScene, tick: int, pieces: Sequence[Surfac
 def clearest_view(
     result: Result, scene: ShownScene, tick: int, shown: Moment, body: Surface, usual: View | None = None
 ) -> View:
-    """Return the view that shows most of a tick, as `viewpoint`; of several things most of the one that is moved."""
+    """Return the view that shows most of a tick, as `viewpoint`; of several bodies most of the one that is moved."""
     rest, moved = None, result.meshes_moved(tick)
     if result.body.is_free and len(moved) > 1:
         meshes = [mesh for mesh, _ in scene.bodies.values()]

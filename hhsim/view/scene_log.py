@@ -5,7 +5,7 @@ World in metres, z up. Each rigid piece of a hand is a mesh that is sent once, m
 | entity | what |
 |---|---|
 | world/object | the object's mesh; where it moves, with a transform a tick since the first one, as its spheres |
-| world/object/… | in its place, the mesh of each part of a thing of several, with a pose a tick, as its spheres |
+| world/object/… | in its place, the mesh of each part of a body of several, with a pose a tick, as its spheres |
 | world/spheres | the leaf spheres of its tree, where they are asked for |
 | world/graphic/… | the graphic hand: each phalanx, and the palm |
 | world/haptic/… | the haptic hand |
@@ -93,7 +93,7 @@ WORDS = (
 class ShownScene:
     """A scene without what changes with time."""
 
-    mesh: Mesh  # the object and its sphere tree [m], world; a thing of several parts where it begins
+    mesh: Mesh  # the object and its sphere tree [m], world; a body of several parts where it begins
     tree: SphereTree
     hand: HandModel
     fingers: BoolArray  # True for each finger that the scene uses, shape (5,); the others go through the object

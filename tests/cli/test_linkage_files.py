@@ -68,7 +68,6 @@ def test_the_tree_of_a_link_is_built_by_its_name(run: Run, work: Path) -> None:
     document = json.loads(answer.out)
     assert document["object"] == "lid" and document["extent"] == pytest.approx([0.06, 0.06, 0.01])
     for words, message in (
-        (["pot.urdf"], "pot.urdf: 2 links, block, lid; expected one, or the name of one (--link)"),
         (["pot.urdf", "--link", "cover"], "pot.urdf: no link 'cover'; it has block, lid"),
         (["cube", "--link", "lid"], "a link is of a URDF or MJCF file; 'cube' is none"),
         (["block.urdf", "--unit", "mm"], "unit and size are for mesh files; block.urdf states its sizes"),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from body_tables import body, body_file, joint
 from conftest import Run
 from drawings_alone import leave_report_undrawn
 from joint_samples import joint_sample
@@ -127,22 +128,21 @@ def test_both_hands_of_a_recording_and_its_object_are_replayed_by_one_command(ru
     assert script.code == 2 and "object_track: of a recording that is imported, and 'grasp' is not" in script.err
 
 
-HINGED = """
-[[body]]
-name = "bottom"
-box = [0.1, 0.1, 0.02]
-fixed = true
-
-[[body]]
-name = "top"
-box = [0.1, 0.1, 0.02]
-joint.on = "bottom"
-position = [0.0, 0.0, 0.021]
-joint.type = "hinge"
-joint.axis = [0.0, 0.0, -1.0]
-joint.limits = [0.0, 3.2]
-joint.recording = { file = "box_use_01.npy", column = "params/obj_arti", rate = 30.0 }
-"""
+HINGED = (
+    body("bottom", [0.1, 0.1, 0.02], fixed=True),
+    body(
+        "top",
+        [0.1, 0.1, 0.02],
+        position=[0.0, 0.0, 0.021],
+        joint=joint(
+            "hinge",
+            [0.0, 0.0, -1.0],
+            on="bottom",
+            limits=[0.0, 3.2],
+            recording={"file": "box_use_01.npy", "column": "params/obj_arti", "rate": 30.0},
+        ),
+    ),
+)
 
 
 def test_two_hands_and_an_object_with_a_hinge_are_replayed_by_one_command(run: Run, tmp_path: Path) -> None:
@@ -158,8 +158,8 @@ def test_two_hands_and_an_object_with_a_hinge_are_replayed_by_one_command(run: R
         joints += [0.0, 0.0, 1.0]
     held["params"]["obj_trans"] += [0.0, 0.0, 1e3]
     np.save(tmp_path / "box_use_01.npy", np.array(held, dtype=object))
-    (tmp_path / "box.toml").write_text(HINGED)
-    command = ("replay", "box.toml", "box_use_01.npy", "--hands", "both", "--ticks", "60", "--level", "2")
+    body_file(tmp_path, *HINGED)
+    command = ("replay", "bodies.toml", "box_use_01.npy", "--hands", "both", "--ticks", "60", "--level", "2")
     answer = run(*command, "--out", "box.h5", "--json")
     summaries = list(json.loads(answer.out)["hands"].values())
     assert [summary["input_depth_max"] > 2e-3 for summary in summaries] == [True, False]

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -60,13 +60,18 @@ FORMAT = RecordingFormat("jointlines", "joint angles, one JSON object a line", (
 '''
 
 
-@pytest.fixture
-def added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A recording of a format that one more module makes known."""
-    folder = tmp_path / "formats"
-    folder.mkdir()
-    (folder / "jointlines.py").write_text(JOINTS_PER_LINE)
-    monkeypatch.setattr(formats, "__path__", [*formats.__path__, str(folder)])
+@pytest.fixture(params=["module", "entry point"])
+def added(
+    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, installed: Callable[..., None]
+) -> Iterator[Path]:
+    """A recording of a format that one more module makes known, or a package that is installed."""
+    if request.param == "module":
+        folder = tmp_path / "formats"
+        folder.mkdir()
+        (folder / "jointlines.py").write_text(JOINTS_PER_LINE)
+        monkeypatch.setattr(formats, "__path__", [*formats.__path__, str(folder)])
+    else:
+        installed("hhsim.formats", "jointlines = their_format:FORMAT", their_format=JOINTS_PER_LINE)
     path = tmp_path / "take.jointlines"
     bend = np.linspace(0.1, 0.4, 50)
     path.write_text("\n".join(json.dumps({"t": 0.01 * k, "flexion": [[b] * 3] * 5}) for k, b in enumerate(bend)))
@@ -92,15 +97,23 @@ def test_a_new_format_is_one_new_file(added: Path, run: Run, tmp_path: Path) -> 
         read_content(Content(data=b"\x00" * 100), ReadOptions())
 
 
+def test_a_format_whose_package_is_broken_is_named(installed: Callable[..., None], run: Run, tmp_path: Path) -> None:
+    installed("hhsim.formats", "theirs = gone:FORMAT")
+    (tmp_path / "take.csv").write_text("time,px\n0,1\n")
+    code, _, err = run("import", "take.csv")
+    assert code == 2 and err.count("\n") == 1
+    assert "format 'theirs' cannot be imported from gone:FORMAT: ModuleNotFoundError: No module named 'gone'" in err
+
+
 def test_a_format_is_named_as_its_module() -> None:
-    assert sorted(recording_formats()) == formats.format_names()
+    assert sorted(recording_formats()) == formats.FORMATS.names()
     assert "jointlines" not in recording_formats()
 
 
 def test_the_page_tells_of_every_format(repository: Path) -> None:
     page = (repository / "docs" / "recordings.md").read_text(encoding="utf-8")
     table = page[page.index("| format |") :].split("\n\n")[0]
-    assert sorted(line.split("`")[1] for line in table.splitlines()[2:]) == formats.format_names()
+    assert sorted(line.split("`")[1] for line in table.splitlines()[2:]) == formats.FORMATS.names()
 
 
 @pytest.mark.parametrize(

@@ -52,12 +52,12 @@ def test_a_sample_without_a_hand_stays_so() -> None:
 
 def test_as_a_data_set_it_has_the_same_values(found: RepairedMotion, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(InputError, match="pip install xarray"):
+    with pytest.raises(InputError, match="xarray is not installed"):
         found.to_xarray()
     monkeypatch.undo()
     pytest.importorskip("xarray")
     made = found.to_xarray()
-    assert made.sizes == {"frame": 12, "joint": 21, "axis": 3}
+    assert made.sizes == {"time": 12, "joint": 21, "axis": 3}
     np.testing.assert_array_equal(made["joints"].sel(joint="index_tip"), found.joints[:, 8])
 
 

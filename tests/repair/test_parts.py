@@ -1,4 +1,4 @@
-"""Repair beside a thing whose parts move as recorded: every part, in every frame, where it is in that frame.
+"""Repair beside a body whose parts move as recorded: every part, in every frame, where it is in that frame.
 
 The referee is coal, with a lid that is turned about its hinge in closed form.
 """
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from body_tables import body, body_file, joint
 from coal_clearance import coal_clearance
 from conftest import Run
 from drawings_alone import leave_pictures_white
@@ -59,24 +60,22 @@ HINGE = np.array([0.0, 0.105, 0.007])
 DEPTH = 2e-6
 """Depth of the written hand [m] that rounding may leave."""
 OPTIONS = {"usual_up": "z", "length_unit": "m"}
-LAPTOP = """
-[[body]]
-name = "base"
-box = [0.3, 0.21, 0.014]
-position = [0.0, 0.0, -0.007]
-fixed = true
-
-[[body]]
-name = "lid"
-box = [0.3, 0.21, 0.006]
-position = [0.0, 0.0, 0.01]
-joint.on = "base"
-joint.type = "hinge"
-joint.axis = [-1.0, 0.0, 0.0]
-joint.origin = [0.0, 0.105, 0.007]
-joint.limits = [0.0, 2.4]
-joint.recording = { file = "lid.csv", column = "angle", time = "t" }
-"""
+LAPTOP = (
+    body("base", [0.3, 0.21, 0.014], position=[0.0, 0.0, -0.007], fixed=True),
+    body(
+        "lid",
+        [0.3, 0.21, 0.006],
+        position=[0.0, 0.0, 0.01],
+        joint=joint(
+            "hinge",
+            [-1.0, 0.0, 0.0],
+            on="base",
+            origin=[0.0, 0.105, 0.007],
+            limits=[0.0, 2.4],
+            recording={"file": "lid.csv", "column": "angle", "time": "t"},
+        ),
+    ),
+)
 
 
 @cache
@@ -96,11 +95,10 @@ def time_and_angles() -> tuple[FloatArray, FloatArray]:
 
 def write_laptop(folder: Path, late: float = 0.0) -> str:
     """Write the laptop whose lid moves as recorded, `late` s after the hand's first frame."""
-    (folder / "laptop.toml").write_text(LAPTOP)
     time, angle = time_and_angles()
     rows = [f"{t + late!r},{a!r}" for t, a in zip(time.tolist(), angle.tolist())]
     (folder / "lid.csv").write_text("\n".join(["t,angle", *rows]) + "\n")
-    return str(folder / "laptop.toml")
+    return body_file(folder, *LAPTOP, name="laptop.toml")
 
 
 def hand_at(side: int) -> HandConfiguration:

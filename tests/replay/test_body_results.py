@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from body_tables import TABLE, body, body_file, joint
 from file_faults import forge_properties
 from sealed_change import changed as opened
 from short_grasp import hurried
@@ -31,51 +32,22 @@ HELD = 2800
 """Tick in which the chest is in the air, and the tray on its way."""
 LATE = 4
 """Ticks fewer than these may lag while the fingers close on the chest."""
-PRESSED = """
-[[body]]
-name = "block"
-box = [0.04, 0.04, 0.04]
-mass = 0.1
-
-[[body]]
-name = "anvil"
-box = [0.2, 0.2, 0.02]
-position = [0.0, 0.0, -0.030001]
-fixed = true
-
-[[body]]
-name = "press"
-box = [0.1, 0.1, 0.02]
-position = [0.0, 0.0, 0.031]
-joint.type = "slider"
-joint.axis = [0.0, 0.0, -1.0]
-joint.limits = [0.0, 0.01]
-joint.motion = [[0.0, 0.0], [0.5, 0.004], [1.0, 0.0]]
-"""
-ON_ANOTHER = """
-[[body]]
-name = "upper"
-box = [0.04, 0.04, 0.04]
-position = [0.0, 0.0, 0.060002]
-mass = 0.05
-
-[[body]]
-name = "lower"
-box = [0.04, 0.04, 0.04]
-position = [0.005, 0.0, 0.02]
-mass = 0.1
-friction = 0.3
-
-[[body]]
-name = "far"
-box = [0.04, 0.04, 0.04]
-position = [-0.3, 0.0, 0.02]
-fixed = true
-
-[[body]]
-name = "table"
-plane = "under"
-"""
+PRESSED = (
+    body("block", [0.04, 0.04, 0.04], mass=0.1),
+    body("anvil", [0.2, 0.2, 0.02], position=[0.0, 0.0, -0.030001], fixed=True),
+    body(
+        "press",
+        [0.1, 0.1, 0.02],
+        position=[0.0, 0.0, 0.031],
+        joint=joint("slider", [0.0, 0.0, -1.0], limits=[0.0, 0.01], motion=[[0.0, 0.0], [0.5, 0.004], [1.0, 0.0]]),
+    ),
+)
+ON_ANOTHER = (
+    body("upper", [0.04, 0.04, 0.04], position=[0.0, 0.0, 0.060002], mass=0.05),
+    body("lower", [0.04, 0.04, 0.04], position=[0.005, 0.0, 0.02], mass=0.1, friction=0.3),
+    body("far", [0.04, 0.04, 0.04], position=[-0.3, 0.0, 0.02], fixed=True),
+    TABLE,
+)
 
 
 def played(object_: str | Path, motion: str | Script, path: Path, ticks: int | None = None) -> Result:
@@ -227,8 +199,7 @@ def test_the_referee_finds_another_joint_than_that_of_the_run(
 
 
 def test_what_stops_a_driven_body_is_told(tmp_path: Path) -> None:
-    (tmp_path / "press.toml").write_text(PRESSED)
-    scene = open_scene(str(tmp_path / "press.toml"), "never", solid=False, level=2)
+    scene = open_scene(body_file(tmp_path, *PRESSED), "never", solid=False, level=2)
     summary = replay_scene(scene, MESH, tmp_path / "press.h5")
     (note,) = (one for one in summary.notes if one.startswith("press"))
     assert "kept from where it is recorded in" in note and "by up to 3 mm" in note
@@ -240,8 +211,7 @@ def test_what_stops_a_driven_body_is_told(tmp_path: Path) -> None:
 
 
 def test_a_first_body_on_another_one_is_read_run_again_and_judged(tmp_path: Path) -> None:
-    (tmp_path / "two.toml").write_text(ON_ANOTHER)
-    result = played(tmp_path / "two.toml", "stack", tmp_path / "two.h5", TICKS)
+    result = played(body_file(tmp_path, *ON_ANOTHER), "stack", tmp_path / "two.h5", TICKS)
     assert set(result.contacts["body"].tolist()) == {-3}, "it touches the second body alone"
     np.testing.assert_allclose(result.body["body_wrench"][-1, 2], 0.05 * 9.81, rtol=1e-6)
     assert run_again(result).identical

@@ -1,4 +1,4 @@
-"""Hinged things: a pendulum, friction that holds and brakes, limits, a lid that a finger opens, and blocks on it."""
+"""Hinged bodies: a pendulum, friction that holds and brakes, limits, a lid that a finger opens, and blocks on it."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
-from hhsim.solver.free_object import FreeObject, Hinge, Thing
+from hhsim.solver.free_object import EngineBody, FreeObject, Hinge
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface
@@ -36,14 +36,14 @@ def plate(**hinge: Any) -> tuple[Mesh, FreeObject]:
 
 
 def solver_of(
-    mesh: Mesh, free: FreeObject, others: tuple[Thing, ...] = (), hand: HandModel | None = None
+    mesh: Mesh, free: FreeObject, others: tuple[EngineBody, ...] = (), hand: HandModel | None = None
 ) -> HandSolver:
     given = contact_surface("mesh", mesh, None), SolverOptions(surface="mesh"), free, others
     return HandSolver(hand or HandModel.default(), *given)
 
 
 def all_ticks(solver: HandSolver) -> Any:
-    """The records of all things."""
+    """The records of all bodies."""
     engine: Any = solver.engine
     return engine.all_ticks
 
@@ -185,21 +185,21 @@ def test_a_lid_goes_through_what_it_hangs_on_and_bears_what_lies_on_it() -> None
     base = box_mesh((0.1, 0.15, 0.1)).transformed(np.eye(3), np.array([0.0, 0.0, -0.04]))
     stone = box_mesh((0.04, 0.04, 0.04)).transformed(np.eye(3), np.array([0.1, 0.0, 0.0225 + 2e-6]))
     others = tuple(
-        Thing(contact_surface("mesh", one, None), FreeObject.of_mesh(one, mass=mass, friction=0.8), fixed, name)
+        EngineBody(contact_surface("mesh", one, None), FreeObject.of_mesh(one, mass=mass, friction=0.8), fixed, name)
         for one, mass, fixed, name in ((base, 1.0, True, "base"), (stone, 0.2, False, "stone"))
     )
     solver = solver_of(mesh, free, others)
     record = solver.run(*far_hand(400))
     ticks = all_ticks(solver)
     assert not record.status.any()
-    assert np.abs(angles(ticks.things[0].turn)).max() < 1e-9, "1.67 of its weight is less than twice"
-    np.testing.assert_allclose(ticks.thing_wrench[0, 100:, 2], -0.2 * G, rtol=1e-9)
-    moment = about_hinge(ticks.thing_wrench[0], np.zeros(400))[100:]
+    assert np.abs(angles(ticks.bodies[0].turn)).max() < 1e-9, "1.67 of its weight is less than twice"
+    np.testing.assert_allclose(ticks.body_wrench[0, 100:, 2], -0.2 * G, rtol=1e-9)
+    moment = about_hinge(ticks.body_wrench[0], np.zeros(400))[100:]
     np.testing.assert_allclose(moment, -0.2 * G * 0.1, rtol=1e-3)
     heavier = others[1]._replace(free=FreeObject.of_mesh(stone, mass=0.4, friction=0.8))
     solver = solver_of(mesh, free, (others[0], heavier))
     solver.run(*far_hand(100))
-    tipped = angles(all_ticks(solver).things[0].turn)
+    tipped = angles(all_ticks(solver).bodies[0].turn)
     # Plate and stone turn as one about the hinge at first.
     inertia = INERTIA + 0.4 * (0.04**2 / 6 + 0.1**2 + 0.0225**2)
     falls = (2.0 * WEIGHT - WEIGHT - 0.4 * G * 0.1) / inertia
@@ -209,11 +209,11 @@ def test_a_lid_goes_through_what_it_hangs_on_and_bears_what_lies_on_it() -> None
 def test_a_hinge_in_the_world_lets_the_lid_through_nothing() -> None:
     mesh, free = plate()
     box = box_mesh((0.1, 0.15, 0.1)).transformed(np.eye(3), np.array([0.1, 0.0, -0.0545]))
-    others = (Thing(contact_surface("mesh", box, None), FreeObject.of_mesh(box, mass=1.0), fixed=True),)
+    others = (EngineBody(contact_surface("mesh", box, None), FreeObject.of_mesh(box, mass=1.0), fixed=True),)
     solver = solver_of(mesh, free, others)
     solver.run(*far_hand(200))
-    # It falls 2 mm at most, onto a thing that has no name either.
-    angle = angles(all_ticks(solver).things[0].turn)
+    # It falls 2 mm at most, onto a body that has no name either.
+    angle = angles(all_ticks(solver).bodies[0].turn)
     assert -0.05 < angle[-1] < -0.001 and np.abs(np.diff(angle[-50:])).max() < 1e-9
 
 

@@ -148,7 +148,7 @@ def test_options_that_parts_do_not_go_with_are_told_in_one_line() -> None:
     scene = still_laptop("mesh", 1.92, 2)
     seen = seen_scene(scene)
     assert seen.parts is not None
-    with pytest.raises(InputError, match="threads 2 has no things of several parts: expected 1"):
+    with pytest.raises(InputError, match="threads 2 has no bodies of several parts: expected 1"):
         HandSolver(
             scene.hands[0].model, seen.surface("mesh"), SolverOptions(surface="mesh", method="progressive", threads=2)
         )

@@ -1,10 +1,11 @@
-"""Two free things on a hinge or a slider: what is conserved, limits, and a plate that hangs from a box in the hand."""
+"""Two free bodies on a hinge or a slider: what is conserved, limits, and a plate that hangs from a box in the hand."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from body_tables import body, body_file, joint
 from free_scenes import REACH_PER_STIFFNESS, box, closing, far_hand, tongs, tongs_at
 from scipy.integrate import solve_ivp
 
@@ -14,7 +15,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import load_result
 from hhsim.scene.scene import open_scene
-from hhsim.solver.free_object import FreeObject, Hinge, Slider, Thing
+from hhsim.solver.free_object import EngineBody, FreeObject, Hinge, Slider
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import contact_surface
@@ -31,7 +32,7 @@ def run_pair(ticks: int, **of_first: Any) -> tuple[Any, tuple[FreeObject, FreeOb
     first = FreeObject.of_mesh(meshes[0], mass=0.3, **STILL, **of_first)
     second = FreeObject.of_mesh(meshes[1], mass=0.5, **STILL)
     given = contact_surface("mesh", meshes[0], None), SolverOptions(surface="mesh"), first
-    other = Thing(contact_surface("mesh", meshes[1], None), second, name="base")
+    other = EngineBody(contact_surface("mesh", meshes[1], None), second, name="base")
     solver = HandSolver(HandModel.default(), *given, (other,))
     record = solver.run(*far_hand(ticks))
     assert not record.status.any()
@@ -42,7 +43,7 @@ def run_pair(ticks: int, **of_first: Any) -> tuple[Any, tuple[FreeObject, FreeOb
 def conserved(record: Any, free: tuple[FreeObject, FreeObject]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Momentum (T, 3), angular momentum about the origin (T, 3) and energy (T,) of both."""
     momentum, angular, energy = np.zeros(3), np.zeros(3), np.zeros(())
-    for ticks, one in zip(record.things, free):
+    for ticks, one in zip(record.bodies, free):
         turn = rotation_matrix(ticks.turn)
         inertia = turn @ np.array(one.inertia) @ turn.transpose(0, 2, 1)
         spun = np.einsum("tij,tj->ti", inertia, ticks.angular_velocity)
@@ -54,8 +55,8 @@ def conserved(record: Any, free: tuple[FreeObject, FreeObject]) -> tuple[FloatAr
 
 
 def beside(record: Any) -> tuple[FloatArray, FloatArray]:
-    """Turn (T, 3, 3) and shift [m] (T, 3) of the first thing beside the second one, from where they began."""
-    first, second = record.things[:2]
+    """Turn (T, 3, 3) and shift [m] (T, 3) of the first body beside the second one, from where they began."""
+    first, second = record.bodies[:2]
     back = rotation_matrix(second.turn).transpose(0, 2, 1)
     return back @ rotation_matrix(first.turn), np.einsum("tij,tj->ti", back, first.shift - second.shift)
 
@@ -73,7 +74,7 @@ def test_what_turns_on_a_hinge_keeps_momenta_and_energy(axis: tuple[float, float
     np.testing.assert_allclose(momentum[0], 0.3 * np.array([0.0, 0.02, 0.1]), atol=1e-9)
     np.testing.assert_allclose(angular, angular[:1].repeat(400, axis=0), atol=2e-3 * float(np.linalg.norm(angular[0])))
     assert (np.diff(energy) < 1e-6 * energy[0]).all() and energy[-1] > 0.98 * energy[0]
-    first, second = record.thing_wrench
+    first, second = record.body_wrench
     np.testing.assert_allclose(first[:, :3], -second[:, :3], atol=1e-9)
 
 
@@ -92,7 +93,7 @@ def test_dry_friction_slows_two_things_until_they_go_on_as_one(kind: str) -> Non
         angular, angular[:1].repeat(ticks, axis=0), atol=2e-3 * float(np.linalg.norm(angular[0]))
     )
     assert (np.diff(energy) <= 1e-9).all()
-    one, two = record.things[:2]
+    one, two = record.bodies[:2]
     speed = (
         (one.velocity - two.velocity)[:, 0] if kind == "slider" else (one.angular_velocity - two.angular_velocity)[:, 2]
     )
@@ -101,17 +102,17 @@ def test_dry_friction_slows_two_things_until_they_go_on_as_one(kind: str) -> Non
     if kind == "slider":
         # The reduced mass of 0.3 and 0.5 kg.
         assert stops * DT == pytest.approx(0.2 * (0.3 * 0.5 / 0.8) / size, abs=2 * DT)
-        np.testing.assert_allclose(record.thing_wrench[0, : stops - 1, 0], -size, rtol=1e-3)
-        assert np.abs(record.thing_wrench[0, stops + 1 :]).max() < 1e-6
+        np.testing.assert_allclose(record.body_wrench[0, : stops - 1, 0], -size, rtol=1e-3)
+        assert np.abs(record.body_wrench[0, stops + 1 :]).max() < 1e-6
     else:
         # Both turn about the hinge, whose moment is that of friction alone.
-        moment = record.thing_wrench[:, : stops - 1]
+        moment = record.body_wrench[:, : stops - 1]
         about = moment[0, :, 5] + np.cross(hinge_from_center(one, free[0])[: stops - 1], -moment[0, :, :3])[:, 2]
         np.testing.assert_allclose(about, -size, rtol=2e-3)
 
 
 def hinge_from_center(ticks: Any, free: FreeObject) -> FloatArray:
-    """Origin of a thing's frame from its centre at the ticks [m], world, shape (T, 3)."""
+    """Origin of a body's frame from its centre at the ticks [m], world, shape (T, 3)."""
     return np.asarray(-1.0 * rotation_matrix(ticks.turn) @ np.array(free.center))
 
 
@@ -123,7 +124,7 @@ def test_limits_of_a_hinge_end_its_turn_and_both_go_on_as_one() -> None:
     assert angle.max() == pytest.approx(0.5, abs=1e-9)
     # As one, until the centrifugal forces stretch them again.
     stopped = int(angle.argmax()) + 1
-    spins = [one.angular_velocity[stopped] for one in record.things[:2]]
+    spins = [one.angular_velocity[stopped] for one in record.bodies[:2]]
     np.testing.assert_allclose(spins[0], spins[1], atol=1e-3)
     assert 0.1 < angle[-1] < 0.5
     _, angular, _ = conserved(record, free)
@@ -135,7 +136,7 @@ def test_what_moves_on_a_slider_keeps_momenta_and_turns_with_what_bears_it() -> 
     record, free = run_pair(600, slider=slider, velocity=(0.3, 0.0, 0.1))
     turn, shift = beside(record)
     assert np.abs(turn - np.eye(3)).max() < 2e-6
-    # Of the first thing's centre, which began on the axis.
+    # Of the first body's centre, which began on the axis.
     off = np.einsum("tij,j->ti", turn - np.eye(3), np.array(free[0].center)) + shift
     assert np.abs(off[:, 1:]).max() < 2e-6 and off[:, 0].max() == pytest.approx(0.06, abs=1e-6)
     momentum, angular, energy = conserved(record, free)
@@ -148,7 +149,9 @@ def test_what_moves_on_a_slider_keeps_momenta_and_turns_with_what_bears_it() -> 
 def test_a_plate_hangs_from_a_box_that_the_fingers_hold() -> None:
     held, plate = box((0.03, 0.03, 0.03)), box((0.01, 0.02, 0.08), (0.0, 0.0, -0.055))
     hinge = Hinge((1.0, 0.0, 0.0), (0.0, 0.0, -0.015), on="box")
-    hung = Thing(contact_surface("mesh", plate, None), FreeObject.of_mesh(plate, mass=0.1, hinge=hinge), name="plate")
+    hung = EngineBody(
+        contact_surface("mesh", plate, None), FreeObject.of_mesh(plate, mass=0.1, hinge=hinge), name="plate"
+    )
     free = FreeObject.of_mesh(held, mass=0.2, friction=1.0, name="box")
     options = SolverOptions(surface="mesh", stiffness=Stiffness(translation=1e5, rotation=1e3, flexion=500.0))
     solver = HandSolver(tongs(), contact_surface("mesh", held, None), options, free, (hung,))
@@ -160,8 +163,8 @@ def test_a_plate_hangs_from_a_box_that_the_fingers_hold() -> None:
     record = solver.run(position, *others)
     ticks = engine.all_ticks
     assert not record.status[-100:].any()
-    np.testing.assert_allclose(ticks.things[0].hand_wrench[-1, 2], 0.3 * G, rtol=1e-3)
-    np.testing.assert_allclose(ticks.thing_wrench[1, -1, :3], [0.0, 0.0, 0.1 * G], atol=2e-3)
+    np.testing.assert_allclose(ticks.bodies[0].hand_wrench[-1, 2], 0.3 * G, rtol=1e-3)
+    np.testing.assert_allclose(ticks.body_wrench[1, -1, :3], [0.0, 0.0, 0.1 * G], atol=2e-3)
 
 
 def test_a_plate_on_a_hinged_one_is_a_double_pendulum() -> None:
@@ -172,12 +175,12 @@ def test_a_plate_on_a_hinged_one_is_a_double_pendulum() -> None:
     lower = FreeObject.of_mesh(meshes[1], mass=mass[1], hinge=hinge)
     given = contact_surface("mesh", meshes[0], None), SolverOptions(surface="mesh"), upper
     solver = HandSolver(
-        HandModel.default(), *given, (Thing(contact_surface("mesh", meshes[1], None), lower, name="l"),)
+        HandModel.default(), *given, (EngineBody(contact_surface("mesh", meshes[1], None), lower, name="l"),)
     )
     record = solver.run(*far_hand(ticks))
     assert not record.status.any()
     engine: Any = solver.engine
-    turns = [rotation_matrix(one.turn) for one in engine.all_ticks.things[:2]]
+    turns = [rotation_matrix(one.turn) for one in engine.all_ticks.bodies[:2]]
     found = [np.arctan2(turn[:, 2, 0], turn[:, 0, 0]) for turn in turns]
     inertia = [m * (length**2 + 0.01**2) / 12.0 for m in mass]
 
@@ -198,40 +201,27 @@ def test_a_plate_on_a_hinged_one_is_a_double_pendulum() -> None:
     np.testing.assert_allclose(np.unwrap(found[0]), true[0], atol=0.01 * np.abs(true[0]).max())
     np.testing.assert_allclose(np.unwrap(found[1]), true[1], atol=0.01 * np.abs(true[1]).max())
     # The upper one's balance about its hinge, with what the joint bears: the referee's own equation.
-    wrench = engine.all_ticks.thing_wrench
+    wrench = engine.all_ticks.body_wrench
     np.testing.assert_allclose(wrench[0, :, :3], -wrench[1, :, :3], atol=1e-9)
-    moved = mass[1] * np.diff(engine.all_ticks.things[1].velocity, axis=0, prepend=0.0) / DT
+    moved = mass[1] * np.diff(engine.all_ticks.bodies[1].velocity, axis=0, prepend=0.0) / DT
     np.testing.assert_allclose(wrench[1, :, :3], moved + [0.0, 0.0, mass[1] * G], atol=1e-5)
 
 
-SCENE = """
-[[body]]
-name = "lid"
-box = [0.2, 0.15, 0.01]
-position = [0.2, 0.0, 0.0]
-mass = 0.2
-joint.type = "hinge"
-joint.axis = [0.0, 1.0, 0.0]
-joint.origin = [0.1, 0.0, -0.005]
-joint.on = "base"
-
-[[body]]
-name = "base"
-box = [0.2, 0.15, 0.01]
-position = [-0.1, 0.0, 0.005]
-mass = 0.4
-"""
-
-
-def written(folder: Path, text: str) -> str:
-    path = folder / "pair.toml"
-    path.write_text(text)
-    return str(path)
+PAIR = (
+    body(
+        "lid",
+        [0.2, 0.15, 0.01],
+        position=[0.2, 0.0, 0.0],
+        mass=0.2,
+        joint=joint("hinge", [0.0, 1.0, 0.0], origin=[0.1, 0.0, -0.005], on="base"),
+    ),
+    body("base", [0.2, 0.15, 0.01], position=[-0.1, 0.0, 0.005], mass=0.4),
+)
 
 
 def test_a_file_of_two_on_a_hinge_is_replayed_and_judged(tmp_path: Path) -> None:
     out = tmp_path / "pair.h5"
-    replay_scene(open_scene(written(tmp_path, SCENE), "never", level=2), SolverOptions(surface="mesh"), out)
+    replay_scene(open_scene(body_file(tmp_path, *PAIR), "never", level=2), SolverOptions(surface="mesh"), out)
     claims = {claim.name: claim for claim in free_claims(load_result(out))}
     assert not [name for name, claim in claims.items() if claim.failed]
     assert claims["joint"].verdict == "holds" and claims["table on object"].verdict == "not judged"

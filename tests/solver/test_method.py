@@ -2,7 +2,7 @@
 
 import importlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ import hhsim.solver.methods
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import EVERYTHING, METHODS, USUAL, methods_that, never_penetrates
-from hhsim.solver.method_names import declared_methods, method_names
+from hhsim.solver.method_names import method_names
 from hhsim.solver.options import SolverOptions
 
 FOLLOW = '''
@@ -114,17 +114,10 @@ def test_a_method_is_added_by_one_file(follow: None, run: Run, tmp_path: Path) -
 
 
 @pytest.fixture
-def declared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def declared(installed: Callable[..., None]) -> None:
     """An installed package that declares two methods, one of which takes a name of ours, and one that is broken."""
-    info = tmp_path / "site" / "others-1.0.dist-info"
-    info.mkdir(parents=True)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: others\nVersion: 1.0\n")
     lines = ("theirs = outside_methods:Follow", "coupled = outside_methods:Follow", "broken = not_there:Follow")
-    (info / "entry_points.txt").write_text("\n".join(["[hhsim.methods]", *lines]))
-    monkeypatch.syspath_prepend(str(info.parent))
-    declared_methods.cache_clear()
-    yield
-    declared_methods.cache_clear()
+    installed("hhsim.methods", *lines)
 
 
 def test_ours_come_first_and_keep_their_names(declared: None) -> None:

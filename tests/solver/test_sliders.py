@@ -1,4 +1,4 @@
-"""Things on sliders: a fall along the axis, friction that holds and brakes, limits, a push, and a stone on a cart."""
+"""Bodies on sliders: a fall along the axis, friction that holds and brakes, limits, a push, and a stone on a cart."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
-from hhsim.solver.free_object import FreeObject, Hinge, Slider, Thing
+from hhsim.solver.free_object import EngineBody, FreeObject, Hinge, Slider
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface
@@ -31,7 +31,7 @@ def cart(**given: Any) -> tuple[Mesh, FreeObject]:
 
 
 def solver_of(
-    mesh: Mesh, free: FreeObject, others: tuple[Thing, ...] = (), hand: HandModel | None = None
+    mesh: Mesh, free: FreeObject, others: tuple[EngineBody, ...] = (), hand: HandModel | None = None
 ) -> HandSolver:
     given = contact_surface("mesh", mesh, None), SolverOptions(surface="mesh"), free, others
     return HandSolver(hand or HandModel.default(), *given)
@@ -104,13 +104,13 @@ def test_a_stone_on_a_cart_is_carried_along_by_friction_and_takes_its_share_of_t
     rail = box_mesh((0.6, 0.05, 0.05)).transformed(np.eye(3), np.array([0.0, 0.0, -0.02]))
     stone = box_mesh((0.04, 0.04, 0.04)).transformed(np.eye(3), np.array([0.0, 0.0, 0.03 + 2e-6]))
     others = tuple(
-        Thing(contact_surface("mesh", one, None), FreeObject.of_mesh(one, mass=mass, friction=0.5), fixed, name)
+        EngineBody(contact_surface("mesh", one, None), FreeObject.of_mesh(one, mass=mass, friction=0.5), fixed, name)
         for one, mass, fixed, name in ((rail, 1.0, True, "rail"), (stone, 0.2, False, "stone"))
     )
     solver = solver_of(mesh, free, others)
     record = solver.run(*far_hand(200))
     engine: Any = solver.engine
-    of_cart, _, of_stone = engine.all_ticks.things
+    of_cart, _, of_stone = engine.all_ticks.bodies
     assert not record.status.any(), "it goes through the rail that bears it"
     speeds = of_cart.velocity[:, 0], of_stone.velocity[:, 0]
     np.testing.assert_allclose(MASS * speeds[0] + 0.2 * speeds[1], MASS * 0.3, rtol=1e-9)
@@ -119,7 +119,7 @@ def test_a_stone_on_a_cart_is_carried_along_by_friction_and_takes_its_share_of_t
     pace = np.polyfit(DT * np.arange(2, sliding - 1), speeds[1][2 : sliding - 1], 1)[0]
     assert pace == pytest.approx(0.5 * G, rel=0.003)
     np.testing.assert_allclose([one[-1] for one in speeds], MASS * 0.3 / (MASS + 0.2), rtol=1e-6)
-    np.testing.assert_allclose(engine.all_ticks.thing_wrench[0, 100:, 2], -0.2 * G, rtol=1e-6)
+    np.testing.assert_allclose(engine.all_ticks.body_wrench[0, 100:, 2], -0.2 * G, rtol=1e-6)
     assert not of_cart.shift[:, 1:].any()
 
 

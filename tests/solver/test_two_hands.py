@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from coal_clearance import things_clearance
+from coal_clearance import bodies_clearance
 from free_scenes import TIP, box, far_hand, gripped, tongs, tongs_at
 
 from hhsim.errors import InputError
@@ -17,7 +17,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.solver.free_engine import FreeEngine
-from hhsim.solver.free_object import FreeObject, Thing
+from hhsim.solver.free_object import EngineBody, FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.solver.world_solver import WorldSolver
@@ -46,7 +46,7 @@ class Run(NamedTuple):
 
 
 def two_handed(
-    mesh: Any, free: FreeObject, hands: tuple[HandModel, HandModel], others: Sequence[Thing] = (), **options: Any
+    mesh: Any, free: FreeObject, hands: tuple[HandModel, HandModel], others: Sequence[EngineBody] = (), **options: Any
 ) -> WorldSolver:
     surface = contact_surface("mesh", mesh, None)
     chosen = SolverOptions(surface="mesh", **options)
@@ -67,7 +67,7 @@ def pressing(ticks: int, height: float) -> list[HandConfiguration]:
 class Pressed:
     """A block between two fingers, which weighs nothing until it is loaded."""
 
-    def __init__(self, height: float = 0.0, friction: float = FRICTION, others: Sequence[Thing] = ()) -> None:
+    def __init__(self, height: float = 0.0, friction: float = FRICTION, others: Sequence[EngineBody] = ()) -> None:
         mesh = box([EDGE] * 3)
         free = FreeObject.of_mesh(mesh, mass=MASS, friction=friction, gravity=(0.0, 0.0, 0.0))
         stiffness = Stiffness(SPRING, 1e4, 1e4)
@@ -104,7 +104,7 @@ def test_a_block_hangs_between_two_hands_by_their_friction_and_slides_beyond_it(
 def test_a_block_between_two_hands_bears_another_one_which_falls_with_it_when_they_let_go() -> None:
     mesh = box([0.02] * 3, np.array([0.0, 0.0, 0.5 * EDGE + 0.01 + 1e-6]))
     upper = FreeObject.of_mesh(mesh, mass=0.1, friction=FRICTION, gravity=(0.0, 0.0, 0.0))
-    block = Pressed(others=[Thing(contact_surface("mesh", mesh, None), upper, name="upper")])
+    block = Pressed(others=[EngineBody(contact_surface("mesh", mesh, None), upper, name="upper")])
     bodies = block.bodies
     for share in np.linspace(0.05, 0.5, 20):
         bodies[1].gravity[2] = -0.4 * share * MOST / 0.1
@@ -113,14 +113,14 @@ def test_a_block_between_two_hands_bears_another_one_which_falls_with_it_when_th
     held = block.load(0.5 * MOST, 100)
     ticks = block.solver.all_ticks
     assert ticks is not None
-    assert all(np.ptp(thing.shift, axis=0).max() < 1e-9 for thing in ticks.things)
-    np.testing.assert_allclose(ticks.thing_wrench[:, -1, 2], [-0.2 * MOST, 0.2 * MOST], rtol=1e-6)
+    assert all(np.ptp(body.shift, axis=0).max() < 1e-9 for body in ticks.bodies)
+    np.testing.assert_allclose(ticks.body_wrench[:, -1, 2], [-0.2 * MOST, 0.2 * MOST], rtol=1e-6)
     assert sum(each.total[-1, 2] for each in held.hands) == pytest.approx(-0.7 * MOST, rel=1e-6)
     block.load(1.2 * MOST, 60)
     falling = block.solver.all_ticks
-    assert falling is not None and falling.things[0].velocity[-1, 2] < -0.1
+    assert falling is not None and falling.bodies[0].velocity[-1, 2] < -0.1
     # The upper one weighs 0.2 of that: alone it would fall faster, and both fall as one.
-    assert falling.things[1].velocity[-1, 2] == pytest.approx(falling.things[0].velocity[-1, 2], abs=1e-6)
+    assert falling.bodies[1].velocity[-1, 2] == pytest.approx(falling.bodies[0].velocity[-1, 2], abs=1e-6)
 
 
 def test_a_squeeze_off_by_a_lever_turns_the_block_about_its_middle() -> None:
@@ -156,7 +156,7 @@ def test_forces_and_motion_agree_at_every_tick() -> None:
 def test_a_hand_with_the_other_one_far_away_is_as_it_is_alone() -> None:
     alone, closed = gripped(0.1, 0.5, 2.0)
     assert isinstance(alone.engine, FreeEngine)
-    free = alone.engine.things[0].free
+    free = alone.engine.bodies[0].free
     chosen = alone.options
     surface = contact_surface("mesh", box((0.02, 0.03, 0.02), np.array(free.center)), None)
     record = HandSolver(tongs(), surface, chosen, free)
@@ -203,17 +203,17 @@ def test_hands_that_begin_in_a_second_thing_and_in_each_other_are_freed_of_all(b
     edge, hands = 0.06, (HandModel.default("right"), HandModel.default("left"))
     meshes = [box([edge] * 3, np.array([k * (edge + 1.1e-6), 0.0, 0.0])) for k in range(2)]
     free = [FreeObject.of_mesh(mesh, mass=MASS, friction=FRICTION, gravity=(0.0, 0.0, 0.0)) for mesh in meshes]
-    things = [Thing(contact_surface("mesh", mesh, None), its) for mesh, its in zip(meshes, free)]
-    solver = two_handed(meshes[0], free[0], hands, things[1:])
+    bodies = [EngineBody(contact_surface("mesh", mesh, None), its) for mesh, its in zip(meshes, free)]
+    solver = two_handed(meshes[0], free[0], hands, bodies[1:])
     begin = np.array([edge, -0.05, 0.0])
     other = begin + (0.01, 0.0, 0.01) if both else np.array([-0.3, 0.3, 0.3])
     posture = np.array([[1.0, 0.0, 0.0, 0.0]]), np.full((1, 5, 3), 0.3), np.zeros((1, 5))
     records = solver.run(*(HandConfiguration(at[None], *posture) for at in (other, begin)))
-    # Hands that pull on things from both sides may be on their way in the first tick.
+    # Hands that pull on bodies from both sides may be on their way in the first tick.
     assert [int(each.status[0]) & ~STATUS_LAG for each in records] == [both * STATUS_START_INSIDE, STATUS_START_INSIDE]
     ticks = solver.all_ticks
     assert ticks is not None
-    away = [things_clearance(hand, meshes, record, ticks.things) for hand, record in zip(hands, records)]
+    away = [bodies_clearance(hand, meshes, record, ticks.bodies) for hand, record in zip(hands, records)]
     placed = [PlacedHand(record.joints, record.position, record.orientation) for record in records]
     away.append(float(distance_of_hands(hands, placed).min()))
     assert 0.0 <= min(away) < 2e-6, "out of all, and as near as they come"

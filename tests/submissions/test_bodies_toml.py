@@ -5,26 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from body_tables import TABLE, body, body_file, joint
 
 from hhsim.scene.body import Body, Driven, Fixed, Free
 from hhsim.scene.described_scene import FreeWords, SceneWords, load_scene
 from hhsim.scene.scene import open_scene
 from hhsim.submissions.scene_folder import write_scene_folder
 
-ALONE = """
-[[body]]
-name = "tool"
-box = [0.05, 0.05, 0.05]
-poses = { file = "poses.csv" }
-"""
-DRIVEN = f"""{ALONE}
-[[body]]
-name = "block"
-box = [0.06, 0.06, 0.06]
-[[body]]
-name = "under"
-plane = "under"
-"""
+ALONE = (body("tool", [0.05, 0.05, 0.05], poses={"file": "poses.csv"}),)
+DRIVEN = (*ALONE, body("block", [0.06, 0.06, 0.06]), TABLE)
 """Bodies that are driven by poses, alone and beside a free one."""
 
 
@@ -35,13 +24,12 @@ plane = "under"
         *(("chest", "lift"), ("peg", "insert"), (DRIVEN, "lift"), (ALONE, "grasp")),
     ],
 )
-def test_bodies_come_back_as_they_were(tmp_path: Path, object_: str, motion: str) -> None:
+def test_bodies_come_back_as_they_were(tmp_path: Path, object_: str | tuple[str, ...], motion: str) -> None:
     """Carried ones do in the frame that is carried."""
-    if object_ in (DRIVEN, ALONE):
+    if isinstance(object_, tuple):
         columns = "time,px,py,pz,qw,qx,qy,qz\n"
         (tmp_path / "poses.csv").write_text(f"{columns}0,0.3,0,0.2,1,0,0,0\n2,0.4,0.1,0.2,0.8,0,0.6,0\n")
-        (tmp_path / "own.toml").write_text(object_)
-        object_ = str(tmp_path / "own.toml")
+        object_ = body_file(tmp_path, *object_)
     written = open_scene(object_, motion, level=1, rate=200.0)
     write_scene_folder(written, tmp_path / "folder")
     read = open_scene(tmp_path / "folder" / "bodies.toml", tmp_path / "folder" / "motion.csv", level=1, rate=200.0)
@@ -93,13 +81,9 @@ def test_two_hands_come_back_from_the_folder(tmp_path: Path) -> None:
 
 
 def test_a_hinge_that_begins_open_comes_back_at_its_value(tmp_path: Path) -> None:
-    path = tmp_path / "door.toml"
-    path.write_text(
-        '[[body]]\nname = "post"\nbox = [0.05, 0.05, 0.3]\nfixed = true\n'
-        '[[body]]\nname = "leaf"\nbox = [0.2, 0.01, 0.3]\nposition = [0.2, 0.0, 0.0]\nmass = 0.5\n'
-        'joint = { type = "hinge", on = "post", axis = [0, 0, 2], origin = [0.05, 0, 0], limits = [0, 2], '
-        "start = 0.7 }\n"
-    )
+    post = body("post", [0.05, 0.05, 0.3], fixed=True)
+    hinge = joint("hinge", [0, 0, 2], on="post", origin=[0.05, 0, 0], limits=[0, 2], start=0.7)
+    path = body_file(tmp_path, post, body("leaf", [0.2, 0.01, 0.3], position=[0.2, 0.0, 0.0], mass=0.5, joint=hinge))
     written = open_scene(path, "grasp", level=1)
     write_scene_folder(written, tmp_path / "folder")
     read = open_scene(tmp_path / "folder" / "bodies.toml", tmp_path / "folder" / "motion.csv", level=1)

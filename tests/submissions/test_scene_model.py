@@ -9,6 +9,7 @@ from xml.etree import ElementTree as Xml
 
 import numpy as np
 import pytest
+from body_tables import TABLE, body, body_file, joint
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -28,78 +29,41 @@ from hhsim.submissions.scene_folder import write_scene_folder
 
 SINGLE = 1e-6
 """Bound of distances [m] of vertices, of which MuJoCo keeps 32 bits."""
-OWN = """
-[[body]]
-name = "table"
-plane = "under"
 
-[[body]]
-name = "link"
-box = [0.03, 0.02, 0.02]
-position = [0.04, 0.0, 0.0]
-mass = 0.2
-torsion = 0.002
-joint.type = "hinge"
-joint.axis = [0.0, 3.0, 4.0]
-joint.origin = [0.02, 0.0, 0.0]
-joint.on = "base"
 
-[[body]]
-name = "base"
-box = [0.03, 0.04, 0.05]
-position = [0.0, 0.0, 0.1]
-density = 2000.0
-friction = 0.3
+def flap(name: str = "flap", friction: float = 2.0) -> str:
+    slider = joint("slider", [0.0, 0.0, 1.0], friction=friction)
+    return body(name, [0.02, 0.02, 0.02], position=[0.6, 0.0, 0.2], joint=slider)
 
-[[body]]
-name = "tip"
-box = [0.01, 0.01, 0.02]
-position = [0.03, 0.0, 0.0]
-orientation = [0.8, 0.0, 0.6, 0.0]
-joint.type = "slider"
-joint.axis = [-1.0, 0.0, 0.0]
-joint.limits = [-0.02, 0.0]
-joint.on = "link"
 
-[[body]]
-name = "wall"
-mesh = "cup"
-position = [0.4, 0.0, 0.1]
-fixed = true
+def tray(end: float) -> str:
+    """A driven body that goes so far [m]."""
+    slider = joint("slider", [1.0, 0.0, 0.0], limits=[0.0, 0.1], motion=[[0.0, 0.0], [1.0, end]])
+    return body("tray", [0.02, 0.02, 0.02], position=[1.0, 0.0, 0.2], joint=slider)
 
-[[body]]
-name = "flap"
-box = [0.02, 0.02, 0.02]
-position = [0.6, 0.0, 0.2]
-joint.type = "slider"
-joint.axis = [0.0, 0.0, 1.0]
-joint.friction = 2.0
 
-[[body]]
-name = "stuck"
-box = [0.02, 0.02, 0.02]
-position = [0.8, 0.0, 0.2]
-joint.type = "hinge"
-joint.axis = [0.0, 0.0, 1.0]
-joint.limits = [0.0, 0.0]
-"""
+def wall(x: float) -> str:
+    return body("wall", mesh="cup", position=[x, 0.0, 0.1], fixed=True)
+
+
+STILL = joint("hinge", [0.0, 0.0, 1.0], limits=[0.0, 0.0])
+STUCK = body("stuck", [0.02, 0.02, 0.02], position=[0.8, 0.0, 0.2], joint=STILL)
+HINGE = joint("hinge", [0.0, 3.0, 4.0], origin=[0.02, 0.0, 0.0], on="base")
+SLIDER = joint("slider", [-1.0, 0.0, 0.0], limits=[-0.02, 0.0], on="link")
+OWN = (
+    TABLE,
+    body("link", [0.03, 0.02, 0.02], position=[0.04, 0.0, 0.0], mass=0.2, torsion=0.002, joint=HINGE),
+    body("base", [0.03, 0.04, 0.05], position=[0.0, 0.0, 0.1], density=2000.0, friction=0.3),
+    body("tip", [0.01, 0.01, 0.02], position=[0.03, 0.0, 0.0], orientation=[0.8, 0.0, 0.6, 0.0], joint=SLIDER),
+    wall(0.4),
+    flap(),
+    STUCK,
+)
 """Bodies on joints of each other, in no order, and one whose joint lets it go nowhere."""
-TRAY = """
-[[body]]
-name = "tray"
-box = [0.02, 0.02, 0.02]
-position = [1.0, 0.0, 0.2]
-joint.type = "slider"
-joint.axis = [1.0, 0.0, 0.0]
-joint.limits = [0.0, 0.1]
-joint.motion = [[0.0, 0.0], [1.0, 0.1]]
-"""
 
 
-def own_scene(folder: Path, text: str = OWN) -> Scene:
-    path = folder / "own.toml"
-    path.write_text(text)
-    return open_scene(str(path), "never", solid=False, level=1, rate=200.0)
+def own_scene(folder: Path, *tables: str) -> Scene:
+    return open_scene(body_file(folder, *(tables or OWN)), "never", solid=False, level=1, rate=200.0)
 
 
 def properties(scene: Scene) -> dict[str, FreeObject]:
@@ -391,32 +355,25 @@ def test_the_text_nests_bodies_on_joints_and_keeps_them_from_touching_their_bear
 
 
 def test_a_name_of_the_hands_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
-    scene = own_scene(tmp_path, OWN.replace('"flap"', '"palm"'))
+    scene = own_scene(tmp_path, *OWN[:-2], flap("palm"), STUCK)
     with pytest.raises(InputError, match=r"'palm' is a body or a joint of the hand, too; expected another name"):
         write_scene_folder(scene, tmp_path / "s")
-    assert [path.name for path in tmp_path.iterdir()] == ["own.toml"]
+    assert [path.name for path in tmp_path.iterdir()] == ["bodies.toml"]
 
 
 def test_the_digest_is_of_all_bodies_and_parts(tmp_path: Path) -> None:
-    other = TRAY.replace("[1.0, 0.1]]", "[1.0, 0.09]]")
     # A file has up to six bodies.
-    less = OWN.replace(OWN[OWN.index('[[body]]\nname = "stuck"') :], "")
-    texts = [
-        OWN,
-        less,
-        less + TRAY,
-        less + other,
-        OWN.replace("joint.friction = 2.0", "joint.friction = 2.5"),
-        OWN.replace("[0.4, 0.0", "[0.41, 0.0"),
-    ]
-    bodies = [own_scene(tmp_path, text) for text in texts]
+    less = OWN[:-1]
+    rough, moved = (*OWN[:-2], flap(friction=2.5), STUCK), (*OWN[:-3], wall(0.41), *OWN[-2:])
+    files = (OWN, less, (*less, tray(0.1)), (*less, tray(0.09)), rough, moved)
+    bodies = [own_scene(tmp_path, *tables) for tables in files]
     laptop = open_scene("laptop", "open", level=1, rate=100.0)
     base, lid = laptop.solids
     assert isinstance(lid.motion, Driven)
     later = lid.motion.poses.position.copy()
     later[-1, 0] += 1e-3
     poses = lid.motion.poses._replace(position=later)
-    moved = replace(laptop, bodies=(base, replace(lid, motion=replace(lid.motion, poses=poses))))
-    scenes = [*bodies, laptop, moved]
+    later_lid = replace(laptop, bodies=(base, replace(lid, motion=replace(lid.motion, poses=poses))))
+    scenes = [*bodies, laptop, later_lid]
     assert len({scene_digest(scene) for scene in scenes}) == len(scenes)
     assert scene_digest(own_scene(tmp_path)) == scene_digest(bodies[0])

@@ -230,7 +230,7 @@ vertices, faces = np.asfortranarray(shape.vertices), np.asfortranarray(shape.fac
 for array in (vertices, faces):
     array.setflags(write=False)
 builder.build_sphere_tree(Mesh(vertices, faces), TreeOptions(level=1))
-surface_cover.cover_of(surface_cover.in_own_frame(vertices, faces), 8)
+surface_cover.cover_of(surface_cover.in_own_frame(Mesh(vertices, faces)), 8)
 tree = hierarchy.build_hierarchy(np.asfortranarray(np.eye(3)), np.ones(3, np.float32), 1, 8)
 bvh = mesh_bvh.build_mesh_bvh(vertices, faces)
 mesh_bvh.mesh_signed_distance(bvh, np.asfortranarray(np.eye(3)))

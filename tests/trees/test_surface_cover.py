@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.catalogue import load_object
+from hhsim.mesh.mesh import Mesh
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.error import protrusion_bound, prove_cover
 from hhsim.trees.surface_cover import GRID, canonical_frame, cover_of, in_own_frame
@@ -22,7 +23,7 @@ def arrays(shape: trimesh.Trimesh) -> tuple[FloatArray, IntArray]:
 def build_cover(
     vertices: FloatArray, faces: IntArray, spheres: int, progress: Progress = silent
 ) -> tuple[FloatArray, FloatArray]:
-    return cover_of(in_own_frame(vertices, faces), spheres, progress)
+    return cover_of(in_own_frame(Mesh(vertices, faces)), spheres, progress)
 
 
 TETRAHEDRON = 0.1 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])

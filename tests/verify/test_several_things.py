@@ -9,6 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from body_tables import TABLE, body, body_file
 from file_faults import Fault, at, with_name
 from planted_faults import planted
 from sampled import first_of_each
@@ -30,16 +31,10 @@ from hhsim.verify.tick_data import LAG, STUCK, JudgedTicks
 
 TICKS, AT_REST, HELD = 1600, 300, 1590
 """Ticks of the run, one in which no hand is near, and one in which the hand bears on both things."""
-HALVES = "".join(
-    f"""
-[[body]]
-name = "{name}"
-box = [0.019999, 0.04, 0.04]
-position = [{x}, 0.0, 0.02]
-mass = 0.05
-"""
+HALVES = [
+    body(name, [0.019999, 0.04, 0.04], position=[x, 0.0, 0.02], mass=0.05)
     for name, x in (("one", -0.01), ("two", 0.01))
-)
+]
 """A block in two halves, which the fingers press on each other."""
 ONE, TWO = (f"bodies/{name}/tick" for name in ("one", "two"))
 
@@ -47,8 +42,7 @@ ONE, TWO = (f"bodies/{name}/tick" for name in ("one", "two"))
 @pytest.fixture(scope="module")
 def honest(tmp_path_factory: pytest.TempPathFactory) -> Result:
     folder = tmp_path_factory.mktemp("halves")
-    (folder / "halves.toml").write_text(HALVES + '[[body]]\nname = "table"\nplane = "under"\n')
-    scene = open_scene(str(folder / "halves.toml"), "stack", solid=False, level=2)
+    scene = open_scene(body_file(folder, *HALVES, TABLE), "stack", solid=False, level=2)
     replay_scene(scene.first(TICKS), SolverOptions(surface="mesh"), folder / "halves.h5")
     return load_result(folder / "halves.h5")
 

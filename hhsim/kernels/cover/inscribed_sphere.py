@@ -7,6 +7,7 @@ import numpy as np
 from hhsim.kernels.cover.micro_triangle import MicroTriangles
 from hhsim.kernels.jit import Array, Indices, jit
 from hhsim.kernels.mesh.bvh import MeshBvh, closest_on_mesh, outside
+from hhsim.kernels.mesh.winding_number import winding_at
 
 _SHRINKS = 40
 _STRETCHES = 8
@@ -31,7 +32,11 @@ def depth_at(
     if triangle < 0:
         return -np.inf, qx, qy, qz
     depth = math.sqrt(d2)
-    if outside(bvh, triangle, feature, x - qx, y - qy, z - qz):
+    if bvh.moments.radius.shape[0] > 0:
+        is_outside = not winding_at(bvh, bvh.moments, x, y, z, stack) > 0.5
+    else:
+        is_outside = outside(bvh, triangle, feature, x - qx, y - qy, z - qz)
+    if is_outside:
         depth = -depth
     return depth, qx, qy, qz
 

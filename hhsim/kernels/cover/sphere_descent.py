@@ -154,16 +154,17 @@ def descend_sphere(
 ) -> tuple[float, float, float, int]:
     """Move a sphere that has to cover the micro-triangles `members`, at least one, by at most `trials` steps.
 
-    `step` is the first proximal length [m], not positive for a guess. The centre [m], shape (3,), moves in place, never
-    out of the solid. Workspace has the shapes (WORK, 8) and (STACK,). Returns cost [m], depth [m], the next proximal
-    length [m] and the number of good steps.
+    `step` is the first proximal length [m], not positive for a guess. The centre [m], shape (3,), moves in place, out
+    of no solid that it is in. Workspace has the shapes (WORK, 8) and (STACK,). Returns cost [m], depth [m], the next
+    proximal length [m] and the number of good steps.
     """
     x, y, z = center[0], center[1], center[2]
     far2, which, column = _farthest(micro, members, x, y, z)
     far = math.sqrt(far2)
     depth, qx, qy, qz = depth_at(bvh, x, y, z, np.inf, stack, stack_distance2)
     cost = far - depth
-    if not (depth > 0.0 and far > 0.0):
+    # Only a sheet has spheres outside: a solid's begin in it.
+    if not far > 0.0 or (not depth > 0.0 and bvh.moments.radius.shape[0] == 0):
         return cost, depth, max(step, 0.0), 0
     if step <= 0.0:
         step = 0.5 * far
@@ -171,7 +172,9 @@ def descend_sphere(
         work[0, k] = micro.corner[which, column + k]
     work[0, 7] = 1.0
     near = work[_FAR]
-    near[0], near[1], near[2] = (x - qx) / depth, (y - qy) / depth, (z - qz) / depth
+    inside = depth > 0.0
+    divisor = depth if depth != 0.0 else np.inf
+    near[0], near[1], near[2] = (x - qx) / divisor, (y - qy) / divisor, (z - qz) / divisor
     near[3] = depth - (near[0] * x + near[1] * y + near[2] * z)
     near[5] = 1.0
     fars, nears, good = as_int64(1), as_int64(1), 0
@@ -187,7 +190,12 @@ def descend_sphere(
         for corner_round in range(_CORNER_ROUNDS):
             _minimise_model(work, fars, nears, step, 1e-3 * _STATIONARY * abs(cost), w)
             length = step * math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
-            scale = step if length <= _LONGEST * depth else step * _LONGEST * depth / length
+            scale = step
+            if inside and length > _LONGEST * depth:
+                scale = step * _LONGEST * depth / length
+            elif not inside and length > far:
+                # A sheet has no inside to stay in.
+                scale = step * far / length
             sx, sy, sz = -scale * w[0], -scale * w[1], -scale * w[2]
             high, low = _model_values(work, fars, nears, sx, sy, sz)
             foreseen = -(high + low)
@@ -211,7 +219,7 @@ def descend_sphere(
         dx, dy, dz = tx - qx, ty - qy, tz - qz
         limit2 = (dx * dx + dy * dy + dz * dz) * (1.0 + 1e-9)
         trial_depth, ux, uy, uz = depth_at(bvh, tx, ty, tz, limit2, stack, stack_distance2)
-        if not trial_depth > 0.0:
+        if inside and not trial_depth > 0.0:
             step *= 0.3
             continue
         row = _free_row(work, as_int64(_FAR), nears, as_int64(_NEAR), as_int64(5))
@@ -219,7 +227,8 @@ def descend_sphere(
             nears += 1
             work[row, 5] = 0.0
         cut = work[row]
-        cut[0], cut[1], cut[2] = (tx - ux) / trial_depth, (ty - uy) / trial_depth, (tz - uz) / trial_depth
+        divisor = trial_depth if trial_depth != 0.0 else np.inf
+        cut[0], cut[1], cut[2] = (tx - ux) / divisor, (ty - uy) / divisor, (tz - uz) / divisor
         cut[3] = trial_depth - (cut[0] * tx + cut[1] * ty + cut[2] * tz)
         _normalise(work, as_int64(_FAR), nears, row, as_int64(5))
         gain = cost - (trial_far - trial_depth)
@@ -227,6 +236,7 @@ def descend_sphere(
             x, y, z, far, depth = tx, ty, tz, trial_far, trial_depth
             qx, qy, qz = ux, uy, uz
             cost = far - depth
+            inside = depth > 0.0
             good += 1
             if gain >= _VERY_GOOD * foreseen:
                 step *= 1.5

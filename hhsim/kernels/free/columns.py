@@ -1,13 +1,13 @@
-"""Columns of a program of hands and things: which variables move a contact's point, and how.
+"""Columns of a program of hands and bodies: which variables move a contact's point, and how.
 
-A *pair* is one hand and one thing, or one thing that another one meets: the pair's contacts are in the frame of its
-thing, where a hand, or the other thing, is what moves. The first pairs are those of each hand and the first thing. A
-hand's variables are in the frame of the first thing, a thing's in its own: translation of its centre, and rotation
-about its principal axes. Their columns come in the order palm, first thing, second palm, further things, which all rows
-have; then three of each finger, which only rows of that finger have. A fixed thing has none: what is written for it
+A *pair* is one hand and one body, or one body that another one meets: the pair's contacts are in the frame of its
+body, where a hand, or the other body, is what moves. The first pairs are those of each hand and the first body. A
+hand's variables are in the frame of the first body, a body's in its own: translation of its centre, and rotation
+about its principal axes. Their columns come in the order palm, first body, second palm, further bodies, which all rows
+have; then three of each finger, which only rows of that finger have. A fixed body has none: what is written for it
 goes to columns behind all others, which no program reads.
 
-With Δ the displacement of a contact point of the hand relative to the thing's in this step, and φ the relative
+With Δ the displacement of a contact point of the hand relative to the body's in this step, and φ the relative
 rotation, a row is that of m · Δ + w · φ.
 """
 
@@ -24,7 +24,7 @@ from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline
 from hhsim.kernels.rotation import turned, turned_back
 
 States: TypeAlias = NDArray[np.void]
-"""State of each pair; the first one's has what is of the things and of the program."""
+"""State of each pair; the first one's has what is of the bodies and of the program."""
 
 KINDS = 8
 """Keys of rows: that of their contact times this, plus 0 for its normal row, or 1 and on for those of friction."""
@@ -37,20 +37,20 @@ def hand_count(problem: Record) -> int:
 
 
 @jit_inline
-def thing_count(problem: Record) -> int:
-    """Return the number of things."""
-    return problem.things
+def body_count(problem: Record) -> int:
+    """Return the number of bodies."""
+    return problem.bodies
 
 
 @jit_inline
 def pair_count(problem: Record) -> int:
-    """Return the number of pairs: each hand and each thing, and things that may meet or are joined."""
+    """Return the number of pairs: each hand and each body, and bodies that may meet or are joined."""
     return problem.pairs
 
 
 @jit_inline
 def common_count(problem: Record) -> int:
-    """Return the number of columns that all rows have: of palms and things, then of slack variables."""
+    """Return the number of columns that all rows have: of palms and bodies, then of slack variables."""
     return problem.width + problem.slacks
 
 
@@ -62,7 +62,7 @@ def variable_count(problem: Record) -> int:
 
 @jit_inline
 def other_in(problem: Record, pair: int) -> int:
-    """Return the thing that meets a pair's thing; -1 where it is a hand."""
+    """Return the body that meets a pair's body; -1 where it is a hand."""
     return problem.other[pair]
 
 
@@ -72,14 +72,14 @@ def _pair_of(problem: Record, of: int) -> int:
 
 
 @jit_inline
-def thing_of(problem: Record, of: int) -> int:
-    """Return the thing of a contact, by what it is of: body b of pair p is BODY_COUNT p + b, -1 - k is k's table."""
-    return -1 - of if of < 0 else problem.thing[of // BODY_COUNT]
+def body_of(problem: Record, of: int) -> int:
+    """Return the body of a contact, by what it is of: body b of pair p is BODY_COUNT p + b, -1 - k is k's table."""
+    return -1 - of if of < 0 else problem.body[of // BODY_COUNT]
 
 
 @jit_inline
 def other_of(problem: Record, of: int) -> int:
-    """Return the thing that meets the contact's thing there; -1 where it is a hand or the table."""
+    """Return the body that meets the contact's body there; -1 where it is a hand or the table."""
     return as_int64(-1) if of < 0 else problem.other[of // BODY_COUNT]
 
 
@@ -90,14 +90,14 @@ def palm_column(problem: Record, hand: int) -> int:
 
 
 @jit_inline
-def thing_column(problem: Record, thing: int) -> int:
-    """Return the first variable of a thing; behind all variables for a fixed one."""
-    return problem.column[thing]
+def body_column(problem: Record, number: int) -> int:
+    """Return the first variable of a body; behind all variables for a fixed one."""
+    return problem.column[number]
 
 
 @jit_inline
 def is_still(problem: Record) -> bool:
-    """Return True where no thing has variables."""
+    """Return True where no body has variables."""
     return as_bool(problem.width == 6 * problem.hands)
 
 
@@ -109,7 +109,7 @@ def first_finger(problem: Record, hand: int) -> int:
 
 @jit
 def own_columns(problem: Record, of: int) -> int:
-    """Return the first variable of the finger of a hand body; -1 for a palm, a thing and the table."""
+    """Return the first variable of the finger of a hand body; -1 for a palm, a body and the table."""
     if of < 0:
         return -1
     pair = _pair_of(problem, of)
@@ -122,7 +122,7 @@ def own_columns(problem: Record, of: int) -> int:
 @jit
 def coefficient(bodies: Record, problem: Record, of: int) -> float:
     """μ of a contact."""
-    body, other = bodies[thing_of(problem, of)], other_of(problem, of)
+    body, other = bodies[body_of(problem, of)], other_of(problem, of)
     if other >= 0:
         return math.sqrt(body.table_friction * bodies[other].table_friction)
     return body.table_friction if of < 0 else body.friction
@@ -131,7 +131,7 @@ def coefficient(bodies: Record, problem: Record, of: int) -> float:
 @jit
 def torsion_radius(bodies: Record, problem: Record, of: int) -> float:
     """γ of a contact [m]: what a hand's bears, and no other."""
-    return 0.0 if of < 0 or other_of(problem, of) >= 0 else bodies[thing_of(problem, of)].torsion
+    return 0.0 if of < 0 or other_of(problem, of) >= 0 else bodies[body_of(problem, of)].torsion
 
 
 @jit
@@ -159,7 +159,7 @@ def _object_columns(start: int, stop: int, contacts: Record, body: Record, colum
 def _other_columns(
     body: Record, pose: Record, column: int, row: int, p: Array, m: tuple[float, float, float], common: Array
 ) -> None:
-    # Columns of the thing that meets the contact's one, in whose frame its centre is at `pose`.
+    # Columns of the body that meets the contact's one, in whose frame its centre is at `pose`.
     r, root = pose.rotation, body.inverse_root
     rx, ry, rz = turned_back(r, p[0] - pose.position[0], p[1] - pose.position[1], p[2] - pose.position[2])
     mx, my, mz = turned_back(r, m[0], m[1], m[2])
@@ -191,7 +191,7 @@ def _fold(body: Record, column: int, row: int, common: Array) -> None:
 
 @jit_inline
 def _turn_palm(turn: Array, row: int, palm: int, common: Array) -> None:
-    # A palm's columns, from the frame of a pair's thing to that of the first one.
+    # A palm's columns, from the frame of a pair's body to that of the first one.
     for first in (palm, palm + 3):
         x, y, z = turned_back(turn, common[first, row], common[first + 1, row], common[first + 2, row])
         common[first, row], common[first + 1, row], common[first + 2, row] = x, y, z
@@ -199,18 +199,18 @@ def _turn_palm(turn: Array, row: int, palm: int, common: Array) -> None:
 
 @jit
 def object_columns(states: States, bodies: Record, contacts: Record, problem: Record) -> None:
-    """Write the things' columns of the normal rows of all contacts and of the joint limits, and the keys of both.
+    """Write the bodies' columns of the normal rows of all contacts and of the joint limits, and the keys of both.
 
     `contacts` are those of the first pair, and behind its joint limits those of the others.
     """
     width, common = common_count(problem), problem.common
     for p in range(pair_count(problem)):
-        first, last, thing = problem.first[p], problem.last[p], problem.thing[p]
-        column, palm = thing_column(problem, thing), palm_column(problem, problem.hand[p])
-        body, other = bodies[thing], problem.other[p]
+        first, last, number = problem.first[p], problem.last[p], problem.body[p]
+        column, palm = body_column(problem, number), palm_column(problem, problem.hand[p])
+        body, other = bodies[number], problem.other[p]
         limits = last + (LIMIT_ROWS if p < hand_count(problem) else 0)
         if other >= 0:
-            palm = thing_column(problem, other)
+            palm = body_column(problem, other)
         for j in range(width):
             if not (palm <= j < palm + 6 or column <= j < column + 6):
                 for i in range(first, limits):
@@ -227,7 +227,7 @@ def object_columns(states: States, bodies: Record, contacts: Record, problem: Re
                 point[0], point[1], point[2] = contacts.point[0, i], contacts.point[1, i], contacts.point[2, i]
                 _other_columns(bodies[other], states[p].pose, palm, i, point[:], n, common)
                 _fold(bodies[other], palm, i, common)
-            elif thing > 0:
+            elif number > 0:
                 _turn_palm(problem.turn[p], i, palm, common)
         for i in range(last, limits):
             problem.key[i] = last - i - 1 - LIMIT_ROWS * p
@@ -249,12 +249,12 @@ def displacement(
     py: float,
     pz: float,
 ) -> tuple[float, float, float]:
-    """Compute the displacement of a point of what meets a thing, relative to it; of the table, that of the thing.
+    """Compute the displacement of a point of what meets a body, relative to it; of the table, that of the body.
 
-    Frame of the contact's thing [m]; the step is unscaled, in the program's order.
+    Frame of the contact's body [m]; the step is unscaled, in the program's order.
     """
-    thing = thing_of(problem, of)
-    body, c = bodies[thing], thing_column(problem, thing)
+    number = body_of(problem, of)
+    body, c = bodies[number], body_column(problem, number)
     wx, wy, wz = turned_back(body.axes, step[c + 3], step[c + 4], step[c + 5])
     rx, ry, rz = px - body.center[0], py - body.center[1], pz - body.center[2]
     x = step[c] + wy * rz - wz * ry
@@ -266,7 +266,7 @@ def displacement(
     pose = states[pair].pose
     rx, ry, rz = px - pose.position[0], py - pose.position[1], pz - pose.position[2]
     if other >= 0:
-        body, c = bodies[other], thing_column(problem, other)
+        body, c = bodies[other], body_column(problem, other)
         wx, wy, wz = turned_back(body.axes, step[c + 3], step[c + 4], step[c + 5])
         rx, ry, rz = turned_back(pose.rotation, rx, ry, rz)
         vx, vy, vz = step[c] + wy * rz - wz * ry, step[c + 1] + wz * rx - wx * rz, step[c + 2] + wx * ry - wy * rx
@@ -275,7 +275,7 @@ def displacement(
     hand = problem.hand[pair]
     palm, fingers = palm_column(problem, hand), first_finger(problem, hand)
     vx, vy, vz, wx, wy, wz = step[palm], step[palm + 1], step[palm + 2], step[palm + 3], step[palm + 4], step[palm + 5]
-    if thing > 0:
+    if number > 0:
         vx, vy, vz = turned(problem.turn[pair], vx, vy, vz)
         wx, wy, wz = turned(problem.turn[pair], wx, wy, wz)
     x = vx + wy * rz - wz * ry - x
@@ -314,17 +314,17 @@ def relative_turn(
     ny: float,
     nz: float,
 ) -> float:
-    """Compute the rotation of a hand body relative to its thing about a direction [rad], as `displacement`."""
-    thing = thing_of(problem, of)
-    c = thing_column(problem, thing)
-    wx, wy, wz = turned_back(bodies[thing].axes, step[c + 3], step[c + 4], step[c + 5])
+    """Compute the rotation of a hand body relative to its body about a direction [rad], as `displacement`."""
+    number = body_of(problem, of)
+    c = body_column(problem, number)
+    wx, wy, wz = turned_back(bodies[number].axes, step[c + 3], step[c + 4], step[c + 5])
     if of < 0:
         return wx * nx + wy * ny + wz * nz
     pair = _pair_of(problem, of)
     hand, at = problem.hand[pair], of - BODY_COUNT * pair
     palm, fingers = palm_column(problem, hand), first_finger(problem, hand)
     ux, uy, uz = step[palm + 3], step[palm + 4], step[palm + 5]
-    if thing > 0:
+    if number > 0:
         ux, uy, uz = turned(problem.turn[pair], ux, uy, uz)
     wx, wy, wz = ux - wx, uy - wy, uz - wz
     if at < PALM_BODY:
@@ -353,8 +353,8 @@ def write_row(
     rhs: float,
 ) -> None:
     """Write a row for the displacement along m plus the rotation along w."""
-    thing, other = thing_of(problem, of), other_of(problem, of)
-    body, column = bodies[thing], thing_column(problem, thing)
+    number, other = body_of(problem, of), other_of(problem, of)
+    body, column = bodies[number], body_column(problem, number)
     common, block, weight, root = problem.common, problem.block, problem.inverse_root, body.inverse_root
     px, py, pz = point[0], point[1], point[2]
     mx, my, mz = m
@@ -367,10 +367,10 @@ def write_row(
     for j in range(width):
         common[j, row] = 0.0
     if other >= 0:
-        _other_columns(bodies[other], pose, thing_column(problem, other), row, point, m, common)
-        _fold(bodies[other], thing_column(problem, other), row, common)
+        _other_columns(bodies[other], pose, body_column(problem, other), row, point, m, common)
+        _fold(bodies[other], body_column(problem, other), row, common)
         if wx != 0.0 or wy != 0.0 or wz != 0.0:
-            _turn_other(bodies[other], pose, thing_column(problem, other), row, w, common)
+            _turn_other(bodies[other], pose, body_column(problem, other), row, w, common)
     elif of >= 0:
         palm = palm_column(problem, hand)
         rx, ry, rz = px - pose.position[0], py - pose.position[1], pz - pose.position[2]
@@ -381,7 +381,7 @@ def write_row(
         common[palm + 3, row] = (ry * mz - rz * my + wx) * rotation
         common[palm + 4, row] = (rz * mx - rx * mz + wy) * rotation
         common[palm + 5, row] = (rx * my - ry * mx + wz) * rotation
-        if thing > 0:
+        if number > 0:
             _turn_palm(problem.turn[pair], row, palm, common)
     rx, ry, rz = px - body.center[0], py - body.center[1], pz - body.center[2]
     common[column, row] = sign * mx * root[0]

@@ -1,4 +1,4 @@
-"""Edges of two things against each other: what corners and faces leave of the contact of two polyhedra.
+"""Edges of two bodies against each other: what corners and faces leave of the contact of two polyhedra.
 
 Two convex edges can touch at points inside of both only along n = ± a × b, a and b their directions, and only if n lies
 between the outward normals of the one's faces and -n between those of the other's. Then d = n · (p - q) is their signed
@@ -32,7 +32,7 @@ EDGE_KEY = 1 << 30
 
 @by_reference
 class Edges(NamedTuple):
-    """Convex edges of a thing, about its centre of mass in the thing's frame; none of a thing of spheres."""
+    """Convex edges of a body, about its centre of mass in the body's frame; none of a body of spheres."""
 
     start: Array  # first end [m], (E, 3)
     along: Array  # unit vector to the second one, (E, 3)
@@ -46,14 +46,14 @@ EDGE_PAIRS = np.dtype(
         ("one", np.int64, (NEAR_EDGES,)),  # edge of what moves
         ("two", np.int64, (NEAR_EDGES,)),
         ("distance", np.float64, (NEAR_EDGES,)),  # [m], infinite where they cannot touch
-        ("point", np.float64, (NEAR_EDGES, 3)),  # on the edge of what moves [m], frame of the thing
-        ("normal", np.float64, (NEAR_EDGES, 3)),  # from the thing to what moves
+        ("point", np.float64, (NEAR_EDGES, 3)),  # on the edge of what moves [m], frame of the body
+        ("normal", np.float64, (NEAR_EDGES, 3)),  # from the body to what moves
         ("gathered_slack", np.float64),  # least distance of a pair that is not listed, when gathered [m]
         ("anchor", np.float64, (BOX_CORNERS, 3)),  # corners of the box around what moves then [m]
     ],
     align=True,
 )
-"""Near pairs of edges of two things."""
+"""Near pairs of edges of two bodies."""
 
 
 @jit
@@ -191,7 +191,7 @@ def measure_edges(
 ) -> None:
     """Compute the signed distances of the near pairs of edges, and take them into those of the candidates.
 
-    `edges` are those of what moves, as a palm, at a pose with kinematics up to date; `others` those of the thing whose
+    `edges` are those of what moves, as a palm, at a pose with kinematics up to date; `others` those of the body whose
     frame it is in, with its centre of mass there [m]. `candidates` were measured at this pose. Pairs up to `needed` [m]
     are to be listed, and up to `far` are gathered. `scratch` has shape (6,).
     """

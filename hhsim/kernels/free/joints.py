@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from hhsim.kernels.free.body import HINGE, OBJECT_DOF, along_axis, joint_value
-from hhsim.kernels.free.columns import States, common_count, thing_column, thing_count, write_row
+from hhsim.kernels.free.columns import States, body_column, body_count, common_count, write_row
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit
 from hhsim.kernels.rotation import rotation_vector_between, turned
@@ -114,7 +114,7 @@ def _since_begun(body: Record, value: float) -> float:
 def begin_joints(states: States, bodies: Record, problem: Record) -> None:
     """Keep the values that joints of two free bodies begin a tick with."""
     values = problem.scratch
-    for k in range(thing_count(problem)):
+    for k in range(body_count(problem)):
         body = bodies[k]
         if body.pair_joint > 0:
             pair_values(body, states[body.pair].pose, values[:])
@@ -158,7 +158,7 @@ def _pair_rows(states: States, bodies: Record, k: int, relaxed: bool, row: int, 
 def joints_hold(states: States, bodies: Record, problem: Record) -> bool:
     """Return whether all values that joints of two free bodies keep are as small as at the end of a tick."""
     held = as_bool(True)
-    for k in range(thing_count(problem)):
+    for k in range(body_count(problem)):
         if bodies[k].pair_joint > 0:
             held = held and pair_values(bodies[k], states[bodies[k].pair].pose, problem.scratch[:]) <= SETTLED
     return held
@@ -167,8 +167,8 @@ def joints_hold(states: States, bodies: Record, problem: Record) -> bool:
 @jit
 def joint_rows(states: States, bodies: Record, relaxed: bool, row: int, problem: Record) -> int:
     """Write the rows of all joints from a row on, and return the one behind them."""
-    for k in range(thing_count(problem)):
-        body, column = bodies[k], thing_column(problem, k)
+    for k in range(body_count(problem)):
+        body, column = bodies[k], body_column(problem, k)
         if body.pair_joint > 0:
             row = _pair_rows(states, bodies, as_int64(k), relaxed, row, problem)
         if body.joint == 0 or not has_joint_rows(body):

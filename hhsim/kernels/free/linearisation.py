@@ -15,14 +15,14 @@ from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
 from hhsim.kernels.contact.self_pairs import BROKEN, add_rows, begin_rows, foresee_rows
 from hhsim.kernels.free.body import OBJECT_DOF, body_target, see_hand
 from hhsim.kernels.free.columns import (
+    body_column,
+    body_count,
     first_finger,
     hand_count,
     is_still,
     object_columns,
     pair_count,
     palm_column,
-    thing_column,
-    thing_count,
 )
 from hhsim.kernels.free.joints import has_joint_rows
 from hhsim.kernels.free.meeting import (
@@ -109,7 +109,7 @@ def _find_contacts(method: Free, near: float, state: Record) -> int:
 
 @jit
 def _write_contacts(method: Free, state: Record) -> None:
-    """Write the rows of all contacts and joint limits, but for the things' columns."""
+    """Write the rows of all contacts and joint limits, but for the bodies' columns."""
     problem, relaxed, offset = method.world[0].problem, state.program.is_relaxed, method.options.offset
     build_rows(method.movers[0], state.pose, state.contacts, offset, relaxed, problem)
     problem.is_fresh, problem.share = 1, 1.0
@@ -189,7 +189,7 @@ def prepare(method: Free, near: float, state: Record) -> int:
     total = _find_contacts(method, near, state)
     if total < 0:
         return -1
-    for k in range(thing_count(problem)):
+    for k in range(body_count(problem)):
         body_target(bodies[k], problem.body_target[OBJECT_DOF * k : OBJECT_DOF * k + OBJECT_DOF])
         bodies[k].clipped[:] = 0.0
     for h in range(hand_count(problem)):
@@ -210,7 +210,7 @@ def prepare(method: Free, near: float, state: Record) -> int:
     close = CLOSE * options.offset + FLOATS * world.borne.residual
     find_frictions(bodies, contacts, problem, close, friction)
     joints = as_int64(0)
-    for k in range(thing_count(problem)):
+    for k in range(body_count(problem)):
         joints += 1 if has_joint_rows(bodies[k]) else 0
         alone = problem.body_target[OBJECT_DOF * k : OBJECT_DOF * k + OBJECT_DOF]
         find_table_contacts(bodies[k], k, method.supports[k], options.margin, close, alone, friction)
@@ -330,7 +330,7 @@ def allowed_share(method: Free) -> tuple[float, float]:
 def _clip_target(method: Free, only_restore: bool, state: Record) -> tuple[float, float]:
     """Bring a far target nearer, see `kernels.tick.step_length.clip_target`, which returns the same.
 
-    The motions of hands and things are shortened alike: a hand that was short of its motion past the object alone would
+    The motions of hands and bodies are shortened alike: a hand that was short of its motion past the object alone would
     be carried along by it, for no force, and its springs drawn out by nobody. The targets are moved by what is taken
     off, so that springs and inertia pull as they did.
     """
@@ -355,8 +355,8 @@ def _clip_target(method: Free, only_restore: bool, state: Record) -> tuple[float
             # Where nothing else moves a part of the target brings a part of the forces (`kernels.tick.step_length`).
             made = problem.delta[palm + j if j < 6 else fingers - 6 + j]
             problem.hand_target[DOF * h + j] -= off * (problem.hand_target[DOF * h + j] if still else made)
-    for k in range(thing_count(world.problem)):
-        body, column = world.bodies[k], thing_column(problem, k)
+    for k in range(body_count(world.problem)):
+        body, column = world.bodies[k], body_column(problem, k)
         for j in range(OBJECT_DOF):
             body.clipped[j] = off * problem.delta[column + j]
             problem.body_target[OBJECT_DOF * k + j] -= body.clipped[j]
@@ -374,7 +374,7 @@ def _write_anew(method: Free, state: Record) -> None:
     world = method.world[0]
     _write_contacts(method, state)
     if pair_count(world.problem) > hand_count(world.problem):
-        # What this writes anew has not been turned to the frame of the first thing.
+        # What this writes anew has not been turned to the frame of the first body.
         object_columns(method.states, world.bodies, state.contacts, world.problem)
 
 

@@ -1,6 +1,6 @@
 """Pairs of bodies of hands: what keeps two hands out of each other, and a hand's own parts, in the program of all.
 
-Both hands are as the first thing sees them, in whose frame their variables are. The row of a pair may have fingers of
+Both hands are as the first body sees them, in whose frame their variables are. The row of a pair may have fingers of
 both hands, or two fingers of one: it is a dense one (`kernels.qp.row_scan`). The rows of two hands come first, then
 those of each hand's own pairs.
 """

@@ -1,6 +1,6 @@
 """Pairs of the world: what moves past which body, where both are, and how near.
 
-A hand is kept as each thing sees it, and so is each thing as another one sees it: as a palm without fingers, of spheres
+A hand is kept as each body sees it, and so is each body as another one sees it: as a palm without fingers, of spheres
 or points (`kernels.free.columns` says what a pair is).
 """
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import Support, see_hand, show_hand
-from hhsim.kernels.free.columns import States, hand_count, other_in, pair_count, thing_count
+from hhsim.kernels.free.columns import States, body_count, hand_count, other_in, pair_count
 from hhsim.kernels.free.edges import Edges, measure_edges, record_edges
 from hhsim.kernels.free.support import table_distances
 from hhsim.kernels.hand.kinematics import PALM_BODY, HandArrays
@@ -25,21 +25,21 @@ from hhsim.kernels.tick.options import TickOptions
 
 @by_reference
 class Free(NamedTuple):
-    """Method that solves hands and things together; tuples are padded to their capacity with their last entry."""
+    """Method that solves hands and bodies together; tuples are padded to their capacity with their last entry."""
 
     options: TickOptions
-    supports: tuple[Support, ...]  # of each thing, its parts that can stand on a table
+    supports: tuple[Support, ...]  # of each body, its parts that can stand on a table
     states: States  # of each pair; a tick is given the first one
     world: NDArray[np.void]  # one record of `kernels.free.state.world_dtype`
     edge_pairs: NDArray[np.void]  # of each pair
-    movers: tuple[HandArrays, ...]  # of each hand; then, of several things, each as a palm without fingers
-    surfaces: Any  # of each thing; of each hand where parts of a thing have lists of their own
-    edges: tuple[Edges, ...]  # of each thing
+    movers: tuple[HandArrays, ...]  # of each hand; then, of several bodies, each as a palm without fingers
+    surfaces: Any  # of each body; of each hand where parts of a body have lists of their own
+    edges: tuple[Edges, ...]  # of each body
 
 
 @jit_inline
 def mover_of(method: Free, p: int) -> HandArrays:
-    """Return the arrays of what moves in a pair: of a hand, or of a thing as a palm without fingers."""
+    """Return the arrays of what moves in a pair: of a hand, or of a body as a palm without fingers."""
     problem = method.world[0].problem
     other = problem.other[p]
     return method.movers[problem.hand[p] if other < 0 else hand_count(problem) + other]
@@ -47,26 +47,26 @@ def mover_of(method: Free, p: int) -> HandArrays:
 
 @jit_inline
 def surface_at(method: Free, p: int) -> Any:
-    """Return the surface of the thing of a pair."""
+    """Return the surface of the body of a pair."""
     return method.surfaces[method.world[0].problem.surface[p]]
 
 
 @jit
 def _measure_edges(method: Free, p: int) -> None:
-    """Measure a pair's edges, if two things meet in it, after its other distances."""
+    """Measure a pair's edges, if two bodies meet in it, after its other distances."""
     world = method.world[0]
     each, options = method.states[p], method.options
     problem = world.problem
-    other, thing = other_in(problem, p), problem.thing[p]
-    # Each two things meet in two pairs: their edges once.
-    if 0 <= other < thing and each.modelled[PALM_BODY] == 1:
+    other, number = other_in(problem, p), problem.body[p]
+    # Each two bodies meet in two pairs: their edges once.
+    if 0 <= other < number and each.modelled[PALM_BODY] == 1:
         needed = max(options.listed, max(each.trust.reach, usual_reach(options, each)))
         far = options.margin + options.skin
         measure_edges(
             method.movers[hand_count(problem) + other],
             method.edges[other],
-            method.edges[thing],
-            world.bodies[thing].center[:],
+            method.edges[number],
+            world.bodies[number].center[:],
             each.pose,
             needed,
             far,
@@ -78,11 +78,13 @@ def _measure_edges(method: Free, p: int) -> None:
 
 @jit
 def record_edges_of(method: Free, p: int) -> None:
-    """Add a pair's edges within reach to its contact records, if two things meet in it."""
+    """Add a pair's edges within reach to its contact records, if two bodies meet in it."""
     each, problem = method.states[p], method.world[0].problem
-    other, thing = other_in(problem, p), problem.thing[p]
-    if 0 <= other < thing and each.modelled[PALM_BODY] == 1:
-        record_edges(method.edges[thing], min(each.trust.reach, each.trust.radius), method.edge_pairs[p], each.contacts)
+    other, number = other_in(problem, p), problem.body[p]
+    if 0 <= other < number and each.modelled[PALM_BODY] == 1:
+        record_edges(
+            method.edges[number], min(each.trust.reach, each.trust.radius), method.edge_pairs[p], each.contacts
+        )
 
 
 @jit
@@ -103,16 +105,16 @@ def place_pairs(method: Free) -> None:
             copy_values(first.abduction[:], pose.abduction[:])
         turn_here = world.scratch_turn
         copy_values(pose.orientation[:], turn_here[:])
-        see_hand(bodies[problem.thing[p]], scratch[0:3], turn_here[:], pose.position[:], pose.orientation[:])
+        see_hand(bodies[problem.body[p]], scratch[0:3], turn_here[:], pose.position[:], pose.orientation[:])
         update_kinematics(mover_of(method, p), pose)
 
 
 @jit
 def find_turns(problem: Record, bodies: Record) -> None:
-    """Find how the frame of the first thing is turned to that of each pair's."""
+    """Find how the frame of the first body is turned to that of each pair's."""
     base = bodies[0].rotation
     for p in range(hand_count(problem), pair_count(problem)):
-        own = bodies[problem.thing[p]].rotation
+        own = bodies[problem.body[p]].rotation
         for j in range(3):
             x, y, z = turned_back(own, base[0, j], base[1, j], base[2, j])
             problem.turn[p, 0, j], problem.turn[p, 1, j], problem.turn[p, 2, j] = x, y, z
@@ -132,29 +134,29 @@ def measure(method: Free) -> bool:
 
 @jit
 def measure_table(method: Free) -> tuple[float, int, int]:
-    """Compute the distance [m] of things and table; also returns the lowest thing, and its lowest point."""
+    """Compute the distance [m] of bodies and table; also returns the lowest body, and its lowest point."""
     world = method.world[0]
-    least, thing, lowest = np.inf, as_int64(0), as_int64(-1)
-    for k in range(thing_count(world.problem)):
+    least, number, lowest = np.inf, as_int64(0), as_int64(-1)
+    for k in range(body_count(world.problem)):
         body = world.bodies[k]
         body.measured_distance = np.inf
         if body.has_table == 1:
             distance, point = table_distances(body, method.supports[k])
             body.measured_distance = distance
             if distance < least:
-                least, thing, lowest = distance, as_int64(k), point
-    return least, thing, lowest
+                least, number, lowest = distance, as_int64(k), point
+    return least, number, lowest
 
 
 @jit
 def rebuild(method: Free, states: States) -> bool:
-    """Take the poses of hands and things as they now stand, as each sees what is near; returns whether pairs fit."""
+    """Take the poses of hands and bodies as they now stand, as each sees what is near; returns whether pairs fit."""
     world = method.world[0]
     fits = True
     world.apart = 0.0
     place_pairs(method)
     measure_table(method)
-    for k in range(thing_count(world.problem)):
+    for k in range(body_count(world.problem)):
         world.bodies[k].table_distance = world.bodies[k].measured_distance
     for p in range(pair_count(world.problem)):
         given = mover_of(method, p), surface_at(method, p), method.options

@@ -7,13 +7,13 @@ import numpy as np
 from hhsim.kernels.free.body import OBJECT_DOF, SLIDER, along_axis, as_object_moves, as_other_moves
 from hhsim.kernels.free.columns import (
     States,
+    body_column,
+    body_count,
     common_count,
     first_finger,
     hand_count,
     pair_count,
     palm_column,
-    thing_column,
-    thing_count,
     variable_count,
 )
 from hhsim.kernels.free.joints import JOINT_KEYS, SLACK, slack_column, slack_target
@@ -101,8 +101,8 @@ def scale_target(bodies: Record, problem: Record) -> None:
             target[palm_column(problem, h) + j] = hand[DOF * h + j] / weight[j]
         for j in range(6, DOF):
             target[fingers - 6 + j] = hand[DOF * h + j] / weight[j]
-    for k in range(thing_count(problem)):
-        body, column = bodies[k], thing_column(problem, k)
+    for k in range(body_count(problem)):
+        body, column = bodies[k], body_column(problem, k)
         for j in range(OBJECT_DOF):
             if body.inverse_root[j] > 0.0:
                 target[column + j] = problem.body_target[OBJECT_DOF * k + j] / body.inverse_root[j]
@@ -126,15 +126,15 @@ def take_targets(problem: Record) -> None:
             problem.delta[palm_column(problem, h) + j] = problem.hand_target[DOF * h + j]
         for j in range(6, DOF):
             problem.delta[fingers - 6 + j] = problem.hand_target[DOF * h + j]
-    for k in range(thing_count(problem)):
-        column = thing_column(problem, k)
+    for k in range(body_count(problem)):
+        column = body_column(problem, k)
         for j in range(OBJECT_DOF):
             problem.delta[column + j] = problem.body_target[OBJECT_DOF * k + j]
 
 
 @jit
 def take_steps(states: States, bodies: Record, fraction: float, problem: Record) -> None:
-    """Compute the step of what moves in each pair, as its thing sees it, shape (21,), from a share of the program's.
+    """Compute the step of what moves in each pair, as its body sees it, shape (21,), from a share of the program's.
 
     Of a share it is the whole of which that share leads there, and the fingers' is left: part of the way that both make
     is no part of the straight way between their ends.
@@ -143,23 +143,23 @@ def take_steps(states: States, bodies: Record, fraction: float, problem: Record)
     for j in range(common_count(problem)):
         way[j] = delta[j] if fraction == 1.0 else fraction * delta[j]
     for p in range(pair_count(problem)):
-        thing, other, step, pose = problem.thing[p], problem.other[p], states[p].step, states[p].pose
-        column, palm = thing_column(problem, thing), palm_column(problem, problem.hand[p])
+        number, other, step, pose = problem.body[p], problem.other[p], states[p].step, states[p].pose
+        column, palm = body_column(problem, number), palm_column(problem, problem.hand[p])
         own = way[column : column + OBJECT_DOF]
         if other >= 0:
-            first = thing_column(problem, other)
+            first = body_column(problem, other)
             as_other_moves(bodies[other], pose.rotation[:], way[first : first + OBJECT_DOF], palm_step[:])
         else:
             for j in range(6):
                 palm_step[j] = way[palm + j]
-            if thing > 0:
+            if number > 0:
                 for j in (0, 3):
                     x, y, z = turned(problem.turn[p], palm_step[j], palm_step[j + 1], palm_step[j + 2])
                     palm_step[j], palm_step[j + 1], palm_step[j + 2] = x, y, z
             fingers = first_finger(problem, problem.hand[p])
             for j in range(6, DOF if fraction == 1.0 else 6):
                 step.delta[j] = delta[fingers - 6 + j]
-        as_object_moves(bodies[thing], pose.position[:], palm_step[:], own, step.delta[0:6])
+        as_object_moves(bodies[number], pose.position[:], palm_step[:], own, step.delta[0:6])
         for j in range(0 if fraction == 1.0 else 6):
             step.delta[j] /= fraction
 
@@ -174,8 +174,8 @@ def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, mee
             delta[palm + j] = qp.x[palm + j] * weight[j]
         for j in range(6, DOF):
             delta[fingers - 6 + j] = qp.x[fingers - 6 + j] * weight[j]
-    for k in range(thing_count(problem)):
-        body, column = bodies[k], thing_column(problem, k)
+    for k in range(body_count(problem)):
+        body, column = bodies[k], body_column(problem, k)
         if column >= variable_count(problem):
             continue
         for j in range(OBJECT_DOF):
@@ -241,8 +241,8 @@ def _is_settled(states: States, bodies: Record, offset: float, problem: Record, 
 @jit
 def _rest(bodies: Record, problem: Record) -> None:
     delta = problem.delta
-    for k in range(thing_count(problem)):
-        body, column = bodies[k], thing_column(problem, k)
+    for k in range(body_count(problem)):
+        body, column = bodies[k], body_column(problem, k)
         if body.is_free == 0 or body.is_driven == 1 or body.joint > 0:
             continue
         size = 0.0
@@ -333,7 +333,7 @@ def _end_search(friction: Record, loaded: Record, coulomb: Record) -> None:
 
 @jit
 def solve_free(options: TickOptions, states: States, world: Record, rounds: int, clipped: bool, qp: QpWork) -> int:
-    """Solve for a step of hands and things, with one Γ after another until friction is Coulomb's.
+    """Solve for a step of hands and bodies, with one Γ after another until friction is Coulomb's.
 
     The problem's `delta` and the pairs' steps are written where the status is OPTIMAL. Γ of a step that is clipped is
     for a part of the tick's slip, and is not kept. Returns a status of

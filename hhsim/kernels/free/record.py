@@ -12,13 +12,13 @@ from hhsim.kernels.elementary import hypotenuse
 from hhsim.kernels.free.body import HINGE, OBJECT_DOF
 from hhsim.kernels.free.columns import (
     States,
+    body_count,
+    body_of,
     coefficient,
     displacement,
     other_of,
     pair_count,
     relative_turn,
-    thing_count,
-    thing_of,
     torsion_radius,
 )
 from hhsim.kernels.free.joints import JOINT_KEYS, PAIR_KIND, PAIR_ROWS, free_value
@@ -34,26 +34,26 @@ STICKS = 1e-9
 
 
 @cache
-def borne_dtype(things: int) -> "np.dtype[Any]":
-    """Build the dtype of the contacts that bear a force, each in the frame of its thing."""
+def borne_dtype(bodies: int) -> "np.dtype[Any]":
+    """Build the dtype of the contacts that bear a force, each in the frame of its body."""
     return np.dtype(
         [
             ("count", np.int64),
             # its row or place among the contacts with friction, to put together what several rows bear
             ("contact", np.int64, (ACTIVE_CAPACITY,)),
-            ("body", np.int64, (ACTIVE_CAPACITY,)),  # what it is of, see `kernels.free.columns.thing_of`
+            ("body", np.int64, (ACTIVE_CAPACITY,)),  # what it is of, see `kernels.free.columns.body_of`
             ("point", np.float64, (ACTIVE_CAPACITY, 3)),  # [m]
-            # from the thing to what touches it, of the table from the table to the thing
+            # from the body to what touches it, of the table from the table to the body
             ("normal", np.float64, (ACTIVE_CAPACITY, 3)),
-            ("load", np.float64, (ACTIVE_CAPACITY,)),  # normal force on what touches it, of the table on the thing [N]
+            ("load", np.float64, (ACTIVE_CAPACITY,)),  # normal force on what touches it, of the table on the body [N]
             ("friction", np.float64, (ACTIVE_CAPACITY, 3)),  # tangential force [N]
             ("moment", np.float64, (ACTIVE_CAPACITY,)),  # about the normal [N·m]
             ("slip", np.float64, (ACTIVE_CAPACITY,)),  # tangential way of the contact in the tick [m]
-            ("lever", np.float64, (ACTIVE_CAPACITY, 3)),  # point from the centre of another thing, in its frame [m]
-            # of hands on each thing: force [N], moment about its centre of mass [N·m]
-            ("hand_wrench", np.float64, (things, 6)),
-            ("table_wrench", np.float64, (things, 6)),  # the same of the table
-            ("thing_wrench", np.float64, (things, 6)),  # and of the other things
+            ("lever", np.float64, (ACTIVE_CAPACITY, 3)),  # point from the centre of another body, in its frame [m]
+            # of hands on each body: force [N], moment about its centre of mass [N·m]
+            ("hand_wrench", np.float64, (bodies, 6)),
+            ("table_wrench", np.float64, (bodies, 6)),  # the same of the table
+            ("body_wrench", np.float64, (bodies, 6)),  # and of the other bodies
             # the most by which the slip that friction is balanced against is off the slip of a contact here [m]
             ("residual", np.float64),
             # the most that a contact slips that bears a force without rows of friction: it came from too far [m]
@@ -102,12 +102,12 @@ def _push(
 
 @jit
 def _bear(states: States, problem: Record, of: int, force: float, p: Array, m: tuple[float, float, float]) -> None:
-    # Add a force to those on a hand, which are in the frame of the first thing.
+    # Add a force to those on a hand, which are in the frame of the first body.
     pair = of // BODY_COUNT
     hand = problem.hand[pair]
     x, y, z = p[0], p[1], p[2]
     mx, my, mz = m
-    if problem.thing[pair] > 0:
+    if problem.body[pair] > 0:
         near, far, turn = states[pair].pose, states[hand].pose, problem.turn[pair]
         x, y, z = turned_back(turn, x - near.position[0], y - near.position[1], z - near.position[2])
         x, y, z = x + far.position[0], y + far.position[1], z + far.position[2]
@@ -133,26 +133,26 @@ def _bear_joints(states: States, bodies: Record, problem: Record, loaded: Record
         k, r = number // PAIR_ROWS, number % PAIR_ROWS
         pair = bodies[k].pair
         value = free_value(bodies[k]) if r // 2 == OBJECT_DOF else r // 2
-        thing, pose, p = problem.thing[pair], states[pair].pose, bodies[k].joint_origin
+        number, pose, p = problem.body[pair], states[pair].pose, bodies[k].joint_origin
         e = bodies[k].joint_axes[value % 3]
         size = force if r % 2 == 0 else -force
         along = size if value < 3 else 0.0
-        center, place, turn, m = bodies[thing].center, pose.position, pose.rotation, (e[0], e[1], e[2])
+        center, place, turn, m = bodies[number].center, pose.position, pose.rotation, (e[0], e[1], e[2])
         away = (p[0] - center[0], p[1] - center[1], p[2] - center[2])
-        _push(away, m, -along, along - size, m, borne.thing_wrench[thing])
+        _push(away, m, -along, along - size, m, borne.body_wrench[number])
         m = turned_back(turn, e[0], e[1], e[2])
         away = turned_back(turn, p[0] - place[0], p[1] - place[1], p[2] - place[2])
-        _push(away, m, along, size - along, m, borne.thing_wrench[k])
+        _push(away, m, along, size - along, m, borne.body_wrench[k])
 
 
 @jit
-def clear_borne(things: int, borne: Record) -> None:
-    """Let nothing bear so many things."""
+def clear_borne(bodies: int, borne: Record) -> None:
+    """Let nothing bear so many bodies."""
     borne.count = 0
     borne.residual = borne.bare = 0.0
-    for k in range(things):
+    for k in range(bodies):
         for j in range(OBJECT_DOF):
-            borne.hand_wrench[k, j] = borne.table_wrench[k, j] = borne.thing_wrench[k, j] = 0.0
+            borne.hand_wrench[k, j] = borne.table_wrench[k, j] = borne.body_wrench[k, j] = 0.0
 
 
 @jit
@@ -160,7 +160,7 @@ def find_borne(
     states: States, bodies: Record, contacts: Record, problem: Record, friction: Record, loaded: Record, borne: Record
 ) -> None:
     """Write the loads of the rows: as forces on each hand in its `warm`, and contact by contact in `borne`."""
-    clear_borne(thing_count(problem), borne)
+    clear_borne(body_count(problem), borne)
     count = as_int64(0)
     for p in range(pair_count(problem)):
         states[p].warm.count = 0
@@ -187,7 +187,7 @@ def find_borne(
                 borne.normal[at, j] = friction.normal[owner, j] if owner >= 0 else contacts.normal[j, row]
             borne.body[at] = friction.body[owner] if owner >= 0 else contacts.body[row]
         of = borne.body[at]
-        thing, other = thing_of(problem, of), other_of(problem, of)
+        number, other = body_of(problem, of), other_of(problem, of)
         n, p = borne.normal[at], borne.point[at]
         mx, my, mz = n[0], n[1], n[2]
         borne.load[at] += force
@@ -202,18 +202,18 @@ def find_borne(
                 borne.friction[at, j] += force * push * t[j]
             moment = sign * torsion_radius(bodies, problem, of) * friction.about[owner, e] * force
             borne.moment[at] += moment
-        m, center = (mx, my, mz), bodies[thing].center
+        m, center = (mx, my, mz), bodies[number].center
         r = (p[0] - center[0], p[1] - center[1], p[2] - center[2])
         if of < 0:
-            _push(r, m, force, moment, n, borne.table_wrench[thing])
+            _push(r, m, force, moment, n, borne.table_wrench[number])
         elif other >= 0:
             pose = states[of // BODY_COUNT].pose
-            _push(r, m, -force, -moment, n, borne.thing_wrench[thing])
+            _push(r, m, -force, -moment, n, borne.body_wrench[number])
             r = turned_back(pose.rotation, p[0] - pose.position[0], p[1] - pose.position[1], p[2] - pose.position[2])
             borne.lever[at, 0], borne.lever[at, 1], borne.lever[at, 2] = r
-            _push(r, turned_back(pose.rotation, mx, my, mz), force, 0.0, n, borne.thing_wrench[other])
+            _push(r, turned_back(pose.rotation, mx, my, mz), force, 0.0, n, borne.body_wrench[other])
         else:
-            _push(r, m, -force, -moment, n, borne.hand_wrench[thing])
+            _push(r, m, -force, -moment, n, borne.hand_wrench[number])
             _bear(states, problem, of, force, p, m)
     borne.count = count
     borne.bare = 0.0
@@ -233,15 +233,15 @@ def find_borne(
 
 
 @jit
-def copy_borne(things: int, source: Record, target: Record) -> None:
-    """Copy what is borne of so many things."""
+def copy_borne(bodies: int, source: Record, target: Record) -> None:
+    """Copy what is borne of so many bodies."""
     target.count = source.count
     target.residual = source.residual
     target.bare = source.bare
-    for k in range(things):
+    for k in range(bodies):
         copy_values(source.hand_wrench[k], target.hand_wrench[k])
         copy_values(source.table_wrench[k], target.table_wrench[k])
-        copy_values(source.thing_wrench[k], target.thing_wrench[k])
+        copy_values(source.body_wrench[k], target.body_wrench[k])
     for i in range(source.count):
         target.body[i] = source.body[i]
         target.load[i] = source.load[i]
@@ -275,18 +275,18 @@ class WorldRecord(NamedTuple):
 
     # Motion and wrenches with the body as their first axis; all contacts, with `body` -2 - k where body k touches.
     bodies: ObjectRecord
-    thing: Indices  # of each contact, (rows,)
-    other_point: Array  # of each contact as it goes with the other thing [m], (rows, 3)
-    thing_wrench: Array  # of the other things on each: force [N], moment about its centre [N·m], (K, B, 6)
+    contact_body: Indices  # body of each contact, (rows,)
+    other_point: Array  # of each contact as it goes with the other body [m], (rows, 3)
+    body_wrench: Array  # of the other bodies on each: force [N], moment about its centre [N·m], (K, B, 6)
 
 
-class ThingsRecord(NamedTuple):
+class BodiesRecord(NamedTuple):
     """A `WorldRecord` with a record of each body, the first with all contacts."""
 
-    things: tuple[ObjectRecord, ...]
-    thing: Indices
+    bodies: tuple[ObjectRecord, ...]
+    contact_body: Indices
     other_point: Array
-    thing_wrench: Array
+    body_wrench: Array
 
 
 @jit
@@ -366,10 +366,10 @@ def _record_object(record: ObjectRecord, method: Any, i: int) -> None:
 def _record_bodies(record: WorldRecord, method: Any, i: int) -> None:
     world = method.world[0]
     borne, problem, bodies, first = world.borne, world.problem, world.bodies, record.bodies
-    for t in range(thing_count(problem)):
+    for t in range(body_count(problem)):
         body = bodies[t]
         _record_motion(body, borne.hand_wrench[t], borne.table_wrench[t], (t, i), first)
-        wrench, out = borne.thing_wrench[t], record.thing_wrench[t, i]
+        wrench, out = borne.body_wrench[t], record.body_wrench[t, i]
         if body.joint == HINGE:
             _about_center(body, wrench)
         for half in range(2):
@@ -378,7 +378,7 @@ def _record_bodies(record: WorldRecord, method: Any, i: int) -> None:
     row = first.contact[i]
     for k in range(borne.count):
         of = borne.body[k]
-        thing, other = thing_of(problem, of), other_of(problem, of)
+        number, other = body_of(problem, of), other_of(problem, of)
         if other >= 0:
             name, body = -2 - other, bodies[other]
             _record_point(body, borne.lever[k], record.other_point[row])
@@ -386,7 +386,7 @@ def _record_bodies(record: WorldRecord, method: Any, i: int) -> None:
             name = of % BODY_COUNT + BODY_COUNT * problem.hand[of // BODY_COUNT]
         else:
             name = as_int64(-1)
-        _record_contact(bodies[thing], name, k, borne, row, first)
-        record.thing[row] = thing
+        _record_contact(bodies[number], name, k, borne, row, first)
+        record.contact_body[row] = number
         row += 1
     first.contact[i + 1] = row

@@ -50,22 +50,22 @@ TABLE_CONTACTS = 24
 DIRECTIONS = 3
 PER_CONTACT = 2 * DIRECTIONS
 FREE_ROWS = ROW_CAPACITY + HAND_FRICTION * PER_CONTACT + TABLE_CONTACTS * (1 + PER_CONTACT) + 138
-"""Room: contacts with friction of hands and of things with each other, contacts of a thing's table, and all rows. Rows
+"""Room: contacts with friction of hands and of bodies with each other, contacts of a body's table, and all rows. Rows
 lie 13 cache lines apart but for whole pages: in a multiple of those they would share few places of the first cache."""
 SECOND_ROWS = ROW_CAPACITY + 490
 """Room for the contacts and limits of a second hand; as many cache lines more."""
 OTHER_ROWS = 1536
-"""Room for the contacts of up to six further things with a table, and for dense rows: whole pages."""
+"""Room for the contacts of up to six further bodies with a table, and for dense rows: whole pages."""
 
 HAND_GROUPS = 3 * FINGER_COUNT + 2
-"""Of a hand and its first thing: palm and fingers, and their limits; then palm and fingers with friction."""
+"""Of a hand and its first body: palm and fingers, and their limits; then palm and fingers with friction."""
 
 SLACKS = 6
-"""Columns of slack variables, one of each thing, if there are any: rows are read in strips of so many."""
+"""Columns of slack variables, one of each body, if there are any: rows are read in strips of so many."""
 TABLE_KEYS = -1000
 """Keys of the table's rows go down from here; those of joint limits from -1."""
 PAIR_KEYS = 1 << 40
-"""Keys of the contacts of a pair, and of a thing's table, are those that it has alone and this times its number."""
+"""Keys of the contacts of a pair, and of a body's table, are those that it has alone and this times its number."""
 
 NEAR_POINTS = 2048
 """Room for the points of the hull within reach of the table."""
@@ -80,26 +80,26 @@ TINY = 1e-9
 """A slip [m] or a share that gives no direction."""
 
 
-def free_problem_dtype(hands: int, things: int) -> "np.dtype[Any]":
-    """Build the dtype of the rows of up to so many hands and things, in the layout of `kernels.qp.active_set`."""
-    common, fingers, pairs = 6 * (hands + things), FINGER_COUNT * hands, things * (hands + things - 1)
-    common += SLACKS if things > 1 else 0
+def free_problem_dtype(hands: int, bodies: int) -> "np.dtype[Any]":
+    """Build the dtype of the rows of up to so many hands and bodies, in the layout of `kernels.qp.active_set`."""
+    common, fingers, pairs = 6 * (hands + bodies), FINGER_COUNT * hands, bodies * (hands + bodies - 1)
+    common += SLACKS if bodies > 1 else 0
     dof = common + PHALANX_COUNT * fingers
-    # Fixed things have columns that no program reads.
-    whole = dof + OBJECT_DOF if things > 1 else dof
-    dense = HAND_ROWS + hands * SELF_ROWS if things > 1 else 1
-    rows = FREE_ROWS + SECOND_ROWS * (hands - 1) + (OTHER_ROWS if things > 1 else 0)
+    # Fixed bodies have columns that no program reads.
+    whole = dof + OBJECT_DOF if bodies > 1 else dof
+    dense = HAND_ROWS + hands * SELF_ROWS if bodies > 1 else 1
+    rows = FREE_ROWS + SECOND_ROWS * (hands - 1) + (OTHER_ROWS if bodies > 1 else 0)
     groups = HAND_GROUPS * hands + 2 * (FINGER_COUNT + 1) * (pairs - hands) + 2
     return np.dtype(
         [
             ("hands", np.int64),  # numbers of those that there are
-            ("things", np.int64),
+            ("bodies", np.int64),
             ("pairs", np.int64),
-            ("slacks", np.int64),  # SLACKS where a joint of two free things has friction, else 0
-            ("width", np.int64),  # columns of palms and things
+            ("slacks", np.int64),  # SLACKS where a joint of two free bodies has friction, else 0
+            ("width", np.int64),  # columns of palms and bodies
             ("palm", np.int64, (hands,)),  # first column of each palm
-            ("column", np.int64, (things,)),  # first column of each thing
-            ("common", np.float64, (common if things == 1 else whole, rows)),  # of palms, things and slacks, scaled
+            ("column", np.int64, (bodies,)),  # first column of each body
+            ("common", np.float64, (common if bodies == 1 else whole, rows)),  # of palms, bodies and slacks, scaled
             ("dense", np.float64, (dense, PHALANX_COUNT * fingers)),  # columns of all fingers of dense rows, scaled
             ("dense_row", np.int64),  # first of these: pairs of two hands, then each hand's own pairs
             ("dense_rows", np.int64),  # number of these
@@ -114,17 +114,13 @@ def free_problem_dtype(hands: int, things: int) -> "np.dtype[Any]":
             ("kind", np.int64, (rows,)),  # 0 normal, 1 to 3 for e_1 to e_3, 4 to 6 for their opposites
             ("first", np.int64, (pairs,)),  # first row of each pair's contacts
             ("last", np.int64, (pairs,)),  # row behind them, where a hand's joint limits begin
-            ("hand", np.int64, (pairs,)),  # of each pair; 0 for two things
-            ("other", np.int64, (pairs,)),  # thing that meets the pair's one; -1 for a hand
-            ("thing", np.int64, (pairs,)),  # in whose frame the pair is
+            ("hand", np.int64, (pairs,)),  # of each pair; 0 for two bodies
+            ("other", np.int64, (pairs,)),  # body that meets the pair's one; -1 for a hand
+            ("body", np.int64, (pairs,)),  # in whose frame the pair is
             ("surface", np.int64, (pairs,)),  # number of the pair's surface
-            ("turn", np.float64, (pairs, 3, 3)),  # from the frame of the first thing to that of the pair's
+            ("turn", np.float64, (pairs, 3, 3)),  # from the frame of the first body to that of the pair's
             ("hand_target", np.float64, (DOF * hands,)),  # step to each of the user's hands, unscaled
-            (
-                "body_target",
-                np.float64,
-                (OBJECT_DOF * things,),
-            ),  # step to where each thing would go by itself, unscaled
+            ("body_target", np.float64, (OBJECT_DOF * bodies,)),  # step to where each body would go by itself, unscaled
             ("target", np.float64, (whole,)),  # all targets, scaled, in the program's order
             ("abduction_step", np.float64, (fingers,)),  # of the fingers, as delta [rad]
             ("abduction_total", np.float64, (fingers,)),  # of the fingers, as total [rad]
@@ -149,26 +145,26 @@ def free_problem_dtype(hands: int, things: int) -> "np.dtype[Any]":
     )
 
 
-def friction_count(things: int) -> int:
-    """Return the room for contacts with friction of so many things."""
-    return HAND_FRICTION + TABLE_CONTACTS * things
+def friction_count(bodies: int) -> int:
+    """Return the room for contacts with friction of so many bodies."""
+    return HAND_FRICTION + TABLE_CONTACTS * bodies
 
 
 @cache
-def friction_dtype(things: int) -> "np.dtype[Any]":
-    """Build the dtype of the contacts with friction: of hands and of things with each other, then all of the table."""
-    count = friction_count(things)
+def friction_dtype(bodies: int) -> "np.dtype[Any]":
+    """Build the dtype of the contacts with friction: of hands and of bodies with each other, then all of the table."""
+    count = friction_count(bodies)
     return np.dtype(
         [
             ("count", np.int64),
             ("room", np.int64),  # for so many
             ("of_hand", np.int64),  # the first so many are not of the table
             ("contact", np.int64, (count,)),  # its contact record, or the number of the point of the hull
-            ("body", np.int64, (count,)),  # what it is of, see `kernels.free.columns.thing_of`
+            ("body", np.int64, (count,)),  # what it is of, see `kernels.free.columns.body_of`
             ("key", np.int64, (count,)),
             ("has_friction", np.int64, (count,)),  # 1 where it has rows of friction, 0 for some of the table
-            ("point", np.float64, (count, 3)),  # [m], frame of its thing, as all that follows
-            ("normal", np.float64, (count, 3)),  # out of the thing, of the table into it
+            ("point", np.float64, (count, 3)),  # [m], frame of its body, as all that follows
+            ("normal", np.float64, (count, 3)),  # out of the body, of the table into it
             ("along", np.float64, (count, DIRECTIONS, 3)),  # parts of e_1 to e_3 along the surface
             ("about", np.float64, (count, DIRECTIONS)),  # parts of e_1 to e_3 about the normal
             ("distance", np.float64, (count,)),  # d [m]
@@ -183,8 +179,8 @@ def friction_dtype(things: int) -> "np.dtype[Any]":
             ("cone", np.float64, (count,)),  # multiplier of friction [N]
             ("bearings", np.int64),  # number of contacts with rows of friction that bear a force
             ("bearing", np.int64, (count,)),  # their places here
-            ("entries", np.int64, (things,)),  # number of points of the hull that a step had in the table
-            ("entry", np.int64, (things, ENTRIES)),  # which points
+            ("entries", np.int64, (bodies,)),  # number of points of the hull that a step had in the table
+            ("entry", np.int64, (bodies, ENTRIES)),  # which points
             ("near", np.int64, (NEAR_POINTS,)),  # points of the hull within reach of the table
             ("near_distance", np.float64, (NEAR_POINTS,)),  # how far they are [m]
             ("near_point", np.float64, (3, NEAR_POINTS)),
@@ -195,9 +191,9 @@ def friction_dtype(things: int) -> "np.dtype[Any]":
     )
 
 
-def held_dtype(things: int) -> "np.dtype[Any]":
+def held_dtype(bodies: int) -> "np.dtype[Any]":
     """Build the dtype of the last program's contacts with friction: Γ [m], e_1, and the better direction for e_1."""
-    count = friction_count(things)
+    count = friction_count(bodies)
     return np.dtype(
         [
             ("count", np.int64),
@@ -229,7 +225,7 @@ def find_frictions(bodies: Record, contacts: Record, problem: Record, close: flo
                 break
     count = as_int64(0)
     for p in range(pair_count(problem)):
-        body = bodies[problem.thing[p]]
+        body = bodies[problem.body[p]]
         if problem.other[p] < 0 and body.friction == 0.0 and body.torsion == 0.0:
             continue
         for i in range(problem.first[p], problem.last[p]):

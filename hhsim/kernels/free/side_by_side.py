@@ -1,4 +1,4 @@
-"""Ticks of two hands beside things that stand still or move as recorded.
+"""Ticks of two hands beside bodies that stand still or move as recorded.
 
 Each hand's tick is the one that it has alone, on where both began. Only where these two ways might have met are both
 taken back, and the tick is one of the world of both (`kernels.free.tick`), whose pairs' states are those of the hands.

@@ -17,27 +17,27 @@ from hhsim.kernels.free.record import borne_dtype
 from hhsim.kernels.free.rows import free_problem_dtype, friction_count, friction_dtype, held_dtype
 from hhsim.kernels.free.slips import coulomb_dtype
 
-MOST_HANDS, MOST_THINGS = 2, 6
+MOST_HANDS, MOST_BODIES = 2, 6
 
 
 @cache
 def world_dtype() -> "np.dtype[Any]":
     """Build the dtype of the bodies, and of the program of all: one compilation does for any numbers of both."""
-    hands, things = MOST_HANDS, MOST_THINGS
-    problem, frictions = free_problem_dtype(hands, things), friction_count(things)
+    hands, bodies = MOST_HANDS, MOST_BODIES
+    problem, frictions = free_problem_dtype(hands, bodies), friction_count(bodies)
     common, dof, fingers = (problem[name].shape[0] for name in ("common", "delta", "abduction_step"))
     pairs = problem["hand"].shape
     return np.dtype(
         [
-            ("bodies", BODY, (things,)),
+            ("bodies", BODY, (bodies,)),
             ("problem", problem),  # the program
-            ("friction", friction_dtype(things)),  # its contacts with friction
+            ("friction", friction_dtype(bodies)),  # its contacts with friction
             ("loaded", LOADED),  # its loaded rows
-            ("held", held_dtype(things)),  # Γ and directions of the contacts with friction
+            ("held", held_dtype(bodies)),  # Γ and directions of the contacts with friction
             ("coulomb", coulomb_dtype(dof, frictions)),  # what finds Γ
             ("leanings", leanings_dtype(dof, common, frictions)),  # what finds directions
-            ("tried", borne_dtype(things)),  # the contacts that bear a force at the last step
-            ("borne", borne_dtype(things)),  # the same at the last accepted one
+            ("tried", borne_dtype(bodies)),  # the contacts that bear a force at the last step
+            ("borne", borne_dtype(bodies)),  # the same at the last accepted one
             ("safe_total", np.float64, (dof,)),  # the tick's step up to the last accepted one
             ("safe_abduction", np.float64, (fingers,)),  # its fingers' spread
             ("meeting", HAND_PAIRS),  # of two hands

@@ -1,4 +1,4 @@
-"""Contacts by which a thing stands on the table or on another thing: of many the lowest, however it tilts a little."""
+"""Contacts by which a body stands on the table or on another body: of many the lowest, however it tilts a little."""
 
 import math
 
@@ -15,7 +15,7 @@ SLOPES = (0.0, 0.002, 0.03)
 """Planes of these slopes, in eight directions, choose the points that may touch the table in this step."""
 HEADINGS = 8
 ALIKE = 1e-6
-"""Contacts of two things whose normals have a product of no less than 1 less this lie on one plane."""
+"""Contacts of two bodies whose normals have a product of no less than 1 less this lie on one plane."""
 
 
 @jit
@@ -68,7 +68,7 @@ def _choose_lowest(count: int, along: Array, across: Array, most: int, friction:
 
 
 @jit
-def _choose_support(body: Record, support: Support, reach: float, thing: int, friction: Record) -> None:
+def _choose_support(body: Record, support: Support, reach: float, number: int, friction: Record) -> None:
     # The lowest points; and those by which this tick has entered the table: of points less inclined to each other the
     # lowest is another one at each program, and what only one of them holds goes into the table by the others in turn.
     r, center = body.rotation, body.center
@@ -94,8 +94,8 @@ def _choose_support(body: Record, support: Support, reach: float, thing: int, fr
         friction.contact[first + j] = near[friction.lowest[j]]
         friction.distance[first + j] = near_distance[friction.lowest[j]]
     count = first + chosen
-    for k in range(friction.entries[thing]):
-        i = friction.entry[thing, k]
+    for k in range(friction.entries[number]):
+        i = friction.entry[number, k]
         known = as_bool(False)
         for j in range(first, count):
             known = known or friction.contact[j] == i
@@ -108,7 +108,7 @@ def _choose_support(body: Record, support: Support, reach: float, thing: int, fr
 
 @jit
 def keep_lowest(contacts: Record, open_distance: Array, friction: Record) -> None:
-    """Keep, in their order, of the contacts of two things that lie on one plane those that are lowest over it.
+    """Keep, in their order, of the contacts of two bodies that lie on one plane those that are lowest over it.
 
     What a step brings in by another one is found by its distances, as is what enters the table. `open_distance` is
     workspace of shape (CONTACT_ROWS,): infinity marks a contact to leave out, -infinity one to keep.
@@ -162,35 +162,35 @@ def keep_lowest(contacts: Record, open_distance: Array, friction: Record) -> Non
 
 
 @jit
-def keep_entry(thing: int, lowest: int, friction: Record) -> None:
-    """Have a point of a thing's hull, which a step had in the table, in all further programs of the tick."""
-    known = as_bool(friction.entries[thing] == ENTRIES)
-    for k in range(friction.entries[thing]):
-        known = known or friction.entry[thing, k] == lowest
+def keep_entry(number: int, lowest: int, friction: Record) -> None:
+    """Have a point of a body's hull, which a step had in the table, in all further programs of the tick."""
+    known = as_bool(friction.entries[number] == ENTRIES)
+    for k in range(friction.entries[number]):
+        known = known or friction.entry[number, k] == lowest
     if not known:
-        friction.entry[thing, friction.entries[thing]] = lowest
-        friction.entries[thing] += 1
+        friction.entry[number, friction.entries[number]] = lowest
+        friction.entries[number] += 1
 
 
 @jit
 def find_table_contacts(
-    body: Record, thing: int, support: Support, reach: float, close: float, step: Array, friction: Record
+    body: Record, number: int, support: Support, reach: float, close: float, step: Array, friction: Record
 ) -> None:
-    """Say which points of a thing may touch the table: those up to `reach` [m].
+    """Say which points of a body may touch the table: those up to `reach` [m].
 
-    They have friction where they would come close in the step, shape (6,), that the thing makes by itself: what lands
+    They have friction where they would come close in the step, shape (6,), that the body makes by itself: what lands
     rubs at once.
     """
     if body.has_table == 0:
         return
     first = friction.count
-    _choose_support(body, support, reach, thing, friction)
+    _choose_support(body, support, reach, number, friction)
     r = body.rotation
     wx, wy, wz = turned_back(body.axes, step[3], step[4], step[5])
     for i in range(first, friction.count):
         lowest = friction.contact[i]
-        friction.body[i] = -1 - thing
-        friction.key[i] = lowest + PAIR_KEYS * thing
+        friction.body[i] = -1 - number
+        friction.key[i] = lowest + PAIR_KEYS * number
         n, p = friction.normal[i], friction.point[i]
         for j in range(3):
             n[j] = r[2, j]

@@ -1,6 +1,6 @@
 """One tick of hands and free objects: the loop of `kernels.tick.tick`, with all steps in one program.
 
-A program's step moves all; the thing's is taken out of what moves past it, and what is left is what is bounded by the
+A program's step moves all; the body's is taken out of what moves past it, and what is left is what is bounded by the
 pairs at hand and judged by true distances. A step of which anything would be entered is taken back like any other, and
 the last pose of all that was free is what is shown. The table is a half-space: nothing can be behind it, so that the
 end of a step says all.
@@ -29,12 +29,12 @@ from hhsim.kernels.free.body import (
 )
 from hhsim.kernels.free.columns import (
     States,
+    body_column,
+    body_count,
     hand_count,
     is_still,
     pair_count,
     palm_column,
-    thing_column,
-    thing_count,
     variable_count,
 )
 from hhsim.kernels.free.joints import begin_joints, joints_hold
@@ -76,7 +76,7 @@ def _take_back(method: Free) -> None:
         take_back(method.states[p])
         method.states[p].progress.failed_steps = 0
     world.apart = 0.0
-    for k in range(thing_count(world.problem)):
+    for k in range(body_count(world.problem)):
         take_body_back(world.bodies[k])
     variables = variable_count(world.problem)
     copy_values(world.safe_total[:variables], world.problem.total[:variables])
@@ -109,7 +109,7 @@ def _recover(method: Free, hand: HandArrays, surface: Any, state: Record) -> boo
 
 @jit_noinline
 def _find_loads(method: Free, state: Record) -> None:
-    """Find the forces of the solution on things and hands."""
+    """Find the forces of the solution on bodies and hands."""
     world, states = method.world[0], method.states
     problem, contacts = world.problem, state.contacts
     find_borne(states, world.bodies, contacts, problem, world.friction, world.loaded, world.tried)
@@ -121,7 +121,7 @@ def _find_loads(method: Free, state: Record) -> None:
 
 @jit
 def _move_all(method: Free, fraction: float, state: Record) -> None:
-    """Make a share of the step of hands and things, and find what bears it."""
+    """Make a share of the step of hands and bodies, and find what bears it."""
     world = method.world[0]
     problem, bodies, states = world.problem, world.bodies, method.states
     for j in range(variable_count(problem)):
@@ -129,37 +129,37 @@ def _move_all(method: Free, fraction: float, state: Record) -> None:
     for f in range(FINGER_COUNT * hand_count(problem)):
         problem.abduction_total[f] += fraction * problem.abduction_step[f]
     _find_loads(method, state)
-    # What comes next in the tick is added to it in the frame of each thing as it then stands.
-    first = thing_column(problem, as_int64(0))
+    # What comes next in the tick is added to it in the frame of each body as it then stands.
+    first = body_column(problem, as_int64(0))
     for h in range(hand_count(problem)):
         palm = palm_column(problem, h)
         for j in (palm, palm + 3):
             turn_back(bodies[0], problem.delta[first : first + OBJECT_DOF], fraction, problem.total[j : j + 3])
-    for k in range(thing_count(problem)):
-        j = thing_column(problem, k)
+    for k in range(body_count(problem)):
+        j = body_column(problem, k)
         turn_back(bodies[k], problem.delta[j : j + OBJECT_DOF], fraction, problem.total[j : j + 3])
     if 0.0 < fraction < 1.0:
         take_steps(states, bodies, fraction, problem)
     for p in range(pair_count(problem)):
         each = states[p]
         move(each.pose, each.step.delta, each.problem.abduction_step, fraction)
-    for k in range(thing_count(problem)):
-        j = thing_column(problem, k)
+    for k in range(body_count(problem)):
+        j = body_column(problem, k)
         move_body(bodies[k], problem.delta[j : j + OBJECT_DOF], fraction)
 
 
 @jit
 def _keep(world: Record) -> None:
-    """Keep the things' poses, and what bears them, as those of an accepted step."""
+    """Keep the bodies' poses, and what bears them, as those of an accepted step."""
     problem = world.problem
-    for k in range(thing_count(problem)):
+    for k in range(body_count(problem)):
         keep_body(world.bodies[k])
         world.bodies[k].table_distance = world.bodies[k].measured_distance
     variables = variable_count(problem)
     copy_values(problem.total[:variables], world.safe_total[:variables])
     copy_values(problem.abduction_total[:], world.safe_abduction[:])
     world.tried.residual = problem.gamma_error
-    copy_borne(thing_count(problem), world.tried, world.borne)
+    copy_borne(body_count(problem), world.tried, world.borne)
 
 
 @advance.of(Free)
@@ -189,9 +189,9 @@ def _advance(method: Free, hand: HandArrays, surface: Any, full_motion: float, s
     if hand_count(problem) > 1 and not stay_apart(fraction, states, world):
         apart = measure_hands(method.movers, states, world)
         least = min(least, apart - world.kept_apart if world.kept_apart >= -DEEP else 0.0)
-    table, thing, lowest = measure_table(method)
+    table, number, lowest = measure_table(method)
     if table < 0.0:
-        keep_entry(thing, lowest, world.friction)
+        keep_entry(number, lowest, world.friction)
     done = False
     if not fits:
         progress.lag = max(full_motion, longest) - fraction * longest
@@ -265,13 +265,13 @@ def _finish_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp
         if pairs_overflow:
             world.status[p] |= STATUS_CAPACITY_EXCEEDED
         if p >= hand_count(problem):
-            # A thing that has distance still to go past another one has it whatever the hand has.
+            # A body that has distance still to go past another one has it whatever the hand has.
             world.status[0] |= world.status[p] & STATUS_LAG
     if progress.is_accepted:
-        for k in range(thing_count(problem)):
+        for k in range(body_count(problem)):
             take_velocity(bodies[k])
     else:
-        clear_borne(thing_count(problem), borne)
+        clear_borne(body_count(problem), borne)
     detected, still = monotonic_ns(), is_still(problem)
     if still and not pairs_overflow and options.force_model != FORCE_PAPER:
         lags = False
@@ -329,14 +329,14 @@ def _tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp: QpWor
 @begin_motion.of(Free)
 @jit
 def _begin_motion(method: Free, hand: HandArrays, surface: Any, state: Record) -> None:
-    """Let the things go on by their velocity and their weight."""
+    """Let the bodies go on by their velocity and their weight."""
     world = method.world[0]
     problem = world.problem
     place_pairs(method)
     begin_joints(method.states, world.bodies, problem)
     for p in range(1, pair_count(problem)):
         begin_tick(method.options, method.states[p])
-    for k in range(thing_count(world.problem)):
+    for k in range(body_count(world.problem)):
         predict(world.bodies[k])
         keep_body(world.bodies[k])
     variables = variable_count(problem)
@@ -383,7 +383,7 @@ def run_many(
                 haptic.abduction[h, i],
                 states[h],
             )
-        for k in range(thing_count(world.problem)):
+        for k in range(body_count(world.problem)):
             if world.bodies[k].is_driven == 1:
                 drive_body(world.bodies[k], driven[k, i])
         tick(method, method.movers[0], method.surfaces[0], state, qp)

@@ -39,8 +39,8 @@ def part_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
     """Return the record of a part whose surface has these candidates."""
     return np.dtype(
         [
-            ("position", np.float64, (3,)),  # origin of the part's frame [m], in the thing's
-            ("orientation", np.float64, (4,)),  # part to thing, (w, x, y, z)
+            ("position", np.float64, (3,)),  # origin of the part's frame [m], in the body's
+            ("orientation", np.float64, (4,)),  # part to body, (w, x, y, z)
             ("rotation", np.float64, (3, 3)),  # the same as a matrix
             ("yields", np.int64),  # 1 if the part has moved since the hand last had a place
             ("near", candidates),
@@ -51,7 +51,7 @@ def part_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
 
 
 def whole_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
-    """Return the candidates of a thing whose parts have these: the least of them, and the workspace of a walk."""
+    """Return the candidates of a body whose parts have these: the least of them, and the workspace of a walk."""
     assert candidates.fields is not None
     walk = [(name, candidates.fields[name][0]) for name in ("scratch", "stack")]
     return np.dtype([*SHARED_CANDIDATES, *walk], align=True)
@@ -63,7 +63,7 @@ class JointedSurface(NamedTuple):
 
     pieces: Any  # `TreeArrays` or `MeshFeatures`, each part's in its own frame
     start: Indices  # where the pieces of each part begin, and the end, see `part_pieces`, (P + 1, columns)
-    path: Array  # position [m] and orientation (w, x, y, z) of each part in the thing's frame at each tick, (T, P, 7)
+    path: Array  # position [m] and orientation (w, x, y, z) of each part in the body's frame at each tick, (T, P, 7)
     tick: Indices  # number of ticks begun, (1,)
     part: NDArray[np.void]  # records of `part_dtype`, (P,)
 

@@ -92,7 +92,7 @@ SQUEEZE = np.dtype(
 
 
 class Jointed(NamedTuple):
-    """Method of a hand beside parts that move: between two motions of theirs, a method for things that stand still."""
+    """Method of a hand beside parts that move: between two motions of theirs, a method for bodies that stand still."""
 
     method: Any  # Coupled, or Progressive
     squeeze: NDArray[np.void]  # a record of `SQUEEZE`, (1,)

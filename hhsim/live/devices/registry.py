@@ -84,7 +84,7 @@ class GloveConfig:
     calibration: "Calibration | None" = None
 
 
-GLOVES: Registry[Glove] = Registry("hhsim.live.devices", "GLOVE", "glove")
+GLOVES: Registry[Glove] = Registry("hhsim.live.devices", "GLOVE", "glove", group="hhsim.gloves")
 """Gloves by name."""
 
 

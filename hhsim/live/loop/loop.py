@@ -401,7 +401,7 @@ class LiveLoop:
         slot["contact"] = 0, rows
         for name in ObjectRecord._fields[of_tick + 1 :]:
             slot[name][:rows] = getattr(first, name)[:rows]
-        bodies, wrenches = ((first,), np.zeros((1, 1, 6))) if every is None else (every.things, every.thing_wrench)
+        bodies, wrenches = ((first,), np.zeros((1, 1, 6))) if every is None else (every.bodies, every.body_wrench)
         for row, body, wrench in zip(slot["motion"], bodies, wrenches, strict=True):
             row[:] = np.concatenate([*(getattr(body, name)[0] for name in ObjectRecord._fields[:6]), wrench[0]])
         self.memory.bodies.publish()

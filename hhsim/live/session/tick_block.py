@@ -6,7 +6,7 @@ import numpy as np
 
 from hhsim.arrays import AnyArray, Records
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.kernels.free.record import ObjectRecord, ThingsRecord
+from hhsim.kernels.free.record import BodiesRecord, ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import FREE_TICK_CAPACITY
@@ -71,7 +71,7 @@ class SessionColumns:
     def moved(self, records: Records) -> tuple[RigidMotion, ...]:
         """Return the motion of bodies since before the first tick, at the end of each; none of one that is fixed."""
         if self.parts is not None:
-            return tuple(RigidMotion(body.turn, body.shift) for body in body_ticks(records).things)
+            return tuple(RigidMotion(body.turn, body.shift) for body in body_ticks(records).bodies)
         ticks = object_ticks(records) if self._is_free else None
         return () if ticks is None else (RigidMotion(ticks.turn, ticks.shift),)
 
@@ -81,7 +81,7 @@ def _with_room(parts: MovingParts) -> MovingParts:
     return replace(parts, world=np.zeros((FREE_TICK_CAPACITY, len(parts.names), 7)))
 
 
-def body_ticks(records: Records) -> ThingsRecord:
+def body_ticks(records: Records) -> BodiesRecord:
     """Return the ticks of several bodies, without their contacts, from records of `TickReader`."""
     ends = np.cumsum([4, 3, 3, 3, 6, 6])
     none = np.zeros(0)
@@ -90,7 +90,7 @@ def body_ticks(records: Records) -> ThingsRecord:
         *moved, wrench = np.split(motion, ends, axis=1)
         bodies.append(ObjectRecord(*moved, *(none for _ in range(len(moved), len(ObjectRecord._fields)))))
         wrenches.append(wrench)
-    return ThingsRecord(tuple(bodies), np.zeros(0, np.int64), np.zeros((0, 3)), np.stack(wrenches))
+    return BodiesRecord(tuple(bodies), np.zeros(0, np.int64), np.zeros((0, 3)), np.stack(wrenches))
 
 
 def object_ticks(records: Records) -> ObjectRecord:

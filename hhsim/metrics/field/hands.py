@@ -38,7 +38,7 @@ class Bodies:
 
     @classmethod
     def of(cls, given: Mesh | MovingParts) -> "Bodies":
-        """Return an object's mesh, or the parts of a thing."""
+        """Return an object's mesh, or the parts of a body."""
         if isinstance(given, Mesh):
             return cls((given,))
         return cls(given.meshes, tuple(given.motion(p) for p in range(len(given.meshes))))

@@ -23,12 +23,12 @@ ROUNDING = 1e-14
 def energy_gains(run: RunTicks) -> FloatArray:
     """Energy gained in each tick [J], shape (T,), negative for a loss; NaN where it is not known.
 
-    That is where the tick before is missing, where another hand or thing pushes the hand, and where one pushes the
+    That is where the tick before is missing, where another hand or body pushes the hand, and where one pushes the
     object in a tick that lags: the stated forces are then of the last program, of which a share was made.
 
     With the object's kinetic and potential energy K and P and the energy U of the springs between user's hand h and
     shown hand g, it is K(t) - K(t-1) + P(t) - P(t-1) + U(h(t), g(t)) - U(h(t), g(t-1)), less three terms. Both U have
-    the user's hand of t, so the work of its motion is left out; so is what another hand or thing does to the object.
+    the user's hand of t, so the work of its motion is left out; so is what another hand or body does to the object.
     Subtracted are the work of finger abduction, which has no spring, by the contacts' moments about its axes; the
     clearance ε, by which a contact may push bodies apart in a tick, times the normal forces; and the rounding of poses:
     `ROUNDING` times m |v| / Δt, m g and the springs' force.
@@ -70,12 +70,12 @@ def _pushed_by_others(run: RunTicks) -> BoolArray:
 
 
 def _by_others(free: FreeRun) -> FloatArray:
-    """Work of a second hand's and of other things' contacts in each tick but the first [J], shape (T - 1,)."""
+    """Work of a second hand's and of other bodies' contacts in each tick but the first [J], shape (T - 1,)."""
     body = free.contacts["body"]
     rows = np.flatnonzero((body > PALM) | (body < ON_TABLE))
     tick, center = free.contacts["tick"][rows], free.center
     normal, turn = free.contacts["normal"][rows], free.moved.turn
-    # What is stated is the force on a hand, and of a thing that on the object.
+    # What is stated is the force on a hand, and of a body that on the object.
     sign = np.where(body[rows] < ON_TABLE, 1.0, -1.0)[:, None]
     force = sign * free.force[rows]
     moment = np.cross(free.contacts["point"][rows] - center[tick], force)

@@ -1,8 +1,11 @@
 """Formats of recordings, one a module of the same name with its record `FORMAT`; there is no other list."""
 
-import pkgutil
+from typing import TYPE_CHECKING
 
+from hhsim.registry import Registry
 
-def format_names() -> list[str]:
-    """Return the names of all formats in alphabetical order, without importing them."""
-    return [module.name for module in pkgutil.iter_modules(__path__)]
+if TYPE_CHECKING:
+    from hhsim.recordings.registry import RecordingFormat
+
+FORMATS: "Registry[RecordingFormat]" = Registry(__name__, "FORMAT", "format", group="hhsim.formats")
+"""Formats by name, those of installed packages included."""

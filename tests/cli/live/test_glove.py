@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_peers import PATIENCE
+from live_peers import PATIENCE, until
 from machine_share import Late, keeps_time
 
 from hhsim.errors import InputError, TrajectoryError
@@ -169,14 +169,14 @@ def test_a_recording_says_who_ended_its_session(tmp_path: Path, number: signal.S
     command, none = [*HHSIM, *session, "--out", str(record)], subprocess.DEVNULL
     with subprocess.Popen(command, stdin=none, stdout=none, stderr=none) as live:
         try:
-            wait_until(record.exists)
+            until(record.exists)
             # Nothing, a header perhaps in two parts, and ticks.
             sizes: set[int] = set()
-            wait_until(lambda: sizes_seen(record, sizes) > 3)
+            until(lambda: sizes_seen(record, sizes) > 3)
             live.send_signal(number)
             live.wait(60.0)
             # Its other processes outlive a command that is killed.
-            wait_until(lambda: completed(record))
+            until(lambda: completed(record))
         finally:
             live.kill()
     result = load_result(record)
@@ -184,13 +184,6 @@ def test_a_recording_says_who_ended_its_session(tmp_path: Path, number: signal.S
     assert broken_off(result).startswith(told) and bool(told) == bool(broken_off(result))
     assert " of 600 s" in ended_before_its_time(result)
     assert ("ended_early" in {row.name for row in gate_result(result).missed}) == bool(told)
-
-
-def wait_until(true: Callable[[], bool]) -> None:
-    limit = time.monotonic() + 120.0
-    while not true():
-        assert time.monotonic() < limit
-        time.sleep(0.1)
 
 
 def sizes_seen(path: Path, sizes: set[int]) -> int:
@@ -222,7 +215,7 @@ def test_keys_move_the_palm_and_end_the_session(tmp_path: Path) -> None:
     )
     shown = ""
 
-    def until(text: str) -> None:
+    def until_shown(text: str) -> None:
         nonlocal shown
         limit = time.monotonic() + PATIENCE
         while text not in shown:
@@ -231,14 +224,14 @@ def test_keys_move_the_palm_and_end_the_session(tmp_path: Path) -> None:
                 with contextlib.suppress(OSError):
                     shown += re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", os.read(end, 65_536).decode("utf-8", "replace"))
 
-    until("ticks missed")
+    until_shown("ticks missed")
     os.write(end, b"wwr")
     hand, item = HandModel.default("right"), load_object("cube")
     home, _ = palm_place(hand, cached_sphere_tree(item.mesh, TreeOptions(level=item.level)), 0.06)
     x, y, z = 1e3 * (home + [0.0, 0.004, 0.002])
-    until(f"{x:.1f}, {y:.1f}, {z:.1f} mm")
+    until_shown(f"{x:.1f}, {y:.1f}, {z:.1f} mm")
     os.write(end, b"q")
-    until("runs it again")
+    until_shown("runs it again")
     assert process.wait(PATIENCE) == 0
     assert termios.tcgetattr(line) == before
     assert "force [N]" in shown

@@ -83,7 +83,7 @@ def test_a_contact_bears_torsion_up_to_its_radius_times_its_force() -> None:
     solver.run(*tongs_at(np.full(5, closed)))
     moved = solver.object_ticks
     braked = np.diff(moved.angular_velocity[:, 1]) / DT
-    inertia = np.array(solver.engine.things[0].free.inertia)[1, 1]  # type: ignore[attr-defined]
+    inertia = np.array(solver.engine.bodies[0].free.inertia)[1, 1]  # type: ignore[attr-defined]
     assert braked == pytest.approx(np.full(4, -0.003 * squeeze / inertia), rel=1e-2)
 
 

@@ -82,9 +82,15 @@ GLOVE = Glove("bends from a file of text", driver=f"{__name__}:TextGlove", optio
 '''
 
 
-@pytest.fixture
-def text_glove(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A folder with the one file that adds a glove, where the registry looks."""
+@pytest.fixture(params=["module", "entry point"])
+def text_glove(
+    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, installed: Callable[..., None]
+) -> Iterator[Path]:
+    """A folder with the one file that adds a glove, where the registry looks; or in an installed package."""
+    if request.param == "entry point":
+        installed("hhsim.gloves", "text = their_glove:GLOVE", their_glove=TEXT_GLOVE)
+        yield tmp_path
+        return
     folder = tmp_path / "gloves"
     folder.mkdir()
     (folder / "text.py").write_text(TEXT_GLOVE)

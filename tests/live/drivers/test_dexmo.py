@@ -6,8 +6,7 @@ import random
 import socket
 import struct
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import product
 from pathlib import Path
@@ -17,7 +16,7 @@ import live_peers
 import numpy as np
 import pytest
 from fake_gloves import FakeDexmo
-from live_peers import PATIENCE
+from live_peers import PATIENCE, until
 from numpy.typing import NDArray
 from sampled import sampled
 
@@ -59,13 +58,6 @@ def opened(server: FakeDexmo, **settings: Any) -> DexmoGlove:
     glove = glove_of(server, **settings)
     glove.open(PATIENCE)
     return glove
-
-
-def until(condition: Callable[[], Any]) -> None:
-    end = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.002)
 
 
 class Reader(live_peers.Reader):

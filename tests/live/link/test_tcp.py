@@ -1,12 +1,11 @@
 """The connection under a glove: nothing by halves, nothing late, and no last word lost."""
 
 import socket
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from live_peers import PATIENCE
+from live_peers import PATIENCE, until
 
 from hhsim.live.device import DeviceError
 from hhsim.live.link.byte_stream import MOST_READ
@@ -109,9 +108,7 @@ def test_retiring_waits_for_nothing_and_does_not_reset_the_connection() -> None:
             for _ in range(50):
                 peer.sendall(bytes(1000))
             assert peer.recv(100) == b"last word" and peer.recv(100) == b""
-        end = time.monotonic() + PATIENCE
-        while not link.reconnect():
-            assert time.monotonic() < end
+        until(link.reconnect)
         fresh, _ = listener.accept()
         with fresh:
             fresh.settimeout(PATIENCE)
@@ -143,9 +140,7 @@ def test_reconnecting_waits_for_nothing_and_ends_with_a_new_connection() -> None
     for _ in range(3):
         assert not link.reconnect()
     with socket.create_server(("127.0.0.1", port)) as listener:
-        end = time.monotonic() + PATIENCE
-        while not link.reconnect():
-            assert time.monotonic() < end
+        until(link.reconnect)
         peer, _ = listener.accept()
         with peer:
             assert link.connected and link.connection == 2

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from body_tables import body, body_file
 from live_rings import ended
 from live_scripted import FIST, FREE, FakeAccounts, FakeClock, InStep, Moment, ScriptedGlove, make_setup
 
@@ -22,25 +23,16 @@ from hhsim.scene.scene import tree_maker
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.verify import verify
 
-BODIES = """
-[[body]]
-name = "ball"
-box = [0.04, 0.04, 0.04]
-position = [0.0, 0.05, -0.05]
-mass = 0.1
-[[body]]
-name = "post"
-box = [0.02, 0.02, 0.06]
-position = [0.1, 0.05, -0.05]
-fixed = true
-"""
+BODIES = (
+    body("ball", [0.04, 0.04, 0.04], position=[0.0, 0.05, -0.05], mass=0.1),
+    body("post", [0.02, 0.02, 0.06], position=[0.1, 0.05, -0.05], fixed=True),
+)
 
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
     folder = tmp_path_factory.mktemp("bodies")
-    (folder / "bodies.toml").write_text(BODIES)
-    bodies = load_object(folder / "bodies.toml").with_trees(tree_maker(2))
+    bodies = load_object(body_file(folder, *BODIES)).with_trees(tree_maker(2))
     scene = make_live_scene(bodies, HandModel.default(), configure(), PoseConfig(), None, placed=True)
     assert scene.bodies["scene"] is scene.scene and scene.bodies["free"] is None
     moments = [Moment(FREE + (FIST - FREE) * i / 40) for i in range(60)]

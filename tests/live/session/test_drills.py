@@ -98,6 +98,8 @@ def assert_free_in_time(commands: NDArray[Any], fault: Fault) -> None:
 
 def assert_ramp(drill: Drill, since: int) -> None:
     """A finger is held again, and no harder than the ramp lets it be since then, however late a command comes."""
+    drill.until_held()
+    drill.go_on(0.05)
     commands = drill.commands()
     held = commands[(commands["time_ns"] > since) & stiff(commands)]
     assert len(held)
@@ -117,8 +119,6 @@ def test_glove_unplugged_and_back(drill: Drill) -> None:
     assert_free_in_time(drill.commands(), unplugged)
     assert_free_in_time(drill.ticks, unplugged)
     plugged = drill.order("plug")
-    drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
-    drill.go_on(0.05)
     assert_ramp(drill, plugged.before)
 
 
@@ -130,7 +130,7 @@ def test_peer_stalls(drill: Drill) -> None:
     assert_free_in_time(drill.ticks, stalled)
     heard = len(drill.commands())
     going = drill.order("go")
-    drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
+    drill.until_held()
     # What waited in the connection is read in its order: held fingers, then free ones, and then those of the ramp.
     commands = drill.commands()[heard:]
     free = commands["time_ns"][~stiff(commands)]
@@ -147,7 +147,7 @@ def test_glove_changes_hands(drill: Drill) -> None:
     assert_free_in_time(drill.commands(), swapped)
     drill.until(lambda: "says that it is a left hand's now" in " ".join(drill.log), "word of it")
     drill.order("swap")
-    drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
+    drill.until_held()
 
 
 def test_peer_dies_and_comes_back(drill: Drill) -> None:
@@ -159,8 +159,6 @@ def test_peer_dies_and_comes_back(drill: Drill) -> None:
     assert_free_in_time(drill.ticks, died)
     back = time.monotonic_ns()
     drill.glove.start()
-    drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
-    drill.go_on(0.05)
     assert_ramp(drill, back)
 
 
@@ -192,8 +190,6 @@ def test_loop_hangs(drill: Drill) -> None:
         going = time.monotonic_ns()
     finally:
         drill.kill(LOOP, signal.SIGCONT)
-    drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
-    drill.go_on(0.05)
     assert_ramp(drill, going)
     assert drill.session.pid(WATCHDOG) == watchdog, "no signal ends it before the loop has ended"
 
@@ -203,16 +199,10 @@ def since(commands: NDArray[Any], fault: Fault) -> NDArray[Any]:
     return commands[commands["time_ns"] > fault.since + fault.allowed]
 
 
-def driver_of(drill: Drill) -> int:
-    """The process that the loop started."""
-    (pid,) = Path(f"/proc/{drill.session.pid(LOOP)}/task/{drill.session.pid(LOOP)}/children").read_text().split()
-    return int(pid)
-
-
 def test_driver_hangs(drill: Drill) -> None:
     drill.grasp()
-    pid = driver_of(drill)
-    hung = drill.fault(lambda: os.kill(pid, signal.SIGSTOP))
+    (pid,) = drill.drivers()
+    hung = drill.kill_pid(pid, signal.SIGSTOP)
     try:
         drill.until_over(hung, lambda: drill.ticks)
         drill.until(lambda: len(since(drill.commands(), hung)) > 3, "words of the watchdog, again and again")
@@ -222,8 +212,6 @@ def test_driver_hangs(drill: Drill) -> None:
         going = time.monotonic_ns()
     finally:
         os.kill(pid, signal.SIGCONT)
-    drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
-    drill.go_on(0.05)
     assert_ramp(drill, going)
 
 
@@ -235,7 +223,7 @@ def test_watchdog_killed(drill: Drill) -> None:
     drill.until(lambda: bool(status["safety"] & Safety.NO_WATCHDOG), "word of the lost watchdog")
     stale = round(1e9 * drill.session.setup.safety.watchdog_stale)
     assert_in_time(held_last(drill.ticks, killed.since), killed.allowed + stale)
-    drill.until(lambda: drill.stiffness > STIFF, "finger that is stopped again")
+    drill.until_held()
     assert drill.session.pid(WATCHDOG) not in (None, first)
 
 
@@ -269,10 +257,7 @@ def test_recorder_killed_then_loop_killed(glove: FakeDexmo, tmp_path: Path) -> N
         drill.grasp()
         loop = drill.loop_client()
         killed = drill.kill(LOOP)
-        while drill.session.poll():
-            killed.look()
-            time.sleep(0.002)
-        drill.session.end()
+        drill.let_it_end(killed)
         commands = drill.commands()
     assert_free_in_time(commands, killed)
     # By the watchdog, on a connection of its own, soon enough and again.
@@ -294,12 +279,9 @@ def test_recorder_killed_then_loop_killed(glove: FakeDexmo, tmp_path: Path) -> N
 def test_driver_killed(glove: FakeDexmo, tmp_path: Path) -> None:
     with Drill(glove) as drill:
         drill.grasp()
-        pid = driver_of(drill)
-        killed = drill.fault(lambda: os.kill(pid, signal.SIGKILL))
-        while drill.session.poll():
-            killed.look()
-            time.sleep(0.002)
-        drill.session.end()
+        (pid,) = drill.drivers()
+        killed = drill.kill_pid(pid)
+        drill.let_it_end(killed)
         commands = drill.commands()
         assert_free_in_time(commands, killed)
         assert not stiff(commands[-1:]).any()
@@ -309,10 +291,6 @@ def test_driver_killed(glove: FakeDexmo, tmp_path: Path) -> None:
 def test_a_session_ends_with_free_fingers(drill: Drill) -> None:
     drill.grasp()
     drill.session.end()
-    assert_free_at_the_end(drill)
-
-
-def assert_free_at_the_end(drill: Drill) -> None:
     commands = drill.commands()
     last = {client: commands[commands["client"] == client][-1:] for client in set(commands["client"].tolist())}
     assert last

@@ -5,8 +5,6 @@ it: a peer that has to wait for a processor reads late what it was told in time.
 """
 
 import contextlib
-import os
-import signal
 import socket
 import struct
 import threading
@@ -18,8 +16,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from live_drill import LOOP, PATIENCE, Fault, grasping_setup
-from live_peers import free_ports
+from live_drill import LOOP, Watched, grasping_setup
+from live_peers import free_ports, until
 from machine_share import assert_in_time, keeps_time
 from openxr_peer import Location, hand_datagram, read_haptic
 from renewed import Renewed
@@ -27,8 +25,6 @@ from sampled import sampled
 
 from hhsim.hand.model import HandModel
 from hhsim.live.devices.registry import configure
-from hhsim.live.ipc.status import Stage
-from hhsim.live.session.supervisor import WATCHDOG, Supervisor
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 
 pytestmark = [pytest.mark.slow, keeps_time]
@@ -139,8 +135,12 @@ class Peer(threading.Thread):
         return max(felt) - since
 
 
-Worn = tuple[Peer, Supervisor]
-"""A peer, and the session in which one of its fingers feels something."""
+class Worn(Watched):
+    """A peer, and the session in which one of its fingers feels something."""
+
+    def __init__(self, peer: Peer) -> None:
+        super().__init__()
+        self.peer = peer
 
 
 @contextmanager
@@ -150,47 +150,30 @@ def worn(kind: str) -> Iterator[Worn]:
         peer, device = Peer(port, hand_of_bends, told_power), configure("manus", port=port, full_force=FULL)
     else:
         peer, device = Peer(port, bends, told_force), configure("udp", port=port, takes="forces")
-    setup = replace(grasping_setup(1, None), device=device)
+    held = Worn(peer)
     peer.start()
     try:
-        with Supervisor(setup) as session:
-            until(session, lambda: peer.feels)
-            yield peer, session
+        with held.begun(replace(grasping_setup(1, None), device=device)):
+            held.until(lambda: peer.feels, "word of a force")
+            yield held
     finally:
         peer.ended = True
         peer.join()
 
 
-def sound(held: Worn) -> bool:
-    return held[1].pid(LOOP) is not None and held[1].stage == Stage.RUNNING
-
-
 @pytest.fixture(scope="module", params=sampled(["manus", "forces"], lambda _, kind: kind == "manus"))
 def peers(request: pytest.FixtureRequest) -> Iterator[Renewed[Worn]]:
-    with Renewed(lambda: worn(request.param), sound) as shared:
+    with Renewed(lambda: worn(request.param), lambda held: held.sound) as shared:
         yield shared
 
 
 @pytest.fixture
-def peer(request: pytest.FixtureRequest, peers: Renewed[Worn]) -> Iterator[Worn]:
+def drill(request: pytest.FixtureRequest, peers: Renewed[Worn]) -> Iterator[Worn]:
     yield from peers.use(request.node)
 
 
-def until(session: Supervisor, reached: Callable[[], bool]) -> None:
-    limit = time.monotonic() + PATIENCE
-    while not reached():
-        assert session.poll(), f"the session ended: {session.end().notices}"
-        assert time.monotonic() < limit, f"it never came: {session.memory.status}"
-        time.sleep(0.002)
-
-
-def fault(session: Supervisor, breaks: Callable[[], object]) -> Fault:
-    running = (session.pid(name) for name in (LOOP, WATCHDOG))
-    return Fault(breaks, *(pid for pid in running if pid is not None))
-
-
-def test_a_peer_that_stalls_is_told_nothing_in_time_and_feels_again_when_it_goes_on(peer: Worn) -> None:
-    hand, session = peer
+def test_a_peer_that_stalls_is_told_nothing_in_time_and_feels_again_when_it_goes_on(drill: Worn) -> None:
+    hand = drill.peer
     # A machine that stalls frees the finger, and the ramp begins anew.
     begun = time.monotonic_ns()
     ramp = int(2e9 * RAMP)
@@ -200,34 +183,26 @@ def test_a_peer_that_stalls_is_told_nothing_in_time_and_feels_again_when_it_goes
         lately = [most for at, most in list(hand.heard) if at > now - ramp]
         return now > begun + ramp and min(lately) > 10.0 * LEAST
 
-    until(session, has_ramped)
+    drill.until(has_ramped, "whole force")
     whole = hand.heard[-1][1]
-    stalled = fault(session, lambda: hand.stall(True))
-    until(session, lambda: stalled.is_over(hand.heard[-1][0]))
+    stalled = drill.fault(lambda: hand.stall(True))
+    drill.until(lambda: stalled.is_over(hand.heard[-1][0]), "time in which fingers may be held")
     assert_in_time(hand.felt_after(stalled.since), stalled.allowed)
     heard = len(hand.heard)
     going = time.monotonic_ns()
     hand.stall(False)
-    until(session, lambda: hand.feels)
+    drill.until(lambda: hand.feels, "word of a force")
     # The first commands of the ramp may be behind a newer one, and are then not sent.
     now, first = next((now, most) for now, most in hand.heard[heard:] if most > 0.0)
     # It rises by the period, of which the first and the last one need not be whole.
-    risen = 1e-9 * (now - going) + 2.0 / session.setup.rate
+    risen = 1e-9 * (now - going) + 2.0 / drill.session.setup.rate
     assert first <= 1.1 * whole * risen / RAMP, "it comes back by the ramp"
 
 
-def test_a_loop_that_is_killed_leaves_nobody_to_feel(peer: Worn) -> None:
-    hand, session = peer
-    until(session, lambda: hand.feels)
-    pid = session.pid(LOOP)
-    assert pid is not None
-    killed = fault(session, lambda: os.kill(pid, signal.SIGKILL))
-    while session.poll():
-        killed.look()
-        time.sleep(0.002)
-    session.end()
-    limit = time.monotonic() + PATIENCE
-    while (now := hand.heard[-1])[0] <= killed.since or now[1] > 0.0:
-        assert time.monotonic() < limit, "the watchdog has told it nothing"
-        time.sleep(0.002)
+def test_a_loop_that_is_killed_leaves_nobody_to_feel(drill: Worn) -> None:
+    hand = drill.peer
+    drill.until(lambda: hand.feels, "word of a force")
+    killed = drill.kill(LOOP)
+    drill.let_it_end(killed)
+    until(lambda: hand.heard[-1][0] > killed.since and hand.heard[-1][1] <= 0.0)
     assert_in_time(hand.felt_after(killed.since), killed.allowed)

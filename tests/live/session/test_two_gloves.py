@@ -3,26 +3,23 @@
 The gloves are processes of their own that log their commands; times are taken as in `test_drills`.
 """
 
-import os
-import signal
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from live_drill import PATIENCE, STIFF, FakeDexmo, Fault, grasping_scene, grasping_setup, stiff, two_grasping_setup
+from live_drill import STIFF, FakeDexmo, Fault, Watched, grasping_scene, grasping_setup, stiff, two_grasping_setup
 from live_peers import free_ports
 from machine_share import assert_in_time, keeps_time
 from sampled import sampled
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.model import SIDES
-from hhsim.live.session.supervisor import LOOP, WATCHDOG, Supervisor
+from hhsim.live.session.supervisor import LOOP
 from hhsim.live.shared_memory import RingReader
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import load_result
@@ -33,26 +30,20 @@ pytestmark = [pytest.mark.slow, keeps_time]
 RIGHT, LEFT = 0, 1
 
 
-class TwoGlovesDrill:
+class TwoGlovesDrill(Watched):
     """A session of two gloves, each at a server of its own, whose fingers close on a cube and are stopped."""
 
     def __init__(self, folder: Path, stack: ExitStack, record: Path | None = None, *, free: bool = False) -> None:
-        self.log: list[str] = []
+        super().__init__()
         self.gloves = []
         for side, number in zip(SIDES, (1, 2)):
             glove = FakeDexmo(folder / f"{side}.log", "--gloves", f"{number}:{side}")
             glove.port = free_ports(socket.SOCK_STREAM)
             self.gloves.append(stack.enter_context(glove))
         setup = two_grasping_setup([glove.port for glove in self.gloves], record, free=free)
-        self.session = stack.enter_context(Supervisor(setup, lambda text, level: self.log.append(text)))
+        stack.enter_context(self.begun(setup))
+        self.carriers = [glove.pid for glove in self.gloves]
         self.hands = self.session.memory.hands
-
-    def until(self, reached: Callable[[], bool], what: str) -> None:
-        limit = time.monotonic() + PATIENCE
-        while not reached():
-            assert self.session.poll(), f"the session ended before {what}: {self.log}"
-            assert time.monotonic() < limit, f"no {what} within {PATIENCE:g} s: {self.log}"
-            time.sleep(0.002)
 
     def held(self) -> bool:
         return all(float(hand.status["command_stiffness"].max()) > STIFF for hand in self.hands)
@@ -66,10 +57,6 @@ class TwoGlovesDrill:
                 glove.order("hold")
         self.until(self.held, "two held hands")
 
-    def fault(self, breaks: Callable[[], object]) -> Fault:
-        pids = (self.session.pid(name) for name in (LOOP, WATCHDOG))
-        return Fault(breaks, *(glove.pid for glove in self.gloves), *(pid for pid in pids if pid is not None))
-
     def assert_both_free(self, fault: Fault) -> None:
         """Each glove held a finger right before the fault, and was soon told to hold none, and nothing else after."""
         for glove in self.gloves:
@@ -80,12 +67,6 @@ class TwoGlovesDrill:
             freed = commands["time_ns"][~stiff(commands) & (commands["time_ns"] > times.max())]
             assert_in_time(int(freed.min()) - fault.since, fault.allowed)
 
-    def let_it_end(self, fault: Fault) -> None:
-        while self.session.poll():
-            fault.is_over(time.monotonic_ns())
-            time.sleep(0.002)
-        self.session.end()
-
 
 @pytest.fixture
 def drill(tmp_path: Path) -> Iterator[TwoGlovesDrill]:
@@ -93,35 +74,14 @@ def drill(tmp_path: Path) -> Iterator[TwoGlovesDrill]:
         yield TwoGlovesDrill(tmp_path, stack)
 
 
-def driver_of(drill: TwoGlovesDrill, hand: int) -> int:
-    pid = drill.session.pid(LOOP)
-    drivers = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    return int(drivers[hand])
-
-
-def loop_of(drill: TwoGlovesDrill, hand: int) -> int:
-    pid = drill.session.pid(LOOP)
-    assert pid is not None
-    return pid
-
-
-KILLED: list[Any] = [(driver_of, LEFT), (driver_of, RIGHT), (loop_of, RIGHT)]
-
-
-@pytest.mark.parametrize(
-    ("process", "hand"),
-    sampled(KILLED, lambda number, _: number == 0),
-    ids=lambda value: getattr(value, "__name__", ""),
-)
-def test_a_process_of_the_session_is_killed(
-    drill: TwoGlovesDrill, process: Callable[[TwoGlovesDrill, int], int], hand: int
-) -> None:
+@pytest.mark.parametrize("driver", sampled([LEFT, RIGHT, None], lambda number, _: number == 0))
+def test_a_process_of_the_session_is_killed(drill: TwoGlovesDrill, driver: int | None) -> None:
+    """The driver of a glove, or the loop."""
     drill.grasp()
-    pid = process(drill, hand)
-    killed = drill.fault(lambda: os.kill(pid, signal.SIGKILL))
+    killed = drill.kill(LOOP) if driver is None else drill.kill_pid(drill.drivers()[driver])
     drill.let_it_end(killed)
     drill.assert_both_free(killed)
-    who = rf"the glove's {SIDES[hand]}-driver" if process is driver_of else "the loop"
+    who = "the loop" if driver is None else rf"the glove's {SIDES[driver]}-driver"
     with pytest.raises(HhsimError, match=rf"the session ended early: {who} .*SIGKILL"):
         drill.session.check()
     for glove in drill.gloves:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from live_peers import until
 from live_rings import pour
 from live_scripted import make_setup
 from rerun_files import PATIENCE, Recording, listening
@@ -71,13 +72,6 @@ def shown(setup: LiveSetup, target: str) -> LiveSetup:
     return replace(setup, rerun=target)
 
 
-def wait_for(what: Callable[[], bool]) -> None:
-    until = time.monotonic() + PATIENCE
-    while not what():
-        assert time.monotonic() < until, "waited in vain"
-        time.sleep(0.01)
-
-
 def later_than(memory: SessionMemory, time_ns: int) -> Callable[[], bool]:
     return lambda: int(memory.status["viewer_ns"]) > time_ns
 
@@ -104,7 +98,7 @@ def test_frames_are_the_newest_ticks_and_their_plots_the_worst_since(
     for part in parts[1:]:
         # Twice: the sign of life may be of a frame that looked into the ring before.
         for _ in range(2):
-            wait_for(later_than(memory, int(memory.status["viewer_ns"])))
+            until(later_than(memory, int(memory.status["viewer_ns"])))
         pour(memory.ticks, records[part])
     memory.status["stage"] = Stage.ENDED
     thread.join(PATIENCE)
@@ -189,7 +183,7 @@ def test_a_viewer_that_is_closed_ends_the_process_and_nothing_else(
         words, descriptors = command(shown(setup, f"connect={port}"), memory)
         process = subprocess.Popen(words, pass_fds=descriptors, stderr=subprocess.PIPE, text=True)
         pour(memory.ticks, records[:100])
-        wait_for(lambda: int(memory.status["viewer_ns"]) > 0)
+        until(lambda: int(memory.status["viewer_ns"]) > 0)
         viewer.kill()
         assert process.wait(PATIENCE) == 0
         assert process.stderr is not None
@@ -209,10 +203,10 @@ def test_a_viewer_that_stalls_is_given_up(
         impatient = "import sys; import hhsim.live.session.viewer as v; v.LONGEST_STALL = 2.0; sys.exit(v.main())"
         words[1:3] = ["-c", impatient]
         process = subprocess.Popen(words, pass_fds=descriptors, stderr=subprocess.PIPE, text=True)
-        wait_for(lambda: int(memory.status["viewer_ns"]) > 0)
+        until(lambda: int(memory.status["viewer_ns"]) > 0)
         viewer.send_signal(signal.SIGSTOP)
-        until = time.monotonic() + PATIENCE
-        while process.poll() is None and time.monotonic() < until:
+        end = time.monotonic() + PATIENCE
+        while process.poll() is None and time.monotonic() < end:
             pour(memory.ticks, records)
             time.sleep(0.02)
         assert process.wait(PATIENCE) == 0

@@ -84,7 +84,7 @@ def test_what_turns_is_counted_and_what_no_one_knows_is_not() -> None:
     # In the second tick another hand pushes this one, too.
     pushed_back = pushed(**{"force/total": np.outer([0.0, 1e-3 - PUSH, 0.0], [1.0, 0.0, 0.0])})
     assert np.isnan(energy_gains(pushed_back)).tolist() == [True, True, False]
-    # In it another thing pushes the object. Of a tick that lags the stated force is that of its last program alone.
+    # In it another body pushes the object. Of a tick that lags the stated force is that of its last program alone.
     contact = {"tick": [1, 1], "body": [5, -2], "point": np.zeros((2, 3)), "normal": [[-1.0, 0.0, 0.0]] * 2}
     contact |= {"normal_force": [PUSH, 2.0], "friction_force": np.zeros((2, 3)), "torsional_moment": [0.0, 0.0]}
     crowded = {f"contact/{name}": np.array(values) for name, values in contact.items()}

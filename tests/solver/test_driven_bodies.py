@@ -1,4 +1,4 @@
-"""Driven things beside free ones: closed forms of what rides on them, is pushed by them, and is in their way."""
+"""Driven bodies beside free ones: closed forms of what rides on them, is pushed by them, and is in their way."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import RigidMotion
-from hhsim.solver.free_object import FreeObject, Hinge, Thing
+from hhsim.solver.free_object import EngineBody, FreeObject, Hinge
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface
@@ -30,10 +30,12 @@ def turned(angle: FloatArray, axis: Any = (0.0, 1.0, 0.0)) -> RigidMotion:
     return RigidMotion(quaternion(angle[:, None] * np.array(axis)), np.zeros((len(angle), 3)))
 
 
-def play(mesh: Mesh, free: FreeObject, driven: Mesh, motion: RigidMotion, *others: Thing, friction: float = 0.6) -> Any:
-    """Records of the hand, far away, and of a free thing, a driven one, and others."""
+def play(
+    mesh: Mesh, free: FreeObject, driven: Mesh, motion: RigidMotion, *others: EngineBody, friction: float = 0.6
+) -> Any:
+    """Records of the hand, far away, and of a free body, a driven one, and others."""
     one = FreeObject.of_mesh(driven, mass=1.0, friction=friction)
-    plate = Thing(contact_surface("mesh", driven, None), one, name="driven", motion=motion)
+    plate = EngineBody(contact_surface("mesh", driven, None), one, name="driven", motion=motion)
     surface, options = contact_surface("mesh", mesh, None), SolverOptions(surface="mesh")
     solver = HandSolver(HandModel.default(), surface, options, free, (plate, *others))
     record = solver.run(*far_hand(len(motion.turn)))
@@ -57,11 +59,11 @@ def test_a_block_rides_on_a_plate_unless_it_is_drawn_away_faster_than_friction_a
     mesh, free = block(friction=mu)
     record, found = play(mesh, free, PLATE, shifted(np.cumsum(speed * DT)), friction=mu)
     assert not record.status.any()
-    rides, drives = found.things[:2]
+    rides, drives = found.bodies[:2]
     np.testing.assert_allclose(drives.shift[:, 0], np.cumsum(speed * DT), atol=1e-9)
     np.testing.assert_allclose(rides.velocity[-1, 0], min(share, 1.0) / share * speed[-1], rtol=1e-3)
-    np.testing.assert_allclose(found.thing_wrench[0, -100:, 0].mean(), 0.1 * min(share, 1.0) * mu * G, rtol=1e-3)
-    np.testing.assert_allclose(found.thing_wrench[1, :, :3], -found.thing_wrench[0, :, :3], atol=1e-9)
+    np.testing.assert_allclose(found.body_wrench[0, -100:, 0].mean(), 0.1 * min(share, 1.0) * mu * G, rtol=1e-3)
+    np.testing.assert_allclose(found.body_wrench[1, :, :3], -found.body_wrench[0, :, :3], atol=1e-9)
     if share < 1.0:
         slid = rides.shift[:, 0] - drives.shift[:, 0]
         assert np.abs(slid - slid[19]).max() < 1e-6
@@ -73,7 +75,7 @@ def test_a_block_on_a_plate_that_tilts_slides_at_the_angle_of_friction() -> None
     mesh, free = block(friction=mu)
     record, found = play(mesh, free, PLATE, turned(angle), friction=mu)
     assert not record.status.any()
-    first, second = found.things[:2]
+    first, second = found.bodies[:2]
     back = RigidMotion(second.turn, second.shift).seen_points(
         RigidMotion(first.turn, first.shift).points(np.zeros((ticks, 3)))
     )
@@ -88,10 +90,10 @@ def test_a_paddle_takes_a_block_along_at_its_speed() -> None:
     paddle = box((0.02, 0.3, 0.3), (-0.05, 0.0, 0.02))
     record, found = play(mesh, free, paddle, shifted(0.4 * DT * np.arange(ticks, dtype=np.float64)))
     assert not record.status.any()
-    meets = int(np.argmax(np.abs(found.things[0].velocity[:, 0]) > 0.01))
+    meets = int(np.argmax(np.abs(found.bodies[0].velocity[:, 0]) > 0.01))
     assert meets == pytest.approx(0.02 / 0.4 / DT, abs=2)
-    np.testing.assert_allclose(found.things[0].velocity[meets + 1 :, 0], 0.4, rtol=1e-6)
-    gap = found.things[1].shift[meets:, 0] - found.things[0].shift[meets:, 0] - 0.02
+    np.testing.assert_allclose(found.bodies[0].velocity[meets + 1 :, 0], 0.4, rtol=1e-6)
+    gap = found.bodies[1].shift[meets:, 0] - found.bodies[0].shift[meets:, 0] - 0.02
     assert gap.min() > -1e-6 and gap.max() < 1e-9, "it is behind, by the clearance"
 
 
@@ -100,9 +102,11 @@ def test_a_press_stops_where_a_block_is_in_its_way_and_goes_on_where_it_is_not()
     way = np.interp(np.arange(ticks), [0, 100, 140, 200], [0.0, 0.005, 0.005, -0.002])
     mesh, free = block()
     press = box((0.1, 0.1, 0.02), (0.0, 0.0, 0.04 + GAP + 0.0125))
-    anvil = Thing(contact_surface("mesh", PLATE, None), FreeObject.of_mesh(PLATE, mass=1.0), fixed=True, name="anvil")
+    anvil = EngineBody(
+        contact_surface("mesh", PLATE, None), FreeObject.of_mesh(PLATE, mass=1.0), fixed=True, name="anvil"
+    )
     _, found = play(mesh, free, press, shifted(way, (0.0, 0.0, -1.0)), anvil)
-    block_z, press_z = found.things[0].shift[:, 2], found.things[1].shift[:, 2]
+    block_z, press_z = found.bodies[0].shift[:, 2], found.bodies[1].shift[:, 2]
     top, bottom = 0.04 + GAP + block_z, 0.0425 + GAP + press_z
     assert (bottom - top).min() > 0.0 and block_z.min() > -GAP, "nothing is entered"
     assert np.abs(press_z + np.minimum(way, 0.0025)).max() < 5e-6, "it stops at the block, and comes back as recorded"
@@ -117,7 +121,7 @@ def test_a_lid_on_a_driven_pot_goes_with_it() -> None:
     free = FreeObject.of_mesh(lid, mass=0.05, gravity=(0.0, 0.0, 0.0), hinge=hinge)
     record, found = play(lid, free, pot, shifted(way, (0.0, 0.0, 1.0)))
     assert not record.status.any()
-    first, second = found.things[:2]
+    first, second = found.bodies[:2]
     np.testing.assert_allclose(second.shift[:, 2], way, atol=1e-8)
     # The hinge is at the origin of both.
     assert np.abs(first.shift - second.shift).max() < 3e-6

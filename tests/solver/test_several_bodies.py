@@ -1,11 +1,11 @@
-"""Several things: closed forms of blocks on blocks, conservation, and true distances by another way."""
+"""Several bodies: closed forms of blocks on blocks, conservation, and true distances by another way."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pytest
-from coal_clearance import things_clearance
+from coal_clearance import bodies_clearance
 from coulomb_program import last_program, solve_coulomb
 from cut_scene import placed_meshes
 from numpy.typing import ArrayLike
@@ -17,7 +17,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
-from hhsim.solver.free_object import FreeObject, Thing
+from hhsim.solver.free_object import EngineBody, FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface
@@ -36,18 +36,18 @@ def block(center: ArrayLike, edges: Any = (0.04, 0.04, 0.04), tilt: float = 0.0,
 
 
 def solver_of(*bodies: Body, fixed: Sequence[int] = ()) -> HandSolver:
-    """A hand and three things, of which those that are not given lie far away: one program is compiled for all."""
+    """A hand and three bodies, of which those that are not given lie far away: one program is compiled for all."""
     far = [block((50.0 + k, 0.0, 0.0), **NOTHING) for k in range(3 - len(bodies))]
-    things = [
-        Thing(contact_surface("mesh", mesh, None), free, k in fixed, f"thing {k}")
+    bodies = [
+        EngineBody(contact_surface("mesh", mesh, None), free, k in fixed, f"body {k}")
         for k, (mesh, free) in enumerate([*bodies, *far])
     ]
-    first = things[0]
-    return HandSolver(HandModel.default(), first.surface, SolverOptions(surface="mesh"), first.free, things[1:])
+    first = bodies[0]
+    return HandSolver(HandModel.default(), first.surface, SolverOptions(surface="mesh"), first.free, bodies[1:])
 
 
 def run(solver: HandSolver, ticks: int, place: Sequence[float] = (0.0, 0.0, 5.0)) -> Any:
-    """Run ticks of a hand at a place; returns the records of the hand and of the things."""
+    """Run ticks of a hand at a place; returns the records of the hand and of the bodies."""
     rows = np.ones((ticks, 1))
     still = rows * place, rows * [1.0, 0.0, 0.0, 0.0], np.zeros((ticks, 5, 3)), np.zeros((ticks, 5))
     return solver.run(*still), solver.engine.all_ticks  # type: ignore[attr-defined]
@@ -58,10 +58,10 @@ def test_a_stack_of_three_rests_and_each_bears_what_is_above_it() -> None:
     run(solver, 50)
     record, ticks = run(solver, 500)
     assert not record.status.any()
-    for k, thing in enumerate(ticks.things):
-        assert np.abs(np.diff(thing.shift, axis=0)).max() == 0.0, "rest is rest"
-        np.testing.assert_allclose(thing.table_wrench[:, 2], 0.3 * G if k == 0 else 0.0, rtol=1e-9)
-        np.testing.assert_allclose(ticks.thing_wrench[k, :, 2], (-0.2, 0.1, 0.1)[k] * G, rtol=1e-9)
+    for k, body in enumerate(ticks.bodies):
+        assert np.abs(np.diff(body.shift, axis=0)).max() == 0.0, "rest is rest"
+        np.testing.assert_allclose(body.table_wrench[:, 2], 0.3 * G if k == 0 else 0.0, rtol=1e-9)
+        np.testing.assert_allclose(ticks.body_wrench[k, :, 2], (-0.2, 0.1, 0.1)[k] * G, rtol=1e-9)
     program = last_program(solver)
     wanted, _ = solve_coulomb(program)
     np.testing.assert_allclose(program.found, wanted, atol=1e-6 * np.abs(program.target).max())
@@ -76,19 +76,19 @@ def test_a_block_on_a_fixed_slope_slides_as_coulomb_says(mu: float) -> None:
         block((0.025 + gap) * up, tilt=tilt, **free), block((0, 0, 0), (1.0, 0.2, 0.01), tilt, **free), fixed=[1]
     )
     _, ticks = run(solver, 300)
-    way = np.linalg.norm(ticks.things[0].shift[-1] - ticks.things[0].shift[0])
+    way = np.linalg.norm(ticks.bodies[0].shift[-1] - ticks.bodies[0].shift[0])
     # Implicit Euler: n (n + 1) / 2 steps of a Δt², less the first tick's.
     falls = max(0.0, G * (np.sin(tilt) - mu * np.cos(tilt)))
     assert way == pytest.approx(falls * DT**2 * (300 * 301 / 2 - 1), rel=1e-4, abs=2e-6)
-    assert np.abs(np.diff(ticks.things[1].shift, axis=0)).max() == 0.0
+    assert np.abs(np.diff(ticks.bodies[1].shift, axis=0)).max() == 0.0
 
 
-def momentum(thing: Any, free: FreeObject) -> FloatArray:
+def momentum(body: Any, free: FreeObject) -> FloatArray:
     """Linear and angular momentum about the world's origin at each tick, (T, 6)."""
-    turn = rotation_matrix(thing.turn)
-    place = turn @ np.array(free.center) + thing.shift
-    spin = np.einsum("tij,jk,tlk,tl->ti", turn, np.array(free.inertia), turn, thing.angular_velocity)
-    return np.concatenate([free.mass * thing.velocity, free.mass * np.cross(place, thing.velocity) + spin], axis=1)
+    turn = rotation_matrix(body.turn)
+    place = turn @ np.array(free.center) + body.shift
+    spin = np.einsum("tij,jk,tlk,tl->ti", turn, np.array(free.inertia), turn, body.angular_velocity)
+    return np.concatenate([free.mass * body.velocity, free.mass * np.cross(place, body.velocity) + spin], axis=1)
 
 
 def test_two_free_things_that_meet_keep_their_momentum() -> None:
@@ -97,12 +97,12 @@ def test_two_free_things_that_meet_keep_their_momentum() -> None:
         block((0.05, 0.0, 0.01), mass=0.3, angular_velocity=(1.0, 2.0, 3.0), **NOTHING),
     ]
     _, ticks = run(solver_of(*bodies), 200)
-    total = np.sum([momentum(thing, free) for thing, (_, free) in zip(ticks.things, bodies)], axis=0)
+    total = np.sum([momentum(body, free) for body, (_, free) in zip(ticks.bodies, bodies)], axis=0)
     np.testing.assert_allclose(total[:, :3], total[:1, :3].repeat(200, axis=0), atol=1e-12)
     # In the tick in which they meet each turns while the force acts: a share of what it gains, of first order.
-    gained = np.abs(momentum(ticks.things[1], bodies[1][1])[-1, 3:]).max()
+    gained = np.abs(momentum(ticks.bodies[1], bodies[1][1])[-1, 3:]).max()
     assert np.abs(total[:, 3:] - total[0, 3:]).max() < 0.02 * gained
-    speed = np.linalg.norm(ticks.things[1].velocity, axis=1)
+    speed = np.linalg.norm(ticks.bodies[1].velocity, axis=1)
     assert speed[0] == 0.0 and speed[-1] > 0.1, "they met"
 
 
@@ -110,11 +110,11 @@ def test_crossed_planks_lie_on_the_crossings_of_their_edges() -> None:
     solver = solver_of(block((0, 0, 0.005), (0.2, 0.02, 0.01)), block((0, 0, 0.01505), (0.02, 0.2, 0.01)))
     record, ticks = run(solver, 300)
     assert not record.status.any()
-    upper = ticks.things[1]
+    upper = ticks.bodies[1]
     assert upper.shift[-1, 2] == pytest.approx(-4.85e-5, abs=1e-6)
     assert np.abs(upper.turn[-1, 1:]).max() < 1e-9 and np.abs(np.diff(upper.shift[-50:], axis=0)).max() == 0.0
-    rows = slice(*ticks.things[0].contact[-2:])
-    crossings = ticks.things[0].point[rows][ticks.things[0].body[rows] <= -2]
+    rows = slice(*ticks.bodies[0].contact[-2:])
+    crossings = ticks.bodies[0].point[rows][ticks.bodies[0].body[rows] <= -2]
     assert len(crossings)
     np.testing.assert_allclose(np.abs(crossings[:, :2]), 0.01, atol=1e-9)
 
@@ -129,12 +129,12 @@ def test_a_lid_falls_onto_its_pot_and_lies_there_to_the_bit() -> None:
     solver = solver_of(*bodies)
     record, ticks = run(solver, 300)
     assert not record.status.any()
-    assert ticks.things[0].shift[-1, 2] == pytest.approx(-0.0005, abs=2e-6), "it fell half a millimetre"
+    assert ticks.bodies[0].shift[-1, 2] == pytest.approx(-0.0005, abs=2e-6), "it fell half a millimetre"
     record, ticks = run(solver, 200)
     assert not record.status.any()
-    assert all(np.ptp(thing.shift, axis=0).max() == 0.0 for thing in ticks.things[:2])
-    np.testing.assert_allclose(ticks.thing_wrench[:2, :, 2], [[0.1 * G] * 200, [-0.1 * G] * 200], rtol=1e-9)
-    np.testing.assert_allclose(ticks.things[1].table_wrench[:, 2], 0.6 * G, rtol=1e-9)
+    assert all(np.ptp(body.shift, axis=0).max() == 0.0 for body in ticks.bodies[:2])
+    np.testing.assert_allclose(ticks.body_wrench[:2, :, 2], [[0.1 * G] * 200, [-0.1 * G] * 200], rtol=1e-9)
+    np.testing.assert_allclose(ticks.bodies[1].table_wrench[:, 2], 0.6 * G, rtol=1e-9)
 
 
 def prism(radius: float, height: float, corners: int = 24) -> Mesh:
@@ -174,7 +174,7 @@ def test_a_peg_let_go_over_a_hole_goes_in_and_leans_no_more_than_the_gap_allows(
     assert hole.volume > 0.0 and peg.volume > 0.0
     bodies = [(mesh, FreeObject.of_mesh(mesh, **free)) for mesh in (peg, hole)]
     record, ticks = run(solver_of(*bodies, fixed=[1]), 400)
-    place = ticks.things[0]
+    place = ticks.bodies[0]
     axis = rotation_matrix(place.turn) @ turn @ [0.0, 0.0, 1.0]
     foot = rotation_matrix(place.turn) @ [0.0, 0.0, depth + 1e-3] + place.shift
     assert foot[-1, 2] < 1e-3, "it stands on the table"
@@ -216,20 +216,20 @@ def test_things_that_fly_about_never_enter_each_other_hand_or_table(seed: int) -
     given = np.ones((ticks_run, 1)) * [1.0, 0.0, 0.0, 0.0], np.zeros((ticks_run, 5, 3)), np.zeros((ticks_run, 5))
     record = solver.run(way, *given)
     ticks = solver.engine.all_ticks  # type: ignore[attr-defined]
-    turns = [rotation_matrix(thing.turn) for thing in ticks.things]
+    turns = [rotation_matrix(body.turn) for body in ticks.bodies]
     least = np.inf
     for i in range(0, ticks_run, 4):
         boxes = []
-        for turn, thing, (_, free), edge in zip(turns, ticks.things, bodies, edges):
-            boxes.append((turn[i] @ np.array(free.center) + thing.shift[i], turn[i], edge))
+        for turn, body, (_, free), edge in zip(turns, ticks.bodies, bodies, edges):
+            boxes.append((turn[i] @ np.array(free.center) + body.shift[i], turn[i], edge))
         least = min(least, *(separation(boxes[a], boxes[b]) for a in range(3) for b in range(a)))
         least = min(least, *(c[2] - 0.5 * float(np.abs(turn[2]) @ edge) for c, turn, edge in boxes))
     assert least >= 0.0
     assert not (record.status & 1).any()
     settled = record.status[1:] == 0
-    for k, (thing, (_, free)) in enumerate(zip(ticks.things, bodies)):
-        force = thing.hand_wrench[:, :3] + thing.table_wrench[:, :3] + ticks.thing_wrench[k, :, :3]
-        gained = free.mass * np.diff(thing.velocity, axis=0) / DT
+    for k, (body, (_, free)) in enumerate(zip(ticks.bodies, bodies)):
+        force = body.hand_wrench[:, :3] + body.table_wrench[:, :3] + ticks.body_wrench[k, :, :3]
+        gained = free.mass * np.diff(body.velocity, axis=0) / DT
         wanted = force[1:] + [0.0, 0.0, -free.mass * G]
         scale = np.abs(force[1:]).max() + free.mass * G
         assert np.abs(gained - wanted)[settled].max() <= 1e-6 * scale, "Newton's equation"
@@ -244,7 +244,7 @@ def test_a_hand_that_begins_in_any_of_several_things_is_freed_of_all_of_them(ins
     record, ticks = run(solver, 1, (places[inside] - (0.0, 0.05, 0.0)).tolist())
     assert record.status[0] == STATUS_START_INSIDE
     # So near, and not where it was freed.
-    assert 0.0 <= things_clearance(HandModel.default(), [mesh for mesh, _ in bodies], record, ticks.things) < 2e-6
+    assert 0.0 <= bodies_clearance(HandModel.default(), [mesh for mesh, _ in bodies], record, ticks.bodies) < 2e-6
 
 
 def test_things_that_begin_inside_each_other_are_told() -> None:

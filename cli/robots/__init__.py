@@ -1,0 +1,1 @@
+"""Spheres for robots, on the command line."""

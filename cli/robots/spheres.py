@@ -1,0 +1,225 @@
+"""`hhsim build-tree ROBOT`: spheres for every link of a URDF or MJCF, and `--from` with spheres of links."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hhsim.errors import InputError
+from hhsim.system.counted import counted
+from hhsim.table.table import Table, number, words
+
+from ..arguments.option_group import OptionGroup, option
+from ..arguments.options import Output
+from ..arguments.rerun_target import RERUN, RERUN_METAVAR, read_target
+from ..console import print_json, print_notes, print_table, progress
+
+if TYPE_CHECKING:
+    from hhsim.linkage.robot import Robot
+    from hhsim.mesh.mesh import Mesh
+    from hhsim.robots.link_spheres import LinkSpheres
+    from hhsim.robots.robot_spheres import RobotSpheres
+    from hhsim.trees.foreign_tree import ImportedTree
+    from hhsim.trees.options import TreeOptions
+    from hhsim.view.sink import RerunTarget
+
+USUAL_LEAVES = 16
+"""Spheres of a link where nothing says how many."""
+
+
+class RobotOptions(OptionGroup, heading="Robot"):
+    """One link of a robot, format of its spheres, and where they are shown."""
+
+    link: str | None = option(metavar="NAME", help="One link of a URDF or MJCF file, or of a --from file.")
+    total: int | None = option(
+        type=click.IntRange(1, 262_144),
+        metavar="N",
+        help="Number of spheres of all links, shared out by error. Default: --leaves of each.",
+    )
+    kind: str | None = option(
+        "--as",
+        type=click.Choice(["h5", "urdf", "curobo", "json", "mjcf", "srdf", "xrdf"]),
+        help="Format of the spheres. Default: that of --out's ending, or h5.",
+    )
+    rerun: "RerunTarget | None" = option(
+        type=RERUN,
+        callback=read_target,
+        metavar=RERUN_METAVAR,
+        help="Show links and spheres in rerun: open a viewer, write a file, or send to an open viewer at HOST:PORT.",
+    )
+
+    def means(self, object_: str, out: Path | None) -> bool:
+        """Return True if OBJECT is a robot: a URDF or MJCF whose links move, unless one link's tree is asked for."""
+        from hhsim.linkage.file import names_a_linkage, read_robot
+        from hhsim.robots.formats.registry import format_of
+
+        named = (self.kind, self.total, self.rerun) != (None, None, None)
+        if not names_a_linkage(object_):
+            if named:
+                raise click.UsageError(
+                    f"--as, --total and --rerun are for a robot, a URDF or MJCF file, and {object_} is none"
+                )
+            return False
+        named = named or (out is not None and format_of(out) not in ("", "h5"))
+        return named or (not self.link and read_robot(Path(object_)).moves)
+
+
+def robot_spheres(
+    path: Path,
+    robot_options: RobotOptions,
+    options: "TreeOptions | None",
+    source: Path | None,
+    output: Output,
+    plot: Path | None,
+    threads: int,
+    seed: int,
+) -> None:
+    """Build the spheres of a robot's links, or judge those of a file, and write, draw, show and print them."""
+    from hhsim.linkage.file import read_robot
+    from hhsim.robots.formats.registry import FORMATS, format_of
+    from hhsim.robots.link_spheres import build_in_all, build_links, link_meshes
+    from hhsim.robots.robot_spheres import RobotSpheres
+    from hhsim.robots.touching_pairs import self_collision_ignore
+    from hhsim.system.atomic_write import write_atomically
+    from hhsim.system.output_path import check_output_path, check_picture, holds
+    from hhsim.trees.options import TreeOptions
+
+    out_kind = "" if output.out is None else format_of(output.out)
+    total, rerun = robot_options.total, robot_options.rerun
+    name = robot_options.kind or out_kind or "h5"
+    format_ = FORMATS[name]
+    out = output.path(f"{path.stem}-spheres", format_.suffixes[0])
+    if format_of(out) != name:
+        raise InputError(f"--out {out}: expected a file that ends in {' or '.join(format_.suffixes)} (--as {name})")
+    check_output_path(out, "file of spheres", holds(format_.mark))
+    if plot is not None:
+        check_picture(plot)
+    start = time.process_time()
+    robot = read_robot(path)
+    meshes = link_meshes(robot, path, robot_options.link or "")
+    notes = [f"{mesh.name}: {note}" for mesh in meshes.values() for note in (*mesh.repairs, *mesh.warnings)]
+    with progress(quiet=output.quiet) as report:
+        if source is not None:
+            built = _judged(robot, meshes, source, seed, notes)
+        elif total is not None:
+            built = build_in_all(robot, meshes, total, replace(options or TreeOptions(), seed=seed), threads, report)
+        else:
+            each = options or TreeOptions(leaves=USUAL_LEAVES, seed=seed)
+            built = build_links(robot, meshes, dict.fromkeys(meshes, each), threads, report)
+    ignored = self_collision_ignore(robot, {name: each.spheres for name, each in built.items()}, seed)
+    found = RobotSpheres(robot, path, tuple(built.values()), ignored)
+    write_atomically(out, format_.write(found))
+    if plot is not None:
+        from hhsim.render.robot_figure import draw_robot
+
+        draw_robot(plot, found)
+    if rerun is not None:
+        from hhsim.view.robot_log import show_robot
+
+        show_robot(found, rerun)
+    seconds = time.process_time() - start
+    print_notes(notes)
+    if output.as_json:
+        print_json(
+            _document(found, seconds) | {"as": name, "path": str(out), "plot": plot and str(plot), "notes": notes}
+        )
+    elif not output.quiet:
+        _print(found, seconds)
+        print(f"{counted(sum(each.fit.spheres for each in found.links), 'sphere')}, written to {out}")
+        if plot is not None:
+            print(f"the picture is in {plot}")
+
+
+def _judged(
+    robot: "Robot", meshes: Mapping[str, "Mesh"], source: Path, seed: int, notes: list[str]
+) -> "dict[str, LinkSpheres]":
+    """Measure the spheres of a file on the links of the same names, and note what has no counterpart."""
+    from hhsim.robots.formats.registry import read_spheres
+    from hhsim.robots.link_spheres import judge_link
+
+    given = read_spheres(source)
+    both = [name for name in meshes if name in given]
+    if not both:
+        raise InputError(f"{source}: spheres of {', '.join(given)}; expected some of {', '.join(meshes)}")
+    for names, what in (
+        ([name for name in meshes if name not in given], "no spheres in the file"),
+        ([name for name in given if name not in meshes], "spheres, but no collision geometry here"),
+    ):
+        if names:
+            notes.append(f"{', '.join(names)}: {what}")
+    return {name: judge_link(robot.link(name), meshes[name], given[name], seed) for name in both}
+
+
+def import_spheres(source: Path, mesh: "Mesh", link: str, seed: int) -> "ImportedTree":
+    """Read the spheres of one link from a file, and measure them on a mesh; InputError names the links of several."""
+    from hhsim.robots.formats.registry import read_spheres
+    from hhsim.robots.link_spheres import tree_of_spheres
+    from hhsim.trees.foreign_tree import judge_tree
+
+    given = read_spheres(source)
+    if link and link not in given:
+        raise InputError(f"{source}: no link '{link}'; it has {', '.join(given)}")
+    if not link and len(given) > 1:
+        raise InputError(f"{source}: spheres of {', '.join(given)}; expected the name of one (--link)")
+    return judge_tree(source, tree_of_spheres(given[link or next(iter(given))]), mesh, seed=seed)
+
+
+def fit_columns(of: str = "") -> tuple[Any, ...]:
+    """Return the columns of figures of a fit, which a row has as its field `of`."""
+
+    def value(name: str, factor: float = 1.0) -> Any:
+        def read(row: Any) -> float | None:
+            found = getattr(getattr(row, of) if of else row, name)
+            return None if found is None else factor * found
+
+        return read
+
+    return (
+        number("spheres", value("spheres")),
+        number("inside covered", value("coverage", 100.0), "%", 2, missing=""),
+        number("surface covered", value("surface_coverage", 100.0), "%", 2),
+        number("largest gap", value("surface_gap_max"), "mm", 2),
+        number("out max", value("protrusion_max"), "mm", 2),
+        number("p95", value("protrusion_p95"), "mm", 2),
+        number("mean", value("protrusion_mean"), "mm", 2),
+        number("volume ratio", value("volume_ratio"), "", 2, missing=""),
+        number("proved bound", value("bound"), "mm", 2),
+    )
+
+
+def _print(found: "RobotSpheres", seconds: float) -> None:
+    columns = (words("link", "name"), *fit_columns("fit"), number("CPU", "cpu_seconds", "s", 2))
+    print_table(Table(columns, found.links, f"{found.robot.name}: {counted(len(found.links), 'link')}"))
+    bare = [link.name for link in found.links if not link.proved]
+    if bare:
+        print(f"not proved to be covered: {', '.join(bare)}")
+    else:
+        print("proved: every triangle of every link lies in its spheres")
+    pairs = sum(map(len, found.ignored.values()))
+    print(f"{counted(pairs, 'pair')} of links adjacent or touching in every one of 10,000 poses")
+    cached = sum(link.cached for link in found.links)
+    print(f"{seconds:.1f} s of CPU{f', {cached} of {len(found.links)} links read from the cache' if cached else ''}")
+
+
+def _document(found: "RobotSpheres", seconds: float) -> dict[str, Any]:
+    return {
+        "robot": found.robot.name,
+        "links": [
+            {
+                "link": link.name,
+                "triangles": len(link.mesh.faces),
+                **asdict(link.fit),
+                "proved": link.proved,
+                "cpu_seconds": link.cpu_seconds,
+                "cached": link.cached,
+            }
+            for link in found.links
+        ],
+        "spheres": sum(link.fit.spheres for link in found.links),
+        "collision_spheres": {name: each.tolist() for name, each in found.spheres.items()},
+        "self_collision_ignore": found.ignored,
+        "cpu_seconds": seconds,
+    }

@@ -1,0 +1,143 @@
+"""The triangles of any mesh as they are, for a sphere tree: which of them enclose something, and which are sheets.
+
+A tree covers triangles; an inside is needed only to say that spheres may fill it. The inside is what the closed parts
+enclose by winding number, so that its border lies in triangles. What is open has none, unless its holes are few and
+flat: its distance is that of a sheet, to both sides. Sheets are in the mesh once from each side, which closes them
+around nothing.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.errors import MeshError
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.kernels.mesh.winding_number import fast_winding_numbers
+from hhsim.mesh import topology
+from hhsim.mesh.repair import (
+    BENT_HOLE,
+    CAP_AREA,
+    SHEET_VOLUME,
+    WIDE_HOLE,
+    MeshInRepair,
+    closed_surface,
+    joined_parts,
+    turn_outward,
+)
+from hhsim.system.counted import counted
+
+FEWEST_OF_SOLID = 4
+"""Parts of fewer triangles enclose nothing."""
+DEEP = 0.75
+"""Winding number above which a point of a sheet lies inside the solid."""
+
+
+class CoveredSurface(NamedTuple):
+    """Triangles of a file to cover, and its shell (`hhsim.mesh.mesh.Mesh.shell`), None of a solid, in the file's unit.
+
+    What was repaired or assumed, and suspicions, are sentences.
+    """
+
+    vertices: FloatArray  # (V, 3)
+    faces: IntArray  # (F, 3)
+    shell: tuple[FloatArray, IntArray] | None
+    repairs: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+
+
+def own_triangles(given_vertices: FloatArray, given_faces: IntArray, name: str) -> CoveredSurface:
+    """Return the triangles of any mesh, (V, 3) and (F, 3), each once, and a shell unless they are a solid.
+
+    A mesh that a safe repair closes without a change of its triangles becomes that solid. Raises MeshError, which
+    begins with the name, where no triangle has an area.
+    """
+    vertices, faces = topology.merged_vertices(given_vertices, given_faces)
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    faces = faces[np.unique(topology.distinct_rows(np.sort(faces, axis=1))[1], return_index=True)[1]]
+    size = float(np.ptp(vertices, axis=0).max())
+    if not len(faces) or not topology.face_areas(vertices, faces).sum() > 1e-12 * size**2:
+        raise MeshError(f"{name}: no volume: its triangles have no area; expected a surface mesh")
+    try:
+        surface = closed_surface(given_vertices, given_faces, name)
+    except MeshError:
+        surface = None
+    if surface is not None and _has_all(surface.vertices, surface.faces, vertices, faces):
+        said = (*surface.merged, *surface.repairs)
+        return CoveredSurface(surface.vertices, surface.faces, None, said, tuple(surface.warnings))
+    repairs: list[str] = []
+    solid, enclosing, is_sheet = _solid_parts(vertices, faces, size, name, repairs)
+    sheet = faces[is_sheet]
+    if len(enclosing) and len(sheet):
+        sheet = sheet[~_deep_inside(solid, enclosing, vertices, sheet)]
+    if len(sheet):
+        repairs.append(f"{counted(len(sheet), 'triangle')} of open parts enclose nothing: spheres cover them as a skin")
+    whole = np.concatenate([enclosing + len(vertices), sheet, sheet[:, ::-1]])
+    return CoveredSurface(vertices, faces, (np.concatenate([vertices, solid]), whole), tuple(repairs))
+
+
+def _has_all(vertices: FloatArray, faces: IntArray, own_vertices: FloatArray, own: IntArray) -> bool:
+    """Return True if a surface has every one of the own triangles, wound in any way."""
+    both = np.concatenate([faces, own + len(vertices)])
+    merged = topology.merged_vertices(np.concatenate([vertices, own_vertices]), both)[1]
+    group = topology.distinct_rows(np.sort(merged, axis=1))[1]
+    return bool(np.isin(group[len(faces) :], group[: len(faces)]).all())
+
+
+def _solid_parts(
+    vertices: FloatArray, faces: IntArray, size: float, name: str, repairs: list[str]
+) -> tuple[FloatArray, IntArray, BoolArray]:
+    """Return vertices and faces of what encloses something, wound outward, and marks of the faces that do not."""
+    nothing = np.empty((0, 3)), np.empty((0, 3), np.int64), np.ones(len(faces), np.bool_)
+    wound = topology.alike_wound(faces)[0]
+    label = topology.part_labels(wound)
+    # Each part has vertices of its own, so that its edges are shared by its faces alone.
+    keys = np.repeat(label, 3) * np.int64(len(vertices)) + wound.reshape(-1)
+    place, corner = np.unique(keys, return_inverse=True)
+    apart, part_of = vertices[place % len(vertices)], place // len(vertices)
+    wound = corner.reshape(-1, 3).astype(np.int64)
+    large = np.bincount(label) >= FEWEST_OF_SOLID
+    kept = large[label]
+    caps = topology.hole_caps(apart, wound[kept])
+    loops = topology.boundary_loops(wound[kept])
+    of_loop = np.array([part_of[loop[0]] for loop in loops], np.int64)
+    all_faces = np.concatenate([wound, caps.faces])
+    all_label = np.concatenate([label, part_of[caps.faces[:, 1]]])
+    is_cap = np.arange(len(all_faces)) >= len(wound)
+    parts = len(large)
+    area = topology.face_areas(caps.vertices, all_faces)
+    own_area, cap_area = (np.bincount(all_label[one], weights=area[one], minlength=parts) for one in (~is_cap, is_cap))
+    a, b, c = (caps.vertices[all_faces] - vertices.mean(axis=0)).transpose(1, 0, 2)
+    volume = np.abs(np.bincount(all_label, weights=np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0, minlength=parts))
+    bent = (caps.width > WIDE_HOLE * size) & (caps.bend > BENT_HOLE * caps.width)
+    index, _, balance = topology.undirected_edges(all_faces)
+    unbalanced = np.zeros(parts, np.bool_)
+    unbalanced[all_label[np.flatnonzero(balance[index] != 0) // 3]] = True
+    closes = large & ~unbalanced & (cap_area <= CAP_AREA * own_area)
+    closes &= volume >= SHEET_VOLUME * (own_area + cap_area) ** 1.5
+    closes[of_loop[bent]] = False
+    surface = MeshInRepair(*topology.used_vertices(caps.vertices, all_faces[closes[all_label]]), name)
+    if not len(surface.faces):
+        return nothing
+    try:
+        turn_outward(surface)
+    except MeshError:
+        return nothing
+    capped = closes[of_loop]
+    if capped.any():
+        widest = surface.millimetres(float(caps.width[capped].max()))
+        repairs.append(f"assumed closed at {counted(int(capped.sum()), 'hole')} up to {widest} wide")
+    joined_parts(surface)
+    repairs += surface.repairs
+    return surface.vertices, surface.faces, ~closes[label]
+
+
+def _deep_inside(solid: FloatArray, enclosing: IntArray, vertices: FloatArray, sheet: IntArray) -> BoolArray:
+    """Mark the triangles of sheets whose corners and middles lie inside of the solid: none has to be measured to."""
+    bvh = build_mesh_bvh(solid, enclosing, by_winding=True)
+    corner = vertices[sheet]
+    middle = corner.mean(axis=1, keepdims=True)
+    points = np.concatenate([middle, 0.9 * corner + 0.1 * middle], axis=1).reshape(-1, 3)
+    winding = np.empty(len(points))
+    fast_winding_numbers(bvh, bvh.moments, np.ascontiguousarray(points), winding)
+    return np.asarray((winding > DEEP).reshape(-1, 4).all(axis=1))

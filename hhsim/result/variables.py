@@ -1,0 +1,112 @@
+"""Variables of a result with the names of their axes, and the time of its ticks with their phases."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import UnknownNameError
+from hhsim.hand.fingers import FINGERS, PHALANX_NAMES
+from hhsim.result import schema
+from hhsim.result.labelled import Variable
+from hhsim.result.schema import Column
+
+if TYPE_CHECKING:
+    from hhsim.result.reader import Result
+
+SIZES = {
+    "force/size": (Column("force/size", (), "<f8", "N", "size of the total force"), "force/total"),
+    "force/finger": (Column("force/finger", (5,), "<f8", "N", "size of the force on each finger"), "force/phalanx"),
+}
+"""Columns of force magnitudes, summed over phalanges, and the datasets that they are computed from."""
+LABELS: dict[str, Sequence[str]] = {
+    "axis": "xyz",
+    "quaternion": "wxyz",
+    "wrench": ("fx", "fy", "fz", "mx", "my", "mz"),
+    "finger": FINGERS,
+    "phalanx": PHALANX_NAMES,
+    "joint": PHALANX_NAMES,
+    "point": (*PHALANX_NAMES, "tip"),
+}
+"""Labels along the axes of a tick's value."""
+_SHARED = (schema.TIME.name, *(f"{group}/" for group in (schema.BETWEEN, schema.BODIES, schema.CONTACT)))
+"""Beginnings of the names of datasets that are of no hand."""
+
+
+def sizes(force: FloatArray) -> FloatArray:
+    """Return magnitudes of forces (T, 3), or of their sums over phalanges (T, fingers, 3, 3) [N]."""
+    return np.asarray(np.linalg.norm(force if force.ndim == 2 else force.sum(axis=2), axis=-1))
+
+
+def tick_columns(result: "Result") -> dict[str, Column]:
+    """Return the columns with a row a tick by the names of their datasets, and those of `SIZES`."""
+    known = {column.name: column for column in schema.TICK_COLUMNS} | {
+        name: column for name, (column, _) in SIZES.items()
+    }
+    if result.other is not None:
+        known |= {column.name: column for column in schema.BETWEEN_COLUMNS if column.name in result}
+    if result.live is not None:
+        known |= _prefixed(schema.LIVE_TICK, schema.LIVE_TICK_COLUMNS)
+    for body in result.bodies.values():
+        of_body = (column for column in schema.BODY_COLUMNS if column.name in body)
+        known |= _prefixed(f"{body.group}/{schema.TICK}", of_body)
+    return known
+
+
+def variables(result: "Result", names: Sequence[str] = ()) -> dict[str, Variable]:
+    """Return datasets by name, or all of those named `GROUP/…`; all that there are for no name.
+
+    The rows are along `time`, `contact` or `sample`; the next axis is `hand` for what each hand of two has.
+
+    Raises:
+        UnknownNameError: No such dataset or group.
+    """
+    hands = [result] if result.name else list(result.hands.values())
+    known = {name: ("time", column) for name, column in tick_columns(hands[0]).items()}
+    tables = {"contact": _prefixed(schema.CONTACT, schema.CONTACT_COLUMNS)}
+    if len(hands) == 1 and result.live is not None:
+        tables["sample"] = _prefixed(schema.LIVE_SAMPLE, schema.sample_columns(-1))
+    stored = result.keys()
+    known |= {name: (row, of[name]) for row, of in tables.items() for name in of if name in stored}
+
+    def values(name: str) -> Any:
+        """Return the rows of a dataset, of both hands in a file of two as a whole."""
+        if name.startswith(_SHARED):
+            return result[name]
+        of_hands = [sizes(hand[SIZES[name][1]]) if name in SIZES else hand[name] for hand in hands]
+        return of_hands[0] if result.name else np.stack(of_hands, axis=1)
+
+    found: dict[str, Variable] = {}
+    for word in names or known:
+        inside = [word] if word in known else [name for name in known if name.startswith(f"{word}/")]
+        if not inside:
+            raise UnknownNameError("dataset", word, known)
+        for name in inside:
+            row, column = known[name]
+            of_hand = () if result.name or name.startswith(_SHARED) else ("hand",)
+            found[name] = Variable((row, *of_hand, *_axes(column)), values(name), column.units, column.long_name)
+    return found
+
+
+def coordinates(result: "Result") -> dict[str, Any]:
+    """Return the time, number and phase of each tick, the hand or both, and `LABELS`."""
+    phase = np.array([result.phase_at(tick) for tick in range(result.ticks)], str)
+    time = Variable(("time",), result["time"], schema.TIME.units, schema.TIME.long_name)
+    tick = Variable(("time",), np.arange(result.ticks), long_name="number of the tick, from 0")
+    of_ticks = {"time": time, "tick": tick, "phase": Variable(("time",), phase, "")}
+    return {**of_ticks, "hand": result.name or list(result.hands), **{name: list(of) for name, of in LABELS.items()}}
+
+
+def _prefixed(group: str, columns: Any) -> dict[str, Column]:
+    return {f"{group}/{column.name}": replace(column, name=f"{group}/{column.name}") for column in columns}
+
+
+def _axes(column: Column) -> tuple[str, ...]:
+    """Return the axes of a tick's value, named as `LABELS`."""
+    if column.shape == (-1,):
+        return ("channel",)
+    last = {3: "joint" if column.units == "rad" else "axis", 4: "quaternion", 5: "finger", 6: "wrench"}
+    axes = ("finger", "point" if column.shape[1:2] == (4,) else "phalanx")[: max(len(column.shape) - 1, 0)]
+    return (*axes, *(last[size] for size in column.shape[-1:]))

@@ -1,0 +1,1 @@
+"""Spheres for the links of a robot: built, measured, read and written."""

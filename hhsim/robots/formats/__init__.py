@@ -1,0 +1,1 @@
+"""Formats of the spheres of a robot: a module for each."""

@@ -1,0 +1,181 @@
+"""Spheres of every link of a robot: each link's collision geometry as a mesh, its tree, and how that fits."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError, MeshError, named
+from hhsim.linkage.linkage import Link
+from hhsim.linkage.robot import Robot
+from hhsim.mesh.mesh import Mesh, with_inside
+from hhsim.mesh.shapes import Triangles, ellipsoid
+from hhsim.mesh.topology import merged_vertices
+from hhsim.robots.share_out import best_shares, share_out
+from hhsim.system.progress import Progress, silent
+from hhsim.system.thread_pool import Workers
+from hhsim.trees.cache import cache_path, kept_sphere_tree
+from hhsim.trees.error import prove_cover
+from hhsim.trees.fit import Fit, measure_fit
+from hhsim.trees.hierarchy import build_hierarchy
+from hhsim.trees.options import TreeOptions, needed_level
+from hhsim.trees.sphere_tree import SphereTree
+
+MOST_TRIANGLES = 500_000
+"""Most triangles of a link: more take minutes, and no planner's collision mesh has them."""
+WIDEST = 64
+"""Most spheres of a foreign set below one inner sphere."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinkSpheres:
+    """Spheres of one link, in its frame."""
+
+    name: str
+    mesh: Mesh  # the link's collision geometry [m]
+    tree: SphereTree  # its leaves are the spheres
+    fit: Fit
+    proved: bool  # True if it is proved that the spheres cover every triangle
+    cpu_seconds: float  # CPU time of building, proving and measuring them [s]
+    cached: bool  # True if the tree was built before
+
+    @property
+    def error(self) -> float:
+        """Proved bound of the distance [m] of the spheres from the link, to either side."""
+        gap = self.tree.covers[-1].gap if self.tree.covers else self.fit.surface_gap_max
+        return max(self.fit.bound, gap, 0.0)
+
+    @property
+    def spheres(self) -> FloatArray:
+        """Centres and radii [m], shape (n, 4)."""
+        return np.column_stack([self.tree.leaf_center, self.tree.leaf_radius])
+
+
+def link_meshes(robot: Robot, path: Path, name: str = "") -> dict[str, Mesh]:
+    """Return the surface of each link that has shapes, or of one of a name, in its frame, by its name.
+
+    Raises InputError for a robot without collision geometry, or no such link; MeshError for triangles of no area.
+    """
+    with named(path):
+        if not robot.solid:
+            raise InputError(
+                "no link has collision geometry; expected <collision> elements (URDF) or geoms that collide (MJCF)"
+            )
+        links = [robot.link(name)] if name else robot.solid
+        return {link.name: _surface(link.triangles, link.name, str(path)) for link in links}
+
+
+def _surface(triangles: Triangles, name: str, source: str) -> Mesh:
+    # Files of some kinds give each triangle corners of its own.
+    vertices, faces = merged_vertices(*triangles)
+    about = f"link '{name}'"
+    if len(faces) > MOST_TRIANGLES:
+        raise MeshError(
+            f"{about}: {len(faces):,} triangles; expected {MOST_TRIANGLES:,} at most: simplify its collision mesh"
+        )
+    corner = vertices[faces]
+    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    if not area.max(initial=0.0) > 0.0:
+        raise MeshError(f"{about}: its triangles have no area; expected a surface")
+    mesh = with_inside(Mesh(vertices, faces, name=name, source=about), hint="is its scale wrong?", solid=None)
+    return replace(mesh, source=source)
+
+
+def build_link(link: Link, mesh: Mesh, options: TreeOptions) -> LinkSpheres:
+    """Return the spheres of a link, from the cache or built; where all its shapes are spheres that suffice, those."""
+    start = time.thread_time()
+    cached = False
+    if link.balls is not None and len(link.balls) <= options.leaf_limit:
+        mesh, tree = _inside_balls(link.balls, mesh), tree_of_spheres(link.balls)
+    else:
+        cached = cache_path(mesh, options).exists()
+        tree = kept_sphere_tree(mesh, options)
+    return _measured(mesh, tree, start, cached, options.seed)
+
+
+def judge_link(link: Link, mesh: Mesh, spheres: FloatArray, seed: int = 0) -> LinkSpheres:
+    """Return spheres from elsewhere, centres and radii [m], shape (n, 4), as those of a link, measured."""
+    start = time.thread_time()
+    mesh = mesh if link.balls is None else _inside_balls(link.balls, mesh)
+    return _measured(mesh, tree_of_spheres(spheres), start, False, seed)
+
+
+def _inside_balls(balls: FloatArray, mesh: Mesh) -> Mesh:
+    """Return the surface of spheres, whose triangles lie in them, while those of the link's mesh lie around them."""
+    shapes = [ellipsoid(ball[3] * np.ones(3)) for ball in balls]
+    inner = Link(mesh.name, tuple((points + ball[:3], faces) for ball, (points, faces) in zip(balls, shapes)))
+    return _surface(inner.triangles, mesh.name, mesh.source)
+
+
+def _measured(mesh: Mesh, tree: SphereTree, start: float, cached: bool, seed: int) -> LinkSpheres:
+    fit = measure_fit(mesh, tree.leaf_center, tree.leaf_radius, seed)
+    if tree.covers:
+        proved = tree.covers[-1].gap == 0.0 and not tree.check(mesh)
+    else:
+        # Of corners that lie on a sphere, rounding decides.
+        grown = tree.leaf_radius + 1e-9 * float(mesh.extent.max())
+        proved = not prove_cover(mesh.vertices, mesh.faces, tree.leaf_center, grown)[0].size
+    return LinkSpheres(mesh.name, mesh, tree, fit, proved, time.thread_time() - start, cached)
+
+
+def tree_of_spheres(spheres: FloatArray) -> SphereTree:
+    """Return a tree whose leaves are spheres, centres and radii [m], shape (n, 4), in an order of its own."""
+    return build_hierarchy(spheres[:, :3], spheres[:, 3], needed_level(len(spheres), WIDEST), WIDEST)
+
+
+def build_links(
+    robot: Robot,
+    meshes: Mapping[str, Mesh],
+    options: Mapping[str, TreeOptions],
+    threads: int = 1,
+    progress: Progress = silent,
+) -> dict[str, LinkSpheres]:
+    """Build the spheres of the links that have options, several at once; errors name the link."""
+    done = 0
+
+    def build(name: str) -> LinkSpheres:
+        nonlocal done
+        with named(f"link '{name}'"):
+            found = build_link(robot.link(name), meshes[name], options[name])
+        done += 1
+        progress("links", done, len(options))
+        return found
+
+    # The largest first, so that no thread ends long after the others.
+    order = sorted(options, key=lambda name: -len(meshes[name].faces))
+    with Workers(threads) as workers:
+        found = dict(zip(order, workers.each(build, [(name,) for name in order])))
+    return {name: found[name] for name in options}
+
+
+def build_in_all(
+    robot: Robot,
+    meshes: Mapping[str, Mesh],
+    total: int,
+    options: TreeOptions,
+    threads: int = 1,
+    progress: Progress = silent,
+) -> dict[str, LinkSpheres]:
+    """Build spheres for links, so many in all, shared out so that the largest error is as small as it can be.
+
+    An error is the proved bound, or the largest gap of what leaves one; InputError for fewer spheres than links.
+    """
+    if total < len(meshes):
+        raise InputError(f"{total} spheres for {len(meshes)} links; expected at least one for each (--total)")
+    built: dict[str, dict[int, LinkSpheres]] = {name: {} for name in meshes}
+
+    def measure(shares: Mapping[str, int]) -> dict[str, float]:
+        each = {name: replace(options, level=None, leaves=count) for name, count in shares.items()}
+        for name, found in build_links(robot, meshes, each, threads, progress).items():
+            built[name][shares[name]] = found
+        return {name: built[name][count].error for name, count in shares.items()}
+
+    shares = best_shares(share_out(list(meshes), total, measure), total)
+    return {name: replace(built[name][count], cpu_seconds=_all_seconds(built[name])) for name, count in shares.items()}
+
+
+def _all_seconds(tried: Mapping[int, LinkSpheres]) -> float:
+    return sum(one.cpu_seconds for one in tried.values())

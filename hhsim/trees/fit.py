@@ -1,0 +1,93 @@
+"""Figures of how spheres fit a mesh, by the definitions that robot planners use.
+
+Coverage, protrusion, surface gap and volume ratio are those of cuRobo: coverage is of the inside,
+protrusion of the surface of each sphere by itself, and the volume of spheres that overlap counts twice.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.kernels.cover.sampled_error import union_distance
+from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
+from hhsim.mesh.mesh import LEAST_FILLED, Mesh
+from hhsim.mesh.signed_bvh import signed_bvh
+from hhsim.trees.error import MESH_SAMPLES, protrusion_bound, sample_mesh
+
+INSIDE_SAMPLES = 10_000
+MOST_TRIED = 400_000
+"""Most points of the box around a mesh that are tried for being inside."""
+SPHERE_SAMPLES_EACH, LEAST_EACH, MOST_SAMPLES = 200, 24, 200_000
+"""Points on each sphere: so many, or as few as the least where there are very many spheres."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Figures of spheres and a mesh; lengths [m], shares [-]."""
+
+    spheres: int  # number of spheres
+    coverage: float | None  # share of the inside that lies in a sphere; None for a mesh without an inside
+    surface_coverage: float  # share of the surface that lies in a sphere
+    surface_gap_mean: float  # distance of the surface outside of the spheres
+    surface_gap_p95: float
+    surface_gap_max: float
+    protrusion: float  # share of the spheres' surfaces, each by itself, that lies outside the mesh
+    protrusion_mean: float  # distance of that part from the mesh
+    protrusion_p95: float
+    protrusion_max: float
+    volume_ratio: float | None  # volume of all spheres to that of the mesh, or of its box where it has none
+    bound: float  # proved upper bound of the protrusion: the largest of (radius − depth of the centre)
+
+
+def measure_fit(mesh: Mesh, center: FloatArray, radius: FloatArray, seed: int = 0) -> Fit:
+    """Measure spheres, centres (n, 3) and radii (n,) [m], against a mesh with 20,000 points on it and 10,000 in it."""
+    bvh = signed_bvh(mesh)
+    surface = sample_mesh(mesh.vertices, mesh.faces, MESH_SAMPLES, np.random.default_rng([seed, 0]))
+    gap = _outside(surface, center, radius)
+    inside = _inside_points(mesh, bvh, np.random.default_rng([seed, 1]))
+    height = _heights(bvh, center, radius, np.random.default_rng([seed, 2]))
+    out = height[height > 0.0]
+    box = float(np.prod(mesh.extent))
+    volume = mesh.volume if mesh.volume > LEAST_FILLED * float(mesh.extent.max()) ** 3 else box
+    return Fit(
+        spheres=len(radius),
+        coverage=float((_outside(inside, center, radius) == 0.0).mean()) if len(inside) else None,
+        surface_coverage=float((gap <= 1e-9 * float(mesh.extent.max())).mean()),
+        surface_gap_mean=float(gap.mean()),
+        surface_gap_p95=float(np.quantile(gap, 0.95)),
+        surface_gap_max=float(gap.max()),
+        protrusion=len(out) / len(height),
+        protrusion_mean=float(out.mean()) if len(out) else 0.0,
+        protrusion_p95=float(np.quantile(out, 0.95)) if len(out) else 0.0,
+        protrusion_max=float(out.max(initial=0.0)),
+        volume_ratio=float(4.0 / 3.0 * np.pi * (radius**3).sum() / volume) if volume > 0.0 else None,
+        bound=protrusion_bound(bvh, center, radius),
+    )
+
+
+def _outside(points: FloatArray, center: FloatArray, radius: FloatArray) -> FloatArray:
+    """Return the distance [m] of points (n, 3) to the union of spheres, 0 in it, shape (n,)."""
+    x, y, z = (np.ascontiguousarray(center[:, k]) for k in range(3))
+    gap = np.empty(len(points))
+    union_distance(points, x, y, z, np.ascontiguousarray(radius), gap)
+    return gap
+
+
+def _inside_points(mesh: Mesh, bvh: MeshBvh, rng: np.random.Generator) -> FloatArray:
+    found: list[FloatArray] = []
+    for _ in range(MOST_TRIED // (2 * INSIDE_SAMPLES)):
+        points = mesh.bounds[0] + rng.random((2 * INSIDE_SAMPLES, 3)) * mesh.extent
+        found.append(points[mesh_signed_distance(bvh, points) < 0.0])
+        if sum(map(len, found)) >= INSIDE_SAMPLES or not sum(map(len, found)):
+            break
+    return np.ascontiguousarray(np.concatenate(found)[:INSIDE_SAMPLES])
+
+
+def _heights(bvh: MeshBvh, center: FloatArray, radius: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return the signed distance [m] to the mesh of points on the spheres, as many on each."""
+    each = min(SPHERE_SAMPLES_EACH, max(LEAST_EACH, MOST_SAMPLES // len(radius)))
+    direction = rng.normal(size=(len(radius), each, 3))
+    direction /= np.linalg.norm(direction, axis=2, keepdims=True)
+    points = (center[:, None] + radius[:, None, None] * direction).reshape(-1, 3)
+    return mesh_signed_distance(bvh, np.ascontiguousarray(points))

@@ -1,0 +1,158 @@
+"""`hhsim build-tree ROBOT`, as its user meets it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Run
+from linkage_samples import joint, link, urdf, write_box
+from robot_arms import write_arm
+
+from hhsim.cli.build_tree import command
+from hhsim.robots.formats.registry import FORMATS
+
+
+def test_a_robot_is_built_written_drawn_and_judged(run: Run, tmp_path: Path) -> None:
+    write_arm(tmp_path)
+    answer = run("build-tree", "arm.urdf", "--leaves", "4", "--out", "arm.yml", "--plot", "arm.png", "--rerun", "a.rrd")
+    assert answer.code == 0, answer.err
+    assert answer.out.startswith("arm: 7 links\n") and "proved: every triangle of every link" in answer.out
+    assert answer.out.splitlines()[-2].endswith(" spheres, written to arm.yml")
+    assert (tmp_path / "arm.png").stat().st_size > 10_000 and (tmp_path / "a.rrd").read_bytes().startswith(b"RRF")
+    judged = run("build-tree", "arm.urdf", "--from", "arm.yml", "--as", "xrdf", "--out", "arm.xrdf", "--json")
+    assert judged.code == 0, judged.err
+    document = json.loads(judged.out)
+    assert [each["link"] for each in document["links"]][:2] == ["base", "turret"]
+    assert all(each["proved"] and each["surface_gap_max"] == 0.0 for each in document["links"])
+    assert document["self_collision_ignore"]["base"] == ["turret"]
+    one = run("build-tree", "box.obj", "--size", "300", "--from", "arm.xrdf", "--link", "base", "--json")
+    assert one.code == 0, one.err
+    assert json.loads(one.out)["fit"]["spheres"] == 4
+    several = run("build-tree", "box.obj", "--size", "300", "--from", "arm.xrdf")
+    assert several.code == 2 and "expected the name of one (--link)" in several.err
+
+
+def test_a_total_is_shared_out_by_error(run: Run, tmp_path: Path) -> None:
+    write_arm(tmp_path)
+    answer = run("build-tree", "arm.urdf", "--total", "40", "--json", "--threads", "2")
+    assert answer.code == 0, answer.err
+    links = {each["link"]: each for each in json.loads(answer.out)["links"]}
+    assert 30 <= sum(each["spheres"] for each in links.values()) <= 40 and links["ball"]["spheres"] == 1
+    even = json.loads(run("build-tree", "arm.urdf", "--leaves", "5", "--json").out)["links"]
+    assert max(each["bound"] for each in links.values()) < max(each["bound"] for each in even)
+
+
+def test_an_error_is_kept_by_the_fewest_spheres_of_each_link(run: Run, tmp_path: Path) -> None:
+    write_arm(tmp_path)
+    answer = run("build-tree", "arm.urdf", "--max-error", "20mm", "--link", "base", "--as", "h5", "--json")
+    assert answer.code == 0, answer.err
+    (base,) = json.loads(answer.out)["links"]
+    assert base["bound"] <= 0.02 and 1 < base["spheres"] < 64
+
+
+def test_links_that_are_all_fixed_are_one_object(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "box.urdf").write_text(urdf(link("a"), link("b"), joint("a", "b", "fixed", origin='xyz="0 0 0.1"')))
+    answer = run("build-tree", "box.urdf", "--level", "1", "--json")
+    assert json.loads(answer.out)["leaves"] == 8
+    answer = run("build-tree", "box.urdf", "--leaves", "3", "--as", "json", "--json")
+    assert [each["spheres"] for each in json.loads(answer.out)["links"]] == [3, 3]
+
+
+def test_the_formats_of_the_command_are_those_of_the_registry() -> None:
+    (kind,) = [each for each in command.params if each.name == "kind"]
+    assert sorted(kind.type.choices) == sorted(FORMATS.names())  # type: ignore[attr-defined]
+
+
+FLAT, LINE = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nf 1 2 3\n", "v 0 0 0\nv .1 0 0\nv .2 0 0\nf 1 2 3\n"
+MESH = '<collision><geometry><mesh filename="{}" scale="{}"/></geometry></collision>'
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "no link has collision geometry; expected <collision> elements (URDF)"),
+        (
+            MESH.format("package://x/gone.stl", 1),
+            "link 'b': mesh 'package://x/gone.stl' is missing; expected it beside",
+        ),
+        (MESH.format("flat.obj", "0 0 0"), "link 'b': <mesh scale=\"0 0 0\">; expected three numbers other than 0"),
+        (MESH.format("flat.obj", "nan"), "link 'b': <mesh scale=\"nan\">; expected numbers"),
+        (MESH.format("nan.obj", 1), "link 'b': <mesh>: its longest extent is nan m"),
+        (MESH.format("line.obj", 1), "link 'b': its triangles have no area; expected a surface"),
+        (MESH.format("many.ply", 1), "link 'b': 500,004 triangles; expected 500,000 at most: simplify"),
+    ],
+    ids=lambda value: value[-40:],
+)
+def test_bad_robots_are_one_line_and_leave_nothing(run: Run, tmp_path: Path, content: str, message: str) -> None:
+    (tmp_path / "flat.obj").write_text(FLAT)
+    (tmp_path / "line.obj").write_text(LINE)
+    (tmp_path / "nan.obj").write_text(FLAT.replace("v .1", "v nan"))
+    if "many" in content:
+        write_many(tmp_path / "many.ply", 250_002)
+    (tmp_path / "bad.urdf").write_text(urdf(link("a", ""), link("b", content), joint("a", "b")))
+    answer = run("build-tree", "bad.urdf", "--leaves", "2", "--out", "bad.yml")
+    assert (answer.code, answer.out) == (2, "")
+    assert message in answer.err and answer.err.count("\n") == 1 and not (tmp_path / "bad.yml").exists()
+
+
+def write_many(path: Path, strips: int) -> None:
+    """Write a strip of two triangles each as binary PLY."""
+    x = np.linspace(0.0, 1.0, strips + 1)
+    vertices = np.stack([np.repeat(x, 2), np.tile([0.0, 0.1], strips + 1), np.zeros(2 * strips + 2)], axis=1)
+    first = 2 * np.arange(strips)
+    faces = np.concatenate([np.stack([first, first + 1, first + 2], 1), np.stack([first + 1, first + 3, first + 2], 1)])
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n"
+    header += "".join(f"property float {axis}\n" for axis in "xyz")
+    header += f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    rows = np.zeros(len(faces), [("n", "u1"), ("v", "<i4", 3)])
+    rows["n"], rows["v"] = 3, faces
+    path.write_bytes(header.encode() + vertices.astype("<f4").tobytes() + rows.tobytes())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["arm.urdf", "--total", "3"], "3 spheres for 7 links; expected at least one for each (--total)"),
+        (["arm.urdf", "--total", "9", "--leaves", "3"], "--total and --leaves exclude each other"),
+        (["arm.urdf", "--solid"], "--solid is for mesh files; arm.urdf is a robot"),
+        (["arm.urdf", "--as", "urdf", "--out", "a.yml"], "--out a.yml: expected a file that ends in .urdf (--as urdf)"),
+        (["arm.urdf", "--link", "palm", "--as", "h5"], "arm.urdf: no link 'palm'; it has base, turret"),
+        (["arm.urdf", "--from", "other.yml"], "other.yml: spheres of hull; expected some of base, turret"),
+        (["cube", "--as", "urdf"], "--as, --total and --rerun are for a robot, a URDF or MJCF file, and cube is none"),
+        (["arm.urdf", "--out", "arm.urdf"], "arm.urdf is an input of this command"),
+    ],
+)
+def test_options_that_do_not_go_together(run: Run, tmp_path: Path, arguments: list[str], message: str) -> None:
+    write_arm(tmp_path)
+    (tmp_path / "other.yml").write_text("collision_spheres: {hull: [{center: [0, 0, 0], radius: 1.0}]}")
+    answer = run("build-tree", *arguments)
+    assert (answer.code, answer.out) == (2, "") and message in answer.err, answer.err
+
+
+def test_an_mjcf_is_a_robot_with_whatever_joints_it_has(run: Run, tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    write_box(tmp_path / "box.obj", (0.1, 0.06, 0.02))
+    (tmp_path / "arm.xml").write_text(
+        '<mujoco model="two"><asset><mesh name="box" file="box.obj"/></asset><worldbody>'
+        '<geom type="plane" size="1 1 1"/>'
+        '<body name="base"><geom type="cylinder" size="0.05 0.1"/><body name="arm" pos="0 0 0.2">'
+        '<joint name="x" axis="1 0 0"/><joint name="y" axis="0 1 0"/><geom type="mesh" mesh="box"/>'
+        '<body name="hand" pos="0 0 0.1"><joint name="ball" type="ball"/><geom type="sphere" size="0.03"/></body>'
+        "</body></body></worldbody><equality><joint joint1='x' joint2='y'/></equality></mujoco>"
+    )
+    answer = run("build-tree", "arm.xml", "--leaves", "4", "--as", "mjcf", "--out", "two.xml", "--json")
+    assert answer.code == 0, answer.err
+    assert [each["link"] for each in json.loads(answer.out)["links"]] == ["base", "arm", "hand"]
+    import mujoco
+
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "two.xml")).njnt == 3
+    refused = run("build-tree", "arm.xml", "--as", "curobo")
+    assert refused.code == 2 and "cuRobo reads the joints from a URDF, and arm.xml is none" in refused.err
+
+
+def test_a_link_of_a_robot_that_no_scene_can_have_is_built_by_its_name(run: Run, tmp_path: Path) -> None:
+    write_arm(tmp_path)
+    answer = run("build-tree", "arm.urdf", "--link", "left", "--level", "1", "--out", "left.h5", "--json")
+    assert answer.code == 0, answer.err
+    assert json.loads(answer.out)["object"] == "left"

@@ -1,0 +1,98 @@
+"""Meshes that are no solids: their own triangles stay, what encloses something is inside, and a tree covers all."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from hhsim.errors import MeshError
+from hhsim.kernels.cover.sampled_error import union_distance
+from hhsim.kernels.mesh.bvh import mesh_signed_distance
+from hhsim.mesh.mesh import Mesh, with_inside
+from hhsim.mesh.signed_bvh import signed_bvh
+from hhsim.trees.builder import build_sphere_tree
+from hhsim.trees.error import sample_mesh
+from hhsim.trees.options import TreeOptions
+
+BOX = trimesh.creation.box((0.1, 0.06, 0.04))
+BALL = trimesh.creation.icosphere(2, 0.03)
+
+
+def mesh_of(*shapes: trimesh.Trimesh, faces: object = None) -> Mesh:
+    whole = trimesh.util.concatenate(list(shapes))
+    return Mesh(np.asarray(whole.vertices), np.asarray(whole.faces if faces is None else faces), name="shape")
+
+
+def at(shape: trimesh.Trimesh, *place: float) -> trimesh.Trimesh:
+    moved = shape.copy()
+    moved.apply_translation(place)
+    return moved
+
+
+def inside_out(shape: trimesh.Trimesh) -> trimesh.Trimesh:
+    turned = shape.copy()
+    turned.invert()
+    return turned
+
+
+SHEET = trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0.1, 0.08, 0.01], [0, 0.08, 0]], [[0, 1, 2], [0, 2, 3]])
+
+
+def kept(mesh: Mesh) -> Mesh:
+    return with_inside(replace(mesh, source=mesh.name), solid=None)
+
+
+CASES = {
+    "sheet": (mesh_of(SHEET), [0.05, 0.04, 0.02], False),
+    "half a ball": (mesh_of(BALL, faces=BALL.faces[BALL.triangles_center[:, 2] > 0.0]), [0.0, 0.0, 0.005], False),
+    "two boxes that cross, one inside out": (mesh_of(BOX, inside_out(at(BOX, 0.03, 0.02, 0.01))), [0.04, 0.0, 0], True),
+    "ball with a hole": (mesh_of(BALL, faces=np.asarray(BALL.faces)[:-1]), [0.0, 0.0, 0.0], True),
+    "box with a partition": (mesh_of(BOX, at(SHEET, -0.05, -0.04, 0.0)), [0.0, 0.02, 0.015], True),
+    "three leaves on an edge": (
+        Mesh(0.1 * np.eye(5, 3), np.array([[0, 1, 2], [0, 1, 3], [1, 0, 4]]), name="fan"),
+        [0.03, 0.03, 0.03],
+        False,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_tree_covers_the_triangles_of_a_mesh_that_is_no_solid(name: str) -> None:
+    given, point, is_inside = CASES[name]
+    mesh = kept(given)
+    depth = -float(mesh_signed_distance(signed_bvh(mesh), np.array([point]))[0])
+    assert (depth > 0.0) == is_inside
+    tree = build_sphere_tree(mesh, TreeOptions(level=2))
+    assert tree.check(mesh) == ()
+    points = sample_mesh(given.vertices, given.faces, 4000, np.random.default_rng(1))
+    gap = np.empty(len(points))
+    x, y, z = (np.ascontiguousarray(tree.leaf_center[:, k]) for k in range(3))
+    union_distance(points, x, y, z, tree.leaf_radius.copy(), gap)
+    assert gap.max() == 0.0
+    last = tree.errors[-1]
+    assert last.protrusion_max <= last.bound * (1.0 + 1e-9)
+    # Spheres of a sheet stand in it: sixty-four of them are well below its size.
+    assert last.bound < 0.2 * given.extent.max()
+
+
+def test_a_solid_is_as_it_was_repaired_before() -> None:
+    given = mesh_of(at(inside_out(BOX), 0.2, 0.0, 0.0), at(BOX, 0.0, 0.3, 0.0))
+    mesh = kept(given)
+    assert mesh.shell is None
+    assert mesh.volume == pytest.approx(2.0 * BOX.volume)
+
+
+def test_each_own_triangle_is_covered_once_and_in_its_place() -> None:
+    given = mesh_of(SHEET, inside_out(SHEET), SHEET, at(BOX, 0.0, 0.0, 0.001))
+    mesh = kept(given)
+    corners = np.sort(mesh.vertices[mesh.faces].reshape(-1, 9), axis=1)
+    wanted = np.unique(np.sort(given.triangles.reshape(-1, 9), axis=1), axis=0)
+    assert len(corners) == len(wanted) == len(BOX.faces) + len(SHEET.faces)
+    assert np.array_equal(np.unique(corners, axis=0), wanted)
+
+
+def test_triangles_without_area_are_refused() -> None:
+    line = Mesh(np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.0]]), np.array([[0, 1, 2]]), name="line")
+    with pytest.raises(MeshError, match="no volume: its triangles have no area"):
+        kept(line)

@@ -1,0 +1,236 @@
+"""Files of a robot's spheres: read back as they were, by the programs that they are for, and by their schemas."""
+
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import yaml
+from robot_arms import SHAPES, write_arm
+
+from hhsim.errors import InputError
+from hhsim.linkage.file import read_robot
+from hhsim.robots.formats.registry import FORMATS, format_of, read_spheres
+from hhsim.robots.link_spheres import build_links, link_meshes
+from hhsim.robots.numbers import digits
+from hhsim.robots.robot_spheres import RobotSpheres
+from hhsim.robots.touching_pairs import self_collision_ignore
+from hhsim.trees.options import TreeOptions
+
+LINKS = [*SHAPES, "left", "right"]
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> RobotSpheres:
+    path = write_arm(tmp_path_factory.mktemp("arm"))
+    robot = read_robot(path)
+    meshes = link_meshes(robot, path)
+    built = build_links(robot, meshes, dict.fromkeys(meshes, TreeOptions(leaves=4)))
+    ignored = self_collision_ignore(robot, {name: each.spheres for name, each in built.items()})
+    return RobotSpheres(robot, path, tuple(built.values()), ignored)
+
+
+def written(arm: RobotSpheres, name: str) -> Path:
+    path = arm.source.with_name(f"spheres{FORMATS[name].suffixes[0]}")
+    path.write_bytes(FORMATS[name].write(arm))
+    return path
+
+
+@pytest.mark.parametrize("name", FORMATS.names())
+def test_what_is_written_has_its_mark_and_is_read_with_every_digit(arm: RobotSpheres, name: str) -> None:
+    path = written(arm, name)
+    assert FORMATS[name].mark in path.read_bytes() and format_of(path) == name
+    if FORMATS[name].read is None:
+        with pytest.raises(InputError, match="expected spheres of links, a file that ends in"):
+            read_spheres(path)
+        return
+    found = read_spheres(path)
+    assert sorted(found) == sorted(LINKS)
+    for link, spheres in arm.spheres.items():
+        np.testing.assert_array_equal(found[link], spheres)
+
+
+def test_a_link_of_a_sphere_is_that_sphere(arm: RobotSpheres) -> None:
+    (ball,) = [each for each in arm.links if each.name == "ball"]
+    assert ball.spheres.tolist() == [[0.0, 0.0, 0.0, 0.05]] and ball.proved
+    assert all(each.proved and each.fit.surface_coverage == 1.0 for each in arm.links)
+
+
+def test_triangles_of_round_shapes_enclose_them(arm: RobotSpheres) -> None:
+    # So what covers the triangles covers the shape: points on the true cylinder and capsule lie in the spheres.
+    angle, height = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, 5000), np.linspace(-0.1, 0.1, 5000)
+    for name, radius, lift in (("turret", 0.06, 0.1), ("lower", 0.04, 0.12)):
+        points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height + lift])
+        spheres = arm.spheres[name]
+        gap = np.linalg.norm(points[:, None] - spheres[:, :3], axis=2) - spheres[:, 3]
+        assert gap.min(axis=1).max() <= 1e-12
+
+
+def test_a_urdf_keeps_every_byte_but_its_collisions(arm: RobotSpheres) -> None:
+    before, after = arm.source.read_text(), written(arm, "urdf").read_text()
+
+    def rest(text: str) -> str:
+        return re.sub(r"\s*<collision>.*?</collision>", "", text, flags=re.DOTALL)
+
+    assert rest(after) == rest(before) and "<!-- > </link> -->" in after
+    counts = {link.get("name"): len(link.findall("collision")) for link in ElementTree.fromstring(after)}
+    assert {name: counts[name] for name in LINKS} == {name: len(each) for name, each in arm.spheres.items()}
+    kinds = {shape.tag for shape in ElementTree.fromstring(after).iterfind("link/collision/geometry/*")}
+    assert kinds == {"sphere"}
+
+
+def test_yourdfpy_and_mujoco_load_what_is_for_them(arm: RobotSpheres) -> None:
+    yourdfpy, mujoco = pytest.importorskip("yourdfpy"), pytest.importorskip("mujoco")
+    loaded = yourdfpy.URDF.load(str(written(arm, "urdf")), load_meshes=False, load_collision_meshes=True)
+    assert {name: len(link.collisions) for name, link in loaded.link_map.items() if link.collisions} == {
+        name: len(each) for name, each in arm.spheres.items()
+    }
+    model = mujoco.MjModel.from_xml_path(str(written(arm, "mjcf")))
+    data = mujoco.MjData(model)
+    assert model.ngeom == sum(map(len, arm.spheres.values())) and model.njnt == 5
+    values = {"turret_joint": 0.3, "upper_joint": 1.0, "lower_joint": -0.4, "left_joint": 0.03, "right_joint": -0.03}
+    for name, value in values.items():
+        data.joint(name).qpos = value
+    mujoco.mj_kinematics(model, data)
+    loaded.update_cfg({name: value for name, value in values.items() if name != "right_joint"})
+    for name in LINKS:
+        expected = loaded.get_transform(name)
+        np.testing.assert_allclose(data.body(name).xmat.reshape(3, 3), expected[:3, :3], atol=1e-9)
+        np.testing.assert_allclose(data.body(name).xpos, expected[:3, 3], atol=1e-9)
+        own = [geom for geom in range(model.ngeom) if model.geom_bodyid[geom] == data.body(name).id]
+        np.testing.assert_allclose(model.geom_pos[own], arm.spheres[name][:, :3], atol=1e-12)
+
+
+NUMBER, TEXT = float, str
+SPHERES = {"center": [NUMBER], "radius": NUMBER}
+CUROBO = {
+    "format_version": NUMBER,
+    "urdf_path": TEXT,
+    "asset_root_path": TEXT,
+    "base_link": TEXT,
+    "tool_frames": [TEXT],
+    "collision_link_names": [TEXT],
+    "mesh_link_names": [TEXT],
+    "collision_sphere_buffer": NUMBER,
+    "collision_spheres": {TEXT: [SPHERES]},
+    "self_collision_buffer": {TEXT: NUMBER},
+    "self_collision_ignore": {TEXT: [TEXT]},
+    "cspace": {
+        "joint_names": [TEXT],
+        "default_joint_position": [NUMBER],
+        "cspace_distance_weight": [NUMBER],
+        "null_space_weight": [NUMBER],
+        "max_acceleration": NUMBER,
+        "max_jerk": NUMBER,
+    },
+}
+"""Keys of cuRobo's KinematicsLoaderCfg and CSpaceParams, which take no others, and kinds of their values."""
+XRDF = {
+    "format": TEXT,
+    "format_version": NUMBER,
+    "modifiers": [{"set_base_frame": TEXT}],
+    "default_joint_positions": {TEXT: NUMBER},
+    "cspace": {"joint_names": [TEXT], "acceleration_limits": [NUMBER], "jerk_limits": [NUMBER]},
+    "tool_frames": [TEXT],
+    "collision": {"geometry": TEXT},
+    "self_collision": {"geometry": TEXT, "ignore": {TEXT: [TEXT]}},
+    "geometry": {TEXT: {"spheres": {TEXT: [SPHERES]}}},
+}
+"""Sections of XRDF 1.0 and kinds of their values."""
+
+
+def require(value: Any, schema: Any, where: str = "") -> None:
+    """Hold a document against a schema: every key of it and no other."""
+    if isinstance(schema, list):
+        assert isinstance(value, list) and value, where
+        for each in value:
+            require(each, schema[0], where)
+    elif isinstance(schema, dict):
+        assert isinstance(value, dict) and value, where
+        if TEXT not in schema:
+            assert sorted(value) == sorted(schema), where
+        for key, each in value.items():
+            assert isinstance(key, str), where
+            require(each, schema.get(key, schema.get(TEXT)), f"{where}/{key}")
+    else:
+        assert type(value) is schema, f"{where} is {value!r}"
+
+
+def test_the_file_of_curobo_is_by_its_schema(arm: RobotSpheres) -> None:
+    document = yaml.safe_load(written(arm, "curobo").read_text())["robot_cfg"]["kinematics"]
+    require(document, CUROBO)
+    assert document["format_version"] == 2.0 and document["base_link"] == "base"
+    assert Path(document["urdf_path"]) == arm.source.resolve()
+    assert document["tool_frames"] == ["left", "right"]
+    joints = document["cspace"]["joint_names"]
+    assert joints == ["turret_joint", "upper_joint", "lower_joint", "left_joint"], "what mimics is none of them"
+    assert document["cspace"]["default_joint_position"] == [0.0, 0.5, 0.0, 0.02]
+    assert document["collision_link_names"] == list(document["collision_spheres"]) == list(arm.spheres)
+    ignored = document["self_collision_ignore"]
+    assert {"upper"} <= set(ignored["turret"]) and "ball" in ignored["lower"]
+
+
+def test_the_xrdf_is_by_its_schema(arm: RobotSpheres) -> None:
+    document = yaml.safe_load(written(arm, "xrdf").read_text())
+    require(document, XRDF)
+    assert (document["format"], document["format_version"]) == ("xrdf", 1.0)
+    (name,) = document["geometry"]
+    assert document["collision"]["geometry"] == document["self_collision"]["geometry"] == name
+    assert len(document["cspace"]["joint_names"]) == len(document["cspace"]["acceleration_limits"]) == 4
+
+
+def test_the_srdf_has_the_spheres_and_why_pairs_are_disabled(arm: RobotSpheres) -> None:
+    root = ElementTree.fromstring(written(arm, "srdf").read_text())
+    found = {each.get("link"): len(each) for each in root.findall("link_sphere_approximation")}
+    assert root.get("name") == "arm" and found == {name: len(each) for name, each in arm.spheres.items()}
+    pairs = {(each.get("link1"), each.get("link2")): each.get("reason") for each in root.findall("disable_collisions")}
+    assert pairs["lower", "ball"] == "Adjacent" and len(pairs) == sum(map(len, arm.ignored.values()))
+
+
+@pytest.mark.parametrize("value", [1e-9, 1.5e-5, 123.456, -3e-17, 0.1, 2.0])
+def test_a_number_is_a_number_to_every_reader_of_yaml(value: float) -> None:
+    assert yaml.safe_load(digits(value)) == value and "e" not in digits(value)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        (
+            "a.yml",
+            "collision_spheres: {a: [{center: [0, 0], radius: 1}]}",
+            "link 'a': a sphere of centre [0, 0], radius",
+        ),
+        ("a.yml", "collision_spheres: {a: [{center: [0, 0, .nan], radius: 1}]}", "expected numbers, in metres"),
+        ("a.yml", "collision_spheres: franka.yml", "its collision_spheres are in 'franka.yml': name that file"),
+        ("a.yml", "collision_spheres: {a: 3}", "no spheres; expected collision_spheres:"),
+        ("a.yml", "a: [", "no YAML: "),
+        ("a.xrdf", "format: xrdf", "no geometry; expected geometry:"),
+        (
+            "a.xrdf",
+            "geometry: {a: {}}\ncollision: {geometry: b}",
+            "its collision geometry is 'b', which it does not have",
+        ),
+        ("a.json", "[1]", "no spheres; expected {LINK:"),
+        ("a.json", '{"a": {"spheres": [3]}}', "'a' has no spheres"),
+        ("a.urdf", "<robot", "no XML: "),
+        ("a.urdf", "<robot><link name='a'/></robot>", "no link has spheres"),
+        ("a.txt", "", "expected spheres of links, a file that ends in"),
+        ("gone.yml", None, "No such file or directory; expected spheres of links"),
+    ],
+)
+def test_what_holds_no_spheres_is_one_line(tmp_path: Path, name: str, text: str | None, message: str) -> None:
+    if text is not None:
+        (tmp_path / name).write_text(text)
+    with pytest.raises(InputError) as raised:
+        read_spheres(tmp_path / name)
+    assert message in str(raised.value) and "\n" not in str(raised.value)
+
+
+def test_spheres_that_a_planner_switches_off_are_none(tmp_path: Path) -> None:
+    (tmp_path / "a.yml").write_text(
+        "robot_cfg: {kinematics: {collision_spheres: "
+        "{a: [{center: [0, 0, 1], radius: 0.5}], held: [{center: [0, 0, 0], radius: -10}]}}}"
+    )
+    assert {name: each.tolist() for name, each in read_spheres(tmp_path / "a.yml").items()} == {"a": [[0, 0, 1, 0.5]]}

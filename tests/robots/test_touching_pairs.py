@@ -1,0 +1,80 @@
+"""Poses of a robot's links against closed forms and yourdfpy, and pairs that always touch against brute force."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from linkage_samples import joint, link, random_urdf, urdf
+from robot_arms import write_arm
+from robot_files import expected_tips, write_robot
+
+from hhsim.linkage.file import read_robot
+from hhsim.robots.poses import drawn_poses, link_poses
+from hhsim.robots.touching_pairs import adjacent_links, self_collision_ignore
+
+
+def test_fingertips_are_where_the_closed_form_has_them_and_a_mimic_follows(tmp_path: Path) -> None:
+    robot = read_robot(write_robot(tmp_path / "hand.urdf", mimic=True))
+    angles = np.random.default_rng(0).uniform(-0.2, 1.6, 9)
+    names = [f"{finger}_{k}" for finger in ("thumb", "index", "little") for k in range(3)]
+    poses = link_poses(robot, {name: np.array([value]) for name, value in zip(names, angles)} | ends(robot), None)
+    followed = angles.reshape(3, 3).copy()
+    followed[:, 2] = 0.5 * followed[:, 1] + 0.1
+    tips = [poses[f"{finger}_tip"][1][0] for finger in ("thumb", "index", "little")]
+    np.testing.assert_allclose(tips, expected_tips(followed.ravel()), atol=1e-12)
+
+
+def ends(robot: object) -> dict[str, np.ndarray]:
+    return {each.name: np.zeros(1) for each in robot.joints if each.type == "fixed"}  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_links_are_where_yourdfpy_has_them(tmp_path: Path, seed: int) -> None:
+    yourdfpy = pytest.importorskip("yourdfpy")
+    path = tmp_path / "robot.urdf"
+    path.write_text(random_urdf(seed))
+    robot, other = read_robot(path), yourdfpy.URDF.load(str(path))
+    rng = np.random.default_rng(seed)
+    values = {each.name: rng.uniform(-1.0, 1.0, 1) for each in robot.joints}
+    other.update_cfg({name: value[0] for name, value in values.items() if name in other.actuated_joint_names})
+    for name, (turn, place) in link_poses(robot, values, None).items():
+        if name:
+            expected = other.get_transform(name)
+            np.testing.assert_allclose(turn[0], expected[:3, :3], atol=1e-9)
+            np.testing.assert_allclose(place[0], expected[:3, 3], atol=1e-9)
+
+
+def test_loose_joints_move_as_their_type_lets_them(tmp_path: Path) -> None:
+    path = tmp_path / "loose.urdf"
+    moves = joint("a", "b", "planar", axis="0 0 1"), joint("b", "c", "floating", origin='xyz="0 0 1"')
+    path.write_text(urdf(link("a"), link("b"), link("c"), *moves))
+    poses = drawn_poses(read_robot(path), 500, np.random.default_rng(0))
+    turn, place = poses["b"]
+    assert np.abs(place[:, 2]).max() < 1e-12 and np.ptp(place[:, :2], axis=0).min() > 1.5
+    np.testing.assert_allclose(turn[:, 2, 2], 1.0, atol=1e-12)
+    relative = np.einsum("pji,pj->pi", turn, poses["c"][1] - place) - [0.0, 0.0, 1.0]
+    assert np.ptp(relative, axis=0).min() > 1.5
+
+
+def test_pairs_that_touch_in_every_pose_are_ignored_beside_adjacent_ones(tmp_path: Path) -> None:
+    robot = read_robot(write_arm(tmp_path))
+    rng = np.random.default_rng(3)
+    spheres = {one.name: np.column_stack([rng.normal(0, 0.03, (3, 3)), [0.05, 0.06, 0.07]]) for one in robot.solid}
+    found = self_collision_ignore(robot, spheres, seed=5)
+    pairs = {frozenset((one, other)) for one, others in found.items() for other in others}
+    adjacent = adjacent_links(robot, spheres)
+    assert frozenset(("lower", "ball")) in adjacent, "a frame without shapes is between them"
+    poses = drawn_poses(robot, 10_000, np.random.default_rng(5))
+    names = [one.name for one in robot.solid]
+    expected = set(adjacent)
+    for k, one in enumerate(names):
+        for other in names[k + 1 :]:
+            first, second = (
+                np.einsum("pij,nj->pni", poses[name][0], spheres[name][:, :3]) + poses[name][1][:, None]
+                for name in (one, other)
+            )
+            apart = np.linalg.norm(first[:, :, None] - second[:, None], axis=3)
+            reach = spheres[one][:, None, 3] + spheres[other][None, :, 3]
+            if (apart <= reach).any(axis=(1, 2)).all():
+                expected.add(frozenset((one, other)))
+    assert pairs == expected and len(expected) > len(adjacent)
