@@ -82,7 +82,7 @@ def own_triangles(
         sheet = sheet[~_inside(solid, enclosing, vertices, sheet, is_sound)]
     if len(sheet):
         repairs.append(f"{counted(len(sheet), 'triangle')} of open parts enclose nothing: spheres cover them as a skin")
-    shell = Shell(solid, enclosing, sheet, is_sound)
+    shell = Shell(solid, enclosing, sheet)
     return CoveredSurface(vertices, faces, shell, tuple(repairs), tuple(warnings))
 
 

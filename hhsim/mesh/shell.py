@@ -11,4 +11,3 @@ class Shell(NamedTuple):
     vertices: FloatArray  # of the solid [m], shape (W, 3)
     faces: IntArray  # around the inside, outward, corner indices in these vertices, shape (K, 3), none for no inside
     sheets: IntArray  # triangles that both sides count of, corner indices in the mesh, shape (S, 3)
-    is_sound: bool  # True if the solid does not cross itself

@@ -16,10 +16,7 @@ def signed_bvh(mesh: Mesh) -> MeshBvh:
         return build_mesh_bvh(mesh.vertices, mesh.faces)
     if not len(shell.faces):
         return _sheets(mesh.vertices, shell.sheets)
-    solid = build_mesh_bvh(shell.vertices, shell.faces, by_winding=not shell.is_sound or len(shell.sheets) > 0)
-    if not shell.is_sound:
-        # The nearest triangle says nothing of the side: the winding number does.
-        solid.pseudonormal[:] = 0.0
+    solid = build_mesh_bvh(shell.vertices, shell.faces, signed=False, by_winding=True)
     return _joined(solid, _sheets(mesh.vertices, shell.sheets)) if len(shell.sheets) else solid
 
 

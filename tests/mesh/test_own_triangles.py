@@ -8,9 +8,9 @@ import trimesh
 
 from hhsim.errors import MeshError
 from hhsim.kernels.cover.sampled_error import union_distance
-from hhsim.kernels.mesh.bvh import mesh_signed_distance
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh, with_inside
-from hhsim.mesh.signed_bvh import signed_bvh
+from hhsim.mesh.signed_bvh import heights, signed_bvh
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.error import sample_mesh
 from hhsim.trees.options import TreeOptions
@@ -24,9 +24,9 @@ def mesh_of(*shapes: trimesh.Trimesh, faces: object = None) -> Mesh:
     return Mesh(np.asarray(whole.vertices), np.asarray(whole.faces if faces is None else faces), name="shape")
 
 
-def at(shape: trimesh.Trimesh, *place: float) -> trimesh.Trimesh:
+def at(shape: trimesh.Trimesh, x: float, y: float = 0.0, z: float = 0.0) -> trimesh.Trimesh:
     moved = shape.copy()
-    moved.apply_translation(place)
+    moved.apply_translation((x, y, z))
     return moved
 
 
@@ -39,6 +39,9 @@ def inside_out(shape: trimesh.Trimesh) -> trimesh.Trimesh:
 SHEET = trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0.1, 0.08, 0.01], [0, 0.08, 0]], [[0, 1, 2], [0, 2, 3]])
 
 
+FLAT = trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0.1, 0.08, 0], [0, 0.08, 0]], [[0, 1, 2], [0, 2, 3]])
+
+
 def kept(mesh: Mesh) -> Mesh:
     return with_inside(replace(mesh, source=mesh.name), solid=None)
 
@@ -48,6 +51,7 @@ CASES = {
     "half a ball": (mesh_of(BALL, faces=BALL.faces[BALL.triangles_center[:, 2] > 0.0]), [0.0, 0.0, 0.005], False),
     "two boxes that cross, one inside out": (mesh_of(BOX, inside_out(at(BOX, 0.03, 0.02, 0.01))), [0.04, 0.0, 0], True),
     "ball with a hole": (mesh_of(BALL, faces=np.asarray(BALL.faces)[:-1]), [0.0, 0.0, 0.0], True),
+    "boxes that touch, and a sheet": (mesh_of(BOX, at(BOX, 0.1), at(FLAT, 0.0, 0.0, 0.04)), [0.09, 0.0, 0.0], True),
     "box with a partition": (mesh_of(BOX, at(SHEET, -0.05, -0.04, 0.0)), [0.0, 0.02, 0.015], True),
     "three leaves on an edge": (
         Mesh(0.1 * np.eye(5, 3), np.array([[0, 1, 2], [0, 1, 3], [1, 0, 4]]), name="fan"),
@@ -61,8 +65,12 @@ CASES = {
 def test_a_tree_covers_the_triangles_of_a_mesh_that_is_no_solid(name: str) -> None:
     given, point, is_inside = CASES[name]
     mesh = kept(given)
-    depth = -float(mesh_signed_distance(signed_bvh(mesh), np.array([point]))[0])
-    assert (depth > 0.0) == is_inside
+    bvh = signed_bvh(mesh)
+    assert (heights(bvh, np.array([point]))[0] < 0.0) == is_inside
+    # Nothing far away is inside, and the distance is that to the triangles there.
+    far = np.random.default_rng(2).normal(size=(500, 3))
+    away = heights(bvh, far)
+    assert np.allclose(away, np.abs(mesh_signed_distance(build_mesh_bvh(mesh.vertices, mesh.faces), far)))
     tree = build_sphere_tree(mesh, TreeOptions(level=2))
     assert tree.check(mesh) == ()
     points = sample_mesh(given.vertices, given.faces, 4000, np.random.default_rng(1))

@@ -51,18 +51,18 @@ def depth_at(
 ) -> tuple[float, float, float, float]:
     """Compute the depth [m], negative outside, −inf beyond the limit, and the closest surface point.
 
-    Where the BVH has moments of the winding number and the closest triangle no pseudonormal, the sign is that of
-    `side`, or of the winding number if that is `UNKNOWN`.
+    Where the BVH has moments of the winding number, the sign is that of `side`, and its own if that is `UNKNOWN`.
     """
     triangle, qx, qy, qz, d2, feature = closest_on_mesh(bvh, x, y, z, limit2, stack, stack_distance2)
     if triangle < 0:
         return -np.inf, qx, qy, qz
     depth = math.sqrt(d2)
-    n = bvh.pseudonormal[triangle, 0]
-    if bvh.moments.radius.shape[0] > 0 and n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0:
-        is_outside = side < 0 or (side == UNKNOWN and not winding_at(bvh, bvh.moments, x, y, z, stack) > 0.5)
-    else:
+    if bvh.moments.radius.shape[0] == 0:
         is_outside = outside(bvh, triangle, feature, x - qx, y - qy, z - qz)
+    elif side != UNKNOWN:
+        is_outside = side < 0
+    else:
+        is_outside = not winding_at(bvh, bvh.moments, x, y, z, stack) > 0.5
     if is_outside:
         depth = -depth
     return depth, qx, qy, qz
