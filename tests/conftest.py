@@ -6,6 +6,7 @@ import gc
 import importlib
 import importlib.metadata
 import io
+import json
 import os
 import signal
 import sys
@@ -137,6 +138,11 @@ class Answer(NamedTuple):
     code: int
     out: str
     err: str
+
+    def document(self, code: int = 0) -> Any:
+        """The JSON that it printed as it ended with this code."""
+        assert self.code == code, self.err
+        return json.loads(self.out)
 
 
 Run = Callable[..., Answer]

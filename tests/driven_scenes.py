@@ -4,15 +4,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from short_grasp import with_motion
+from short_grasp import result_of, with_motion
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import quaternion
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, Trajectory
-from hhsim.replay.replay import replay_scene
-from hhsim.result.reader import Result, load_result
+from hhsim.result.reader import Result
 from hhsim.scene.scene import Scene
-from hhsim.solver.options import SolverOptions
 
 
 def swing(time: FloatArray, speed: float = 3.0, turning: float = 20.0) -> RigidMotion:
@@ -39,5 +37,4 @@ def carried(motion: Trajectory, by: RigidMotion) -> Trajectory:
 def swung_result(scene: Scene, path: Path) -> Result:
     """A scene of one thing that stands still, replayed into a file while hand and thing are swung about."""
     motion = scene.hands[0].trajectory
-    replay_scene(with_motion(scene, carried(motion, swing(motion.time))), SolverOptions(), path)
-    return load_result(path)
+    return result_of(with_motion(scene, carried(motion, swing(motion.time))), path)

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 import trimesh
 from numpy.typing import ArrayLike
-from short_grasp import short_grasp, short_scene
+from short_grasp import result_of, short_grasp, short_scene
 
 from hhsim.arrays import AnyArray
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
-from hhsim.replay.replay import replay_scene
-from hhsim.result.reader import Result, load_result
+from hhsim.result.reader import Result
 from hhsim.scene.scene import Scene
 from hhsim.solver.free_object import EngineBody, FreeObject
 from hhsim.solver.hand_solver import HandSolver
@@ -127,5 +126,4 @@ def free_scene(mass: float = 50.0, friction: float = 2.0) -> Scene:
 
 def free_result(path: Path) -> Result:
     """That replayed into a file, on the triangles themselves."""
-    replay_scene(free_scene(), SolverOptions(surface="mesh"), path, description={"hand_file": None})
-    return load_result(path)
+    return result_of(free_scene(), path, {"hand_file": None}, surface="mesh")

@@ -10,16 +10,14 @@ import h5py
 import numpy as np
 from file_faults import Fault, at, attribute, forge_scene, of_scene
 from sealed_change import changed
-from short_grasp import short_grasp, short_scene
+from short_grasp import result_of, short_grasp, short_scene
 
 from hhsim.hand.model import Side
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.run.force import TREMBLING
-from hhsim.replay.replay import replay_scene
 from hhsim.replay.stored_scene import checksums
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import BODY_STATIC, HAND_STATIC
-from hhsim.solver.options import SolverOptions
 from hhsim.trees.options import TreeOptions
 from hhsim.verify.verify import Verification
 
@@ -42,8 +40,7 @@ def described_grasp(
         "tree": None,
         "tree_options": asdict(TreeOptions(level=level)),
     }
-    replay_scene(scene, SolverOptions(**options), path, description=description)
-    return load_result(path)
+    return result_of(scene, path, description, **options)
 
 
 def failing(found: Verification) -> set[str]:

@@ -58,8 +58,12 @@ def with_motion(scene: Scene, motion: Script | Trajectory, **options: Any) -> Sc
     return make_scene(thing.placed_mesh, thing.placed_tree, scene.hands[0].model, motion, **options)
 
 
+def result_of(scene: Scene, path: Path, description: dict[str, Any] | None = None, **options: Any) -> Result:
+    """A scene replayed into a file."""
+    replay_scene(scene, SolverOptions(**options), path, description=description)
+    return load_result(path)
+
+
 def short_result(path: Path, script: Script | None = None, *, object_name: str = "cylinder", **options: Any) -> Result:
     """The scene of a script, a short grasp if none is given, replayed into a file."""
-    scene = short_scene(script or short_grasp(), object_name)
-    replay_scene(scene, SolverOptions(**options), path, description={"hand_file": None})
-    return load_result(path)
+    return result_of(short_scene(script or short_grasp(), object_name), path, {"hand_file": None}, **options)

@@ -1,6 +1,5 @@
 """`hhsim compare`, `hhsim export` and `hhsim help` as users meet them."""
 
-import json
 import shutil
 from pathlib import Path
 
@@ -32,7 +31,7 @@ def test_two_methods_side_by_side(run: Run, results: Path) -> None:
     assert "The same object, hand and motion: figures can be compared." in answer.out
     assert "method: coupled and paper" in answer.out
     assert word(answer.out, "ticks with lag") == "same"
-    document = json.loads(run("compare", str(results / "coupled.h5"), str(results / "paper.h5"), "--json").out)
+    document = run("compare", str(results / "coupled.h5"), str(results / "paper.h5"), "--json").document()
     assert document["comparable"] and "method: coupled and paper" in document["how"]
     one, other = (h5py.File(results / f"{name}.h5")["summary/right"].attrs for name in ("coupled", "paper"))
     figure = document["figures"]["force_contact_mean"]

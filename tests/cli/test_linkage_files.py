@@ -1,6 +1,5 @@
 """URDF and MJCF files as the objects of commands."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -63,9 +62,7 @@ def test_links_are_free_with_their_joints(run: Run, work: Path) -> None:
 
 
 def test_the_tree_of_a_link_is_built_by_its_name(run: Run, work: Path) -> None:
-    answer = run("build-tree", "pot.urdf", "--link", "lid", "--level", "1", "--out", "lid.h5", "--json")
-    assert answer.code == 0, answer.err
-    document = json.loads(answer.out)
+    document = run("build-tree", "pot.urdf", "--link", "lid", "--level", "1", "--out", "lid.h5", "--json").document()
     assert document["object"] == "lid" and document["extent"] == pytest.approx([0.06, 0.06, 0.01])
     for words, message in (
         (["pot.urdf", "--link", "cover"], "pot.urdf: no link 'cover'; it has block, lid"),

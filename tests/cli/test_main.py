@@ -82,8 +82,7 @@ def test_a_mistake_is_told_in_one_line(run: Run, line: str, message: str, tmp_pa
 
 def test_machines_get_an_error_as_a_document(run: Run) -> None:
     answer = run("repllay", "--json")
-    assert answer.code == 2
-    assert json.loads(answer.out) == {"error": "unknown command 'repllay': did you mean replay?"}
+    assert answer.document(2) == {"error": "unknown command 'repllay': did you mean replay?"}
     assert answer.err.startswith("hhsim: error: ")
 
 
@@ -172,7 +171,7 @@ def test_an_encoding_without_our_letters_is_no_crash(run: Run) -> None:
 
 
 def test_info_tells_people_and_machines_the_same_and_each_thing_once(run: Run) -> None:
-    document, table = json.loads(run("info", "--json").out), run("info")
+    document, table = run("info", "--json").document(), run("info")
     assert (table.code, table.err) == (0, "")
     for value in (document["hhsim"], document["machine"]["cpu"], document["packages"]["numpy"]):
         assert value in table.out
@@ -182,7 +181,7 @@ def test_info_tells_people_and_machines_the_same_and_each_thing_once(run: Run) -
 
 @pytest.mark.parametrize("command", ["objects", "trajectories"])
 def test_a_catalogue_tells_people_and_machines_the_same(run: Run, command: str) -> None:
-    items = json.loads(run(command, "--json").out)[command]
+    items = run(command, "--json").document()[command]
     lines = run(command).out.splitlines()[2:]
     assert [line.split()[0] for line in lines] == [item["name"] for item in items]
     assert len(items) >= 10 and all(item["title"] in line for item, line in zip(items, lines))
@@ -190,9 +189,7 @@ def test_a_catalogue_tells_people_and_machines_the_same(run: Run, command: str) 
 
 def test_a_tree_is_built_measured_and_written(run: Run, tmp_path: Path) -> None:
 
-    answer = run("build-tree", "cube", "--level", "2", "--out", "cube.h5", "--json")
-    assert answer.code == 0
-    document = json.loads(answer.out)
+    document = run("build-tree", "cube", "--level", "2", "--out", "cube.h5", "--json").document()
     tree = load_tree(tmp_path / "cube.h5")
     assert document["leaves"] == tree.leaf_count <= 64
     assert [level["spheres"] for level in document["levels"]] == [error.spheres for error in tree.errors]
@@ -206,9 +203,9 @@ def test_a_tree_is_built_measured_and_written(run: Run, tmp_path: Path) -> None:
 
 def test_trees_of_so_many_leaves_or_within_an_error(run: Run, tmp_path: Path) -> None:
 
-    document = json.loads(run("build-tree", "cube", "--leaves", "100", "--json", "--threads", "2").out)
+    document = run("build-tree", "cube", "--leaves", "100", "--json", "--threads", "2").document()
     assert (document["leaves"], document["proved"], document["faults"]) == (100, True, [])
-    assert json.loads(run("build-tree", "cube", "--leaves", "100", "--json").out)["cached"]
+    assert run("build-tree", "cube", "--leaves", "100", "--json").document()["cached"]
     answer = run("build-tree", "cube", "--max-error", "9mm", "--cover", "balanced", "--out", "cube.h5")
     tree = load_tree(tmp_path / "cube.h5")
     assert tree.options["max_error"] == pytest.approx(9e-3)

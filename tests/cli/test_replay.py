@@ -80,9 +80,7 @@ def test_the_same_input_gives_the_same_bytes_but_for_the_timings(run: Run, tmp_p
 
 def test_what_the_scene_does_not_need_is_left_out_and_told(run: Run, tmp_path: Path, short: Path) -> None:
     options = ["--fingers", "index,thumb", "--max-error", "2mm", "--budget", "50000", "--json", "--out", "run.h5"]
-    answer = run("replay", "cube", short.name, *options)
-    assert answer.code == 0, answer.err
-    assert json.loads(answer.out)["fingers_modelled"] == 2
+    assert run("replay", "cube", short.name, *options).document()["fingers_modelled"] == 2
     result = load_result(tmp_path / "run.h5")
     assert result.scene["solver"]["fingers"] == result.scene["modelled"]["fingers"] == ["thumb", "index"]
     assert (result.scene["level"], result.scene["max_error"]) == (3, 2e-3)

@@ -1,6 +1,5 @@
 """`hhsim replay RESULT` as users meet it."""
 
-import json
 from pathlib import Path
 
 import h5py
@@ -36,7 +35,7 @@ def test_a_result_is_run_again_and_every_array_named(run: Run, result: Path) -> 
     assert lines[-1] == "identical in every tick"
     assert sum("identical" in line for line in lines[1:-1]) == 25
     assert run("replay", "run.h5", "--quiet") == (0, "", "")
-    document = json.loads(run("replay", "run.h5", "--json").out)
+    document = run("replay", "run.h5", "--json").document()
     assert document["identical"] and document["word"] == "identical"
     assert document["arrays"]["force/total"]["identical"]
     assert result.read_bytes() == before
@@ -51,7 +50,7 @@ def test_what_differs_is_told_and_exits_1(run: Run, result: Path) -> None:
     assert line.split() == ["force/total", "different", "1", "41", "1", "1e-09", "N"]
     quiet = run("replay", "run.h5", "--quiet")
     assert (quiet.code, quiet.out) == (1, "") and answer.out.splitlines()[-1] in quiet.err
-    document = json.loads(run("replay", "run.h5", "--json").out)
+    document = run("replay", "run.h5", "--json").document(1)
     assert (document["word"], document["identical"]) == ("different", False)
 
 
@@ -60,7 +59,7 @@ def test_what_another_machine_rounds_otherwise_is_within_rounding_and_exits_0(ru
         file["hands/right/tick/graphic/position"][41, 0] *= 1.0 + 1e-15
     quiet = run("replay", "run.h5", "--quiet")
     assert (quiet.code, quiet.out) == (0, "") and "within rounding" in quiet.err
-    document = json.loads(run("replay", "run.h5", "--json").out)
+    document = run("replay", "run.h5", "--json").document()
     array = document["arrays"]["graphic/position"]
     assert (document["word"], document["identical"]) == ("within rounding", False)
     assert array["first_tick_beyond_rounding"] is None

@@ -32,8 +32,8 @@ def test_a_newcomers_way(run: Run, tmp_path: Path) -> None:
     # By its own words the scene is made again, and everything is the same.
     alone = tmp_path / "alone.csv"
     alone.write_bytes((tmp_path / "s" / "example-submission.csv").read_bytes())
-    again = json.loads(run("score", "alone.csv", "--out", "r2.h5", "--json").out)
-    first = json.loads(run("score", "alone.csv", "--scene", "s", "--out", "r3.h5", "--json").out)
+    again = run("score", "alone.csv", "--out", "r2.h5", "--json").document()
+    first = run("score", "alone.csv", "--scene", "s", "--out", "r3.h5", "--json").document()
     names = ("scene", "mesh_depth_max", "off_best_mean", "penetration_max", "contact_error_max")
     assert [again[name] for name in names] == [first[name] for name in names]
 
@@ -74,12 +74,10 @@ def test_two_hands_and_a_free_body_are_scored_and_other_blocks_are_refused(run: 
     poses = (tmp_path / "s" / "example-submission.csv").read_text()
     # Also without the folder.
     (tmp_path / "mine.csv").write_text(poses)
-    found = run("score", "mine.csv", "--out", "r.h5", "--json")
-    assert found.code == 0, found.err
-    document = json.loads(found.out)
+    document = run("score", "mine.csv", "--out", "r.h5", "--json").document()
     assert set(document["hands"]) == {"right", "left"} and document["body_depth_max"] < 1e-6
     assert "by mass and forces is not judged" in document["notes"][-1]
-    verified = json.loads(run("verify", "r.h5", "--every", "50", "--json").out)
+    verified = run("verify", "r.h5", "--every", "50", "--json").document()
     assert "FAILS" not in json.dumps(verified)
     shown = run("score", "mine.csv", "--scene", "s", "--out", "r2.h5").out
     assert "right hand" in shown and "left hand" in shown and "bodies in each other, max" in shown

@@ -41,7 +41,7 @@ def test_it_is_verified_and_run_again_hand_by_hand(run: Run, both: Path) -> None
     answer = run("replay", "both.h5")
     assert (answer.code, answer.out.count("identical in every tick")) == (0, 1)
     assert "both.h5: 200 ticks run again" in answer.out
-    document = json.loads(run("replay", "both.h5", "--json").out)
+    document = run("replay", "both.h5", "--json").document()
     assert {f"{side}/graphic/joints" for side in SIDES} <= set(document["arrays"])
     found = run("verify", "both.h5", "--json", "--quiet")
     assert found.code == 0 and list(json.loads(found.out)["hands"]) == ["right", "left"]
@@ -119,7 +119,7 @@ def test_both_hands_of_a_recording_and_its_object_are_replayed_by_one_command(ru
         result = load_result(tmp_path / "poses.h5").hands[side]
         assert result.scene["reading"] == {"object_track": "17"} and result.frame
     # The left hand's motion is made again as that of the left hand, about the same object.
-    found = json.loads(run("verify", "poses.h5", "--again", "--json").out)["hands"].values()
+    found = run("verify", "poses.h5", "--again", "--json").document()["hands"].values()
     motions = [{claim["name"]: claim["verdict"] for claim in hand["claims"]}["again: motion"] for hand in found]
     assert motions == ["holds", "holds"]
     wrong = run(*command, "--object-track", "18")
@@ -169,7 +169,7 @@ def test_two_hands_and_an_object_with_a_hinge_are_replayed_by_one_command(run: R
     np.testing.assert_allclose(joint, np.interp(1e-3 * np.arange(60), np.arange(len(angle)) / 30.0, angle), atol=1e-12)
     verdicts = [
         {claim["name"]: claim["verdict"] for claim in hand["claims"]}
-        for hand in json.loads(run("verify", "box.h5", "--again", "--json").out)["hands"].values()
+        for hand in run("verify", "box.h5", "--again", "--json").document()["hands"].values()
     ]
     for name in ("again: motion", "input depth", "correction", "non-penetration"):
         assert [found[name] for found in verdicts] == ["holds", "holds"], name

@@ -12,7 +12,7 @@ import pytest
 from conftest import Run
 from driven_scenes import carried, swing
 from sampled import sampled
-from short_grasp import shortened
+from short_grasp import result_of, shortened
 from sphere_scenes import bumpy_ball
 
 from hhsim.gate.input_hash import run_inputs
@@ -25,7 +25,6 @@ from hhsim.metrics.run_ticks import result_ticks
 from hhsim.motion.file import save_trajectory
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.repeat import run_again
-from hhsim.replay.replay import replay_scene
 from hhsim.report.run import posed_result
 from hhsim.result.motion import load_result_motion
 from hhsim.result.reader import TURNS, Result, load_result
@@ -33,7 +32,6 @@ from hhsim.result.schema import POSE_COLUMNS, TICK_COLUMNS
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
 from hhsim.scene.synthesis import synthesize
-from hhsim.solver.options import SolverOptions
 from hhsim.verify.claim import FAILS
 from hhsim.verify.judged_body import seen_by_referee
 from hhsim.verify.verify import verify
@@ -51,8 +49,7 @@ def motion() -> Trajectory:
 
 
 def run(path: Path, moving: Trajectory, method: str = "coupled") -> Result:
-    replay_scene(make_scene(MESH, TREE, HAND, moving), SolverOptions(method=method), path)
-    return load_result(path)
+    return result_of(make_scene(MESH, TREE, HAND, moving), path, method=method)
 
 
 @pytest.fixture(scope="module", params=sampled(["coupled", "progressive"], lambda _, method: method == "coupled"))

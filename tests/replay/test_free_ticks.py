@@ -11,19 +11,17 @@ from conftest import Run
 from file_faults import forge_properties
 from free_scenes import GRAVITY
 from sealed_change import changed
-from short_grasp import short_grasp, short_scene
+from short_grasp import result_of, short_grasp, short_scene
 
 from hhsim.errors import InputError
 from hhsim.gate.input_hash import differences, run_inputs
 from hhsim.gate.metrics import run_figures
 from hhsim.motion.trajectory import ObjectMotion
 from hhsim.replay.repeat import run_again
-from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, SCHEMA_VERSION
 from hhsim.scene.body import Driven
 from hhsim.solver.free_object import FreeObject
-from hhsim.solver.options import SolverOptions
 
 
 @pytest.fixture(scope="module", params=["mesh", pytest.param("spheres", marks=pytest.mark.soak)])
@@ -31,9 +29,7 @@ def result(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     scene = short_scene(short_grasp())
     lowest = float(scene.solids[0].placed_mesh.bounds[0, 2])
     freed = scene.freed(mass=0.2, friction=0.6, torsion=2e-3, table=lowest)
-    path = tmp_path_factory.mktemp("free") / "free.h5"
-    replay_scene(freed, SolverOptions(surface=request.param), path)
-    return load_result(path)
+    return result_of(freed, tmp_path_factory.mktemp("free") / "free.h5", surface=request.param)
 
 
 def test_the_file_holds_the_objects_motion_and_every_contact(result: Result) -> None:

@@ -5,17 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from short_grasp import hurried
+from short_grasp import hurried, result_of
 
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.tick.state import STATUS_STUCK
-from hhsim.replay.replay import replay_scene
-from hhsim.result.reader import Result, load_result
+from hhsim.result.reader import Result
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import open_scene
 from hhsim.scene.script import Script
-from hhsim.solver.options import SolverOptions
 from hhsim.verify.verify import verify
 
 PEG, HOLE = (f"bodies/{name}" for name in ("peg", "hole"))
@@ -32,8 +30,7 @@ SLACK = (RADIUS + GAP) / INSCRIBED - RADIUS * INSCRIBED
 
 
 def played(script: Script, path: Path) -> Result:
-    replay_scene(open_scene("peg", script, solid=False), SolverOptions(surface="mesh"), path)
-    return load_result(path)
+    return result_of(open_scene("peg", script, solid=False), path, surface="mesh")
 
 
 @pytest.fixture(scope="module")

@@ -14,15 +14,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from short_grasp import result_of
 from sphere_scenes import result_clearance
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_STUCK
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.metrics.metrics import frozen_decay
-from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import TREMOR
-from hhsim.result.reader import Result, load_result
+from hhsim.result.reader import Result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, make_scene
@@ -83,9 +83,7 @@ def test_every_replay_is_free_of_penetration_and_comes_to_rest(
     scene = scene_of(name, trajectory)
     assert scene.ticks.tick_count == TICKS
     for method in methods:
-        path = tmp_path / f"{method}.h5"
-        replay_scene(scene, SolverOptions(method=method), path)
-        result = load_result(path)
+        result = result_of(scene, tmp_path / f"{method}.h5", method=method)
         assert result.complete
         for column in TICK_COLUMNS:
             # A rate is undefined where there is no force; nothing else may be.

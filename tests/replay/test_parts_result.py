@@ -11,19 +11,18 @@ from driven_scenes import carried, swing
 from rerun_files import Recording
 from scipy.spatial.transform import Rotation
 from sealed_change import changed as opened
+from short_grasp import result_of
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.gate.gate import gate_result
 from hhsim.kernels.tick.state import STATUS_NO_PLACE
 from hhsim.replay.repeat import run_again
-from hhsim.replay.replay import replay_scene
 from hhsim.report.run import posed_result
 from hhsim.result.csv_export import export_ticks
 from hhsim.result.motion import load_result_motion
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import Scene, open_scene
-from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.verify.body_checks import body_claims
 from hhsim.view.film import video_frames
@@ -43,9 +42,7 @@ def scene() -> Scene:
 
 @pytest.fixture(scope="module")
 def result(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Result:
-    path = tmp_path_factory.mktemp("parts") / "close.h5"
-    replay_scene(scene, SolverOptions(surface="mesh"), path)
-    return load_result(path)
+    return result_of(scene, tmp_path_factory.mktemp("parts") / "close.h5", surface="mesh")
 
 
 def changed(result: Result, folder: Path, dataset: str, row: int, add: float) -> Result:
@@ -90,9 +87,7 @@ def test_a_thing_that_is_carried_runs_again_to_the_bit(tmp_path: Path) -> None:
     np.testing.assert_allclose(moving.path[:, 0], np.tile(standing.path[0, 0], (60, 1)), atol=1e-12)
     assert np.ptp(moving.world[:, 0], axis=0).max() > 1e-4
     assert len(np.unique(moving.path[:, 0], axis=0)) == 1
-    path = tmp_path / "carried.h5"
-    replay_scene(short, SolverOptions(surface="mesh"), path)
-    result = load_result(path)
+    result = result_of(short, tmp_path / "carried.h5", surface="mesh")
     assert run_again(result).identical
     seen = result.seen_from_object.meshes_moved()
     np.testing.assert_allclose(seen[1].shift, moving.path[:, 1, :3], atol=1e-12)

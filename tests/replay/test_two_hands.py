@@ -11,7 +11,7 @@ import pytest
 from cut_scene import moved_hand, of_hand
 from file_faults import at
 from leap_document import document
-from short_grasp import short_grasp, shortened
+from short_grasp import result_of, short_grasp, shortened
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
@@ -20,7 +20,7 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.replay.repeat import run_again
-from hhsim.replay.replay import TwoHandedReplay, replay_scene, replay_two_hands
+from hhsim.replay.replay import TwoHandedReplay, replay_two_hands
 from hhsim.result.reader import Result, load_hand, load_result
 from hhsim.result.schema import BETWEEN_COLUMNS, SCHEMA_VERSION
 from hhsim.scene.body import CLEARANCE
@@ -70,8 +70,7 @@ def test_each_hand_is_as_it_is_alone(both: TwoHandedReplay, scene: Scene, tmp_pa
     hands = load_result(both.path).hands
     assert list(hands) == ["right", "left"]
     for hand, (name, found) in enumerate(hands.items()):
-        replay_scene(of_hand(scene, hand), SolverOptions(), tmp_path / f"{name}.h5")
-        alone = load_result(tmp_path / f"{name}.h5")
+        alone = result_of(of_hand(scene, hand), tmp_path / f"{name}.h5")
         assert found.side == name == HANDS[hand].side and found.complete
         for name in sorted(alone.keys()):
             if not name.startswith("duration/"):

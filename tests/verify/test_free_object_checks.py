@@ -13,6 +13,7 @@ from file_faults import Fault, at, of_properties, with_name
 from free_scenes import free_result, free_scene
 from planted_faults import planted
 from sampled import first_of_each
+from short_grasp import result_of
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
@@ -20,9 +21,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import result_ticks
-from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
-from hhsim.solver.options import SolverOptions
 from hhsim.verify.body_checks import body_claims
 from hhsim.verify.claim import HOLDS, NOT_JUDGED, Claim
 from hhsim.verify.free_motion import FreeMotion
@@ -194,9 +193,7 @@ FAULTS: dict[Fault, str] = {
 @pytest.fixture(scope="module")
 def on_spheres(tmp_path_factory: pytest.TempPathFactory) -> Result:
     """Where every contact is of a sphere of its own."""
-    path = tmp_path_factory.mktemp("free") / "spheres.h5"
-    replay_scene(free_scene(), SolverOptions(), path, description={"hand_file": None})
-    return load_result(path)
+    return result_of(free_scene(), tmp_path_factory.mktemp("free") / "spheres.h5", {"hand_file": None})
 
 
 @pytest.fixture(scope="module")

@@ -13,13 +13,11 @@ from file_faults import Fault, at, forge_scene, of_scene
 from planted_faults import planted
 from recording_samples import smooth_recording
 from sampled import first_of_each, sampled
-from short_grasp import short_result, with_motion
+from short_grasp import result_of, short_result, with_motion
 
 from hhsim.motion.trajectory import Trajectory
-from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import open_scene
-from hhsim.solver.options import SolverOptions
 from hhsim.verify.again import again_claims
 from hhsim.verify.body_checks import body_claims
 from hhsim.verify.claim import FAILS, HOLDS, NOT_JUDGED, Claim
@@ -45,10 +43,7 @@ def script(tmp_path_factory: pytest.TempPathFactory) -> Result:
     """The first two seconds of an object that a script of the catalogue carries."""
     path = tmp_path_factory.mktemp("script") / "carry.h5"
     scene = open_scene("cylinder", "carry", level=2)
-    replay_scene(
-        scene.first(2000), SolverOptions(), path, description={**scene.description, "hand_file": None, "ticks": 2000}
-    )
-    return load_result(path)
+    return result_of(scene.first(2000), path, {**scene.description, "hand_file": None, "ticks": 2000})
 
 
 @pytest.fixture(scope="module", params=sampled(["interpolate", "hold"], lambda _, mode: mode == "interpolate"))
@@ -59,8 +54,7 @@ def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     motion = Trajectory(**{**parts, "position": parts["position"] + [0.0, 0.0, 1.0]})
     moving = carried(motion, swing(motion.time, 0.5, 2.0))
     scene = with_motion(open_scene("cylinder", "touch", level=2), moving, mode=request.param)
-    replay_scene(scene, SolverOptions(), path, description={**scene.description, "samples": request.param})
-    return load_result(path)
+    return result_of(scene, path, {**scene.description, "samples": request.param})
 
 
 def test_honest_motions_hold(script: Result, recorded: Result) -> None:
@@ -173,8 +167,7 @@ def test_a_depth_that_is_another_is_found(result: Result, off: float) -> None:
 
 def test_beside_moving_parts_the_deepest_part_counts(tmp_path: Path) -> None:
     scene = open_scene("laptop", "close", level=3)
-    replay_scene(cut(scene, slice(2050, 2200)), SolverOptions(), tmp_path / "parts.h5")
-    result = load_result(tmp_path / "parts.h5")
+    result = result_of(cut(scene, slice(2050, 2200)), tmp_path / "parts.h5")
     assert len(result.bodies) == 2 and np.ptp(result.bodies["lid"]["joint"]) > 0.05
     assert result.summary[DEPTH] > 1e-3
     assert verdicts(result) == {"input depth": HOLDS, "correction": HOLDS}

@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from sampled import sampled
+from short_grasp import result_of
 
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.trajectory import Trajectory
-from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import load_result
 from hhsim.scene.scene import make_scene
-from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.verify.claim import FAILS, HOLDS
@@ -40,8 +39,7 @@ def test_a_hand_that_jumps_into_the_object_claims_nothing_false(
     mesh = load_object(name).mesh
     tree = cached_sphere_tree(mesh, TreeOptions(level=level))
     scene = make_scene(mesh, tree, HandModel.default(), Trajectory(np.linspace(0.0, 0.399, 400), *motion, name="jumps"))
-    replay_scene(scene, SolverOptions(method="paper"), tmp_path / "jumps.h5")
-    result = load_result(tmp_path / "jumps.h5")
+    result = result_of(scene, tmp_path / "jumps.h5", method="paper")
     assert result["penetration_depth"].max() > 0.01, "nothing is deep inside: the test shows little"
     ticks = JudgedTicks(result, np.arange(result.ticks))
     claims = {found.name: found for found in force_claims(ticks)}

@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 from file_faults import Fault
 from planted_faults import failing, planted, verdict
-from short_grasp import short_grasp, short_scene, with_motion
+from short_grasp import result_of, short_grasp, short_scene, with_motion
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.motion.analytic_motion import still
 from hhsim.motion.trajectory import Trajectory
-from hhsim.replay.replay import replay_scene
-from hhsim.result.reader import Result, load_result
-from hhsim.solver.options import SolverOptions
+from hhsim.result.reader import Result
 from hhsim.verify.claim import HOLDS
 from hhsim.verify.verify import verify
 
@@ -41,8 +39,7 @@ def pinch() -> Trajectory:
 def honest(tmp_path_factory: pytest.TempPathFactory) -> Result:
     path = tmp_path_factory.mktemp("honest") / "pinch.h5"
     in_the_air = with_motion(short_scene(short_grasp()), pinch())
-    replay_scene(in_the_air, SolverOptions(self_contact=True, surface="mesh"), path, description={"hand_file": None})
-    return load_result(path)
+    return result_of(in_the_air, path, {"hand_file": None}, self_contact=True, surface="mesh")
 
 
 def test_an_honest_run_holds_in_every_claim(honest: Result) -> None:
@@ -82,9 +79,7 @@ def test_a_planted_fault_is_found(honest: Result, tmp_path: Path, fault: Fault) 
 
 
 def test_the_claim_is_of_runs_that_make_it(honest: Result, tmp_path: Path) -> None:
-    path = tmp_path / "through.h5"
     in_the_air = with_motion(short_scene(short_grasp()), replace(pinch(), name="through"))
-    replay_scene(in_the_air, SolverOptions(surface="mesh"), path, description={"hand_file": None})
-    through = load_result(path)
+    through = result_of(in_the_air, tmp_path / "through.h5", {"hand_file": None}, surface="mesh")
     assert through.summary["self_depth_graphic"] == through.summary["self_depth_haptic"] > 5e-3
     assert not {"own parts", "depth in itself"} & {claim.name for claim in verify(through).claims}

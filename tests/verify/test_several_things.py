@@ -14,11 +14,10 @@ from file_faults import Fault, at, with_name
 from planted_faults import planted
 from sampled import first_of_each
 from sealed_change import changed
+from short_grasp import result_of
 
-from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import open_scene
-from hhsim.solver.options import SolverOptions
 from hhsim.verify.claim import HOLDS, NOT_JUDGED, Claim
 from hhsim.verify.depth_checks import depth_claims
 from hhsim.verify.force_checks import TURN
@@ -43,8 +42,7 @@ ONE, TWO = (f"bodies/{name}/tick" for name in ("one", "two"))
 def honest(tmp_path_factory: pytest.TempPathFactory) -> Result:
     folder = tmp_path_factory.mktemp("halves")
     scene = open_scene(body_file(folder, *HALVES, TABLE), "stack", solid=False, level=2)
-    replay_scene(scene.first(TICKS), SolverOptions(surface="mesh"), folder / "halves.h5")
-    return load_result(folder / "halves.h5")
+    return result_of(scene.first(TICKS), folder / "halves.h5", surface="mesh")
 
 
 def claims(result: Result, ticks: Any = (AT_REST, HELD)) -> dict[str, Claim]:

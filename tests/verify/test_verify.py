@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from markdown_pages import documented_faults
 from planted_faults import EVERYWHERE, FAULTS, HOLD, NAMED, SEALED, UNMARKED, described_grasp, failing, planted, verdict
 from sampled import first_of_each, sampled
+from short_grasp import result_of
 
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.errors import InputError
@@ -199,10 +200,8 @@ AGAIN: dict[Fault, str] = {
 @pytest.fixture(scope="module")
 def named(tmp_path_factory: pytest.TempPathFactory) -> Result:
     """A run whose object and motion are in the catalogue."""
-    path = tmp_path_factory.mktemp("named") / "touch.h5"
     scene = open_scene("cylinder", "touch", level=2)
-    replay_scene(scene, SolverOptions(), path, description={**scene.description, "hand_file": None})
-    return load_result(path)
+    return result_of(scene, tmp_path_factory.mktemp("named") / "touch.h5", {**scene.description, "hand_file": None})
 
 
 def run_anew(result: Result) -> dict[str, Claim]:
