@@ -23,7 +23,7 @@ LAYERS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("what a user types", ("cli",)),
     ("many runs, other engines", ("repair", "board", "sweep", "engines")),
     ("shown, and with a glove", ("report", "live", "view", "render")),
-    ("judged", ("gate", "verify", "bench", "submissions")),
+    ("judged", ("gate", "verify", "bench", "submissions", "robots")),
     ("a run, tick by tick", ("replay", "scene", "solver", "metrics")),
     ("motions, files", ("linkage", "exchange", "recordings", "result", "motion")),
     ("objects, the hand", ("system", "table", "mesh", "trees", "hand")),
