@@ -250,7 +250,7 @@ def required_shape(vertices: FloatArray) -> None:
         )
 
 
-def require_tree(links: Sequence[Link], joints: Sequence[LinkJoint]) -> None:
+def require_tree(links: Sequence[Link], joints: Sequence[LinkJoint], one_root: bool = True) -> None:
     """Raise InputError for names given twice, joints of links that there are not, circles, several roots, no links."""
     names = [link.name for link in links]
     if not names:
@@ -281,7 +281,7 @@ def require_tree(links: Sequence[Link], joints: Sequence[LinkJoint]) -> None:
                 circle = " on ".join(chain[chain.index(chain[-1]) :])
                 raise InputError(f"joints in a circle: {circle}; expected one link that hangs on no other")
     roots = [name for name in names if name not in bearers]
-    if len(roots) > 1:
+    if one_root and len(roots) > 1:
         raise InputError(f"links {', '.join(roots[:4])} hang on no joint; expected one such link")
 
 

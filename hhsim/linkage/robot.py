@@ -34,8 +34,8 @@ class Robot:
 
 
 def robot_of(name: str, links: Sequence[Link], joints: Sequence[LinkJoint]) -> Robot:
-    """Return the robot of links and joints; InputError where they are no tree, or no joint leads a mimic."""
-    require_tree(links, joints)
+    """Return the robot of links and joints; InputError where they are no trees, or no joint leads a mimic."""
+    require_tree(links, joints, one_root=False)
     known = {joint.name: joint for joint in joints}
     for joint in joints:
         chain = [joint]

@@ -17,7 +17,8 @@ def self_collision_ignore(robot: Robot, spheres: Mapping[str, FloatArray], seed:
     """Return for links those further down the file that need not be compared: adjacent ones, and what always touches.
 
     Adjacent are links that a joint connects, or joints in a row with nothing but links without spheres between them.
-    Always is in each of `POSES` poses, drawn evenly within the limits of the joints.
+    Always is in each of `POSES` poses, drawn evenly within the limits of the joints. Links that hang on different roots
+    have no place to each other.
 
     Args:
         robot: Links and joints.
@@ -28,9 +29,14 @@ def self_collision_ignore(robot: Robot, spheres: Mapping[str, FloatArray], seed:
     poses = drawn_poses(robot, POSES, np.random.default_rng(seed))
     ignored: dict[str, list[str]] = {}
     names = [link.name for link in robot.links if link.name in spheres]
+    above = {joint.child: joint.parent for joint in robot.joints}
+    root: dict[str, str] = {}
+    for link in robot.links:
+        root[link.name] = root.get(above.get(link.name, ""), link.name)
     for one, other in combinations(names, 2):
-        if frozenset((one, other)) in pairs or _always_touch(
-            (poses[one], spheres[one]), (poses[other], spheres[other])
+        is_adjacent = frozenset((one, other)) in pairs
+        if is_adjacent or (
+            root[one] == root[other] and _always_touch((poses[one], spheres[one]), (poses[other], spheres[other]))
         ):
             ignored.setdefault(one, []).append(other)
     return ignored

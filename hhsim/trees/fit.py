@@ -49,7 +49,10 @@ def measure_fit(mesh: Mesh, center: FloatArray, radius: FloatArray, seed: int = 
     height = _heights(bvh, center, radius, np.random.default_rng([seed, 2]))
     out = height[height > 0.0]
     box = float(np.prod(mesh.extent))
-    volume = mesh.volume if mesh.volume > LEAST_FILLED * float(mesh.extent.max()) ** 3 else box
+    filled = mesh.volume
+    if mesh.shell is not None:
+        filled = Mesh(mesh.shell.vertices, mesh.shell.faces).volume if len(mesh.shell.faces) else 0.0
+    volume = filled if filled > LEAST_FILLED * float(mesh.extent.max()) ** 3 else box
     return Fit(
         spheres=len(radius),
         coverage=float((_outside(inside, center, radius) == 0.0).mean()) if len(inside) else None,

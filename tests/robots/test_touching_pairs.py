@@ -78,3 +78,11 @@ def test_pairs_that_touch_in_every_pose_are_ignored_beside_adjacent_ones(tmp_pat
             if (apart <= reach).any(axis=(1, 2)).all():
                 expected.add(frozenset((one, other)))
     assert pairs == expected and len(expected) > len(adjacent)
+
+
+def test_links_on_different_roots_are_compared_wherever_they_are(tmp_path: Path) -> None:
+    path = tmp_path / "two.urdf"
+    path.write_text(urdf(link("a"), link("b"), link("c"), joint("a", "b", "fixed")))
+    robot = read_robot(path)
+    found = self_collision_ignore(robot, {name: np.array([[0.0, 0.0, 0.0, 0.1]]) for name in "abc"})
+    assert found == {"a": ["b"]}

@@ -62,3 +62,12 @@ def test_a_sheet_has_no_inside_and_no_volume() -> None:
     sheet = with_inside(Mesh(corners, np.array([[0, 1, 2]])), solid=None)
     fit = measure_fit(sheet, np.array([[0.03, 0.03, 0.0]]), np.array([0.1]))
     assert fit.coverage is None and fit.volume_ratio is None and fit.surface_coverage == 1.0
+
+
+def test_the_volume_of_crossing_parts_is_that_of_their_union() -> None:
+    first, second = trimesh.creation.box((0.2, 0.1, 0.1)), trimesh.creation.box((0.1, 0.2, 0.1))
+    both = trimesh.util.concatenate([first, second])
+    mesh = with_inside(Mesh(np.asarray(both.vertices), np.asarray(both.faces)), solid=None)
+    fit = measure_fit(mesh, np.zeros((1, 3)), np.array([0.05]))
+    assert fit.volume_ratio == pytest.approx(4.0 / 3.0 * np.pi * 0.05**3 / 0.003, rel=1e-6)
+    assert fit.protrusion == 0.0
