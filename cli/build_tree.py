@@ -47,6 +47,11 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
         default="outer",
         help="Spheres contain the whole surface (outer), or are off to both sides by half as much (balanced).",
     )
+    minimise: str = option(
+        type=click.Choice(["protrusion", "volume"]),
+        default="protrusion",
+        help="Of up to 64 --leaves: search for the least distance or the least volume outside of the mesh.",
+    )
     threads: int | None = option(
         type=click.IntRange(1, 64),
         metavar="N",
@@ -59,7 +64,7 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
 
         named = (self.level, self.leaves, self.max_error) != (None, None, None)
         level = self.level if named else usual_level
-        return TreeOptions(level, self.branching, self.leaves, seed, self.cover, self.max_error)
+        return TreeOptions(level, self.branching, self.leaves, seed, self.cover, self.max_error, self.minimise)
 
     def of_links(self, total: int | None, seed: int) -> "TreeOptions":
         """Return the options of each link of a robot; UsageError for --total beside another number."""
@@ -147,6 +152,7 @@ def command(
     Examples:
       hhsim build-tree bunny
       hhsim build-tree bunny --leaves 2924
+      hhsim build-tree link3.stl --unit m --leaves 2
       hhsim build-tree bunny --max-error 0.2mm
       hhsim build-tree bunny --level 3 --cover balanced
       hhsim build-tree cup --level 3 --branching 6

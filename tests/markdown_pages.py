@@ -1,5 +1,6 @@
 """Pages of the documentation, taken apart: headings, links, code spans, fenced blocks, command lines."""
 
+import json
 import re
 import shlex
 from collections import Counter
@@ -108,7 +109,20 @@ def _words(text: str) -> list[str]:
 def pages(repository: Path) -> list[Page]:
     """Every page of the repository that a reader may open."""
     paths = [repository / "README.md", repository / "ARCHITECTURE.md", *sorted((repository / "docs").rglob("*.md"))]
-    return [Page.read(path) for path in [*paths, *sorted((repository / "examples").glob("*.md"))]]
+    read = [Page.read(path) for path in [*paths, *sorted((repository / "examples").glob("*.md"))]]
+    return read + [notebook(path) for path in sorted((repository / "docs").rglob("*.ipynb"))]
+
+
+def notebook(path: Path) -> Page:
+    """The text of a notebook as a page; the lines of its cells that go to a shell are console blocks."""
+    parts = []
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        text = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            parts.append(text)
+        elif text.startswith("!"):
+            parts.append("```console\n" + re.sub(r"(?m)^!", "$ ", text) + "\n```")
+    return Page(path, "\n\n".join(parts))
 
 
 def documented_faults(repository: Path, table: int) -> dict[str, str]:

@@ -32,7 +32,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -250,7 +250,7 @@ class HandModel:
     @classmethod
     def of_text(cls, text: str, where: str, side: Side = "right") -> "HandModel":
         """Return the hand of the text of a TOML file, named `where` in messages; errors as of `from_toml`."""
-        return _model(parse_settings(text, HandTable, where), side, where)
+        return _of_text(text, where, side)
 
     @property
     def abduction_sign(self) -> float:
@@ -345,6 +345,11 @@ def default_fingers(hand_length: float, hand_breadth: float) -> dict[str, FloatA
         "abduction_min": abduction[:, 0],
         "abduction_max": abduction[:, 1],
     }
+
+
+@lru_cache(maxsize=4)
+def _of_text(text: str, where: str, side: Side) -> HandModel:
+    return _model(parse_settings(text, HandTable, where), side, where)
 
 
 def _model(sizes: HandTable, side: Side, where: str) -> HandModel:

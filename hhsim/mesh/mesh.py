@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
 from hhsim.mesh.file import read_triangles
+from hhsim.mesh.shell import Shell
 from hhsim.mesh.topology import is_closed, merged_vertices
 from hhsim.ranges import check_range
 from hhsim.reproducible import dot, matmul
@@ -45,9 +46,7 @@ class Mesh:
     source: str = ""  # path, or the generator with its parameters
     repairs: tuple[str, ...] = field(default=())  # repairs and assumptions, one plain sentence each
     warnings: tuple[str, ...] = field(default=())  # suspicions that do not stop the work, one plain sentence each
-    # Triangles around the inside by winding number, and sheets from both sides, where the faces are no solid but the
-    # file's own, touched as a skin: see `hhsim.mesh.own_triangles`. Only a tree's builder needs it.
-    shell: "Mesh | None" = field(default=None)
+    shell: Shell | None = field(default=None)  # None of a solid; else the faces are a skin: the file's, as they are
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices, dtype=np.float64, order="C")
@@ -102,14 +101,17 @@ class Mesh:
 
     def scaled(self, factor: float) -> "Mesh":
         """Return the mesh scaled about the origin by a positive factor [-]."""
-        shell = self.shell and self.shell.scaled(factor)
+        shell = self.shell and self.shell._replace(vertices=self.shell.vertices * factor)
         return replace(self, vertices=self.vertices * factor, shell=shell)
 
     def transformed(self, rotation: ArrayLike, translation: ArrayLike) -> "Mesh":
         """Return the mesh moved by `rotation @ vertex + translation`; shapes (3, 3) and (3,) [m]."""
-        turned = matmul(self.vertices, np.asarray(rotation, dtype=np.float64).T)
-        shell = self.shell and self.shell.transformed(rotation, translation)
-        return replace(self, vertices=turned + np.asarray(translation, dtype=np.float64), shell=shell)
+
+        def moved(points: FloatArray) -> FloatArray:
+            return matmul(points, np.asarray(rotation, np.float64).T) + np.asarray(translation, np.float64)
+
+        shell = self.shell and self.shell._replace(vertices=moved(self.shell.vertices))
+        return replace(self, vertices=moved(self.vertices), shell=shell)
 
 
 def require_usable_arrays(vertices: FloatArray, faces: IntArray, name: str) -> None:
@@ -209,9 +211,8 @@ def with_inside(
     if solid is None:
         from hhsim.mesh.own_triangles import own_triangles
 
-        own = own_triangles(mesh.vertices, mesh.faces, mesh.source)
-        shell = own.shell and Mesh(*own.shell, name=mesh.name, source=mesh.source)
-        return replace(mesh, **{**own._asdict(), "shell": shell}).scaled(unit_length)
+        own = own_triangles(mesh.vertices, mesh.faces, mesh.source, unit_length)
+        return replace(mesh, **own._asdict()).scaled(unit_length)
     turned, said = turned_triangles(mesh.vertices, mesh.faces)
     if turned.any():
         faces = np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces)

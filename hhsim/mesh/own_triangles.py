@@ -12,12 +12,13 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.kernels.mesh.winding_number import fast_winding_numbers
 from hhsim.mesh import topology
 from hhsim.mesh.repair import (
     BENT_HOLE,
     CAP_AREA,
+    NEAR_VERTEX,
     SHEET_VOLUME,
     WIDE_HOLE,
     MeshInRepair,
@@ -25,6 +26,8 @@ from hhsim.mesh.repair import (
     joined_parts,
     turn_outward,
 )
+from hhsim.mesh.shell import Shell
+from hhsim.mesh.solidify import tell_assumed
 from hhsim.system.counted import counted
 
 FEWEST_OF_SOLID = 4
@@ -34,19 +37,21 @@ DEEP = 0.75
 
 
 class CoveredSurface(NamedTuple):
-    """Triangles of a file to cover, and its shell (`hhsim.mesh.mesh.Mesh.shell`), None of a solid, in the file's unit.
+    """Triangles of a file to cover, and their shell, None of a solid, in the file's unit.
 
     What was repaired or assumed, and suspicions, are sentences.
     """
 
     vertices: FloatArray  # (V, 3)
     faces: IntArray  # (F, 3)
-    shell: tuple[FloatArray, IntArray] | None
+    shell: Shell | None
     repairs: tuple[str, ...]
     warnings: tuple[str, ...] = ()
 
 
-def own_triangles(given_vertices: FloatArray, given_faces: IntArray, name: str) -> CoveredSurface:
+def own_triangles(
+    given_vertices: FloatArray, given_faces: IntArray, name: str, unit_length: float = 1.0
+) -> CoveredSurface:
     """Return the triangles of any mesh, (V, 3) and (F, 3), each once, and a shell unless they are a solid.
 
     A mesh that a safe repair closes without a change of its triangles becomes that solid. Raises MeshError, which
@@ -58,37 +63,46 @@ def own_triangles(given_vertices: FloatArray, given_faces: IntArray, name: str) 
     size = float(np.ptp(vertices, axis=0).max())
     if not len(faces) or not topology.face_areas(vertices, faces).sum() > 1e-12 * size**2:
         raise MeshError(f"{name}: no volume: its triangles have no area; expected a surface mesh")
+    warnings = list[str]()
     try:
-        surface = closed_surface(given_vertices, given_faces, name)
+        surface = closed_surface(given_vertices, given_faces, name, unit_length)
     except MeshError:
-        surface = None
-    if surface is not None and _has_all(surface.vertices, surface.faces, vertices, faces):
-        said = (*surface.merged, *surface.repairs)
-        return CoveredSurface(surface.vertices, surface.faces, None, said, tuple(surface.warnings))
-    repairs: list[str] = []
-    solid, enclosing, is_sheet = _solid_parts(vertices, faces, size, name, repairs)
+        repairs = list[str]()
+        solid, enclosing, is_sheet, is_sound = _solid_parts(MeshInRepair(vertices, faces, name, unit_length), repairs)
+    else:
+        solid, enclosing, is_sound = surface.vertices, surface.faces, True
+        is_sheet = places_in(vertices, faces, solid, enclosing) < 0
+        if not is_sheet.any():
+            tell_assumed(surface, given_vertices, given_faces)
+        repairs, warnings = surface.merged + surface.repairs, surface.warnings
+        if not is_sheet.any():
+            return CoveredSurface(solid, enclosing, None, tuple(repairs), tuple(warnings))
     sheet = faces[is_sheet]
     if len(enclosing) and len(sheet):
-        sheet = sheet[~_deep_inside(solid, enclosing, vertices, sheet)]
+        sheet = sheet[~_inside(solid, enclosing, vertices, sheet, is_sound)]
     if len(sheet):
         repairs.append(f"{counted(len(sheet), 'triangle')} of open parts enclose nothing: spheres cover them as a skin")
-    whole = np.concatenate([enclosing + len(vertices), sheet, sheet[:, ::-1]])
-    return CoveredSurface(vertices, faces, (np.concatenate([vertices, solid]), whole), tuple(repairs))
+    shell = Shell(solid, enclosing, sheet, is_sound)
+    return CoveredSurface(vertices, faces, shell, tuple(repairs), tuple(warnings))
 
 
-def _has_all(vertices: FloatArray, faces: IntArray, own_vertices: FloatArray, own: IntArray) -> bool:
-    """Return True if a surface has every one of the own triangles, wound in any way."""
-    both = np.concatenate([faces, own + len(vertices)])
-    merged = topology.merged_vertices(np.concatenate([vertices, own_vertices]), both)[1]
+def places_in(vertices: FloatArray, faces: IntArray, others: FloatArray, there: IntArray) -> IntArray:
+    """Return which of other triangles has the corners of each triangle, shape (F,), -1 for none."""
+    both = np.concatenate([there, faces + len(others)])
+    merged = topology.merged_vertices(np.concatenate([others, vertices]), both)[1]
     group = topology.distinct_rows(np.sort(merged, axis=1))[1]
-    return bool(np.isin(group[len(faces) :], group[: len(faces)]).all())
+    found = np.full(int(group.max()) + 1, -1)
+    found[group[: len(there)]] = np.arange(len(there))
+    return found[group[len(there) :]]
 
 
-def _solid_parts(
-    vertices: FloatArray, faces: IntArray, size: float, name: str, repairs: list[str]
-) -> tuple[FloatArray, IntArray, BoolArray]:
-    """Return vertices and faces of what encloses something, wound outward, and marks of the faces that do not."""
-    nothing = np.empty((0, 3)), np.empty((0, 3), np.int64), np.ones(len(faces), np.bool_)
+def _solid_parts(given: MeshInRepair, repairs: list[str]) -> tuple[FloatArray, IntArray, BoolArray, bool]:
+    """Return vertices and faces of what encloses something, wound outward, and marks of the faces that do not.
+
+    The last is False if what encloses something crosses itself.
+    """
+    vertices, faces, size = given.vertices, given.faces, given.size
+    nothing = np.empty((0, 3)), np.empty((0, 3), np.int64), np.ones(len(faces), np.bool_), True
     wound = topology.alike_wound(faces)[0]
     label = topology.part_labels(wound)
     # Each part has vertices of its own, so that its edges are shared by its faces alone.
@@ -116,7 +130,9 @@ def _solid_parts(
     closes = large & ~unbalanced & (cap_area <= CAP_AREA * own_area)
     closes &= volume >= SHEET_VOLUME * (own_area + cap_area) ** 1.5
     closes[of_loop[bent]] = False
-    surface = MeshInRepair(*topology.used_vertices(caps.vertices, all_faces[closes[all_label]]), name)
+    surface = MeshInRepair(
+        *topology.used_vertices(caps.vertices, all_faces[closes[all_label]]), given.name, given.unit_length
+    )
     if not len(surface.faces):
         return nothing
     try:
@@ -127,17 +143,20 @@ def _solid_parts(
     if capped.any():
         widest = surface.millimetres(float(caps.width[capped].max()))
         repairs.append(f"assumed closed at {counted(int(capped.sum()), 'hole')} up to {widest} wide")
-    joined_parts(surface)
+    is_sound = joined_parts(surface)
     repairs += surface.repairs
-    return surface.vertices, surface.faces, ~closes[label]
+    return surface.vertices, surface.faces, ~closes[label], is_sound
 
 
-def _deep_inside(solid: FloatArray, enclosing: IntArray, vertices: FloatArray, sheet: IntArray) -> BoolArray:
-    """Mark the triangles of sheets whose corners and middles lie inside of the solid: none has to be measured to."""
-    bvh = build_mesh_bvh(solid, enclosing, by_winding=True)
+def _inside(solid: FloatArray, enclosing: IntArray, vertices: FloatArray, sheet: IntArray, is_sound: bool) -> BoolArray:
+    """Mark the triangles whose corners and middles lie inside of the solid, or on it: none has to be measured to."""
+    bvh = build_mesh_bvh(solid, enclosing, by_winding=not is_sound)
     corner = vertices[sheet]
     middle = corner.mean(axis=1, keepdims=True)
-    points = np.concatenate([middle, 0.9 * corner + 0.1 * middle], axis=1).reshape(-1, 3)
+    points = np.ascontiguousarray(np.concatenate([middle, 0.9 * corner + 0.1 * middle], axis=1).reshape(-1, 3))
+    if is_sound:
+        near = NEAR_VERTEX * float(np.ptp(vertices, axis=0).max())
+        return np.asarray((mesh_signed_distance(bvh, points) <= near).reshape(-1, 4).all(axis=1))
     winding = np.empty(len(points))
-    fast_winding_numbers(bvh, bvh.moments, np.ascontiguousarray(points), winding)
+    fast_winding_numbers(bvh, bvh.moments, points, winding)
     return np.asarray((winding > DEEP).reshape(-1, 4).all(axis=1))

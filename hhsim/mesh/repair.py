@@ -10,7 +10,8 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.mesh.winding_number import winding_numbers
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.kernels.mesh.winding_number import fast_winding_numbers, winding_numbers
 from hhsim.mesh import topology
 from hhsim.system.counted import counted
 
@@ -32,12 +33,11 @@ WIDE_HOLE = 0.1
 BENT_HOLE = 0.2
 """Largest distance of a wide hole's edge from its plane, as a share of its width."""
 
-WINDING_TOLERANCE = 0.05
 CROSSING_SHARE = 0.001
 """Share of test points that may lie where the surface crosses itself; more is refused."""
 
 WINDING_WORK = 3.0e7
-"""Largest number of point-triangle pairs in one winding test, about a third of a second."""
+"""Largest product of the numbers of points and triangles in one winding test."""
 
 FEWEST_SAMPLES = 600
 """Fewer triangles are tested at more than one place each."""
@@ -260,7 +260,7 @@ def _require_closed(surface: MeshInRepair) -> None:
 
 
 def winding_faults(vertices: FloatArray, faces: IntArray) -> tuple[int, int, float, float]:
-    """Count points beside both sides of the faces, spread evenly, whose winding number is neither 0 nor 1.
+    """Count points beside both sides of a closed surface, spread evenly, whose winding number is neither 0 nor 1.
 
     Returns their number, that of all tested points, and the lowest and highest winding number found.
     """
@@ -279,9 +279,11 @@ def winding_faults(vertices: FloatArray, faces: IntArray) -> tuple[int, int, flo
     share = np.where(share.sum(axis=1, keepdims=True) > 1.0, 1.0 - share, share)
     places = [tested[wide, 0] + b * edge_b[wide] + c * edge_c[wide] for b, c in share]
     points = np.concatenate([place + side * offset for place in places for side in (1.0, -1.0)])
-    winding = np.empty(len(points))
-    winding_numbers(triangles, points, winding)
-    faulty = np.minimum(np.abs(winding), np.abs(winding - 1.0)) > WINDING_TOLERANCE
+    bvh, winding = build_mesh_bvh(vertices, faces, signed=False, by_winding=True), np.empty(len(points))
+    fast_winding_numbers(bvh, bvh.moments, points, winding)
+    # Of a closed surface it is whole, and the approximation off by less than a half.
+    winding = np.round(winding)
+    faulty = (winding != 0.0) & (winding != 1.0)
     return int(faulty.sum()), len(points), float(winding.min(initial=0.0)), float(winding.max(initial=0.0))
 
 
@@ -337,10 +339,12 @@ def resolve_overlaps(surface: MeshInRepair) -> None:
         )
 
 
-def joined_parts(surface: MeshInRepair) -> None:
-    """Join parts that overlap where that is safe, and leave all as it is where a part crosses itself."""
+def joined_parts(surface: MeshInRepair) -> bool:
+    """Join parts that overlap where that is safe; return False, and leave all as it is, where a part crosses itself."""
     with suppress(MeshError):
-        _join(surface)
+        faulty, tested, _, _ = _join(surface)
+        return faulty <= CROSSING_SHARE * tested
+    return False
 
 
 def _join(surface: MeshInRepair) -> tuple[int, int, float, float]:

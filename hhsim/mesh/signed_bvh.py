@@ -1,10 +1,68 @@
-"""Hierarchy over a mesh that is a solid, or a skin with a shell."""
+"""Hierarchy over a mesh that is a solid, or over the solid and the sheets of a skin."""
 
-from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh
+import numpy as np
+
+from hhsim.arrays import FloatArray, IntArray
+from hhsim.kernels.cover.inscribed_sphere import depths_at
+from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
+from hhsim.kernels.mesh.winding_number import WindingMoments
 from hhsim.mesh.mesh import Mesh
 
 
 def signed_bvh(mesh: Mesh) -> MeshBvh:
-    """Build the hierarchy over a mesh, or its shell, that tells how deep a point lies inside [m]."""
-    shell = mesh.shell or mesh
-    return build_mesh_bvh(shell.vertices, shell.faces, by_winding=mesh.shell is not None)
+    """Build the hierarchy over a mesh [m], or its shell, that tells how deep a point lies inside."""
+    shell = mesh.shell
+    if shell is None:
+        return build_mesh_bvh(mesh.vertices, mesh.faces)
+    if not len(shell.faces):
+        return _sheets(mesh.vertices, shell.sheets)
+    solid = build_mesh_bvh(shell.vertices, shell.faces, by_winding=not shell.is_sound or len(shell.sheets) > 0)
+    if not shell.is_sound:
+        # The nearest triangle says nothing of the side: the winding number does.
+        solid.pseudonormal[:] = 0.0
+    return _joined(solid, _sheets(mesh.vertices, shell.sheets)) if len(shell.sheets) else solid
+
+
+def heights(bvh: MeshBvh, points: FloatArray) -> FloatArray:
+    """Compute signed distances [m], shape (n,), of points, shape (n, 3), to a `signed_bvh`; negative inside."""
+    if not len(bvh.moments.radius):
+        return mesh_signed_distance(bvh, points)
+    depth = np.empty(len(points))
+    depths_at(bvh, np.ascontiguousarray(points, np.float64), depth)
+    return -depth
+
+
+def _sheets(vertices: FloatArray, faces: IntArray) -> MeshBvh:
+    """Build the hierarchy over triangles that enclose nothing: none of its nodes adds to a winding number."""
+    bvh = build_mesh_bvh(vertices, faces, signed=False)
+    nodes = len(bvh.start)
+    # A node without a radius is far away from everything but its centre.
+    aside = bvh.bound[0, 3:6] + 1e3 * (bvh.bound[0, 3:6] - bvh.bound[0, :3]).max()
+    moments = WindingMoments(np.tile(aside, (nodes, 1)), np.zeros(nodes), np.zeros((nodes, 12)))
+    return bvh._replace(moments=moments)
+
+
+def _joined(one: MeshBvh, other: MeshBvh) -> MeshBvh:
+    """Put a root over two hierarchies, of which only the first adds to the winding number."""
+    root = np.zeros((1, one.bound.shape[1]))
+    # Its slab, of no normal, is everywhere.
+    root[0, :3], root[0, 3:6] = (
+        np.minimum(one.bound[0, :3], other.bound[0, :3]),
+        np.maximum(one.bound[0, 3:6], other.bound[0, 3:6]),
+    )
+    triangles, nodes = len(one.face), len(one.start)
+
+    def down(right: IntArray, by: int) -> IntArray:
+        return np.where(right < 0, right, right + by)
+
+    moments = WindingMoments(*(np.concatenate([a[:1], a, b]) for a, b in zip(one.moments, other.moments)))
+    return MeshBvh(
+        np.concatenate([one.corner, other.corner]),
+        np.concatenate([one.pseudonormal, other.pseudonormal]),
+        np.concatenate([one.face, other.face + triangles]),
+        np.concatenate([root, one.bound, other.bound]),
+        np.concatenate([[0], one.start, other.start + triangles]),
+        np.concatenate([[triangles + len(other.face)], one.end, other.end + triangles]),
+        np.concatenate([[1 + nodes], down(one.right, 1), down(other.right, 1 + nodes)]),
+        moments,
+    )

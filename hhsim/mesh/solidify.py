@@ -93,11 +93,16 @@ def _solid(vertices: FloatArray, faces: IntArray, name: str, unit_length: float)
         _fill_winding(surface, str(error).removeprefix(f"{name}: ").partition(";")[0])
         surface.vertices = surface.vertices + origin
         return surface
+    tell_assumed(surface, vertices, faces)
+    return surface
+
+
+def tell_assumed(surface: MeshInRepair, vertices: FloatArray, faces: IntArray) -> None:
+    """Add to the repairs of a closed surface how much of it is far from the triangles that it was made of."""
     if surface.repairs:
         source = np.ascontiguousarray(vertices[faces])
         share, distance = _assumed(surface, source, TOLERANCE * surface.size)
         _tell_assumed(surface, source, share, distance)
-    return surface
 
 
 def open_faces(faces: IntArray) -> BoolArray:

@@ -19,6 +19,8 @@ from hhsim.system.output_path import check_output_path, holds
 
 BREADTHS = (0.26, 0.74)
 """Range of hand breadths that the palm model takes [hand lengths]."""
+FITTED = "--fit-hand"
+"""Name of the fitted hand in messages."""
 SHORTEST = 0.004
 """Shortest bone, to the centre of the fingertip [m]."""
 
@@ -72,7 +74,7 @@ def fitted_hand(recording: Recording, source: str) -> tuple[Recording, str]:
         bones.hand_length, breadth, fingers, f"Fitted to {source}: bones as medians, {radii}."
     )
     # What no hand file may hold is refused before it is written.
-    HandModel.of_text(text, "--fit-hand")
+    HandModel.of_text(text, FITTED)
     moved = recording.changed(position=recording.position + turned(recording.orientation, shift * mirror))
     by = f"palm moved by {1e3 * np.linalg.norm(shift):.1f} mm in the hand: its knuckles are the fitted hand's"
     return moved.found(note(by)), text

@@ -181,7 +181,9 @@ def _tilted(usual: FingerAxes, tilt: FloatArray) -> FingerAxes:
     leaning = leaning / np.linalg.norm(leaning)
     onward = usual.distal - (usual.distal @ leaning) * leaning
     onward = onward / np.linalg.norm(onward)
-    aside = np.cross(leaning, onward)
+    # As `np.cross` computes it, which takes longer than all else here.
+    (a, b, c), (d, e, f) = leaning, onward
+    aside = np.array([b * f - c * e, c * d - a * f, a * e - b * d])
     return FingerAxes(onward, leaning, aside * np.sign(aside @ usual.across))
 
 

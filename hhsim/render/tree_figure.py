@@ -5,9 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
-from hhsim.mesh.signed_bvh import signed_bvh
+from hhsim.mesh.signed_bvh import heights, signed_bvh
 from hhsim.render.figure import new_figure, save_figure, tidy
 from hhsim.render.rasterizer import blend, frame, lit, look_from, see_spheres, shade
 from hhsim.render.triangle_soup import mesh_surface
@@ -54,7 +53,7 @@ def draw_tree(path: Path, mesh: Mesh, tree: SphereTree) -> None:
     alone = shade(surface, camera)
     depth, normals, there = see_spheres(scale * center, scale * radius, camera)
     points = center[there] + radius[there, None] * (normals @ camera.rotation)
-    height = mesh_signed_distance(signed_bvh(mesh), points)
+    height = heights(signed_bvh(mesh), points)
     spheres = lit(depth, normals, colormaps[COLORS](np.clip(height / highest, 0.0, 1.0))[:, :3], camera)
 
     figure = new_figure(19.2, 6.9)

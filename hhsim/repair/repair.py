@@ -22,7 +22,7 @@ from hhsim.metrics.field.hands import FieldHands, FieldPair
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.recordings.correction import Correction
-from hhsim.recordings.fitted_hand import fitted_hand, in_angles_of
+from hhsim.recordings.fitted_hand import FITTED, fitted_hand, in_angles_of
 from hhsim.recordings.mano_model import read_mano_model
 from hhsim.recordings.object_poses import with_object_poses
 from hhsim.recordings.outliers import suspect_joints
@@ -129,10 +129,11 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         "recording": request.source.name,
         "marked": recorded.frames[marked].tolist(),
     }
-    write_result(scene, touched, seen.posture, paths["result"], description=said, command=command, progress=progress)
+    forces = equilibrium_forces(scene, touched, seen.posture)
+    write_result(scene, seen.posture, forces, paths["result"], description=said, command=command, progress=progress)
     if after_skin is not None:
         add_skin(paths["result"], after_skin.vertices[recorded.frames], after_skin.faces)
-    force = np.linalg.norm(load_result(paths["result"])["force/phalanx"].sum(axis=2), axis=2)
+    force = np.linalg.norm(forces[0].sum(axis=2), axis=2)
     before = recorded.judged(recorded.joints, seen.fitted, seen_skin)
     joints, posture = recorded.seen_hand(written, seen.posture)
     after = recorded.judged(joints, posture, None if after_skin is None else recorded.seen_skin(after_skin))
@@ -330,7 +331,7 @@ def _hand(recording: Recording, request: RepairRequest) -> tuple[Recording, Hand
     if request.hand_file is not None:
         raise InputError("--hand-file is for recordings of angles; the joints of this one tell the sizes of its hand")
     fitted, text = fitted_hand(recording, request.recording.name)
-    return fitted, HandModel.of_text(text, "the fitted hand", side)
+    return fitted, HandModel.of_text(text, FITTED, side)
 
 
 @dataclass(frozen=True)
@@ -406,8 +407,8 @@ def _files(outcome: RepairOutcome, recording: Path, joined: Path | None) -> dict
 
 def write_result(
     scene: Scene,
-    given: GivenObject,
     posture: HandConfiguration,
+    forces: tuple[FloatArray, FloatArray],
     path: Path,
     *,
     description: Mapping[str, Any],
@@ -416,9 +417,8 @@ def write_result(
 ) -> ReplaySummary:
     """Write the result file of repaired frames, as the object sees them; OutputError if it cannot be written.
 
-    Ticks of the scene are the frames; `given`, its object, bears the forces.
+    Ticks of the scene are the frames; forces are those of `equilibrium_forces`.
     """
-    forces = equilibrium_forces(scene, given, posture)
     submission = Submission(METHOD, "", scene.ticks.time, posture, *forces)
     name = f"{SUBMITTED}{METHOD}"
     # The hand of the written recording is outside; ours is inside by what the fit left.

@@ -9,12 +9,13 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
-from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
+from hhsim.kernels.mesh.bvh import MeshBvh
 from hhsim.mesh.mesh import Mesh
-from hhsim.mesh.signed_bvh import signed_bvh
+from hhsim.mesh.signed_bvh import heights, signed_bvh
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers
 from hhsim.trees.error import measure_levels, prove_cover
+from hhsim.trees.fewest_spheres import fewest_spheres
 from hhsim.trees.hierarchy import cover_hierarchy
 from hhsim.trees.options import MOST_LEAVES, TreeOptions, needed_level
 from hhsim.trees.sphere_tree import LevelCover, SphereTree
@@ -42,7 +43,8 @@ def build_sphere_tree(
     """Build and measure a tree.
 
     Each level has its own cover, proved to contain the whole surface, with branching ** level spheres; the leaves are
-    that of the last level, and every inner node encloses the leaves below it.
+    that of the last level, and every inner node encloses the leaves below it. Few leaves that are asked for by number
+    are searched for, see `hhsim.trees.fewest_spheres`.
 
     Args:
         mesh: Watertight and wound outward, or any triangles as of `hhsim.mesh.own_triangles`.
@@ -94,6 +96,8 @@ class _Builder:
         for at, size in enumerate(sizes):
             start = time.process_time()
             same = covers[-1] if at > 0 and size == sizes[at - 1] else None
+            if at == level and options.searched:
+                last = self.cover(size, searched=True)
             cover = (last if at == level else None) or same or self.cover(size)
             tree, cover = cover_hierarchy(cover, at, options.branching)
             covers.append(cover)
@@ -101,12 +105,15 @@ class _Builder:
         seconds[-1] += last_seconds
         return replace(tree, covers=tuple(covers), cpu_seconds=tuple(seconds))
 
-    def cover(self, size: int) -> LevelCover:
+    def cover(self, size: int, searched: bool = False) -> LevelCover:
         def report(stage: str, done: int, cycles: int) -> None:
             total = max(self.total, self.done + size)
             self.progress(stage, cycles * self.done + done * size, cycles * total)
 
-        center, radius = cover_of(self.ready, size, report, self.workers)
+        if searched:
+            center, radius = fewest_spheres(self.ready, size, self.options.minimise, report, self.workers)
+        else:
+            center, radius = cover_of(self.ready, size, report, self.workers)
         self.done += size
         return self.proved(center, radius)
 
@@ -123,7 +130,7 @@ class _Builder:
             unproved, proof = prove_cover(vertices, faces, center, radius, self.workers)
         if unproved.size:
             raise MeshError(f"{unproved.size} faces could not be covered, first face {unproved[0]}")
-        cover = LevelCover(center, radius, -mesh_signed_distance(bvh, center), 0.0, proof)
+        cover = LevelCover(center, radius, -heights(bvh, center), 0.0, proof)
         if self.options.cover != "balanced":
             return cover
         half = 0.5 * max(cover.bound, 0.0)

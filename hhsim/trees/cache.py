@@ -75,7 +75,8 @@ def cache_path(mesh: Mesh, options: TreeOptions) -> Path:
     """Return the path of a mesh's tree in the cache."""
     digest = hashlib.sha256(mesh.sha256.encode())
     if mesh.shell is not None:
-        digest.update(mesh.shell.sha256.encode())
+        for part in mesh.shell[:3]:
+            digest.update(part.tobytes())
     digest.update(json.dumps(options.recorded(), sort_keys=True).encode())
     for source in _SOURCES:
         place = Path(str(files("hhsim"))) / source

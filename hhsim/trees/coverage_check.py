@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhsim.kernels.cover import check_certificate
-from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
-from hhsim.mesh.signed_bvh import signed_bvh
+from hhsim.mesh.signed_bvh import heights, signed_bvh
 
 if TYPE_CHECKING:
     from hhsim.trees.sphere_tree import LevelCover
@@ -44,7 +43,7 @@ def faults(mesh: Mesh, covers: "tuple[LevelCover, ...]") -> tuple[str, ...]:
             what, face, code = check_certificate.check_proof(corner, cover.center, grown, _ROUNDING * size, cover.proof)
             if what != check_certificate.HOLDS:
                 found.append(f"level {level}: the proof {_WRONG[what]}, face {face}, code {code}")
-        short = cover.depth + mesh_signed_distance(bvh, cover.center)
+        short = cover.depth + heights(bvh, cover.center)
         if not short.max() <= _DEPTH_ROUNDING * size:
             sphere = int(np.argmax(short))
             found.append(f"level {level}: the centre of sphere {sphere} is {short[sphere]:.3g} m less deep than stated")

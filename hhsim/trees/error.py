@@ -5,7 +5,8 @@ import numpy as np
 from hhsim.arrays import Codes, FloatArray, IntArray
 from hhsim.kernels.cover.certify import certify_cover
 from hhsim.kernels.cover.sampled_error import exposed, union_distance
-from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
+from hhsim.kernels.mesh.bvh import MeshBvh
+from hhsim.mesh.signed_bvh import heights
 from hhsim.mesh.topology import face_areas, random_points
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers, ranges
@@ -46,7 +47,7 @@ def sample_spheres(
 
 def protrusion_bound(bvh: MeshBvh, center: FloatArray, radius: FloatArray) -> float:
     """Return the proved bound of the protrusion [m]: the largest of (radius − depth of the centre inside the mesh)."""
-    return float((radius + mesh_signed_distance(bvh, center)).max())
+    return float((radius + heights(bvh, center)).max())
 
 
 def prove_cover(
@@ -118,7 +119,7 @@ def _measure(
         ranges(len(points), _PARTS),
     )
     points, area = points[free], area[free]
-    parts = workers.each(lambda begin, end: mesh_signed_distance(bvh, points[begin:end]), ranges(len(points), _PARTS))
+    parts = workers.each(lambda begin, end: heights(bvh, points[begin:end]), ranges(len(points), _PARTS))
     height = np.concatenate(parts)
     height, area = height[height > 0.0], area[height > 0.0]
     mean, p99, total = 0.0, 0.0, float(area.sum())

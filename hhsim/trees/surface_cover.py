@@ -14,7 +14,9 @@ from hhsim.kernels.cover.sphere_descent import move_spheres
 from hhsim.kernels.kd_tree import subtrees
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals
 from hhsim.mesh.mesh import Mesh
-from hhsim.mesh.signed_bvh import signed_bvh
+from hhsim.mesh.own_triangles import places_in
+from hhsim.mesh.shell import Shell
+from hhsim.mesh.signed_bvh import heights, signed_bvh
 from hhsim.reproducible import dot, matmul, norm
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers, ranges
@@ -53,13 +55,15 @@ _REPLACEMENTS = 4
 _TRIMS = 4
 _TRIM_FROM = 0.95
 _THINNEST = 1e-9
+_BESIDE = 1e-4
+"""Distance from a triangle at which its sides are told from each other, in sizes of the mesh."""
 _SUBTREES = 3
 """Depth of the subtrees of micro-triangles that threads share out."""
 _SHARES = 16
 """Number of ranges of spheres that threads share out."""
 
 
-class _Cover:
+class CoverInProgress:
     """Spheres and their micro-triangles, while they are improved."""
 
     def __init__(self, bvh: MeshBvh, micro: MicroTriangles, spheres: int, workers: Workers) -> None:
@@ -71,6 +75,7 @@ class _Cover:
         self.cost, self.second_cost = np.full((2, count), np.inf)
 
     def drop(self, stays: BoolArray) -> None:
+        """Drop the spheres that do not stay; their micro-triangles have no valid owner then."""
         self.owner = (np.cumsum(stays) - 1)[self.owner]
         self.center, self.depth, self.step = self.center[stays].copy(), self.depth[stays], self.step[stays]
 
@@ -170,6 +175,7 @@ class _Cover:
                 self.assign()
 
     def relax(self, rounds: int) -> None:
+        """Move spheres and assign micro-triangles, so many times."""
         for turn in range(rounds):
             self.move(afresh=turn == 0)
             self.assign()
@@ -184,6 +190,16 @@ class _Cover:
         # So that costly spheres have less to cover, and cheap ones more.
         self.assign(self.depth + _HANDICAP * np.clip(most - own, 0.0, _SLACK * most))
         self.relax(_ROUNDS[1])
+
+    def spheres_of(self, mesh: "MeshInFrame") -> tuple[FloatArray, FloatArray]:
+        """Return centres [m], shape (n, 3), and radii [m], (n,), that suffice for each micro-triangle's owner."""
+        radius = np.empty(len(self.depth))
+        kernel.covering_radius(self.micro, self.center, self.owner, radius)
+        used = radius >= 0.0
+        center, radius = mesh.frame.out_of(self.center[used]), radius[used] * mesh.frame.size
+        size = max(mesh.reach, float(np.abs(center).max()))
+        # A vertex was moved by at most half a step of the grid along each axis.
+        return center, radius + GRID * mesh.frame.size + ROUNDING * (radius + size)
 
 
 GRID = 2.0**-30
@@ -237,9 +253,9 @@ def canonical_frame(vertices: FloatArray) -> CanonicalFrame:
 class MeshInFrame(NamedTuple):
     """A mesh prepared for covers of any number of spheres, in its own frame.
 
-    corner: (F, 9) in the frame, of the triangles to be covered; normal: (F, 3), outward, 0 for a sheet; bvh: signed,
-        over those that distances are measured to; frame: back to the mesh's place; reach: largest coordinate of the
-        mesh [m].
+    corner: (F, 9) in the frame, of the triangles to be covered; normal: (F, 3), away from the inner side, 0 of a sheet;
+        bvh: signed, over those that distances are measured to; frame: back to the mesh's place; reach: largest
+        coordinate of the mesh [m].
     """
 
     corner: FloatArray
@@ -261,13 +277,33 @@ def in_own_frame(mesh: Mesh) -> MeshInFrame:
     if mesh.shell is None:
         bvh = build_mesh_bvh(inside, faces)
     else:
-        shell = replace(mesh.shell, vertices=frame.into(mesh.shell.vertices))
-        bvh = signed_bvh(replace(mesh, shell=shell))
-        # A sphere for a skin begins in it: nothing says which side of a triangle is the inner one.
-        normal[:] = 0.0
+        shell = mesh.shell._replace(vertices=frame.into(mesh.shell.vertices))
+        bvh = signed_bvh(replace(mesh, vertices=inside, shell=shell))
+        normal = _inner_sides(inside, faces, normal, shell, bvh)
     return MeshInFrame(
         np.ascontiguousarray(inside[faces]).reshape(-1, 9), normal, bvh, frame, float(np.abs(corner).max())
     )
+
+
+def _inner_sides(vertices: FloatArray, faces: IntArray, normal: FloatArray, shell: Shell, bvh: MeshBvh) -> FloatArray:
+    """Turn the normals of a skin's triangles, (F, 3), away from the inner side of its solid; those of sheets are 0.
+
+    A sphere for a sheet begins in it, any other one on the inner side. A triangle that the solid has not is in it, or
+    cut in it: its inner side is where it is deeper.
+    """
+    of_sheet = (
+        places_in(vertices, faces, vertices, shell.sheets) >= 0 if len(shell.sheets) else np.zeros(len(faces), bool)
+    )
+    found = np.where(of_sheet[:, None], 0.0, normal)
+    if not len(shell.faces):
+        return found
+    place = places_in(vertices, faces, shell.vertices, shell.faces)
+    has = place >= 0
+    found[has] = face_normals(shell.vertices, shell.faces)[place[has]]
+    left = np.flatnonzero(~has & ~of_sheet)
+    middle, away = vertices[faces[left]].mean(axis=1), _BESIDE * normal[left]
+    found[left[heights(bvh, middle + away) < heights(bvh, middle - away)]] *= -1.0
+    return found
 
 
 def _require_volume(corner: FloatArray) -> None:
@@ -290,7 +326,7 @@ def cover_of(
     """
     edge = edges_for(mesh.corner, np.ones(len(mesh.corner)), COARSE * spheres)
     micro = cut_mesh(mesh.corner, mesh.normal, edge)
-    cover = _Cover(mesh.bvh, micro, spheres, workers or Workers())
+    cover = CoverInProgress(mesh.bvh, micro, spheres, workers or Workers())
     cover.fill()
     cover.assign()
     least, best = cover.worst, (cover.center.copy(), cover.depth.copy())
@@ -318,10 +354,4 @@ def cover_of(
         cover.assign()
     progress("cover", cycles + 1, cycles + 1)
 
-    radius = np.empty(len(cover.depth))
-    kernel.covering_radius(cover.micro, cover.center, cover.owner, radius)
-    used = radius >= 0.0
-    center, radius = mesh.frame.out_of(cover.center[used]), radius[used] * mesh.frame.size
-    size = max(mesh.reach, float(np.abs(center).max()))
-    # A vertex was moved by at most half a step of the grid along each axis.
-    return center, radius + GRID * mesh.frame.size + ROUNDING * (radius + size)
+    return cover.spheres_of(mesh)

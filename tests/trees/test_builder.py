@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from hhsim.trees import builder as tree_builder
 from hhsim.trees.builder import GROWTH, build_sphere_tree
 from hhsim.trees.error import prove_cover, sample_mesh
 from hhsim.trees.hierarchy import at_level, build_hierarchy
-from hhsim.trees.options import BUILDER_VERSION, TreeOptions
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.surface_cover import cover_of
 
@@ -71,7 +70,7 @@ def test_levels_cover_and_enclose(name: str, level: int) -> None:
     assert 0.5 * 8**level < tree.leaf_count <= 8**level
     assert np.bincount(tree.parent[1:]).max() <= 8
     assert tree.mesh_sha256 == mesh.sha256
-    assert dict(tree.options) == asdict(TreeOptions(level=level)) | {"builder_version": BUILDER_VERSION}
+    assert dict(tree.options) == TreeOptions(level=level).recorded()
     assert [error.spheres for error in tree.errors] == [len(cover.radius) for cover in tree.covers]
 
 

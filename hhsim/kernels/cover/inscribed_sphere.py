@@ -5,12 +5,27 @@ import math
 import numpy as np
 
 from hhsim.kernels.cover.micro_triangle import MicroTriangles
-from hhsim.kernels.jit import Array, Indices, jit
+from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
+from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh, closest_on_mesh, outside
 from hhsim.kernels.mesh.winding_number import winding_at
 
 _SHRINKS = 40
 _STRETCHES = 8
+
+
+UNKNOWN = 0
+
+
+@jit
+def same_side(depth: float, moved2: float) -> int:
+    """Return on which side of the surface a point still is that moved by so much [m²] from a depth [m].
+
+    1 is inside, -1 outside, and `UNKNOWN` may be either.
+    """
+    if not moved2 < depth * depth * (1.0 - 1e-9):
+        return UNKNOWN
+    return 1 if depth > 0.0 else -1
 
 
 @jit
@@ -25,20 +40,41 @@ def far_corner2(corner: Array, i: int, x: float, y: float, z: float) -> float:
 
 @jit
 def depth_at(
-    bvh: MeshBvh, x: float, y: float, z: float, limit2: float, stack: Indices, stack_distance2: Array
+    bvh: MeshBvh,
+    x: float,
+    y: float,
+    z: float,
+    limit2: float,
+    stack: Indices,
+    stack_distance2: Array,
+    side: int = UNKNOWN,
 ) -> tuple[float, float, float, float]:
-    """Compute the depth [m], negative outside, −inf beyond the limit, and the closest surface point."""
+    """Compute the depth [m], negative outside, −inf beyond the limit, and the closest surface point.
+
+    Where the BVH has moments of the winding number and the closest triangle no pseudonormal, the sign is that of
+    `side`, or of the winding number if that is `UNKNOWN`.
+    """
     triangle, qx, qy, qz, d2, feature = closest_on_mesh(bvh, x, y, z, limit2, stack, stack_distance2)
     if triangle < 0:
         return -np.inf, qx, qy, qz
     depth = math.sqrt(d2)
-    if bvh.moments.radius.shape[0] > 0:
-        is_outside = not winding_at(bvh, bvh.moments, x, y, z, stack) > 0.5
+    n = bvh.pseudonormal[triangle, 0]
+    if bvh.moments.radius.shape[0] > 0 and n[0] == 0.0 and n[1] == 0.0 and n[2] == 0.0:
+        is_outside = side < 0 or (side == UNKNOWN and not winding_at(bvh, bvh.moments, x, y, z, stack) > 0.5)
     else:
         is_outside = outside(bvh, triangle, feature, x - qx, y - qy, z - qz)
     if is_outside:
         depth = -depth
     return depth, qx, qy, qz
+
+
+@jit_allocating
+def depths_at(bvh: MeshBvh, points: Array, depth_out: Array) -> None:
+    """Compute the depths [m], negative outside, of points [m], shape (n, 3)."""
+    stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
+    for i in range(points.shape[0]):
+        depth, _, _, _ = depth_at(bvh, points[i, 0], points[i, 1], points[i, 2], np.inf, stack, stack_distance2)
+        depth_out[i] = depth
 
 
 @jit
@@ -111,7 +147,8 @@ def place_sphere(
         for _ in range(_STRETCHES):
             length = good + step
             tx, ty, tz = x0 + length * ux, y0 + length * uy, z0 + length * uz
-            deeper, _, _, _ = depth_at(bvh, tx, ty, tz, np.inf, stack, stack_distance2)
+            side = same_side(depth, (tx - x) ** 2 + (ty - y) ** 2 + (tz - z) ** 2)
+            deeper, _, _, _ = depth_at(bvh, tx, ty, tz, np.inf, stack, stack_distance2, side)
             if deeper > depth and math.sqrt(far_corner2(micro.corner, i, tx, ty, tz)) - deeper <= allowed:
                 good, depth = length, deeper
                 x, y, z = tx, ty, tz

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from hhsim.kernels.cover.inscribed_sphere import depth_at
+from hhsim.kernels.cover.inscribed_sphere import depth_at, same_side
 from hhsim.kernels.cover.micro_triangle import MicroTriangles
 from hhsim.kernels.jit import Array, Indices, as_int64, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK
@@ -218,7 +218,8 @@ def descend_sphere(
             break
         dx, dy, dz = tx - qx, ty - qy, tz - qz
         limit2 = (dx * dx + dy * dy + dz * dz) * (1.0 + 1e-9)
-        trial_depth, ux, uy, uz = depth_at(bvh, tx, ty, tz, limit2, stack, stack_distance2)
+        side = same_side(depth, (tx - x) ** 2 + (ty - y) ** 2 + (tz - z) ** 2)
+        trial_depth, ux, uy, uz = depth_at(bvh, tx, ty, tz, limit2, stack, stack_distance2, side)
         if inside and not trial_depth > 0.0:
             step *= 0.3
             continue

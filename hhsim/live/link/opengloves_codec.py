@@ -5,7 +5,7 @@ alpha.hpp; facts only)::
 
     A1023B2047C0D0E4095F2047G2047P0JK(AB)2047(BB)2047(CB)2047(DB)2047(EB)2047
 
-docs/live-protocols.md has the keys. F, G and P are stick and trigger, H to O buttons without a number, all ignored;
+docs/lab/gloves.md has the keys. F, G and P are stick and trigger, H to O buttons without a number, all ignored;
 (ZV), (ZG) and (ZH), firmware, kind and hand, are in lines without fingers. Keys may come in any order, each once. A
 command is `A%dB%dC%dD%dE%d` from 0, free, to 1000, blocked fully extended; negative leaves a finger as it is.
 """

@@ -8,12 +8,13 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import InputError
-from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.hand.forward_kinematics import PlacedHand, stored_hands
+from hhsim.kernels.contact.tip_distance import hand_tip_distances
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, closest_points, mesh_signed_distance
 from hhsim.mesh.content_cache import kept_by_content
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.mesh_penetration import FAR, mesh_clearance
+from hhsim.metrics.mesh_penetration import RESOLUTION, mesh_clearance
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.metrics.run_metric import Figure
 from hhsim.motion.trajectory import RigidMotion
@@ -25,6 +26,8 @@ BONES = tuple((0 if joint % 4 == 1 else joint - 1, joint) for joint in range(1, 
 """Joints at both ends of each bone, thumb to little finger; every fourth one ends in a fingertip."""
 ON_SURFACE = 1e-9
 """Distance up to which a point lies on the surface [m]."""
+NEAR = 6e-3
+"""Largest distance of a hand's surface that is looked for [m]: above that of any contact."""
 BeforeAfter = tuple[float, float]
 """Figure of the recorded hand and of the repaired one, NaN where it is undefined."""
 
@@ -52,11 +55,22 @@ class Bodies:
         """Return points of the object's frame [m], shape (T, ..., 3), in the frame of each body."""
         return [motion.seen_points(points) for motion in self.motions] or [points]
 
-    def clearance(self, shape: HandShape, placed: PlacedHand, limit: float = FAR) -> FloatArray:
+    def _hand_seen(self, placed: PlacedHand) -> list[PlacedHand]:
+        """Return a hand in the frame of each body."""
+        return [motion.seen_hand(placed) for motion in self.motions] or [placed]
+
+    def clearance(self, shape: HandShape, placed: PlacedHand, limit: float = NEAR) -> FloatArray:
         """Compute the least signed distance of each hand to the bodies [m], (T,), as `mesh_clearance`."""
-        hands = [motion.seen_hand(placed) for motion in self.motions] or [placed]
-        found = [mesh_clearance(object_bvh(mesh), shape, hand, limit) for mesh, hand in zip(self.meshes, hands)]
+        bodies = zip(self.meshes, self._hand_seen(placed), strict=True)
+        found = [mesh_clearance(object_bvh(mesh), shape, hand, limit) for mesh, hand in bodies]
         return np.asarray(np.min(found, axis=0))
+
+    def tip_clearance(self, shape: HandShape, placed: PlacedHand, limit: float = NEAR) -> FloatArray:
+        """Compute the signed distance of each distal phalanx to the bodies [m], (T, 5), as `hand_tip_distances`."""
+        found = np.full((len(self.meshes), len(placed.joints), 5), limit)
+        for mesh, hand, own in zip(self.meshes, self._hand_seen(placed), found, strict=True):
+            hand_tip_distances(stored_hands(shape, hand), object_bvh(mesh), limit, RESOLUTION, own)
+        return np.asarray(found.min(axis=0))
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Compute signed distances of points [m], shape (T, ..., 3), to the bodies [m], shape (T, ...)."""
@@ -154,10 +168,11 @@ class FieldHands:
 
     @cached_property
     def finger_distance(self) -> FloatArray:
-        """Least signed distance of the surface of each distal phalanx to the object [m], shape (T, 5)."""
+        """Least signed distance of the surface of each distal phalanx to the object [m], (T, 5); < 0 for one inside."""
         found = []
         if self.shape is not None and self.placed is not None:
-            found.append(np.stack([self._distal_cone_distance(finger) for finger in range(5)], axis=1))
+            distal = self.bodies.tip_clearance(self.shape, self.placed)
+            found.append(np.where(self.known[:, None], distal, np.nan))
         if self.skin_distance is not None:
             bone = self._bone_of_vertex
             # A skin that ends before a fingertip has no vertex there.
@@ -170,16 +185,6 @@ class FieldHands:
         known = self.known & np.isfinite(points).all(axis=(1, 2))
         distance[known] = self.bodies.at(np.flatnonzero(known)).distance(points[known])
         return distance
-
-    def _distal_cone_distance(self, finger: int) -> FloatArray:
-        assert self.shape is not None and self.placed is not None
-        # All phalanges but one shrink to the fingertip's sphere.
-        joints = np.repeat(np.repeat(self.placed.joints[:, finger : finger + 1, 3:], 4, axis=2), 5, axis=1)
-        joints[:, 0, 0] = self.placed.joints[:, finger, 2]
-        radius = np.full((5, 4), self.shape.phalanx_radius[finger, 3])
-        radius[0, 0] = self.shape.phalanx_radius[finger, 2]
-        shape = HandShape(radius, np.zeros((0, 3)), np.zeros(0))
-        return np.where(self.known, self.bodies.clearance(shape, self.placed._replace(joints=joints)), np.nan)
 
     @cached_property
     def _bone_of_vertex(self) -> IntArray:

@@ -71,6 +71,12 @@ def cones_near(hands: FieldHands, frame: int, margin: float) -> RoundCones:
 
 def cones_contain(cones: RoundCones, points: FloatArray) -> BoolArray:
     """Return which points, shape (n, 3), are inside one of the round cones: unions of balls along their axes."""
+    inside = np.zeros(len(points), bool)
+    if not len(cones.a):
+        return inside
+    ends, radii = np.concatenate([cones.a, cones.b]), np.concatenate([cones.radius_a, cones.radius_b])[:, None]
+    near = ((points > (ends - radii).min(axis=0)) & (points < (ends + radii).max(axis=0))).all(axis=1)
+    points = points[near]
     axis = cones.b - cones.a
     length = np.linalg.norm(axis, axis=1)
     unit = axis / np.maximum(length, 1e-12)[:, None]
@@ -83,7 +89,8 @@ def cones_contain(cones: RoundCones, points: FloatArray) -> BoolArray:
     between = np.hypot(along - best, across) < cones.radius_a - slope * best
     # Where one end's ball holds the other's, nothing lies between them.
     start, end = np.linalg.norm(offset, axis=2), np.linalg.norm(points[:, None] - cones.b, axis=2)
-    return np.asarray((between | (start < cones.radius_a) | (end < cones.radius_b)).any(axis=1))
+    inside[near] = (between | (start < cones.radius_a) | (end < cones.radius_b)).any(axis=1)
+    return inside
 
 
 def manifold_of(vertices: FloatArray, faces: IntArray) -> "Manifold | None":

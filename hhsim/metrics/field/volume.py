@@ -14,6 +14,7 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.kernels.mesh.winding_number import winding_numbers
+from hhsim.mesh.content_cache import kept_by_content
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, largest, mean, object_bvh, of_frames
 from hhsim.metrics.field.solid import SEGMENTS, cones_contain, cones_near, hand_solids, manifold_of
@@ -23,8 +24,11 @@ from hhsim.metrics.run_metric import each_with
 if TYPE_CHECKING:
     from manifold3d import Manifold
 
+KEPT = 16
+"""Meshes whose voxels and solids a process keeps."""
 
-@lru_cache(maxsize=2)
+
+@kept_by_content(KEPT)
 def solid_voxels(mesh: Mesh, pitch: float) -> FloatArray:
     """Return the voxels' centres that lie inside a closed mesh [m], shape (n, 3): multiples of the pitch [m]."""
     low, high = np.ceil(mesh.bounds[0] / pitch), np.floor(mesh.bounds[1] / pitch)
@@ -33,7 +37,7 @@ def solid_voxels(mesh: Mesh, pitch: float) -> FloatArray:
     return grid[mesh_signed_distance(object_bvh(mesh), grid) < 0.0] if len(grid) else grid
 
 
-@lru_cache(maxsize=2)
+@kept_by_content(KEPT)
 def surface_voxels(mesh: Mesh, pitch: float) -> FloatArray:
     """Return the centres of trimesh's voxels of a mesh [m], shape (n, 3): those that its surface touches."""
     from trimesh import Trimesh
@@ -55,17 +59,21 @@ def volumes(hands: FieldHands, pitch: float, most: int = 0) -> FloatArray:
     from manifold3d import Manifold, OpType
 
     bodies = hands.bodies
-    solids_of_bodies = [manifold_of(mesh.vertices, mesh.faces) for mesh in bodies.meshes]
+    solids_of_bodies = [_object_solid(mesh) for mesh in bodies.meshes]
     targets = [solid for solid in solids_of_bodies if solid is not None]
     voxels = () if bodies.motions else (solid_voxels(hands.mesh, pitch), surface_voxels(hands.mesh, pitch))
     frames = np.flatnonzero(hands.known)
     if 0 < most < frames.size:
         frames = sampled(frames, most, [frames[int(np.argmin(hands.distance[frames]))]])
     for frame in frames.tolist():
-        solids = solids_of(frame)
+        # Cones that are outside share no volume; the vertices of a skin tell less.
+        is_outside = hands.skin is None and bool(hands.distance[frame] >= 0.0)
+        solids = [] if is_outside else solids_of(frame)
         if solids is None:
             continue
-        if len(targets) == len(bodies.meshes):
+        if is_outside and len(targets) == len(bodies.meshes):
+            found[frame, 0] = 0.0
+        elif len(targets) == len(bodies.meshes):
             # Pieces are smaller than the hand, and their union is faster.
             there = [
                 target.transform(np.column_stack([rotation_matrix(motion.turn[frame]), motion.shift[frame]]))
@@ -83,6 +91,11 @@ def volumes(hands: FieldHands, pitch: float, most: int = 0) -> FloatArray:
             counts = [_inside(solids[0], centres) for centres in voxels]
         found[frame, 1:] = np.multiply(pitch**3, counts)
     return found
+
+
+@kept_by_content(KEPT)
+def _object_solid(mesh: Mesh) -> "Manifold | None":
+    return manifold_of(mesh.vertices, mesh.faces)
 
 
 def _inside(solid: "Manifold", points: FloatArray) -> int:

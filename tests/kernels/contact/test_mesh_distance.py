@@ -16,6 +16,7 @@ from hhsim.kernels.contact.mesh_distance import (
     hand_mesh_distances,
     round_cone_mesh_distance,
 )
+from hhsim.kernels.contact.tip_distance import hand_tip_distances
 from hhsim.kernels.hand.hand_shape import StoredHands
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh
@@ -129,12 +130,17 @@ def test_the_hand_is_as_near_as_its_nearest_part(height: float) -> None:
     found = np.empty(1)
     shape = radius, center, palm_radius = hand_shape(hand)
     hand_mesh_distances(StoredHands(shape, joints, position, rotation), CUBE_BVH, np.inf, RESOLUTION, found)
+    tips = np.empty((1, 5))
+    hand_tip_distances(StoredHands(shape, joints, position, rotation), CUBE_BVH, 0.004, RESOLUTION, tips)
     parts = [cube_distance(center + position[0]) - palm_radius]
     share = np.linspace(0.0, 1.0, 2001)[:, None]
     for f in range(5):
         for k in range(3):
             axis = joints[0, f, k] + share * (joints[0, f, k + 1] - joints[0, f, k])
             parts.append(cube_distance(axis) - radius[f, k] - share[:, 0] * (radius[f, k + 1] - radius[f, k]))
+        # Inside it is the ball of the end.
+        expected = parts[-1].min() if parts[-1][-1] >= 0.0 else parts[-1][-1]
+        assert tips[0, f] == pytest.approx(min(expected, 0.004), abs=2e-5)
     assert found[0] == pytest.approx(float(np.concatenate(parts).min()), abs=2e-5)
 
 

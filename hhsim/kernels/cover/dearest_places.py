@@ -1,0 +1,62 @@
+"""The places of a surface that cost most under the spheres of a cover, between points that were looked at, too."""
+
+import math
+
+import numpy as np
+
+from hhsim.kernels.cover.micro_triangle import CUT_STACK
+from hhsim.kernels.jit import Array, jit, jit_allocating
+from hhsim.kernels.triangle import halve_triangle, longest_edge, triangle_at
+
+_HALVINGS = 40
+
+
+@jit
+def _corner_costs(t: Array, center: Array, depth: Array, costs_out: Array) -> None:
+    """Compute the costs [m] of a triangle's corners a, b, c and, last, of all of it under one sphere."""
+    costs_out[:] = np.inf
+    for i in range(depth.shape[0]):
+        most = -np.inf
+        for v in range(3):
+            dx, dy, dz = t[3 * v] - center[i, 0], t[3 * v + 1] - center[i, 1], t[3 * v + 2] - center[i, 2]
+            cost = math.sqrt(dx * dx + dy * dy + dz * dz) - depth[i]
+            costs_out[v] = min(costs_out[v], cost)
+            most = max(most, cost)
+        costs_out[3] = min(costs_out[3], most)
+
+
+@jit_allocating
+def find_dearest(
+    corner: Array, center: Array, depth: Array, doubt: float, known: float, place_out: Array, cost_out: Array
+) -> float:
+    """Find the place of each triangle, (M, 9) [m], that costs most under its best sphere, if it is among the dearest.
+
+    Only where a triangle may cost more than all that is known, by the share `doubt` of it, it is halved, and the halves
+    looked at. Writes places, (M, 3) [m], and costs, (M,) [m]; returns a bound of the cost of the whole surface.
+    """
+    stack, level, costs = np.empty((CUT_STACK, 9)), np.empty(CUT_STACK, np.int64), np.empty(4)
+    bound = 0.0
+    for m in range(corner.shape[0]):
+        cost_out[m] = -np.inf
+        stack[0] = corner[m]
+        level[0] = 0
+        top = 1
+        while top > 0:
+            top -= 1
+            t = stack[top]
+            _corner_costs(t, center, depth, costs)
+            for v in range(3):
+                if costs[v] > cost_out[m]:
+                    cost_out[m] = costs[v]
+                    for k in range(3):
+                        place_out[m, k] = t[3 * v + k]
+            known = max(known, cost_out[m])
+            if costs[3] <= known * (1.0 + doubt) or level[top] >= _HALVINGS or top + 2 > CUT_STACK:
+                bound = max(bound, costs[3])
+                continue
+            triangle = triangle_at(stack, top)
+            halve_triangle(triangle, longest_edge(triangle)[0], stack[top : top + 2])
+            level[top] += 1
+            level[top + 1] = level[top]
+            top += 2
+    return bound

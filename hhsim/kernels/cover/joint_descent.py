@@ -1,0 +1,153 @@
+"""Few spheres that move together, from any start to where their largest cost at points of a surface is least.
+
+The cost of a point under a sphere is (its distance from the centre c) − depth(c), and each point counts under its best
+sphere. A descent of one sphere after another, each with the points that it has, is stuck where two of them would have
+to exchange points: so all move at once, down the slope of a sum over the points in which the dearest count most. How
+much more they count grows as the steps become shorter, until only the dearest count at all (annealing).
+"""
+
+import math
+
+import numpy as np
+
+from hhsim.kernels.cover.inscribed_sphere import depth_at
+from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
+from hhsim.kernels.kd_tree import STACK
+from hhsim.kernels.mesh.bvh import MeshBvh
+
+_INERTIA = 0.5
+"""Share of the last step that stays in the next one."""
+_BLUNT = 8.0
+"""Sharpness of the first round, that of the last is given. A point has the weight (1 − z/8)⁸, about e⁻ᶻ, with z =
+sharpness × (1 − its cost / the largest)."""
+_LATER = 0.2
+"""Length of a cycle's first steps in the last cycle, as a share of those in the first one."""
+_DEARER = 1.6, 1.2
+"""Cost of the points of a sphere that is removed, under their second spheres, as a share of the largest cost: most in
+the first and in the last cycle."""
+_TOWARDS = 0.4
+"""Place of a sphere that was removed: between the worst sphere's centre and its dearest point."""
+
+
+@jit
+def find_owners(
+    points: Array, center: Array, depth: Array, owner_out: Indices, cost_out: Array, second_cost_out: Array
+) -> int:
+    """Find for each point [m], columns of shape (3, N), its best sphere, its cost and that under its second one [m].
+
+    Returns the dearest point.
+    """
+    x, y, z = points[0], points[1], points[2]
+    cost_out[:] = np.inf
+    second_cost_out[:] = np.inf
+    owner_out[:] = -1
+    for i in range(depth.shape[0]):
+        cx, cy, cz, d = center[i, 0], center[i, 1], center[i, 2], depth[i]
+        # Without branches, so that the loop uses the vector unit.
+        for p in range(x.shape[0]):
+            dx, dy, dz = x[p] - cx, y[p] - cy, z[p] - cz
+            cost = math.sqrt(dx * dx + dy * dy + dz * dz) - d
+            best = cost_out[p]
+            owner_out[p] = i if cost < best else owner_out[p]
+            second_cost_out[p] = min(second_cost_out[p], max(cost, best))
+            cost_out[p] = min(cost, best)
+    dearest = 0
+    for p in range(x.shape[0]):
+        if cost_out[p] > cost_out[dearest]:
+            dearest = p
+    return dearest
+
+
+@jit
+def _sum_slopes(
+    points: Array, center: Array, owner: Indices, cost: Array, largest: float, sharpness: float, slope_out: Array
+) -> None:
+    """Sum the slopes of the distances of each sphere's points, by weight; the last column is the sum of the weights."""
+    slope_out[:] = 0.0
+    for p in range(cost.shape[0]):
+        z = sharpness * (1.0 - cost[p] / largest)
+        if not z < 8.0:
+            continue
+        weight = 1.0 - 0.125 * z
+        weight *= weight
+        weight *= weight
+        weight *= weight
+        i = owner[p]
+        dx, dy, dz = center[i, 0] - points[0, p], center[i, 1] - points[1, p], center[i, 2] - points[2, p]
+        distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+        share = weight / distance if distance > 0.0 else 0.0
+        slope_out[i, 0] += share * dx
+        slope_out[i, 1] += share * dy
+        slope_out[i, 2] += share * dz
+        slope_out[i, 3] += weight
+
+
+@jit_allocating
+def descend_together(
+    bvh: MeshBvh,
+    points: Array,
+    cycles: int,
+    rounds: int,
+    longest: float,
+    shortest: float,
+    sharpest: float,
+    exchanged: int,
+    center: Array,
+) -> float:
+    """Move spheres, centres of shape (k, 3) [m], in place to the best covers of points that `cycles` of descent find.
+
+    Each cycle has `rounds` steps, from `longest` to `shortest` [m]; in its last round points count that cost less than
+    the dearest by about 1 / `sharpest` of it. Then up to `exchanged` spheres that others can nearly stand in for jump
+    to where the cover is worst. Points are columns of shape (3, N). Returns the largest cost [m] of the best.
+    """
+    spheres, count = center.shape[0], points.shape[1]
+    owner, cost, second = np.empty(count, np.int64), np.empty(count), np.empty(count)
+    depth, slope, step = np.empty(spheres), np.empty((spheres, 4)), np.empty((spheres, 3))
+    away, spare, best = np.empty((spheres, 3)), np.empty(spheres), center.copy()
+    stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
+    least = np.inf
+    for cycle in range(cycles):
+        late = cycle / max(cycles - 1, 1)
+        first = longest * (1.0 - late * (1.0 - _LATER))
+        step[:] = 0.0
+        for turn in range(rounds + 1):
+            for i in range(spheres):
+                x, y, z = center[i, 0], center[i, 1], center[i, 2]
+                depth[i], qx, qy, qz = depth_at(bvh, x, y, z, np.inf, stack, stack_distance2)
+                inverse = 1.0 / depth[i] if depth[i] != 0.0 else 0.0
+                away[i, 0], away[i, 1], away[i, 2] = (x - qx) * inverse, (y - qy) * inverse, (z - qz) * inverse
+            dearest = find_owners(points, center, depth, owner, cost, second)
+            largest = cost[dearest]
+            if largest < least:
+                least = largest
+                best[:] = center
+            if turn == rounds or not largest > 0.0:
+                break
+            done = turn / max(rounds - 1, 1)
+            length = first / (1.0 + done * (first / shortest - 1.0))
+            sharpness = _BLUNT / (1.0 - done * (1.0 - _BLUNT / sharpest))
+            _sum_slopes(points, center, owner, cost, largest, sharpness, slope)
+            for i in range(spheres):
+                inverse = 1.0 / slope[i, 3] if slope[i, 3] > 0.0 else 0.0
+                for k in range(3):
+                    down = slope[i, k] * inverse - away[i, k] if inverse > 0.0 else 0.0
+                    step[i, k] = _INERTIA * step[i, k] + (1.0 - _INERTIA) * down
+                    center[i, k] -= length * step[i, k]
+        if cycle + 1 == cycles:
+            break
+        dearer = _DEARER[0] + late * (_DEARER[1] - _DEARER[0])
+        for _ in range(exchanged):
+            spare[:] = 0.0
+            for p in range(count):
+                spare[owner[p]] = max(spare[owner[p]], second[p])
+            removed = np.argmin(spare)
+            worst = owner[dearest]
+            if removed == worst or spare[removed] > dearer * cost[dearest]:
+                break
+            for k in range(3):
+                center[removed, k] = center[worst, k] + _TOWARDS * (points[k, dearest] - center[worst, k])
+            x, y, z = center[removed, 0], center[removed, 1], center[removed, 2]
+            depth[removed], _, _, _ = depth_at(bvh, x, y, z, np.inf, stack, stack_distance2)
+            dearest = find_owners(points, center, depth, owner, cost, second)
+    center[:] = best
+    return least
