@@ -54,7 +54,7 @@ def test_workflows_name_actions_by_their_commits(repository: Path) -> None:
     files = [*(repository / ".github" / "workflows").glob("*.yml"), *(repository / "examples").glob("*.yml")]
     used = [line.split("uses:")[1] for file in files for line in file.read_text().splitlines() if "uses:" in line]
     assert len(used) > 8
-    assert [line for line in used if not re.fullmatch(r" [\w./-]+@[0-9a-f]{40} # v[\d.]+", line)] == []
+    assert [line for line in used if not re.fullmatch(r" [\w./-]+@[0-9a-f]{40} +# v[\d.]+", line)] == []
 
 
 def test_a_release_states_where_its_repository_is(repository: Path, tmp_path: Path) -> None:

@@ -92,7 +92,9 @@ def variables(result: "Result", names: Sequence[str] = ()) -> dict[str, Variable
 
 def coordinates(result: "Result") -> dict[str, Any]:
     """Return the time, number and phase of each tick, the hand or both, and `LABELS`."""
-    phase = np.array([result.phase_at(tick) for tick in range(result.ticks)], str)
+    phase = np.zeros(result.ticks, f"U{max((len(phase.name) for phase in result.phases), default=1)}")
+    for one in reversed(result.phases):
+        phase[one.first_tick : one.last_tick + 1] = one.name
     time = Variable(("time",), result["time"], schema.TIME.units, schema.TIME.long_name)
     tick = Variable(("time",), np.arange(result.ticks), long_name="number of the tick, from 0")
     of_ticks = {"time": time, "tick": tick, "phase": Variable(("time",), phase, "")}

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from body_tables import body_file
 from matrix import OBJECTS, SHORT, Scene
 from short_grasp import short_result
 
@@ -23,7 +24,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
 @pytest.fixture
 def two(run: Any, tmp_path: Path) -> Result:
     """Two hands, and a free body beside two fixed ones."""
-    (tmp_path / "blocks.toml").write_text(OBJECTS["blocks.toml"])
+    body_file(tmp_path, *OBJECTS["blocks.toml"], name="blocks.toml")
     scene = Scene("two", "several", "spheres")
     assert run("replay", *scene.words, *SHORT, "--out", "two.h5", "--quiet").code in (0, 1)
     return load_result(tmp_path / "two.h5")
