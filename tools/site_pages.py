@@ -187,7 +187,8 @@ def notebook_page(path: Path) -> str:
         if cell["cell_type"] == "markdown":
             parts.append(text)
             continue
-        parts.append(_fence("python", text))
+        in_shell = text.startswith("!")
+        parts.append(_fence("console", re.sub(r"(?m)^!", "$ ", text)) if in_shell else _fence("python", text))
         for output in cell["outputs"]:
             data = output.get("data", {})
             if "image/png" in data:
