@@ -4,6 +4,7 @@
 #   make site       the documentation as a site, in site/
 #   make wheel      a wheel with its kernels compiled, in dist/
 #   make sdist      the sources as a distribution, in dist/;  make check-dist  checks what lies there
+#   make gallery    the films, tables and page of docs/gallery.md
 #   make soak       tests that repeat at length what make test has shown
 # Another interpreter: make test PYTHON=python3.12
 
@@ -25,7 +26,7 @@ REPLAY_NEEDS := click rich
 # A live session and what tells of its machine need Linux; the rest has types that hold on macOS and Windows too.
 LINUX_ONLY := '/(live|doctor\.py|scheduling_facts\.py|cpu_accounts\.py|wakeups\.py)(/|$$)'
 
-.PHONY: replay test site soak wheel sdist check-dist checks platforms kernels gate clean
+.PHONY: replay test site gallery soak wheel sdist check-dist checks platforms kernels gate clean
 
 # Kernels are compiled while the rest is installed.
 replay:
@@ -41,6 +42,9 @@ test:
 soak: .venv/test.stamp
 	@$(MAKE) --no-print-directory kernels platforms
 	$(BIN)/python -m pytest $(PYTEST_OPTIONS) -m soak
+
+gallery: .venv/hhsim.stamp
+	$(BIN)/python -m tools.gallery
 
 site: .venv/docs.stamp
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet

@@ -37,7 +37,7 @@ SLOW, PIXELS = 1.0, 640
 )
 @click.option("--spheres", is_flag=True, help="Show the spheres of the object's tree in place of its mesh.")
 @click.option("--unit", type=options.UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
-@click.option("--video", type=options.OUTPUT, metavar="FILE.gif|FILE.mp4", help="Make a film of a result.")
+@click.option("--video", type=options.OUTPUT, metavar="FILE.gif|.webp|.mp4", help="Make a film of a result.")
 @click.option(
     "--slow",
     type=options.Number(0.01, 1000.0),
@@ -65,7 +65,8 @@ def command(
     haptic hand (the user's) in blue, contact forces in red. Several files stand side by side on one time axis. With
     half a million ticks, --every 10 keeps the viewer quick.
 
-    --video makes a film of one result, 25 frames a second: a GIF, or an MP4 where the program ffmpeg is installed.
+    --video makes a film of one result, 25 frames a second: a GIF, a smaller WebP, or an MP4 where the program ffmpeg is
+    installed.
 
     \b
     Examples:

@@ -1,12 +1,18 @@
 """A motion and its object carried through the world together: what a driven object is tested by."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+from short_grasp import with_motion
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import quaternion
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, Trajectory
+from hhsim.replay.replay import replay_scene
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.scene import Scene
+from hhsim.solver.options import SolverOptions
 
 
 def swing(time: FloatArray, speed: float = 3.0, turning: float = 20.0) -> RigidMotion:
@@ -28,3 +34,10 @@ def carried(motion: Trajectory, by: RigidMotion) -> Trajectory:
         orientation=by.orientations(motion.orientation),
         object_motion=ObjectMotion(by.points(place[0]), by.orientations(place[1])),
     )
+
+
+def swung_result(scene: Scene, path: Path) -> Result:
+    """A scene of one thing that stands still, replayed into a file while hand and thing are swung about."""
+    motion = scene.hands[0].trajectory
+    replay_scene(with_motion(scene, carried(motion, swing(motion.time))), SolverOptions(), path)
+    return load_result(path)

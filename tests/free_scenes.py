@@ -16,7 +16,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import Scene
-from hhsim.solver.free_object import FreeObject
+from hhsim.solver.free_object import EngineBody, FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import contact_surface
@@ -31,10 +31,23 @@ def box(size: Sequence[float], center: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
     return Mesh(solid.vertices + np.asarray(center), solid.faces, name="box")
 
 
-def solver_of(mesh: Mesh, free: FreeObject, hand: HandModel | None = None, **options: Any) -> HandSolver:
+def body_of(mesh: Mesh, free: FreeObject, name: str = "", **moves: Any) -> EngineBody:
+    """A body of which the mesh itself is touched."""
+    return EngineBody(contact_surface("mesh", mesh, None), free, name=name, **moves)
+
+
+def solver_of(
+    mesh: Mesh, free: FreeObject, hand: HandModel | None = None, others: Sequence[EngineBody] = (), **options: Any
+) -> HandSolver:
     """A solver that touches the mesh itself."""
-    surface = contact_surface("mesh", mesh, None)
-    return HandSolver(hand or HandModel.default(), surface, SolverOptions(surface="mesh", **options), free)
+    chosen = SolverOptions(surface="mesh", **options)
+    return HandSolver(hand or HandModel.default(), contact_surface("mesh", mesh, None), chosen, free, others)
+
+
+def all_ticks(solver: HandSolver) -> Any:
+    """The records of all bodies."""
+    engine: Any = solver.engine
+    return engine.all_ticks
 
 
 def far_hand(ticks: int) -> Pose:

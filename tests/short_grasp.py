@@ -7,6 +7,7 @@ from typing import Any
 
 from hhsim.hand.model import HandModel, Side
 from hhsim.mesh.catalogue import load_object
+from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.motion_catalogue import load_script
@@ -49,6 +50,12 @@ def short_scene(script: Script, object_name: str = "cylinder", level: int = 2, s
     mesh = load_object(object_name).mesh
     tree = cached_sphere_tree(mesh, TreeOptions(level=level))
     return make_scene(mesh, tree, HandModel.default(side), script)
+
+
+def with_motion(scene: Scene, motion: Script | Trajectory, **options: Any) -> Scene:
+    """The thing and the hand of a scene, in another motion."""
+    thing = scene.solids[0]
+    return make_scene(thing.placed_mesh, thing.placed_tree, scene.hands[0].model, motion, **options)
 
 
 def short_result(path: Path, script: Script | None = None, *, object_name: str = "cylinder", **options: Any) -> Result:

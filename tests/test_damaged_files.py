@@ -18,7 +18,7 @@ import pytest
 import trimesh
 from column_map_sample import GLOVE, TABLE
 from command_server import CommandServer, Served
-from driven_scenes import carried, swing
+from driven_scenes import swung_result
 from free_scenes import free_result
 from gate_scene import SUITE
 from joint_samples import array_npy, arrays_npz, joint_sample, mcap_bytes, openxr_csv, webxr_json
@@ -35,9 +35,6 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.motion.file import load_trajectory, save_trajectory
 from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.joint_names import KEYPOINTS
-from hhsim.replay.replay import replay_scene
-from hhsim.scene.scene import make_scene
-from hhsim.solver.options import SolverOptions
 from hhsim.system.checksummed_file import SIZE, sealed
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.file import save_tree
@@ -125,13 +122,7 @@ def samples(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     short_result(folder / "result.h5", short_grasp(hold=0.03))
     free_result(folder / "free.h5")
     write_session(folder / "session.h5")
-    still = short_scene(short_grasp(hold=0.03))
-    moving = carried(still.hands[0].trajectory, swing(still.hands[0].trajectory.time))
-    replay_scene(
-        make_scene(still.solids[0].placed_mesh, still.solids[0].placed_tree, still.hands[0].model, moving),
-        SolverOptions(),
-        folder / "driven.h5",
-    )
+    swung_result(short_scene(short_grasp(hold=0.03)), folder / "driven.h5")
     cup = load_object("cup").mesh
     save_tree(cached_sphere_tree(cup, TreeOptions(level=2)), folder / "tree.h5")
     recording = smooth_recording(60)

@@ -29,7 +29,7 @@ from hhsim.bench.table import columns_of, figure, mean, metric, totals_of, worst
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
-from hhsim.hand.model import HandModel, Side
+from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics import metrics
@@ -150,9 +150,9 @@ class _Scene:
     surfaces: dict[str, Any]
 
 
-def capsule_hand(side: Side = "right") -> HandModel:
-    """Return the default hand of a side, each finger with the mean of its radii."""
-    hand = HandModel.default(side)
+def capsule_hand() -> HandModel:
+    """Return the default right hand, each finger with the mean of its radii."""
+    hand = HandModel.default()
     return replace(hand, radius=np.repeat(hand.radius.mean(axis=1, keepdims=True), hand.radius.shape[1], axis=1))
 
 

@@ -140,7 +140,7 @@ def process_times(
     return times["head"], times["base"]
 
 
-def reference_p50(repeats: int = 2_000) -> float:
+def reference_p50() -> float:
     """Median CPU time of a fixed workload on this machine now [s]: the yardstick of times taken on another machine.
 
     The first call compiles it, or loads it.
@@ -148,7 +148,7 @@ def reference_p50(repeats: int = 2_000) -> float:
     center, radius, matrix = reference_input()
     factor = np.zeros_like(matrix)
     time_reference(center, radius, matrix, factor, np.zeros(10, np.int64))
-    duration = np.zeros(repeats, np.int64)
+    duration = np.zeros(2_000, np.int64)
     time_reference(center, radius, matrix, factor, duration)
     return float(np.median(duration)) * 1e-9
 

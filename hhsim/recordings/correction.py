@@ -141,13 +141,11 @@ def angle_unit(recording: Recording, again: Recording) -> float:
     return float(np.median(recording.angles[known] / read[known])) if known.any() else 1.0
 
 
-def nearest_parameters(
-    joints: Callable[[FloatArray], FloatArray], start: FloatArray, target: FloatArray, rounds: int = 30
-) -> FloatArray:
+def nearest_parameters(joints: Callable[[FloatArray], FloatArray], start: FloatArray, target: FloatArray) -> FloatArray:
     """Compute parameters of a hand, shape (N, P), whose joints are nearest to a target [m], shape (N, 21, 3).
 
-    Damped Gauss-Newton steps from `start` with differences as derivatives (Marquardt, J. SIAM 11(2), 1963), at most so
-    many rounds. A sample with a missing number keeps its start.
+    Damped Gauss-Newton steps from `start` with differences as derivatives (Marquardt, J. SIAM 11(2), 1963), at most 30
+    rounds. A sample with a missing number keeps its start.
     """
     parameters, count = start.copy(), len(start)
 
@@ -158,7 +156,7 @@ def nearest_parameters(
     off, damping = residual(parameters), np.full(count, 1e-6)
     square = (off**2).sum(axis=1)
     active = np.isfinite(start).all(axis=1) & np.isfinite(square)
-    for _ in range(rounds):
+    for _ in range(30):
         if not active.any():
             break
         steps = STEP * np.eye(start.shape[1])

@@ -40,11 +40,11 @@ BAR = 0.01
 """Length of the bar that shows the scale [m]."""
 
 
-def deepest_frames(depth: FloatArray, count: int = FRAMES) -> list[int]:
-    """Return frames by falling depth (T,) [m], at most `count`, none near another one; the first is the deepest."""
+def deepest_frames(depth: FloatArray) -> list[int]:
+    """Return frames by falling depth (T,) [m], at most `FRAMES`, none near another one; the first is the deepest."""
     apart, left = max(1, round(APART * len(depth))), np.array(depth, dtype=np.float64)
     found: list[int] = []
-    while len(found) < count and (not found or left.max() > JUST_INSIDE):
+    while len(found) < FRAMES and (not found or left.max() > JUST_INSIDE):
         found.append(int(left.argmax()))
         left[max(0, found[-1] - apart) : found[-1] + apart + 1] = -np.inf
     return found

@@ -52,11 +52,11 @@ class Layer:
         return np.isfinite(self.depth)
 
 
-def look_from(towards: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> FloatArray:
-    """Return a camera's rotation for a viewer in the direction `towards`, with `up` upright in the picture."""
+def look_from(towards: ArrayLike) -> FloatArray:
+    """Return a camera's rotation for a viewer in the direction `towards`, with the z axis upright in the picture."""
     to_viewer = np.array(towards, dtype=np.float64)
     to_viewer /= np.linalg.norm(to_viewer)
-    right = np.cross(np.asarray(up, dtype=np.float64), to_viewer)
+    right = np.cross((0.0, 0.0, 1.0), to_viewer)
     right /= np.linalg.norm(right)
     return np.array([right, np.cross(to_viewer, right), to_viewer])
 

@@ -162,7 +162,7 @@ class LoadedWords:
         return self.bodies.with_trees(grow), tuple(dict.fromkeys(notes))
 
     def placed(self, fingers: Sequence[str] = FINGERS, report: Progress = silent) -> PlacedScene:
-        """Grow the trees and make the scene, for hands that use some fingers; errors as `load_scene`."""
+        """Grow the trees and make the scene, for hands that use some fingers; errors as `load_words`."""
         bodies, notes = self.grown(report)
         placed = described_scene(self.words, bodies, self.hands, self.motions, fingers)
         return replace(placed, scene=self.freed(placed.scene), notes=notes)
@@ -184,20 +184,13 @@ class LoadedWords:
         return 1e-3 * words.size_mm / float(Mesh(*read_triangles(Path(words.object))).extent.max())
 
 
-def load_scene(
-    words: SceneWords, *, surface: str = "spheres", fingers: Sequence[str] = FINGERS, report: Progress = silent
-) -> PlacedScene:
-    """Make the scene that words name.
+def load_words(words: SceneWords, *, surface: str = "spheres", motions: Sequence[Motion] | None = None) -> LoadedWords:
+    """Load the motions, unless they are given, and the bodies that words name.
 
     Triangles are taken as they are for the surface `mesh`; for spheres a mesh that is no solid is a skin. Raises
     UnknownNameError for no such object, trajectory or joint; InputError for a file or words that cannot be used, or do
     not go together; TrajectoryError for a motion that cannot be done on this object.
     """
-    return load_words(words, surface=surface).placed(fingers, report)
-
-
-def load_words(words: SceneWords, *, surface: str = "spheres", motions: Sequence[Motion] | None = None) -> LoadedWords:
-    """Load the motions, unless they are given, and the bodies that words name; errors as `load_scene`."""
     motions = _motions(words) if motions is None else tuple(motions)
     size, thickness = (None if given is None else 1e-3 * given for given in (words.size_mm, words.thickness_mm))
     links = None if words.free is None or not names_a_linkage(words.object) else words.free.given()

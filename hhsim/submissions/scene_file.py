@@ -102,7 +102,7 @@ def named_scene(names: Mapping[str, Any]) -> Scene:
 def worded_scene(loaded: LoadedWords) -> Scene:
     """Make the scene of words, described so that `scene_names` has them: its trees are those of the level they state.
 
-    Errors as `hhsim.scene.described_scene.load_scene`.
+    Errors as `hhsim.scene.described_scene.load_words`.
     """
     scene, words = loaded.placed().scene, loaded.words
     stated: dict[str, Any] = {"level": words.level or loaded.bodies.level}

@@ -76,12 +76,12 @@ Count = Annotated[int, between(1, 1_000_000_000)]
 Names = Annotated[tuple[str, ...], msgspec.Meta(min_length=1, description="at least one name")]
 
 
-def read_settings(path: Path, kind: type[Content], what: str, error: type[InputError] = InputError) -> Content:
+def read_settings(path: Path, kind: type[Content], what: str) -> Content:
     """Read a TOML file, such as a "calibration" (`what`), as the type `kind` declares it.
 
     InputError for no such file, no permission, no TOML, or a fault in the content.
     """
-    return parse_settings(read_toml_text(path, what, error), kind, str(path), error)
+    return parse_settings(read_toml_text(path, what), kind, str(path))
 
 
 def parse_settings(text: str, kind: type[Content], where: str, error: type[InputError] = InputError) -> Content:

@@ -1,6 +1,6 @@
 """Film of a result: graphic hand in skin colour, haptic hand in blue, forces in red, a transparent object.
 
-Pillow writes a GIF, the program ffmpeg an MP4.
+Pillow writes a GIF or a WebP, the program ffmpeg an MP4.
 """
 
 import contextlib
@@ -10,6 +10,7 @@ import subprocess
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,9 @@ from hhsim.view.viewer import shown_scene
 
 Picture = NDArray[np.uint8]
 
-SUFFIXES = (".gif", ".mp4")
+SUFFIXES = (".gif", ".webp", ".mp4")
+QUALITY = 45
+"""Quality of a WebP, 0 to 100."""
 FPS = 25.0
 """Frames a second."""
 ASPECT = 0.75
@@ -49,13 +52,14 @@ def frame_shape(width: int) -> tuple[int, int]:
 
 
 def check_video_path(output_path: Path) -> None:
-    """Raise InputError for a name but .gif or .mp4, or .mp4 without ffmpeg; OutputError as `check_output_path`."""
+    """Raise InputError for a suffix not of `SUFFIXES`, or .mp4 without ffmpeg; OutputError as `check_output_path`."""
     suffix = output_path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise InputError(f"{output_path}: a film is a file that ends in .gif or .mp4")
+        raise InputError(f"{output_path}: a film is a file that ends in .gif, .webp or .mp4")
     if suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise InputError(f"{output_path} needs the program ffmpeg, which is not installed here: name a .gif instead")
-    check_output_path(output_path, "film", lambda path: media_kind_of(path) in ("a picture (GIF)", "a video (MP4)"))
+    ours = "a picture (GIF)", "a picture (WebP)", "a video (MP4)"
+    check_output_path(output_path, "film", lambda path: media_kind_of(path) in ours)
 
 
 def write_video(
@@ -84,10 +88,10 @@ def write_video(
             progress("frames", number, len(ticks))
             yield picture
 
-    if output_path.suffix.lower() == ".gif":
-        _write_gif(frames(), output_path)
-    else:
+    if output_path.suffix.lower() == ".mp4":
         _write_mp4(frames(), output_path, frame_shape(width))
+    else:
+        _write_animation(frames(), output_path)
     return len(ticks)
 
 
@@ -164,21 +168,25 @@ def _written_on(picture: FloatArray, results: Sequence[Result], tick: int, width
     return np.asarray(image)
 
 
-def _write_gif(frames: Iterator[Picture], output_path: Path) -> None:
+def _write_animation(frames: Iterator[Picture], output_path: Path) -> None:
+    """Write a GIF or a WebP by Pillow."""
     from PIL import Image
 
-    # One palette for all frames: else colours flicker. It is that of the first frame and of every tenth.
     pictures = [Image.fromarray(picture) for picture in frames]
-    sheet = pictures[:: max(1, len(pictures) // 10)]
-    columns, rows = pictures[0].size
-    together = Image.new("RGB", (columns, rows * len(sheet)))
-    for number, picture in enumerate(sheet):
-        together.paste(picture, (0, number * rows))
-    palette = together.quantize(255, dither=Image.Dither.NONE)
-    flat = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     buffer = io.BytesIO()
-    duration = round(1000.0 / FPS)
-    flat[0].save(buffer, format="GIF", save_all=True, append_images=flat[1:], duration=duration, loop=0, optimize=False)
+    how: dict[str, Any] = {"save_all": True, "duration": round(1000.0 / FPS), "loop": 0}
+    if output_path.suffix.lower() == ".webp":
+        pictures[0].save(buffer, format="WEBP", append_images=pictures[1:], quality=QUALITY, **how)
+    else:
+        # One palette for all frames: else colours flicker. It is that of the first frame and of every tenth.
+        sheet = pictures[:: max(1, len(pictures) // 10)]
+        columns, rows = pictures[0].size
+        together = Image.new("RGB", (columns, rows * len(sheet)))
+        for number, picture in enumerate(sheet):
+            together.paste(picture, (0, number * rows))
+        palette = together.quantize(255, dither=Image.Dither.NONE)
+        flat = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
+        flat[0].save(buffer, format="GIF", append_images=flat[1:], optimize=False, **how)
     write_atomically(output_path, buffer.getvalue())
 
 

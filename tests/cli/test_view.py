@@ -45,7 +45,7 @@ def test_a_film_is_made_without_a_viewer(run: Run, tmp_path: Path, short: str) -
     for arguments, message in (
         (("short.h5", "--slow", "2"), "are of a film"),
         (("short.h5", "short.h5", "--video", "two.gif"), "is of one result"),
-        (("short.h5", "--video", "x.avi"), ".gif or .mp4"),
+        (("short.h5", "--video", "x.avi"), ".gif, .webp or .mp4"),
     ):
         answer = run("view", *arguments)
         assert (answer.code, answer.out, answer.err.count("\n")) == (2, "", 1), arguments

@@ -8,7 +8,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 from conftest import Run
-from driven_scenes import carried, swing
+from driven_scenes import swung_result
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from robot_files import BOX, JOINTS, RANGE, write_robot
@@ -21,10 +21,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh
 from hhsim.repair.retarget import DEPTH_FRAMES, Retargeted, link_depths, retarget, robot_motion
 from hhsim.repair.robot_hand import RobotHand
-from hhsim.replay.replay import replay_scene
-from hhsim.result.reader import Result, load_result
-from hhsim.scene.scene import make_scene
-from hhsim.solver.options import SolverOptions
+from hhsim.result.reader import Result
 from tools.shapes.generators import cube
 
 pytest.importorskip("mujoco")
@@ -110,14 +107,7 @@ def test_long_motions_are_measured_at_frames_spread_evenly(robot: RobotHand) -> 
 
 
 def test_fingertips_are_the_shown_hands_where_the_object_moves_too(robot: RobotHand, tmp_path: Path) -> None:
-    scene = short_scene(short_grasp(hold=0.01), "cylinder")
-    moving = carried(scene.hands[0].trajectory, swing(scene.hands[0].trajectory.time))
-    replay_scene(
-        make_scene(scene.solids[0].placed_mesh, scene.solids[0].placed_tree, scene.hands[0].model, moving),
-        SolverOptions(),
-        tmp_path / "moving.h5",
-    )
-    result = load_result(tmp_path / "moving.h5")
+    result = swung_result(short_scene(short_grasp(hold=0.01)), tmp_path / "moving.h5")
     assert result.frame
     found = robot_motion(result, robot)
     turns = rotation_matrix(found.motion.orientation)

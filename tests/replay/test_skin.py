@@ -13,7 +13,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import load_result
-from hhsim.scene.described_scene import SceneWords, load_scene
+from hhsim.scene.described_scene import SceneWords, load_words
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.file import save_tree
@@ -36,7 +36,7 @@ def test_a_skin_is_touched_judged_and_run_again(name: str, tmp_path: Path) -> No
     path, shape = tmp_path / "thing.obj", SHAPES[name]
     path.write_text(Mesh(np.asarray(shape.vertices), np.asarray(shape.faces)).obj())
     words = SceneWords(object=str(path), trajectory="grasp", level=2)
-    scene = load_scene(words).scene
+    scene = load_words(words).placed().scene
     summary = replay_scene(scene, SolverOptions(), tmp_path / "own.h5")
     result = load_result(tmp_path / "own.h5")
     assert len(result.body.faces) == len(shape.faces)
@@ -50,7 +50,7 @@ def test_a_skin_is_touched_judged_and_run_again(name: str, tmp_path: Path) -> No
     # The tree that hhsim build-tree writes is that of the replay.
     mesh, _ = resolve_object(path, solid=None)
     save_tree(cached_sphere_tree(mesh, TreeOptions(level=2)), tmp_path / "tree.h5")
-    other = load_scene(replace(words, level=None, tree=str(tmp_path / "tree.h5"))).scene
+    other = load_words(replace(words, level=None, tree=str(tmp_path / "tree.h5"))).placed().scene
     assert np.array_equal(other.solids[0].tree.leaf_radius, scene.solids[0].tree.leaf_radius)
 
 
@@ -61,7 +61,7 @@ def test_a_solid_is_made_where_asked_or_free(tmp_path: Path) -> None:
     bodies = 'name = "free"', 'name = "fixed"\nfixed = true\nposition = [0.3, 0.0, 0.0]'
     toml.write_text("".join(f'[[body]]\nmesh = "thing.obj"\n{each}\n' for each in bodies))
     words = SceneWords(object=str(path), trajectory="never", level=1)
-    own, asked = (load_scene(one).scene for one in (words, replace(words, solid=True)))
-    free, fixed = load_scene(replace(words, object=str(toml))).scene.solids
+    own, asked = (load_words(one).placed().scene for one in (words, replace(words, solid=True)))
+    free, fixed = load_words(replace(words, object=str(toml))).placed().scene.solids
     assert len(own.solids[0].mesh.faces) == len(fixed.mesh.faces) == len(shape.faces) < len(asked.solids[0].mesh.faces)
     assert np.array_equal(free.mesh.faces, asked.solids[0].mesh.faces)

@@ -4,17 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from free_scenes import box, far_hand
+from free_scenes import all_ticks, body_of, box, far_hand, solver_of
 
 from hhsim.arrays import FloatArray
-from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.solver.free_object import EngineBody, FreeObject, Hinge
-from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions
-from hhsim.trees.contact_surface import contact_surface
 
 DT, G = 1e-3, 9.81
 GAP = 2e-6
@@ -35,12 +31,8 @@ def play(
 ) -> Any:
     """Records of the hand, far away, and of a free body, a driven one, and others."""
     one = FreeObject.of_mesh(driven, mass=1.0, friction=friction)
-    plate = EngineBody(contact_surface("mesh", driven, None), one, name="driven", motion=motion)
-    surface, options = contact_surface("mesh", mesh, None), SolverOptions(surface="mesh")
-    solver = HandSolver(HandModel.default(), surface, options, free, (plate, *others))
-    record = solver.run(*far_hand(len(motion.turn)))
-    engine: Any = solver.engine
-    return record, engine.all_ticks
+    solver = solver_of(mesh, free, others=(body_of(driven, one, "driven", motion=motion), *others))
+    return solver.run(*far_hand(len(motion.turn))), all_ticks(solver)
 
 
 def block(mass: float = 0.1, friction: float = 0.6, **given: Any) -> tuple[Mesh, FreeObject]:
@@ -102,9 +94,7 @@ def test_a_press_stops_where_a_block_is_in_its_way_and_goes_on_where_it_is_not()
     way = np.interp(np.arange(ticks), [0, 100, 140, 200], [0.0, 0.005, 0.005, -0.002])
     mesh, free = block()
     press = box((0.1, 0.1, 0.02), (0.0, 0.0, 0.04 + GAP + 0.0125))
-    anvil = EngineBody(
-        contact_surface("mesh", PLATE, None), FreeObject.of_mesh(PLATE, mass=1.0), fixed=True, name="anvil"
-    )
+    anvil = body_of(PLATE, FreeObject.of_mesh(PLATE, mass=1.0), "anvil", fixed=True)
     _, found = play(mesh, free, press, shifted(way, (0.0, 0.0, -1.0)), anvil)
     block_z, press_z = found.bodies[0].shift[:, 2], found.bodies[1].shift[:, 2]
     top, bottom = 0.04 + GAP + block_z, 0.0425 + GAP + press_z

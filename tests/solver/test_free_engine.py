@@ -12,9 +12,7 @@ from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.solver.free_object import FreeObject
-from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions, Stiffness
-from hhsim.trees.contact_surface import contact_surface
+from hhsim.solver.options import Stiffness
 
 MESH = box((0.05, 0.05, 0.05))
 
@@ -55,8 +53,7 @@ def harass(name: str, mass: float, stiffness: Stiffness, ticks: int, seed: int) 
     mesh = load_object(name).mesh
     lowest = float(mesh.bounds[0, 2])
     free = FreeObject.of_mesh(mesh, mass=mass, friction=0.6, torsion=2e-3, table=lowest)
-    surface = contact_surface("mesh", mesh, None)
-    solver = HandSolver(HAND, surface, SolverOptions(surface="mesh", stiffness=stiffness), free)
+    solver = solver_of(mesh, free, HAND, stiffness=stiffness)
     record = solver.run(*RandomTargets(HAND, seed).take(ticks))
     moved = solver.object_ticks
     rows = moved.contact[-1]

@@ -4,19 +4,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from free_scenes import TIP, far_hand, tongs, tongs_at
+from free_scenes import TIP, all_ticks, body_of, far_hand, solver_of, tongs, tongs_at
 from scipy.integrate import solve_ivp
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
-from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
-from hhsim.solver.free_object import EngineBody, FreeObject, Hinge
+from hhsim.solver.free_object import FreeObject, Hinge
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions
-from hhsim.trees.contact_surface import contact_surface
 
 DT, G = 1e-3, 9.81
 ARM, MASS = 0.1, 0.3
@@ -33,19 +30,6 @@ def plate(**hinge: Any) -> tuple[Mesh, FreeObject]:
     mesh = box_mesh(EDGES).transformed(np.eye(3), np.array([ARM, 0.0, 0.0]))
     axis = Hinge(**{"axis": (0.0, -2.0, 0.0), "origin": (0.0, 0.3, 0.0), **hinge})
     return mesh, FreeObject.of_mesh(mesh, mass=MASS, hinge=axis, friction=0.5)
-
-
-def solver_of(
-    mesh: Mesh, free: FreeObject, others: tuple[EngineBody, ...] = (), hand: HandModel | None = None
-) -> HandSolver:
-    given = contact_surface("mesh", mesh, None), SolverOptions(surface="mesh"), free, others
-    return HandSolver(hand or HandModel.default(), *given)
-
-
-def all_ticks(solver: HandSolver) -> Any:
-    """The records of all bodies."""
-    engine: Any = solver.engine
-    return engine.all_ticks
 
 
 def angles(turn: FloatArray) -> FloatArray:
@@ -185,10 +169,10 @@ def test_a_lid_goes_through_what_it_hangs_on_and_bears_what_lies_on_it() -> None
     base = box_mesh((0.1, 0.15, 0.1)).transformed(np.eye(3), np.array([0.0, 0.0, -0.04]))
     stone = box_mesh((0.04, 0.04, 0.04)).transformed(np.eye(3), np.array([0.1, 0.0, 0.0225 + 2e-6]))
     others = tuple(
-        EngineBody(contact_surface("mesh", one, None), FreeObject.of_mesh(one, mass=mass, friction=0.8), fixed, name)
+        body_of(one, FreeObject.of_mesh(one, mass=mass, friction=0.8), name, fixed=fixed)
         for one, mass, fixed, name in ((base, 1.0, True, "base"), (stone, 0.2, False, "stone"))
     )
-    solver = solver_of(mesh, free, others)
+    solver = solver_of(mesh, free, others=others)
     record = solver.run(*far_hand(400))
     ticks = all_ticks(solver)
     assert not record.status.any()
@@ -197,7 +181,7 @@ def test_a_lid_goes_through_what_it_hangs_on_and_bears_what_lies_on_it() -> None
     moment = about_hinge(ticks.body_wrench[0], np.zeros(400))[100:]
     np.testing.assert_allclose(moment, -0.2 * G * 0.1, rtol=1e-3)
     heavier = others[1]._replace(free=FreeObject.of_mesh(stone, mass=0.4, friction=0.8))
-    solver = solver_of(mesh, free, (others[0], heavier))
+    solver = solver_of(mesh, free, others=(others[0], heavier))
     solver.run(*far_hand(100))
     tipped = angles(all_ticks(solver).bodies[0].turn)
     # Plate and stone turn as one about the hinge at first.
@@ -209,8 +193,7 @@ def test_a_lid_goes_through_what_it_hangs_on_and_bears_what_lies_on_it() -> None
 def test_a_hinge_in_the_world_lets_the_lid_through_nothing() -> None:
     mesh, free = plate()
     box = box_mesh((0.1, 0.15, 0.1)).transformed(np.eye(3), np.array([0.1, 0.0, -0.0545]))
-    others = (EngineBody(contact_surface("mesh", box, None), FreeObject.of_mesh(box, mass=1.0), fixed=True),)
-    solver = solver_of(mesh, free, others)
+    solver = solver_of(mesh, free, others=[body_of(box, FreeObject.of_mesh(box, mass=1.0), fixed=True)])
     solver.run(*far_hand(200))
     # It falls 2 mm at most, onto a body that has no name either.
     angle = angles(all_ticks(solver).bodies[0].turn)

@@ -6,19 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 from body_tables import body, body_file, joint
-from free_scenes import REACH_PER_STIFFNESS, box, closing, far_hand, tongs, tongs_at
+from free_scenes import REACH_PER_STIFFNESS, all_ticks, body_of, box, closing, far_hand, solver_of, tongs, tongs_at
 from scipy.integrate import solve_ivp
 
 from hhsim.arrays import FloatArray
-from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import load_result
 from hhsim.scene.scene import open_scene
-from hhsim.solver.free_object import EngineBody, FreeObject, Hinge, Slider
-from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.free_object import FreeObject, Hinge, Slider
 from hhsim.solver.options import SolverOptions, Stiffness
-from hhsim.trees.contact_surface import contact_surface
 from hhsim.verify.free_object_checks import free_claims
 
 DT, G = 1e-3, 9.81
@@ -31,13 +28,10 @@ def run_pair(ticks: int, **of_first: Any) -> tuple[Any, tuple[FreeObject, FreeOb
     meshes = box(EDGES, (0.1, 0.0, 0.0)), box(EDGES, (-0.1, 0.0, 0.0))
     first = FreeObject.of_mesh(meshes[0], mass=0.3, **STILL, **of_first)
     second = FreeObject.of_mesh(meshes[1], mass=0.5, **STILL)
-    given = contact_surface("mesh", meshes[0], None), SolverOptions(surface="mesh"), first
-    other = EngineBody(contact_surface("mesh", meshes[1], None), second, name="base")
-    solver = HandSolver(HandModel.default(), *given, (other,))
+    solver = solver_of(meshes[0], first, others=[body_of(meshes[1], second, "base")])
     record = solver.run(*far_hand(ticks))
     assert not record.status.any()
-    engine: Any = solver.engine
-    return engine.all_ticks, (first, second)
+    return all_ticks(solver), (first, second)
 
 
 def conserved(record: Any, free: tuple[FreeObject, FreeObject]) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -149,19 +143,16 @@ def test_what_moves_on_a_slider_keeps_momenta_and_turns_with_what_bears_it() -> 
 def test_a_plate_hangs_from_a_box_that_the_fingers_hold() -> None:
     held, plate = box((0.03, 0.03, 0.03)), box((0.01, 0.02, 0.08), (0.0, 0.0, -0.055))
     hinge = Hinge((1.0, 0.0, 0.0), (0.0, 0.0, -0.015), on="box")
-    hung = EngineBody(
-        contact_surface("mesh", plate, None), FreeObject.of_mesh(plate, mass=0.1, hinge=hinge), name="plate"
-    )
+    hung = body_of(plate, FreeObject.of_mesh(plate, mass=0.1, hinge=hinge), "plate")
     free = FreeObject.of_mesh(held, mass=0.2, friction=1.0, name="box")
-    options = SolverOptions(surface="mesh", stiffness=Stiffness(translation=1e5, rotation=1e3, flexion=500.0))
-    solver = HandSolver(tongs(), contact_surface("mesh", held, None), options, free, (hung,))
-    engine: Any = solver.engine
+    stiffness = Stiffness(translation=1e5, rotation=1e3, flexion=500.0)
+    solver = solver_of(held, free, tongs(), [hung], stiffness=stiffness)
     touch, tips = closing(0.03)
     # They close while it begins to fall.
     closed = touch + np.interp(np.arange(1500), [0, 20], [-2e-3, REACH_PER_STIFFNESS])
     position, *others = tongs_at(closed, np.tile([-tips, 0.0, 0.0], (1500, 1)))
     record = solver.run(position, *others)
-    ticks = engine.all_ticks
+    ticks = all_ticks(solver)
     assert not record.status[-100:].any()
     np.testing.assert_allclose(ticks.bodies[0].hand_wrench[-1, 2], 0.3 * G, rtol=1e-3)
     np.testing.assert_allclose(ticks.body_wrench[1, -1, :3], [0.0, 0.0, 0.1 * G], atol=2e-3)
@@ -173,14 +164,11 @@ def test_a_plate_on_a_hinged_one_is_a_double_pendulum() -> None:
     upper = FreeObject.of_mesh(meshes[0], mass=mass[0], hinge=Hinge((0.0, -1.0, 0.0), (0.0, 0.0, 0.0)), name="upper")
     hinge = Hinge((0.0, -1.0, 0.0), (length, 0.0, 0.0), on="upper")
     lower = FreeObject.of_mesh(meshes[1], mass=mass[1], hinge=hinge)
-    given = contact_surface("mesh", meshes[0], None), SolverOptions(surface="mesh"), upper
-    solver = HandSolver(
-        HandModel.default(), *given, (EngineBody(contact_surface("mesh", meshes[1], None), lower, name="l"),)
-    )
+    solver = solver_of(meshes[0], upper, others=[body_of(meshes[1], lower, "l")])
     record = solver.run(*far_hand(ticks))
     assert not record.status.any()
-    engine: Any = solver.engine
-    turns = [rotation_matrix(one.turn) for one in engine.all_ticks.bodies[:2]]
+    recorded = all_ticks(solver)
+    turns = [rotation_matrix(one.turn) for one in recorded.bodies[:2]]
     found = [np.arctan2(turn[:, 2, 0], turn[:, 0, 0]) for turn in turns]
     inertia = [m * (length**2 + 0.01**2) / 12.0 for m in mass]
 
@@ -201,9 +189,9 @@ def test_a_plate_on_a_hinged_one_is_a_double_pendulum() -> None:
     np.testing.assert_allclose(np.unwrap(found[0]), true[0], atol=0.01 * np.abs(true[0]).max())
     np.testing.assert_allclose(np.unwrap(found[1]), true[1], atol=0.01 * np.abs(true[1]).max())
     # The upper one's balance about its hinge, with what the joint bears: the referee's own equation.
-    wrench = engine.all_ticks.body_wrench
+    wrench = recorded.body_wrench
     np.testing.assert_allclose(wrench[0, :, :3], -wrench[1, :, :3], atol=1e-9)
-    moved = mass[1] * np.diff(engine.all_ticks.bodies[1].velocity, axis=0, prepend=0.0) / DT
+    moved = mass[1] * np.diff(recorded.bodies[1].velocity, axis=0, prepend=0.0) / DT
     np.testing.assert_allclose(wrench[1, :, :3], moved + [0.0, 0.0, mass[1] * G], atol=1e-5)
 
 

@@ -8,6 +8,7 @@ import pytest
 from coal_clearance import bodies_clearance
 from coulomb_program import last_program, solve_coulomb
 from cut_scene import placed_meshes
+from free_scenes import all_ticks, body_of, solver_of
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
@@ -17,10 +18,8 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
-from hhsim.solver.free_object import EngineBody, FreeObject
+from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions
-from hhsim.trees.contact_surface import contact_surface
 
 DT, G = 1e-3, 9.81
 NOTHING: dict[str, Any] = {"gravity": (0.0, 0.0, 0.0), "table": None, "friction": 0.0}
@@ -35,26 +34,22 @@ def block(center: ArrayLike, edges: Any = (0.04, 0.04, 0.04), tilt: float = 0.0,
     return mesh, FreeObject.of_mesh(mesh, **{"mass": 0.1, "table": 0.0, "friction": 0.6, **free})
 
 
-def solver_of(*bodies: Body, fixed: Sequence[int] = ()) -> HandSolver:
+def solver_of_three(*bodies: Body, fixed: Sequence[int] = ()) -> HandSolver:
     """A hand and three bodies, of which those that are not given lie far away: one program is compiled for all."""
     far = [block((50.0 + k, 0.0, 0.0), **NOTHING) for k in range(3 - len(bodies))]
-    bodies = [
-        EngineBody(contact_surface("mesh", mesh, None), free, k in fixed, f"body {k}")
-        for k, (mesh, free) in enumerate([*bodies, *far])
-    ]
-    first = bodies[0]
-    return HandSolver(HandModel.default(), first.surface, SolverOptions(surface="mesh"), first.free, bodies[1:])
+    others = [body_of(*body, f"body {k}", fixed=k in fixed) for k, body in enumerate([*bodies[1:], *far], 1)]
+    return solver_of(*bodies[0], others=others)
 
 
 def run(solver: HandSolver, ticks: int, place: Sequence[float] = (0.0, 0.0, 5.0)) -> Any:
     """Run ticks of a hand at a place; returns the records of the hand and of the bodies."""
     rows = np.ones((ticks, 1))
     still = rows * place, rows * [1.0, 0.0, 0.0, 0.0], np.zeros((ticks, 5, 3)), np.zeros((ticks, 5))
-    return solver.run(*still), solver.engine.all_ticks  # type: ignore[attr-defined]
+    return solver.run(*still), all_ticks(solver)
 
 
 def test_a_stack_of_three_rests_and_each_bears_what_is_above_it() -> None:
-    solver = solver_of(*(block((0.0, 0.0, 0.02 + 0.040002 * k)) for k in range(3)))
+    solver = solver_of_three(*(block((0.0, 0.0, 0.02 + 0.040002 * k)) for k in range(3)))
     run(solver, 50)
     record, ticks = run(solver, 500)
     assert not record.status.any()
@@ -72,7 +67,7 @@ def test_a_block_on_a_fixed_slope_slides_as_coulomb_says(mu: float) -> None:
     tilt, gap = np.radians(30.0), 2e-6
     up = np.array([np.sin(tilt), 0.0, np.cos(tilt)])
     free: dict[str, Any] = {"table": None, "friction": mu}
-    solver = solver_of(
+    solver = solver_of_three(
         block((0.025 + gap) * up, tilt=tilt, **free), block((0, 0, 0), (1.0, 0.2, 0.01), tilt, **free), fixed=[1]
     )
     _, ticks = run(solver, 300)
@@ -96,7 +91,7 @@ def test_two_free_things_that_meet_keep_their_momentum() -> None:
         block((0.0, 0.0, 0.0), mass=0.1, velocity=(1.0, 0.0, 0.0), **NOTHING),
         block((0.05, 0.0, 0.01), mass=0.3, angular_velocity=(1.0, 2.0, 3.0), **NOTHING),
     ]
-    _, ticks = run(solver_of(*bodies), 200)
+    _, ticks = run(solver_of_three(*bodies), 200)
     total = np.sum([momentum(body, free) for body, (_, free) in zip(ticks.bodies, bodies)], axis=0)
     np.testing.assert_allclose(total[:, :3], total[:1, :3].repeat(200, axis=0), atol=1e-12)
     # In the tick in which they meet each turns while the force acts: a share of what it gains, of first order.
@@ -107,7 +102,7 @@ def test_two_free_things_that_meet_keep_their_momentum() -> None:
 
 
 def test_crossed_planks_lie_on_the_crossings_of_their_edges() -> None:
-    solver = solver_of(block((0, 0, 0.005), (0.2, 0.02, 0.01)), block((0, 0, 0.01505), (0.02, 0.2, 0.01)))
+    solver = solver_of_three(block((0, 0, 0.005), (0.2, 0.02, 0.01)), block((0, 0, 0.01505), (0.02, 0.2, 0.01)))
     record, ticks = run(solver, 300)
     assert not record.status.any()
     upper = ticks.bodies[1]
@@ -126,7 +121,7 @@ def test_a_lid_falls_onto_its_pot_and_lies_there_to_the_bit() -> None:
     above = pot.bounds[1, 2] - lid.bounds[0, 2] - 0.0055
     lid, pot = lid.transformed(np.eye(3), [0.0, 0.0, above] - middle[0]), pot.transformed(np.eye(3), -middle[1])
     bodies = [(mesh, FreeObject.of_mesh(mesh, mass=mass, table=0.0)) for mesh, mass in ((lid, 0.1), (pot, 0.5))]
-    solver = solver_of(*bodies)
+    solver = solver_of_three(*bodies)
     record, ticks = run(solver, 300)
     assert not record.status.any()
     assert ticks.bodies[0].shift[-1, 2] == pytest.approx(-0.0005, abs=2e-6), "it fell half a millimetre"
@@ -173,7 +168,7 @@ def test_a_peg_let_go_over_a_hole_goes_in_and_leans_no_more_than_the_gap_allows(
     free: dict[str, Any] = {"mass": 0.1, "table": 0.0, "friction": 0.2}
     assert hole.volume > 0.0 and peg.volume > 0.0
     bodies = [(mesh, FreeObject.of_mesh(mesh, **free)) for mesh in (peg, hole)]
-    record, ticks = run(solver_of(*bodies, fixed=[1]), 400)
+    record, ticks = run(solver_of_three(*bodies, fixed=[1]), 400)
     place = ticks.bodies[0]
     axis = rotation_matrix(place.turn) @ turn @ [0.0, 0.0, 1.0]
     foot = rotation_matrix(place.turn) @ [0.0, 0.0, depth + 1e-3] + place.shift
@@ -211,11 +206,11 @@ def test_things_that_fly_about_never_enter_each_other_hand_or_table(seed: int) -
         }
         bodies.append(block(place, edges[k], mass=mass[k], friction=rng.uniform(0, 1), **motion))
         height += 0.5 * edges[k, 2]
-    solver = solver_of(*bodies)
+    solver = solver_of_three(*bodies)
     way = np.linspace([-0.12, 0.0, 0.05], [0.12, 0.0, 0.03], ticks_run)
     given = np.ones((ticks_run, 1)) * [1.0, 0.0, 0.0, 0.0], np.zeros((ticks_run, 5, 3)), np.zeros((ticks_run, 5))
     record = solver.run(way, *given)
-    ticks = solver.engine.all_ticks  # type: ignore[attr-defined]
+    ticks = all_ticks(solver)
     turns = [rotation_matrix(body.turn) for body in ticks.bodies]
     least = np.inf
     for i in range(0, ticks_run, 4):
@@ -240,7 +235,7 @@ def test_a_hand_that_begins_in_any_of_several_things_is_freed_of_all_of_them(ins
     # Side by side: the way out of one must not lead into the next.
     places = [np.array([0.0600011 * k, 0.0, 0.0]) for k in range(3)]
     bodies = [block(place, (0.06, 0.06, 0.06), **NOTHING) for place in places]
-    solver = solver_of(*bodies, fixed=[2])
+    solver = solver_of_three(*bodies, fixed=[2])
     record, ticks = run(solver, 1, (places[inside] - (0.0, 0.05, 0.0)).tolist())
     assert record.status[0] == STATUS_START_INSIDE
     # So near, and not where it was freed.
@@ -248,6 +243,6 @@ def test_a_hand_that_begins_in_any_of_several_things_is_freed_of_all_of_them(ins
 
 
 def test_things_that_begin_inside_each_other_are_told() -> None:
-    solver = solver_of(block((0, 0, 0.02)), block((0.01, 0.005, 0.0596)))
+    solver = solver_of_three(block((0, 0, 0.02)), block((0.01, 0.005, 0.0596)))
     with pytest.raises(InputError, match=r"begins .* mm inside"):
         run(solver, 1)

@@ -4,17 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from free_scenes import far_hand, tongs, tongs_at
+from free_scenes import all_ticks, body_of, far_hand, solver_of, tongs, tongs_at
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
-from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
-from hhsim.solver.free_object import EngineBody, FreeObject, Hinge, Slider
-from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions
-from hhsim.trees.contact_surface import contact_surface
+from hhsim.solver.free_object import FreeObject, Hinge, Slider
 
 DT, G, MASS = 1e-3, 9.81, 0.3
 STEEP = np.array([0.8, 0.0, -0.6])
@@ -28,13 +24,6 @@ def cart(**given: Any) -> tuple[Mesh, FreeObject]:
     mesh = box_mesh((0.2, 0.15, 0.02))
     slider = Slider(**{"axis": tuple((3.0 * STEEP).tolist()), **given})
     return mesh, FreeObject.of_mesh(mesh, mass=MASS, slider=slider, friction=0.5)
-
-
-def solver_of(
-    mesh: Mesh, free: FreeObject, others: tuple[EngineBody, ...] = (), hand: HandModel | None = None
-) -> HandSolver:
-    given = contact_surface("mesh", mesh, None), SolverOptions(surface="mesh"), free, others
-    return HandSolver(hand or HandModel.default(), *given)
 
 
 def slid(ticks: int, velocity: FloatArray | None = None, **given: Any) -> tuple[FloatArray, Any]:
@@ -104,13 +93,13 @@ def test_a_stone_on_a_cart_is_carried_along_by_friction_and_takes_its_share_of_t
     rail = box_mesh((0.6, 0.05, 0.05)).transformed(np.eye(3), np.array([0.0, 0.0, -0.02]))
     stone = box_mesh((0.04, 0.04, 0.04)).transformed(np.eye(3), np.array([0.0, 0.0, 0.03 + 2e-6]))
     others = tuple(
-        EngineBody(contact_surface("mesh", one, None), FreeObject.of_mesh(one, mass=mass, friction=0.5), fixed, name)
+        body_of(one, FreeObject.of_mesh(one, mass=mass, friction=0.5), name, fixed=fixed)
         for one, mass, fixed, name in ((rail, 1.0, True, "rail"), (stone, 0.2, False, "stone"))
     )
-    solver = solver_of(mesh, free, others)
+    solver = solver_of(mesh, free, others=others)
     record = solver.run(*far_hand(200))
-    engine: Any = solver.engine
-    of_cart, _, of_stone = engine.all_ticks.bodies
+    ticks = all_ticks(solver)
+    of_cart, _, of_stone = ticks.bodies
     assert not record.status.any(), "it goes through the rail that bears it"
     speeds = of_cart.velocity[:, 0], of_stone.velocity[:, 0]
     np.testing.assert_allclose(MASS * speeds[0] + 0.2 * speeds[1], MASS * 0.3, rtol=1e-9)
@@ -119,7 +108,7 @@ def test_a_stone_on_a_cart_is_carried_along_by_friction_and_takes_its_share_of_t
     pace = np.polyfit(DT * np.arange(2, sliding - 1), speeds[1][2 : sliding - 1], 1)[0]
     assert pace == pytest.approx(0.5 * G, rel=0.003)
     np.testing.assert_allclose([one[-1] for one in speeds], MASS * 0.3 / (MASS + 0.2), rtol=1e-6)
-    np.testing.assert_allclose(engine.all_ticks.body_wrench[0, 100:, 2], -0.2 * G, rtol=1e-6)
+    np.testing.assert_allclose(ticks.body_wrench[0, 100:, 2], -0.2 * G, rtol=1e-6)
     assert not of_cart.shift[:, 1:].any()
 
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from coal_clearance import bodies_clearance
-from free_scenes import TIP, box, far_hand, gripped, tongs, tongs_at
+from free_scenes import TIP, body_of, box, far_hand, gripped, tongs, tongs_at
 
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
@@ -104,7 +104,7 @@ def test_a_block_hangs_between_two_hands_by_their_friction_and_slides_beyond_it(
 def test_a_block_between_two_hands_bears_another_one_which_falls_with_it_when_they_let_go() -> None:
     mesh = box([0.02] * 3, np.array([0.0, 0.0, 0.5 * EDGE + 0.01 + 1e-6]))
     upper = FreeObject.of_mesh(mesh, mass=0.1, friction=FRICTION, gravity=(0.0, 0.0, 0.0))
-    block = Pressed(others=[EngineBody(contact_surface("mesh", mesh, None), upper, name="upper")])
+    block = Pressed(others=[body_of(mesh, upper, "upper")])
     bodies = block.bodies
     for share in np.linspace(0.05, 0.5, 20):
         bodies[1].gravity[2] = -0.4 * share * MOST / 0.1
@@ -203,8 +203,7 @@ def test_hands_that_begin_in_a_second_thing_and_in_each_other_are_freed_of_all(b
     edge, hands = 0.06, (HandModel.default("right"), HandModel.default("left"))
     meshes = [box([edge] * 3, np.array([k * (edge + 1.1e-6), 0.0, 0.0])) for k in range(2)]
     free = [FreeObject.of_mesh(mesh, mass=MASS, friction=FRICTION, gravity=(0.0, 0.0, 0.0)) for mesh in meshes]
-    bodies = [EngineBody(contact_surface("mesh", mesh, None), its) for mesh, its in zip(meshes, free)]
-    solver = two_handed(meshes[0], free[0], hands, bodies[1:])
+    solver = two_handed(meshes[0], free[0], hands, [body_of(meshes[1], free[1])])
     begin = np.array([edge, -0.05, 0.0])
     other = begin + (0.01, 0.0, 0.01) if both else np.array([-0.3, 0.3, 0.3])
     posture = np.array([[1.0, 0.0, 0.0, 0.0]]), np.full((1, 5, 3), 0.3), np.zeros((1, 5))

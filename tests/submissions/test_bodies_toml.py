@@ -8,7 +8,7 @@ import pytest
 from body_tables import TABLE, body, body_file, joint
 
 from hhsim.scene.body import Body, Driven, Fixed, Free
-from hhsim.scene.described_scene import FreeWords, SceneWords, load_scene
+from hhsim.scene.described_scene import FreeWords, SceneWords, load_words
 from hhsim.scene.scene import open_scene
 from hhsim.submissions.scene_folder import write_scene_folder
 
@@ -70,10 +70,10 @@ def test_bodies_come_back_as_they_were(tmp_path: Path, object_: str | tuple[str,
 
 def test_two_hands_come_back_from_the_folder(tmp_path: Path) -> None:
     of_both = partial(SceneWords, hand="both", level=1, rate=200.0)
-    written = load_scene(of_both(object="cube", trajectory="lift-both", free=FreeWords(mass=0.5)))
+    written = load_words(of_both(object="cube", trajectory="lift-both", free=FreeWords(mass=0.5))).placed()
     folder = tmp_path / "folder"
     write_scene_folder(written.scene, folder)
-    read = load_scene(of_both(object=str(folder / "bodies.toml"), trajectory=str(folder)))
+    read = load_words(of_both(object=str(folder / "bodies.toml"), trajectory=str(folder))).placed()
     assert [hand.model.side for hand in read.scene.hands] == ["right", "left"]
     for was, one in zip(written.scene.hands, read.scene.hands, strict=True):
         np.testing.assert_allclose(one.ticks.position, was.ticks.position, atol=1e-12)

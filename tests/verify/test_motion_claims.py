@@ -13,12 +13,12 @@ from file_faults import Fault, at, forge_scene, of_scene
 from planted_faults import planted
 from recording_samples import smooth_recording
 from sampled import first_of_each, sampled
-from short_grasp import short_result
+from short_grasp import short_result, with_motion
 
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
-from hhsim.scene.scene import make_scene, open_scene
+from hhsim.scene.scene import open_scene
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.again import again_claims
 from hhsim.verify.body_checks import body_claims
@@ -57,11 +57,8 @@ def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     path, sample = tmp_path_factory.mktemp("recorded") / "swung.h5", smooth_recording(40)
     parts = {name: getattr(sample, name) for name in ("time", "position", "orientation", "flexion", "abduction")}
     motion = Trajectory(**{**parts, "position": parts["position"] + [0.0, 0.0, 1.0]})
-    base = open_scene("cylinder", "touch", level=2)
     moving = carried(motion, swing(motion.time, 0.5, 2.0))
-    scene = make_scene(
-        base.solids[0].placed_mesh, base.solids[0].placed_tree, base.hands[0].model, moving, mode=request.param
-    )
+    scene = with_motion(open_scene("cylinder", "touch", level=2), moving, mode=request.param)
     replay_scene(scene, SolverOptions(), path, description={**scene.description, "samples": request.param})
     return load_result(path)
 

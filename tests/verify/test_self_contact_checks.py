@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from file_faults import Fault
 from planted_faults import failing, planted, verdict
-from short_grasp import short_grasp, short_scene
+from short_grasp import short_grasp, short_scene, with_motion
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -16,7 +16,6 @@ from hhsim.motion.analytic_motion import still
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
-from hhsim.scene.scene import make_scene
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.claim import HOLDS
 from hhsim.verify.verify import verify
@@ -40,9 +39,8 @@ def pinch() -> Trajectory:
 
 @pytest.fixture(scope="module")
 def honest(tmp_path_factory: pytest.TempPathFactory) -> Result:
-    scene = short_scene(short_grasp())
     path = tmp_path_factory.mktemp("honest") / "pinch.h5"
-    in_the_air = make_scene(scene.solids[0].placed_mesh, scene.solids[0].placed_tree, HandModel.default(), pinch())
+    in_the_air = with_motion(short_scene(short_grasp()), pinch())
     replay_scene(in_the_air, SolverOptions(self_contact=True, surface="mesh"), path, description={"hand_file": None})
     return load_result(path)
 
@@ -84,11 +82,8 @@ def test_a_planted_fault_is_found(honest: Result, tmp_path: Path, fault: Fault) 
 
 
 def test_the_claim_is_of_runs_that_make_it(honest: Result, tmp_path: Path) -> None:
-    scene = short_scene(short_grasp())
     path = tmp_path / "through.h5"
-    in_the_air = make_scene(
-        scene.solids[0].placed_mesh, scene.solids[0].placed_tree, HandModel.default(), replace(pinch(), name="through")
-    )
+    in_the_air = with_motion(short_scene(short_grasp()), replace(pinch(), name="through"))
     replay_scene(in_the_air, SolverOptions(surface="mesh"), path, description={"hand_file": None})
     through = load_result(path)
     assert through.summary["self_depth_graphic"] == through.summary["self_depth_haptic"] > 5e-3

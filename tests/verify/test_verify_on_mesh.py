@@ -9,7 +9,7 @@ from corrupted_meshes import corrupted
 from file_faults import Fault, of_scene
 from planted_faults import FAULTS, HOLD, NAMED, described_grasp, failing, planted, verdict
 from sampled import sampled
-from short_grasp import short_grasp, short_result
+from short_grasp import short_grasp, short_result, with_motion
 
 from hhsim.arrays import IntArray
 from hhsim.bench.robustness.random_targets import RandomTargets
@@ -42,8 +42,7 @@ def test_a_hand_that_is_on_its_way_on_the_mesh(tmp_path: Path, method: str) -> N
     moved = RandomTargets(hand, 5).take(300)
     names = ("position", "orientation", "flexion", "abduction")
     motion = Trajectory(time=np.arange(300) / 1000.0, **{name: getattr(moved, name) for name in names})
-    base = open_scene("cube", "touch", level=3)
-    scene = make_scene(base.solids[0].placed_mesh, base.solids[0].placed_tree, hand, motion)
+    scene = with_motion(open_scene("cube", "touch", level=3), motion)
     replay_scene(scene, SolverOptions(method=method, surface="mesh"), tmp_path / "way.h5")
     result = load_result(tmp_path / "way.h5")
     assert (np.asarray(result["status"]) & 2 > 0).sum() > 20

@@ -4,29 +4,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from driven_scenes import carried, swing
+from driven_scenes import swung_result
 from rerun_files import Recording
 from short_grasp import short_grasp, short_scene
 
-from hhsim.replay.replay import replay_scene
-from hhsim.result.reader import Result, load_result
-from hhsim.scene.scene import make_scene
-from hhsim.solver.options import SolverOptions
+from hhsim.result.reader import Result
 from hhsim.view.sink import parse_target
 from hhsim.view.viewer import view_result
 
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
-    scene = short_scene(short_grasp(hold=0.03))
-    moved = carried(scene.hands[0].trajectory, swing(scene.hands[0].trajectory.time))
-    path = tmp_path_factory.mktemp("driven") / "driven.h5"
-    replay_scene(
-        make_scene(scene.solids[0].placed_mesh, scene.solids[0].placed_tree, scene.hands[0].model, moved),
-        SolverOptions(),
-        path,
-    )
-    return load_result(path)
+    return swung_result(short_scene(short_grasp(hold=0.03)), tmp_path_factory.mktemp("driven") / "driven.h5")
 
 
 def test_the_viewer_moves_the_object_and_finds_the_contacts_on_it(result: Result, tmp_path: Path) -> None:

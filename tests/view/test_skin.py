@@ -6,17 +6,14 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from driven_scenes import carried, swing
+from driven_scenes import swung_result
 from rerun_files import Recording
 from sealed_change import changed
 from short_grasp import short_grasp, short_result, short_scene
 
 from hhsim.errors import InputError, OutputError
-from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.result.writer import add_skin
-from hhsim.scene.scene import make_scene
-from hhsim.solver.options import SolverOptions
 from hhsim.view.moment import moment
 from hhsim.view.scene_log import vertex_normals
 from hhsim.view.sink import parse_target
@@ -56,14 +53,7 @@ def test_a_skin_is_read_back_and_all_else_stays(bare: Result, skinned: Result) -
 
 
 def test_a_skin_beside_a_moving_object_is_seen_from_it(tmp_path: Path) -> None:
-    scene = short_scene(short_grasp(hold=0.01))
-    moving = carried(scene.hands[0].trajectory, swing(scene.hands[0].trajectory.time))
-    replay_scene(
-        make_scene(scene.solids[0].placed_mesh, scene.solids[0].placed_tree, scene.hands[0].model, moving),
-        SolverOptions(),
-        tmp_path / "moving.h5",
-    )
-    world = skin_of(load_result(tmp_path / "moving.h5"))
+    world = skin_of(swung_result(short_scene(short_grasp(hold=0.01)), tmp_path / "moving.h5"))
     add_skin(tmp_path / "moving.h5", world, BALL.faces)
     result = load_result(tmp_path / "moving.h5")
     seen = result.seen_from_object.skin(slice(None))

@@ -10,14 +10,14 @@ from hhsim.kernels.live.deadlines import EARLIEST, NOTHING
 PERIOD = 1_000_000
 
 
-def started(clock: FakeClock) -> Deadlines:
-    return Deadlines(PERIOD, clock)
+def started() -> tuple[FakeClock, Deadlines]:
+    clock = FakeClock(0)
+    return clock, Deadlines(PERIOD, clock)
 
 
 @pytest.mark.parametrize("past", [0, 1, PERIOD // 2])
 def test_work_that_ends_in_the_next_period_is_followed_at_once(past: int) -> None:
-    clock = FakeClock(0)
-    deadlines = started(clock)
+    clock, deadlines = started()
     deadlines.wait()
     clock.work(PERIOD + past)
     deadlines.wait()
@@ -31,8 +31,7 @@ def test_work_that_ends_in_the_next_period_is_followed_at_once(past: int) -> Non
 
 @pytest.mark.parametrize("past", [PERIOD // 2 + 1, PERIOD - 1])
 def test_work_that_ends_late_in_the_next_period_misses_it(past: int) -> None:
-    clock = FakeClock(0)
-    deadlines = started(clock)
+    clock, deadlines = started()
     deadlines.wait()
     clock.work(PERIOD + past)
     deadlines.wait()
@@ -41,8 +40,7 @@ def test_work_that_ends_late_in_the_next_period_misses_it(past: int) -> None:
 
 
 def test_a_loop_that_is_too_slow_pauses_after_every_second_tick() -> None:
-    clock = FakeClock(0)
-    deadlines = started(clock)
+    clock, deadlines = started()
     at_once, slept = [], []
     for _ in range(20):
         before = len(clock.slept)
@@ -56,8 +54,7 @@ def test_a_loop_that_is_too_slow_pauses_after_every_second_tick() -> None:
 
 
 def test_a_loop_that_is_woken_periods_late_goes_on_in_the_period_it_is_in() -> None:
-    clock = FakeClock(0)
-    deadlines = started(clock)
+    clock, deadlines = started()
     deadlines.wait()
     clock.oversleep = [5 * PERIOD + 300_000]
     deadlines.wait()
@@ -94,8 +91,7 @@ def wait_for(clock: FakeClock, deadlines: Deadlines, came: int) -> Deadlines:
     [(1, 0), (WAKING_NS + 1, WAKING_NS + 1), (600_000, 600_000), (750_000, 750_000), (900_000, 750_000)],
 )
 def test_what_comes_before_a_deadline_makes_the_tick_due(before: int, early: int) -> None:
-    clock = FakeClock(0)
-    deadlines = started(clock)
+    clock, deadlines = started()
     at = wait_for(clock, deadlines, PERIOD - before).at
     assert (at.tick, at.missed, at.at_once, at.deadline_ns, at.early_ns) == (0, 0, 0, PERIOD, early)
     assert clock.now() == at.woke_ns == PERIOD - early + at.wakeup_ns
@@ -108,8 +104,7 @@ def test_what_comes_before_a_deadline_makes_the_tick_due(before: int, early: int
     st.lists(st.tuples(st.integers(0, 3 * PERIOD), st.integers(0, 2 * PERIOD), st.integers(0, 3 * PERIOD)), max_size=60)
 )
 def test_however_things_come_there_is_one_tick_a_period(steps: list[tuple[int, int, int]]) -> None:
-    clock = FakeClock(0)
-    deadlines = started(clock)
+    clock, deadlines = started()
     at, before, asked = deadlines.at, -1, 0
     for work, oversleep, after in steps:
         clock.oversleep = [oversleep]

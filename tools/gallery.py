@@ -1,0 +1,216 @@
+"""The gallery, docs/gallery.md: films of named runs, the commands that make them, and the tables that they print.
+
+python -m tools.gallery                 all of it
+python -m tools.gallery door peg        these films anew
+python -m tools.gallery pages FOLDER    the scenes to turn in a browser, one file each that needs no network
+"""
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from PIL import Image
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+PAGE = REPOSITORY / "docs" / "gallery.md"
+FILMS = PAGE.with_suffix("")
+"""Folder of the films."""
+WIDTH = 400
+"""Width of a film [pixels]."""
+MOST_BYTES, MOST_OF_ALL = 400_000, 4_000_000
+"""Largest film, and all of them [byte]."""
+FOLD = "<details><summary>What it prints</summary>"
+QUALITY = 80
+"""Quality of a picture, 0 to 100."""
+HEADING = (
+    "# Gallery\n\n"
+    "Runs as films, each with the commands that make it and the table that it prints: skin is the graphic hand,\n"
+    "which is shown; blue the haptic hand, the user's own; red are forces. `make gallery` makes this page and its\n"
+    "films. Times in the tables are of the machine that made them.\n\n"
+    "`python -m tools.gallery pages FOLDER` makes two scenes to turn with the mouse, a file of 1 MB each that a\n"
+    "browser opens without a network (three.js is in it, so that the repository has none).\n"
+)
+
+
+class Tile(NamedTuple):
+    """Film or picture with what is seen in it, and the commands that make it: the first one's table is shown."""
+
+    name: str
+    title: str
+    seen: str
+    make: tuple[str, ...]
+    result: str = ""  # what is filmed; "" for a picture that the command draws
+    faster: int = 1  # times that the film is faster than the motion
+
+    @property
+    def file(self) -> str:
+        """Name of the film or picture."""
+        return f"{self.name}.webp"
+
+    @property
+    def commands(self) -> tuple[str, ...]:
+        """Command lines."""
+        slow = "" if self.faster == 1 else f" --slow {1 / self.faster:g}"
+        film = f"hhsim view {self.result} --video {self.file} --pixels {WIDTH}{slow}"
+        return (*self.make, film) if self.result else self.make
+
+
+def replayed(name: str, title: str, seen: str, words: str, faster: int = 1) -> Tile:
+    """Return the tile of a replay."""
+    return Tile(name, title, seen, (f"hhsim replay {words} --out {name}.h5",), f"{name}.h5", faster)
+
+
+TILES = (
+    replayed("grasp", "Grasp", "Five fingers close around the Stanford bunny and stay outside of it.", "bunny grasp"),
+    replayed(
+        *("whole-hand", "Whole hand", "Palm and fingers at once, pulling against each other."), "bunny whole-hand"
+    ),
+    replayed(
+        *("lift", "Lift", "A free cube is grasped, lifted by friction, and put down."),
+        *("cube lift --free --torsion 5 --surface mesh", 2),
+    ),
+    replayed(
+        *("lift-both", "Two hands lift", "Two hands press a free cube from both sides and lift it."),
+        *("cube lift-both --hands both --free", 2),
+    ),
+    replayed(
+        *("hand-over", "Hand-over", "The right hand gives a cup to the left one."),
+        *("cup hand-over --hands both --free --surface mesh", 2),
+    ),
+    replayed("stack", "Stack", "A free block is set down on two others.", "blocks stack --surface mesh", 2),
+    replayed("peg", "Peg", "A peg goes into a hole with half a millimetre to spare.", "peg insert --surface mesh", 2),
+    replayed("door", "Door", "Fingertips push a door open, against its hinge's friction.", "door swing --surface mesh"),
+    replayed("drawer", "Drawer", "A drawer is pushed shut, with what lies on it.", "drawer shut --surface mesh"),
+    replayed(
+        *("laptop", "Laptop", "A lid lifts the hand, which gives way."),
+        "laptop open --surface mesh --fingers index,middle,ring,little",
+    ),
+    Tile(
+        *("repair", "A repaired recording", "Blue: the recorded hand, 10 mm inside the mug. Skin: the repaired one."),
+        ("hhsim repair grab.csv --object mug.stl --unit mm --out grab-free.csv",),
+        "grab-free-result.h5",
+    ),
+    Tile(
+        *("spheres", "Spheres", "A tree of spheres that cover the bunny, level by level."),
+        ("hhsim build-tree bunny --level 3 --out tree.h5 --plot spheres.png",),
+    ),
+)
+INPUTS = ("grab.csv", "mug.stl")
+"""Files of examples/ that commands read."""
+COARSE = 4, 14
+"""Rings and sides of a phalanx on these pages."""
+LOOK = 75.0, 0.0, -30.0
+"""Euler angles of the camera of these pages [degrees]."""
+TURNED = {"grasp": 1500, "whole-hand": 1500}
+"""Tick of each run that is a scene to turn."""
+
+
+def made(tile: Tile, folder: Path) -> str:
+    """Run the commands of a tile in a folder, keep its film, and return what its first command printed."""
+    for name in INPUTS:
+        shutil.copy(REPOSITORY / "examples" / name, folder)
+    environment = {**os.environ, "COLUMNS": "160"}
+    printed = []
+    for line in tile.commands:
+        program = [str(Path(sys.executable).with_name("hhsim")), *shlex.split(line)[1:]]
+        answer = subprocess.run(program, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+        printed.append(answer.stdout)
+    FILMS.mkdir(exist_ok=True)
+    if tile.result:
+        shutil.copy(folder / tile.file, FILMS)
+    else:
+        with Image.open(folder / f"{tile.name}.png") as picture:
+            picture.thumbnail((2 * WIDTH, 2 * WIDTH))
+            picture.convert("RGB").save(FILMS / tile.file, quality=QUALITY, method=6)
+    size = (FILMS / tile.file).stat().st_size
+    if size > MOST_BYTES:
+        sys.exit(f"{tile.file} has {size:,} bytes, the most are {MOST_BYTES:,}: make it faster or smaller")
+    return printed[0]
+
+
+def section(tile: Tile, printed: str) -> str:
+    """Return the section of a tile."""
+    commands = "\n".join(f"$ {line}" for line in tile.commands)
+    table = "\n".join(line.rstrip() for line in printed.strip().splitlines())
+    return (
+        f"\n## {tile.title}\n\n{tile.seen}\n\n![{tile.title}: {tile.seen}](gallery/{tile.file})\n\n"
+        f"```console\n{commands}\n```\n\n{FOLD}\n\n```text\n{table}\n```\n\n</details>\n"
+    )
+
+
+def page_of(printed: dict[str, str]) -> str:
+    """Return the page with the tiles whose tables are known, by the titles of their sections."""
+    return HEADING + "".join(section(tile, printed[tile.title]) for tile in TILES if tile.title in printed)
+
+
+def tables(page: str) -> dict[str, str]:
+    """Return what the page has as printed, by the title of its section."""
+    sections = (part.partition("\n") for part in page.split("\n## ")[1:])
+    return {title: body.split("```text\n")[1].split("\n```")[0] for title, _, body in sections}
+
+
+def scene_page(path: Path, tick: int) -> str:
+    """Return a page of HTML with a tick of a result, hands and object, to turn with the mouse; three.js is in it."""
+    import trimesh
+    from trimesh.viewer.notebook import scene_to_html
+
+    from hhsim.render.triangle_soup import STONE, mesh_surface, piece_surfaces
+    from hhsim.result.reader import load_result
+    from hhsim.view.moment import moment
+    from hhsim.view.viewer import shown_scene
+
+    result = load_result(path)
+    shown = shown_scene(result)
+    now = moment(result, shown, tick, piece_surfaces(shown.hand, *COARSE))
+    object_ = mesh_surface(shown.placed(result.meshes_moved(tick)), STONE)
+    scene, looks = trimesh.Scene(), cast(Any, trimesh.visual)
+    for name, surface, opacity in (
+        ("graphic", now.graphic, 1.0),
+        ("haptic", now.haptic, 0.35),
+        ("object", object_, 1.0),
+    ):
+        # Corners that were split for their normals become one: a third of the bytes.
+        mesh: Any = trimesh.Trimesh(surface.points, surface.faces, process=False)
+        mesh.merge_vertices(digits_vertex=6)
+        paint = np.rint(255.0 * np.append(0.75 * np.median(surface.colors, axis=0), opacity)).astype(np.uint8)
+        blend = {"alphaMode": "BLEND"} if opacity < 1.0 else {}
+        material = looks.material.PBRMaterial(
+            baseColorFactor=paint, metallicFactor=0.0, roughnessFactor=0.7, doubleSided=True, **blend
+        )
+        mesh.visual = looks.TextureVisuals(material=material)
+        assert len(mesh.vertex_normals) == len(mesh.vertices)  # computed here, they are exported
+        scene.add_geometry(mesh, geom_name=name)
+    scene.set_camera(angles=np.radians(LOOK))
+    return str(scene_to_html(scene))
+
+
+def main(words: list[str]) -> None:
+    """Make films and page, or the scenes to turn."""
+    if words[:1] == ["pages"]:
+        with tempfile.TemporaryDirectory() as folder:
+            for tile in TILES:
+                if tile.name in TURNED:
+                    made_by = [str(Path(sys.executable).with_name("hhsim")), *shlex.split(tile.make[0])[1:], "--quiet"]
+                    subprocess.run(made_by, cwd=folder, check=True)
+                    page = Path(words[1], f"{tile.name}.html")
+                    page.parent.mkdir(parents=True, exist_ok=True)
+                    page.write_text(scene_page(Path(folder, tile.result), TURNED[tile.name]))
+                    print(f"{page}: {page.stat().st_size:,} bytes")
+        return
+    kept = tables(PAGE.read_text()) if PAGE.exists() else {}
+    for tile in TILES:
+        if not words or tile.name in words:
+            with tempfile.TemporaryDirectory() as folder:
+                kept[tile.title] = made(tile, Path(folder))
+            print(f"{tile.file}: {(FILMS / tile.file).stat().st_size:,} bytes", flush=True)
+            PAGE.write_text(page_of(kept))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
