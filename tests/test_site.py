@@ -53,7 +53,8 @@ def test_the_navigation_leads_to_every_page() -> None:
 
 def test_the_readme_and_the_pages_are_short() -> None:
     assert len((REPOSITORY / "README.md").read_text(encoding="utf-8").split()) <= README_WORDS
-    assert sum(len(path.read_text(encoding="utf-8").split()) for path in DOCS.glob("*.md")) <= DOCS_WORDS
+    written = [path for path in DOCS.glob("*.md") if path.name != "gallery.md"]  # which make gallery writes
+    assert sum(len(path.read_text(encoding="utf-8").split()) for path in written) <= DOCS_WORDS
 
 
 class Targets(HTMLParser):
