@@ -34,6 +34,8 @@ PAGES = {
 LINK = re.compile(r"(\]\()([^()\s:#]+)((?:#[^()\s]*)?\))")
 FENCE = re.compile(r"(^ *```.*?^ *```$)", re.MULTILINE | re.DOTALL)
 LANGUAGES = {".py": "python", ".sh": "bash", ".yml": "yaml", ".toml": "toml", ".cpp": "cpp", ".h": "cpp", ".hpp": "cpp"}
+UNSEARCHED = "---\nsearch:\n  exclude: true\n---\n\n"
+"""Begin of a page that is not in the index of the search, which browsers fetch with the first page."""
 BINARY = {".stl", ".h5"}
 MATHJAX = "assets/mathjax"
 MATHJAX_SCRIPTS = """\
@@ -83,7 +85,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     made: dict[str, str | bytes] = {"commands.md": reference(), "python.md": _api()}
     for source, uri in PAGES.items():
         if uri != FRONT:
-            made[uri] = (REPOSITORY / source).read_text(encoding="utf-8")
+            made[uri] = (UNSEARCHED if "/" not in source else "") + (REPOSITORY / source).read_text(encoding="utf-8")
     for file in list(files):
         if file.src_uri.endswith(".ipynb"):
             made[_page_of("docs/" + file.src_uri)] = notebook_page(Path(file.abs_src_path or ""))
@@ -168,7 +170,7 @@ def _source_page(source: str) -> str | bytes:
     if path.suffix in BINARY:
         return path.read_bytes()
     paths = sorted(one for one in path.iterdir() if one.is_file()) if path.is_dir() else [path]
-    parts = [f"# {source}\n"]
+    parts = [UNSEARCHED + f"# {source}\n"]
     for one in paths:
         parts += [f"## {one.name}\n"] if path.is_dir() else []
         if one.suffix == ".ipynb":
@@ -185,7 +187,8 @@ def notebook_page(path: Path) -> str:
         if cell["cell_type"] == "markdown":
             parts.append(text)
             continue
-        parts.append(_fence("python", text))
+        in_shell = text.startswith("!")
+        parts.append(_fence("console", re.sub(r"(?m)^!", "$ ", text)) if in_shell else _fence("python", text))
         for output in cell["outputs"]:
             data = output.get("data", {})
             if "image/png" in data:

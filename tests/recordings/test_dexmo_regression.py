@@ -207,7 +207,7 @@ def test_poses_are_in_seconds_whatever_the_unit_of_the_stamps(run: Run, tmp_path
 
 
 def test_the_page_has_the_header_of_a_gloves_table(repository: Path) -> None:
-    page = (repository / "docs" / "recordings.md").read_text(encoding="utf-8")
+    page = (repository / "docs" / "lab" / "recordings.md").read_text(encoding="utf-8")
     header = next(line for line in page.splitlines() if line.startswith("time,thumb_rotate"))
     assert has_dexmo_channels(tuple(header.split(","))) and len(header.split(",")) == 12
 
