@@ -39,7 +39,7 @@ HEADING = (
 
 
 class Tile(NamedTuple):
-    """Film or picture with what is seen in it, and the commands that make it: the first one's table is shown."""
+    """Film or picture with what is seen in it, and the commands that make it: the last one's table is shown."""
 
     name: str
     title: str
@@ -97,8 +97,15 @@ TILES = (
         "grab-free-result.h5",
     ),
     Tile(
-        *("spheres", "Spheres", "A tree of spheres that cover the bunny, level by level."),
-        ("hhsim build-tree bunny --level 3 --out tree.h5 --plot spheres.png",),
+        *(
+            "spheres",
+            "A robot's spheres",
+            "A hand of 16 links in URDF, here hhsim's own: each link in spheres that cover it.",
+        ),
+        (
+            "hhsim scene cube touch --out scene",
+            "hhsim build-tree scene/hand.urdf --leaves 8 --as urdf --out hand-spheres.urdf --plot spheres.png",
+        ),
     ),
 )
 INPUTS = ("grab.csv", "mug.stl")
@@ -112,7 +119,7 @@ TURNED = {"grasp": 1500, "whole-hand": 1500}
 
 
 def made(tile: Tile, folder: Path) -> str:
-    """Run the commands of a tile in a folder, keep its film, and return what its first command printed."""
+    """Run the commands of a tile in a folder, keep its film, and return what the last one of `Tile.make` printed."""
     for name in INPUTS:
         shutil.copy(REPOSITORY / "examples" / name, folder)
     environment = {**os.environ, "COLUMNS": "160"}
@@ -131,7 +138,7 @@ def made(tile: Tile, folder: Path) -> str:
     size = (FILMS / tile.file).stat().st_size
     if size > MOST_BYTES:
         sys.exit(f"{tile.file} has {size:,} bytes, the most are {MOST_BYTES:,}: make it faster or smaller")
-    return printed[0]
+    return printed[len(tile.make) - 1]
 
 
 def section(tile: Tile, printed: str) -> str:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.kernels.cover.dearest_places import find_dearest
 from hhsim.kernels.cover.joint_descent import descend_together, find_owners
 from hhsim.kernels.cover.micro_triangle import cut_mesh, edges_for
@@ -17,11 +17,11 @@ from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers
 from hhsim.trees.options import FEW
-from hhsim.trees.surface_cover import CoverInProgress, MeshInFrame
+from hhsim.trees.surface_cover import CoverInProgress, MeshInFrame, cover_of
 
 _PIECES = 3000, 60
 """Micro-triangles whose corners are the first points: so many, and so many more for each sphere."""
-_STARTS = 4, 32
+_STARTS = 3, 32
 """Number of starts with the most spheres, and with one or two."""
 
 
@@ -32,23 +32,21 @@ class _Descent(NamedTuple):
     rounds: int
     longest: float
     shortest: float
+    bluntest: float
     sharpest: float
     exchanged: int = 0
 
 
-_DESCENT = _Descent(40, 15, 0.05, 1e-3, 300.0, exchanged=4)
+_DESCENT = _Descent(40, 15, 0.05, 1e-3, 8.0, 300.0, exchanged=4)
 """Descent from each start."""
-_POLISHES = (
-    _Descent(2, 60, 0.03, 1e-3, 300.0),
-    _Descent(2, 60, 0.01, 3e-4, 1000.0),
-    _Descent(2, 60, 0.003, 3e-5, 4000.0),
-    _Descent(1, 120, 0.01, 1e-5, 10000.0),
-)
-"""The same with new points, in turn, from the best ends."""
-_TURNS = 8, 24
-"""Number of these descents with the most spheres, and with one or two."""
-_DEAR = 0.99
-"""Cost of the places that become points, as a share of the largest."""
+_POLISHES = _Descent(1, 30, 0.15, 1e-2, 60.0, 300.0), _Descent(1, 30, 0.05, 3e-3, 60.0, 1000.0)
+"""Descents with new points, in turn, from the best ends; lengths are shares of the largest cost."""
+_TURNS = 40
+"""Number of these descents."""
+_ACTIVE = 0.7
+"""Cost of the points that count then, as a share of the largest; steps are too short for the others to matter."""
+_DEAR = 0.98
+"""Cost of the places whose surroundings become points, as a share of the largest."""
 _DOUBT = 0.001
 """Share of the largest cost by which what lies between points may cost more."""
 _ENDS = 2, 8
@@ -59,11 +57,13 @@ _SAME = 1e-3
 """Ends whose costs and mean heights differ by a smaller share are one."""
 _DIRECTIONS = 300
 """Number of directions in which a sphere's height over the mesh is looked at."""
-_GRID = 20
+_GRID = 24
 """Number of points along each axis of the grid that counts the volume outside."""
 _TRIALS = 2400, 50
 """Trials to move a sphere: so many in all, and so many more for each sphere."""
-_ALLOWED = {"protrusion": 1.005, "volume": np.inf}
+_AIMED = {"protrusion": 1, "volume": 2}
+"""Factor of the number of trials."""
+_ALLOWED = {"protrusion": 1.02, "volume": np.inf}
 """Largest protrusion after the volume outside was reduced, as a share of that before."""
 _REDUCTIONS, _FINER, _DECISIVE = 3, 3, 0.002
 """Number of reductions; halvings between them of the micro-triangles that a sphere barely reaches; and by what share of
@@ -109,7 +109,16 @@ class _Search:
     def descend(self, points: FloatArray, how: _Descent, center: FloatArray) -> float:
         exchanged = min(how.exchanged, max(1, self.spheres // 4))
         return descend_together(
-            self.mesh.bvh, points, how.cycles, how.rounds, how.longest, how.shortest, how.sharpest, exchanged, center
+            self.mesh.bvh,
+            points,
+            how.cycles,
+            how.rounds,
+            how.longest,
+            how.shortest,
+            how.bluntest,
+            how.sharpest,
+            exchanged,
+            center,
         )
 
     def chosen(self, centers: list[FloatArray], costs: list[float]) -> list[FloatArray]:
@@ -126,12 +135,17 @@ class _Search:
                 found.append(int(i))
         return [centers[near[i]] for i in found]
 
+    def owners(self, points: FloatArray, center: FloatArray, depth: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Return the best sphere of each point, columns of shape (3, N), and its cost under that."""
+        count = points.shape[1]
+        owner, cost, second = np.empty(count, np.int64), np.empty(count), np.empty(count)
+        find_owners(points, center, depth, owner, cost, second)
+        return owner, cost
+
     def needed_radius(self, center: FloatArray) -> FloatArray:
         """Return radii that reach the points which cost least under each sphere, 0 for none, shape (k,)."""
-        count = self.points.shape[1]
-        owner, cost, second = np.empty(count, np.int64), np.empty(count), np.empty(count)
         depth, radius = self.depth(center), np.zeros(len(center))
-        find_owners(self.points, center, depth, owner, cost, second)
+        owner, cost = self.owners(self.points, center, depth)
         np.maximum.at(radius, owner, cost + depth[owner])
         return radius
 
@@ -151,14 +165,20 @@ class _Search:
         """Move spheres until no place between the points costs more than they do; return the cost and the centres."""
         points, center = self.points, center.copy()
         least, best = np.inf, center.copy()
-        place, cost = np.empty((len(self.micro.corner), 3)), np.empty(len(self.micro.corner))
-        for turn in range(self.scaled(_TURNS)):
-            known = self.descend(points, _POLISHES[turn % len(_POLISHES)], center)
-            worst = find_dearest(self.micro.corner, center, self.depth(center), _DOUBT, known, place, cost)
+        piece, cost = np.empty((len(self.micro.corner), 9)), np.empty(len(self.micro.corner))
+        for turn in range(_TURNS):
+            now = self.owners(points, center, self.depth(center))[1]
+            how, most = _POLISHES[turn % len(_POLISHES)], float(now.max())
+            if not most > 0.0:
+                break
+            how = how._replace(longest=how.longest * most, shortest=how.shortest * most)
+            known = self.descend(np.ascontiguousarray(points[:, now > _ACTIVE * most]), how, center)
+            worst = find_dearest(self.micro.corner, center, self.depth(center), _DOUBT, known, piece, cost)
             if worst < least:
                 least, best = worst, center.copy()
             if worst > known * (1.0 + _DOUBT):
-                points = np.ascontiguousarray(np.concatenate([points, place[cost > _DEAR * known].T], axis=1))
+                new = piece[cost > _DEAR * known].reshape(-1, 3)
+                points = np.ascontiguousarray(np.concatenate([points, new.T], axis=1))
         return least, best
 
     def reduce(self, cost: float, center: FloatArray) -> _Found:
@@ -175,7 +195,7 @@ class _Search:
         outside, step = self.outside(center, radius)
         rng, left = np.random.default_rng(1), 0
         for turn in range(_REDUCTIONS):
-            trials = _TRIALS[0] + _TRIALS[1] * self.spheres
+            trials = _AIMED[self.minimise] * (_TRIALS[0] + _TRIALS[1] * self.spheres)
             shift = rng.normal(size=(trials if turn == 0 else trials // 4, 3))
             triangles = np.ascontiguousarray(cover.micro.corner.T)
             left = reduce_outside(self.mesh.bvh, triangles, outside, limit, shift, float(step.max()), center, radius)
@@ -222,7 +242,9 @@ def fewest_spheres(
     starts = search.starts()
     costs = workers.each(lambda center: search.descend(search.points, _DESCENT, center), ((one,) for one in starts))
     progress("cover", 1, 3)
-    ends = workers.each(search.polish, ((center,) for center in search.chosen(starts, costs)))
+    # So that no cover is worse than the greedy one.
+    greedy = mesh.frame.into(cover_of(mesh, spheres)[0])
+    ends = workers.each(search.polish, ((center,) for center in [greedy, *search.chosen(starts, costs)]))
     progress("cover", 2, 3)
     limit = _NEAR[minimise] * min(cost for cost, _ in ends)
     found = workers.each(search.reduce, (end for end in ends if end[0] <= limit))

@@ -27,12 +27,13 @@ def _corner_costs(t: Array, center: Array, depth: Array, costs_out: Array) -> No
 
 @jit_allocating
 def find_dearest(
-    corner: Array, center: Array, depth: Array, doubt: float, known: float, place_out: Array, cost_out: Array
+    corner: Array, center: Array, depth: Array, doubt: float, known: float, piece_out: Array, cost_out: Array
 ) -> float:
-    """Find the place of each triangle, (M, 9) [m], that costs most under its best sphere, if it is among the dearest.
+    """Find the piece of each triangle, (M, 9) [m], with the corner that costs most under its best sphere.
 
     Only where a triangle may cost more than all that is known, by the share `doubt` of it, it is halved, and the halves
-    looked at. Writes places, (M, 3) [m], and costs, (M,) [m]; returns a bound of the cost of the whole surface.
+    looked at: where spheres meet, the corners of a small piece belong to each of them. Writes pieces, (M, 9) [m], and
+    the costs of those corners, (M,) [m]; returns a bound of the cost of the whole surface.
     """
     stack, level, costs = np.empty((CUT_STACK, 9)), np.empty(CUT_STACK, np.int64), np.empty(4)
     bound = 0.0
@@ -48,8 +49,7 @@ def find_dearest(
             for v in range(3):
                 if costs[v] > cost_out[m]:
                     cost_out[m] = costs[v]
-                    for k in range(3):
-                        place_out[m, k] = t[3 * v + k]
+                    piece_out[m] = t
             known = max(known, cost_out[m])
             if costs[3] <= known * (1.0 + doubt) or level[top] >= _HALVINGS or top + 2 > CUT_STACK:
                 bound = max(bound, costs[3])

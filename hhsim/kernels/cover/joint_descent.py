@@ -17,9 +17,6 @@ from hhsim.kernels.mesh.bvh import MeshBvh
 
 _INERTIA = 0.5
 """Share of the last step that stays in the next one."""
-_BLUNT = 8.0
-"""Sharpness of the first round, that of the last is given. A point has the weight (1 − z/8)⁸, about e⁻ᶻ, with z =
-sharpness × (1 − its cost / the largest)."""
 _LATER = 0.2
 """Length of a cycle's first steps in the last cycle, as a share of those in the first one."""
 _DEARER = 1.6, 1.2
@@ -90,15 +87,17 @@ def descend_together(
     rounds: int,
     longest: float,
     shortest: float,
+    bluntest: float,
     sharpest: float,
     exchanged: int,
     center: Array,
 ) -> float:
     """Move spheres, centres of shape (k, 3) [m], in place to the best covers of points that `cycles` of descent find.
 
-    Each cycle has `rounds` steps, from `longest` to `shortest` [m]; in its last round points count that cost less than
-    the dearest by about 1 / `sharpest` of it. Then up to `exchanged` spheres that others can nearly stand in for jump
-    to where the cover is worst. Points are columns of shape (3, N). Returns the largest cost [m] of the best.
+    Each cycle has `rounds` steps, from `longest` to `shortest` [m]. A point has the weight (1 − z/8)⁸, about e⁻ᶻ, with
+    z = sharpness × (1 − its cost / the largest), from `bluntest` to `sharpest` [-]. Then up to `exchanged` spheres that
+    others can nearly stand in for jump to where the cover is worst. Points are columns of shape (3, N). Returns the
+    largest cost [m] of the best.
     """
     spheres, count = center.shape[0], points.shape[1]
     owner, cost, second = np.empty(count, np.int64), np.empty(count), np.empty(count)
@@ -125,7 +124,7 @@ def descend_together(
                 break
             done = turn / max(rounds - 1, 1)
             length = first / (1.0 + done * (first / shortest - 1.0))
-            sharpness = _BLUNT / (1.0 - done * (1.0 - _BLUNT / sharpest))
+            sharpness = bluntest / (1.0 - done * (1.0 - bluntest / sharpest))
             _sum_slopes(points, center, owner, cost, largest, sharpness, slope)
             for i in range(spheres):
                 inverse = 1.0 / slope[i, 3] if slope[i, 3] > 0.0 else 0.0
