@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
-from hhsim.mesh.signed_bvh import signed_bvh
+from hhsim.mesh.signed_bvh import heights, signed_bvh
 from hhsim.render.figure import new_figure, save_figure
 from hhsim.render.rasterizer import blend, frame, lit, look_from, see_spheres, shade
 from hhsim.render.tree_figure import COLORS, MESH_COLOR
@@ -86,5 +85,5 @@ def _heights(
     height = np.empty(len(points))
     for k, (each, (turn, at)) in enumerate(zip(found.links, places)):
         own = np.flatnonzero(link == k)
-        height[own] = mesh_signed_distance(signed_bvh(each.mesh), np.ascontiguousarray((points[own] - at) @ turn))
+        height[own] = heights(signed_bvh(each.mesh), np.ascontiguousarray((points[own] - at) @ turn))
     return height

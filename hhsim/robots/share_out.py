@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-ROUNDS = 3
+ROUNDS = 2
 USUAL_SLOPE = 2.0 / 3.0
 """Power of the number of spheres with which an error falls, where two numbers do not tell."""
 SLOPES = (0.2, 2.0)

@@ -10,9 +10,9 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.kernels.cover.sampled_error import union_distance
-from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
+from hhsim.kernels.mesh.bvh import MeshBvh
 from hhsim.mesh.mesh import LEAST_FILLED, Mesh
-from hhsim.mesh.signed_bvh import signed_bvh
+from hhsim.mesh.signed_bvh import heights, signed_bvh
 from hhsim.trees.error import MESH_SAMPLES, protrusion_bound, sample_mesh
 
 INSIDE_SAMPLES = 10_000
@@ -81,7 +81,7 @@ def _inside_points(mesh: Mesh, bvh: MeshBvh, rng: np.random.Generator) -> FloatA
     found: list[FloatArray] = []
     for _ in range(MOST_TRIED // (2 * INSIDE_SAMPLES)):
         points = mesh.bounds[0] + rng.random((2 * INSIDE_SAMPLES, 3)) * mesh.extent
-        found.append(points[mesh_signed_distance(bvh, points) < 0.0])
+        found.append(points[heights(bvh, points) < 0.0])
         if sum(map(len, found)) >= INSIDE_SAMPLES or not sum(map(len, found)):
             break
     return np.ascontiguousarray(np.concatenate(found)[:INSIDE_SAMPLES])
@@ -93,4 +93,4 @@ def _heights(bvh: MeshBvh, center: FloatArray, radius: FloatArray, rng: np.rando
     direction = rng.normal(size=(len(radius), each, 3))
     direction /= np.linalg.norm(direction, axis=2, keepdims=True)
     points = (center[:, None] + radius[:, None, None] * direction).reshape(-1, 3)
-    return mesh_signed_distance(bvh, np.ascontiguousarray(points))
+    return heights(bvh, np.ascontiguousarray(points))

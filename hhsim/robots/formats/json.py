@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.errors import InputError
-from hhsim.kernels.mesh.bvh import mesh_signed_distance
-from hhsim.mesh.signed_bvh import signed_bvh
+from hhsim.mesh.signed_bvh import heights, signed_bvh
 from hhsim.robots.formats.registry import RobotFormat, Spheres
 from hhsim.robots.numbers import checked_spheres
 from hhsim.robots.robot_spheres import RobotSpheres
@@ -17,7 +16,7 @@ def write_json(found: RobotSpheres) -> bytes:
     """Return the file; the error of a sphere is its proved bound [m]."""
     document = {}
     for link in found.links:
-        bounds = link.tree.leaf_radius + mesh_signed_distance(signed_bvh(link.mesh), link.tree.leaf_center)
+        bounds = link.tree.leaf_radius + heights(signed_bvh(link.mesh), link.tree.leaf_center)
         document[link.name] = {
             "mean": float(bounds.mean()),
             "best": float(bounds.min()),
