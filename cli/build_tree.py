@@ -137,7 +137,7 @@ def command(
     plot: Path | None,
     seed: int,
 ) -> None:
-    """Build the sphere tree of an object, or spheres for every link of a robot, and measure their error.
+    """Cover an object, or a robot, with spheres, with a proof.
 
     OBJECT is a name (hhsim objects), a mesh file, or a URDF or MJCF file, of which --link names a link. The spheres
     of each level cover every triangle, with a proof in the file; the table says how far they protrude, as sampled and

@@ -37,7 +37,7 @@ COMMANDS = {
     "import": "Make a trajectory of a recording of a hand.",
     "bench": "Measure the methods against each other: speed, error, stress.",
     "gate": "Judge a change for CI: errors, work and time, yes or no.",
-    "build-tree": "Build the sphere tree of an object, or spheres for every link of a robot, and measure their error.",
+    "build-tree": "Cover an object, or a robot, with spheres, with a proof.",
     "doctor": "Tell whether this machine keeps 1 kHz, and if not, why.",
     "info": "Show versions, processor, clock and what is missing.",
     "help": "Show the help of hhsim, or of a command.",

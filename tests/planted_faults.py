@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +37,7 @@ def described_grasp(
         "object": name,
         "object_mesh": load_object(name).mesh.sha256,
         "tree": None,
-        "tree_options": asdict(TreeOptions(level=level)),
+        "tree_options": TreeOptions(level=level).recorded(),
     }
     return result_of(scene, path, description, **options)
 

@@ -28,6 +28,7 @@ from hhsim.mesh.repair import (
 )
 from hhsim.mesh.shell import Shell
 from hhsim.mesh.solidify import tell_assumed
+from hhsim.reproducible import dot
 from hhsim.system.counted import counted
 
 FEWEST_OF_SOLID = 4
@@ -122,13 +123,14 @@ def _solid_parts(given: MeshInRepair, repairs: list[str]) -> tuple[FloatArray, I
     area = topology.face_areas(caps.vertices, all_faces)
     own_area, cap_area = (np.bincount(all_label[one], weights=area[one], minlength=parts) for one in (~is_cap, is_cap))
     a, b, c = (caps.vertices[all_faces] - vertices.mean(axis=0)).transpose(1, 0, 2)
-    volume = np.abs(np.bincount(all_label, weights=np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0, minlength=parts))
+    volume = np.abs(np.bincount(all_label, weights=dot(a, np.cross(b, c)) / 6.0, minlength=parts))
     bent = (caps.width > WIDE_HOLE * size) & (caps.bend > BENT_HOLE * caps.width)
     index, _, balance = topology.undirected_edges(all_faces)
     unbalanced = np.zeros(parts, np.bool_)
     unbalanced[all_label[np.flatnonzero(balance[index] != 0) // 3]] = True
     closes = large & ~unbalanced & (cap_area <= CAP_AREA * own_area)
-    closes &= volume >= SHEET_VOLUME * (own_area + cap_area) ** 1.5
+    whole_area = own_area + cap_area
+    closes &= volume >= SHEET_VOLUME * whole_area * np.sqrt(whole_area)
     closes[of_loop[bent]] = False
     surface = MeshInRepair(
         *topology.used_vertices(caps.vertices, all_faces[closes[all_label]]), given.name, given.unit_length

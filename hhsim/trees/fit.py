@@ -52,11 +52,12 @@ def measure_fit(mesh: Mesh, center: FloatArray, radius: FloatArray, seed: int = 
     filled = mesh.volume
     if mesh.shell is not None:
         filled = Mesh(mesh.shell.vertices, mesh.shell.faces).volume if len(mesh.shell.faces) else 0.0
-    volume = filled if filled > LEAST_FILLED * float(mesh.extent.max()) ** 3 else box
+    longest = float(mesh.extent.max())
+    volume = filled if filled > LEAST_FILLED * longest * longest * longest else box
     return Fit(
         spheres=len(radius),
         coverage=float((_outside(inside, center, radius) == 0.0).mean()) if len(inside) else None,
-        surface_coverage=float((gap <= 1e-9 * float(mesh.extent.max())).mean()),
+        surface_coverage=float((gap <= 1e-9 * longest).mean()),
         surface_gap_mean=float(gap.mean()),
         surface_gap_p95=float(np.quantile(gap, 0.95)),
         surface_gap_max=float(gap.max()),
@@ -64,7 +65,7 @@ def measure_fit(mesh: Mesh, center: FloatArray, radius: FloatArray, seed: int = 
         protrusion_mean=float(out.mean()) if len(out) else 0.0,
         protrusion_p95=float(np.quantile(out, 0.95)) if len(out) else 0.0,
         protrusion_max=float(out.max(initial=0.0)),
-        volume_ratio=float(4.0 / 3.0 * np.pi * (radius**3).sum() / volume) if volume > 0.0 else None,
+        volume_ratio=float(4.0 / 3.0 * np.pi * (radius * radius * radius).sum() / volume) if volume > 0.0 else None,
         bound=protrusion_bound(bvh, center, radius),
     )
 

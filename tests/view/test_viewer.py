@@ -15,9 +15,9 @@ from sealed_change import changed
 from short_grasp import short_grasp, short_result
 
 from hhsim.errors import InputError, OutputError
-from hhsim.hand.fingers import FINGERS
+from hhsim.hand.fingers import FINGERS, PHALANX_NAMES
 from hhsim.hand.model import HandModel
-from hhsim.render.triangle_soup import PHALANGES, piece_poses
+from hhsim.render.triangle_soup import piece_poses
 from hhsim.result.reader import Result, load_result
 from hhsim.view.plots import CONTACTS, DEPTH, FORCE, RESULT_PLOTS, TIME, VARIATION
 from hhsim.view.scene_log import FORCE_LENGTH, NORMAL_LENGTH
@@ -54,7 +54,7 @@ def test_rerun_itself_finds_no_fault_and_the_views_come_with_it(written: Path, r
 def test_each_piece_of_a_hand_is_where_the_result_says(recording: Recording, result: Result, whose: str) -> None:
     names = ("position", "orientation", "flexion", "abduction")
     poses = piece_poses(HandModel.default(), *(result[f"{whose}/{name}"] for name in names))
-    for body, name in enumerate([f"{finger}/{phalanx}" for finger in FINGERS for phalanx in PHALANGES] + ["palm"]):
+    for body, name in enumerate([f"{finger}/{phalanx}" for finger in FINGERS for phalanx in PHALANX_NAMES] + ["palm"]):
         entity = f"/world/{whose}/{name}"
         translation = recording.array(entity, "Transform3D:translation")[:, 0]
         quaternion = recording.array(entity, "Transform3D:quaternion")[:, 0]
