@@ -63,8 +63,8 @@ _TRIALS = 2400, 50
 """Trials to move a sphere: so many in all, and so many more for each sphere."""
 _AIMED = {"protrusion": 1, "volume": 2}
 """Factor of the number of trials."""
-_ALLOWED = {"protrusion": 1.02, "volume": np.inf}
-"""Largest protrusion after the volume outside was reduced, as a share of that before."""
+_ALLOWED, _HANDFUL, _ALLOWED_OF_MORE = 1.02, 8, 1.002
+"""Largest protrusion after the volume outside was reduced, as a share of that before: of so many spheres; of more."""
 _REDUCTIONS, _FINER, _DECISIVE = 3, 3, 0.002
 """Number of reductions; halvings between them of the micro-triangles that a sphere barely reaches; and by what share of
 the largest cost it does."""
@@ -189,9 +189,10 @@ class _Search:
         cover.assign()
         for _ in range(_HALVINGS):
             self.halve(cover, cover.cost > cost * (1.0 + 2.0 * _DOUBT))
-        limit = max(_ALLOWED[self.minimise] * cost, cover.worst)
+        allowed = (_ALLOWED if self.spheres <= _HANDFUL else _ALLOWED_OF_MORE) * cost
+        limit = max(allowed if self.minimise == "protrusion" else np.inf, cover.worst)
         # Where micro-triangles could not be cut so fine, they cost more.
-        radius = np.maximum(depth + max(cover.worst, min(limit, _ALLOWED["protrusion"] * cost)), 0.0)
+        radius = np.maximum(depth + max(cover.worst, min(limit, allowed)), 0.0)
         outside, step = self.outside(center, radius)
         rng, left = np.random.default_rng(1), 0
         for turn in range(_REDUCTIONS):
