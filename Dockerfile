@@ -1,6 +1,6 @@
-# Image with hhsim alone, run by a user without rights; results go to the folder that is mounted at /work:
+# Image with hhsim alone, run by a user without rights; results go to the folder that is mounted at /data:
 #   docker build -t hhsim .
-#   docker run --rm -v "$PWD:/work" --user "$(id -u)" hhsim replay bunny grasp
+#   docker run --rm -v "$PWD:/data" --user "$(id -u)" hhsim replay bunny grasp
 FROM python:3.12-slim AS wheel
 WORKDIR /source
 COPY . .
@@ -15,6 +15,6 @@ RUN pip install --no-cache-dir -c /tmp/constraints.txt /wheels/*.whl \
 # Compiled kernels are kept where any --user may write, each in a folder of its own.
 ENV HOME=/tmp
 USER 1000
-WORKDIR /work
+WORKDIR /data
 ENTRYPOINT ["hhsim"]
 CMD ["--help"]
