@@ -161,7 +161,7 @@ class Watched:
 
     @property
     def sound(self) -> bool:
-        """Whether another drill can be held with it."""
+        """Return True if another drill can be held with it."""
         return self.session.pid(LOOP) is not None and self.session.stage == Stage.RUNNING
 
 

@@ -58,7 +58,7 @@ def test_the_readme_and_the_pages_are_short() -> None:
 
 
 class Targets(HTMLParser):
-    """What a page of HTML links to, shows and runs; and the anchors it has."""
+    """Links, pictures, scripts and anchors of a page of HTML."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
