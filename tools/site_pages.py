@@ -18,6 +18,7 @@ from mkdocs.structure.pages import Page
 
 import hhsim
 from tools.cli_reference import reference
+from tools.gallery import page_to_turn
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 FRONT = "README.md"
@@ -90,6 +91,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         if file.src_uri.endswith(".ipynb"):
             made[_page_of("docs/" + file.src_uri)] = notebook_page(Path(file.abs_src_path or ""))
             files.remove(file)
+        elif file.src_uri.endswith(".glb"):
+            files.append(File.generated(config, _page_of("docs/" + file.src_uri), content=page_to_turn(file.name)))
+            files.remove(file)
     texts = {uri: text for uri, text in made.items() if isinstance(text, str)}
     texts[FRONT] = (REPOSITORY / FRONT).read_text(encoding="utf-8")
     texts |= {file.src_uri: file.content_string for file in files.documentation_pages() if file.src_uri not in texts}
@@ -125,13 +129,20 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
     """Return a page with a name for its search, and with MathJax if it has formulas."""
-    output = output.replace(
-        'data-md-component="search" role="dialog"', 'data-md-component="search" role="dialog" aria-label="Search"'
-    )
+    output = _named(output)
     if 'class="arithmatex"' not in output:
         return output
     root = "../" * page.url.count("/")
     return output.replace("</body>", MATHJAX_SCRIPTS.format(root=root, mathjax=MATHJAX))
+
+
+def on_post_template(output: str, template_name: str, config: MkDocsConfig) -> str:
+    """Return a page that is made of no Markdown, 404.html, with a name for its search."""
+    return _named(output)
+
+
+def _named(output: str) -> str:
+    return output.replace('role="dialog"', 'role="dialog" aria-label="Search"')
 
 
 def on_post_build(config: MkDocsConfig) -> None:
@@ -161,7 +172,7 @@ def _page_of(source: str) -> str:
     if source in PAGES:
         return PAGES[source]
     if source.startswith("docs/"):
-        return re.sub(r"\.ipynb$", ".md", source.removeprefix("docs/"))
+        return re.sub(r"\.ipynb$", ".md", source.removeprefix("docs/")).replace(".glb", ".html")
     return f"source/{source}" if Path(source).suffix in BINARY else f"source/{source}.md"
 
 
