@@ -10,7 +10,6 @@ import posixpath
 import re
 import shutil
 from pathlib import Path
-from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
@@ -54,31 +53,6 @@ API = """\
 Units are SI: m, rad, s, N, N·m. The world is right-handed with z up.
 
 """
-
-
-def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Leave out of the navigation pages that are not there."""
-
-    def there(uri: str) -> bool:
-        source = REPOSITORY / "docs" / uri
-        return uri in {*PAGES.values(), "commands.md", "python.md"} or any(
-            source.with_suffix(suffix).is_file() for suffix in (".md", ".ipynb")
-        )
-
-    def kept(entries: list[Any]) -> list[Any]:
-        found: list[Any] = []
-        for entry in entries:
-            if isinstance(entry, str):
-                found += [entry] if there(entry) else []
-                continue
-            ((title, value),) = entry.items()
-            value = kept(value) if isinstance(value, list) else value if there(value) else None
-            found += [{title: value}] if value else []
-        return found
-
-    nav: Any = kept(config.nav or [])
-    config.nav = nav
-    return config
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
