@@ -212,7 +212,8 @@ def page_to_turn(name: str) -> str:
     held = util.decompress(resources.get_bytes("templates/viewer.zip"), file_type="zip")
     page = held["viewer.html.template"].read().decode("utf-8")
     page = page.replace("$B64GLTF", base64.b64encode((FILMS / f"{name}.glb").read_bytes()).decode())
-    page = re.sub(r"<title>.*?</title>", f"<title>{tile.title} - hhsim</title>", page)
+    head = f'<title>{tile.title} - hhsim</title><link rel="icon" href="../assets/images/favicon.png">'
+    page = re.sub(r"<title>.*?</title>", head, page)
     page = re.sub(r'<meta name="viewport"[^>]*>', '<meta name="viewport" content="width=device-width">', page)
     words = f'<a href="../gallery.html">Gallery</a>: {tile.title}. Drag to turn, scroll to zoom.'
     return page.replace('<div id="container"></div>', BODY.format(words))
