@@ -83,8 +83,17 @@ def test_what_is_not_run_needs_something_and_what_is_needed_is_on_a_page() -> No
     assert sum(len(lines_of(name)) for name in PAGES) > 40
 
 
-def given(folder: Path, environment: dict[str, str]) -> None:
-    """Write the files that pages take for the reader's own."""
+@pytest.fixture(scope="module")
+def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    commands = tmp_path_factory.mktemp("bin")
+    hhsim_command(commands)
+    return {"PATH": f"{commands}:{os.environ['PATH']}"}
+
+
+@pytest.fixture(scope="module")
+def given(tmp_path_factory: pytest.TempPathFactory, environment: dict[str, str]) -> Path:
+    """Return a folder of the files that pages take for the reader's own."""
+    folder = tmp_path_factory.mktemp("given")
     shutil.copytree(REPOSITORY / "examples", folder / "examples")
     for name in ("results", "meshes", "poses", "sequences"):
         (folder / name).mkdir()
@@ -92,6 +101,7 @@ def given(folder: Path, environment: dict[str, str]) -> None:
         "cp examples/laptop.urdf examples/grab.csv .; cp laptop.urdf arm.urdf; cp grab.csv quest.csv",
         "hhsim replay cube pinch --ticks 1500 --out grasp.h5",
         "hhsim replay cube pinch --ticks 1500 --method paper --out paper.h5",
+        "hhsim replay cube grasp --hand both --ticks 600 --out both.h5",
         "hhsim live glove cube --duration 2 --out session.h5",
         "for name in a b coupled results/before results/after results/grasp; do cp grasp.h5 $name.h5; done",
         "cp paper.h5 progressive.h5; cp session.h5 results/",
@@ -102,27 +112,25 @@ def given(folder: Path, environment: dict[str, str]) -> None:
         (folder / f"{name}.urdf").write_text(f'<robot name="{name}">{links}</robot>')
     (folder / "my_module.py").write_text(METHOD)
     (folder / "hhsim-gate.toml").write_text(SUITE)
-    mug = trimesh.load_mesh(REPOSITORY / "examples" / "mug.stl").apply_scale(1e-3)
+    mug: Any = trimesh.load_mesh(REPOSITORY / "examples" / "mug.stl")
+    mug.apply_scale(1e-3)
     for path in ("mug.stl", "meshes/mug.obj"):
         mug.export(folder / path)
     hand = hhsim.load_trajectory(folder / "motion.h5")
-    arrays = {"wrist_pos": hand.position, "wrist_quat_wxyz": hand.orientation, "flex": hand.flexion}
+    arrays: dict[str, Any] = {"wrist_pos": hand.position, "wrist_quat_wxyz": hand.orientation, "flex": hand.flexion}
     for path in ("grab.npz", "grasp.npz", "sequences/mug_1.npz"):
         np.savez(folder / path, t=hand.time, abd=hand.abduction, hand="right", **arrays)
     np.save(folder / "poses" / "mug_1.npy", np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]))
     (folder / "manifest.toml").write_text(page_of("docs/repair.md").blocks("toml")[0])
+    return folder
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("name", [name for name in PAGES if lines_of(name)])
-def test_every_line_of_a_page_can_be_pasted(name: str, tmp_path: Path) -> None:
-    folder, commands = tmp_path / "work", tmp_path / "bin"
-    folder.mkdir()
-    commands.mkdir()
-    hhsim_command(commands)
-    environment = {"PATH": f"{commands}:{os.environ['PATH']}"}
-    given(folder, environment)
-    paste(lines_of(name), folder, environment)
+def test_every_line_of_a_page_can_be_pasted(
+    name: str, given: Path, environment: dict[str, str], tmp_path: Path
+) -> None:
+    paste(lines_of(name), shutil.copytree(given, tmp_path / "work"), environment)
 
 
 IN_PYTHON = {"docs/results.md", "docs/files.md", "docs/outside-methods.md", "docs/lab/recordings.md", "docs/repair.md"}
@@ -140,7 +148,7 @@ def test_python_blocks_do_what_they_show(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(hhsim, "view_result", lambda result: None, raising=False)  # needs rerun's notebook package
     short_result(tmp_path / "grasp.h5")
-    take = {"params": {"transl": np.zeros((2, 3)), "fullpose": np.zeros((2, 45))}}
+    take: Any = {"params": {"transl": np.zeros((2, 3)), "fullpose": np.zeros((2, 45))}}
     np.savez("mug_drink_1.npz", rhand=take, lhand=take, object=take, framerate=120.0)
     joints = model_joints(HAND, scene_case("sphere", "grasp", 100, 3, 15).frames)
     still = np.tile([1.0, 0.0, 0.0, 0.0], (len(joints), 1))

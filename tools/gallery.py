@@ -183,7 +183,7 @@ def scene_to_turn(path: Path, tick: int) -> bytes:
     shown = shown_scene(result)
     now = moment(result, shown, tick, piece_surfaces(shown.hand, *COARSE))
     object_ = mesh_surface(shown.placed(result.meshes_moved(tick)), STONE)
-    scene, looks = trimesh.Scene(), cast(Any, trimesh.visual)
+    scene, looks = cast(Any, trimesh.Scene()), cast(Any, trimesh.visual)
     for name, surface, opacity in (
         ("graphic", now.graphic, 1.0),
         ("haptic", now.haptic, 0.35),
@@ -209,7 +209,7 @@ def page_to_turn(name: str) -> str:
     from trimesh import resources, util
 
     tile = next(tile for tile in TILES if tile.name == name)
-    held = util.decompress(resources.get_bytes("templates/viewer.zip"), file_type="zip")
+    held: Any = util.decompress(resources.get_bytes("templates/viewer.zip"), file_type="zip")
     page = held["viewer.html.template"].read().decode("utf-8")
     page = page.replace("$B64GLTF", base64.b64encode((FILMS / f"{name}.glb").read_bytes()).decode())
     head = f'<title>{tile.title} - hhsim</title><link rel="icon" href="../assets/images/favicon.png">'
