@@ -120,7 +120,7 @@ def given(tmp_path_factory: pytest.TempPathFactory, environment: dict[str, str])
     arrays: dict[str, Any] = {"wrist_pos": hand.position, "wrist_quat_wxyz": hand.orientation, "flex": hand.flexion}
     for path in ("grab.npz", "grasp.npz", "sequences/mug_1.npz"):
         np.savez(folder / path, t=hand.time, abd=hand.abduction, hand="right", **arrays)
-    np.save(folder / "poses" / "mug_1.npy", np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]))
+    np.save(folder / "poses" / "mug_1.npy", np.eye(4).reshape(1, 16))
     (folder / "manifest.toml").write_text(page_of("docs/repair.md").blocks("toml")[0])
     return folder
 
