@@ -103,6 +103,10 @@ OBJECT_FIELDS = (
     TickField("slip", "<f8", (64,)),
 )
 """Output for a free object, the fields of `hhsim.kernels.free.record.ObjectRecord` in their order."""
+PAIR_FIELDS = (TickField("contact_body", shape=(64,)), TickField("other_point", "<f8", (64, 3)))
+"""Output for the contacts of several bodies, and the wrench of the others on each: the further fields of
+`hhsim.kernels.free.record.WorldRecord`."""
+WRENCH_OF_BODIES = TickField("body_wrench", "<f8", (6,))
 TICK_FIELDS = (*LOOP_FIELDS, SOLVER_FIELDS[0], *HAPTIC_FIELDS, *SOLVER_FIELDS[1:], *COMMAND_FIELDS)
 """Record of a session's tick, in the order of the ring's fields."""
 _PARTS = {field.name: field.parts for field in TICK_FIELDS}

@@ -25,13 +25,13 @@ from hhsim.kernels.hand.pose import copy_configuration
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
-from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.reproducible import across, matmul, principal_axes
 from hhsim.solver.free_object import EngineBody, FreeObject, Hinge, Slider, require_free
 from hhsim.solver.options import UNLIMITED
-from hhsim.solver.workspace import TickWorkspace, fresh_state, tick_record, zeroed
+from hhsim.solver.workspace import HAPTIC_SHAPES, TickWorkspace, fresh_state, tick_record, zeroed
 from hhsim.trees.contact_surface import ContactSurface
 from hhsim.trees.hierarchy import build_hierarchy
 
@@ -46,8 +46,6 @@ BELOW = 1e-6
 """Largest depth [m] of an object in the table at the start: rounding."""
 STILL = 1.0, (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 """Mass, centre and inertia of a body that nothing is free beside."""
-HAPTIC_SHAPES = ((3,), (4,), (5, 3), (5,))
-"""Shapes of what a `HapticBlock` has of each tick."""
 HEAVY = 1e6
 """Mass [kg] and moment of inertia [kg·m²] of a driven body: 100 N move it by 0.1 nm in a tick of 1 ms."""
 
@@ -367,10 +365,8 @@ class FreeEngine:
         self, haptic: tuple[HapticBlock, ...], record: tuple[TickRecord, ...], ticks: ObjectRecord | None = None
     ) -> int:
         """Run the ticks of all hands and bodies, whose program is one; return those done."""
-        bodies = len(self.bodies)
         done, own = self._run(self.method, haptic, record, self._driven(len(haptic[0].position)), ticks)
-        self.all_ticks = of_each(own) if bodies > 1 else None
-        self.ticks = of_each(own).bodies[0] if self.all_ticks is None else of_first(self.all_ticks)
+        self.ticks, self.all_ticks = seen_ticks(own)
         return done
 
     def _run(
@@ -400,10 +396,10 @@ class FreeEngine:
         body = self.ticks.body
         return self.ticks if hand == 0 else self.ticks._replace(body=np.where(body < 0, body, body ^ BODY_COUNT))
 
-    def block(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord) -> TickBlock:
-        """See `TickWorkspace.block`."""
-        workspace = self.workspace
-        return TickBlock(self.method, workspace.hand, workspace.surface, self.states, self.qp, haptic, record, ticks)
+    def call(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> tuple[Any, tuple[Any, ...]]:
+        """Return the kernel of ticks beside which nothing is driven, and its arguments."""
+        still = np.zeros((len(self.bodies), len(haptic.position[0]), 7))
+        return run_many, (self.method, self.states, self.qp, haptic, record, bodies, still)
 
 
 def filled(values: Sequence[Any], count: int) -> tuple[Any, ...]:
@@ -447,6 +443,12 @@ def object_record(ticks: int) -> ObjectRecord:
         torsional_moment=zeros(rows),
         slip=zeros(rows),
     )
+
+
+def seen_ticks(record: WorldRecord) -> tuple[ObjectRecord, BodiesRecord | None]:
+    """Return the record of the first body, and of all if there are several."""
+    every = of_each(record)
+    return (of_first(every), every) if len(every.bodies) > 1 else (every.bodies[0], None)
 
 
 def of_each(record: WorldRecord) -> BodiesRecord:

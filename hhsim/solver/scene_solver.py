@@ -25,12 +25,12 @@ from hhsim.solver.hand_solver import HandSolver, WarmUp, warm_up
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.linearising_engine import require_jointed
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.world_solver import WorldSolver
+from hhsim.solver.world_solver import TickCall, WorldSolver
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
-    from hhsim.kernels.free.record import BodiesRecord, ObjectRecord
+    from hhsim.kernels.free.record import BodiesRecord, ObjectRecord, WorldRecord
 
 FAR = 100.0
 """Place of hands that are to touch nothing [m]."""
@@ -224,9 +224,13 @@ class SceneSolver:
         """Place the hands for their first tick, see `WorldSolver.begin`."""
         return self._world.begin(haptic)
 
-    def compiled_tick(self, haptic: Sequence[HapticBlock], record: Sequence[TickRecord]) -> tuple[int, tuple[Any, ...]]:
-        """Return machine code of a tick and its arguments, or 0 where Python takes part, see `WorldSolver`."""
-        return self._world.compiled_tick(haptic, record)
+    def tick(self, haptic: HapticBlock, record: TickRecord) -> None:
+        """Run ticks of each hand alone, see `WorldSolver.tick`."""
+        self._world.tick(haptic, record)
+
+    def tick_call(self, haptic: HapticBlock, record: TickRecord, bodies: "WorldRecord") -> TickCall:
+        """Return the call that solves a begun tick, see `WorldSolver.tick_call`."""
+        return self._world.tick_call(haptic, record, bodies)
 
     def object_ticks(self, hand: int = 0) -> "ObjectRecord":
         """Record of the first free body in the last ticks as that of a hand, see `FreeEngine.seen_by`."""

@@ -1,8 +1,8 @@
 """Loop of a live session: the memory of `hhsim.kernels.live`, which ticks and decides, and what it needs of Python.
 
 The ticks run in one compiled call, `run_loop`. Python finds the first free place of the shown hands, in another thread
-while the loop goes on, and solves the ticks of methods and QP solvers that are not compiled, and of several free bodies
-or both hands at one. Of two gloves each has its samples, its commands and its judgement; periods and ticks are one.
+while the loop goes on, and solves the ticks of methods and QP solvers that are not compiled. Of two gloves each has its
+samples, its commands and its judgement; periods and ticks are one.
 """
 
 import math
@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import SIDES
-from hhsim.kernels.free.record import ObjectRecord
+from hhsim.kernels.free.record import ObjectRecord, WorldRecord
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.live import tick
 from hhsim.kernels.live.accounts import MISSES, account_steal, account_waking
@@ -37,10 +36,9 @@ from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.story import Story
 from hhsim.result.safety import Safety
 from hhsim.result.schema import INFORMATION
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SceneSolver
-from hhsim.solver.workspace import zeroed
+from hhsim.solver.workspace import HAPTIC_SHAPES, tick_record, zeroed
 from hhsim.system.cpu_accounts import LINE_BYTES, CpuAccounts
 
 NEVER = 1 << 60
@@ -174,12 +172,18 @@ def loop_options(options: SolverOptions, rate: float) -> SolverOptions:
     return replace(options.at_rate(rate), threads=1)
 
 
-def object_row(rows: Any) -> ObjectRecord:
-    """Return the output of a tick with a free object, as views of a record of `FREE_TICK`, shape (1,)."""
-    fields = {name: rows[name].view(np.ndarray) for name in ObjectRecord._fields}
-    first = ObjectRecord._fields.index("contact")
-    # The rows of its contacts are numbered from this tick on.
-    return ObjectRecord(**fields | {name: fields[name][0] for name in ObjectRecord._fields[first:]})
+def bodies_record(row: Any) -> WorldRecord:
+    """Return the output of a tick of bodies, as views of a record of `bodies_row`, shape (1,)."""
+    bodies = ObjectRecord(*(row[name].view(np.ndarray)[0] for name in ObjectRecord._fields))
+    return WorldRecord(bodies, *(row[name].view(np.ndarray)[0] for name in WorldRecord._fields[1:]))
+
+
+def tick_of(hands: int) -> tuple[HapticBlock, TickRecord]:
+    """Return input and record of one tick of all hands, with the hand as the first axis."""
+    haptic = HapticBlock(*(np.zeros((hands, 1, *shape)) for shape in HAPTIC_SHAPES))
+    haptic.orientation[..., 0] = 1.0
+    record = TickRecord(*(np.zeros((hands, *values.shape), values.dtype) for values in tick_record(1)))
+    return haptic, record
 
 
 class LoopHand:
@@ -196,7 +200,6 @@ class LoopHand:
         rows["haptic_orientation"][:, 0] = 1.0
         rows["input_seq"] = -1
         self.haptic = HapticBlock(*(rows[f"haptic_{name}"].view(np.ndarray) for name in HapticBlock._fields))
-        self.record = TickRecord(*(rows[name].view(np.ndarray) for name in TickRecord._fields))
         self.live = tick.LiveArrays(
             loop=zeroed(tick.LOOP),
             deadlines=deadlines,
@@ -253,26 +256,26 @@ class LiveLoop:
         deadlines = deadline_record(setup.period_ns, now())
         self.misses = MissAccounts(deadlines, now)
         options = loop_options(setup.options, setup.rate)
-        self._scene = None if setup.scene is None else SceneSolver(setup.scene, options)
-        self.solver = (
-            self._scene.hands[0]
-            if self._scene is not None
-            else HandSolver(setup.hand, setup.contact_surface(), options, setup.free)
-        )
+        self.solver = SceneSolver(setup.scene, options)
         names = [""] if setup.beside is None else [f"{side} hand: " for side in SIDES]
         each = zip(setup.hands, memory.hands, gloves, names, strict=True)
         self.hands = tuple(LoopHand(*of, deadlines, self.misses) for of in each)
         first = self.hands[0]
         self.live, self.story, self.at = first.live, first.story, first.at
-        self._object = None if setup.free is None or self._scene is not None else object_row(first.rows)
+        row, rows = zeroed(memory.bodies.records.dtype), memory.bodies.records
+        self.world = tick.WorldTick(
+            *tick_of(len(self.hands)), row.view(np.uint8), rows.view(np.uint8).reshape(len(rows), -1)
+        )
+        self._call = self.solver.tick_call(self.world.haptic, self.world.record, bodies_record(row))
+        self._address = 0
+        self._is_placed = False
         self._signal = ""
-        self._block: Any = None
         self._run: Any = None
 
     @property
     def compiled(self) -> bool:
         """True if no tick needs Python."""
-        return bool(self._block[0])
+        return self._address != 0
 
     @property
     def stopped(self) -> str:
@@ -302,24 +305,20 @@ class LiveLoop:
         try:
             files = self.begin(CpuAccounts(None if cpu < 0 else cpu))
             while not self.stopped or self.at.asks:
-                address, block = self._block
-                code = self._run(tuple(hand.live for hand in self.hands), files, address, block)
+                hands = tuple(hand.live for hand in self.hands)
+                code = self._run(hands, files, self.world, self._address, self._call.arguments)
                 if code == ASKS_PYTHON:
-                    self.at.solved = self._solve()
+                    self.at.solved = self.solve()
         finally:
             self.end()
         return self.stopped
 
     def prepare(self) -> None:
         """Compile, or load from the cache, what `run` calls; the solver's own kernels are there."""
-        haptic, record = (tuple(getattr(hand, name) for hand in self.hands) for name in ("haptic", "record"))
-        if self._scene is None:
-            self._block = self.solver.compiled_tick(haptic[0], record[0], self._object)
-        else:
-            self._block = self._scene.compiled_tick(haptic, record)
+        self._address = self._call.address
         compiled: Any = run_loop
-        hands = tuple(hand.live for hand in self.hands)
-        self._run = compiled.entry(hands, NO_FILES, *self._block) if JIT_ENABLED else run_loop
+        given = tuple(hand.live for hand in self.hands), NO_FILES, self.world, self._address, self._call.arguments
+        self._run = compiled.entry(*given) if JIT_ENABLED else run_loop
         # `place` has to find its kernels compiled.
         placing = self.at.placing
         store_release(placing, 0, load_acquire(placing, 0))
@@ -335,10 +334,7 @@ class LiveLoop:
                 return
             time.sleep(PLACE_SECONDS)
         try:
-            haptic = tuple(hand.haptic for hand in self.hands)
-            begun = [self.solver.begin(haptic[0])] if self._scene is None else self._scene.begin(haptic)
-            for hand, start in zip(self.hands, begun):
-                hand.at.placed = start
+            self._place()
             store_release(placing, 0, tick.PLACED)
         except Exception as error:
             for hand in self.hands:
@@ -357,6 +353,8 @@ class LiveLoop:
         for hand, memory in zip(self.hands, memories):
             hand.at.taken = memory.samples.written
             memory.populate()
+            if hand is self.hands[0]:
+                memory.bodies.populate()
             memory.status["heartbeat_ns"] = self._now()
             memory.status["stage"] = Stage.RUNNING
         return files
@@ -372,36 +370,27 @@ class LiveLoop:
         for hand in self.hands:
             hand.end()
 
-    def _solve(self) -> bool:
-        """Solve a tick in Python, with the solver's status bits; False if there are no graphic hands."""
+    def _place(self) -> None:
+        self._is_placed = True
+        for hand, start in zip(self.hands, self.solver.begin([hand.haptic for hand in self.hands])):
+            hand.at.placed = start
+
+    def solve_tick(self) -> None:
+        """Solve the tick of `world` from Python; raises what the solver does."""
+        kernel, arguments = self._call
+        if kernel is None:
+            self.solver.tick(self.world.haptic, self.world.record)
+            return
+        if not self._is_placed:
+            self._place()
+        kernel(*arguments)
+
+    def solve(self) -> bool:
+        """Solve the tick of `world` from Python; return False if there are no graphic hands."""
         try:
-            if self._scene is not None:
-                self._solve_scene(self._scene)
-            else:
-                self.at.status = self.solver.tick(self.hands[0].haptic, self.hands[0].record, self._object)
+            self.solve_tick()
         except Exception as error:  # of whatever kind: the fingers are freed and the loop goes on
             for hand in self.hands:
                 hand.failed(error)
             return False
         return True
-
-    def _solve_scene(self, scene: SceneSolver) -> None:
-        """Solve a tick of a scene; the motion of its bodies goes to their ring."""
-        found = scene.run_given([HandConfiguration(*hand.haptic) for hand in self.hands])
-        for hand, record in zip(self.hands, found):
-            for own, values in zip(hand.record, record):
-                own[...] = values
-            hand.at.status = record.status[0]
-        if scene.seen.free is None:
-            return
-        first, every, slot = scene.object_ticks(), scene.all_ticks, self.memory.bodies.slot()
-        rows, of_tick = int(first.contact[-1]), ObjectRecord._fields.index("contact")
-        for name in ObjectRecord._fields[:of_tick]:
-            slot[name] = getattr(first, name)[0]
-        slot["contact"] = 0, rows
-        for name in ObjectRecord._fields[of_tick + 1 :]:
-            slot[name][:rows] = getattr(first, name)[:rows]
-        bodies, wrenches = ((first,), np.zeros((1, 1, 6))) if every is None else (every.bodies, every.body_wrench)
-        for row, body, wrench in zip(slot["motion"], bodies, wrenches, strict=True):
-            row[:] = np.concatenate([*(getattr(body, name)[0] for name in ObjectRecord._fields[:6]), wrench[0]])
-        self.memory.bodies.publish()

@@ -27,7 +27,7 @@ first = process_setup("stand-in", None)[0]
 if hasattr(first, "status"):
     status = SharedBlock(first.status, LIVE_STATUS).array[0]
 else:
-    memory = SessionMemory(*first[0], rows=first[1])
+    memory = SessionMemory(*first[0], bodies=first[1])
     status, events = memory.status, memory.events
 def mark(word):
     with open({marks!r}, "a") as file:
