@@ -357,29 +357,22 @@ class FreeEngine:
         bodies[:], problem.slacks, world.safe_total[:] = kept, slacks, total
         self.begin()
 
-    def run(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord | None = None) -> int:
-        """See `Engine.run`; the object's record goes to `ticks`, or to new arrays."""
-        return self.run_many((haptic,), (record,), ticks)
+    def run(self, haptic: HapticBlock, record: TickRecord) -> int:
+        """See `Engine.run`."""
+        return self.run_many((haptic,), (record,))
 
-    def run_many(
-        self, haptic: tuple[HapticBlock, ...], record: tuple[TickRecord, ...], ticks: ObjectRecord | None = None
-    ) -> int:
+    def run_many(self, haptic: tuple[HapticBlock, ...], record: tuple[TickRecord, ...]) -> int:
         """Run the ticks of all hands and bodies, whose program is one; return those done."""
-        done, own = self._run(self.method, haptic, record, self._driven(len(haptic[0].position)), ticks)
+        done, own = self._run(self.method, haptic, record, self._driven(len(haptic[0].position)))
         self.ticks, self.all_ticks = seen_ticks(own)
         return done
 
     def _run(
-        self,
-        method: Free,
-        haptic: Sequence[HapticBlock],
-        record: Sequence[TickRecord],
-        driven: FloatArray,
-        ticks: ObjectRecord | None = None,
+        self, method: Free, haptic: Sequence[HapticBlock], record: Sequence[TickRecord], driven: FloatArray
     ) -> tuple[int, WorldRecord]:
-        """Run ticks by a method; return those done, and the record of the bodies: of one, in `ticks` if given."""
+        """Run ticks by a method; return those done, and the record of the bodies."""
         count = len(haptic[0].position)
-        bodies = world_record(len(self.bodies), count, ticks)
+        bodies = world_record(len(self.bodies), count)
         # As many rows as there are in all: those of a tick may follow on those of the ticks before it.
         rows = len(bodies.body)
         own = WorldRecord(bodies, np.zeros(rows, np.int64), np.zeros((rows, 3)), np.zeros((len(self.bodies), count, 6)))
@@ -412,13 +405,10 @@ def _of_all(values: Sequence[AnyArray]) -> AnyArray:
     return values[0][None] if len(values) == 1 else np.stack(values)
 
 
-def world_record(bodies: int, ticks: int, one: ObjectRecord | None = None) -> ObjectRecord:
-    """Return the record of bodies in a block of ticks, with the body first where it is of motion or wrenches.
-
-    That of the only body is `one`, where it is given.
-    """
-    first, moved = one or object_record(ticks), ObjectRecord._fields.index("contact")
-    moving = (values[None] if bodies == 1 else np.zeros((bodies, *values.shape)) for values in first[:moved])
+def world_record(bodies: int, ticks: int) -> ObjectRecord:
+    """Return the record of bodies in a block of ticks, with the body first where it is of motion or wrenches."""
+    first, moved = object_record(ticks), ObjectRecord._fields.index("contact")
+    moving = (np.zeros((bodies, *values.shape)) for values in first[:moved])
     return ObjectRecord._make([*moving, *first[moved:]])
 
 
@@ -483,10 +473,3 @@ def of_first(record: BodiesRecord) -> ObjectRecord:
         contact=np.searchsorted(tick, np.arange(len(first.turn) + 1)),
         table_wrench=first.table_wrench + record.body_wrench[0],
     )
-
-
-def of_tick(record: ObjectRecord, i: int) -> ObjectRecord:
-    """Return the record of tick i alone as views of a block's record; its contacts follow those of the tick before."""
-    parts: list[Any] = [values[i : i + 1] for values in record]
-    first = ObjectRecord._fields.index("contact")
-    return ObjectRecord._make([*parts[:first], record.contact[i : i + 2], *record[first + 1 :]])

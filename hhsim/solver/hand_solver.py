@@ -112,17 +112,15 @@ class HandSolver:
             raise self.workspace.full()
         return record
 
-    def tick(self, haptic: HapticBlock, record: TickRecord, object_ticks: "ObjectRecord | None" = None) -> int:
-        """Run one tick for each haptic configuration with records that the caller allocated, for a loop in real time.
+    def tick(self, haptic: HapticBlock, record: TickRecord) -> int:
+        """Run one tick for each haptic configuration with a record that the caller allocated.
 
         It gives the same bytes as `run`, but returns the status bits of the last tick (`hhsim.kernels.tick.state`)
         instead of raising that more pairs were near than the arrays hold. The input, at least one, is float64 and
-        C-contiguous; `record` has as many ticks and is overwritten, as `object_ticks` of a free object; None allocates
-        one.
+        C-contiguous; `record` has as many ticks and is overwritten.
         """
-        start, engine = 0 if self._started else self.begin(haptic), self.engine
-        own = [] if self.free is None else [object_ticks]
-        done = engine.run(haptic, record, *own)
+        start = 0 if self._started else self.begin(haptic)
+        done = self.engine.run(haptic, record)
         record.status[0] |= start
         return int(record.status[done - 1])
 

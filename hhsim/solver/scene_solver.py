@@ -25,7 +25,7 @@ from hhsim.solver.hand_solver import HandSolver, WarmUp, warm_up
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.linearising_engine import require_jointed
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.world_solver import TickCall, WorldSolver
+from hhsim.solver.world_solver import WorldSolver
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -228,9 +228,13 @@ class SceneSolver:
         """Run ticks of each hand alone, see `WorldSolver.tick`."""
         self._world.tick(haptic, record)
 
-    def tick_call(self, haptic: HapticBlock, record: TickRecord, bodies: "WorldRecord") -> TickCall:
-        """Return the call that solves a begun tick, see `WorldSolver.tick_call`."""
+    def tick_call(self, haptic: HapticBlock, record: TickRecord, bodies: "WorldRecord") -> tuple[Any, tuple[Any, ...]]:
+        """Return the kernel of begun ticks and its arguments, see `WorldSolver.tick_call`."""
         return self._world.tick_call(haptic, record, bodies)
+
+    def keep_ticks(self, first: "ObjectRecord", every: "BodiesRecord | None") -> None:
+        """Keep the record of free bodies as that of the last ticks, see `WorldSolver.keep_ticks`."""
+        self._world.keep_ticks(first, every)
 
     def object_ticks(self, hand: int = 0) -> "ObjectRecord":
         """Record of the first free body in the last ticks as that of a hand, see `FreeEngine.seen_by`."""

@@ -10,7 +10,7 @@ from hhsim.arrays import AnyArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.contact.hand_pairs import hands_nearest
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
-from hhsim.kernels.jit import JIT_ENABLED, as_argument
+from hhsim.kernels.jit import as_argument
 from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, run_block
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
@@ -34,18 +34,6 @@ LISTS = "candidates"
 def keeps_hands_apart(options: SolverOptions) -> bool:
     """Return whether two hands of these options, on an object that is not free, keep out of each other."""
     return options.method in ("coupled", "progressive") and options.qp == "active-set"
-
-
-class TickCall(NamedTuple):
-    """Kernel that solves a tick, None where Python takes part, and its arguments."""
-
-    kernel: Any
-    arguments: tuple[Any, ...]
-
-    @property
-    def address(self) -> int:
-        """Address of the machine code, 0 if there is none."""
-        return 0 if self.kernel is None or not JIT_ENABLED else int(self.kernel.address(*self.arguments))
 
 
 class WorldSolver:
@@ -98,6 +86,11 @@ class WorldSolver:
     def close(self) -> None:
         """End the hands' threads."""
         self._threads.shutdown()
+
+    def keep_ticks(self, first: "ObjectRecord", every: "BodiesRecord | None") -> None:
+        """Keep the record of the first free body, and of several, as that of the last ticks."""
+        assert self.engine is not None
+        self.engine.ticks, self.engine.all_ticks = first, every
 
     def object_ticks(self, hand: int = 0) -> "ObjectRecord":
         """Return the record of the free object in the last ticks as of one of the hands, see `FreeEngine.seen_by`."""
@@ -158,21 +151,21 @@ class WorldSolver:
         qps = tuple(space.qp for space in self._spaces)
         return alone, two.method, qps, tuple(haptic), tuple(record), self._parts_move, two.qp
 
-    def tick_call(self, haptic: HapticBlock, record: TickRecord, bodies: "WorldRecord") -> TickCall:
-        """Return the call that solves a begun tick, for a loop: it reads and writes these very arrays.
+    def tick_call(self, haptic: HapticBlock, record: TickRecord, bodies: "WorldRecord") -> tuple[Any, tuple[Any, ...]]:
+        """Return the kernel of begun ticks, None where Python takes part, and its arguments, which have these arrays.
 
         Those of hands have the hand as the first axis; `bodies` is written where one is free.
         """
         if self._has_free:
             assert self.engine is not None
-            return TickCall(*self.engine.call(haptic, record, bodies))
+            return self.engine.call(haptic, record, bodies)
         given, written = _of_each(haptic, record)
         if self._two is not None:
             from hhsim.kernels.free.side_by_side import run_hands_apart
 
-            return TickCall(run_hands_apart, self._of_both(self._two, given, written))
+            return run_hands_apart, self._of_both(self._two, given, written)
         kernel = run_block if len(self.hands) == 1 and self.hands[0].is_compiled else None
-        return TickCall(kernel, self.hands[0].block(given[0], written[0]))
+        return kernel, self.hands[0].block(given[0], written[0])
 
     def tick(self, haptic: HapticBlock, record: TickRecord) -> None:
         """Run ticks of each hand alone, see `HandSolver.tick`; arrays as for `tick_call`."""

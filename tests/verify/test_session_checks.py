@@ -119,14 +119,14 @@ class Scripted:
     def once(self, action: Callable[[], None]) -> None:
         """Let something happen before the tick that is under way is solved."""
         loop: Any = self.loop
-        sound = loop.solve_tick
+        sound = loop.one_tick.solve
 
         def solve() -> None:
-            loop.solve_tick = sound
+            loop.one_tick.solve = sound
             action()
             sound()
 
-        loop.solve_tick = solve
+        loop.one_tick.solve = solve
 
 
 def recorded(path: Path, script: Sequence[Moment] = SCRIPT, **changes: Any) -> Result:

@@ -19,7 +19,7 @@ from hhsim.errors import HhsimError
 from hhsim.live.device import GLOVE_SAMPLE
 from hhsim.live.ipc.status import LIVE_STATUS
 from hhsim.live.shared_memory import RingReader, SharedBlock, SharedRing, process_setup, write_setup
-from hhsim.result.schema import OBJECT_FIELDS, PAIR_FIELDS, TICK_FIELDS, WRENCH_OF_BODIES, TickField
+from hhsim.result.schema import TICK_FIELDS, bodies_row, record_dtype
 
 TICK_CAPACITY = 16_384
 FREE_TICK_CAPACITY = 4_096
@@ -30,26 +30,11 @@ WORD_CAPACITY = 64
 FACT_BYTES = 65_520
 
 
-def _record(*fields: TickField) -> np.dtype[Any]:
-    return np.dtype([(field.name, field.type, field.shape) for field in fields], align=True)
-
-
-LIVE_TICK = _record(*TICK_FIELDS)
+LIVE_TICK = record_dtype(*TICK_FIELDS)
 """One tick of the loop; `hhsim.result.schema.LIVE_TICK_COLUMNS` explains the fields that only a session has.
 
 Missed periods leave gaps in `tick`; `input_seq` is the `seq` of the sample in use, -1 before the first.
 """
-
-
-def bodies_row(bodies: int) -> np.dtype[Any]:
-    """Return the row of bodies that move in a tick, the fields of `hhsim.kernels.free.record.WorldRecord`."""
-    first = [field.name for field in OBJECT_FIELDS].index("contact")
-    moving = [field._replace(shape=(bodies, 1, *field.shape)) for field in (*OBJECT_FIELDS[:first], WRENCH_OF_BODIES)]
-    rows = [*OBJECT_FIELDS[first + 1 :], *PAIR_FIELDS]
-    if bodies == 0:
-        rows = [field._replace(shape=(0, *field.shape[1:])) for field in rows]
-    return _record(*moving, OBJECT_FIELDS[first], *rows)
-
 
 EVENT = np.dtype([("time_ns", np.int64), ("level", np.int64), ("text", "S240")], align=True)
 """A line of the session's log: CLOCK_MONOTONIC [ns]; level 0 for information, 1 a warning, 2 a fault; UTF-8."""

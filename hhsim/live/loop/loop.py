@@ -16,7 +16,6 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.model import SIDES
-from hhsim.kernels.free.record import ObjectRecord, WorldRecord
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.live import tick
 from hhsim.kernels.live.accounts import MISSES, account_steal, account_waking
@@ -28,7 +27,7 @@ from hhsim.kernels.live.notes import NOTES
 from hhsim.kernels.live.phase import PHASE
 from hhsim.kernels.live.plausibility import WATCH, begin_watch
 from hhsim.kernels.parallel.atomic import load_acquire, store_release
-from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.kernels.tick.block import HapticBlock
 from hhsim.live.device import MOST_CHANNELS, Capability, GloveInfo
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
@@ -36,9 +35,10 @@ from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.story import Story
 from hhsim.result.safety import Safety
 from hhsim.result.schema import INFORMATION
+from hhsim.solver.one_tick import OneTick
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SceneSolver
-from hhsim.solver.workspace import HAPTIC_SHAPES, tick_record, zeroed
+from hhsim.solver.workspace import zeroed
 from hhsim.system.cpu_accounts import LINE_BYTES, CpuAccounts
 
 NEVER = 1 << 60
@@ -172,20 +172,6 @@ def loop_options(options: SolverOptions, rate: float) -> SolverOptions:
     return replace(options.at_rate(rate), threads=1)
 
 
-def bodies_record(row: Any) -> WorldRecord:
-    """Return the output of a tick of bodies, as views of a record of `bodies_row`, shape (1,)."""
-    bodies = ObjectRecord(*(row[name].view(np.ndarray)[0] for name in ObjectRecord._fields))
-    return WorldRecord(bodies, *(row[name].view(np.ndarray)[0] for name in WorldRecord._fields[1:]))
-
-
-def tick_of(hands: int) -> tuple[HapticBlock, TickRecord]:
-    """Return input and record of one tick of all hands, with the hand as the first axis."""
-    haptic = HapticBlock(*(np.zeros((hands, 1, *shape)) for shape in HAPTIC_SHAPES))
-    haptic.orientation[..., 0] = 1.0
-    record = TickRecord(*(np.zeros((hands, *values.shape), values.dtype) for values in tick_record(1)))
-    return haptic, record
-
-
 class LoopHand:
     """A hand of a loop: its records of `hhsim.kernels.live`, its row, its log; periods and misses are the loop's."""
 
@@ -256,19 +242,15 @@ class LiveLoop:
         deadlines = deadline_record(setup.period_ns, now())
         self.misses = MissAccounts(deadlines, now)
         options = loop_options(setup.options, setup.rate)
-        self.solver = SceneSolver(setup.scene, options)
         names = [""] if setup.beside is None else [f"{side} hand: " for side in SIDES]
         each = zip(setup.hands, memory.hands, gloves, names, strict=True)
         self.hands = tuple(LoopHand(*of, deadlines, self.misses) for of in each)
         first = self.hands[0]
         self.live, self.story, self.at = first.live, first.story, first.at
-        row, rows = zeroed(memory.bodies.records.dtype), memory.bodies.records
-        self.world = tick.WorldTick(
-            *tick_of(len(self.hands)), row.view(np.uint8), rows.view(np.uint8).reshape(len(rows), -1)
-        )
-        self._call = self.solver.tick_call(self.world.haptic, self.world.record, bodies_record(row))
+        self.one_tick, rows = OneTick(SceneSolver(setup.scene, options)), memory.bodies.records
+        bodies = self.one_tick.row.view(np.uint8), rows.view(np.uint8).reshape(len(rows), -1)
+        self.world = tick.WorldTick(self.one_tick.haptic, self.one_tick.record, *bodies)
         self._address = 0
-        self._is_placed = False
         self._signal = ""
         self._run: Any = None
 
@@ -306,7 +288,7 @@ class LiveLoop:
             files = self.begin(CpuAccounts(None if cpu < 0 else cpu))
             while not self.stopped or self.at.asks:
                 hands = tuple(hand.live for hand in self.hands)
-                code = self._run(hands, files, self.world, self._address, self._call.arguments)
+                code = self._run(hands, files, self.world, self._address, self.one_tick.arguments)
                 if code == ASKS_PYTHON:
                     self.at.solved = self.solve()
         finally:
@@ -315,9 +297,9 @@ class LiveLoop:
 
     def prepare(self) -> None:
         """Compile, or load from the cache, what `run` calls; the solver's own kernels are there."""
-        self._address = self._call.address
+        self._address = self.one_tick.address
         compiled: Any = run_loop
-        given = tuple(hand.live for hand in self.hands), NO_FILES, self.world, self._address, self._call.arguments
+        given = tuple(hand.live for hand in self.hands), NO_FILES, self.world, self._address, self.one_tick.arguments
         self._run = compiled.entry(*given) if JIT_ENABLED else run_loop
         # `place` has to find its kernels compiled.
         placing = self.at.placing
@@ -334,7 +316,8 @@ class LiveLoop:
                 return
             time.sleep(PLACE_SECONDS)
         try:
-            self._place()
+            for hand, start in zip(self.hands, self.one_tick.begin([hand.haptic for hand in self.hands])):
+                hand.at.placed = start
             store_release(placing, 0, tick.PLACED)
         except Exception as error:
             for hand in self.hands:
@@ -370,25 +353,10 @@ class LiveLoop:
         for hand in self.hands:
             hand.end()
 
-    def _place(self) -> None:
-        self._is_placed = True
-        for hand, start in zip(self.hands, self.solver.begin([hand.haptic for hand in self.hands])):
-            hand.at.placed = start
-
-    def solve_tick(self) -> None:
-        """Solve the tick of `world` from Python; raises what the solver does."""
-        kernel, arguments = self._call
-        if kernel is None:
-            self.solver.tick(self.world.haptic, self.world.record)
-            return
-        if not self._is_placed:
-            self._place()
-        kernel(*arguments)
-
     def solve(self) -> bool:
         """Solve the tick of `world` from Python; return False if there are no graphic hands."""
         try:
-            self.solve_tick()
+            self.one_tick.solve()
         except Exception as error:  # of whatever kind: the fingers are freed and the loop goes on
             for hand in self.hands:
                 hand.failed(error)

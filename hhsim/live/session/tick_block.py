@@ -6,7 +6,6 @@ import numpy as np
 
 from hhsim.arrays import AnyArray, Records
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.kernels.free.record import BodiesRecord, ObjectRecord, WorldRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.ipc.config import LiveSetup
 from hhsim.live.ipc.session_memory import FREE_TICK_CAPACITY
@@ -15,7 +14,7 @@ from hhsim.motion.trajectory import RigidMotion
 from hhsim.replay.stored_scene import body_parts
 from hhsim.replay.tick_columns import TickColumns
 from hhsim.replay.tick_rows import body_rows, contact_rows, free_columns, seen_hand, shown_columns, stored_contacts
-from hhsim.solver.free_engine import seen_ticks
+from hhsim.solver.one_tick import bodies_ticks
 from hhsim.solver.options import SolverOptions
 
 Columns = dict[str, AnyArray]
@@ -52,7 +51,7 @@ class SessionColumns:
         record = TickRecord(*(np.ascontiguousarray(records[name]) for name in TickRecord._fields))
         time = 1e-9 * (records["time_ns"] - began_ns)
         moved = next(iter(self.moved(bodies)), None)
-        free, every = object_ticks(bodies) if self._is_free else (None, None)
+        free, every = bodies_ticks(bodies) if self._is_free else (None, None)
         own = {} if free is None else free_columns(free, *self._pose)
         self._columns.rewind()
         of_bodies = body_rows(self.parts, every, list(self.bodies), slice(0, len(records)), own)
@@ -61,28 +60,16 @@ class SessionColumns:
 
     def contacts(self, first: int, records: Records) -> Columns:
         """Build the rows of /contact of these ticks; `first` is the number of their first row in /tick."""
-        return stored_contacts(contact_rows(object_ticks(records)[0], first), self._hands) if self._is_free else {}
+        return stored_contacts(contact_rows(bodies_ticks(records)[0], first), self._hands) if self._is_free else {}
 
     def moved(self, records: Records) -> tuple[RigidMotion, ...]:
         """Return the motion of bodies since before the first tick, at the end of each; none of one that is fixed."""
         if not self._is_free:
             return ()
-        first, every = object_ticks(records)
+        first, every = bodies_ticks(records)
         return tuple(RigidMotion(body.turn, body.shift) for body in ((first,) if every is None else every.bodies))
 
 
 def _with_room(parts: MovingParts) -> MovingParts:
     """Return bodies with room for their poses in as many ticks as a block may have."""
     return replace(parts, world=np.zeros((FREE_TICK_CAPACITY, len(parts.names), 7)))
-
-
-def object_ticks(records: Records) -> tuple[ObjectRecord, BodiesRecord | None]:
-    """Return the ticks of the first free body, and of all if there are several, from records of `TickReader`."""
-    count = records["contact"][:, 1]
-    kept = np.arange(records["body"].shape[1]) < count[:, None]
-    first = ObjectRecord._fields.index("contact")
-    moving = {name: records[name][:, :, 0].swapaxes(0, 1) for name in (*ObjectRecord._fields[:first], "body_wrench")}
-    rows = {name: records[name][kept] for name in (*ObjectRecord._fields[first + 1 :], "contact_body", "other_point")}
-    every = moving | rows | {"contact": np.concatenate([[0], np.cumsum(count)])}
-    bodies = ObjectRecord(*(every[name] for name in ObjectRecord._fields))
-    return seen_ticks(WorldRecord(bodies, *(every[name] for name in WorldRecord._fields[1:])))

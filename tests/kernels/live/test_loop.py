@@ -52,18 +52,18 @@ def run(
     driver.open()
     loop = LiveLoop(setup, memory, worn.info)
     loop.prepare()
-    solver: Any = loop.solver
-    asked, placed, solve, begin = [], [], loop.solve, begin or solver.begin
+    one: Any = loop.one_tick
+    asked, placed, solve, begin = [], [], one.solve, begin or one.begin
 
-    def solved() -> bool:
+    def solved() -> None:
         asked.append(True)
-        return solve()
+        solve()
 
     def put(*given: Any) -> list[int]:
         placed.append(given)
         return begin(*given)
 
-    loop.solve, solver.begin = solved, put  # type: ignore[method-assign]
+    one.solve, one.begin = solved, put
 
     def end() -> None:
         until = time.monotonic() + PATIENCE

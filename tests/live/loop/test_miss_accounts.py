@@ -23,14 +23,14 @@ class Planted(ScriptedSession):
 
     def at(self, tick: int, action: Callable[[], None]) -> None:
         """Let something happen while a tick is solved."""
-        sound = self.loop.solve_tick
+        sound = self.loop.one_tick.solve
 
         def solve() -> None:
             if self.loop.deadlines.at.tick == tick:
                 action()
             sound()
 
-        self.loop.solve_tick = solve  # type: ignore[method-assign]
+        self.loop.one_tick.solve = solve  # type: ignore[method-assign]
 
     def only_miss(self) -> Any:
         (row,) = self.ticks[self.ticks["missed"] > 0]

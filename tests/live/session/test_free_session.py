@@ -21,7 +21,7 @@ from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.session.recorder import Recorder
-from hhsim.live.session.tick_block import SessionColumns, object_ticks
+from hhsim.live.session.tick_block import SessionColumns
 from hhsim.metrics.run.registry import tick_figures
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.replay.repeat import run_again
@@ -31,6 +31,7 @@ from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS
 from hhsim.scene.body import CLEARANCE
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.one_tick import bodies_ticks
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.body_checks import body_claims
 from hhsim.verify.free_object_checks import free_claims
@@ -55,7 +56,7 @@ class Session(ScriptedSession):
         super().__init__(script, mesh=BALL, free=free, options=SolverOptions(surface="mesh"))
         self.clock.oversleep.extend(oversleep)
         self.run()
-        self.object, _ = object_ticks(self.ticks)
+        self.object, _ = bodies_ticks(self.ticks)
 
     def again(self) -> tuple[TickRecord, ObjectRecord]:
         """The same ticks in one block, as a replay runs them."""
