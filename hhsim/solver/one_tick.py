@@ -34,14 +34,14 @@ class OneTick:
     """
 
     def __init__(self, solver: SceneSolver) -> None:
-        self._solver, self._begun = solver, False
+        self._world, self._begun = solver.world, False
         hands, bodies = len(solver.hands), 0 if solver.seen.free is None else 1 + len(solver.bodies)
         self.haptic = HapticBlock(*(np.zeros((hands, 1, *shape)) for shape in HAPTIC_SHAPES))
         self.haptic.orientation[..., 0] = 1.0
         self.record = TickRecord(*(np.zeros((hands, *values.shape), values.dtype) for values in tick_record(1)))
         self.row = zeroed(bodies_row(bodies))
         arrays = {name: self.row[name].view(np.ndarray)[0] for name in self.row.dtype.names}
-        self.kernel, self.arguments = solver.tick_call(self.haptic, self.record, _world_record(arrays))
+        self.kernel, self.arguments = solver.world.tick_call(self.haptic, self.record, _world_record(arrays))
 
     @property
     def address(self) -> int:
@@ -56,12 +56,12 @@ class OneTick:
     def begin(self, haptic: Sequence[HapticBlock]) -> list[int]:
         """Place the hands for their first tick, see `WorldSolver.begin`; without it `solve` does."""
         self._begun = True
-        return self._solver.begin(haptic)
+        return self._world.begin(haptic)
 
     def solve(self) -> None:
         """Solve a tick from Python; raises what the solver does."""
         if self.kernel is None:
-            self._solver.tick(self.haptic, self.record)
+            self._world.tick(self.haptic, self.record)
             return
         begun = []
         if not self._begun:
@@ -84,8 +84,8 @@ class OneTick:
                 for written, found in zip(record, self.record):
                     written[i] = found[h, 0]
             rows[i] = self.row[0]
-        if self._solver.seen.free is not None:
-            self._solver.keep_ticks(*bodies_ticks(rows))
+        if (engine := self._world.engine) is not None and len(self.row["turn"][0]):
+            engine.ticks, engine.all_ticks = bodies_ticks(rows)
         return records
 
 

@@ -87,11 +87,6 @@ class WorldSolver:
         """End the hands' threads."""
         self._threads.shutdown()
 
-    def keep_ticks(self, first: "ObjectRecord", every: "BodiesRecord | None") -> None:
-        """Keep the record of the first free body, and of several, as that of the last ticks."""
-        assert self.engine is not None
-        self.engine.ticks, self.engine.all_ticks = first, every
-
     def object_ticks(self, hand: int = 0) -> "ObjectRecord":
         """Return the record of the free object in the last ticks as of one of the hands, see `FreeEngine.seen_by`."""
         assert self.engine is not None
