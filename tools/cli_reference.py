@@ -15,40 +15,10 @@ from hhsim.cli.main import hhsim  # type: ignore[import-not-found]
 
 WIDTH = 120
 BEGIN = """\
-# The command line
+# Every command
 
-Every command, argument and option, as `--help` prints them; `python -m tools.cli_reference` made this page of them.
-
-## What all commands share
-
-- `-h`, `--help`: what a command does, its options, and examples that can be run.
-- `--json`: stdout is one JSON document in SI units (m, rad, s, N) and nothing else; a number that is missing is `null`,
-  an error is `{"error": "…"}`. Without it, tables are in mm, µm and µs, with the unit in the heading.
-- `--out FILE`: where the output goes. Without it, a dated name in `results/` under the current folder. An existing file
-  is replaced only if it is of the same kind, and only when the new one is complete; an input, and what a symbolic
-  link leads to, never ([the rule](cli.md#what-an-output-replaces)).
-- `-q`, `--quiet`: no progress and no table. Errors, warnings and missed limits still show.
-- Progress goes to stderr, and only where that is a terminal. A table in a pipe is plain text, one line a row.
-- An option that takes NAMES or NUMBERS takes them with commas, `--object bunny,cube`, or again and again, `--object
-  bunny --object cube`.
-- OBJECT is a name (`hhsim objects`) or a mesh file; TRAJECTORY is a name (`hhsim trajectories`), a script or a
-  recording; RESULT is a file that `hhsim replay` or `hhsim live` wrote.
-
-| exit code | what it says |
-|---|---|
-| 0 | done, and every limit was kept |
-| 1 | done, and a limit was missed; the text of the command says which limits it has |
-| 2 | wrong usage or bad input: stderr has one line with what is wrong, where, and what would be right |
-| 3 | `hhsim gate`: the two sides cannot be compared |
-| 130 | Ctrl-C; a replay keeps the ticks so far |
-| 141 | whoever read the output has left |
-
-| variable | what it does |
-|---|---|
-| `HHSIM_CACHE_DIR` | folder of compiled kernels and sphere trees; nobody else may write it. Default: `~/.cache/hhsim` |
-| `NO_COLOR` | tables without colours |
-| `COLUMNS` | the width that a table is folded to in a terminal |
-| `NUMBA_DISABLE_JIT` | `1` runs the kernels as plain Python: to debug them, and much slower |
+Every command, argument and option, as `--help` prints them. [What all commands share](cli.md): options, exit codes,
+variables, and what an output replaces.
 """
 
 

@@ -2,10 +2,11 @@
 
 python -m tools.gallery                 all of it
 python -m tools.gallery door peg        these films anew
-python -m tools.gallery pages FOLDER    the scenes to turn in a browser, one file each that needs no network
 """
 
+import base64
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -33,8 +34,8 @@ HEADING = (
     "Runs as films, each with the commands that make it and the table that it prints: skin is the graphic hand,\n"
     "which is shown; blue the haptic hand, the user's own; red are forces. `make gallery` makes this page and its\n"
     "films. Times in the tables are of the machine that made them.\n\n"
-    "`python -m tools.gallery pages FOLDER` makes two scenes to turn with the mouse, a file of 1 MB each that a\n"
-    "browser opens without a network (three.js is in it, so that the repository has none).\n"
+    "Grasp and whole hand can be turned with the mouse: on the site as a page of 1.1 MB that needs no network\n"
+    "(`make site` puts three.js into it, so that the repository has none), in a checkout as a GLB file.\n"
 )
 
 
@@ -115,7 +116,11 @@ COARSE = 4, 14
 LOOK = 75.0, 0.0, -30.0
 """Euler angles of the camera of these pages [degrees]."""
 TURNED = {"grasp": 1500, "whole-hand": 1500}
-"""Tick of each run that is a scene to turn."""
+"""Tick of each run that is a scene to turn, too."""
+BODY = (
+    """<main><h1 style="position: fixed; margin: 1em; font: 1rem system-ui">{}</h1><div id="container"></div></main>"""
+)
+TURNED_LINK = "[Turn it in three dimensions](gallery/{}.glb), tick {:,}.\n\n"
 
 
 def made(tile: Tile, folder: Path) -> str:
@@ -131,6 +136,8 @@ def made(tile: Tile, folder: Path) -> str:
     FILMS.mkdir(exist_ok=True)
     if tile.result:
         shutil.copy(folder / tile.file, FILMS)
+        if tile.name in TURNED:
+            (FILMS / f"{tile.name}.glb").write_bytes(scene_to_turn(folder / tile.result, TURNED[tile.name]))
     else:
         with Image.open(folder / f"{tile.name}.png") as picture:
             picture.thumbnail((2 * WIDTH, 2 * WIDTH))
@@ -145,8 +152,9 @@ def section(tile: Tile, printed: str) -> str:
     """Return the section of a tile."""
     commands = "\n".join(f"$ {line}" for line in tile.commands)
     table = "\n".join(line.rstrip() for line in printed.strip().splitlines())
+    turned = TURNED_LINK.format(tile.name, TURNED[tile.name]) if tile.name in TURNED else ""
     return (
-        f"\n## {tile.title}\n\n{tile.seen}\n\n![{tile.title}: {tile.seen}](gallery/{tile.file})\n\n"
+        f"\n## {tile.title}\n\n{tile.seen}\n\n![{tile.title}: {tile.seen}](gallery/{tile.file})\n\n{turned}"
         f"```console\n{commands}\n```\n\n{FOLD}\n\n```text\n{table}\n```\n\n</details>\n"
     )
 
@@ -162,10 +170,9 @@ def tables(page: str) -> dict[str, str]:
     return {title: body.split("```text\n")[1].split("\n```")[0] for title, _, body in sections}
 
 
-def scene_page(path: Path, tick: int) -> str:
-    """Return a page of HTML with a tick of a result, hands and object, to turn with the mouse; three.js is in it."""
+def scene_to_turn(path: Path, tick: int) -> bytes:
+    """Return a tick of a result, hands and object, as a GLB file."""
     import trimesh
-    from trimesh.viewer.notebook import scene_to_html
 
     from hhsim.render.triangle_soup import STONE, mesh_surface, piece_surfaces
     from hhsim.result.reader import load_result
@@ -176,7 +183,7 @@ def scene_page(path: Path, tick: int) -> str:
     shown = shown_scene(result)
     now = moment(result, shown, tick, piece_surfaces(shown.hand, *COARSE))
     object_ = mesh_surface(shown.placed(result.meshes_moved(tick)), STONE)
-    scene, looks = trimesh.Scene(), cast(Any, trimesh.visual)
+    scene, looks = cast(Any, trimesh.Scene()), cast(Any, trimesh.visual)
     for name, surface, opacity in (
         ("graphic", now.graphic, 1.0),
         ("haptic", now.haptic, 0.35),
@@ -194,22 +201,26 @@ def scene_page(path: Path, tick: int) -> str:
         assert len(mesh.vertex_normals) == len(mesh.vertices)  # computed here, they are exported
         scene.add_geometry(mesh, geom_name=name)
     scene.set_camera(angles=np.radians(LOOK))
-    return str(scene_to_html(scene))
+    return bytes(scene.export(file_type="glb"))
+
+
+def page_to_turn(name: str) -> str:
+    """Return the scene of a tile as one page that needs no network: trimesh's, which has three.js in it."""
+    from trimesh import resources, util
+
+    tile = next(tile for tile in TILES if tile.name == name)
+    held: Any = util.decompress(resources.get_bytes("templates/viewer.zip"), file_type="zip")
+    page = held["viewer.html.template"].read().decode("utf-8")
+    page = page.replace("$B64GLTF", base64.b64encode((FILMS / f"{name}.glb").read_bytes()).decode())
+    head = f'<title>{tile.title} - hhsim</title><link rel="icon" href="../assets/images/favicon.png">'
+    page = re.sub(r"<title>.*?</title>", head, page)
+    page = re.sub(r'<meta name="viewport"[^>]*>', '<meta name="viewport" content="width=device-width">', page)
+    words = f'<a href="../gallery.html">Gallery</a>: {tile.title}. Drag to turn, scroll to zoom.'
+    return page.replace('<div id="container"></div>', BODY.format(words))
 
 
 def main(words: list[str]) -> None:
-    """Make films and page, or the scenes to turn."""
-    if words[:1] == ["pages"]:
-        with tempfile.TemporaryDirectory() as folder:
-            for tile in TILES:
-                if tile.name in TURNED:
-                    made_by = [str(Path(sys.executable).with_name("hhsim")), *shlex.split(tile.make[0])[1:], "--quiet"]
-                    subprocess.run(made_by, cwd=folder, check=True)
-                    page = Path(words[1], f"{tile.name}.html")
-                    page.parent.mkdir(parents=True, exist_ok=True)
-                    page.write_text(scene_page(Path(folder, tile.result), TURNED[tile.name]))
-                    print(f"{page}: {page.stat().st_size:,} bytes")
-        return
+    """Make films and page."""
     kept = tables(PAGE.read_text()) if PAGE.exists() else {}
     for tile in TILES:
         if not words or tile.name in words:

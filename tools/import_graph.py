@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+import networkx
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 PACKAGES = (
@@ -160,36 +162,11 @@ def matrix() -> dict[tuple[str, str], list[str]]:
 
 
 def circles() -> list[list[str]]:
-    """Groups of modules that import each other, directly or round a circle (Tarjan's strongly connected components).
-
-    What serves types alone does not count.
-    """
-    graph = {
-        module: sorted({found.name for found in imports_of(path) if found.runs} & library().keys() - {module})
+    """Groups of modules that import each other, directly or round a circle; what serves types alone does not count."""
+    graph = networkx.DiGraph(
+        (module, found.name)
         for module, path in library().items()
-        if module != "hhsim"
-    }
-    number: dict[str, int] = {}
-    low: dict[str, int] = {}
-    open_: list[str] = []
-    found: list[list[str]] = []
-
-    def visit(module: str) -> None:
-        number[module] = low[module] = len(number)
-        open_.append(module)
-        for other in graph.get(module, []):
-            if other not in number:
-                visit(other)
-                low[module] = min(low[module], low[other])
-            elif other in open_:
-                low[module] = min(low[module], number[other])
-        if low[module] == number[module]:
-            group = open_[open_.index(module) :]
-            del open_[-len(group) :]
-            if len(group) > 1:
-                found.append(sorted(group))
-
-    for module in graph:
-        if module not in number:
-            visit(module)
-    return found
+        for found in imports_of(path)
+        if found.runs and found.name in library() and "hhsim" not in (module, found.name) and found.name != module
+    )
+    return [sorted(group) for group in networkx.strongly_connected_components(graph) if len(group) > 1]

@@ -5,9 +5,11 @@ beside the examples, as in a checkout. A cell that fails ends it, unless its met
 """
 
 import ast
+import base64
 import contextlib
 import io
 import json
+import logging
 import os
 import re
 import subprocess
@@ -30,20 +32,18 @@ def run_cell(cell: dict[str, Any], names: dict[str, Any]) -> list[dict[str, Any]
     source = "".join(cell["source"])
     if source.startswith("!"):
         return [_stream(_shell(line[1:], cell["metadata"].get("exit_code", 0))) for line in source.splitlines()]
-    printed = io.StringIO()
-    outputs: list[dict[str, Any]] = []
+    printed, value = io.StringIO(), None
     with contextlib.redirect_stdout(printed):
         *statements, last = ast.parse(source).body
-        shown = isinstance(last, ast.Expr)
-        silent = source.endswith(";")
-        exec(compile(ast.Module(statements if shown else [*statements, last], []), "cell", "exec"), names)
-        value = eval(compile(ast.Expression(last.value), "cell", "eval"), names) if isinstance(last, ast.Expr) else None
-    if printed.getvalue():
-        outputs.append(_stream(printed.getvalue()))
-    if silent:
+        if isinstance(last, ast.Expr):
+            exec(compile(ast.Module(statements, []), "cell", "exec"), names)
+            value = eval(compile(ast.Expression(last.value), "cell", "eval"), names)
+        else:
+            exec(compile(source, "cell", "exec"), names)
+    outputs = [_stream(printed.getvalue())] if printed.getvalue() else []
+    if source.endswith(";"):
         return outputs + _figures()
-    picture = getattr(value, "_repr_png_", None)
-    if picture is not None:
+    if (picture := getattr(value, "_repr_png_", None)) is not None:
         outputs.append(_picture(picture()))
     elif value is not None and "matplotlib" not in type(value).__module__:
         outputs.append({"output_type": "execute_result", "execution_count": None, "metadata": {},
@@ -65,8 +65,6 @@ def _figures() -> list[dict[str, Any]]:
 
 
 def _picture(data: bytes) -> dict[str, Any]:
-    import base64
-
     return {"output_type": "display_data", "metadata": {}, "data": {"image/png": base64.b64encode(data).decode()}}
 
 
@@ -103,8 +101,6 @@ def run(notebook: Path, folder: Path) -> dict[str, Any]:
 
 
 def _run_here(notebook: Path, out: Path) -> None:
-    import logging
-
     logging.getLogger("hhsim").setLevel(logging.ERROR)
     document = json.loads(notebook.read_text(encoding="utf-8"))
     names: dict[str, Any] = {"__name__": "__main__"}

@@ -52,14 +52,9 @@ def parse_limits(line: bytes) -> tuple[int, ...]:
 
 
 class FakeLine:
-    """The glove's end of a pseudo-terminal.
-
-    Args:
-        link: Path that always leads to the line that hhsim is to open.
-    """
+    """The glove's end of a pseudo-terminal; `link` always leads to the line that hhsim is to open."""
 
     def __init__(self, link: Path) -> None:
-        """Make the line."""
         self._link = link
         self._main = -1
         self.open()
@@ -106,14 +101,9 @@ class FakeLine:
 
 
 class FakeOpenGloves(FakePeer):
-    """The glove.
-
-    Args:
-        options: Of the command line.
-    """
+    """The glove."""
 
     def __init__(self, options: argparse.Namespace) -> None:
-        """Make its line or its server."""
         log = PeerLog(options.log)
         self._line: FakeLine | FakeServer = FakeLine(options.link) if options.link else FakeServer(options.port, log)
         super().__init__(options, log, self._line, {"garbage": lambda number: self._line.send(b"\xff\x00A12?\n")})

@@ -196,19 +196,8 @@ class Verdict:
 
     def add(self, other: "Verdict") -> None:
         """Take in another scene's figures."""
-        counts = (
-            "ticks",
-            "judged",
-            "touching",
-            "equations",
-            "late",
-            "crushed",
-            "squeezed",
-            "stops",
-            "explained",
-            "on_the_way",
-        )
-        for name in (*counts, "squeezed", "stops", "explained", "on_the_way"):
+        counts = "ticks judged touching equations late crushed squeezed stops explained on_the_way"
+        for name in counts.split():
             setattr(self, name, getattr(self, name) + getattr(other, name))
         for name in ("newton", "euler", "crushed_newton", "squeezed_deepest"):
             setattr(self, name, max(getattr(self, name), getattr(other, name)))

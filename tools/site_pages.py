@@ -10,7 +10,6 @@ import posixpath
 import re
 import shutil
 from pathlib import Path
-from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
@@ -18,6 +17,7 @@ from mkdocs.structure.pages import Page
 
 import hhsim
 from tools.cli_reference import reference
+from tools.gallery import page_to_turn
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 FRONT = "README.md"
@@ -55,31 +55,6 @@ Units are SI: m, rad, s, N, N·m. The world is right-handed with z up.
 """
 
 
-def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Leave out of the navigation pages that are not there."""
-
-    def there(uri: str) -> bool:
-        source = REPOSITORY / "docs" / uri
-        return uri in {*PAGES.values(), "commands.md", "python.md"} or any(
-            source.with_suffix(suffix).is_file() for suffix in (".md", ".ipynb")
-        )
-
-    def kept(entries: list[Any]) -> list[Any]:
-        found: list[Any] = []
-        for entry in entries:
-            if isinstance(entry, str):
-                found += [entry] if there(entry) else []
-                continue
-            ((title, value),) = entry.items()
-            value = kept(value) if isinstance(value, list) else value if there(value) else None
-            found += [{title: value}] if value else []
-        return found
-
-    nav: Any = kept(config.nav or [])
-    config.nav = nav
-    return config
-
-
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages that are made: of the command line, of Python, of notebooks, of files outside docs/."""
     made: dict[str, str | bytes] = {"commands.md": reference(), "python.md": _api()}
@@ -89,6 +64,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for file in list(files):
         if file.src_uri.endswith(".ipynb"):
             made[_page_of("docs/" + file.src_uri)] = notebook_page(Path(file.abs_src_path or ""))
+            files.remove(file)
+        elif file.src_uri.endswith(".glb"):
+            files.append(File.generated(config, _page_of("docs/" + file.src_uri), content=page_to_turn(file.name)))
             files.remove(file)
     texts = {uri: text for uri, text in made.items() if isinstance(text, str)}
     texts[FRONT] = (REPOSITORY / FRONT).read_text(encoding="utf-8")
@@ -125,13 +103,20 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
     """Return a page with a name for its search, and with MathJax if it has formulas."""
-    output = output.replace(
-        'data-md-component="search" role="dialog"', 'data-md-component="search" role="dialog" aria-label="Search"'
-    )
+    output = _named(output)
     if 'class="arithmatex"' not in output:
         return output
     root = "../" * page.url.count("/")
     return output.replace("</body>", MATHJAX_SCRIPTS.format(root=root, mathjax=MATHJAX))
+
+
+def on_post_template(output: str, template_name: str, config: MkDocsConfig) -> str:
+    """Return a page that is made of no Markdown, 404.html, with a name for its search."""
+    return _named(output)
+
+
+def _named(output: str) -> str:
+    return output.replace('role="dialog"', 'role="dialog" aria-label="Search"')
 
 
 def on_post_build(config: MkDocsConfig) -> None:
@@ -161,7 +146,7 @@ def _page_of(source: str) -> str:
     if source in PAGES:
         return PAGES[source]
     if source.startswith("docs/"):
-        return re.sub(r"\.ipynb$", ".md", source.removeprefix("docs/"))
+        return re.sub(r"\.ipynb$", ".md", source.removeprefix("docs/")).replace(".glb", ".html")
     return f"source/{source}" if Path(source).suffix in BINARY else f"source/{source}.md"
 
 

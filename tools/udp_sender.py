@@ -21,14 +21,9 @@ KINDS = {"bends": Kind.BENDS, "channels": Kind.CHANNELS, "joints": Kind.JOINTS}
 
 
 class FakeUdpGlove(FakePeer):
-    """The glove and its bridge, which is its own line.
-
-    Args:
-        options: Of the command line.
-    """
+    """The glove and its bridge, which is its own line."""
 
     def __init__(self, options: argparse.Namespace) -> None:
-        """Open its port of commands."""
         super().__init__(options, PeerLog(options.log), self)
         self._kind = KINDS[options.kind]
         self._target = (options.host, options.port)

@@ -1,26 +1,25 @@
-"""The picture of ARCHITECTURE.md is of the imports there are, and notices where it no longer is."""
+"""The table of ARCHITECTURE.md is of the packages and imports there are."""
 
-import re
-
-from tools.architecture import LAYERS, PICTURE, counts, imported_by, is_current, order, picture, places, reduced
+from tools.architecture import LAYERS, PAGE, imported_by, order, reduced, table
 
 
-def test_the_committed_picture_is_current() -> None:
-    assert is_current(PICTURE.read_text(encoding="utf-8")), "run python -m tools.architecture"
+def test_the_table_is_current_and_names_each_package_once() -> None:
+    assert table() in PAGE.read_text(encoding="utf-8"), "run python -m tools.architecture"
+    assert sorted(name for _, names in LAYERS for name in names) == sorted(order())
 
 
-def test_a_picture_that_is_not_current_is_noticed() -> None:
-    drawn = picture(counts())
-    assert is_current(drawn)
-    paths = re.findall(r"<path d=\"M.*marker-end.*/>\n", drawn)
-    assert len(paths) == sum(map(len, reduced(imported_by()).values()))
-    assert not is_current(drawn.replace(paths[0], ""))
-    grown = {name: (modules, lines + lines // 5) for name, (modules, lines) in counts().items()}
-    assert not is_current(picture(grown))
-
-
-def test_every_package_has_a_place_and_imports_from_none_above_it() -> None:
-    assert sorted(name for _, names in LAYERS for name in names if name) == sorted(order())
-    boxes = places()
+def test_no_package_imports_from_a_layer_above_it() -> None:
+    layer = {name: number for number, (_, names) in enumerate(LAYERS) for name in names}
     for name, imported in imported_by().items():
-        assert all(boxes[name].layer <= boxes[other].layer for other in imported), name
+        assert all(layer[name] <= layer[other] for other in imported), name
+
+
+def test_what_follows_from_the_rest_is_left_out_and_nothing_else() -> None:
+    def reach(graph: dict[str, set[str]], name: str) -> set[str]:
+        return graph[name].union(*(reach(graph, other) for other in graph[name]))
+
+    graph = imported_by()
+    few = reduced(graph)
+    for name in order():
+        assert reach(few, name) == reach(graph, name)
+    assert sum(map(len, few.values())) < sum(map(len, graph.values())) / 2

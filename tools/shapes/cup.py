@@ -5,7 +5,6 @@ from itertools import pairwise
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
 from tools.shapes.surface_parts import band, circle, fan, finished_mesh
 
@@ -29,11 +28,6 @@ def cup(diameter: float = 0.08, height: float = 0.092, wall: float = 0.0035, han
         handle_reach: How far the handle's centre line stands out from the wall [m].
     """
     radius = diameter / 2.0
-    if not (0.0 < 4.0 * wall < radius and height > 20.0 * CUP_ROW and handle_reach > 0.012):
-        raise InputError(
-            f"cup: diameter {diameter} m, height {height} m, wall {wall} m, handle {handle_reach} m; expected a wall "
-            f"below an eighth of the diameter, a height above {20.0 * CUP_ROW} m and a handle beyond 0.012 m"
-        )
     profile, first_row, last_row = _cup_profile(radius, height, wall)
     ring = circle(CUP_SEGMENTS)
     body = np.concatenate([np.column_stack([r * ring, np.full(CUP_SEGMENTS, z)]) for r, z in profile])
@@ -43,8 +37,6 @@ def cup(diameter: float = 0.08, height: float = 0.092, wall: float = 0.0035, han
     middle = (first_row + last_row) // 2
     half_span = round(0.29 * height / CUP_ROW)
     openings = [middle + half_span - HANDLE_ROWS // 2, middle - half_span - HANDLE_ROWS // 2]
-    if openings[1] < first_row or openings[0] + HANDLE_ROWS > last_row:
-        raise InputError(f"cup: height {height} m leaves no room for the handle on its straight wall")
     faces: list[IntArray] = []
     left = -(HANDLE_COLUMNS // 2) % CUP_SEGMENTS
     for row in range(len(profile) - 1):

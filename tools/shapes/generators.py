@@ -9,7 +9,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
 from tools.shapes.cup import cup
 from tools.shapes.handle_box import handle_box
@@ -33,9 +32,6 @@ __all__ = [
 
 def sphere(diameter: float = 0.076, subdivisions: int = 4) -> Mesh:
     """Sphere of a diameter [m]; the vertices lie on it, the triangles up to diameter/3000 inside at 4 subdivisions."""
-    _require_positive("sphere", diameter=diameter)
-    if not 0 <= subdivisions <= 7:
-        raise InputError(f"sphere: subdivisions {subdivisions}; expected 0 to 7")
     vertices, faces = icosphere(subdivisions)
     return finished_mesh(
         vertices * (diameter / 2.0), faces, "sphere", f"sphere(diameter={diameter}, subdivisions={subdivisions})"
@@ -44,30 +40,24 @@ def sphere(diameter: float = 0.076, subdivisions: int = 4) -> Mesh:
 
 def cylinder(diameter: float = 0.06, height: float = 0.12, segments: int = 96) -> Mesh:
     """Upright cylinder of a diameter and a height [m]."""
-    _require_positive("cylinder", diameter=diameter, height=height)
-    if segments < 3:
-        raise InputError(f"cylinder: {segments} segments; expected at least 3")
     source = f"cylinder(diameter={diameter}, height={height}, segments={segments})"
     return _prism(circle(segments) * (diameter / 2.0), height, "cylinder", source)
 
 
 def triangular_prism(side: float = 0.08, height: float = 0.1) -> Mesh:
     """Upright prism on an equilateral triangle of a side [m], one edge towards +y."""
-    _require_positive("triangular-prism", side=side, height=height)
     outline = circle(3) @ np.array([[0.0, 1.0], [-1.0, 0.0]]) * (side / 3.0**0.5)
     return _prism(outline, height, "triangular-prism", f"triangular_prism(side={side}, height={height})")
 
 
 def cube(side: float = 0.07) -> Mesh:
     """Cube of a side [m]."""
-    _require_positive("cube", side=side)
     outline = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) * (side / 2.0)
     return _prism(outline, side, "cube", f"cube(side={side})")
 
 
 def hexagonal_prism(side: float = 0.04, height: float = 0.1) -> Mesh:
     """Upright prism on a regular hexagon of a side [m], two of its edges on the x axis."""
-    _require_positive("hexagonal-prism", side=side, height=height)
     return _prism(circle(6) * side, height, "hexagonal-prism", f"hexagonal_prism(side={side}, height={height})")
 
 
@@ -98,9 +88,3 @@ def _prism(outline: NDArray[np.float64], height: float, name: str, source: str) 
     middle = np.array([[0.0, 0.0, -height / 2.0], [0.0, 0.0, height / 2.0]])
     caps = [fan(2 * count, lower)[:, ::-1], fan(2 * count + 1, upper)]
     return finished_mesh(np.concatenate([bottom, top, middle]), [band(lower, upper), *caps], name, source)
-
-
-def _require_positive(shape: str, **lengths: float) -> None:
-    for name, length in lengths.items():
-        if not (np.isfinite(length) and length > 0.0):
-            raise InputError(f"{shape}: {name} {length} m; expected a positive length")

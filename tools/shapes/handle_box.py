@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 
-from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
 from tools.shapes.surface_parts import finished_mesh
 
@@ -20,8 +19,6 @@ def handle_box(
         gap: Way between the box and a bar [m].
     """
     half, side, top = length / 2.0, width / 2.0, height / 2.0
-    if not 0.0 < 2.0 * bar < min(width, height) or min(length, gap) <= 0.0:
-        raise InputError(f"handle_box: box of {length} × {width} × {height} m, bar {bar} m, gap {gap} m: no such box")
     x = [-half - gap - bar, -half - gap, -half, 0.0, half, half + gap, half + gap + bar]
     y = [-side, bar - side, *np.linspace(bar - side, side - bar, 5)[1:], side]
     z = [-top, -bar / 2.0, bar / 2.0, top]

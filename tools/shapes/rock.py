@@ -3,7 +3,6 @@
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
 from tools.shapes.surface_parts import finished_mesh, icosphere
 
@@ -19,8 +18,6 @@ def rock(size: float = 0.1, seed: int = 7, subdivisions: int = 4) -> Mesh:
         seed: Another seed is another rock.
         subdivisions: Splits of the icosahedron; 4 gives 5,120 triangles.
     """
-    if not (np.isfinite(size) and size > 0.0):
-        raise InputError(f"rock: size {size} m; expected a positive length")
     generator = np.random.default_rng(seed)
     direction, faces = icosphere(subdivisions)
     normal = _random_directions(generator, 26)

@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
 from tools.shapes.surface_parts import finished_mesh
 
@@ -20,8 +19,6 @@ def shamrock(size: float = 0.105, thickness: float = 0.013) -> Mesh:
         size: Longest extent [m], leaf to stem.
         thickness: Largest thickness along y [m].
     """
-    if not (np.isfinite(size) and size > 0.0 and 0.0 < thickness < size):
-        raise InputError(f"shamrock: size {size} m, thickness {thickness} m; expected 0 < thickness < size")
     # Drawn in millimetres, 100 mm high, and scaled at the end.
     outline, outward = _belt(_shamrock_pulleys(), SHAMROCK_SPACING)
     points, inset = _shamrock_points(outline, outward)
