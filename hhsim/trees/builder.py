@@ -161,7 +161,8 @@ def find_fewest(
 
     The number is guessed by an error that falls with a power of it, until it is enclosed: one cover is within the
     error, and one with at least `NEAR` of its spheres, or one less, is not; up to `PROBED` spheres those of `PROBES`
-    are not either, unless a cover was found before. An error does not fall with every single sphere, so a number in between or below may do by luck.
+    are not either, unless a cover was found before. An error does not fall with every single sphere, so a number in
+    between or below may do by luck.
     Raises InputError where `most` spheres are too few, or would be by far.
     """
     error: dict[int, float] = {}
