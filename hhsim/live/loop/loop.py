@@ -223,6 +223,7 @@ class LoopHand:
         status, command = self.memory.status, self.live.commander[0]
         command.stiffness[:] = command.phalanx[:] = 0.0
         status["command_stiffness"] = status["command_force"] = 0.0
+        status["ending_ns"] = time.monotonic_ns()
         status["stage"] = Stage.ENDING
 
 
