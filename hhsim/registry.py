@@ -26,6 +26,11 @@ def declared(group: str) -> "dict[str, EntryPoint]":
     return {entry.name: entry for entry in entry_points(group=group)} if group else {}
 
 
+@cache
+def _modules(folders: tuple[str, ...]) -> frozenset[str]:
+    return frozenset(module.name for module in pkgutil.iter_modules(folders))
+
+
 class Registry(Mapping[str, T], Generic[T]):
     """Records that the modules of a package declare, by name.
 
@@ -45,8 +50,7 @@ class Registry(Mapping[str, T], Generic[T]):
         self.group = group
 
     def _own(self) -> set[str]:
-        modules = {module.name for module in pkgutil.iter_modules(import_module(self.package).__path__)}
-        return {name.replace("_", "-") for name in modules - {"registry"}}
+        return {name.replace("_", "-") for name in _modules(tuple(import_module(self.package).__path__)) - {"registry"}}
 
     def names(self) -> list[str]:
         """Return every name, without importing a record."""

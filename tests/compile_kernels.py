@@ -62,7 +62,7 @@ def free() -> None:
     surface, hands = contact_surface("mesh", mesh, None), (HandModel.default("right"), HandModel.default("left"))
     far = HandConfiguration(*far_hand(1))
     WorldSolver([HandSolver(hand, surface, options) for hand in hands], block).run(far, far)
-    sessions(mesh=mesh, free=block, options=options)
+    sessions(mesh=mesh, free={}, options=options)
 
 
 def phases() -> None:

@@ -51,7 +51,7 @@ def two_grasping_setup(ports: Sequence[int], record: Path | None, *, free: bool 
     right = grasping_scene(ports[0], "right", free=free)
     left = grasping_scene(ports[1], "left", free=free, beside=right)
     both = right.both(left)
-    return replace(_held(right, both, record), beside=_held(left, both, record))
+    return _held(right, both, record, _held(left, both, record))
 
 
 def grasping_scene(port: int, side: Hand, *, free: bool = False, beside: LiveScene | None = None) -> LiveScene:
@@ -67,9 +67,10 @@ def grasping_scene(port: int, side: Hand, *, free: bool = False, beside: LiveSce
     return make_live_scene(bodies, hand, device, pose, None, rate=RATE, other=other, freed=freed)
 
 
-def _held(own: LiveScene, scene: LiveScene, record: Path | None) -> LiveSetup:
+def _held(own: LiveScene, scene: LiveScene, record: Path | None, beside: LiveSetup | None = None) -> LiveSetup:
     return LiveSetup(
-        **scene.bodies,
+        scene=scene.scene,
+        beside=beside,
         hand=own.scene.hands[0].model,
         options=SolverOptions(),
         device=own.device,

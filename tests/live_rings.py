@@ -70,22 +70,21 @@ def make_setup(record: Path | None, options: SolverOptions | None = None) -> Liv
     """A session on a bumpy ball; the object's own frame is not the world's."""
     scene = grasp()
     return LiveSetup(
-        mesh=scene.solids[0].placed_mesh,
-        tree=scene.solids[0].placed_tree,
+        scene=scene.first(1),
         hand=scene.hands[0].model,
         options=options or SolverOptions(),
         device=configure("sim"),
         pose=PoseConfig(kind="fixed"),
         record=record,
         command=("hhsim", "live", "glove"),
-        description={"object": "ball", "object_position": [0.0, 0.0, 0.0], "seed": 3},
+        description={"object": "ball", "seed": 3},
     )
 
 
 def solved_ticks(setup: LiveSetup) -> Records:
     """700 ticks as the loop publishes them: a grasp."""
     ticks = grasp().hands[0].ticks
-    solver = HandSolver(setup.hand, setup.tree.arrays(), loop_options(setup.options, setup.rate))
+    solver = HandSolver(setup.hand, setup.seen.tree.arrays(), loop_options(setup.options, setup.rate))
     rows = np.zeros(700, LIVE_TICK)
     for i, row in enumerate(rows):
         haptic = HapticBlock(*(getattr(ticks, name)[i : i + 1] for name in HapticBlock._fields))

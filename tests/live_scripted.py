@@ -11,17 +11,20 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.kernels.live.accounts import account_waking, measure_miss, name_miss
 from hhsim.kernels.live.deadlines import NOTHING, due_time, next_deadline, woken
-from hhsim.kernels.live.loop import DRIVERS, begin_hands, wake_driver
-from hhsim.kernels.live.tick import command_tick, look_for_stop, publish_tick, waiting_since
+from hhsim.kernels.live.loop import DRIVERS, begin_hands, give_hands, publish_hands, take_hands, wake_driver
+from hhsim.kernels.live.tick import command_tick, look_for_stop, waiting_since
 from hhsim.live.device import Capability, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
 from hhsim.live.devices.registry import configure
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
-from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.ipc.session_memory import SessionMemory, TickReader
 from hhsim.live.loop.driver import GloveDriver
 from hhsim.live.loop.loop import LiveLoop, MissAccounts, deadline_record
 from hhsim.live.pose.registry import PoseConfig, PoseSource
 from hhsim.live.pose.sources import FixedPose
+from hhsim.live.session.scene import make_live_scene
 from hhsim.live.shared_memory import RingReader
+from hhsim.mesh.mesh import Mesh
+from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.solver.options import SolverOptions
 from hhsim.system.cpu_accounts import CpuAccounts
 from hhsim.trees.sphere_tree import SphereTree
@@ -35,17 +38,22 @@ WAKING_NS = 30_000
 """What it takes to wake a loop by a sample."""
 
 
-def make_setup(**changes: Any) -> LiveSetup:
-    """A session at 1 kHz with a ball; no watchdog is needed unless `changes` say so."""
+def make_setup(mesh: Mesh | None = None, free: dict[str, Any] | None = None, **changes: Any) -> LiveSetup:
+    """A session at 1 kHz with a ball, or a mesh, `free` by arguments of `Scene.freed`."""
     given: dict[str, Any] = {
-        "mesh": sphere(0.06, 1),
-        "tree": BALL,
         "hand": HandModel.default(),
         "options": SolverOptions(),
         "device": configure(),
         "pose": PoseConfig(),
+        "rate": 1000.0,
+        **changes,
     }
-    return LiveSetup(**(given | changes))
+    if "scene" not in given:
+        bodies = DeclaredBodies.of_mesh(mesh or sphere(0.06, 1), BALL)
+        freed = (lambda scene: scene) if free is None else (lambda scene: scene.freed(**free))
+        of_hand = (given[name] for name in ("hand", "device", "pose"))
+        given["scene"] = make_live_scene(bodies, *of_hand, None, rate=given["rate"], placed=True, freed=freed).scene
+    return LiveSetup(**given)
 
 
 class FakeClock:
@@ -243,14 +251,19 @@ class SteppedLoop(LiveLoop):
     def tick(self) -> None:
         clock, at = self.clock, self.deadlines.at
         account_tick(self.misses, at, self.accounts)
-        solved = bool(begin_hands(tuple(hand.live for hand in self.hands))) and self._solve()
+        hands = tuple(hand.live for hand in self.hands)
+        solved = bool(begin_hands(hands))
+        if solved:
+            give_hands(hands, self.world)
+            solved = self.solve()
+        if solved:
+            take_hands(hands, self.world)
         for hand, wake in zip(self.hands, self._wake):
             command_tick(hand.live, clock.now(), solved, int(hand.at.status))
             wake_driver(hand.live, wake, clock.now())
         done = clock.now()
         name_misses(self.misses, at, self.accounts)
-        for hand in reversed(self.hands):
-            publish_tick(hand.live, done, solved)
+        publish_hands(hands, self.world, done, solved)
 
 
 class InStep:
@@ -343,7 +356,7 @@ class ScriptedSession:
 
     def run(self) -> Self:
         self.reason = self.both.run()
-        self.ticks: NDArray[Any] = RingReader(self.memory.ticks).read(10**6)[1]
+        self.ticks: NDArray[Any] = TickReader(self.memory).read_hands(10**6)[1][0]
         self.samples = RingReader(self.memory.samples).read(10**6)[1]
         self.events = [text.decode() for text in RingReader(self.memory.events).read(1000)[1]["text"]]
         return self

@@ -47,6 +47,8 @@ COMMANDS = (
 )
 """Runs that scenes and measures take kernels for, which no list of ticks has; each is verified and reported."""
 
+TWO_GLOVES = "--device left=sim,right=sim"
+
 
 def compile_all(cache: Path) -> str:
     """Compile every kernel that ships into a cache; return the target's text."""
@@ -68,7 +70,7 @@ def compile_all(cache: Path) -> str:
         for n, command in enumerate(COMMANDS):
             result = f"{place}/{n}.h5"
             chains.append((f"{command} --out {result}", f"verify {result}", f"report {result} --out {place}/{n}.html"))
-        for n, scene in enumerate(("", "cube --free --mass 0.1")):
+        for n, scene in enumerate(("", "cube --free --mass 0.1", f"cube {TWO_GLOVES}", f"cube --free {TWO_GLOVES}")):
             session = f"{place}/session-{n}.h5"
             chains.append((f"live glove {scene} --duration 1 --out {session}", f"replay {session}"))
         submission = f"{place}/scene/example-submission.csv"

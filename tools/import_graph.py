@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-import networkx
-
 REPOSITORY = Path(__file__).resolve().parents[1]
 
 PACKAGES = (
@@ -163,6 +161,8 @@ def matrix() -> dict[tuple[str, str], list[str]]:
 
 def circles() -> list[list[str]]:
     """Groups of modules that import each other, directly or round a circle; what serves types alone does not count."""
+    import networkx  # which is not there yet when `make` compiles the first kernels
+
     graph = networkx.DiGraph(
         (module, found.name)
         for module, path in library().items()

@@ -341,7 +341,7 @@ def command(
     # The left hand's first, which stands in that of the right one.
     for (own, (_, _, motion)), model, scene in reversed(list(zip(worn, models, scenes))):
         setup = LiveSetup(
-            **given.bodies,
+            scene=given.scene,
             beside=setup,
             hand=model,
             options=options,
@@ -368,8 +368,7 @@ def command(
             },
         )
     assert setup is not None
-    if setup.scene is None:
-        warm_up(setup.hand, setup.options, setup.free)
+    warm_up(setup.hand, setup.options, None if two else setup.seen.free)
     warning = quick_warning(session.rate, setup.real_time)
     print_notes([warning] if warning else [], prefix="warning")
     heading = f"{mesh.name}, {solver.method}, {' and '.join(device.kind for _, (device, _, _) in worn)}"

@@ -4,6 +4,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -44,6 +45,9 @@ class RobotOptions(OptionGroup, heading="Robot"):
         type=click.Choice(["h5", "urdf", "curobo", "json", "mjcf", "srdf", "xrdf"]),
         help="Format of the spheres. Default: that of --out's ending, or h5.",
     )
+    compare: bool = option(
+        is_flag=True, help="Beside --from: build as many spheres of each link, and print both. The file's are written."
+    )
     rerun: "RerunTarget | None" = option(
         type=RERUN,
         callback=read_target,
@@ -56,11 +60,11 @@ class RobotOptions(OptionGroup, heading="Robot"):
         from hhsim.linkage.file import names_a_linkage, read_robot
         from hhsim.robots.formats.registry import format_of
 
-        named = (self.kind, self.total, self.rerun) != (None, None, None)
+        named = self.compare or (self.kind, self.total, self.rerun) != (None, None, None)
         if not names_a_linkage(object_):
             if named:
                 raise click.UsageError(
-                    f"--as, --total and --rerun are for a robot, a URDF or MJCF file, and {object_} is none"
+                    f"--as, --total, --compare and --rerun are for a robot, a URDF or MJCF file, and {object_} is none"
                 )
             return False
         named = named or (out is not None and format_of(out) not in ("", "h5"))
@@ -97,13 +101,19 @@ def robot_spheres(
     check_output_path(out, "file of spheres", holds(format_.mark))
     if plot is not None:
         check_picture(plot)
-    start = time.process_time()
+    if robot_options.compare and source is None:
+        raise click.UsageError("--compare is for --from FILE")
+    start, compared = time.process_time(), []
     robot = read_robot(path)
     meshes = link_meshes(robot, path, robot_options.link or "")
     notes = [f"{mesh.name}: {note}" for mesh in meshes.values() for note in (*mesh.repairs, *mesh.warnings)]
     with progress(quiet=output.quiet) as report:
         if source is not None:
             built = _judged(robot, meshes, source, seed, notes)
+            if robot_options.compare:
+                many = {link: TreeOptions(leaves=each.fit.spheres, seed=seed) for link, each in built.items()}
+                ours = build_links(robot, meshes, many, threads, report)
+                compared = [_in_all(source.name, built), _in_all("hhsim", ours)]
         elif total is not None:
             built = build_in_all(robot, meshes, total, replace(options or TreeOptions(), seed=seed), threads, report)
         else:
@@ -124,10 +134,13 @@ def robot_spheres(
     print_notes(notes)
     if output.as_json:
         print_json(
-            _document(found, seconds) | {"as": name, "path": str(out), "plot": plot and str(plot), "notes": notes}
+            _document(found, seconds)
+            | {"as": name, "path": str(out), "plot": plot and str(plot), "notes": notes, "compared": compared}
         )
     elif not output.quiet:
         _print(found, seconds)
+        if compared:
+            print_table(Table(COMPARED, compared, f"{counted(len(built), 'link')}, as many spheres of each"))
         print(f"{counted(sum(each.fit.spheres for each in found.links), 'sphere')}, written to {out}")
         if plot is not None:
             print(f"the picture is in {plot}")
@@ -151,6 +164,32 @@ def _judged(
         if names:
             notes.append(f"{', '.join(names)}: {what}")
     return {name: judge_link(robot.link(name), meshes[name], given[name], seed) for name in both}
+
+
+def _in_all(name: str, links: "Mapping[str, LinkSpheres]") -> dict[str, Any]:
+    """Return the figures of all links together; shares [-], lengths [m]."""
+    fits = [link.fit for link in links.values()]
+    covered, out = [fit.surface_coverage for fit in fits], [fit.protrusion_max for fit in fits]
+    return {
+        "set": name,
+        "spheres": sum(fit.spheres for fit in fits),
+        "surface_coverage_mean": sum(covered) / len(covered),
+        "surface_coverage_least": min(covered),
+        "surface_gap_max": max(fit.surface_gap_max for fit in fits),
+        "protrusion_median": median(out),
+        "protrusion_max": max(out),
+    }
+
+
+COMPARED = (
+    words("spheres of", "set"),
+    number("spheres"),
+    number("surface covered, mean", lambda row: 100.0 * row["surface_coverage_mean"], "%", 1),
+    number("worst link", lambda row: 100.0 * row["surface_coverage_least"], "%", 1),
+    number("largest gap", "surface_gap_max", "mm", 1),
+    number("out max, median link", "protrusion_median", "mm", 1),
+    number("worst link", "protrusion_max", "mm", 1),
+)
 
 
 def import_spheres(source: Path, mesh: "Mesh", link: str, seed: int) -> "ImportedTree":

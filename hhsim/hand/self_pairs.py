@@ -1,6 +1,7 @@
 """Pairs of a hand's own parts that may meet, and how deep a hand is in itself."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,8 @@ from hhsim.kernels.hand.pose import HAND_POSE
 from hhsim.kernels.jit import JIT_ENABLED, as_argument
 
 
-def self_pairs(hand: HandModel, fingers: Sequence[str] = FINGERS) -> SelfPairs:
+@lru_cache(maxsize=8)
+def self_pairs(hand: HandModel, fingers: tuple[str, ...] = FINGERS) -> SelfPairs:
     """Return the pairs of the parts of some fingers and the palm, without those that are joined.
 
     Joined are the phalanges of one finger, and parts that overlap in the straight hand, whose angles are zero, or as
@@ -43,7 +45,7 @@ def _clearances(
     poses, fresh = np.zeros(1, HAND_POSE), np.zeros(1, SELF_CONTACT)
     poses["orientation"][:, 0] = 1.0
     fresh["bound"] = fresh["floor"] = -np.inf
-    arrays, contacts, found = hand.arrays(), fresh.copy(), [np.empty(len(flexion)) for _ in several]
+    arrays, contacts, found = hand.shared_arrays, fresh.copy(), [np.empty(len(flexion)) for _ in several]
     given = as_argument(flexion), as_argument(abduction), poses.view(np.recarray), contacts.view(np.recarray)
     measure: Any = self_clearances
     if JIT_ENABLED and several:

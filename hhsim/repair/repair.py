@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -106,10 +106,10 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         lambda recording, hand: _skin(request.recording, request.skin, recording, hand, read),
     )
     recording, recorded, touched, skin = made
-    scene, hand, began = recorded.scene, recorded.hand, perf_counter()
+    scene, hand, began = recorded.scene, recorded.hand, process_time()
     seen_skin = None if skin is None else recorded.seen_skin(skin)
     seen, marked = corrected(request.max_correction, recorded, touched, seen_skin, progress)
-    took = perf_counter() - began
+    took = process_time() - began
     correction = recorded.in_the_world(seen, recording)
     off = write_recording(request.recording, read, recording, correction, paths["recording"])
     if off is not None and off > ROUNDING:

@@ -1,6 +1,6 @@
 """Second run of a result's ticks, from nothing but the file, and comparison of every array: bits, and rounding."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,18 +11,14 @@ from hhsim import __version__
 from hhsim.arrays import AnyArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.kernels.free.record import ObjectRecord
-from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.replay.stored_scene import require_whole, result_scene, stored_options
 from hhsim.replay.tick_rows import HandRows, seen_hand
 from hhsim.result import schema
 from hhsim.result.reader import CHUNK_TICKS, Result
-from hhsim.solver.free_engine import object_record, of_tick
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import METHODS
+from hhsim.solver.one_tick import OneTick
 from hhsim.solver.scene_solver import SceneSolver
-from hhsim.solver.workspace import tick_record
 from hhsim.system import environment as info
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
@@ -202,11 +198,9 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> 
     with SceneSolver(scene, stored_options(result)) as solver, interruptible_between() as check_interrupt:
         rows = [HandRows(solver, hand, list(result.bodies)) for hand in range(len(hands))]
         every = zip(result.blocks([array.name for array in of_bodies]), *(one.blocks(names) for one in hands))
-        # A session of two hands, or beside several bodies, had each tick solved by itself.
-        single = result.live is not None and (bool(solver.seen.others) or len(hands) > 1)
-        for first, blocks in zip(
-            range(0, total, 1 if single else CHUNK_TICKS), _tick_by_tick(every) if single else every
-        ):
+        # A session's ticks were solved one by one: where the pairs of one did not fit, the loop went on.
+        by_one = None if result.live is None else OneTick(solver)
+        for first, blocks in zip(range(0, total, CHUNK_TICKS), every):
             report("ticks", first, total)
             bodies, *stored = ({name: values[: total - first] for name, values in block.items()} for block in blocks)
             here = slice(first, first + len(stored[0]["time"]))
@@ -214,13 +208,8 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> 
                 HandConfiguration(*(block[f"haptic/{name}"] for name in HandConfiguration._fields)) for block in stored
             ]
             haptic = [seen_hand(hand, of.carried(here)) for hand, of in zip(given, rows)]
-            free: ObjectRecord | None = None
-            if result.live is None or single:
-                records: Sequence[TickRecord] = solver.run_given(haptic)
-            else:
-                record, free = _one_by_one(solver.hands[0], haptic[0], free=rubs)
-                records = [record]
-            made = [of.rows(here, block, record, free) for of, block, record in zip(rows, stored, records)]
+            records = solver.run_given(haptic) if by_one is None else by_one.run(haptic)
+            made = [of.rows(here, block, record) for of, block, record in zip(rows, stored, records)]
             tables = made[0].tables
             for array in of_bodies:
                 group, _, name = array.name.rpartition("/")
@@ -245,13 +234,6 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> 
         notes += makers or [f"hhsim, packages, processor and system are those of the file: {expected}"]
     shared = tuple(dict.fromkeys(notes))
     return RunAgain(result.path, result.complete, total, result.ticks, compared, shared, bool(makers))
-
-
-def _tick_by_tick(blocks: Iterable[tuple[dict[str, AnyArray], ...]]) -> Iterator[tuple[dict[str, AnyArray], ...]]:
-    """Yield each tick of some blocks as a block of its own."""
-    for block in blocks:
-        for i in range(len(block[1]["time"])):
-            yield tuple({name: values[i : i + 1] for name, values in part.items()} for part in block)
 
 
 def _moving(result: Result, rubs: bool) -> list[schema.Column]:
@@ -304,18 +286,6 @@ def _runnable(result: Result) -> tuple[int, list[str]]:
         failed = "ticks whose solver failed, and that are not in the file"
         notes.append(f"{failed}: {unsolved:,}; what follows on them may differ")
     return total, notes
-
-
-def _one_by_one(solver: HandSolver, haptic: HandConfiguration, *, free: bool) -> tuple[TickRecord, ObjectRecord | None]:
-    """Run ticks of a session, and of a free body, one by one as its loop did."""
-    count = len(haptic.position)
-    record, ticks = tick_record(count), object_record(count) if free else None
-    for i in range(count):
-        # A tick whose pairs did not fit says so in its status, and the loop went on.
-        given = HapticBlock(*(np.ascontiguousarray(values[i : i + 1]) for values in haptic))
-        row: list[Any] = [values[i : i + 1] for values in record]
-        solver.tick(given, TickRecord._make(row), None if ticks is None else of_tick(ticks, i))
-    return record, ticks
 
 
 def _other_makers(result: Result) -> list[str]:

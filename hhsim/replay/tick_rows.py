@@ -56,17 +56,16 @@ class HandRows:
         carrier = self.solver.seen.carrier
         return None if carrier is None else carrier.at(ticks).since(carrier.position[0], carrier.orientation[0])
 
-    def rows(self, ticks: slice, given: Columns, record: TickRecord, free: "ObjectRecord | None" = None) -> TickRows:
+    def rows(self, ticks: slice, given: Columns, record: TickRecord) -> TickRows:
         """Return the rows of ticks that were solved last.
 
-        `given` has the time, the number of the input sample, and the haptic hand, world, as the columns of the file;
-        `free` is the record of the first free body, by default that of the solver's last ticks.
+        `given` has the time, the number of the input sample, and the haptic hand, world, as the columns of the file.
         """
         if not np.isfinite(record.joints).all():
             raise HhsimError(f"the graphic hand is not finite after tick {ticks.start}: please report the command")
         seen, moved, own, contacts = self.solver.seen, self.carried(ticks), Columns(), Columns()
         if seen.free is not None:
-            free = free or self.solver.object_ticks(self.hand)
+            free = self.solver.object_ticks(self.hand)
             moved = RigidMotion(free.turn, free.shift)
             own, contacts = free_columns(free, *seen.place), contact_rows(free, ticks.start)
         elif seen.carrier is not None:

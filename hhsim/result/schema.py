@@ -103,6 +103,27 @@ OBJECT_FIELDS = (
     TickField("slip", "<f8", (64,)),
 )
 """Output for a free object, the fields of `hhsim.kernels.free.record.ObjectRecord` in their order."""
+PAIR_FIELDS = (TickField("contact_body", shape=(64,)), TickField("other_point", "<f8", (64, 3)))
+"""Output for the contacts of several bodies, and the wrench of the others on each: the further fields of
+`hhsim.kernels.free.record.WorldRecord`."""
+WRENCH_OF_BODIES = TickField("body_wrench", "<f8", (6,))
+
+
+def record_dtype(*fields: TickField) -> np.dtype[Any]:
+    """Return the dtype of records of these fields."""
+    return np.dtype([(field.name, field.type, field.shape) for field in fields], align=True)
+
+
+def bodies_row(bodies: int) -> np.dtype[Any]:
+    """Return the dtype of a tick of bodies that move, the fields of `hhsim.kernels.free.record.WorldRecord`."""
+    first = [field.name for field in OBJECT_FIELDS].index("contact")
+    moving = [field._replace(shape=(bodies, 1, *field.shape)) for field in (*OBJECT_FIELDS[:first], WRENCH_OF_BODIES)]
+    rows = [*OBJECT_FIELDS[first + 1 :], *PAIR_FIELDS]
+    if bodies == 0:
+        rows = [field._replace(shape=(0, *field.shape[1:])) for field in rows]
+    return record_dtype(*moving, OBJECT_FIELDS[first], *rows)
+
+
 TICK_FIELDS = (*LOOP_FIELDS, SOLVER_FIELDS[0], *HAPTIC_FIELDS, *SOLVER_FIELDS[1:], *COMMAND_FIELDS)
 """Record of a session's tick, in the order of the ring's fields."""
 _PARTS = {field.name: field.parts for field in TICK_FIELDS}

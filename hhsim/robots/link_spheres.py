@@ -23,6 +23,7 @@ from hhsim.trees.fit import Fit, measure_fit
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.options import TreeOptions, needed_level
 from hhsim.trees.sphere_tree import SphereTree
+from hhsim.trees.surface_cover import greedy_bound, in_own_frame
 
 MOST_TRIANGLES = 500_000
 """Most triangles of a link: more take minutes, and no planner's collision mesh has them."""
@@ -41,12 +42,6 @@ class LinkSpheres:
     proved: bool  # True if it is proved that the spheres cover every triangle
     cpu_seconds: float  # CPU time of building, proving and measuring them [s]
     cached: bool  # True if the tree was built before
-
-    @property
-    def error(self) -> float:
-        """Proved bound of the distance [m] of the spheres from the link, to either side."""
-        gap = self.tree.covers[-1].gap if self.tree.covers else self.fit.surface_gap_max
-        return max(self.fit.bound, gap, 0.0)
 
     @property
     def spheres(self) -> FloatArray:
@@ -161,21 +156,31 @@ def build_in_all(
 ) -> dict[str, LinkSpheres]:
     """Build spheres for links, so many in all, shared out so that the largest error is as small as it can be.
 
-    An error is the proved bound, or the largest gap of what leaves one; InputError for fewer spheres than links.
+    An error is the proved bound of the distance of the spheres from the link; InputError for fewer spheres than links.
     """
     if total < len(meshes):
         raise InputError(f"{total} spheres for {len(meshes)} links; expected at least one for each (--total)")
     built: dict[str, dict[int, LinkSpheres]] = {name: {} for name in meshes}
+    seconds = dict.fromkeys(meshes, 0.0)
+
+    def rough(shares: Mapping[str, int]) -> dict[str, float]:
+        def bound(name: str) -> float:
+            start = time.thread_time()
+            with named(f"link '{name}'"):
+                ready = in_own_frame(meshes[name])
+            found = greedy_bound(ready, shares[name])
+            seconds[name] += time.thread_time() - start
+            return found
+
+        with Workers(threads) as workers:
+            return dict(zip(shares, workers.each(bound, [(name,) for name in shares])))
 
     def measure(shares: Mapping[str, int]) -> dict[str, float]:
         each = {name: replace(options, level=None, leaves=count) for name, count in shares.items()}
         for name, found in build_links(robot, meshes, each, threads, progress).items():
             built[name][shares[name]] = found
-        return {name: built[name][count].error for name, count in shares.items()}
+            seconds[name] += found.cpu_seconds
+        return {name: built[name][count].fit.bound for name, count in shares.items()}
 
-    shares = best_shares(share_out(list(meshes), total, measure), total)
-    return {name: replace(built[name][count], cpu_seconds=_all_seconds(built[name])) for name, count in shares.items()}
-
-
-def _all_seconds(tried: Mapping[int, LinkSpheres]) -> float:
-    return sum(one.cpu_seconds for one in tried.values())
+    shares = best_shares(share_out(list(meshes), total, rough, measure), total)
+    return {name: replace(built[name][count], cpu_seconds=seconds[name]) for name, count in shares.items()}

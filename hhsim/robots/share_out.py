@@ -10,24 +10,27 @@ SLOPES = (0.2, 2.0)
 
 Errors = dict[str, dict[int, float]]
 """Error [m] by number of spheres, by link."""
+Measure = Callable[[Mapping[str, int]], Mapping[str, float]]
+"""Errors [m] of so many spheres of links, by their names."""
 
 
-def share_out(names: Sequence[str], total: int, measure: Callable[[Mapping[str, int]], Mapping[str, float]]) -> Errors:
+def share_out(names: Sequence[str], total: int, rough: Measure, measure: Measure) -> Errors:
     """Try numbers of spheres, each time with the errors of all before, and return those errors.
 
     Args:
         names: Links; each gets at least one sphere.
         total: Number of all spheres, at least as many as links.
-        measure: Builds so many spheres for each link that it is given, and returns their errors [m].
+        rough: Returns the errors [m] of so many spheres for each link that it is given, larger ones but soon: they tell
+            which numbers are tried first.
+        measure: Returns the errors themselves.
     """
-    errors: Errors = {name: {} for name in names}
+    guess: Errors = {name: {} for name in names}
     for shares in (dict.fromkeys(names, 1), _even(names, total)):
-        _add(errors, shares, measure)
-    for _ in range(ROUNDS):
-        shares = _balanced(errors, total)
-        if all(count in errors[name] for name, count in shares.items()):
-            break
-        _add(errors, shares, measure)
+        _add(guess, shares, rough)
+    _balance(guess, total, rough)
+    errors: Errors = {name: {} for name in names}
+    _add(errors, _balanced(guess, total), measure)
+    _balance(errors, total, measure)
     return errors
 
 
@@ -36,7 +39,7 @@ def best_shares(errors: Errors, total: int) -> dict[str, int]:
 
     What is left over goes where the error is largest.
     """
-    shares = dict.fromkeys(errors, 1)
+    shares: dict[str, int] = {}
     for level in sorted({error for tried in errors.values() for error in tried.values()}):
         needed = {
             name: min((count for count, error in tried.items() if error <= level), default=0)
@@ -56,9 +59,12 @@ def _even(names: Sequence[str], total: int) -> dict[str, int]:
     return {name: total // len(names) + (k < total % len(names)) for k, name in enumerate(names)}
 
 
-def _add(
-    errors: Errors, shares: Mapping[str, int], measure: Callable[[Mapping[str, int]], Mapping[str, float]]
-) -> None:
+def _balance(errors: Errors, total: int, measure: Measure) -> None:
+    for _ in range(ROUNDS):
+        _add(errors, _balanced(errors, total), measure)
+
+
+def _add(errors: Errors, shares: Mapping[str, int], measure: Measure) -> None:
     wanted = {name: count for name, count in shares.items() if count not in errors[name]}
     for name, error in measure(wanted).items() if wanted else ():
         errors[name][wanted[name]] = error

@@ -25,13 +25,13 @@ from hhsim.kernels.hand.pose import copy_configuration
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
-from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.reproducible import across, matmul, principal_axes
 from hhsim.solver.free_object import EngineBody, FreeObject, Hinge, Slider, require_free
 from hhsim.solver.options import UNLIMITED
-from hhsim.solver.workspace import TickWorkspace, fresh_state, tick_record, zeroed
+from hhsim.solver.workspace import HAPTIC_SHAPES, TickWorkspace, fresh_state, tick_record, zeroed
 from hhsim.trees.contact_surface import ContactSurface
 from hhsim.trees.hierarchy import build_hierarchy
 
@@ -46,8 +46,6 @@ BELOW = 1e-6
 """Largest depth [m] of an object in the table at the start: rounding."""
 STILL = 1.0, (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 """Mass, centre and inertia of a body that nothing is free beside."""
-HAPTIC_SHAPES = ((3,), (4,), (5, 3), (5,))
-"""Shapes of what a `HapticBlock` has of each tick."""
 HEAVY = 1e6
 """Mass [kg] and moment of inertia [kg·m²] of a driven body: 100 N move it by 0.1 nm in a tick of 1 ms."""
 
@@ -359,31 +357,22 @@ class FreeEngine:
         bodies[:], problem.slacks, world.safe_total[:] = kept, slacks, total
         self.begin()
 
-    def run(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord | None = None) -> int:
-        """See `Engine.run`; the object's record goes to `ticks`, or to new arrays."""
-        return self.run_many((haptic,), (record,), ticks)
+    def run(self, haptic: HapticBlock, record: TickRecord) -> int:
+        """See `Engine.run`."""
+        return self.run_many((haptic,), (record,))
 
-    def run_many(
-        self, haptic: tuple[HapticBlock, ...], record: tuple[TickRecord, ...], ticks: ObjectRecord | None = None
-    ) -> int:
+    def run_many(self, haptic: tuple[HapticBlock, ...], record: tuple[TickRecord, ...]) -> int:
         """Run the ticks of all hands and bodies, whose program is one; return those done."""
-        bodies = len(self.bodies)
-        done, own = self._run(self.method, haptic, record, self._driven(len(haptic[0].position)), ticks)
-        self.all_ticks = of_each(own) if bodies > 1 else None
-        self.ticks = of_each(own).bodies[0] if self.all_ticks is None else of_first(self.all_ticks)
+        done, own = self._run(self.method, haptic, record, self._driven(len(haptic[0].position)))
+        self.ticks, self.all_ticks = seen_ticks(own)
         return done
 
     def _run(
-        self,
-        method: Free,
-        haptic: Sequence[HapticBlock],
-        record: Sequence[TickRecord],
-        driven: FloatArray,
-        ticks: ObjectRecord | None = None,
+        self, method: Free, haptic: Sequence[HapticBlock], record: Sequence[TickRecord], driven: FloatArray
     ) -> tuple[int, WorldRecord]:
-        """Run ticks by a method; return those done, and the record of the bodies: of one, in `ticks` if given."""
+        """Run ticks by a method; return those done, and the record of the bodies."""
         count = len(haptic[0].position)
-        bodies = world_record(len(self.bodies), count, ticks)
+        bodies = world_record(len(self.bodies), count)
         # As many rows as there are in all: those of a tick may follow on those of the ticks before it.
         rows = len(bodies.body)
         own = WorldRecord(bodies, np.zeros(rows, np.int64), np.zeros((rows, 3)), np.zeros((len(self.bodies), count, 6)))
@@ -400,10 +389,10 @@ class FreeEngine:
         body = self.ticks.body
         return self.ticks if hand == 0 else self.ticks._replace(body=np.where(body < 0, body, body ^ BODY_COUNT))
 
-    def block(self, haptic: HapticBlock, record: TickRecord, ticks: ObjectRecord) -> TickBlock:
-        """See `TickWorkspace.block`."""
-        workspace = self.workspace
-        return TickBlock(self.method, workspace.hand, workspace.surface, self.states, self.qp, haptic, record, ticks)
+    def call(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> tuple[Any, tuple[Any, ...]]:
+        """Return the kernel of ticks beside which nothing is driven, and its arguments."""
+        still = np.zeros((len(self.bodies), len(haptic.position[0]), 7))
+        return run_many, (self.method, self.states, self.qp, haptic, record, bodies, still)
 
 
 def filled(values: Sequence[Any], count: int) -> tuple[Any, ...]:
@@ -416,13 +405,10 @@ def _of_all(values: Sequence[AnyArray]) -> AnyArray:
     return values[0][None] if len(values) == 1 else np.stack(values)
 
 
-def world_record(bodies: int, ticks: int, one: ObjectRecord | None = None) -> ObjectRecord:
-    """Return the record of bodies in a block of ticks, with the body first where it is of motion or wrenches.
-
-    That of the only body is `one`, where it is given.
-    """
-    first, moved = one or object_record(ticks), ObjectRecord._fields.index("contact")
-    moving = (values[None] if bodies == 1 else np.zeros((bodies, *values.shape)) for values in first[:moved])
+def world_record(bodies: int, ticks: int) -> ObjectRecord:
+    """Return the record of bodies in a block of ticks, with the body first where it is of motion or wrenches."""
+    first, moved = object_record(ticks), ObjectRecord._fields.index("contact")
+    moving = (np.zeros((bodies, *values.shape)) for values in first[:moved])
     return ObjectRecord._make([*moving, *first[moved:]])
 
 
@@ -447,6 +433,12 @@ def object_record(ticks: int) -> ObjectRecord:
         torsional_moment=zeros(rows),
         slip=zeros(rows),
     )
+
+
+def seen_ticks(record: WorldRecord) -> tuple[ObjectRecord, BodiesRecord | None]:
+    """Return the record of the first body, and of all if there are several."""
+    every = of_each(record)
+    return (of_first(every), every) if len(every.bodies) > 1 else (every.bodies[0], None)
 
 
 def of_each(record: WorldRecord) -> BodiesRecord:
@@ -481,10 +473,3 @@ def of_first(record: BodiesRecord) -> ObjectRecord:
         contact=np.searchsorted(tick, np.arange(len(first.turn) + 1)),
         table_wrench=first.table_wrench + record.body_wrench[0],
     )
-
-
-def of_tick(record: ObjectRecord, i: int) -> ObjectRecord:
-    """Return the record of tick i alone as views of a block's record; its contacts follow those of the tick before."""
-    parts: list[Any] = [values[i : i + 1] for values in record]
-    first = ObjectRecord._fields.index("contact")
-    return ObjectRecord._make([*parts[:first], record.contact[i : i + 2], *record[first + 1 :]])

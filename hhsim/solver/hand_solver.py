@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from hhsim.kernels.jit import JIT_ENABLED, as_argument
 from hhsim.kernels.kernel_cache import compiled_kernels
 from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
+from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord
 from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.shown_hand import look_at
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
@@ -112,17 +112,15 @@ class HandSolver:
             raise self.workspace.full()
         return record
 
-    def tick(self, haptic: HapticBlock, record: TickRecord, object_ticks: "ObjectRecord | None" = None) -> int:
-        """Run one tick for each haptic configuration with records that the caller allocated, for a loop in real time.
+    def tick(self, haptic: HapticBlock, record: TickRecord) -> int:
+        """Run one tick for each haptic configuration with a record that the caller allocated.
 
         It gives the same bytes as `run`, but returns the status bits of the last tick (`hhsim.kernels.tick.state`)
         instead of raising that more pairs were near than the arrays hold. The input, at least one, is float64 and
-        C-contiguous; `record` has as many ticks and is overwritten, as `object_ticks` of a free object; None allocates
-        one.
+        C-contiguous; `record` has as many ticks and is overwritten.
         """
-        start, engine = 0 if self._started else self.begin(haptic), self.engine
-        own = [] if self.free is None else [object_ticks]
-        done = engine.run(haptic, record, *own)
+        start = 0 if self._started else self.begin(haptic)
+        done = self.engine.run(haptic, record)
         record.status[0] |= start
         return int(record.status[done - 1])
 
@@ -171,22 +169,18 @@ class HandSolver:
             self.engine.begin()
         return STATUS_START_INSIDE
 
-    def compiled_tick(
-        self, haptic: HapticBlock, record: TickRecord, object_ticks: "ObjectRecord | None" = None
-    ) -> tuple[int, TickBlock]:
-        """Return the address of a begun `tick`'s machine code, and its arguments, for a loop in compiled code.
+    @property
+    def is_compiled(self) -> bool:
+        """True if no part of a tick is Python's."""
+        return self.options.qp == "active-set" and self.method.compiled
 
-        Arguments as in `tick`; each tick reads and writes these very arrays. The address is 0 where Python takes part.
+    def block(self, haptic: HapticBlock, record: TickRecord) -> TickBlock:
+        """Return the arguments of `run_block` for begun ticks, which read and write these very arrays.
+
+        Where Python takes part they are those of `coupled`, so that a loop for them is compiled already.
         """
-        options, workspace = self.options, self.workspace
-        if not (JIT_ENABLED and options.qp == "active-set" and self.method.compiled):
-            # The loop is compiled for the types of a block; with address 0 it leaves the tick to Python.
-            return 0, workspace.block(Coupled(workspace.tick_options), haptic, record)
-        engine: Any = self.engine
-        compiled: Any = run_block
-        own = object_ticks is not None
-        block = engine.block(haptic, record, object_ticks) if own else workspace.block(engine.method, haptic, record)
-        return compiled.address(*block), block
+        workspace, engine = self.workspace, cast(Any, self.engine)
+        return workspace.block(engine.method if self.is_compiled else Coupled(workspace.tick_options), haptic, record)
 
     def place(self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray) -> None:
         """Place the graphic hand, shapes (3,), (4,), (5, 3), (5,), where it is free; method `paper` takes any pose."""

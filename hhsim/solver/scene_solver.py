@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts, placed_mesh
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
@@ -180,8 +180,8 @@ def standing_apart(scene: Scene, surface: str) -> Scene:
 class SceneSolver:
     """Runs the ticks of a scene; the records of each block are as the engine's frame sees the hands.
 
-    `hands` are the solvers of each hand, which place it at the start, also where all have one program. InputError for
-    options that the scene does not go with.
+    `hands` are the solvers of each hand, which place it at the start, also where all have one program, which is
+    `world`'s. InputError for options that the scene does not go with.
     """
 
     def __init__(self, scene: Scene, options: SolverOptions) -> None:
@@ -203,13 +203,13 @@ class SceneSolver:
             HandSolver(hand.model, surface, self.options, alone, self.bodies)
             for hand, surface in zip(scene.hands, self.surfaces)
         )
-        self._world = WorldSolver(self.hands, free, self.bodies)
+        self.world = WorldSolver(self.hands, free, self.bodies)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *raised: type[BaseException] | BaseException | TracebackType | None) -> None:
-        self._world.close()
+        self.world.close()
 
     def run(self, ticks: slice) -> tuple[TickRecord, ...]:
         """Run the next ticks, which are these of the scene; return the record of each hand."""
@@ -218,24 +218,16 @@ class SceneSolver:
 
     def run_given(self, haptic: Sequence[HandConfiguration]) -> tuple[TickRecord, ...]:
         """Run ticks with these hands, in the engine's frame."""
-        return self._world.run(*haptic)
-
-    def begin(self, haptic: Sequence[HapticBlock]) -> list[int]:
-        """Place the hands for their first tick, see `WorldSolver.begin`."""
-        return self._world.begin(haptic)
-
-    def compiled_tick(self, haptic: Sequence[HapticBlock], record: Sequence[TickRecord]) -> tuple[int, tuple[Any, ...]]:
-        """Return machine code of a tick and its arguments, or 0 where Python takes part, see `WorldSolver`."""
-        return self._world.compiled_tick(haptic, record)
+        return self.world.run(*haptic)
 
     def object_ticks(self, hand: int = 0) -> "ObjectRecord":
         """Record of the first free body in the last ticks as that of a hand, see `FreeEngine.seen_by`."""
-        return self._world.object_ticks(hand)
+        return self.world.object_ticks(hand)
 
     @property
     def all_ticks(self) -> "BodiesRecord | None":
         """Record of all bodies beside a free one in the last ticks; None where there are none."""
-        return self._world.all_ticks
+        return self.world.all_ticks
 
 
 def warm_up_hands(scene: Scene, options: SolverOptions) -> None:

@@ -24,7 +24,7 @@ from hhsim.kernels.parallel.thread_team import dismiss, post
 from hhsim.kernels.parts.surface import JointedSurface, whole_dtype
 from hhsim.kernels.qp.active_set import QpWork, new_work
 from hhsim.kernels.surfaces.spheres import SURFACE as SPHERES
-from hhsim.kernels.tick.block import HapticBlock, NoObject, TickBlock, TickRecord, run_block
+from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
 from hhsim.kernels.tick.evaluation import rebuild_candidates
 from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.tick.options import TickOptions
@@ -38,6 +38,8 @@ from hhsim.trees.contact_surface import ContactSurface, begun
 FORCE_MODELS = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
 RELAXATION = 100.0
 """Number of tolerances by which contradicting rows are relaxed."""
+HAPTIC_SHAPES = ((3,), (4,), (5, 3), (5,))
+"""Shapes of what a `HapticBlock` has of each tick."""
 HELPER = "hhsim-helper"
 """Start of the helpers' names."""
 
@@ -121,7 +123,7 @@ class TickWorkspace:
 
     def block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> TickBlock:
         """Return the arguments of `run_block`, for a loop that calls its machine code by itself."""
-        return TickBlock(method, self.hand, self.surface, self.states, self.qp, haptic, record, NoObject())
+        return TickBlock(method, self.hand, self.surface, self.states, self.qp, haptic, record)
 
 
 def tick_state(stiffness: FloatArray, modelled: BoolArray | None = None, surface: Surface = SPHERES) -> Any:

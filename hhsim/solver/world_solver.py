@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, NamedTuple, Self, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
@@ -10,10 +10,9 @@ from hhsim.arrays import AnyArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.contact.hand_pairs import hands_nearest
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
-from hhsim.kernels.jit import JIT_ENABLED, as_argument
+from hhsim.kernels.jit import as_argument
 from hhsim.kernels.parts.surface import JointedSurface
-from hhsim.kernels.tick.block import HapticBlock, TickRecord
-from hhsim.kernels.tick.method import Coupled
+from hhsim.kernels.tick.block import HapticBlock, TickRecord, run_block
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.reproducible import norm
 from hhsim.solver.free_object import EngineBody, FreeObject
@@ -23,7 +22,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, tick_record
 
 if TYPE_CHECKING:
-    from hhsim.kernels.free.record import BodiesRecord, ObjectRecord
+    from hhsim.kernels.free.record import BodiesRecord, ObjectRecord, WorldRecord
     from hhsim.solver.free_engine import FreeEngine
 
 FAR = 10.0
@@ -147,16 +146,26 @@ class WorldSolver:
         qps = tuple(space.qp for space in self._spaces)
         return alone, two.method, qps, tuple(haptic), tuple(record), self._parts_move, two.qp
 
-    def compiled_tick(self, haptic: Sequence[HapticBlock], record: Sequence[TickRecord]) -> tuple[int, tuple[Any, ...]]:
-        """Return the address of a begun tick's machine code, and its arguments, see `HandSolver.compiled_tick`."""
-        two = self._two
-        if two is None or self._has_free or not JIT_ENABLED:
-            space = self._spaces[0]
-            return 0, space.block(Coupled(space.tick_options), haptic[0], record[0])
-        from hhsim.kernels.free.side_by_side import run_hands_apart
+    def tick_call(self, haptic: HapticBlock, record: TickRecord, bodies: "WorldRecord") -> tuple[Any, tuple[Any, ...]]:
+        """Return the kernel of begun ticks, None where Python takes part, and its arguments, which have these arrays.
 
-        block, compiled = self._of_both(two, haptic, record), cast(Any, run_hands_apart)
-        return compiled.address(*block), block
+        Those of hands have the hand as the first axis; `bodies` is written where one is free.
+        """
+        if self._has_free:
+            assert self.engine is not None
+            return self.engine.call(haptic, record, bodies)
+        given, written = _of_each(haptic, record)
+        if self._two is not None:
+            from hhsim.kernels.free.side_by_side import run_hands_apart
+
+            return run_hands_apart, self._of_both(self._two, given, written)
+        kernel = run_block if len(self.hands) == 1 and self.hands[0].is_compiled else None
+        return kernel, self.hands[0].block(given[0], written[0])
+
+    def tick(self, haptic: HapticBlock, record: TickRecord) -> None:
+        """Run ticks of each hand alone, see `HandSolver.tick`; arrays as for `tick_call`."""
+        for hand, given, written in zip(self.hands, *_of_each(haptic, record), strict=True):
+            hand.tick(given, written)
 
     def begin(self, haptic: Sequence[HapticBlock]) -> list[int]:
         """Place both hands, apart where they begin in each other; return the status bits of each first tick.
@@ -177,6 +186,13 @@ class WorldSolver:
             two.begin()
         two.world.is_near = parted
         return begun
+
+
+def _of_each(haptic: HapticBlock, record: TickRecord) -> tuple[list[HapticBlock], list[TickRecord]]:
+    """Return views for each hand of arrays that have the hand as the first axis."""
+    hands = range(len(haptic.position))
+    given = [HapticBlock(*(values[h] for values in haptic)) for h in hands]
+    return given, [TickRecord(*(values[h] for values in record)) for h in hands]
 
 
 def _part(spaces: Sequence[TickWorkspace], pairs: Any) -> bool:

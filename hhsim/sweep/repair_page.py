@@ -52,7 +52,7 @@ BINS, PANEL_COLUMNS, PANEL_HEIGHT = 24, 3, 1.6
 """Bins of a histogram, panels side by side, and height of each [inches]."""
 
 
-LOOKS = {"time_per_frame": Column("time a frame", unit="ms", digits=1)}
+LOOKS = {"time_per_frame": Column("CPU time a frame", unit="ms", digits=1)}
 """Columns of figures that are none of `hhsim.metrics.field.registry`; any other has its own name, and no unit."""
 
 

@@ -17,7 +17,7 @@ from hhsim.system.thread_pool import Workers
 from hhsim.trees.error import measure_levels, prove_cover
 from hhsim.trees.fewest_spheres import fewest_spheres
 from hhsim.trees.hierarchy import cover_hierarchy
-from hhsim.trees.options import MOST_LEAVES, TreeOptions, needed_level
+from hhsim.trees.options import FEW, MOST_LEAVES, TreeOptions, needed_level
 from hhsim.trees.sphere_tree import LevelCover, SphereTree
 from hhsim.trees.surface_cover import cover_of, in_own_frame
 
@@ -34,6 +34,8 @@ _USUAL_SLOPE = 2.0 / 3.0
 _SLOPES = (0.4, 1.2)
 _SPARE = 1.01
 _HOPELESS = 2.0
+_FEWER = 1.25
+"""Spheres of the greedy cover for one of the search for few spheres, by far, with the same error."""
 _SURE_FROM = 512
 
 
@@ -86,6 +88,8 @@ class _Builder:
         if options.max_error is not None:
             start = time.process_time()
             last = find_fewest(self.cover, options.max_error, min(leaves, MOST_LEAVES))
+            if 1 < len(last.radius) <= _FEWER * FEW:
+                last = find_fewest(lambda size: self.cover(size, searched=True), options.max_error, FEW, last)
             last_seconds = time.process_time() - start
             leaves = len(last.radius)
         level = options.leaf_level if options.max_error is None else needed_level(leaves, options.branching)
@@ -148,26 +152,32 @@ def proved_anew(tree: SphereTree, mesh: Mesh) -> SphereTree:
     return replace(tree, covers=tuple(covers), mesh_sha256=mesh.sha256)
 
 
-def find_fewest(build: Callable[[int], LevelCover], max_error: float, most: int) -> LevelCover:
+def find_fewest(
+    build: Callable[[int], LevelCover], max_error: float, most: int, found: LevelCover | None = None
+) -> LevelCover:
     """Find the cover with the fewest spheres, up to `most`, whose bound and gap are within an error [m].
+
+    Where a cover of two spheres or more was found otherwise, one of fewer, or else that.
 
     The number is guessed by an error that falls with a power of it, until it is enclosed: one cover is within the
     error, and one with at least `NEAR` of its spheres, or one less, is not; up to `PROBED` spheres those of `PROBES`
-    are not either. An error does not fall with every single sphere, so a number in between or below may do by luck.
+    are not either, unless a cover was found before. An error does not fall with every single sphere, so a number in
+    between or below may do by luck.
     Raises InputError where `most` spheres are too few, or would be by far.
     """
     error: dict[int, float] = {}
-    found: LevelCover | None = None
-    high = most + 1
-    wanted = min(_FIRST, most)
+    high, wanted, most_probed = most + 1, min(_FIRST, most), PROBED
+    if found is not None:
+        high, most_probed = len(found.radius), 0
+        wanted = min(math.ceil(high / _FEWER), high - 1, most)
     while True:
         cover = build(wanted)
         error[wanted] = max(cover.bound, cover.gap)
         if error[wanted] <= max_error:
             high, found = wanted, cover
         low = max([count for count in error if count < high and error[count] > max_error], default=0)
-        if found is not None and (high - low <= 1 or low >= NEAR * high):
-            probes = [math.floor(share * high) for share in PROBES] if high <= PROBED else []
+        if found is not None and (high - low <= 1 or low >= min(NEAR * high, most)):
+            probes = [math.floor(share * high) for share in PROBES] if high <= most_probed else []
             probes = [probe for probe in probes if probe > 0 and probe not in error]
             if not probes:
                 return found

@@ -33,7 +33,7 @@ class TreeOptions:
     # "outer" for covers that contain the whole surface, "balanced" for the least error to both sides.
     cover: str = "outer"
     # Largest proved distance of the leaves from the mesh [m]; the fewest leaves that reach it are taken, see
-    # `hhsim.trees.builder.find_fewest`, of the greedy descent. None to take all.
+    # `hhsim.trees.builder.find_fewest`; up to `FEW` are searched for. None to take all.
     max_error: float | None = None
     # Aim of the search for up to `FEW` leaves, whose number `leaves` gives: "protrusion" for the least distance outside
     # of the mesh, "volume" for the least volume there. More leaves, or those of a level, are not searched for.

@@ -355,3 +355,9 @@ def cover_of(
     progress("cover", cycles + 1, cycles + 1)
 
     return cover.spheres_of(mesh)
+
+
+def greedy_bound(mesh: MeshInFrame, spheres: int) -> float:
+    """Return the bound of the protrusion [m] of the cover of a mesh with at most `spheres` spheres by `cover_of`."""
+    center, radius = cover_of(mesh, spheres)
+    return float((radius + mesh.frame.size * heights(mesh.bvh, mesh.frame.into(center))).max())

@@ -22,13 +22,16 @@ def test_no_other_numbers_have_a_smaller_largest_error(total: int) -> None:
         tries.append(shares)
         return {name: error_of(name, count) for name, count in shares.items()}
 
-    shares = best_shares(share_out(list(SIZES), total, measure), total)
+    def rough(shares: Mapping[str, int]) -> dict[str, float]:
+        return {name: error_of(name, count) * (1.3 if name == "arm" else 1.1) for name, count in shares.items()}
+
+    shares = best_shares(share_out(list(SIZES), total, rough, measure), total)
     assert sum(shares.values()) <= total and min(shares.values()) >= 1
     largest = max(error_of(name, count) for name, count in shares.items())
     every = (counts for counts in product(range(1, total - 1), repeat=3) if sum(counts) == total)
     best = min(max(error_of(name, count) for name, count in zip(SIZES, counts)) for counts in every)
     assert largest <= best * 1.05
-    assert len(tries) <= 5, "each is a build of all links"
+    assert len(tries) <= 3, "each is a build of all links"
 
 
 def test_errors_that_rise_with_a_sphere_more_take_the_better_of_those_tried() -> None:

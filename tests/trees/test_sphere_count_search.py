@@ -43,3 +43,11 @@ def test_the_end_is_enclosed(scale: float, slope: float, noise: float, gap: floa
         probes = [math.floor(share * found) for share in PROBES]
         assert all(probe == 0 or build.error(probe) > wanted for probe in probes)
     assert len(build.tried) == len(set(build.tried)) <= 30
+    # A better builder begins below what was found, and ends where one sphere less, or some hundredths, are too few.
+    better = Builder(0.85 * scale, slope, noise, gap)
+    if found > 1:
+        fewer = len(find_fewest(better, wanted, 64, build(found)).radius)
+        assert fewer <= found and (fewer == found or better.error(fewer) <= wanted)
+        below = [count for count in better.tried if count < fewer and better.error(count) > wanted]
+        assert fewer == 1 or max(below) >= min(NEAR * fewer, fewer - 1, 64)
+        assert len(better.tried) <= 12 and max(better.tried) <= 64

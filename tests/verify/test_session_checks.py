@@ -118,15 +118,15 @@ class Scripted:
 
     def once(self, action: Callable[[], None]) -> None:
         """Let something happen before the tick that is under way is solved."""
-        solver: Any = self.loop.solver
-        sound = solver.tick
+        loop: Any = self.loop
+        sound = loop.one_tick.solve
 
-        def solve(*given: Any) -> int:
-            solver.tick = sound
+        def solve() -> None:
+            loop.one_tick.solve = sound
             action()
-            return int(sound(*given))
+            sound()
 
-        solver.tick = solve
+        loop.one_tick.solve = solve
 
 
 def recorded(path: Path, script: Sequence[Moment] = SCRIPT, **changes: Any) -> Result:

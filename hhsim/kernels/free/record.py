@@ -26,7 +26,6 @@ from hhsim.kernels.free.rows import DIRECTIONS, TABLE_KEYS
 from hhsim.kernels.hand.kinematics import BODY_COUNT
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_noinline
 from hhsim.kernels.rotation import turned, turned_back
-from hhsim.kernels.tick.block import record_object
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 
 STICKS = 1e-9
@@ -301,7 +300,7 @@ def _about_center(body: Record, wrench: Array) -> None:
 
 @jit
 def _record_motion(body: Record, hand_wrench: Array, table_wrench: Array, i: Any, record: ObjectRecord) -> None:
-    # Row i, or row (body, i) of a record of several.
+    # Row (body, i).
     copy_values(body.orientation[:], record.turn[i])
     center, shift, rate = body.center, record.shift[i], record.angular_velocity[i]
     x, y, z = turned(body.rotation, center[0], center[1], center[2])
@@ -347,24 +346,9 @@ def _record_contact(body: Record, of: int, k: int, borne: Record, row: int, reco
     record.slip[row] = borne.slip[k]
 
 
-@record_object.of(ObjectRecord)
 @jit
-def _record_object(record: ObjectRecord, method: Any, i: int) -> None:
-    world = method.world[0]
-    body, borne = world.bodies[0], world.borne
-    _record_motion(body, borne.hand_wrench[0], borne.table_wrench[0], i, record)
-    record.friction_residual[i] = max(borne.residual, borne.bare)
-    row = record.contact[i]
-    for k in range(borne.count):
-        _record_contact(body, borne.body[k], k, borne, row, record)
-        row += 1
-    record.contact[i + 1] = row
-
-
-@record_object.of(WorldRecord)
-@jit
-def _record_bodies(record: WorldRecord, method: Any, i: int) -> None:
-    world = method.world[0]
+def record_bodies(record: WorldRecord, world: Record, i: int) -> None:
+    """Copy what became of the bodies in the last tick to row i of their record."""
     borne, problem, bodies, first = world.borne, world.problem, world.bodies, record.bodies
     for t in range(body_count(problem)):
         body = bodies[t]

@@ -42,13 +42,13 @@ from hhsim.kernels.free.linearisation import allowed_share, prepare, solve_with_
 from hhsim.kernels.free.meeting import DEEP, bear_meetings, bear_own, measure_hands, stay_apart
 from hhsim.kernels.free.pairs import Free, measure, measure_table, mover_of, place_pairs, rebuild, surface_at
 from hhsim.kernels.free.program import take_steps
-from hhsim.kernels.free.record import WorldRecord, clear_borne, copy_borne, find_borne, turn_loads
+from hhsim.kernels.free.record import WorldRecord, clear_borne, copy_borne, find_borne, record_bodies, turn_loads
 from hhsim.kernels.free.support import keep_entry
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, HandArrays
 from hhsim.kernels.hand.pose import move, update_kinematics
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_noinline
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
-from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_object, record_tick
+from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
 from hhsim.kernels.tick.evaluation import REACH_FLOOR, end_work, is_budget_spent, least_distance
 from hhsim.kernels.tick.force import FORCE_PAPER, hand_forces
 from hhsim.kernels.tick.haptic_input import set_haptic
@@ -391,7 +391,7 @@ def run_many(
         cpu = thread_cpu_ns() - cpu
         for h in range(hands):
             record_tick(states[h], world.taken[h] | world.status[h], wall, cpu, (h, i), record)
-        record_object(object_record, method, i)
+        record_bodies(object_record, world, i)
         if world.status[0] & STATUS_CAPACITY_EXCEEDED:
             return i + 1
     return haptic.position.shape[1]

@@ -11,17 +11,21 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.clock import await_event, monotonic_ns, send_event, sleep_until, thread_cpu_ns
-from hhsim.kernels.jit import JIT_ENABLED, jit
+from hhsim.kernels.jit import JIT_ENABLED, as_int64, jit
 from hhsim.kernels.live.accounts import account_waking, measure_miss, name_miss, read_run_delay, read_steal
 from hhsim.kernels.live.deadlines import begin_periods, due_time, next_deadline, woken
 from hhsim.kernels.live.tick import (
     LiveArrays,
+    WorldTick,
     begin_hand,
     begin_tick,
     command_tick,
     free_with_other,
+    give_hand,
     look_for_stop,
+    publish_bodies,
     publish_tick,
+    take_hand,
     waiting_since,
 )
 
@@ -112,7 +116,30 @@ def begin_hands(hands: Hands) -> bool:
 
 
 @jit
-def _finish(hands: Hands, files: SystemFiles, solved: bool) -> None:
+def give_hands(hands: Hands, world: WorldTick) -> None:
+    """Hand the solver the user's hands."""
+    for h in range(len(hands)):
+        give_hand(hands[h].row[0], as_int64(h), world)
+
+
+@jit
+def take_hands(hands: Hands, world: WorldTick) -> None:
+    """Take what the solver made of them."""
+    for h in range(len(hands)):
+        take_hand(hands[h], as_int64(h), world)
+
+
+@jit
+def publish_hands(hands: Hands, world: WorldTick, done: int, solved: bool) -> None:
+    """Record a tick, see `publish_tick`; the first hand last, so that who reads its row finds all the others."""
+    if solved:
+        publish_bodies(hands[0], world)
+    for h in range(len(hands) - 1, -1, -1):
+        publish_tick(hands[h], done, solved)
+
+
+@jit
+def _finish(hands: Hands, files: SystemFiles, world: WorldTick, solved: bool) -> None:
     """Do what follows the solving of a tick."""
     deadlines, misses = hands[0].deadlines[0], hands[0].misses[0]
     for h in range(len(hands)):
@@ -124,9 +151,7 @@ def _finish(hands: Hands, files: SystemFiles, solved: bool) -> None:
         if measure_miss(misses, deadlines.asked_ns, deadlines.late_ns):
             steal = read_steal(files.descriptors[1], files.lines, files.allowed, files.step[0])
         name_miss(misses, steal)
-    # The first hand last: who has read its tick finds the other's.
-    for h in range(len(hands) - 1, -1, -1):
-        publish_tick(hands[h], done, solved)
+    publish_hands(hands, world, done, solved)
 
 
 @jit
@@ -140,19 +165,20 @@ def _account(live: LiveArrays, files: SystemFiles) -> None:
 
 
 @jit
-def run_loop(hands: Hands, files: SystemFiles, address: int, block: Any) -> int:
+def run_loop(hands: Hands, files: SystemFiles, world: WorldTick, address: int, block: Any) -> int:
     """Tick until the loop is to stop (returns `STOP_…`), or Python has to solve (returns `ASKS_PYTHON`).
 
     Periods begin with the first call; all hands have the records of periods and misses in common. `address` is that of
-    machine code for the types of `block`, its arguments, such as `run_block`'s; 0 if Python solves. `block` has the
-    haptic hands and records of the loop's rows. After `ASKS_PYTHON`, in the middle of a tick, the next call continues
-    it with `LOOP.solved`, and `LOOP.status` of each hand, set.
+    machine code for the types of `block`, its arguments, such as `run_block`'s; 0 if Python solves. `block` has what
+    `world` has. After `ASKS_PYTHON`, in the middle of a tick, the next call continues it with `LOOP.solved` set.
     """
     first = hands[0]
     loop, deadlines = first.loop[0], first.deadlines[0]
     if loop.asks == 1:
         loop.asks = 0
-        _finish(hands, files, loop.solved == 1)
+        if loop.solved == 1:
+            take_hands(hands, world)
+        _finish(hands, files, world, loop.solved == 1)
     if loop.begun == 0:
         # Not before the call: the interpreter's time for it is no part of a period.
         loop.begun = 1
@@ -163,6 +189,8 @@ def run_loop(hands: Hands, files: SystemFiles, address: int, block: Any) -> int:
         look_for_stop(first)
         _account(first, files)
         solved = begin_hands(hands)
+        if solved:
+            give_hands(hands, world)
         if solved and address == 0:
             loop.asks = 1
             return ASKS_PYTHON
@@ -170,10 +198,6 @@ def run_loop(hands: Hands, files: SystemFiles, address: int, block: Any) -> int:
             solved = begin_hand(first)
         if solved:
             _run_block(address, block)
-            for h in range(len(hands)):
-                row, own = hands[h].row[0], hands[h].loop[0]
-                row.status |= own.placed
-                own.placed = 0
-                own.status = row.status
-        _finish(hands, files, solved)
+            take_hands(hands, world)
+        _finish(hands, files, world, solved)
     return loop.stop[0]

@@ -7,10 +7,11 @@ version that is odd while they are being written.
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.copy import copy_values
-from hhsim.kernels.jit import Indices, as_int64, jit
+from hhsim.kernels.jit import Indices, Record, as_int64, jit
 from hhsim.kernels.live.accounts import CAUSES
 from hhsim.kernels.live.deadlines import NOTHING
 from hhsim.kernels.live.finger_command import ease_fingers, free_fingers, update_command
@@ -28,6 +29,7 @@ from hhsim.kernels.live.notes import BEGAN_INSIDE, DRIVER_SILENT, FULL, LONG_TIC
 from hhsim.kernels.live.phase import count_phase, deadline_shift
 from hhsim.kernels.live.plausibility import use_sample
 from hhsim.kernels.parallel.atomic import fetch_add, load_acquire, store_release
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID, STATUS_START_INSIDE, WORK_TOUCHING
 
 MOST_SAMPLES = 64
@@ -93,6 +95,55 @@ class LiveArrays(NamedTuple):
     ticks_written: Indices
     samples: Any  # ring of the glove's samples
     samples_written: Indices
+
+
+@by_reference
+class WorldTick(NamedTuple):
+    """A tick of all hands and bodies as the solver's machine code reads and writes it, and the ring of bodies."""
+
+    haptic: HapticBlock  # with the hand as the first axis, each of one tick
+    record: TickRecord
+    bodies: NDArray[np.uint8]  # the row of the bodies' `WorldRecord`, (bytes,)
+    rows: NDArray[np.uint8]  # ring of such rows, which are numbered as those of the ticks, (rows, bytes)
+
+
+@jit
+def give_hand(row: Record, h: int, world: WorldTick) -> None:
+    """Copy the user's hand h of the loop's row to the tick that is to be solved."""
+    haptic = world.haptic
+    copy_values(row.haptic_position[:], haptic.position[h, 0])
+    copy_values(row.haptic_orientation[:], haptic.orientation[h, 0])
+    copy_values(row.haptic_flexion[:], haptic.flexion[h, 0])
+    copy_values(row.haptic_abduction[:], haptic.abduction[h, 0])
+
+
+@jit
+def take_hand(live: LiveArrays, h: int, world: WorldTick) -> None:
+    """Copy the solved tick of hand h to the loop's row, with the status bits of who placed the hand."""
+    record, loop, row = world.record, live.loop[0], live.row[0]
+    row.status = record.status[h, 0] | loop.placed
+    loop.placed = 0
+    loop.status = row.status
+    copy_values(record.position[h, 0], row.position[:])
+    copy_values(record.orientation[h, 0], row.orientation[:])
+    copy_values(record.flexion[h, 0], row.flexion[:])
+    copy_values(record.abduction[h, 0], row.abduction[:])
+    copy_values(record.joints[h, 0], row.joints[:])
+    copy_values(record.phalanx[h, 0], row.phalanx[:])
+    copy_values(record.fingertip_normal[h, 0], row.fingertip_normal[:])
+    copy_values(record.palm_wrench[h, 0], row.palm_wrench[:])
+    copy_values(record.total[h, 0], row.total[:])
+    copy_values(record.duration[h, 0], row.duration[:])
+    row.duration_total = record.duration_total[h, 0]
+    row.duration_cpu = record.duration_cpu[h, 0]
+    copy_values(record.work[h, 0], row.work[:])
+    row.lag = record.lag[h, 0]
+
+
+@jit
+def publish_bodies(live: LiveArrays, world: WorldTick) -> None:
+    """Record the bodies of a tick; it comes before the first hand's own, by which it is found."""
+    copy_values(world.bodies, world.rows[live.ticks_written[0] % world.rows.shape[0]])
 
 
 @jit

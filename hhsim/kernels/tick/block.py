@@ -9,7 +9,7 @@ from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import HandArrays
-from hhsim.kernels.jit import Array, Indices, Record, generic, jit, jit_inline
+from hhsim.kernels.jit import Array, Indices, Record, jit, jit_inline
 from hhsim.kernels.parallel.thread_team import thread_team_cpu_ns
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.tick.haptic_input import set_haptic
@@ -58,24 +58,6 @@ class TickBlock(NamedTuple):
     qp: QpWork
     haptic: HapticBlock
     record: TickRecord
-    object_record: Any  # `kernels.free.record.ObjectRecord`, or NoObject
-
-
-class NoObject(NamedTuple):
-    """In place of the record of an object that does not move."""
-
-    ticks: int = 0
-
-
-@generic
-def record_object(object_record: Any, method: Any, i: int) -> None:
-    """Copy what became of the object in the last tick to row i of its record."""
-
-
-@record_object.of(NoObject)
-@jit_inline
-def _record_none(object_record: NoObject, method: Any, i: int) -> None:
-    pass
 
 
 @jit_inline
@@ -108,7 +90,6 @@ def run_block(
     qp: QpWork,
     haptic: HapticBlock,
     record: TickRecord,
-    object_record: Any,
 ) -> int:
     """Run one tick of a method for each row of the haptic input; returns the ticks done.
 
@@ -127,7 +108,6 @@ def run_block(
         wall = monotonic_ns() - wall
         cpu = thread_team_cpu_ns(state.thread_team) - cpu
         record_tick(state, status, wall, cpu, i, record)
-        record_object(object_record, method, i)
         if status & STATUS_CAPACITY_EXCEEDED:
             # Not by leaving the loop for something behind it: compiled, that costs every tick 0.4 µs.
             return i + 1

@@ -4,32 +4,27 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-import numpy as np
 from msgspec import Meta
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
-from hhsim.hand.model import SIDES, HandModel
+from hhsim.hand.model import HandModel
 from hhsim.live.device import FINGER_COUNT
 from hhsim.live.devices.registry import GloveConfig
 from hhsim.live.ipc.status import WatchdogSetup
 from hhsim.live.pose.registry import PoseConfig
 from hhsim.live.real_time import RealTimeWishes
-from hhsim.mesh.mesh import Mesh
 from hhsim.recordings.dexmo_regression import DexmoRegression
 from hhsim.result.safety import AFTER_STALL
 from hhsim.scene.body import Free
 from hhsim.scene.scene import Scene
-from hhsim.solver.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.scene_solver import SeenScene, seen_scene, standing_apart
 from hhsim.system.settings_file import Positive, between, check_fields, one_of
-from hhsim.trees.sphere_tree import SphereTree
-
-if TYPE_CHECKING:
-    from hhsim.trees.contact_surface import ContactSurface
 
 Stiffness = Annotated[float, between(0.0, 1.0)]
 OF_FINGERS = Meta(min_length=FINGER_COUNT, max_length=FINGER_COUNT, description="five numbers, 0 (free) to 1")
@@ -91,15 +86,11 @@ class LiveSetup:
     Raises InputError for a rate or a duration out of range, or hands that do not go together.
     """
 
-    mesh: Mesh  # the object and its sphere tree [m], world frame; of a free object, at its first pose
-    tree: SphereTree
+    scene: Scene  # of one tick: the bodies, and all hands
     hand: HandModel
     options: SolverOptions  # options of the solver; the loop replaces their period by its own
     device: GloveConfig  # the glove; its calibration relates bend to joint angles, and so makes the set points
     pose: PoseConfig  # source of the palm's pose
-    free: FreeObject | None = None  # body of a free object that is alone; None for a fixed one
-    # Scene of one tick, of several bodies of which some are free, or of two hands; `mesh` is its first free body.
-    scene: Scene | None = None
     beside: "LiveSetup | None" = None  # of the left hand, in the setup of the right one
     rate: float = 1000.0  # ticks a second [Hz]
     duration: float | None = None  # duration [s]; None until it is stopped
@@ -110,8 +101,7 @@ class LiveSetup:
     rerun: str | None = None  # "spawn", an address or a file for the viewer; None shows nothing
     dry_run: bool = False
     command: tuple[str, ...] = ()
-    # Further plain values of the scene for the file; `object_position` [m] and `object_orientation` (w, x, y, z) are
-    # the object's pose if its own frame is not the world's.
+    # Further plain values of the scene for the file.
     description: Mapping[str, Any] = field(default_factory=dict)
     supervisor: int = field(default_factory=os.getpid)  # process id of the supervisor; the loop ends with it
 
@@ -121,11 +111,12 @@ class LiveSetup:
             raise InputError(f"the rate is {self.rate:g} Hz: expected {low:g} to {high:g} Hz")
         if self.duration is not None and not 0.0 < self.duration < math.inf:
             raise InputError(f"the duration is {self.duration:g} s: it must be positive and finite")
-        if self.scene is not None and self.scene.ticks.rate != self.rate:
+        if self.scene.ticks.rate != self.rate:
             raise InputError(f"a scene at {self.scene.ticks.rate:g} Hz in a loop at {self.rate:g} Hz")
         sides = tuple(each.hand.side for each in self.hands)
-        if len(sides) > 1 and (sides != SIDES or self.scene is None or len(self.scene.hands) != len(sides)):
-            raise InputError(f"gloves of the {' and the '.join(sides)} hand: expected right, left, and a scene of both")
+        # The left hand's setup is made first, and stands in that of the right one.
+        if sides != tuple(hand.model.side for hand in self.scene.hands)[-len(sides) :]:
+            raise InputError(f"gloves of the {' and the '.join(sides)} hand: expected those of the scene's hands")
 
     @property
     def hands(self) -> "tuple[LiveSetup, ...]":
@@ -135,8 +126,6 @@ class LiveSetup:
     @property
     def recorded_bodies(self) -> int:
         """Number of bodies whose motion is recorded: none of fixed ones."""
-        if self.scene is None:
-            return int(self.free is not None)
         solids = self.scene.solids
         return len(solids) if any(isinstance(body.motion, Free) for body in solids) else 0
 
@@ -155,17 +144,10 @@ class LiveSetup:
         """Age of the loop's heartbeat beyond which the loop counts as gone [ns]: `SLOW_PERIODS` at least."""
         return max(round(1e9 * self.safety.heartbeat_stale), round(SLOW_PERIODS * self.period_ns))
 
-    def contact_surface(self) -> "ContactSurface":
-        """Build the surface that the hand touches."""
-        from hhsim.trees.contact_surface import contact_surface
-
-        return contact_surface(self.options.surface, self.mesh, self.tree)
-
-    def object_pose(self) -> tuple[FloatArray, FloatArray]:
-        """Return the object's first pose in the world: origin [m], shape (3,), and unit quaternion, shape (4,)."""
-        position = self.description.get("object_position", (0.0, 0.0, 0.0))
-        orientation = self.description.get("object_orientation", (1.0, 0.0, 0.0, 0.0))
-        return np.array(position, np.float64), np.array(orientation, np.float64)
+    @cached_property
+    def seen(self) -> SeenScene:
+        """The scene as its engine sees it."""
+        return seen_scene(standing_apart(self.scene, self.options.surface))
 
     def bend_lines(self) -> tuple[FloatArray, FloatArray]:
         """Return `Calibration.bend_lines` of the glove; those of the default regression if it has no calibration."""

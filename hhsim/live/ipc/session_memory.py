@@ -19,55 +19,22 @@ from hhsim.errors import HhsimError
 from hhsim.live.device import GLOVE_SAMPLE
 from hhsim.live.ipc.status import LIVE_STATUS
 from hhsim.live.shared_memory import RingReader, SharedBlock, SharedRing, process_setup, write_setup
-from hhsim.result.schema import OBJECT_FIELDS, TICK_FIELDS, TickField
+from hhsim.result.schema import TICK_FIELDS, bodies_row, record_dtype
 
 TICK_CAPACITY = 16_384
 FREE_TICK_CAPACITY = 4_096
-"""Capacity for ticks with a free object, which are five times as long: 36 MB, and 4 s at 1 kHz."""
+"""Capacity for ticks with free bodies, which are five times as long: 36 MB, and 4 s at 1 kHz."""
 SAMPLE_CAPACITY = 16_384
 EVENT_CAPACITY = 1_024
 WORD_CAPACITY = 64
 FACT_BYTES = 65_520
 
 
-def _record(*fields: TickField) -> np.dtype[Any]:
-    return np.dtype([(field.name, field.type, field.shape) for field in fields], align=True)
-
-
-LIVE_TICK = _record(*TICK_FIELDS)
+LIVE_TICK = record_dtype(*TICK_FIELDS)
 """One tick of the loop; `hhsim.result.schema.LIVE_TICK_COLUMNS` explains the fields that only a session has.
 
 Missed periods leave gaps in `tick`; `input_seq` is the `seq` of the sample in use, -1 before the first.
 """
-# The fields of the object come first, so that this is no extension of the other: numba warns of those.
-FREE_TICK = _record(*OBJECT_FIELDS, *TICK_FIELDS)
-"""One tick with a free object; the shown hand and its forces are in the object's frame."""
-MOTION = TickField("motion", "<f8", (31,))
-"""Turn, shift, both velocities and the wrenches of hands, table and bodies of a body in a tick."""
-
-
-def bodies_row(bodies: int) -> np.dtype[Any]:
-    """Return the row of several bodies in a tick: the first one's, with its contacts, and the motion of all."""
-    return _record(*OBJECT_FIELDS, MOTION._replace(shape=(bodies, *MOTION.shape)))
-
-
-class Rows(NamedTuple):
-    """Rows that a session records of its bodies in a tick."""
-
-    bodies: int = 0  # number of bodies, none that are fixed
-    apart: bool = False  # True if Python writes them to a ring of their own; else the tick's row has the only one
-
-    @property
-    def ticks(self) -> tuple[np.dtype[Any], int]:
-        """Type and capacity of the ring of a hand's ticks."""
-        capacity = FREE_TICK_CAPACITY if self.bodies else TICK_CAPACITY
-        return FREE_TICK if self.bodies and not self.apart else LIVE_TICK, capacity
-
-    @property
-    def own(self) -> tuple[np.dtype[Any], int]:
-        """Type and capacity of the ring of bodies."""
-        return bodies_row(self.bodies), FREE_TICK_CAPACITY if self.apart else 1
-
 
 EVENT = np.dtype([("time_ns", np.int64), ("level", np.int64), ("text", "S240")], align=True)
 """A line of the session's log: CLOCK_MONOTONIC [ns]; level 0 for information, 1 a warning, 2 a fault; UTF-8."""
@@ -134,16 +101,16 @@ class FactPage:
 class SessionMemory:
     """Memory shared by the processes of a session: of a hand, with that of the other one `beside` it."""
 
-    def __init__(self, descriptors: Descriptors, *others: Descriptors, rows: Rows) -> None:
-        self.descriptors, self._rows = descriptors, rows
-        self.beside = SessionMemory(*others, rows=rows) if others else None
+    def __init__(self, descriptors: Descriptors, *others: Descriptors, bodies: int) -> None:
+        self.descriptors, self._bodies = descriptors, bodies
+        self.beside = SessionMemory(*others, bodies=bodies) if others else None
         self.status_block = SharedBlock(descriptors.status, LIVE_STATUS)
         # The one record of `LIVE_STATUS`; `status["heartbeat_ns"]` reads and writes in place.
         self.status = self.status_block.array[0]
-        # Of `LIVE_TICK`, or of `FREE_TICK` if the object is free, written by the loop; the first hand's last.
-        self.ticks = SharedRing(descriptors.ticks, *rows.ticks)
-        # Of bodies, by Python before the tick of the same number is in its ring; the first hand's is used.
-        self.bodies = SharedRing(descriptors.bodies, *rows.own)
+        # Written by the loop; the first hand's last.
+        self.ticks = SharedRing(descriptors.ticks, LIVE_TICK, capacity(bodies))
+        # Of `bodies_row`, before the tick of the same number is in its ring; the first hand's is used.
+        self.bodies = SharedRing(descriptors.bodies, bodies_row(bodies), capacity(bodies))
         self.samples = SharedRing(descriptors.samples, GLOVE_SAMPLE, SAMPLE_CAPACITY)  # written by the driver
         self.events = SharedRing(descriptors.events, EVENT, EVENT_CAPACITY)  # the session's log, written by the loop
         self.words = SharedRing(descriptors.words, EVENT, WORD_CAPACITY)  # by the driver for the loop, which logs them
@@ -160,8 +127,7 @@ class SessionMemory:
 
         Its descriptors are for the children (`pass_fds`), and are closed with it.
         """
-        rows = Rows(bodies, bodies > 1 or (bodies > 0 and hands > 1))
-        memory = cls(*(_allocate(rows) for _ in range(hands)), rows=rows)
+        memory = cls(*(_allocate(bodies) for _ in range(hands)), bodies=bodies)
         for hand in memory.hands:
             hand.status["battery"] = hand.status["sample_ns"] = -1
             weakref.finalize(hand, _close, hand.descriptors)
@@ -188,7 +154,7 @@ class SessionMemory:
         Returns the descriptor.
         """
         hands = (self,) if alone else self.hands
-        return write_setup(([hand.descriptors for hand in hands], self._rows), setup)
+        return write_setup(([hand.descriptors for hand in hands], self._bodies), setup)
 
     def log(self, level: int, text: str, time_ns: int | None = None) -> None:
         """Add an event (INFORMATION, WARNING, FAULT), by default of now [ns]; for the loop alone. Long text is cut."""
@@ -199,15 +165,20 @@ class SessionMemory:
         _add_line(self.words, level, text, time.monotonic_ns())
 
 
-def _allocate(rows: Rows) -> Descriptors:
+def capacity(bodies: int) -> int:
+    """Return the capacity of the rings of ticks, of a session that records the motion of some bodies."""
+    return FREE_TICK_CAPACITY if bodies else TICK_CAPACITY
+
+
+def _allocate(bodies: int) -> Descriptors:
     """Allocate the memory of a hand."""
     return Descriptors(
         SharedBlock.create("status", LIVE_STATUS).descriptor,
-        SharedRing.create("ticks", *rows.ticks).descriptor,
+        SharedRing.create("ticks", LIVE_TICK, capacity(bodies)).descriptor,
         SharedRing.create("samples", GLOVE_SAMPLE, SAMPLE_CAPACITY).descriptor,
         SharedRing.create("events", EVENT, EVENT_CAPACITY).descriptor,
         SharedRing.create("words", EVENT, WORD_CAPACITY).descriptor,
-        SharedRing.create("bodies", *rows.own).descriptor,
+        SharedRing.create("bodies", bodies_row(bodies), capacity(bodies)).descriptor,
         *(SharedBlock.create(name, FACTS).descriptor for name in ("facts", "device")),
         *(os.eventfd(0, os.EFD_NONBLOCK) for _ in range(2)),
     )
@@ -225,10 +196,8 @@ class TickReader(RingReader):
         """Read the ticks of all hands, see `RingReader.read`; fields of bodies follow those of the first hand's."""
         first, ticks = self.read(most)
         at = first + np.arange(len(ticks))
-        found = [ticks, *(ring.records[at % ring.capacity] for ring in self._others)]
-        if self._bodies.capacity > 1:
-            found[0] = _joined(ticks, self._bodies.records[at % self._bodies.capacity])
-        return first, found
+        bodies, *others = (ring.records[at % ring.capacity] for ring in (self._bodies, *self._others))
+        return first, [_joined(ticks, bodies), *others]
 
 
 def _joined(*parts: AnyArray) -> AnyArray:
@@ -251,8 +220,8 @@ def _add_line(ring: SharedRing, level: int, text: str, time_ns: int) -> None:
 
 def session_process(name: str, arguments: Sequence[str] | None = None) -> tuple[Any, SessionMemory]:
     """Name this process of a session, and return its setup and its memory, which its command line names."""
-    (descriptors, rows), setup = process_setup(name, arguments)
-    return setup, SessionMemory(*descriptors, rows=rows)
+    (descriptors, bodies), setup = process_setup(name, arguments)
+    return setup, SessionMemory(*descriptors, bodies=bodies)
 
 
 def exit_code(body: Callable[[], object], failed: Callable[[str], object] = lambda text: None) -> int:

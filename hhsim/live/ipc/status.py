@@ -31,7 +31,7 @@ def _integers(*names: str) -> list[tuple[str, type]]:
 LIVE_STATUS = np.dtype(
     [
         # Written by the loop.
-        *_integers("heartbeat_ns", "stage", "loop_pid", "ticks", "missed"),
+        *_integers("heartbeat_ns", "stage", "ending_ns", "loop_pid", "ticks", "missed"),
         ("missed_by", np.int64, (4,)),
         *_integers("safety", "contacts", "battery", "sample_ns"),
         ("force", np.float64, (5,)),
@@ -59,7 +59,8 @@ LIVE_STATUS = np.dtype(
     ],
     align=True,
 )
-"""State of a session that changes in place; every field has one writer. Times are CLOCK_MONOTONIC [ns]. `counters` are
+"""State of a session that changes in place; every field has one writer. Times are CLOCK_MONOTONIC [ns]; that of
+`ending_ns` is when the loop had made its last tick, 0 before. `counters` are
 those of `DeviceCounters`, `missed_by` is by `MissCause` without NONE, both in their order. `command_version`,
 `palm_version` and `pose_version` are odd while the command, the palm's pose and the pose of the keyboard are being
 written. `loop_ready` is 1 when the glove may be opened, 2 when the loop is about to begin; `driver_begun` is 1 when the

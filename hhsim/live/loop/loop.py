@@ -1,8 +1,8 @@
 """Loop of a live session: the memory of `hhsim.kernels.live`, which ticks and decides, and what it needs of Python.
 
 The ticks run in one compiled call, `run_loop`. Python finds the first free place of the shown hands, in another thread
-while the loop goes on, and solves the ticks of methods and QP solvers that are not compiled, and of several free bodies
-or both hands at one. Of two gloves each has its samples, its commands and its judgement; periods and ticks are one.
+while the loop goes on, and solves the ticks of methods and QP solvers that are not compiled. Of two gloves each has its
+samples, its commands and its judgement; periods and ticks are one.
 """
 
 import math
@@ -15,9 +15,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import SIDES
-from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.live import tick
 from hhsim.kernels.live.accounts import MISSES, account_steal, account_waking
@@ -29,7 +27,7 @@ from hhsim.kernels.live.notes import NOTES
 from hhsim.kernels.live.phase import PHASE
 from hhsim.kernels.live.plausibility import WATCH, begin_watch
 from hhsim.kernels.parallel.atomic import load_acquire, store_release
-from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.kernels.tick.block import HapticBlock
 from hhsim.live.device import MOST_CHANNELS, Capability, GloveInfo
 from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.live.ipc.session_memory import SessionMemory
@@ -37,7 +35,7 @@ from hhsim.live.ipc.status import Stage
 from hhsim.live.loop.story import Story
 from hhsim.result.safety import Safety
 from hhsim.result.schema import INFORMATION
-from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.one_tick import OneTick
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SceneSolver
 from hhsim.solver.workspace import zeroed
@@ -174,14 +172,6 @@ def loop_options(options: SolverOptions, rate: float) -> SolverOptions:
     return replace(options.at_rate(rate), threads=1)
 
 
-def object_row(rows: Any) -> ObjectRecord:
-    """Return the output of a tick with a free object, as views of a record of `FREE_TICK`, shape (1,)."""
-    fields = {name: rows[name].view(np.ndarray) for name in ObjectRecord._fields}
-    first = ObjectRecord._fields.index("contact")
-    # The rows of its contacts are numbered from this tick on.
-    return ObjectRecord(**fields | {name: fields[name][0] for name in ObjectRecord._fields[first:]})
-
-
 class LoopHand:
     """A hand of a loop: its records of `hhsim.kernels.live`, its row, its log; periods and misses are the loop's."""
 
@@ -196,7 +186,6 @@ class LoopHand:
         rows["haptic_orientation"][:, 0] = 1.0
         rows["input_seq"] = -1
         self.haptic = HapticBlock(*(rows[f"haptic_{name}"].view(np.ndarray) for name in HapticBlock._fields))
-        self.record = TickRecord(*(rows[name].view(np.ndarray) for name in TickRecord._fields))
         self.live = tick.LiveArrays(
             loop=zeroed(tick.LOOP),
             deadlines=deadlines,
@@ -234,6 +223,7 @@ class LoopHand:
         status, command = self.memory.status, self.live.commander[0]
         command.stiffness[:] = command.phalanx[:] = 0.0
         status["command_stiffness"] = status["command_force"] = 0.0
+        status["ending_ns"] = time.monotonic_ns()
         status["stage"] = Stage.ENDING
 
 
@@ -253,26 +243,22 @@ class LiveLoop:
         deadlines = deadline_record(setup.period_ns, now())
         self.misses = MissAccounts(deadlines, now)
         options = loop_options(setup.options, setup.rate)
-        self._scene = None if setup.scene is None else SceneSolver(setup.scene, options)
-        self.solver = (
-            self._scene.hands[0]
-            if self._scene is not None
-            else HandSolver(setup.hand, setup.contact_surface(), options, setup.free)
-        )
         names = [""] if setup.beside is None else [f"{side} hand: " for side in SIDES]
         each = zip(setup.hands, memory.hands, gloves, names, strict=True)
         self.hands = tuple(LoopHand(*of, deadlines, self.misses) for of in each)
         first = self.hands[0]
         self.live, self.story, self.at = first.live, first.story, first.at
-        self._object = None if setup.free is None or self._scene is not None else object_row(first.rows)
+        self.one_tick, rows = OneTick(SceneSolver(setup.scene, options)), memory.bodies.records
+        bodies = self.one_tick.row.view(np.uint8), rows.view(np.uint8).reshape(len(rows), -1)
+        self.world = tick.WorldTick(self.one_tick.haptic, self.one_tick.record, *bodies)
+        self._address = 0
         self._signal = ""
-        self._block: Any = None
         self._run: Any = None
 
     @property
     def compiled(self) -> bool:
         """True if no tick needs Python."""
-        return bool(self._block[0])
+        return self._address != 0
 
     @property
     def stopped(self) -> str:
@@ -302,24 +288,20 @@ class LiveLoop:
         try:
             files = self.begin(CpuAccounts(None if cpu < 0 else cpu))
             while not self.stopped or self.at.asks:
-                address, block = self._block
-                code = self._run(tuple(hand.live for hand in self.hands), files, address, block)
+                hands = tuple(hand.live for hand in self.hands)
+                code = self._run(hands, files, self.world, self._address, self.one_tick.arguments)
                 if code == ASKS_PYTHON:
-                    self.at.solved = self._solve()
+                    self.at.solved = self.solve()
         finally:
             self.end()
         return self.stopped
 
     def prepare(self) -> None:
         """Compile, or load from the cache, what `run` calls; the solver's own kernels are there."""
-        haptic, record = (tuple(getattr(hand, name) for hand in self.hands) for name in ("haptic", "record"))
-        if self._scene is None:
-            self._block = self.solver.compiled_tick(haptic[0], record[0], self._object)
-        else:
-            self._block = self._scene.compiled_tick(haptic, record)
+        self._address = self.one_tick.address
         compiled: Any = run_loop
-        hands = tuple(hand.live for hand in self.hands)
-        self._run = compiled.entry(hands, NO_FILES, *self._block) if JIT_ENABLED else run_loop
+        given = tuple(hand.live for hand in self.hands), NO_FILES, self.world, self._address, self.one_tick.arguments
+        self._run = compiled.entry(*given) if JIT_ENABLED else run_loop
         # `place` has to find its kernels compiled.
         placing = self.at.placing
         store_release(placing, 0, load_acquire(placing, 0))
@@ -335,9 +317,7 @@ class LiveLoop:
                 return
             time.sleep(PLACE_SECONDS)
         try:
-            haptic = tuple(hand.haptic for hand in self.hands)
-            begun = [self.solver.begin(haptic[0])] if self._scene is None else self._scene.begin(haptic)
-            for hand, start in zip(self.hands, begun):
+            for hand, start in zip(self.hands, self.one_tick.begin([hand.haptic for hand in self.hands])):
                 hand.at.placed = start
             store_release(placing, 0, tick.PLACED)
         except Exception as error:
@@ -357,6 +337,8 @@ class LiveLoop:
         for hand, memory in zip(self.hands, memories):
             hand.at.taken = memory.samples.written
             memory.populate()
+            if hand is self.hands[0]:
+                memory.bodies.populate()
             memory.status["heartbeat_ns"] = self._now()
             memory.status["stage"] = Stage.RUNNING
         return files
@@ -372,36 +354,12 @@ class LiveLoop:
         for hand in self.hands:
             hand.end()
 
-    def _solve(self) -> bool:
-        """Solve a tick in Python, with the solver's status bits; False if there are no graphic hands."""
+    def solve(self) -> bool:
+        """Solve the tick of `world` from Python; return False if there are no graphic hands."""
         try:
-            if self._scene is not None:
-                self._solve_scene(self._scene)
-            else:
-                self.at.status = self.solver.tick(self.hands[0].haptic, self.hands[0].record, self._object)
+            self.one_tick.solve()
         except Exception as error:  # of whatever kind: the fingers are freed and the loop goes on
             for hand in self.hands:
                 hand.failed(error)
             return False
         return True
-
-    def _solve_scene(self, scene: SceneSolver) -> None:
-        """Solve a tick of a scene; the motion of its bodies goes to their ring."""
-        found = scene.run_given([HandConfiguration(*hand.haptic) for hand in self.hands])
-        for hand, record in zip(self.hands, found):
-            for own, values in zip(hand.record, record):
-                own[...] = values
-            hand.at.status = record.status[0]
-        if scene.seen.free is None:
-            return
-        first, every, slot = scene.object_ticks(), scene.all_ticks, self.memory.bodies.slot()
-        rows, of_tick = int(first.contact[-1]), ObjectRecord._fields.index("contact")
-        for name in ObjectRecord._fields[:of_tick]:
-            slot[name] = getattr(first, name)[0]
-        slot["contact"] = 0, rows
-        for name in ObjectRecord._fields[of_tick + 1 :]:
-            slot[name][:rows] = getattr(first, name)[:rows]
-        bodies, wrenches = ((first,), np.zeros((1, 1, 6))) if every is None else (every.bodies, every.body_wrench)
-        for row, body, wrench in zip(slot["motion"], bodies, wrenches, strict=True):
-            row[:] = np.concatenate([*(getattr(body, name)[0] for name in ObjectRecord._fields[:6]), wrench[0]])
-        self.memory.bodies.publish()

@@ -105,11 +105,9 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, drivers
 def make_ready(setup: LiveSetup, memory: SessionMemory) -> None:
     """Compile, or load, the kernels of a session's ticks and of its loop."""
     options = loop_options(setup.options, setup.rate)
-    if setup.scene is None:
-        warm_up(setup.hand, options, setup.free)
-    elif setup.beside is not None:
+    if setup.beside is not None:
         warm_up_hands(setup.scene, options)
-    if options.method not in ("coupled", "progressive") or setup.free is not None:
+    if options.method not in ("coupled", "progressive") or setup.seen.free is not None:
         # `coupled` brings a hand out that begins inside the object.
         warm_up(setup.hand, replace(options, method="coupled"))
     nothing = GloveInfo("", Capability.NONE, ())

@@ -163,7 +163,7 @@ class SessionWriter:
                 "duration": setup.duration,
                 "device": hand.setup.device.kind,
                 **apart,
-                **describe_scene(setup.mesh, setup.tree, hand.model, options, bodies, free),
+                **describe_scene(setup.seen.mesh, setup.seen.tree, hand.model, options, bodies, free),
             }
             parts[str(hand.side)] = hand.part(described)
         between = BETWEEN_COLUMNS if self._both else ()
@@ -298,10 +298,9 @@ class Recorder:
         check_result_path(self._path)
         options = loop_options(self._setup.options, self._setup.rate)
         # Kernels that measure penetration are compiled before ticks wait.
-        if self._setup.scene is None:
-            warm_up(self._setup.hand, options, self._setup.free)
-        elif self._setup.beside is not None:
-            warm_up(self._setup.hand, options)
+        two = self._setup.beside is not None
+        warm_up(self._setup.hand, options, None if two else self._setup.seen.free)
+        if two:
             flat = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 5, 3)), np.zeros((1, 5))
             models = [hand.hand for hand in self._setup.hands]
             distance_of_hands(models, [forward_kinematics(model, *flat) for model in models])

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from hhsim.scene.motion_catalogue import Motion, load_script
 from hhsim.scene.scene import Scene, require_one_object, scene_of
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import planned
-from hhsim.solver.scene_solver import SeenScene, seen_scene
+from hhsim.solver.scene_solver import seen_scene
 from hhsim.trees.sphere_tree import SphereTree
 
 ABOVE = 0.05
@@ -39,23 +38,11 @@ class LiveScene:
     pose: PoseConfig
     description: dict[str, Any]
 
-    @cached_property
-    def seen(self) -> SeenScene:
-        """The scene as its engine sees it."""
-        return seen_scene(self.scene)
-
     def both(self, left: "LiveScene") -> "LiveScene":
         """Return the scene of this hand, the right one, and the left one; InputError for bodies at another place."""
         hands = (*self.scene.hands, *left.scene.hands)
         require_one_object([hand.trajectory for hand in hands])
         return replace(self, scene=replace(self.scene, hands=hands))
-
-    @property
-    def bodies(self) -> dict[str, Any]:
-        """Bodies as `LiveSetup` takes them, by its attributes."""
-        seen, many = self.seen, len(self.scene.hands) > 1 or len(self.scene.solids) > 1
-        bodies = {"free": None, "scene": self.scene} if many else {"free": seen.free, "scene": None}
-        return {"mesh": seen.mesh, "tree": seen.tree, **bodies}
 
 
 def make_live_scene(

@@ -357,11 +357,12 @@ class Supervisor:
                 text, level = bytes(event["text"]).decode("utf-8", "replace"), int(event["level"])
                 # A fault before the first tick is the error that ends the command, which prints it.
                 silent = level == FAULT and int(self.memory.status["ticks"]) == 0
-                self._notice(text, level, silent=silent)
+                # It is read late where the machine is busy.
+                self._notice(text, level, silent=silent, before_end=event["time_ns"] < self.memory.status["ending_ns"])
 
-    def _notice(self, text: str, level: int, *, silent: bool = False) -> None:
+    def _notice(self, text: str, level: int, *, silent: bool = False, before_end: bool = False) -> None:
         self._notices.append((time.monotonic() - self._began, level, text))
-        if level == FAULT and self.stage >= Stage.ENDING:
+        if level == FAULT and self.stage >= Stage.ENDING and not before_end:
             self._fault_at_end = self._fault_at_end or text
         if silent:
             return

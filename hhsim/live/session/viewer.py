@@ -79,8 +79,8 @@ class LiveViewer:
         """Show the session until it has ended; ViewerGoneError if it was closed, others as `rerun_stream`."""
         setup = self._setup
         scene = ShownScene(
-            mesh=setup.mesh,
-            tree=setup.tree,
+            mesh=setup.seen.mesh,
+            tree=setup.seen.tree,
             hand=setup.hand,
             fingers=np.array([finger in setup.options.fingers for finger in FINGERS]),
             touch=setup.options.touch,
@@ -88,8 +88,8 @@ class LiveViewer:
             parts=self._columns.parts,
             text=f"# Live session\n\n`{' '.join(setup.command)}`\n",
         )
-        extent = float(np.linalg.norm(setup.mesh.extent + HAND_MARGIN))
-        middle = setup.mesh.bounds.mean(axis=0)
+        extent = float(np.linalg.norm(setup.seen.mesh.extent + HAND_MARGIN))
+        middle = setup.seen.mesh.bounds.mean(axis=0)
         arrangement = blueprint(middle, extent, "graphic hand, haptic hand (blue), forces (red)", LIVE_PLOTS, live=True)
         with rerun_stream(self._target, APPLICATION, arrangement) as stream:
             stream.send_recording_name(f"live {time.strftime('%Y-%m-%d %H:%M:%S')}")

@@ -26,6 +26,10 @@ def test_a_robot_is_built_written_drawn_and_judged(run: Run, tmp_path: Path) -> 
     assert [each["link"] for each in document["links"]][:2] == ["base", "turret"]
     assert all(each["proved"] and each["surface_gap_max"] == 0.0 for each in document["links"])
     assert document["self_collision_ignore"]["base"] == ["turret"]
+    beside = run("build-tree", "arm.urdf", "--from", "arm.yml", "--compare", "--as", "json", "--json")
+    theirs, ours = json.loads(beside.out)["compared"]
+    assert theirs.pop("set") == "arm.yml" and ours.pop("set") == "hhsim"
+    assert theirs == pytest.approx(ours) and ours["surface_coverage_least"] == 1.0
     one = run("build-tree", "box.obj", "--size", "300", "--from", "arm.xrdf", "--link", "base", "--json")
     assert one.code == 0, one.err
     assert json.loads(one.out)["fit"]["spheres"] == 4
@@ -115,11 +119,15 @@ def write_many(path: Path, strips: int) -> None:
     [
         (["arm.urdf", "--total", "3"], "3 spheres for 7 links; expected at least one for each (--total)"),
         (["arm.urdf", "--total", "9", "--leaves", "3"], "--total and --leaves exclude each other"),
+        (["arm.urdf", "--compare"], "--compare is for --from FILE"),
         (["arm.urdf", "--solid"], "--solid is for mesh files; arm.urdf is a robot"),
         (["arm.urdf", "--as", "urdf", "--out", "a.yml"], "--out a.yml: expected a file that ends in .urdf (--as urdf)"),
         (["arm.urdf", "--link", "palm", "--as", "h5"], "arm.urdf: no link 'palm'; it has base, turret"),
         (["arm.urdf", "--from", "other.yml"], "other.yml: spheres of hull; expected some of base, turret"),
-        (["cube", "--as", "urdf"], "--as, --total and --rerun are for a robot, a URDF or MJCF file, and cube is none"),
+        (
+            ["cube", "--as", "urdf"],
+            "--as, --total, --compare and --rerun are for a robot, a URDF or MJCF file, and cube is none",
+        ),
         (["arm.urdf", "--out", "arm.urdf"], "arm.urdf is an input of this command"),
     ],
 )

@@ -83,9 +83,9 @@ def test_only_what_is_joined_in_the_straight_hand_is_left_out() -> None:
     assert set(pairs.first[pairs.second == PALM] % 3) == {1, 2}
     straight = self_clearance(RIGHT, pairs, np.zeros((1, 5, 3)), np.zeros((1, 5)))
     assert 0.0 < straight[0] < MARGIN
-    used = self_pairs(RIGHT, ["thumb", "ring"])
+    used = self_pairs(RIGHT, ("thumb", "ring"))
     assert set(used.first) | set(used.second) == {0, 1, 2, 9, 10, 11, PALM}
-    assert len(self_pairs(RIGHT, ["thumb"]).first) == 2 and len(self_pairs(RIGHT, []).first) == 0
+    assert len(self_pairs(RIGHT, ("thumb",)).first) == 2 and len(self_pairs(RIGHT, ()).first) == 0
 
 
 @given(st.integers(0, 2**32 - 1), st.lists(st.floats(-6.0, 0.0), min_size=4, max_size=30))

@@ -40,7 +40,7 @@ class PresentClock(FakeClock):
 def run(
     rate: float,
     script: list[Moment] = CLOSING,
-    begin: Callable[..., int] | None = None,
+    begin: Callable[..., list[int]] | None = None,
     glove: type[ScriptedGlove] = ScriptedGlove,
     hertz: float = 0.0,
 ) -> tuple[LiveLoop, SessionMemory, int, int]:
@@ -52,18 +52,18 @@ def run(
     driver.open()
     loop = LiveLoop(setup, memory, worn.info)
     loop.prepare()
-    solver: Any = loop.solver
-    asked, placed, solve, begin = [], [], solver.tick, begin or solver.begin
+    one: Any = loop.one_tick
+    asked, placed, solve, begin = [], [], one.solve, begin or one.begin
 
-    def tick(*given: Any) -> int:
-        asked.append(given)
-        return int(solve(*given))
+    def solved() -> None:
+        asked.append(True)
+        solve()
 
-    def put(*given: Any) -> int:
+    def put(*given: Any) -> list[int]:
         placed.append(given)
-        return int(begin(*given))
+        return begin(*given)
 
-    solver.tick, solver.begin = tick, put
+    one.solve, one.begin = solved, put
 
     def end() -> None:
         until = time.monotonic() + PATIENCE
@@ -102,7 +102,7 @@ def test_ticks_of_compiled_code_are_those_of_a_replay_bit_for_bit(rate: float, i
     # On a machine that is late, the hand of the first sample has closed already.
     assert began_inside[0] or not inside
     assert not began_inside[1:].any()
-    again = HandSolver(loop.setup.hand, loop.setup.tree.arrays(), loop_options(loop.setup.options, rate)).run(
+    again = HandSolver(loop.setup.hand, loop.setup.seen.tree.arrays(), loop_options(loop.setup.options, rate)).run(
         *(ticks[f"haptic_{name}"] for name in ("position", "orientation", "flexion", "abduction"))
     )
     for name in UNTIMED:
@@ -146,7 +146,7 @@ def test_a_tick_begins_with_the_sample_that_comes_while_the_loop_waits() -> None
 
 
 def test_a_hand_that_cannot_be_put_anywhere_frees_the_fingers_and_the_loop_goes_on() -> None:
-    def fail(*_: Any) -> int:
+    def fail(*_: Any) -> list[int]:
         raise ArithmeticError("planted")
 
     _, memory, _, _ = run(1000.0, begin=fail)

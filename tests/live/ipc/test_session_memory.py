@@ -15,12 +15,11 @@ from hhsim.live.real_time import RealTimeWishes
 
 CHILD = """
 from hhsim.live.ipc.session_memory import session_process
-from hhsim.live.shared_memory import RingReader
+from hhsim.live.ipc.session_memory import TickReader
 setup, memory = session_process("child")
-first, ticks = RingReader(memory.ticks).read(10)
-heartbeat = int(memory.status["heartbeat_ns"])
-free = "turn" in ticks.dtype.names
-print(first, ticks["tick"].tolist(), heartbeat, memory.facts.read(), setup.rate, setup.device.kind, free)
+first, (ticks,) = TickReader(memory).read_hands(10)
+heartbeat, bodies = int(memory.status["heartbeat_ns"]), ticks["turn"].shape[1]
+print(first, ticks["tick"].tolist(), heartbeat, memory.facts.read(), setup.rate, setup.device.kind, bodies)
 memory.status["recorder_ticks"] = 77
 """
 
@@ -49,7 +48,7 @@ def test_a_child_sees_the_memory_and_the_setup(setup: LiveSetup, bodies: int) ->
             check=False,
         )
         assert child.returncode == 0, child.stderr
-        assert child.stdout == f"0 [4, 5, 9] 123 {{'real_time': {{'fifo': True}}}} 500.0 sim {bodies == 1}\n"
+        assert child.stdout == f"0 [4, 5, 9] 123 {{'real_time': {{'fifo': True}}}} 500.0 sim {bodies}\n"
     assert memory.status["recorder_ticks"] == 77
     assert (memory.status["battery"], memory.status["sample_ns"]) == (-1, -1), "nobody knows them yet"
 

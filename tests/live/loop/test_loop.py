@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.live.phase import LARGEST_SHIFT
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.live.device import Capability, DeviceError
 from hhsim.live.ipc.config import SafetyLimits
 from hhsim.live.ipc.status import Stage
@@ -195,14 +196,14 @@ def test_a_streak_of_overruns_frees_the_fingers() -> None:
 
 def test_a_command_that_was_long_in_the_making_frees_the_fingers() -> None:
     session = Session([*HOLDING, *[Moment(FIST)] * 20])
-    solve = session.loop.solver.tick
+    solve = session.loop.one_tick.solve
 
-    def dawdle(*given: Any) -> int:
+    def dawdle() -> None:
         if session.loop.deadlines.at.tick == 120:
             session.clock.work(10 * PERIOD)
-        return solve(*given)
+        solve()
 
-    session.loop.solver.tick = dawdle  # type: ignore[method-assign, assignment]
+    session.loop.one_tick.solve = dawdle  # type: ignore[method-assign]
     session.run()
     assert session.ticks["command_stiffness"][119].max() == 0.3
     assert session.ticks["safety"][120] == Safety.OVERRUN_STREAK
@@ -276,14 +277,14 @@ def test_what_was_held_before_a_loss_never_comes_to_a_glove_that_is_back() -> No
 
 def test_a_solver_that_raises_frees_the_fingers_and_the_loop_goes_on() -> None:
     session = Session(HOLDING)
-    solve = session.loop.solver.tick
+    solve = session.loop.one_tick.solve
 
-    def fail(*given: Any) -> int:
+    def fail() -> None:
         if 100 <= session.loop.deadlines.at.tick < 103:
             raise ZeroDivisionError("on purpose")
-        return solve(*given)
+        solve()
 
-    session.loop.solver.tick = fail  # type: ignore[method-assign, assignment]
+    session.loop.one_tick.solve = fail  # type: ignore[method-assign]
     session.run()
     assert session.ticks["tick"].tolist() == [*range(100), *range(103, 121)], "there is nothing to replay in them"
     assert session.stiffness_at(99).max() == 0.3
@@ -294,8 +295,13 @@ def test_a_solver_that_raises_frees_the_fingers_and_the_loop_goes_on() -> None:
 
 def test_a_solver_that_is_full_frees_the_fingers() -> None:
     session = Session(HOLDING)
-    solve = session.loop.solver.tick
-    session.loop.solver.tick = lambda *given: solve(*given) | 16  # type: ignore[method-assign]
+    solve = session.loop.one_tick.solve
+
+    def overflow() -> None:
+        solve()
+        session.loop.one_tick.record.status[:] |= STATUS_CAPACITY_EXCEEDED
+
+    session.loop.one_tick.solve = overflow  # type: ignore[method-assign]
     session.run()
     assert ((session.ticks["safety"] & Safety.SOLVER_FAILED) != 0).all()
     assert (session.ticks["command_stiffness"] == 0.0).all()

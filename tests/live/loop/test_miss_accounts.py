@@ -23,15 +23,14 @@ class Planted(ScriptedSession):
 
     def at(self, tick: int, action: Callable[[], None]) -> None:
         """Let something happen while a tick is solved."""
-        solver: Any = self.loop.solver
-        sound = solver.tick
+        sound = self.loop.one_tick.solve
 
-        def solve(*given: Any) -> int:
+        def solve() -> None:
             if self.loop.deadlines.at.tick == tick:
                 action()
-            return int(sound(*given))
+            sound()
 
-        solver.tick = solve
+        self.loop.one_tick.solve = solve  # type: ignore[method-assign]
 
     def only_miss(self) -> Any:
         (row,) = self.ticks[self.ticks["missed"] > 0]

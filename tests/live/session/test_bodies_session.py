@@ -18,6 +18,7 @@ from hhsim.live.session.recorder import Recorder
 from hhsim.live.session.scene import make_live_scene
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result
+from hhsim.scene.body import Fixed
 from hhsim.scene.declared_bodies import load_object
 from hhsim.scene.scene import tree_maker
 from hhsim.solver.options import SolverOptions
@@ -34,10 +35,9 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
     folder = tmp_path_factory.mktemp("bodies")
     bodies = load_object(body_file(folder, *BODIES)).with_trees(tree_maker(2))
     scene = make_live_scene(bodies, HandModel.default(), configure(), PoseConfig(), None, placed=True)
-    assert scene.bodies["scene"] is scene.scene and scene.bodies["free"] is None
     moments = [Moment(FREE + (FIST - FREE) * i / 40) for i in range(60)]
     setup = make_setup(
-        **scene.bodies,
+        scene=scene.scene,
         options=SolverOptions(surface="mesh"),
         record=folder / "session.h5",
         output=OutputLimits(ramp=0.02),
@@ -70,6 +70,6 @@ def test_it_runs_again_bit_for_bit_and_every_claim_holds(result: Result) -> None
 def test_driven_bodies_stay_where_they_begin(tmp_path: Path) -> None:
     bodies = load_object("laptop").with_trees(tree_maker(2))
     scene = make_live_scene(bodies, HandModel.default(), configure(), PoseConfig(), None)
-    found = scene.bodies
-    assert found["scene"] is None and found["free"] is None and found["mesh"].name == "laptop"
-    assert len(found["mesh"].faces) == sum(len(mesh.faces) for mesh in bodies.meshes.values())
+    (body,) = scene.scene.solids
+    assert isinstance(body.motion, Fixed) and body.name == "laptop"
+    assert len(body.mesh.faces) == sum(len(mesh.faces) for mesh in bodies.meshes.values())

@@ -41,7 +41,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Ran:
         parse_script(SCRIPT, name="short", where="short"),
     )
     setup = LiveSetup(
-        **scene.bodies,
+        scene=scene.scene,
         hand=hand,
         options=make_setup(None).options,
         device=scene.device,

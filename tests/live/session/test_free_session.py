@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from conftest import Run
 from live_rings import ended, pour
 from live_scripted import CLOSING, FIST, FREE, Moment, ScriptedSession
+from numpy.lib import recfunctions as rfn
 
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
@@ -19,7 +21,7 @@ from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.live.ipc.session_memory import SessionMemory
 from hhsim.live.loop.loop import loop_options
 from hhsim.live.session.recorder import Recorder
-from hhsim.live.session.tick_block import SessionColumns, object_ticks
+from hhsim.live.session.tick_block import SessionColumns
 from hhsim.metrics.run.registry import tick_figures
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.replay.repeat import run_again
@@ -29,6 +31,7 @@ from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS
 from hhsim.scene.body import CLEARANCE
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.one_tick import bodies_ticks
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.body_checks import body_claims
 from hhsim.verify.free_object_checks import free_claims
@@ -39,8 +42,8 @@ TIMINGS = {"duration", "duration_total", "duration_cpu"}
 BALL = sphere(0.06, 1)
 BALL = replace(BALL, vertices=BALL.vertices + np.array([0.0, 0.05, -0.05]))
 """Before the fingers of a flat hand at the origin; a fist closes on it."""
-ON_TABLE = FreeObject.of_mesh(BALL, mass=0.1, friction=0.8, torsion=5e-3, table=float(BALL.bounds[0, 2]) - CLEARANCE)
-FALLING = replace(ON_TABLE, table=None)
+FALLING: dict[str, Any] = {"mass": 0.1, "friction": 0.8, "torsion": 5e-3}
+ON_TABLE = {**FALLING, "table": float(BALL.bounds[0, 2]) - CLEARANCE}
 TOUCHING = [*CLOSING, *[Moment(FIST)] * 40]
 
 
@@ -48,18 +51,18 @@ class Session(ScriptedSession):
     """A loop with a free object that has run a script to its end."""
 
     def __init__(
-        self, script: Sequence[Moment] = TOUCHING, free: FreeObject = ON_TABLE, oversleep: Sequence[int] = ()
+        self, script: Sequence[Moment] = TOUCHING, free: dict[str, Any] = ON_TABLE, oversleep: Sequence[int] = ()
     ) -> None:
         super().__init__(script, mesh=BALL, free=free, options=SolverOptions(surface="mesh"))
         self.clock.oversleep.extend(oversleep)
         self.run()
-        self.object = object_ticks(self.ticks)
+        self.object, _ = bodies_ticks(self.ticks)
 
     def again(self) -> tuple[TickRecord, ObjectRecord]:
         """The same ticks in one block, as a replay runs them."""
         setup = self.setup
         options = loop_options(setup.options, setup.rate)
-        solver = HandSolver(setup.hand, setup.contact_surface(), options, setup.free)
+        solver = HandSolver(setup.hand, setup.seen.surface("mesh"), options, setup.seen.free)
         haptic = (self.ticks[f"haptic_{name}"] for name in ("position", "orientation", "flexion", "abduction"))
         return solver.run(*haptic), solver.object_ticks
 
@@ -72,7 +75,8 @@ def session() -> Session:
 def recorded(session: Session, path: Path) -> Result:
     """The file of a session."""
     memory = SessionMemory.create(bodies=1)
-    pour(memory.ticks, session.ticks)
+    for ring in (memory.ticks, memory.bodies):
+        pour(ring, rfn.repack_fields(session.ticks[list(ring.records.dtype.names)], align=True))
     ended(memory, os.getpid())
     Recorder(replace(session.setup, record=path), memory).run()
     return load_result(path)
@@ -112,11 +116,14 @@ def test_the_world_waits_out_a_stall_which_frees_the_fingers() -> None:
 
 def test_the_file_holds_what_a_replays_does_and_runs_again(session: Session, result: Result) -> None:
     assert result.complete and result.body.is_free and result.frame and result.live is not None
-    assert FreeObject.from_json(result.body.properties) == ON_TABLE and "Saxcé" in result.scene["friction_law"]
+    assert (
+        FreeObject.from_json(result.body.properties) == FreeObject.of_mesh(BALL, **ON_TABLE)
+        and "Saxcé" in result.scene["friction_law"]
+    )
     assert {column.name for column in FREE_COLUMNS} <= set(result.body.columns)
     assert {f"contact/{column.name}" for column in CONTACT_COLUMNS} <= set(result.keys())
     np.testing.assert_array_equal(np.bincount(result["contact/tick"], minlength=101), np.diff(session.object.contact))
-    np.testing.assert_array_equal(result.body["velocity"], session.ticks["velocity"])
+    np.testing.assert_array_equal(result.body["velocity"], session.object.velocity)
     np.testing.assert_array_equal(result["haptic/position"], session.ticks["haptic_position"])
     assert result["penetration_depth"].max() == 0.0
     again = run_again(result)

@@ -27,7 +27,7 @@ first = process_setup("stand-in", None)[0]
 if hasattr(first, "status"):
     status = SharedBlock(first.status, LIVE_STATUS).array[0]
 else:
-    memory = SessionMemory(*first[0], rows=first[1])
+    memory = SessionMemory(*first[0], bodies=first[1])
     status, events = memory.status, memory.events
 def mark(word):
     with open({marks!r}, "a") as file:
@@ -40,6 +40,16 @@ status["stage"] = Stage.RUNNING
 while not status["stop_requested"]:
     time.sleep(0.005)
 mark("loop")
+status["stage"] = Stage.ENDED
+"""
+FAULTY_LOOP = """
+for time_ns, text in ((5, b"on the way"), ({at}, b"at the end")):
+    slot = events.slot()
+    slot["time_ns"], slot["level"], slot["text"] = time_ns, 2, text
+    events.publish()
+status["ticks"], status["ending_ns"], status["stage"] = 1, 9, Stage.ENDING
+while not status["stop_requested"]:
+    time.sleep(0.005)
 status["stage"] = Stage.ENDED
 """
 STUBBORN_LOOP = "signal.signal(signal.SIGTERM, signal.SIG_IGN)\nstatus['stage'] = Stage.RUNNING\ntime.sleep(60)"
@@ -136,6 +146,14 @@ def test_a_session_ends_in_order_and_the_watchdog_is_last(make: Make, marks: Pat
         assert pid is not None
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
+
+
+@pytest.mark.parametrize(("at", "fault"), [(8, ""), (9, "at the end")])
+def test_a_fault_counts_as_one_at_the_end_if_it_was_then(make: Make, at: int, fault: str) -> None:
+    with make(record=False, loop=FAULTY_LOOP.format(at=at)) as session:
+        while session.stage != Stage.ENDING:
+            time.sleep(0.005)
+    assert session.end().fault_at_end == fault
 
 
 def test_an_error_of_the_caller_ends_everything_in_order(make: Make, marks: Path) -> None:

@@ -76,7 +76,7 @@ def record(
 
     def setup(own: LiveScene, beside: LiveSetup | None = None) -> LiveSetup:
         return LiveSetup(
-            **both.bodies,
+            scene=both.scene,
             beside=beside,
             hand=own.scene.hands[0].model,
             options=SolverOptions(),

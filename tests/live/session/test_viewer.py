@@ -59,12 +59,7 @@ def played() -> tuple[LiveSetup, Records]:
     records["latency_ns"] = np.where(count % 5 == 0, 90_000 + count, -1)
     records["safety"] = np.where(count < 60, Safety.NO_INPUT_YET, 0)
     records["command_stiffness"] = 0.002 * count[:, None] * [1.0, 0.5, 0.25, 0.0, 0.1]
-    setup = make_setup(
-        mesh=scene.solids[0].placed_mesh,
-        tree=scene.solids[0].placed_tree,
-        hand=scene.hands[0].model,
-        device=configure("sim"),
-    )
+    setup = make_setup(scene=scene.first(1), hand=scene.hands[0].model, device=configure("sim"))
     return setup, records
 
 
