@@ -3,7 +3,7 @@
 python feed_dex_retargeting.py RECORDING OBJECT CONFIG.yml FOLDER_OF_URDFS OUT.npz [right|left]
 
 Recordings and objects are those of `hhsim repair`; the configuration of a robot hand is one of dex-retargeting.
-Needs dex_retargeting (0.5).
+Needs dex_retargeting (0.5), and torch, which that does not ask for.
 """
 
 import sys

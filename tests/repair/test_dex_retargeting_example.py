@@ -75,4 +75,4 @@ def test_a_robots_finger_is_where_the_repaired_one_is(repository: Path, example:
     assert motion.changed.any() and sorted(found["joint_names"]) == list("xyz")
     order = [found["joint_names"].tolist().index(axis) for axis in "xyz"]
     tips = example.in_wrist_frame(motion.joints, "right")[:, 8]
-    np.testing.assert_allclose(found["qpos"][:, order], tips, atol=1e-3)
+    np.testing.assert_allclose(found["qpos"][:, order], tips, atol=1e-5)
