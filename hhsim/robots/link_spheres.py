@@ -23,7 +23,7 @@ from hhsim.trees.fit import Fit, measure_fit
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.options import TreeOptions, needed_level
 from hhsim.trees.sphere_tree import SphereTree
-from hhsim.trees.surface_cover import greedy_bound, in_own_frame
+from hhsim.trees.surface_cover import greedy_bound
 
 MOST_TRIANGLES = 500_000
 """Most triangles of a link: more take minutes, and no planner's collision mesh has them."""
@@ -164,16 +164,9 @@ def build_in_all(
     seconds = dict.fromkeys(meshes, 0.0)
 
     def rough(shares: Mapping[str, int]) -> dict[str, float]:
-        def bound(name: str) -> float:
-            start = time.thread_time()
-            with named(f"link '{name}'"):
-                ready = in_own_frame(meshes[name])
-            found = greedy_bound(ready, shares[name])
-            seconds[name] += time.thread_time() - start
-            return found
-
         with Workers(threads) as workers:
-            return dict(zip(shares, workers.each(bound, [(name,) for name in shares])))
+            bounds = workers.each(lambda name: greedy_bound(meshes[name], shares[name]), [(name,) for name in shares])
+        return dict(zip(shares, bounds))
 
     def measure(shares: Mapping[str, int]) -> dict[str, float]:
         each = {name: replace(options, level=None, leaves=count) for name, count in shares.items()}

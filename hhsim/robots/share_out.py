@@ -20,12 +20,12 @@ def share_out(names: Sequence[str], total: int, rough: Measure, measure: Measure
     Args:
         names: Links; each gets at least one sphere.
         total: Number of all spheres, at least as many as links.
-        rough: Returns the errors [m] of so many spheres for each link that it is given, larger ones but soon: they tell
-            which numbers are tried first.
-        measure: Returns the errors themselves.
+        rough: Returns larger errors, but soon: they tell which numbers are tried first.
+        measure: Builds so many spheres for each link that it is given, and returns their errors.
     """
     guess: Errors = {name: {} for name in names}
-    for shares in (dict.fromkeys(names, 1), _even(names, total)):
+    even = {name: total // len(names) + (k < total % len(names)) for k, name in enumerate(names)}
+    for shares in (dict.fromkeys(names, 1), even):
         _add(guess, shares, rough)
     _balance(guess, total, rough)
     errors: Errors = {name: {} for name in names}
@@ -53,10 +53,6 @@ def best_shares(errors: Errors, total: int) -> dict[str, int]:
         better = [count for count in errors[name] if count <= most]
         shares[name] = min(better, key=lambda count: (errors[name][count], count))
     return shares
-
-
-def _even(names: Sequence[str], total: int) -> dict[str, int]:
-    return {name: total // len(names) + (k < total % len(names)) for k, name in enumerate(names)}
 
 
 def _balance(errors: Errors, total: int, measure: Measure) -> None:

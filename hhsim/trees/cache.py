@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 from contextlib import suppress
 from dataclasses import replace
 from importlib.resources import as_file, files
@@ -14,7 +13,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.file import load_tree, save_tree
 from hhsim.trees.hierarchy import at_level
-from hhsim.trees.options import MOST_LEVEL, TreeOptions
+from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 SHIPPED_SUFFIX = "-tree.h5"
@@ -83,21 +82,3 @@ def cache_path(mesh: Mesh, options: TreeOptions) -> Path:
         for path in sorted(place.glob("*.py")) if place.is_dir() else (place,):
             digest.update(path.read_bytes())
     return cache_root() / "trees" / f"{digest.hexdigest()[:32]}.h5"
-
-
-def coarsest_sphere_tree(mesh: Mesh, max_error: float, progress: Progress = silent) -> SphereTree:
-    """Build levels from the coarsest on; return the first that is proved to protrude by no more than `max_error` [m].
-
-    Raises InputError if `max_error` is no length, or no level meets it; MeshError as
-    `hhsim.trees.builder.build_sphere_tree`.
-    """
-    if not (math.isfinite(max_error) and max_error > 0.0):
-        raise InputError(f"the largest error is {max_error:g} m: it must be positive and finite")
-    bound = math.inf
-    for level in range(1, MOST_LEVEL + 1):
-        tree = cached_sphere_tree(mesh, TreeOptions(level=level), progress)
-        bound = tree.errors[-1].bound
-        if bound <= max_error:
-            return tree
-    finest = f"level {MOST_LEVEL}, the finest, protrudes by up to {1e3 * bound:.3g} mm"
-    raise InputError(f"{mesh.name}: no level is within {1e3 * max_error:g} mm; {finest}")

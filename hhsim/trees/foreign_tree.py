@@ -122,19 +122,6 @@ def judge_tree(
     return ImportedTree(tree, chosen, tuple(notes), int(unproved))
 
 
-def load_tree_for(path: str | Path, mesh: Mesh, unit_length: float = 1.0) -> ImportedTree:
-    """Read the tree of a mesh for a replay, as `import_tree`; a `.h5` file of another mesh is an InputError."""
-    source = Path(path)
-    if source.suffix == ".h5":
-        sha256 = load_tree(source).mesh_sha256
-        if sha256 not in ("", mesh.sha256):
-            other = f"built for the mesh {sha256[:12]}…, but {mesh.name} is {mesh.sha256[:12]}…"
-            raise InputError(
-                f"{source}: {other}; name the object, unit and size of the tree, or build it again, with --solid"
-            )
-    return import_tree(source, mesh, unit_length)
-
-
 def _placed(source: Path, mesh: Mesh, unit_length: float, frame: Frame) -> tuple[SphereTree, str, list[str]]:
     """A .sph tree in metres and in the mesh's frame, the origin of its centres, and notes."""
     tree = load_sph(source).scaled(unit_length)

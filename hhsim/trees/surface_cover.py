@@ -357,7 +357,8 @@ def cover_of(
     return cover.spheres_of(mesh)
 
 
-def greedy_bound(mesh: MeshInFrame, spheres: int) -> float:
+def greedy_bound(mesh: Mesh, spheres: int) -> float:
     """Return the bound of the protrusion [m] of the cover of a mesh with at most `spheres` spheres by `cover_of`."""
-    center, radius = cover_of(mesh, spheres)
-    return float((radius + mesh.frame.size * heights(mesh.bvh, mesh.frame.into(center))).max())
+    ready = in_own_frame(mesh)
+    center, radius = cover_of(ready, spheres)
+    return float((radius + ready.frame.size * heights(ready.bvh, ready.frame.into(center))).max())

@@ -4,18 +4,19 @@ Its spheres protrude by their radius. A hand that touches the triangles themselv
 to close a script's fingers on the object and as the broad phase.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.errors import MeshError
+from hhsim.errors import InputError, MeshError
 from hhsim.mesh.mesh import Mesh
 from hhsim.system.progress import Progress, silent
-from hhsim.trees.cache import cached_sphere_tree, coarsest_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import encloses
 from hhsim.trees.hierarchy import build_hierarchy
-from hhsim.trees.options import TreeOptions
+from hhsim.trees.options import MOST_LEVEL, TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 BRANCHING = 8
@@ -66,6 +67,24 @@ def chosen_tree(
         f"which reach out of the mesh by {1e3 * tree.errors[-1].bound:.3f} mm at most"
     )
     return tree, (note,)
+
+
+def coarsest_sphere_tree(mesh: Mesh, max_error: float, progress: Progress = silent) -> SphereTree:
+    """Build levels from the coarsest on; return the first that is proved to protrude by no more than `max_error` [m].
+
+    Raises InputError if `max_error` is no length, or no level meets it; MeshError as
+    `hhsim.trees.builder.build_sphere_tree`.
+    """
+    if not (math.isfinite(max_error) and max_error > 0.0):
+        raise InputError(f"the largest error is {max_error:g} m: it must be positive and finite")
+    bound = math.inf
+    for level in range(1, MOST_LEVEL + 1):
+        tree = cached_sphere_tree(mesh, TreeOptions(level=level), progress)
+        bound = tree.errors[-1].bound
+        if bound <= max_error:
+            return tree
+    finest = f"level {MOST_LEVEL}, the finest, protrudes by up to {1e3 * bound:.3g} mm"
+    raise InputError(f"{mesh.name}: no level is within {1e3 * max_error:g} mm; {finest}")
 
 
 def _pieces(triangles: FloatArray, most: int) -> FloatArray:

@@ -17,8 +17,9 @@ from hhsim.metrics.metrics import penetration
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNLIMITED, SolverOptions
-from hhsim.trees.cache import cached_sphere_tree, coarsest_sphere_tree
+from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
+from hhsim.trees.triangle_tree import coarsest_sphere_tree
 
 HAND = HandModel.default()
 BALL = bumpy_ball(1200)

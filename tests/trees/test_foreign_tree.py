@@ -13,8 +13,9 @@ from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.file import save_tree
-from hhsim.trees.foreign_tree import import_tree, load_tree_for, save_sph
+from hhsim.trees.foreign_tree import import_tree, save_sph
 from hhsim.trees.options import TreeOptions
+from hhsim.trees.replay_tree import load_tree_for
 from hhsim.trees.sphere_tree import SphereTree
 
 AWAY = np.array([0.3, -0.1, 0.05])
