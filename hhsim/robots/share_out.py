@@ -23,12 +23,11 @@ def share_out(names: Sequence[str], total: int, rough: Measure, measure: Measure
         rough: Returns larger errors, but soon: they tell which numbers are tried first.
         measure: Builds so many spheres for each link that it is given, and returns their errors.
     """
-    guess: Errors = {name: {} for name in names}
+    guess, errors = ({name: dict[int, float]() for name in names} for _ in range(2))
     even = {name: total // len(names) + (k < total % len(names)) for k, name in enumerate(names)}
     for shares in (dict.fromkeys(names, 1), even):
         _add(guess, shares, rough)
     _balance(guess, total, rough)
-    errors: Errors = {name: {} for name in names}
     _add(errors, _balanced(guess, total), measure)
     _balance(errors, total, measure)
     return errors

@@ -157,12 +157,10 @@ def find_fewest(
 ) -> LevelCover:
     """Find the cover with the fewest spheres, up to `most`, whose bound and gap are within an error [m].
 
-    Where a cover of two spheres or more was found otherwise, one of fewer, or else that.
-
-    The number is guessed by an error that falls with a power of it, until it is enclosed: one cover is within the
-    error, and one with at least `NEAR` of its spheres, or one less, is not; up to `PROBED` spheres those of `PROBES`
-    are not either, unless a cover was found before. An error does not fall with every single sphere, so a number in
-    between or below may do by luck.
+    Where a cover of two spheres or more was `found` otherwise, it is that or one of fewer. The number is guessed by an
+    error that falls with a power of it, until it is enclosed: one cover is within the error, and one with at least
+    `NEAR` of its spheres, or one less, is not; up to `PROBED` spheres those of `PROBES` are not either, unless one was
+    `found`. An error does not fall with every single sphere, so a number in between or below may do by luck.
     Raises InputError where `most` spheres are too few, or would be by far.
     """
     error: dict[int, float] = {}
@@ -177,9 +175,8 @@ def find_fewest(
             high, found = wanted, cover
         low = max([count for count in error if count < high and error[count] > max_error], default=0)
         if found is not None and (high - low <= 1 or low >= min(NEAR * high, most)):
-            probes = [math.floor(share * high) for share in PROBES] if high <= most_probed else []
-            probes = [probe for probe in probes if probe > 0 and probe not in error]
-            if not probes:
+            probes = [count for share in PROBES if (count := math.floor(share * high)) > 0 and count not in error]
+            if high > most_probed or not probes:
                 return found
             wanted = probes[0]
             continue
