@@ -48,6 +48,7 @@ COMMANDS = (
 """Runs that scenes and measures take kernels for, which no list of ticks has; each is verified and reported."""
 
 TWO_GLOVES = "--device left=sim,right=sim"
+"""Options of a session with a simulated glove on each hand."""
 
 
 def compile_all(cache: Path) -> str:

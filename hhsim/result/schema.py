@@ -104,9 +104,9 @@ OBJECT_FIELDS = (
 )
 """Output for a free object, the fields of `hhsim.kernels.free.record.ObjectRecord` in their order."""
 PAIR_FIELDS = (TickField("contact_body", shape=(64,)), TickField("other_point", "<f8", (64, 3)))
-"""Output for the contacts of several bodies, and the wrench of the others on each: the further fields of
-`hhsim.kernels.free.record.WorldRecord`."""
+"""Output for the contacts of several bodies: the body of each, and its point on the other body [m], world."""
 WRENCH_OF_BODIES = TickField("body_wrench", "<f8", (6,))
+"""Force [N] of the other bodies on one, and moment [N·m] about its centre, world."""
 
 
 def record_dtype(*fields: TickField) -> np.dtype[Any]:

@@ -26,7 +26,8 @@ class OneTick:
     """Tick of a scene that is solved again and again, by its machine code, or from Python.
 
     Attributes:
-        haptic: Input, each array with the hand as the first axis and one tick as the second; write it before a tick.
+        haptic: Input as of `HapticBlock` [m, rad], with the hand as the first axis and one tick as the second; write it
+            before a tick.
         record: Outcome, likewise; a tick whose pairs did not fit says so in its status.
         row: Outcome of the bodies if one is free, of `bodies_row`, shape (1,).
         kernel: Kernel that solves a begun tick, None where Python takes part.

@@ -203,7 +203,7 @@ def test_a_command_that_was_long_in_the_making_frees_the_fingers() -> None:
             session.clock.work(10 * PERIOD)
         solve()
 
-    session.loop.one_tick.solve = dawdle  # type: ignore[method-assign]
+    session.loop.one_tick.solve = dawdle
     session.run()
     assert session.ticks["command_stiffness"][119].max() == 0.3
     assert session.ticks["safety"][120] == Safety.OVERRUN_STREAK
@@ -284,7 +284,7 @@ def test_a_solver_that_raises_frees_the_fingers_and_the_loop_goes_on() -> None:
             raise ZeroDivisionError("on purpose")
         solve()
 
-    session.loop.one_tick.solve = fail  # type: ignore[method-assign]
+    session.loop.one_tick.solve = fail
     session.run()
     assert session.ticks["tick"].tolist() == [*range(100), *range(103, 121)], "there is nothing to replay in them"
     assert session.stiffness_at(99).max() == 0.3
@@ -301,7 +301,7 @@ def test_a_solver_that_is_full_frees_the_fingers() -> None:
         solve()
         session.loop.one_tick.record.status[:] |= STATUS_CAPACITY_EXCEEDED
 
-    session.loop.one_tick.solve = overflow  # type: ignore[method-assign]
+    session.loop.one_tick.solve = overflow
     session.run()
     assert ((session.ticks["safety"] & Safety.SOLVER_FAILED) != 0).all()
     assert (session.ticks["command_stiffness"] == 0.0).all()

@@ -30,7 +30,7 @@ class Planted(ScriptedSession):
                 action()
             sound()
 
-        self.loop.one_tick.solve = solve  # type: ignore[method-assign]
+        self.loop.one_tick.solve = solve
 
     def only_miss(self) -> Any:
         (row,) = self.ticks[self.ticks["missed"] > 0]
