@@ -11,7 +11,7 @@ from tools.notebooks import run, run_cell
 pytestmark = pytest.mark.slow
 
 NOTEBOOKS = sorted((REPOSITORY / "docs" / "tutorials").glob("*.ipynb"))
-LONG = {"own-mesh", "repair-folder", "robot-spheres"}
+LONG = {"own-mesh", "own-method", "repair-folder", "robot-spheres"}
 """Those that take more than half a minute of CPU time; `make soak` runs them."""
 EACH = pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
 

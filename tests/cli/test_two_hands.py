@@ -145,6 +145,7 @@ HINGED = (
 )
 
 
+@pytest.mark.soak
 def test_two_hands_and_an_object_with_a_hinge_are_replayed_by_one_command(run: Run, tmp_path: Path) -> None:
     right, left = (joint_sample(side).named(JOINT_ORDERS["mano"]) for side in SIDES)
     tips = joint_sample().named(("middle_tip",))[:, 0]

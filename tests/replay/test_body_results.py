@@ -143,7 +143,10 @@ def test_the_ticks_run_again_are_the_same_and_the_referee_finds_each_claim_true(
     assert not failed(results(name))
 
 
-@pytest.mark.parametrize(("object_", "motion", "name"), [("door", "swing", "hinge"), ("drawer", "shut", "slider")])
+@pytest.mark.parametrize(
+    ("object_", "motion", "name"),
+    [pytest.param("door", "swing", "hinge", marks=pytest.mark.soak), ("drawer", "shut", "slider")],
+)
 def test_the_referee_finds_the_joint_of_a_hasty_hand_true(object_: str, motion: str, name: str, tmp_path: Path) -> None:
     hasty = played(object_, hurried(motion, 1.2), tmp_path / "hurried.h5")
     claims = {claim.name: claim for claim in verify(hasty).claims}

@@ -16,6 +16,8 @@ from hhsim.scene.scene import open_scene
 from hhsim.scene.script import Script
 from hhsim.verify.verify import verify
 
+pytestmark = pytest.mark.soak
+
 PEG, HOLE = (f"bodies/{name}" for name in ("peg", "hole"))
 WEIGHT = 0.05 * 9.81
 THUMB, INDEX, FIXED = 2, 5, -3

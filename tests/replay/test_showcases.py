@@ -24,7 +24,7 @@ SHOWN = dict.fromkeys(
 """Commands, each once."""
 MADE = ("project_out:ProjectOut", "session.h5")
 """What lines before make by other commands than an import."""
-QUICK = ("hhsim replay cup handle", "hhsim replay blocks stack --surface mesh", describe("lift").line)
+QUICK = ("hhsim replay cup handle", describe("lift").line)
 MISSED = {describe("hand-over").line: {"force_ripple_hold", "force_step", "lag_ticks"}}
 """Figures over their limits, by the commands that docs/metrics.md names."""
 

@@ -382,6 +382,7 @@ def test_two_hands_at_a_lid_are_mirror_images_each_at_its_side(name: str) -> Non
         assert abs(alone.hands[0].ticks.position[:, 0]).max() < 1e-12
 
 
+@pytest.mark.soak
 def test_hands_that_meet_beside_parts_are_shown_apart(tmp_path: Path) -> None:
     motions, ticks = two_handed_motions("close"), slice(1800)
     right, left = (

@@ -120,6 +120,7 @@ def test_a_book_that_shuts_over_the_axis_of_a_finger_lets_it_out_where_it_came_i
     assert depth[~squeezed].max() == 0.0
 
 
+@pytest.mark.soak
 def test_a_hand_beside_a_lid_that_moves_stays_outside_of_every_part() -> None:
     rng = np.random.default_rng(4)
     count = 1100

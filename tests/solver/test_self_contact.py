@@ -175,6 +175,7 @@ def test_what_has_no_self_contact_says_so(method: str) -> None:
         SolverOptions(method=method, self_contact=True)
 
 
+@pytest.mark.soak
 def test_beside_a_free_object_fingers_meet_as_in_the_air_and_nothing_is_entered() -> None:
     far = box((0.02, 0.02, 0.02), FAR)
     free = FreeObject.of_mesh(far, gravity=(0.0, 0.0, 0.0))

@@ -10,10 +10,12 @@ from tools.honest_runs import KINDS, ROWS, Drawn, judged_run, main, margins
 
 SHORT = 0, 6, 7, 8, 9
 """A run of each kind that makes few trees."""
+QUICK = SHORT[:4]
+"""Those of several bodies take a minute."""
 MEETING = 42, 204
 """Runs in which hands that meet at a free object ended ticks up to 23 µm before they had arrived."""
 NO_SLIP = {"fixed", "parts"}
-MANY = [pytest.param(run, marks=() if run in (*SHORT, 42) else pytest.mark.soak) for run in (*range(40), *MEETING)]
+MANY = [pytest.param(run, marks=() if run in QUICK else pytest.mark.soak) for run in (*range(40), *MEETING)]
 
 
 @pytest.mark.parametrize("run", MANY)

@@ -57,6 +57,7 @@ def test_a_short_scene_is_clean_and_its_hands_touch(kind: str) -> None:
     assert bool(found.equations) == (kind != "fixed")
 
 
+@pytest.mark.soak
 def test_a_hand_that_bodies_squeezed_into_itself_follows_its_user_when_they_are_open_again(tmp_path: Path) -> None:
     case = draw("joint-driven", 0, 4, 1200)
     found = judge(case.ticks_of(load_result(played(case, tmp_path))), EVERY)

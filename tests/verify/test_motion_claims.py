@@ -214,7 +214,9 @@ def test_frames_have_the_rate_that_the_file_says(result: Result, tmp_path: Path)
     assert claims(planted(result.path, tmp_path, stretched))["time"].failed
 
 
-@pytest.mark.parametrize(("thing", "motion"), [("drawer", "shut"), ("door", "swing")])
+@pytest.mark.parametrize(
+    ("thing", "motion"), [("drawer", "shut"), pytest.param("door", "swing", marks=pytest.mark.soak)]
+)
 def test_the_motion_of_several_things_is_made_once_more(tmp_path: Path, thing: str, motion: str) -> None:
     """Its script finds the place by the name of the scene, which the first thing's mesh does not have."""
     path = tmp_path / "things.h5"

@@ -47,6 +47,7 @@ def test_a_total_is_shared_out_by_error(run: Run, tmp_path: Path) -> None:
     assert max(each["bound"] for each in links.values()) < max(each["bound"] for each in even)
 
 
+@pytest.mark.soak
 def test_an_error_is_kept_by_the_fewest_spheres_of_each_link(run: Run, tmp_path: Path) -> None:
     write_arm(tmp_path)
     answer = run("build-tree", "arm.urdf", "--max-error", "20mm", "--link", "base", "--as", "h5", "--json")
