@@ -262,9 +262,10 @@ def _slips(motion: FreeMotion) -> list[Claim]:
     # and how far it was off is not in the file: the step tolerance is of the hand beside it.
     untold = motion.of_table & ~motion.of_other & (motion.of_hands("work/linearisations")[motion.tick] > 2)
     untold &= np.isfinite(motion.slip)
-    # Where a hand was put that began inside is not in the file.
+    # Where a hand was put that began inside is not in the file, so that its slip is what the file says.
     put = (np.asarray(motion.result["status"])[motion.tick] & START_INSIDE != 0) & ~motion.of_table
     known = motion.follows[motion.tick] & ~untold & ~put
+    own = np.where(put, np.maximum(own, motion.slip), own)
     off_by, says = np.abs(own - motion.slip), "the slip of a contact along the surface is that of the two bodies"
     why = "a nanometre, and what the turns of the tick add to the solver's straight steps, to second order"
     note = f"not of {counted(int(untold.sum()), 'contact')} with the table in ticks of three programs or more"

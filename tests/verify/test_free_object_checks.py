@@ -19,6 +19,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import quaternion, quaternion_product
+from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.result.reader import Result, load_result
@@ -76,6 +77,21 @@ def test_the_figures_are_those_of_the_contacts_one_by_one(honest: Result) -> Non
     assert {name: honest.summary[name] for name in expected} == pytest.approx(expected, rel=1e-9, abs=1e-12)
     assert "tracking_excess" not in honest.summary
     assert not [claim for claim in metric_claims(honest) if claim.failed]
+
+
+@pytest.mark.parametrize(("status", "found"), [(STATUS_START_INSIDE, set()), (0, {"slip", "balanced"})])
+def test_the_slip_of_a_hand_that_began_inside_is_what_the_file_says(
+    honest: Result, tmp_path: Path, status: int, found: set[str]
+) -> None:
+    """It was put beside the object first, by a way that the file does not have."""
+
+    def slid(file: h5py.File) -> None:
+        of_hand = np.flatnonzero((file["contact/tick"][...] == TICK) & (FreeMotion(honest).touching >= 0))
+        file["contact/slip"][of_hand] = 1e-4
+        file["bodies/cylinder/tick/friction_residual"][TICK] = 1e-4 * honest.body.properties["friction"]
+        file["hands/right/tick/status"][TICK] |= status
+
+    assert failing(planted(honest.path, tmp_path, slid)) & {"slip", "balanced"} == found
 
 
 def test_the_referee_finds_energy_that_nobody_gave(honest: Result, tmp_path: Path) -> None:
