@@ -83,10 +83,30 @@ def sample_examples(items: list[pytest.Item], soak: bool) -> None:
         test._hypothesis_internal_use_settings = part
 
 
+def leave_to_soak(items: list[pytest.Item], whole: bool) -> None:
+    """Have those cases of a test in the soak that its `quick` marker does not name.
+
+    Raises:
+        pytest.UsageError: It names a case that there is none of, where the whole suite is collected.
+    """
+    missing: dict[str, set[str]] = {}
+    for item in items:
+        mark = item.get_closest_marker("quick")
+        if mark is not None and isinstance(item, pytest.Function):
+            case, test = item.callspec.id, item.nodeid.partition("[")[0]
+            missing.setdefault(test, set(mark.args)).discard(case)
+            if case not in mark.args:
+                item.add_marker(pytest.mark.soak)
+    wrong = [f"{test}[{case}]" for test, cases in missing.items() for case in sorted(cases)]
+    if whole and wrong:
+        raise pytest.UsageError(f"quick names cases that there are none of: {', '.join(wrong)}")
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Begin with the files that take longest, so that no worker is left with one of them at the end."""
     sample_examples(items, soak=config.option.markexpr == "soak")
+    leave_to_soak(items, whole=config.args_source is pytest.Config.ArgsSource.TESTPATHS)
     long = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: item.path not in long)
 

@@ -19,14 +19,17 @@ def collision(shape: str, origin: str = "") -> str:
     return f"\n    <collision>\n      {place}<geometry>{shape}</geometry>\n    </collision>"
 
 
-def write_arm(folder: Path) -> Path:
-    """Write `arm.urdf` and its mesh: base, turret, upper, lower, a frame without shapes, a ball, and two fingers."""
+def write_arm(folder: Path, links: int = 8) -> Path:
+    """Write `arm.urdf` and its mesh: base, turret, upper, lower, a ball, a frame without shapes, and two fingers.
+
+    Of these so many, from the base on.
+    """
     write_box(folder / "box.obj")
     places = {"turret": 'xyz="0 0 0.1"', "upper": 'xyz="0 0 0.1" rpy="0.1 0.2 0.3"', "lower": 'xyz="0 0 0.12"'}
-    links = [link(name, collision(shape, places.get(name, ""))) for name, shape in SHAPES.items()]
+    made = [link(name, collision(shape, places.get(name, ""))) for name, shape in SHAPES.items()]
     finger = collision('<box size="0.02 0.01 0.06"/>') + collision('<sphere radius="0.012"/>', 'xyz="0 0 0.03"')
     seen = "<!-- > </link> --><visual><geometry><box size='1 1 1'/></geometry></visual>"
-    links += [link("frame", seen), link("left", finger), link("right", finger)]
+    made += [link("frame", seen), link("left", finger), link("right", finger)]
     follow = '<mimic joint="left_joint" multiplier="-1"/>'
     joints = [
         joint("base", "turret", "continuous", origin='xyz="0 0 0.05"'),
@@ -39,6 +42,6 @@ def write_arm(folder: Path) -> Path:
     ]
     path = folder / "arm.urdf"
     path.write_text(
-        "\n  ".join([urdf(*links[:3], name="arm").replace("</robot>", ""), *links[3:], *joints, "</robot>"])
+        "\n  ".join([urdf(*made[:links], name="arm").replace("</robot>", ""), *joints[: links - 1], "</robot>"])
     )
     return path

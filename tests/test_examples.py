@@ -90,6 +90,7 @@ for cell in json.load(open(sys.argv[1], encoding="utf-8"))["cells"]:
 """
 
 
+@pytest.mark.soak
 def test_the_notebook_runs_cell_by_cell(examples: Path, tmp_path: Path) -> None:
     document = json.loads((examples / "notebook.ipynb").read_text(encoding="utf-8"))
     assert (document["nbformat"], document["nbformat_minor"]) == (4, 5)
@@ -136,6 +137,7 @@ def test_the_kinematics_of_the_header_are_those_of_the_hand(cpp_method: Any, sid
         np.testing.assert_allclose(method.joints(pose), hand.joints(*pose), rtol=0.0, atol=1e-12)
 
 
+@pytest.mark.soak
 def test_a_method_in_cpp_can_be_measured(cpp_method: Any) -> None:
     found = {finding.name: finding.verdict for finding in check_method("cpp_method:CppMethod")}
     assert found == {**dict.fromkeys(found, OK), "depth": NOTE}, "phalanges between its balls are not looked at"

@@ -11,8 +11,8 @@ from tools.notebooks import run, run_cell
 pytestmark = pytest.mark.slow
 
 NOTEBOOKS = sorted((REPOSITORY / "docs" / "tutorials").glob("*.ipynb"))
-LONG = {"own-mesh", "own-method", "repair-folder", "robot-spheres"}
-"""Those that take more than half a minute of CPU time; `make soak` runs them."""
+LONG = {path.stem for path in NOTEBOOKS} - {"compare-methods"}
+"""Those that `make soak` runs: each takes from ten seconds of CPU time to minutes."""
 EACH = pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
 
 

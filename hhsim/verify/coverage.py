@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
+from functools import cache
 from typing import Any
 
 import h5py
@@ -143,6 +144,7 @@ def _labels(stated: Mapping[str, Any]) -> Iterator[str]:
             yield name
 
 
+@cache
 def judges(item: str) -> frozenset[str]:
     """Return the names of the claims that may judge an item."""
     found = {claim for claim, patterns in JUDGES.items() if any(fnmatchcase(item, of) for of in patterns.split())}

@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
+from hhsim.kernels.tick import state
 from hhsim.kernels.tick.state import (
     STATUS_INPUT_INVALID,
+    STATUS_START_INSIDE,
     UNITS_CONTACT,
     UNITS_LINEARISATION,
     UNITS_NODE_TEST,
@@ -33,7 +35,7 @@ SAMPLES = 10_000
 """Number of random points on the mesh, uniform by area, besides vertices and edge midpoints."""
 COVER = 1e-9
 """Tolerance of a point outside all leaves [m]."""
-KNOWN_STATUS = 63
+KNOWN_STATUS = sum(flag for name, flag in vars(state).items() if name.startswith("STATUS_"))
 LARGEST, LEAST_SQUARE = 1e6, 1e-12
 """Limits of a usable hand: sum of its absolute values [m, rad], and squared length of its quaternion."""
 STAMP = 1e-9
@@ -45,12 +47,13 @@ DURATIONS = ("detect", "palm", "fingers", "force", "total")
 
 def file_claims(result: Result) -> list[Claim]:
     """Judge the claims that need no geometry but the tree's."""
-    unknown, ticks = (result["status"] < 0) | (result["status"] > KNOWN_STATUS), np.arange(result.ticks)
+    status, ticks = np.asarray(result["status"]), np.arange(result.ticks)
+    wrong = (status & ~KNOWN_STATUS != 0) | ((status & STATUS_START_INSIDE != 0) & (ticks > 0))
     return [
         *(judge(result) for judge in (_complete, _checksums, _time, _input)),
         columns_claim(result),
         *_phases(result),
-        all_true("status", "every tick's status is made of known flags", unknown, ticks=ticks),
+        all_true("status", "statuses are made of known flags, and only the first begins inside", wrong, ticks=ticks),
         _durations(result),
         *_work(result),
         *(judge(result) for judge in (_tree_order, _tree_encloses, cover)),

@@ -28,6 +28,7 @@ def rows() -> list[dict[str, Any]]:
     return measure(FEW)
 
 
+@pytest.mark.soak
 def test_rows_say_what_was_built(rows: list[dict[str, Any]]) -> None:
     built = [row for row in rows if not row["is_reference"]]
     assert [(row["method"], row["asked"], row["level"]) for row in built] == [("certified", 8, 1), ("certified", 60, 2)]
@@ -70,6 +71,7 @@ def test_what_is_a_miss() -> None:
     assert missed_bars([slow], with_times=True) == ["cube, 512 spheres: 2.1 s of CPU time, limit 2.0 s"]
 
 
+@pytest.mark.soak
 def test_the_command_writes_three_files(run: Run, tmp_path: Path, few_points: None) -> None:
     answer = run(*SMALL, "--out", "a.h5", "--size", "50")
     assert answer.code == 0, answer.err
@@ -84,6 +86,7 @@ def test_the_command_writes_three_files(run: Run, tmp_path: Path, few_points: No
     assert "protrusion_max [m]" in (tmp_path / "a.csv").read_text().splitlines()[0]
 
 
+@pytest.mark.soak
 def test_the_command_as_json_and_a_missed_bar(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, few_points: None
 ) -> None:

@@ -104,6 +104,7 @@ def test_refusals_are_one_line_and_leave_nothing(run: Run, damaged: Path, tmp_pa
     assert not list(tmp_path.glob("**/*.h5"))
 
 
+@pytest.mark.soak
 def test_a_left_hand_replays_as_one(run: Run, repository: Path, tmp_path: Path) -> None:
     sample = repository / "trajectories" / "finger-tap.h5"
     code, out, err = run("import", str(sample), "--other-hand", "--out", "left.h5")

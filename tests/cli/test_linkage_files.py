@@ -29,17 +29,21 @@ def work(tmp_path: Path) -> Path:
 
 
 def test_a_file_of_one_link_is_replayed_as_its_mesh_and_free_with_its_mass(run: Run, work: Path) -> None:
-    answer = run("replay", "block.urdf", "short.toml", "--out", "one.h5")
+    answer = run("replay", "block.urdf", "short.toml", "--out", "one.h5", "--level", "2")
     assert answer.code == 0, answer.err
     assert answer.out.startswith("block, short, coupled: 200 ticks\n")
     result = load_result(work / "one.h5")
     assert result.scene["object"] == "block.urdf" and result["contacts/candidates"].max() > 0
     assert run("replay", "one.h5").code == 0
-    answer = run("replay", "block.urdf", "short.toml", "--free", "--out", "free.h5", "--ticks", "20")
+    answer = run(
+        *("replay", "block.urdf", "short.toml", "--free", "--surface", "mesh"),
+        *("--level", "1", "--out", "free.h5", "--ticks", "20"),
+    )
     assert answer.code == 0, answer.err
     assert load_result(work / "free.h5").body.properties["mass"] == 0.3
 
 
+@pytest.mark.soak
 def test_a_joint_goes_as_the_motion_has_it(run: Run, work: Path) -> None:
     answer = run("replay", "pot.urdf", "opens.toml", "--out", "moved.h5", "--level", "2")
     assert answer.code == 0, answer.err
@@ -52,7 +56,10 @@ def test_a_joint_goes_as_the_motion_has_it(run: Run, work: Path) -> None:
 
 
 def test_links_are_free_with_their_joints(run: Run, work: Path) -> None:
-    answer = run("replay", "pot.urdf", "short.toml", "--free", "--ticks", "5", "--out", "both.h5")
+    answer = run(
+        *("replay", "pot.urdf", "short.toml", "--free", "--surface", "mesh"),
+        *("--level", "1", "--ticks", "5", "--out", "both.h5"),
+    )
     assert answer.code == 0, answer.err
     result = load_result(work / "both.h5")
     assert list(result.bodies) == ["block", "lid"]

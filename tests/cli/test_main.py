@@ -201,6 +201,7 @@ def test_a_tree_is_built_measured_and_written(run: Run, tmp_path: Path) -> None:
     assert len(list((tmp_path / "results").glob("*-cube-tree-1.h5"))) == 1
 
 
+@pytest.mark.soak
 def test_trees_of_so_many_leaves_or_within_an_error(run: Run, tmp_path: Path) -> None:
 
     document = run("build-tree", "cube", "--leaves", "100", "--json", "--threads", "2").document()

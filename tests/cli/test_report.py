@@ -44,6 +44,7 @@ def test_a_report_is_made_and_told(run: Run, tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.soak
 def test_several_results_are_told_to_machines(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # What is drawn is tested elsewhere, and takes time.
     leave_report_undrawn(monkeypatch)
@@ -88,6 +89,7 @@ def test_the_command_that_made_a_result_is_told_as_it_was_typed(run: Run, tmp_pa
     assert told["again"] == ["hhsim view x.h5", "hhsim verify x.h5", "hhsim replay x.h5"]
 
 
+@pytest.mark.soak
 def test_a_figure_is_a_file_of_its_own(run: Run, tmp_path: Path) -> None:
     short_result(tmp_path / "x.h5")
     answer = run("report", "x.h5", "--figure", "series", "--width", "88mm", "--out", "fig.pdf")

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
+import pytest
 from conftest import Run
 from joint_samples import joint_sample, openxr_csv
 
@@ -64,6 +65,7 @@ def test_what_is_suspected_is_said_and_the_exit_code_is_1(run: Run, tmp_path: Pa
     assert "millimetres?" in json.loads(found.out)["suspicions"][0]
 
 
+@pytest.mark.soak
 def test_two_hands_and_a_free_body_are_scored_and_other_blocks_are_refused(run: Run, tmp_path: Path) -> None:
     both = ("cube", "lift-both", "--hands", "both", "--free", "--rate", "100", "--level", "2")
     made = run("scene", *both, "--out", "s", "--json")

@@ -37,6 +37,7 @@ def both(run: Run, tmp_path: Path, kept: dict[str, bytes]) -> Path:
     return path
 
 
+@pytest.mark.soak
 def test_it_is_verified_and_run_again_hand_by_hand(run: Run, both: Path) -> None:
     answer = run("replay", "both.h5")
     assert (answer.code, answer.out.count("identical in every tick")) == (0, 1)
@@ -47,6 +48,7 @@ def test_it_is_verified_and_run_again_hand_by_hand(run: Run, both: Path) -> None
     assert found.code == 0 and list(json.loads(found.out)["hands"]) == ["right", "left"]
 
 
+@pytest.mark.soak
 def test_it_is_judged_shown_and_reported(run: Run, both: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     answer = run("gate", "both.h5", "--json")
     rows = json.loads(answer.out)["rows"]

@@ -242,6 +242,7 @@ REGRESSIONS: dict[str, tuple[Callable[[Path], object], str]] = {
 """What a change may do to a project, and the line that names the scene and the figure."""
 
 
+@pytest.mark.soak
 def test_what_is_not_hhsims_own_is_gated_and_green(project: Path, gate: Gate) -> None:
     answer = gate(project, "--json")
     assert answer.code == 0, answer.out + answer.err
@@ -290,6 +291,7 @@ def test_a_pointer_that_git_lfs_left_is_named_once(head: Path, gate: Gate) -> No
         assert f"hhsim: error: {scene}: " in answer.err and sys.executable not in answer.err
 
 
+@pytest.mark.soak
 def test_another_motion_is_judged_by_its_figures_where_the_suite_says_so(head: Path, gate: Gate) -> None:
     only(head, "recording")
     write_recording(head / "recording.csv", 0.05)
@@ -320,6 +322,7 @@ def test_what_a_method_no_longer_tells_is_lost(head: Path, gate: Gate, old: str,
     assert f"{lost}: no longer told by the method, and the base has it" in answer.err
 
 
+@pytest.mark.soak
 def test_a_scene_that_the_base_lacks_is_judged_by_its_limits(
     project: Path, head: Path, tmp_path: Path, gate: Gate
 ) -> None:
@@ -333,6 +336,7 @@ def test_a_scene_that_the_base_lacks_is_judged_by_its_limits(
         assert answer.code == 0 and f"{scene}, inputs: new, so judged by limits alone" in answer.out, answer.out
 
 
+@pytest.mark.soak
 def test_a_base_folder_has_the_files_of_the_base(project: Path, head: Path, gate: Gate) -> None:
     only(head, "method")
     method("EXTRA_WORK = 0", "EXTRA_WORK = 900")(head)
@@ -343,6 +347,7 @@ def test_a_base_folder_has_the_files_of_the_base(project: Path, head: Path, gate
     assert "no such folder" in gate(head, "--base-folder", "nowhere").err
 
 
+@pytest.mark.soak
 def test_a_result_is_judged_the_same_in_every_folder(project: Path, tmp_path: Path) -> None:
     """The module of its method, a suite and a baseline of the folder change nothing."""
     path = tmp_path / "own.h5"

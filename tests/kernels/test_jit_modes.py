@@ -124,6 +124,7 @@ def test_the_run_exercises_contact(folder: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", [pytest.param("checked", marks=pytest.mark.soak), "python"])
+@pytest.mark.soak
 def test_results_are_equal_to_rounding(folder: Path, mode: str) -> None:
     compiled, other = computed(folder, "compiled"), computed(folder, mode)
     assert compiled.keys() == other.keys()

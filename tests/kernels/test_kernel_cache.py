@@ -126,6 +126,7 @@ def test_the_digest_follows_every_kernel_that_a_module_takes_a_function_from(pat
     assert used <= set(imported_kernels(module))
 
 
+@pytest.mark.soak
 def test_what_is_compiled_for_a_foreign_type_lies_apart(tmp_path: Path) -> None:
     script = (
         "import numpy as np, surface; from hhsim.kernels.contact.surface import cone_distance\n"
@@ -181,6 +182,7 @@ def test_two_that_compile_at_once_never_share_a_file(tmp_path: Path) -> None:
     assert len(list(tmp_path.glob("*.nbc"))) == 2
 
 
+@pytest.mark.soak
 def test_checked_and_unchecked_kernels_are_kept_apart(tmp_path: Path) -> None:
     script = "import hhsim.kernels.kernel_cache as cache; print(cache.module_cache('hhsim.kernels.tick.block').name)"
     kinds: list[dict[str, str]] = [{}, {"NUMBA_BOUNDSCHECK": "1"}, {"HHSIM_CPU": "native"}]

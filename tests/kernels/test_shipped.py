@@ -68,6 +68,7 @@ def test_a_shipped_kernel_is_loaded_and_nothing_is_compiled_or_written(wheel: Pa
 
 
 @pytest.mark.parametrize("fault", ["damaged", "missing", "unlisted"])
+@pytest.mark.quick("damaged")
 def test_a_file_that_is_not_what_was_built_is_named_and_not_run(wheel: Path, tmp_path: Path, fault: str) -> None:
     (path,) = wheel.rglob("*.nbc")
     if fault == "damaged":

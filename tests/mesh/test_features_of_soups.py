@@ -254,6 +254,7 @@ def goes_around(triangles: FloatArray, point: FloatArray) -> bool:
     ("kind", "first"),
     sampled([(kind, first) for first in range(0, 336, 2) for kind in SOUPS], lambda i, _: i < len(SOUPS)),
 )
+@pytest.mark.soak
 def test_the_least_over_features_is_the_least_over_triangles(kind: str, first: int) -> None:
     judged = 0
     for seed in range(first, first + 2):

@@ -62,6 +62,9 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
+@pytest.mark.quick(
+    "sheet", "two boxes that cross, one inside out", "boxes that touch, and a sheet", "three leaves on an edge"
+)
 def test_a_tree_covers_the_triangles_of_a_mesh_that_is_no_solid(name: str) -> None:
     given, point, is_inside = CASES[name]
     mesh = kept(given)

@@ -150,6 +150,7 @@ def finned() -> MeshInRepair:
         return solid_surface(*fin_on_ball(), "test")
 
 
+@pytest.mark.soak
 def test_a_bent_hole_is_filled_by_winding_number_and_a_fin_left_out(finned: MeshInRepair) -> None:
     (vertices, faces), surface = fin_on_ball(), finned
     assert "its inside is taken to be where the winding number exceeds 1/2" in surface.repairs[0]
@@ -164,6 +165,7 @@ def test_a_bent_hole_is_filled_by_winding_number_and_a_fin_left_out(finned: Mesh
 
 
 @pytest.mark.usefixtures("coarse")
+@pytest.mark.soak
 def test_the_result_does_not_depend_on_place_and_unit_beyond_rounding(finned: MeshInRepair) -> None:
     (vertices, faces), here = fin_on_ball(), finned
     there = solid_surface(1000.0 * vertices + 5000.0, faces, "test", unit_length=0.001)
@@ -188,6 +190,7 @@ def test_an_open_ball_becomes_a_shell_of_the_thickness() -> None:
 
 
 @pytest.mark.usefixtures("coarse")
+@pytest.mark.soak
 def test_a_sheet_of_many_triangles_is_meshed_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     ball = sphere(0.08, subdivisions=2)
     lower = ball.faces[ball.triangles.mean(axis=1)[:, 2] < 0.0]

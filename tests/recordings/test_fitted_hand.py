@@ -34,6 +34,7 @@ def test_a_hand_of_another_size_is_found(side: Side, radii: bool) -> None:
     assert np.abs(joints[:, :3] - own[:, :3]).max() < 5e-6
 
 
+@pytest.mark.soak
 def test_a_tracker_whose_bones_breathe_gives_one_hand() -> None:
     still, noisy = (
         HandModel.of_text(fitted_hand(read_as("openxr", openxr_csv(joint_sample(count=400, noise=noise))), "")[1], "")

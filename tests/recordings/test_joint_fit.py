@@ -50,6 +50,7 @@ def wave(hand: HandModel, count: int, seed: int, share: float = 0.8) -> tuple[Fl
 
 @settings(max_examples=15, deadline=None)
 @given(side=st.sampled_from(SIDES), length=st.floats(0.15, 0.21), seed=st.integers(0, 10_000), count=st.integers(1, 30))
+@pytest.mark.soak
 def test_known_angles_come_back(side: Side, length: float, seed: int, count: int) -> None:
     hand = HandModel.default(side, hand_length=length)
     random = np.random.default_rng(seed)
@@ -122,6 +123,7 @@ def test_a_finger_that_leaves_its_plane_does_not_flip() -> None:
 
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize(("along", "across"), [(0.0, 0.35), (0.3, -0.3), (-0.05, 0.6)])
+@pytest.mark.quick("0.3--0.3-right", "-0.05-0.6-left")
 def test_a_thumb_with_a_rolled_plane_is_fitted(side: Literal["right", "left"], along: float, across: float) -> None:
     hand, axes = HandModel.default(side), turned_axes(side, along, across)
     flexion, abduction = wave(hand, 150, 3)
@@ -181,6 +183,7 @@ def test_limits_hold_the_recorded_motion_and_the_usual_one_within_anatomy() -> N
 
 
 @pytest.mark.parametrize("side", SIDES)
+@pytest.mark.quick("left")
 def test_a_fitted_hand_holds_its_motion_without_a_cut(side: Side) -> None:
     sample = joint_sample(side, count=200, noise=0.003)
     moved, text = fitted_hand(read_as("openxr", openxr_csv(sample, side)), "take.csv")

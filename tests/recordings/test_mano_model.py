@@ -109,6 +109,7 @@ def test_nothing_in_a_pickle_runs(tmp_path: Path) -> None:
     assert not made.exists()
 
 
+@pytest.mark.soak
 def test_what_is_no_model_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "model.pkl"
     fields = any_fields()

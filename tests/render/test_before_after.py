@@ -58,6 +58,7 @@ def test_what_stands_inside_is_red_and_only_that(tmp_path: Path) -> None:
     assert red[0, 2] > red[0, 0]
 
 
+@pytest.mark.soak
 def test_chosen_frames_are_drawn_in_their_order(tmp_path: Path) -> None:
     path = tmp_path / "worst.png"
     before = fingers(DEPTH)

@@ -12,6 +12,7 @@ from hhsim.trees.options import TreeOptions
 from tools.shapes.generators import cube
 
 
+@pytest.mark.soak
 def test_it_draws_a_tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hhsim.render.tree_figure.PIXELS", 150)
     path = tmp_path / "cube.png"

@@ -40,6 +40,7 @@ def document() -> dict[str, Any]:
     return {"metadata": {"formatVersion": 1, "frames": len(frames), "generatedBy": "LeapJS"}, "frames": frames}
 
 
+@pytest.mark.soak
 def test_one_command_frees_both_hands_in_one_file(
     run: Run, tmp_path: Path, document: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -35,6 +35,7 @@ def lines() -> list[str]:
     ]
 
 
+@pytest.mark.soak
 def test_what_has_settled_is_as_in_the_whole_recording_and_comes_in_time() -> None:
     follower, found, waited = (
         Follower(BODIES, latency=LATENCY, hand="right", max_correction=LIMIT),

@@ -13,6 +13,7 @@ from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS
 from hhsim.repair.recorded_scene import model_joints
 
 
+@pytest.mark.soak
 def test_each_episode_of_a_data_set_is_repaired_and_the_rest_stays(repository: Path, tmp_path: Path) -> None:
     pyarrow = pytest.importorskip("pyarrow", reason="LeRobot's data sets are Parquet files")
     from pyarrow import parquet

@@ -155,6 +155,7 @@ def joints_of(path: Path, side: Side = "right") -> FloatArray:
     return read
 
 
+@pytest.mark.soak
 def test_no_part_is_entered_in_any_frame(freed: tuple[RepairRequest, RepairOutcome]) -> None:
     request, outcome = freed
     angle = time_and_angles()[1]
@@ -169,6 +170,7 @@ def test_no_part_is_entered_in_any_frame(freed: tuple[RepairRequest, RepairOutco
     assert outcome.figures["depth_cones_max_after"] == outcome.figures["volume_exact_max_after"] == 0.0
 
 
+@pytest.mark.soak
 def test_a_frame_without_a_need_stays_as_it_was(freed: tuple[RepairRequest, RepairOutcome]) -> None:
     request, _ = freed
     with np.load(request.recording) as before, np.load(request.out) as after:
@@ -179,6 +181,7 @@ def test_a_frame_without_a_need_stays_as_it_was(freed: tuple[RepairRequest, Repa
     assert moved[-4:].all()
 
 
+@pytest.mark.soak
 def test_the_result_shows_the_parts_where_they_are(freed: tuple[RepairRequest, RepairOutcome], run: Run) -> None:
     request, _ = freed
     result = load_result(request.beside(RESULT))
@@ -190,12 +193,14 @@ def test_the_result_shows_the_parts_where_they_are(freed: tuple[RepairRequest, R
     assert run("verify", str(request.beside(RESULT)), "--quiet").code == 0
 
 
+@pytest.mark.soak
 def test_voxels_of_parts_that_move_are_no_figure(freed: tuple[RepairRequest, RepairOutcome]) -> None:
     names = {name for name in freed[1].figures if name.startswith("volume")}
     assert names == {f"volume_exact_{kind}_{when}" for kind in ("mean", "max") for when in ("before", "after")}
 
 
 @pytest.mark.usefixtures("no_picture")
+@pytest.mark.soak
 def test_a_thing_that_is_carried_gives_the_same_correction(
     freed: tuple[RepairRequest, RepairOutcome], tmp_path: Path
 ) -> None:
@@ -233,6 +238,7 @@ def write_two_hands(folder: Path, frames: int, late: int = 0) -> None:
 BOTH = ("--object", "laptop.toml", "--hands", "both", "--max-correction", "150", "--out", "free.json", "--json")
 
 
+@pytest.mark.soak
 def test_both_hands_are_freed_by_one_command(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     leave_pictures_white(monkeypatch)
     angle = time_and_angles()[1]
@@ -250,6 +256,7 @@ def test_both_hands_are_freed_by_one_command(run: Run, tmp_path: Path, monkeypat
 
 
 @pytest.mark.usefixtures("no_picture")
+@pytest.mark.soak
 def test_joints_begin_with_the_first_of_both_hands(run: Run, tmp_path: Path) -> None:
     write_two_hands(tmp_path, 5, late=2)
     (tmp_path / "lid.csv").write_text("t,angle\n0.0,1.0\n1.0,2.0\n")

@@ -142,6 +142,7 @@ def test_the_command_prints_the_table_and_names_its_files(run: Run, tmp_path: Pa
 
 
 @pytest.mark.usefixtures("no_picture")
+@pytest.mark.soak
 def test_an_object_may_be_a_urdf(run: Run, tmp_path: Path) -> None:
     recorded(tmp_path)
     (tmp_path / "ball.obj").write_text(load_object("sphere").mesh.obj())

@@ -96,6 +96,7 @@ def test_the_door_opens_and_stays_where_the_hand_leaves_it(results: Callable[[st
     np.testing.assert_allclose(turned + place - (place[0] + hinge), 0.0, atol=1e-9)
 
 
+@pytest.mark.soak
 def test_the_drawer_shuts_and_what_lies_on_it_slides_on_where_it_stops(results: Callable[[str], Result]) -> None:
     result = results("drawer")
     place, box = (column(result, name, "position") for name in ("drawer", "box"))
@@ -106,6 +107,7 @@ def test_the_drawer_shuts_and_what_lies_on_it_slides_on_where_it_stops(results: 
     assert not np.asarray(result["status"]).any()
 
 
+@pytest.mark.soak
 def test_the_chest_is_lifted_with_its_lid_and_set_down_on_the_tray_that_has_gone_on(
     results: Callable[[str], Result],
 ) -> None:
@@ -135,6 +137,7 @@ def test_each_body_has_its_poses_and_forces(results: Callable[[str], Result]) ->
 
 
 @pytest.mark.parametrize("name", ["door", "drawer", "chest", "blocks"])
+@pytest.mark.quick("door", "blocks")
 def test_the_ticks_run_again_are_the_same_and_the_referee_finds_each_claim_true(
     results: Callable[[str], Result], name: str
 ) -> None:
@@ -147,6 +150,7 @@ def test_the_ticks_run_again_are_the_same_and_the_referee_finds_each_claim_true(
     ("object_", "motion", "name"),
     [pytest.param("door", "swing", "hinge", marks=pytest.mark.soak), ("drawer", "shut", "slider")],
 )
+@pytest.mark.soak
 def test_the_referee_finds_the_joint_of_a_hasty_hand_true(object_: str, motion: str, name: str, tmp_path: Path) -> None:
     hasty = played(object_, hurried(motion, 1.2), tmp_path / "hurried.h5")
     claims = {claim.name: claim for claim in verify(hasty).claims}
@@ -168,6 +172,7 @@ def test_the_referee_finds_the_joint_of_a_hasty_hand_true(object_: str, motion: 
         ("chest", "tray/tick/recorded_position", HELD, [0.0, 1e-8, 0.0], "driven"),
     ],
 )
+@pytest.mark.quick("door-leaf/tick/position-2000-add0-hinge", "door-leaf/tick/hand_wrench-2000-add1-hinge")
 def test_the_referee_finds_a_planted_fault(
     results: Callable[[str], Result],
     tmp_path: Path,
@@ -192,6 +197,7 @@ def test_the_referee_finds_a_planted_fault(
         ("drawer", "slider", {"axis": [1e-6, 1.0, 0.0]}),
     ],
 )
+@pytest.mark.quick("door-hinge-change0")
 def test_the_referee_finds_another_joint_than_that_of_the_run(
     results: Callable[[str], Result], tmp_path: Path, object_: str, joint: str, change: dict[str, Any]
 ) -> None:
@@ -201,6 +207,7 @@ def test_the_referee_finds_another_joint_than_that_of_the_run(
     assert joint in failed(load_result(path))
 
 
+@pytest.mark.soak
 def test_what_stops_a_driven_body_is_told(tmp_path: Path) -> None:
     scene = open_scene(body_file(tmp_path, *PRESSED), "never", solid=False, level=2)
     summary = replay_scene(scene, MESH, tmp_path / "press.h5")
@@ -213,6 +220,7 @@ def test_what_stops_a_driven_body_is_told(tmp_path: Path) -> None:
     assert not failed(found)
 
 
+@pytest.mark.soak
 def test_a_first_body_on_another_one_is_read_run_again_and_judged(tmp_path: Path) -> None:
     result = played(body_file(tmp_path, *ON_ANOTHER), "stack", tmp_path / "two.h5", TICKS)
     assert set(result.contacts["body"].tolist()) == {-3}, "it touches the second body alone"
@@ -223,6 +231,7 @@ def test_a_first_body_on_another_one_is_read_run_again_and_judged(tmp_path: Path
     assert {"Newton", "between bodies", "bodies apart"} <= claims.keys()
 
 
+@pytest.mark.soak
 def test_a_scene_of_free_bodies_runs_on_spheres_of_its_usual_level(tmp_path: Path) -> None:
     scene = open_scene("door", "swing")
     replay_scene(scene.first(TICKS), SolverOptions(), tmp_path / "door.h5")

@@ -25,6 +25,15 @@ from hhsim.replay.conformance import NOTE, OK, WRONG, check_method
         ("Lazy", "first tick", NOTE, "prepare in __init__"),
     ],
 )
+@pytest.mark.quick(
+    "Millimetres-free space-wrong-millimetres?",
+    "TurnedForces-forces-wrong-turned?",
+    "Boasts-run-wrong-native_ns of 1000000000000000: expected 0 to",
+    "Raises-run-wrong-ZeroDivisionError",
+    "NoTick-import-wrong-lacks tick",
+    "NotBuilt-installed-wrong-needs a library that is not built",
+    "Lazy-first tick-note-prepare in __init__",
+)
 def test_what_is_wrong_is_named(name: str, finding: str, verdict: str, says: str) -> None:
     found = {each.name: each for each in check_method(f"outside_methods:{name}")}
     assert found[finding].verdict == verdict
@@ -42,6 +51,7 @@ def test_our_own_method_from_outside_passes(run: Run) -> None:
     assert run("methods", "check", "outside_methods:NoTick").code == 1
 
 
+@pytest.mark.soak
 def test_the_example_is_sixty_lines_at_most_and_passes(repository: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     example = repository / "examples" / "project_out.py"
     assert len(example.read_text(encoding="utf-8").splitlines()) <= 60

@@ -93,6 +93,7 @@ def test_a_thing_that_is_carried_runs_again_to_the_bit(tmp_path: Path) -> None:
     np.testing.assert_allclose(seen[1].shift, moving.path[:, 1, :3], atol=1e-12)
 
 
+@pytest.mark.soak
 def test_the_referee_judges_contacts_and_forces_of_each_part(result: Result, tmp_path: Path) -> None:
     pytest.importorskip("coal")
     from hhsim.verify.verify import verify

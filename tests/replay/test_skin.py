@@ -32,6 +32,7 @@ SHAPES = {
 
 
 @pytest.mark.parametrize("name", sampled(list(SHAPES), lambda place, name: place == 0))
+@pytest.mark.soak
 def test_a_skin_is_touched_judged_and_run_again(name: str, tmp_path: Path) -> None:
     path, shape = tmp_path / "thing.obj", SHAPES[name]
     path.write_text(Mesh(np.asarray(shape.vertices), np.asarray(shape.faces)).obj())

@@ -105,6 +105,7 @@ def test_how_near_the_hands_come_is_that_of_the_stored_poses(both: TwoHandedRepl
     assert "µs" in both.note and "come within" in both.note
 
 
+@pytest.mark.soak
 def test_the_left_hand_finds_its_place_beside_the_right_one(scene: Scene) -> None:
     body = scene.solids[0]
     alone = make_scene(body.mesh, body.tree, HANDS[1], SCRIPT)
@@ -197,6 +198,7 @@ def on_table(scene: Scene, mass: float) -> Scene:
     return scene.freed(mass=mass, table=float(scene.solids[0].placed_mesh.bounds[0, 2]) - CLEARANCE)
 
 
+@pytest.mark.quick("fixed")
 def test_haptic_hands_that_enter_each_other_are_shown_apart(meeting: TwoHandedReplay) -> None:
     assert meeting.haptic_distance < -5e-3 and meeting.graphic_distance >= 0.0 and meeting.keeps_apart
     assert "enter each other by" in meeting.note and "the graphic ones by 0 mm" in meeting.note
@@ -205,6 +207,7 @@ def test_haptic_hands_that_enter_each_other_are_shown_apart(meeting: TwoHandedRe
         assert result.summary["penetration_max"] == 0.0 and result.scene["hands_apart"] is True
 
 
+@pytest.mark.quick("fixed")
 def test_the_referee_knows_that_hands_keep_apart_and_a_second_run_is_the_same(
     meeting: TwoHandedReplay, tmp_path: Path
 ) -> None:
@@ -240,6 +243,7 @@ def test_the_referee_knows_that_hands_keep_apart_and_a_second_run_is_the_same(
         (lambda file: _said(file, hands_apart=False), "scene"),
     ],
 )
+@pytest.mark.quick("shifted-between hands")
 def test_what_a_file_says_of_two_hands_together_is_judged(
     both: TwoHandedReplay, tmp_path: Path, fault: Any, claim: str
 ) -> None:
@@ -344,6 +348,7 @@ def test_one_hand_gives_the_cup_to_the_other(tmp_path: Path) -> None:
     assert np.isin(np.flatnonzero(given), of_left).all() and not np.isin(of_right, np.flatnonzero(given)).any()
 
 
+@pytest.mark.soak
 def test_the_referee_and_a_second_run_know_what_two_hands_hold(lifted: TwoHandedReplay, tmp_path: Path) -> None:
     # The right hand's is the same with the bodies of both exchanged.
     result = load_hand(lifted.path, "left")

@@ -133,6 +133,7 @@ def test_a_chart_is_the_same_bytes_whatever_the_users_style(
 
 @pytest.mark.usefixtures("few_pixels")
 @pytest.mark.parametrize("draw", CHARTS)
+@pytest.mark.quick("series_figure")
 def test_a_chart_of_little_nothing_or_undefined_values_is_drawn(result: Result, draw: Chart, tmp_path: Path) -> None:
     def undefine(values: NDArray[np.generic]) -> None:
         values[50:] = np.nan
@@ -254,6 +255,7 @@ def test_the_picture_of_a_tick_has_hands_forces_and_words(result: Result) -> Non
 
 
 @pytest.mark.usefixtures("coarse")
+@pytest.mark.soak
 def test_a_notebook_shows_the_picture_of_a_tick(result: Result) -> None:
     import hhsim
 

@@ -104,6 +104,7 @@ def test_what_cannot_be_drawn_is_told(path: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("inches", [3.46, PAGE_INCHES])
 @pytest.mark.parametrize("count", [2, 20])
+@pytest.mark.quick("2-3.46")
 def test_labels_of_many_results_keep_apart_and_within_the_figure(
     path: Path, monkeypatch: pytest.MonkeyPatch, count: int, inches: float
 ) -> None:

@@ -305,6 +305,7 @@ def test_two_methods_on_one_scene_are_compared(coupled: Path, progressive: Path,
     assert "object" in marks
 
 
+@pytest.mark.soak
 def test_the_title_names_scenes_or_methods(coupled: Path, progressive: Path, tmp_path: Path, dots: None) -> None:
     assert page_of(coupled, progressive).one("h1").text == "cylinder, short: A: coupled; B: progressive"
     doors = [changed(coupled, tmp_path, in_scene(object_name=f"door {i}"), f"{i}.h5") for i in range(5)]
@@ -313,6 +314,7 @@ def test_the_title_names_scenes_or_methods(coupled: Path, progressive: Path, tmp
     )
 
 
+@pytest.mark.soak
 def test_a_page_of_eight_results_fits_the_smallest_screen(coupled: Path, tmp_path: Path, dots: None) -> None:
     name = "an-object-with-a-long-name"
     others = [

@@ -75,6 +75,7 @@ def marks(place: Axes) -> list[float]:
     return [float(segment[0][0]) for line in lines for segment in line.get_segments()]
 
 
+@pytest.mark.soak
 def test_how_a_killed_session_ended_stands_in_red_before_everything_else(killed: Result, whole: Result) -> None:
     report = make_report((killed.path,))
     assert report.verdict_lines()[0] == "coupled: ended: the loop failed or was killed"

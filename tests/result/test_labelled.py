@@ -48,6 +48,7 @@ def test_a_data_set_has_every_value_by_name_with_its_unit(result: Result) -> Non
     assert set(result.to_xarray(["force"])) == {name for name in made if str(name).startswith("force/")}
 
 
+@pytest.mark.soak
 def test_two_hands_are_an_axis_and_bodies_and_contacts_have_their_names(two: Result) -> None:
     pytest.importorskip("xarray")
     made = two.to_xarray()

@@ -52,6 +52,7 @@ def searches(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return done
 
 
+@pytest.mark.soak
 def test_those_that_ship_are_what_the_search_finds() -> None:
     shipped = shipped_closures()
     for key, fields in searched(("cylinder",)).items():
@@ -83,6 +84,7 @@ def test_a_search_is_kept_by_the_process_and_by_the_cache(
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"open": []}', "shape"])
+@pytest.mark.quick("{", '{"open": []}')
 def test_a_damaged_file_is_searched_for_again(
     content: str, folder: Path, searches: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -149,6 +149,7 @@ def test_bodies_that_touch_are_apart() -> None:
 
 
 @pytest.mark.parametrize(("place", "rises"), [((0.0, 0.0, 0.040002), True), ((0.040002, 0.0, 0.0), False)])
+@pytest.mark.soak
 def test_a_free_body_that_stands_on_another_one_is_raised_off_its_spheres(
     place: tuple[float, float, float], rises: bool
 ) -> None:

@@ -72,6 +72,7 @@ def test_it_stays_where_it_was_recorded_if_that_was_asked_or_if_the_hand_touches
     assert (asked.place, asked.by_itself) == ("auto", False)
 
 
+@pytest.mark.soak
 def test_it_is_placed_by_itself_where_the_hand_would_begin_inside() -> None:
     found = placed(imported(0.0))
     assert found.by_itself and found.placement is not None and found.placement.start_gap > 0.0

@@ -87,6 +87,7 @@ def test_only_the_pose_of_the_object_changes_and_always_in_the_same_way() -> Non
     assert one.motion.flexion.tobytes() == motion.flexion.tobytes()
 
 
+@pytest.mark.soak
 def test_a_moved_recording_moves_the_object_with_it() -> None:
     motion, tree = reach_and_close(), object_tree("cup", 3)
     turn = quaternion(np.array([0.0, 0.0, np.radians(60.0)]))

@@ -35,7 +35,7 @@ def still_laptop(surface: str, angle: float, ticks: int) -> Scene:
     motion = resolve_trajectory("close")
     assert isinstance(motion, Script)
     moved = replace(motion, joints=(("lid", ((0.0, angle),)),))
-    scene = open_scene("laptop", moved, solid=surface == "spheres", level=3)
+    scene = open_scene("laptop", moved, solid=surface == "spheres", level=3 if surface == "spheres" else 1)
     return scene.first(ticks)
 
 

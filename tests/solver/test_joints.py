@@ -207,6 +207,7 @@ PAIR = (
 )
 
 
+@pytest.mark.soak
 def test_a_file_of_two_on_a_hinge_is_replayed_and_judged(tmp_path: Path) -> None:
     out = tmp_path / "pair.h5"
     replay_scene(open_scene(body_file(tmp_path, *PAIR), "never", level=2), SolverOptions(surface="mesh"), out)

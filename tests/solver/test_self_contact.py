@@ -146,6 +146,7 @@ def test_a_hand_that_begins_in_itself_begins_beside() -> None:
 
 
 @pytest.mark.parametrize("backend", ["quadprog", "clarabel"])
+@pytest.mark.soak
 def test_another_solver_of_the_programs_gives_the_same_hand(backend: str) -> None:
     motion = closed(PINCH, 60, 15)
     ours, theirs = run(motion), run(motion, qp=backend)

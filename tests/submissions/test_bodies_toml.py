@@ -24,6 +24,7 @@ DRIVEN = (*ALONE, body("block", [0.06, 0.06, 0.06]), TABLE)
         *(("chest", "lift"), ("peg", "insert"), (DRIVEN, "lift"), (ALONE, "grasp")),
     ],
 )
+@pytest.mark.quick("cube-carry", "laptop-close", "object_7-lift")
 def test_bodies_come_back_as_they_were(tmp_path: Path, object_: str | tuple[str, ...], motion: str) -> None:
     """Carried ones do in the frame that is carried."""
     if isinstance(object_, tuple):

@@ -128,6 +128,7 @@ def replayed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     return scene, folder / "s", load_result(folder / "r.h5")
 
 
+@pytest.mark.quick("drawer")
 def test_a_joint_of_the_model_moves_a_body_as_a_run_of_hhsim_does(replayed: tuple[Scene, Path, Result]) -> None:
     scene, folder, result = replayed
     at, parts = Model(folder), seen_scene(scene).parts
@@ -361,6 +362,7 @@ def test_a_name_of_the_hands_is_refused_and_nothing_is_written(tmp_path: Path) -
     assert [path.name for path in tmp_path.iterdir()] == ["bodies.toml"]
 
 
+@pytest.mark.soak
 def test_the_digest_is_of_all_bodies_and_parts(tmp_path: Path) -> None:
     # A file has up to six bodies.
     less = OWN[:-1]

@@ -84,6 +84,7 @@ def test_a_scene_is_read_and_made_again_as_it_was(kind: str, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("kind", sampled(["free", "free, both"], lambda _, kind: kind == "free"))
+@pytest.mark.soak
 def test_the_motion_of_a_free_body_is_held_to_its_mass_and_forces(kind: str, tmp_path: Path) -> None:
     scene = made(kind)
     own = replayed(scene, tmp_path / "own.h5")

@@ -134,6 +134,7 @@ def test_the_table_has_units_and_its_json_the_same_values(tmp_path: Path) -> Non
 
 
 @pytest.mark.usefixtures("in_this_process")
+@pytest.mark.soak
 def test_what_a_row_depends_on_runs_it_anew(tmp_path: Path) -> None:
     path, out = write_manifest(tmp_path, "copy 9", "copy 8", "copy 7"), tmp_path / "out"
     run(path, out)
@@ -170,6 +171,7 @@ def test_a_folder_of_others_and_one_that_is_worked_in_are_left_alone(tmp_path: P
 
 @pytest.mark.usefixtures("in_this_process")
 @pytest.mark.parametrize("kills", [1, pytest.param(5, marks=pytest.mark.soak)])
+@pytest.mark.soak
 def test_killed_and_resumed_it_has_the_same_files(tmp_path: Path, kills: int) -> None:
     path = write_manifest(tmp_path, *(f"slow {number}" for number in range(4 * kills + 4)), "refuse 1")
     run(path, tmp_path / "undisturbed")

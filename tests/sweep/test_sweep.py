@@ -137,6 +137,7 @@ def test_one_sweep_at_a_time_works_in_a_folder_and_no_other_files_are_there(tmp_
             SweepFolder(path)
 
 
+@pytest.mark.soak
 def test_an_estimate_counts_what_is_left_and_writes_nothing(tmp_path: Path, in_this_process: list[str]) -> None:
     path, out = write_plan(tmp_path), tmp_path / "out"
     before = estimate(load_plan(path), SweepFolder(out))
@@ -182,6 +183,7 @@ def test_an_estimate_rests_on_all_of_a_motion_where_its_beginning_is_cheap(
     assert found.elapsed(2) == found.seconds / 2
 
 
+@pytest.mark.soak
 def test_times_of_cells_that_are_run_repeatedly_are_kept_and_more_runs_are_run(
     tmp_path: Path, in_this_process: list[str]
 ) -> None:

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from hhsim.system.compile_notice import COMPILING
 
 PROGRAM = """\
@@ -24,6 +26,7 @@ rotation_vector_between(one, one, other)
 """
 
 
+@pytest.mark.soak
 def test_a_program_is_told_once_that_kernels_are_compiled_and_can_silence_it(tmp_path: Path) -> None:
     def told(level: str, cache: str) -> str:
         environment = {**os.environ, "HHSIM_CACHE_DIR": str(tmp_path / cache)}

@@ -1,5 +1,7 @@
 """The table of ARCHITECTURE.md is of the packages and imports there are."""
 
+import pytest
+
 from tools.architecture import LAYERS, PAGE, imported_by, order, reduced, table
 
 
@@ -14,6 +16,7 @@ def test_no_package_imports_from_a_layer_above_it() -> None:
         assert all(layer[name] <= layer[other] for other in imported), name
 
 
+@pytest.mark.soak
 def test_what_follows_from_the_rest_is_left_out_and_nothing_else() -> None:
     def reach(graph: dict[str, set[str]], name: str) -> set[str]:
         return graph[name].union(*(reach(graph, other) for other in graph[name]))

@@ -49,6 +49,7 @@ def still(solid: Solid, ticks: int) -> Moved:
 
 
 @pytest.mark.parametrize("kind", SCENES)
+@pytest.mark.quick("fixed", "free")
 def test_a_short_scene_is_clean_and_its_hands_touch(kind: str) -> None:
     found = judge(clean(kind), EVERY)
     assert found.findings == []

@@ -124,6 +124,7 @@ def test_the_same_bytes_with_any_number_of_threads(name: str) -> None:
     ("leaves", "branching", "level"),
     sampled([(20, 8, 2), (9, 3, 2), (10, 3, 3), (7, 8, 1), (65, 64, 2)], lambda place, _: place in (0, 2, 3)),
 )
+@pytest.mark.quick("10-3-3", "7-8-1")
 def test_so_many_leaves_at_the_level_that_they_need(leaves: int, branching: int, level: int) -> None:
     mesh = mesh_of(SHAPES["box"])
     tree = build_sphere_tree(mesh, TreeOptions(leaves=leaves, branching=branching))
@@ -133,6 +134,7 @@ def test_so_many_leaves_at_the_level_that_they_need(leaves: int, branching: int,
 
 
 @pytest.mark.parametrize("cover", sampled(["outer", "balanced"], lambda _, cover: cover == "outer"))
+@pytest.mark.soak
 def test_the_fewest_leaves_within_an_error(cover: str) -> None:
     mesh, most = mesh_of(SHAPES["torus"]), {"outer": 6e-4, "balanced": 3e-4}[cover]
     few = build_sphere_tree(mesh_of(SHAPES["box"]), TreeOptions(max_error=0.02, cover=cover)).covers[-1]

@@ -50,6 +50,7 @@ def outside_points(mesh: Mesh) -> FloatArray:
         ),
     ),
 )
+@pytest.mark.quick("tetrahedron-1-volume")
 def test_covers_everything_by_proof_and_by_points(name: str, leaves: int, minimise: str) -> None:
     mesh = mesh_of(name)
     tree = build_sphere_tree(mesh, TreeOptions(leaves=leaves, minimise=minimise))
@@ -85,6 +86,7 @@ def best_protrusion(mesh: Mesh, spheres: int) -> float:
         lambda place, case: case in [("tetrahedron", 1), ("long box", 2)],
     ),
 )
+@pytest.mark.quick("tetrahedron-1")
 def test_one_and_two_spheres_are_the_best_that_a_search_without_slopes_finds(name: str, spheres: int) -> None:
     mesh = mesh_of(name)
     center, radius = fewest_spheres(in_own_frame(mesh), spheres)
@@ -94,6 +96,7 @@ def test_one_and_two_spheres_are_the_best_that_a_search_without_slopes_finds(nam
     assert bound <= 1.015 * best_protrusion(mesh, spheres)
 
 
+@pytest.mark.soak
 def test_the_least_volume_is_less_than_that_of_the_least_protrusion() -> None:
     mesh = mesh_of("tetrahedron")
     points = outside_points(mesh)
@@ -104,6 +107,7 @@ def test_the_least_volume_is_less_than_that_of_the_least_protrusion() -> None:
     assert 0 < inside["volume"] < 0.9 * inside["protrusion"]
 
 
+@pytest.mark.soak
 def test_threads_make_no_difference() -> None:
     mesh = mesh_of("long box")
     one, two = (build_sphere_tree(mesh, TreeOptions(leaves=5), threads=threads) for threads in (1, 2))

@@ -67,6 +67,7 @@ MOST_PROTRUSION = {
 
 
 @pytest.mark.parametrize("name", sampled(MOST_PROTRUSION, lambda place, name: name == "bunny"))
+@pytest.mark.soak
 def test_how_little_512_balls_protrude(name: str) -> None:
     vertices, faces = catalogue_arrays(name)
     center, radius = build_cover(vertices, faces, 512)

@@ -165,6 +165,7 @@ def test_a_depth_that_is_another_is_found(result: Result, off: float) -> None:
     assert verdicts(result, **{DEPTH: float(result.summary[DEPTH]) + off})["input depth"] == FAILS
 
 
+@pytest.mark.soak
 def test_beside_moving_parts_the_deepest_part_counts(tmp_path: Path) -> None:
     scene = open_scene("laptop", "close", level=3)
     result = result_of(cut(scene, slice(2050, 2200)), tmp_path / "parts.h5")
@@ -220,7 +221,21 @@ def test_frames_have_the_rate_that_the_file_says(result: Result, tmp_path: Path)
 def test_the_motion_of_several_things_is_made_once_more(tmp_path: Path, thing: str, motion: str) -> None:
     """Its script finds the place by the name of the scene, which the first thing's mesh does not have."""
     path = tmp_path / "things.h5"
-    words = [thing, motion, "--surface", "mesh", "--rate", "100", "--ticks", "30", "--quiet", "--out", str(path)]
+    words = [
+        thing,
+        motion,
+        "--surface",
+        "mesh",
+        "--level",
+        "1",
+        "--rate",
+        "100",
+        "--ticks",
+        "30",
+        "--quiet",
+        "--out",
+        str(path),
+    ]
     assert importlib.import_module("hhsim.cli.replay").command.main(words, standalone_mode=False) == 0
     found = {claim.name: claim for claim in again_claims(load_result(path), lambda what, done, total: None)}
     assert found["again: motion"].verdict == HOLDS and found["again: motion"].checked == 30

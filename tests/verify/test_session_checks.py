@@ -345,6 +345,7 @@ def test_a_driver_may_be_stopped_between_reading_a_sample_and_handing_it_over(se
     assert {claim.name for claim in claims if claim.failed} <= {"session figures"}
 
 
+@pytest.mark.soak
 def test_what_the_glove_sent_is_not_judged_and_said_so(session: Result, tmp_path: Path) -> None:
     def of_the_glove(file: h5py.File) -> None:
         file["hands/right/live/sample/channel"][HOLD] = 0.123
@@ -361,6 +362,7 @@ def test_the_documentation_lists_what_is_forged(repository: Path) -> None:
     assert documented_faults(repository, 1) == {fault.__name__: claim for fault, claim in FAULTS.items()}
 
 
+@pytest.mark.soak
 def test_a_session_whose_recorder_lost_ticks_and_samples_is_judged_by_what_is_left(tmp_path: Path) -> None:
     scripted = Scripted(tmp_path / "gap.h5", SHORT)
     ticks = RingReader(scripted.memory.ticks).read(10**6)[1]
@@ -386,6 +388,7 @@ def test_a_session_whose_recorder_lost_ticks_and_samples_is_judged_by_what_is_le
     assert failing(verify(planted(session.path, tmp_path, stiffer), every=50)) >= {"command bounds", "stiffness"}
 
 
+@pytest.mark.soak
 def test_a_dry_run_tells_so_in_every_tick(tmp_path: Path) -> None:
     session = recorded(tmp_path / "dry.h5", SHORT, dry_run=True)
     assert failing(verify(session, every=100)) == set()
@@ -458,6 +461,7 @@ def test_the_bend_of_the_referee_is_that_of_the_output() -> None:
     np.testing.assert_allclose(np.clip(own, 0.0, 1.0), regression.bends(flexion), atol=1e-14)
 
 
+@pytest.mark.soak
 def test_a_session_has_the_ticks_that_every_column_of_the_loop_has(session: Result, tmp_path: Path) -> None:
     def shorter(file: h5py.File) -> None:
         rows = file["hands/right/live/tick/cause"][:-3]

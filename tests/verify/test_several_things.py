@@ -122,6 +122,7 @@ def found_in_honest(honest: Result) -> set[str]:
 
 
 @pytest.mark.parametrize("fault", first_of_each(FAULTS), ids=lambda fault: fault.__name__)
+@pytest.mark.quick("pulled", "helped", "given_to_another", "into_the_hand", "overlapping")
 def test_a_planted_fault_is_found_by_name(
     honest: Result, found_in_honest: set[str], tmp_path: Path, fault: Fault
 ) -> None:
@@ -129,6 +130,7 @@ def test_a_planted_fault_is_found_by_name(
     assert FAULTS[fault] in failing(planted(honest.path, tmp_path, fault))
 
 
+@pytest.mark.soak
 def test_the_last_of_several_programs_in_a_tick_may_step_back(honest: Result, tmp_path: Path) -> None:
     judge = JudgedTicks(honest, np.array([HELD]))
     size = float(np.linalg.norm(judge.pull[HELD] * judge.scale))
@@ -149,6 +151,7 @@ def test_the_last_of_several_programs_in_a_tick_may_step_back(honest: Result, tm
 
 
 @pytest.mark.parametrize("status", [STUCK, LAG])
+@pytest.mark.soak
 def test_a_result_without_a_settled_tick_has_a_verdict(honest: Result, tmp_path: Path, status: int) -> None:
     def settles_never(file: h5py.File) -> None:
         file["hands/right/tick/status"][:] = status

@@ -149,6 +149,7 @@ def judge(name: str, level: int, bar: float, levels: Sequence[int] | None = None
 
 
 @pytest.mark.parametrize("name", sampled(BARS, lambda place, name: name == "cube"))
+@pytest.mark.soak
 def test_512_leaves_keep_to_the_bars(name: str) -> None:
     judge(name, 3, BARS[name])
 

@@ -27,6 +27,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.callee import Kernel
 from hhsim.kernels.hand.pose import LARGEST
 from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.kernels.tick.state import STATUS_NO_PLACE, STATUS_START_INSIDE
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.metrics.run.force import TREMBLING
@@ -300,6 +301,19 @@ def test_a_sphere_on_a_level_beyond_counting_is_found(honest: Result, tmp_path: 
 
 
 @pytest.mark.parametrize(
+    ("tick", "status", "fails"),
+    [(5, STATUS_NO_PLACE, False), (0, STATUS_START_INSIDE, False), (5, STATUS_START_INSIDE, True), (5, 128, True)],
+)
+def test_a_status_is_of_known_flags_each_where_it_can_be(
+    honest: Result, tmp_path: Path, tick: int, status: int, fails: bool
+) -> None:
+    """A tick without a place, beside bodies that shut, was once called unknown."""
+    said = at("said", "hands/right/tick/status", tick, lambda _: status)
+    claims = {claim.name: claim for claim in file_claims(planted(honest.path, tmp_path, said))}
+    assert claims["status"].failed is fails
+
+
+@pytest.mark.parametrize(
     "options",
     [
         pytest.param({"method": "progressive"}, marks=pytest.mark.soak),  # as that of the cup below
@@ -311,6 +325,7 @@ def test_a_sphere_on_a_level_beyond_counting_is_found(honest: Result, tmp_path: 
     ],
     ids=str,
 )
+@pytest.mark.quick("{'method': 'penalty'}", "{'budget': 1}")
 def test_other_options_hold_too(tmp_path: Path, options: dict[str, Any]) -> None:
     result = described_grasp(tmp_path, **options)
     found = verify(result, every=20)
@@ -342,6 +357,7 @@ def stuck(tmp_path_factory: pytest.TempPathFactory) -> Result:
     return load_result(path)
 
 
+@pytest.mark.soak
 def test_a_run_that_really_gets_stuck_holds(stuck: Result) -> None:
     ticks = np.flatnonzero(stuck["status"] & 1)
     assert len(ticks) >= 5, "nothing is stuck: the test shows nothing"
@@ -385,6 +401,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("name", "method"), sampled(CASES, lambda _, case: ALL or case == ("cup", "progressive")))
+@pytest.mark.soak
 def test_verify_agrees_with_the_replay(tmp_path: Path, name: str, method: str) -> None:
     found = verify(described_grasp(tmp_path, name, level=3, method=method), every=2 if ALL else 20)
     assert failing(found) == set()

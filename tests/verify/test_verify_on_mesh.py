@@ -37,6 +37,7 @@ def on_mesh(tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 
 @pytest.mark.parametrize("method", sampled(["coupled", "progressive"], lambda _, method: method == "coupled"))
+@pytest.mark.soak
 def test_a_hand_that_is_on_its_way_on_the_mesh(tmp_path: Path, method: str) -> None:
     hand = HandModel.default()
     moved = RandomTargets(hand, 5).take(300)
@@ -59,6 +60,7 @@ def test_a_hand_that_is_on_its_way_on_the_mesh(tmp_path: Path, method: str) -> N
     assert "force balance" in {claim.name for claim in force_claims(judge) if claim.failed}
 
 
+@pytest.mark.soak
 def test_what_a_settled_tick_rolled_off_an_edge_bears_its_force(tmp_path: Path) -> None:
     result = short_result(tmp_path / "short.h5", object_name="rock", surface="mesh")
     numbers = np.arange(result.ticks)
@@ -126,6 +128,7 @@ def test_an_honest_result_on_the_mesh_holds_in_every_claim(on_mesh: Result) -> N
     ),
     ids=lambda fault: fault.__name__,
 )
+@pytest.mark.quick("moved_hand", "touched_spheres")
 def test_a_planted_fault_of_a_run_on_the_mesh(on_mesh: Result, tmp_path: Path, fault: Fault) -> None:
     found = verify(planted(on_mesh.path, tmp_path, fault), every=HOLD)
     assert FAULTS.get(fault, "non-penetration") in failing(found)
@@ -143,6 +146,7 @@ SOME = (14, 18, 43, 63)
         lambda place, case: case[0] in SOME and case[1] == METHODS[SOME.index(case[0]) % 2],
     ),
 )
+@pytest.mark.quick("14-coupled", "18-progressive")
 def test_a_corrupted_mesh_is_touched_as_it_is_or_refused(seed: int, method: str, tmp_path: Path) -> None:
     vertices, faces, what = corrupted(seed)
     try:

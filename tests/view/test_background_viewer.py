@@ -82,6 +82,7 @@ def test_the_process_beside_writes_what_this_one_would(result: Result, tmp_path:
 
 
 @linux
+@pytest.mark.soak
 def test_what_the_process_beside_cannot_do_is_told_here_and_so_is_its_death(result: Result, tmp_path: Path) -> None:
     body = """
     def show(viewer):

@@ -42,6 +42,7 @@ def row(runs: PaperRuns, name: str, method: str = "coupled") -> PaperRow:
     return found
 
 
+@pytest.mark.soak
 def test_every_scene_is_played_by_every_method(runs: PaperRuns) -> None:
     scenes = [(run.scenario.figure, run.scenario.object_name, run.options.method) for run in runs.scenes]
     expected = {"11": ("cube", 3), "sliding": ("cube", 1), "13": ("bunny", 3), "14": ("bunny", 1), "15": ("bunny", 4)}
@@ -179,6 +180,7 @@ def test_a_glove_s_samples_are_held_and_flicker_by_a_count(monkeypatch: pytest.M
     assert GLOVE.tremor_position == 0.0
 
 
+@pytest.mark.soak
 def test_the_command_writes_tables_and_pictures_and_says_what_it_missed(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

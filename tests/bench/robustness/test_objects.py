@@ -1,11 +1,13 @@
 """The objects of the hard cases, of spheres and of triangles, and their crossings are what they are said to be."""
 
 import numpy as np
+import pytest
 
 from hhsim.bench.robustness.objects import ball, disc
 from hhsim.bench.robustness.postures import crossings, threaded
 
 
+@pytest.mark.soak
 def test_a_ball_and_a_disc_have_no_holes() -> None:
     tree = ball(1200, 0.038)
     reach = np.linalg.norm(tree.leaf_center, axis=1) + tree.leaf_radius

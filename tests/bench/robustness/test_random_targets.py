@@ -37,6 +37,7 @@ def test_any_cut_gives_the_same_motion(sizes: list[int], seed: int, wild: bool, 
     assert equal(sequence(*pieces), RandomTargets(HAND, seed, options).take(sum(sizes)))
 
 
+@pytest.mark.soak
 def test_targets_are_as_wide_as_they_say() -> None:
     motion = RandomTargets(HAND, 5, JUMPS, center=np.array([1.0, 2.0, 3.0])).take(6001).part(1, 6001)
     np.testing.assert_allclose(motion.position.mean(axis=0), [1.0, 2.0, 3.0], atol=3e-3)

@@ -115,6 +115,7 @@ def test_a_row_says_what_the_ticks_show(folder: Path) -> None:
         assert 0.0 < row.cpu_p50 <= row.cpu_p99 <= row.cpu_max
 
 
+@pytest.mark.soak
 def test_rate_hold_and_a_window_around_the_grasp(folder: Path) -> None:
     at, file = bench_object(), folder / "a.h5"
     whole, held, slow, window = (
@@ -182,6 +183,7 @@ def test_on_the_mesh_the_hand_touches_the_mesh_itself(folder: Path) -> None:
     assert [(row.surface, row.ticks) for row in totals(rows)] == [(row.surface, row.ticks) for row in rows]
 
 
+@pytest.mark.soak
 def test_the_command(run: Run, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hhsim.scene.demonstration.TURNS", 4)
     where = ("bench", "recorded", "recordings", "--object", "cup", "--ticks", "60", "--out", "t.h5")

@@ -135,6 +135,7 @@ def test_planted_faults_are_counted_kept_and_shrunk(tmp_path: Path, monkeypatch:
         assert not rerun_failure(Path(failure.path), HAND, BALL).failed.any()
 
 
+@pytest.mark.soak
 def test_a_hand_that_is_stuck_without_cause_is_a_missed_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stress, "HandSolver", Lazy)
     figures = run_case(case(ticks=900, keep=tmp_path))
@@ -169,6 +170,7 @@ def test_a_failure_that_needs_all_that_came_before_is_kept_whole(
     assert (failure.kind, failure.tick, failure.ticks, failure.failing_tick) == ("not finite", late, late + 1, late)
 
 
+@pytest.mark.soak
 def test_processes_give_the_same_figures_in_the_same_order() -> None:
     cases = [case("coupled", 900, wild=False), case("progressive", 900, wild=True)]
     seen: list[tuple[str, int, int]] = []

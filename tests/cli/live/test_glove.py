@@ -91,6 +91,7 @@ def test_a_file_that_is_not_there_is_told_before_anything_starts(run: Run, optio
 
 
 @keeps_time
+@pytest.mark.soak
 def test_a_session_of_a_simulated_glove_and_the_hand_in_a_file_is_one_document_and_one_file(
     run: Run, tmp_path: Path
 ) -> None:
@@ -135,6 +136,7 @@ def test_a_session_whose_glove_could_not_be_told_to_free_the_fingers_ends_with_1
     assert f"hhsim: fault: {fault}" in answer.err
 
 
+@pytest.mark.soak
 def test_two_simulated_gloves_are_one_document_and_one_file(run: Run, tmp_path: Path) -> None:
     answer = run(
         *("live", "glove", "cube", "--device", "left=sim[trajectory=pinch],right=sim", "--duration", "0.4"),

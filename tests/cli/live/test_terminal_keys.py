@@ -96,6 +96,7 @@ WAYS_OUT: dict[str, tuple[Callable[[Terminal], None], int]] = {
 
 
 @pytest.mark.parametrize("way", WAYS_OUT)
+@pytest.mark.quick("Ctrl-C", "an error")
 def test_the_terminal_is_as_it_was_on_every_way_out(terminal: Terminal, way: str) -> None:
     leave, code = WAYS_OUT[way]
     leave(terminal)

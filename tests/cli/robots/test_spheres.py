@@ -13,11 +13,13 @@ from hhsim.cli.build_tree import command
 from hhsim.robots.formats.registry import FORMATS
 
 
-def test_a_robot_is_built_written_drawn_and_judged(run: Run, tmp_path: Path) -> None:
-    write_arm(tmp_path)
+@pytest.mark.quick("2")
+@pytest.mark.parametrize("links", [2, 7])
+def test_a_robot_is_built_written_drawn_and_judged(run: Run, tmp_path: Path, links: int) -> None:
+    write_arm(tmp_path, 2 if links == 2 else 8)
     answer = run("build-tree", "arm.urdf", "--leaves", "4", "--out", "arm.yml", "--plot", "arm.png", "--rerun", "a.rrd")
     assert answer.code == 0, answer.err
-    assert answer.out.startswith("arm: 7 links\n") and "proved: every triangle of every link" in answer.out
+    assert answer.out.startswith(f"arm: {links} links\n") and "proved: every triangle of every link" in answer.out
     assert answer.out.splitlines()[-2].endswith(" spheres, written to arm.yml")
     assert (tmp_path / "arm.png").stat().st_size > 10_000 and (tmp_path / "a.rrd").read_bytes().startswith(b"RRF")
     judged = run("build-tree", "arm.urdf", "--from", "arm.yml", "--as", "xrdf", "--out", "arm.xrdf", "--json")
@@ -37,6 +39,7 @@ def test_a_robot_is_built_written_drawn_and_judged(run: Run, tmp_path: Path) -> 
     assert several.code == 2 and "expected the name of one (--link)" in several.err
 
 
+@pytest.mark.soak
 def test_a_total_is_shared_out_by_error(run: Run, tmp_path: Path) -> None:
     write_arm(tmp_path)
     answer = run("build-tree", "arm.urdf", "--total", "40", "--json", "--threads", "2")

@@ -90,6 +90,7 @@ def test_only_what_is_joined_in_the_straight_hand_is_left_out() -> None:
 
 @given(st.integers(0, 2**32 - 1), st.lists(st.floats(-6.0, 0.0), min_size=4, max_size=30))
 @settings(max_examples=60, deadline=None)
+@pytest.mark.soak
 def test_no_near_pair_is_missed_however_the_hand_moves(seed: int, exponents: list[float]) -> None:
     random = np.random.default_rng(seed)
     hand, pairs, own = RIGHT, PAIRS["right"], fresh()

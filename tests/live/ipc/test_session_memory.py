@@ -30,6 +30,7 @@ def setup() -> LiveSetup:
 
 
 @pytest.mark.parametrize("bodies", [0, 1, 3])
+@pytest.mark.quick("3")
 def test_a_child_sees_the_memory_and_the_setup(setup: LiveSetup, bodies: int) -> None:
     memory = SessionMemory.create(bodies=bodies)
     descriptor = memory.with_setup(setup)

@@ -299,6 +299,7 @@ def test_a_session_ends_with_free_fingers(drill: Drill) -> None:
 
 
 @pytest.mark.parametrize("number", sampled([signal.SIGINT, signal.SIGKILL], lambda _, number: number == signal.SIGINT))
+@pytest.mark.soak
 def test_the_command_is_ended(glove: FakeDexmo, tmp_path: Path, number: signal.Signals) -> None:
     """As a user runs it; SIGKILL of the supervisor, too, ends in free fingers and no process left."""
     command = [*HHSIM, "live", "glove", "cube", "--device", "dexmo", "--port", str(glove.port), "--level", "3"]

@@ -194,6 +194,7 @@ def test_the_referee_judges_no_motion_across_lost_ticks(session: Session, tmp_pa
 
 
 @pytest.mark.slow
+@pytest.mark.soak
 def test_a_session_of_the_simulated_glove_touches_it_and_runs_again(run: Run, tmp_path: Path) -> None:
     answer = run(
         *("live", "glove", "cube", "--free", "--mass", "0.1", "--torsion", "5", "--surface", "mesh", "--quiet"),

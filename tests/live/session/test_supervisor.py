@@ -191,6 +191,7 @@ def test_a_loop_that_does_not_end_is_ended(
     assert session.end().reason == "a key"
 
 
+@pytest.mark.soak
 def test_the_end_waits_for_what_is_under_way_and_says_what_it_waits_for(
     make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -212,6 +213,7 @@ def test_the_end_waits_for_what_is_under_way_and_says_what_it_waits_for(
     assert "waiting for the loop, which has the glove released" in notices(session)
 
 
+@pytest.mark.soak
 def test_a_session_that_has_not_begun_ends_with_the_kernel_that_is_compiled(make: Make, marks: Path) -> None:
     session = make(loop=COMPILING_LOOP)
     with session:
@@ -221,6 +223,7 @@ def test_a_session_that_has_not_begun_ends_with_the_kernel_that_is_compiled(make
     session.check()
 
 
+@pytest.mark.soak
 def test_a_session_that_ends_before_its_loop_has_loaded_has_not_failed(make: Make) -> None:
     session = make(loop="time.sleep(1000)")
     with session:
@@ -246,6 +249,7 @@ def test_the_session_goes_on_without_a_recorder_or_a_viewer(make: Make, part: st
         session.check()
 
 
+@pytest.mark.soak
 def test_a_terminal_that_is_gone_does_not_keep_the_session_from_ending(make: Make) -> None:
     session = make(watchdog=MORTAL)
 

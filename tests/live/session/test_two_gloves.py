@@ -75,6 +75,7 @@ def drill(tmp_path: Path) -> Iterator[TwoGlovesDrill]:
 
 
 @pytest.mark.parametrize("driver", sampled([LEFT, RIGHT, None], lambda number, _: number == 0))
+@pytest.mark.soak
 def test_a_process_of_the_session_is_killed(drill: TwoGlovesDrill, driver: int | None) -> None:
     """The driver of a glove, or the loop."""
     drill.grasp()
@@ -104,6 +105,7 @@ def assert_a_silent_glove_frees_both_hands_and_both_are_held_again(drill: TwoGlo
 
 
 @pytest.mark.parametrize("free", sampled([True, False], lambda number, _: number == 0))
+@pytest.mark.soak
 def test_a_fault_of_one_glove_frees_both_and_the_session_ends_in_one_file_that_runs_again(
     tmp_path: Path, free: bool
 ) -> None:

@@ -189,6 +189,7 @@ def test_a_viewer_that_is_closed_ends_the_process_and_nothing_else(
     assert memory.ticks.written == 20_100
 
 
+@pytest.mark.soak
 def test_a_viewer_that_stalls_is_given_up(
     played: tuple[LiveSetup, Records], memory: SessionMemory, tmp_path: Path
 ) -> None:
