@@ -119,6 +119,7 @@ def test_a_left_hand_replays_as_one(run: Run, repository: Path, tmp_path: Path) 
         assert load_result(tmp_path / "r.h5").scene["hand"]["side"] == side
 
 
+@pytest.mark.soak
 def test_joint_centres_give_a_motion_the_error_of_the_fit_and_a_hand(run: Run, tmp_path: Path) -> None:
     sample = joint_sample(length=0.175)
     (tmp_path / "quest.csv").write_text(openxr_csv(sample))

@@ -218,6 +218,7 @@ def test_progress_shows_on_a_terminal_only(run: Run, short: Path, monkeypatch: p
     assert json.loads(answer.out)["ticks"] == 200
 
 
+@pytest.mark.soak
 def test_a_recording_of_a_bare_hand_gets_its_object_placed(run: Run, tmp_path: Path) -> None:
     time_ = np.linspace(0.0, 0.49, 50)
     flexion = np.interp(time_, [0.0, 0.4], [0.1, 1.0])[:, None, None] * np.ones((1, 5, 3))

@@ -99,6 +99,7 @@ def hot3d_lines() -> str:
     return "\n".join(lines) + "\n"
 
 
+@pytest.mark.soak
 def test_both_hands_of_a_recording_and_its_object_are_replayed_by_one_command(run: Run, tmp_path: Path) -> None:
     (tmp_path / "umetrack_hand_user_profile.json").write_text(umetrack_profile())
     (tmp_path / "poses.jsonl").write_text(hot3d_lines())

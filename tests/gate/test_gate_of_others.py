@@ -268,6 +268,7 @@ def test_a_regression_of_others_is_red_and_named_in_one_line(head: Path, gate: G
     assert told.startswith("hhsim: gate: ")
 
 
+@pytest.mark.soak
 def test_a_limit_on_what_a_run_does_not_have_is_told_in_a_line(head: Path, gate: Gate) -> None:
     only(head, "method")
     text = (head / "hhsim-gate.toml").read_text()
@@ -314,6 +315,7 @@ def test_another_motion_is_judged_by_its_figures_where_the_suite_says_so(head: P
         lambda place, _: place == 0,
     ),
 )
+@pytest.mark.soak
 def test_what_a_method_no_longer_tells_is_lost(head: Path, gate: Gate, old: str, lost: str) -> None:
     only(head, "method")
     method(old, "")(head)

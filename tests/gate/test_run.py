@@ -151,6 +151,7 @@ def one_run(one_result: tuple[RunFigures, float], monkeypatch: pytest.MonkeyPatc
     ("failing", "kind", "code"),
     sampled([("head", "run", 1), ("base", "inputs", 3)], lambda place, case: case[0] == "base"),
 )
+@pytest.mark.soak
 def test_a_side_that_breaks_while_it_is_timed_is_told(
     suite: Path, this_side: Side, one_run: None, failing: str, kind: str, code: int
 ) -> None:

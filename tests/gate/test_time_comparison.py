@@ -43,6 +43,7 @@ def chance_of_worse(spread: float, slower: float, limit: float, processes: int) 
     return float(found)
 
 
+@pytest.mark.soak
 def test_false_alarms_and_misses_are_as_rare_as_the_docs_say() -> None:
     for spread, processes, alarms, misses in (
         (0.015, 5, 95_000, 41_000),

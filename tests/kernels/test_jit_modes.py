@@ -113,6 +113,7 @@ def computed(folder: Path, mode: str) -> dict[str, AnyArray]:
 
 
 @pytest.mark.slow
+@pytest.mark.soak
 def test_the_run_exercises_contact(folder: Path) -> None:
     compiled = computed(folder, "compiled")
     assert not (compiled["coupled kkt status"] & STATUS_START_INSIDE).any()

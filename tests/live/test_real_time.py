@@ -139,6 +139,7 @@ def run_loop(**changes: object) -> tuple[subprocess.CompletedProcess[str], Sessi
     return child, memory
 
 
+@pytest.mark.soak
 def test_a_glove_that_is_not_there_is_one_line_and_exit_2() -> None:
     child, memory = run_loop(device=configure("dexmo", port=1))
     assert child.returncode == 2

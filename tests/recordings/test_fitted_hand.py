@@ -15,6 +15,7 @@ from hhsim.recordings.fitted_hand import fitted_hand
     ("side", "radii"),
     sampled([(side, radii) for side in ("right", "left") for radii in (True, False)], lambda place, _: place in (0, 3)),
 )
+@pytest.mark.quick("right-True")
 def test_a_hand_of_another_size_is_found(side: Side, radii: bool) -> None:
     sample = joint_sample(side, length=0.17)
     moved, text = fitted_hand(read_as("openxr", openxr_csv(sample, side, radii=radii)), "take.csv")

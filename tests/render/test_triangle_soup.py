@@ -22,6 +22,7 @@ def test_surface_is_the_round_cones(tip: float, end: tuple[float, float, float])
         np.testing.assert_allclose(distance, away, rtol=0.0, atol=1e-15)
 
 
+@pytest.mark.soak
 def test_a_corner_is_smooth_over_the_faces_of_its_vertex_that_lie_flat_enough() -> None:
     mesh = load_object("cup").mesh
     a, b, c = mesh.triangles.transpose(1, 0, 2)

@@ -164,6 +164,7 @@ def test_no_frames_give_none() -> None:
 
 @settings(max_examples=24)
 @given(st.integers(0, 2**32), st.sampled_from(["ball", "box", "ring", "cup"]))
+@pytest.mark.soak
 def test_what_is_not_marked_is_free_by_coal(seed: int, name: str) -> None:
     random = np.random.default_rng(seed)
     shapes = {

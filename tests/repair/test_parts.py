@@ -367,6 +367,7 @@ def test_figures_are_those_of_each_frame_by_itself() -> None:
     assert not {"volume_voxels_mean", "volume_trimesh_mean", "contact_deviation"} & set(rows)
 
 
+@pytest.mark.soak
 def test_missing_frames_leave_the_others_beside_their_own_parts() -> None:
     parts, frames = parts_of_two(6), held(6, 0.07, 0.3)
     frames.position[1] = np.nan
@@ -385,6 +386,7 @@ def test_missing_frames_leave_the_others_beside_their_own_parts() -> None:
         assert min(nearest[1:]) >= -DEPTH
 
 
+@pytest.mark.soak
 def test_parts_that_leave_no_place_have_the_frame_marked() -> None:
     meshes = box_mesh((2.0, 2.0, 1.0), "low"), box_mesh((2.0, 2.0, 1.0), "high")
     trees = (cached_sphere_tree(meshes[0], TreeOptions(level=1)),) * 2
@@ -400,6 +402,7 @@ def test_parts_that_leave_no_place_have_the_frame_marked() -> None:
     assert np.array_equal(found.joints[0], joints[0])
 
 
+@pytest.mark.soak
 def test_a_skin_is_freed_from_parts_that_move(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hhsim.repair.skin_depth.BLOCK_FRAMES", 5)
     sample = skin_sample()
@@ -420,6 +423,7 @@ def test_a_skin_is_freed_from_parts_that_move(monkeypatch: pytest.MonkeyPatch) -
     assert not found.depth_after.any()
 
 
+@pytest.mark.soak
 def test_a_solver_begins_beside_the_parts_of_its_frame() -> None:
     parts = parts_of_two()
     options = SolverOptions(surface="mesh")

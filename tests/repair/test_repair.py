@@ -109,6 +109,7 @@ def test_an_object_that_moves_gives_the_same_correction(
 
 
 @pytest.mark.usefixtures("no_picture")
+@pytest.mark.soak
 def test_angles_are_repaired_by_our_hand(tmp_path: Path) -> None:
     _, frames = grasp()
     path, out = tmp_path / "angles.npz", tmp_path / "free.npz"

@@ -99,6 +99,7 @@ def test_a_damaged_file_is_searched_for_again(
     assert json.loads(path.read_text()) == wanted
 
 
+@pytest.mark.soak
 def test_a_search_is_made_again_for_what_it_depends_on_alone(folder: Path, searches: list[str]) -> None:
     script, hand, tree = load_script("pinch"), HandModel.default(hand_length=0.2), tree_of("cube", 2)
     phases = tuple(replace(phase, duration=2.0 * phase.duration) for phase in script.phases)

@@ -59,6 +59,7 @@ def test_it_is_placed_by_itself_where_nothing_touches() -> None:
     assert document is not None and document["by_itself"] and document["text"] in found.note
 
 
+@pytest.mark.soak
 def test_it_stays_where_it_was_recorded_if_that_was_asked_or_if_the_hand_touches_it() -> None:
     there = placed(fist(), "recorded")
     assert (there.place, there.note, touches(there.scene, there.scene.solids[0].placed_tree)) == ("recorded", "", False)

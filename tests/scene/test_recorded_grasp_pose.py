@@ -78,6 +78,7 @@ def test_closing_fingers_meet_the_object(name: str) -> None:
     assert placed.to_json()["position"] == placed.motion.object_position.tolist()
 
 
+@pytest.mark.soak
 def test_only_the_pose_of_the_object_changes_and_always_in_the_same_way() -> None:
     motion, tree = reach_and_close(), object_tree("sphere", 3)
     one, other = place_at_grasp(motion, HAND, tree), placed_at("sphere")
@@ -135,6 +136,7 @@ def test_a_hand_that_is_always_there_begins_inside_and_says_so() -> None:
     assert place_at_grasp(one, HAND, tree).start_gap < 0.0
 
 
+@pytest.mark.soak
 def test_where_no_finger_meets_the_object_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hhsim.scene.recorded_grasp_pose.IN", 1.0)
     with pytest.raises(TrajectoryError, match=r"reach: no finger meets"):

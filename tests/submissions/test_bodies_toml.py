@@ -81,6 +81,7 @@ def test_two_hands_come_back_from_the_folder(tmp_path: Path) -> None:
         np.testing.assert_allclose(one.ticks.flexion, was.ticks.flexion, atol=1e-12)
 
 
+@pytest.mark.soak
 def test_a_hinge_that_begins_open_comes_back_at_its_value(tmp_path: Path) -> None:
     post = body("post", [0.05, 0.05, 0.3], fixed=True)
     hinge = joint("hinge", [0, 0, 2], on="post", origin=[0.05, 0, 0], limits=[0, 2], start=0.7)

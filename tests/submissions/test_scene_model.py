@@ -176,6 +176,7 @@ def test_the_folder_states_the_bodies_as_a_result_does(replayed: tuple[Scene, Pa
     assert {row["body"] for row in rows} == set(names) and len(rows) > 8 * len(names) / 2
 
 
+@pytest.mark.soak
 def test_masses_inertias_friction_and_joints_are_those_of_the_things(tmp_path: Path) -> None:
     scene = own_scene(tmp_path)
     write_scene_folder(scene, tmp_path / "s")

@@ -72,6 +72,7 @@ def as_file(
     return found, load_result(path.with_name("result.h5"))
 
 
+@pytest.mark.soak
 def test_a_class_and_the_file_of_its_poses_have_the_same_errors(
     as_class: Result, as_file: tuple[Score, Result]
 ) -> None:

@@ -45,6 +45,7 @@ def states(out: Path) -> dict[str, tuple[str, str]]:
     return {row["name"]: (row["state"], row["reason"]) for row in rows}
 
 
+@pytest.mark.soak
 def test_every_row_ends_whatever_others_do_and_any_number_of_processes_writes_the_same(tmp_path: Path) -> None:
     contents = ("copy 9", "crash 1", "refuse 1", "hang 1", "miss 4", "raise 1", "nothing 1", "mesh 1", "copy 3")
     path = write_manifest(tmp_path, *contents, more=LIMIT)

@@ -290,6 +290,7 @@ def _frames_of(hand: OwnHand, shown: HandConfiguration, tick: int) -> tuple[Floa
 
 
 @pytest.mark.parametrize(("curl", "way"), [(0.02, 0.0), (0.0, 0.002)])
+@pytest.mark.quick("0.02-0.0")
 def test_the_slip_of_straight_steps_holds_where_the_hand_turns(
     honest: Result, tmp_path: Path, curl: float, way: float
 ) -> None:

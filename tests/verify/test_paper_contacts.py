@@ -29,6 +29,7 @@ from hhsim.verify.tick_data import JudgedTicks
     ("name", "level", "seed"),
     sampled([("sphere", 2, 3), ("cylinder", 2, 3), ("cube", 3, 0)], lambda place, _: place == 1),
 )
+@pytest.mark.soak
 def test_a_hand_that_jumps_into_the_object_claims_nothing_false(
     tmp_path: Path, name: str, level: int, seed: int
 ) -> None:

@@ -397,6 +397,7 @@ def test_a_dry_run_tells_so_in_every_tick(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("after_stall", sampled(["ease", "hold"], lambda _, after: after == "ease"))
+@pytest.mark.soak
 def test_a_stall_that_is_eased_or_held_is_judged_by_what_was_asked_for(tmp_path: Path, after_stall: str) -> None:
     safety = SafetyLimits(watchdog=False, after_stall=after_stall)
     short, long_ = (Moment(FIST, work_ns=periods * PERIOD + PERIOD // 2) for periods in (12, 25))

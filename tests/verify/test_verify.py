@@ -209,6 +209,7 @@ def run_anew(result: Result) -> dict[str, Claim]:
     return {claim.name: claim for claim in again_claims(result, lambda what, done, total: None)}
 
 
+@pytest.mark.soak
 def test_an_honest_input_gives_the_same_again(named: Result) -> None:
     found = verify(named, every=500, again=True)
     assert failing(found) == set()

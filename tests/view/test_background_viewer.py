@@ -108,6 +108,7 @@ def test_what_the_process_beside_cannot_do_is_told_here_and_so_is_its_death(resu
 
 
 @linux
+@pytest.mark.soak
 def test_a_replay_that_fails_leaves_neither_file_nor_process(result: Result, tmp_path: Path) -> None:
     body = """
     print(viewer._process.pid)

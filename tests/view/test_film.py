@@ -35,6 +35,7 @@ def test_a_frame_shows_the_newest_tick_at_its_time(result: Result, slow: float) 
 
 
 @pytest.mark.parametrize("suffix", [".gif", ".webp"])
+@pytest.mark.quick(".gif")
 def test_an_animation_has_its_frames_and_its_speed(suffix: str, result: Result, tmp_path: Path) -> None:
     path = tmp_path / f"film{suffix}"
     seen: list[tuple[int, int]] = []

@@ -45,6 +45,7 @@ def recording(files: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Re
     return Recording(path)
 
 
+@pytest.mark.soak
 def test_each_result_has_its_own_hands_and_plots(recording: Recording, files: list[Path]) -> None:
     result = load_result(files[0])
     for root in ("/file-1", "/file-2"):

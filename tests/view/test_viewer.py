@@ -166,6 +166,7 @@ def test_a_run_that_was_stopped_is_shown_as_far_as_it_went(result: Result, tmp_p
     assert "cut short" in recording.fixed["/run"]["TextDocument:text"][0][0]
 
 
+@pytest.mark.soak
 def test_a_disk_that_is_full_is_told_and_leaves_nothing(result: Result, tmp_path: Path) -> None:
     code = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))"
     command = [sys.executable, "-c", f"{code}; from hhsim.cli.main import main; main()"]

@@ -84,6 +84,7 @@ def test_rows_are_what_the_runs_say(runs: PaperRuns) -> None:
     assert row(runs, "variation_glove_size").ours == pytest.approx(float(np.median(variations)))
 
 
+@pytest.mark.soak
 def test_pictures_show_paper_beside_coupled_and_forces_in_red(
     runs: PaperRuns, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -90,6 +90,7 @@ def deepest(record: TickRecord, at: BenchObject, motion: Trajectory, ticks: NDAr
     return float(brute_clearance(center, *sizes, *shown).min())
 
 
+@pytest.mark.soak
 def test_a_row_says_what_the_ticks_show(folder: Path) -> None:
     at = bench_object()
     for solver in (COUPLED, PROGRESSIVE):

@@ -121,6 +121,7 @@ def test_a_session_of_a_simulated_glove_and_the_hand_in_a_file_is_one_document_a
 
 
 @keeps_time
+@pytest.mark.soak
 def test_a_session_whose_glove_could_not_be_told_to_free_the_fingers_ends_with_1(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -165,6 +166,7 @@ def test_two_simulated_gloves_are_one_document_and_one_file(run: Run, tmp_path: 
         pytest.param(signal.SIGINT, "stopped", "", marks=pytest.mark.soak),
     ],
 )
+@pytest.mark.soak
 def test_a_recording_says_who_ended_its_session(tmp_path: Path, number: signal.Signals, ended: str, told: str) -> None:
     record = tmp_path / "session.h5"
     session = ("live", "glove", "cube", "--device", "sim", "--duration", "600", "--rate", "250", "--no-realtime")

@@ -59,6 +59,7 @@ def test_an_error_is_kept_by_the_fewest_spheres_of_each_link(run: Run, tmp_path:
     assert base["bound"] <= 0.02 and 1 < base["spheres"] < 64
 
 
+@pytest.mark.soak
 def test_links_that_are_all_fixed_are_one_object(run: Run, tmp_path: Path) -> None:
     (tmp_path / "box.urdf").write_text(urdf(link("a"), link("b"), joint("a", "b", "fixed", origin='xyz="0 0 0.1"')))
     answer = run("build-tree", "box.urdf", "--level", "1", "--json")

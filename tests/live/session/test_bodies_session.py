@@ -67,6 +67,7 @@ def test_it_runs_again_bit_for_bit_and_every_claim_holds(result: Result) -> None
     assert {claim.name for claim in verify(result).claims if claim.failed} <= {"latency", "wake-up"}
 
 
+@pytest.mark.soak
 def test_driven_bodies_stay_where_they_begin(tmp_path: Path) -> None:
     bodies = load_object("laptop").with_trees(tree_maker(2))
     scene = make_live_scene(bodies, HandModel.default(), configure(), PoseConfig(), None)

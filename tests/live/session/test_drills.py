@@ -246,6 +246,7 @@ def test_disk_full(drill: Drill) -> None:
     assert result.ticks > ENOUGH
 
 
+@pytest.mark.soak
 def test_recorder_killed_then_loop_killed(glove: FakeDexmo, tmp_path: Path) -> None:
     with Drill(glove, tmp_path / "session.h5") as drill:
         drill.grasp()

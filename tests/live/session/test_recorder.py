@@ -278,6 +278,7 @@ def test_a_place_that_cannot_be_written_is_told_at_once(tmp_path: Path) -> None:
     assert memory.status["recorder_failed"] == 1
 
 
+@pytest.mark.soak
 def test_told_to_stop_it_writes_what_came(ticks: Records, tmp_path: Path) -> None:
     path, memory = tmp_path / "session.h5", SessionMemory.create()
     started(memory)

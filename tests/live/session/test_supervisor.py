@@ -156,6 +156,7 @@ def test_a_fault_counts_as_one_at_the_end_if_it_was_then(make: Make, at: int, fa
     assert session.end().fault_at_end == fault
 
 
+@pytest.mark.soak
 def test_an_error_of_the_caller_ends_everything_in_order(make: Make, marks: Path) -> None:
     session = make()
     with pytest.raises(ZeroDivisionError), session:

@@ -39,6 +39,7 @@ def written(arm: RobotSpheres, name: str) -> Path:
 
 
 @pytest.mark.parametrize("name", FORMATS.names())
+@pytest.mark.quick("urdf", "curobo", "json", "mjcf", "srdf", "xrdf")
 def test_what_is_written_has_its_mark_and_is_read_with_every_digit(arm: RobotSpheres, name: str) -> None:
     path = written(arm, name)
     assert FORMATS[name].mark in path.read_bytes() and format_of(path) == name
