@@ -25,6 +25,8 @@ from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import Scene, open_scene
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.verify.body_checks import body_claims
+from hhsim.verify.claim import HOLDS
+from hhsim.verify.file_checks import file_claims
 from hhsim.view.film import video_frames
 from hhsim.view.sink import parse_target
 from hhsim.view.viewer import view_result
@@ -74,6 +76,11 @@ def test_a_result_holds_the_parts_and_runs_again_to_the_bit(scene: Scene, result
         run_again(changed(result, tmp_path, "bodies/lid/mesh/vertices", 3, 1e-4))
     otherwise = run_again(changed(result, tmp_path, f"{LID}/position", 200, 2e-3))
     assert not otherwise.same and min(array.first_tick for array in otherwise.arrays if not array.identical) == 200
+
+
+def test_a_tick_may_say_that_parts_that_move_left_the_hand_no_place(result: Result, tmp_path: Path) -> None:
+    said = changed(result, tmp_path, "hands/right/tick/status", 5, STATUS_NO_PLACE)
+    assert [claim.verdict for claim in file_claims(said) if claim.name == "status"] == [HOLDS]
 
 
 def test_a_thing_that_is_carried_runs_again_to_the_bit(tmp_path: Path) -> None:

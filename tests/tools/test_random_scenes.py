@@ -32,8 +32,8 @@ from tools.scene_judge import Moved, Recorded, hand_distance, judge, own_hand_of
 
 TICKS, EVERY = 300, 10
 RIGHT, LEFT = HandModel.default("right"), HandModel.default("left")
-SCENES = {"fixed": 28, "several": 16, "free": 9}
-"""A scene of some kinds in which hands touch: with fingers that meet, of two bodies and a table, and of two hands."""
+SCENES = {"fixed": 28, "several": 9, "free": 9}
+"""A scene of some kinds in which hands touch: one with fingers that meet; of several bodies one of two hands."""
 
 
 @cache
@@ -49,7 +49,6 @@ def still(solid: Solid, ticks: int) -> Moved:
 
 
 @pytest.mark.parametrize("kind", SCENES)
-@pytest.mark.quick("fixed", "free")
 def test_a_short_scene_is_clean_and_its_hands_touch(kind: str) -> None:
     found = judge(clean(kind), EVERY)
     assert found.findings == []
@@ -123,11 +122,11 @@ def test_what_is_planted_in_a_bodys_motion_is_found(what: str) -> None:
 
 
 def test_a_shown_hand_that_is_off_by_a_millimetre_is_found() -> None:
-    scene = clean("several")
-    (shown,) = scene.shown
+    scene = clean("fixed")
+    shown, *others = scene.shown
     found: list[str] = []
     for way in 1e-3 * np.concatenate([np.eye(3), -np.eye(3)]):
-        moved = replace(scene, shown=(shown._replace(position=shown.position + way),))
+        moved = replace(scene, shown=(shown._replace(position=shown.position + way), *others))
         found += [finding.what for finding in judge(moved, EVERY).findings]
     assert "hand in body, depth [m]" in found
 

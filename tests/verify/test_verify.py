@@ -303,12 +303,11 @@ def test_a_sphere_on_a_level_beyond_counting_is_found(honest: Result, tmp_path: 
 
 @pytest.mark.parametrize(
     ("tick", "status", "fails"),
-    [(5, STATUS_NO_PLACE, False), (0, STATUS_START_INSIDE, False), (5, STATUS_START_INSIDE, True), (5, 128, True)],
+    [(0, STATUS_START_INSIDE, False), (5, STATUS_START_INSIDE, True), (5, STATUS_NO_PLACE, True), (5, 128, True)],
 )
 def test_a_status_is_of_known_flags_each_where_it_can_be(
     honest: Result, tmp_path: Path, tick: int, status: int, fails: bool
 ) -> None:
-    """A tick without a place, beside bodies that shut, was once called unknown."""
     said = at("said", "hands/right/tick/status", tick, lambda _: status)
     claims = {claim.name: claim for claim in file_claims(planted(honest.path, tmp_path, said))}
     assert claims["status"].failed is fails

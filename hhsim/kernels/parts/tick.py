@@ -193,6 +193,17 @@ def _write_rows(hand: HandArrays, options: TickOptions, state: Record) -> None:
 
 
 @jit_noinline
+def _move_hand(hand: HandArrays, options: TickOptions, state: Record) -> float:
+    """Make the step as far as the pairs at hand vouch for; returns the longest motion [m]."""
+    # A program may miss a joint limit by its tolerance, and the next one would start from there.
+    for f in range(FINGER_COUNT):
+        clamp_to_limits(hand, state.pose, f, state.step.delta[:])
+    fraction, longest = allowed_fraction(hand, options, state)
+    move(state.pose, state.step.delta, state.problem.abduction_step, fraction)
+    return longest
+
+
+@jit_noinline
 def make_way(hand: HandArrays, surface: JointedSurface, options: TickOptions, state: Record, qp: QpWork) -> bool:
     """Bring a hand that a part has come into out of it, by the least steps; returns whether it is free."""
     for _ in range(WAYS):
@@ -203,8 +214,7 @@ def make_way(hand: HandArrays, surface: JointedSurface, options: TickOptions, st
         _write_rows(hand, options, state)
         if solve_coupled(Coupled(options), state, qp) != OPTIMAL:
             return False
-        fraction, _ = allowed_fraction(hand, options, state)
-        move(state.pose, state.step.delta, state.problem.abduction_step, fraction)
+        _move_hand(hand, options, state)
         if not evaluate_pose(hand, surface, options, state):
             return False
         if least_distance(state) >= 0.0:
@@ -262,8 +272,7 @@ def squeeze(hand: HandArrays, surface: JointedSurface, options: TickOptions, sta
         _write_rows(hand, options, state)
         if not _squeezed_step(surface, options, state, method):
             return True
-        fraction, longest = allowed_fraction(hand, options, state)
-        move(state.pose, state.step.delta, state.problem.abduction_step, fraction)
+        longest = _move_hand(hand, options, state)
         if not evaluate_pose(hand, surface, options, state):
             return False
         if longest < SETTLED:
@@ -301,8 +310,7 @@ def bear(hand: HandArrays, surface: JointedSurface, options: TickOptions, state:
     store_active(contacts, state.step, state.warm)
     store_meeting(options.own, state, state.warm)
     copy_active(state.warm, state.active)
-    fraction, _ = allowed_fraction(hand, options, state)
-    move(state.pose, state.step.delta, problem.abduction_step, fraction)
+    _move_hand(hand, options, state)
     fits = evaluate_pose(hand, surface, options, state)
     if fits and least_distance(state) >= depth - options.offset:
         return True

@@ -55,7 +55,7 @@ class DroppingGlove(SimGlove):
 
 def scene_of_hand(side: Hand, *, free: bool) -> LiveScene:
     item = load_object("cube")
-    bodies = DeclaredBodies.of_mesh(item.mesh).with_trees(tree_maker(3))
+    bodies = DeclaredBodies.of_mesh(item.mesh).with_trees(tree_maker(1))
     motion, low = load_script("lift-both").of_two(), float(item.mesh.bounds[0, 2])
     about: dict[str, Any] = {"rate": RATE}
     if side == "left":
@@ -79,7 +79,7 @@ def record(
             scene=both.scene,
             beside=beside,
             hand=own.scene.hands[0].model,
-            options=SolverOptions(),
+            options=SolverOptions(surface="mesh"),
             device=own.device,
             pose=own.pose,
             output=OutputLimits(ramp=0.1),
