@@ -26,7 +26,7 @@ REPLAY_NEEDS := click rich
 # A live session and what tells of its machine need Linux; the rest has types that hold on macOS and Windows too.
 LINUX_ONLY := '/(live|doctor\.py|scheduling_facts\.py|cpu_accounts\.py|wakeups\.py)(/|$$)'
 
-.PHONY: replay test site gallery soak wheel sdist check-dist checks platforms kernels gate clean
+.PHONY: replay test site gallery soak wheel sdist check-dist checks platforms kernels tests own-gate gate clean
 
 # Kernels are compiled while the rest is installed.
 replay:
@@ -36,8 +36,8 @@ replay:
 
 test:
 	@$(MAKE) --no-print-directory -j 2 .venv/compiled.stamp .venv/hhsim.stamp
-	@$(MAKE) --no-print-directory -j 2 checks gate
-	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
+	@$(MAKE) --no-print-directory -j 2 checks kernels
+	@$(MAKE) --no-print-directory -j 2 tests own-gate
 
 soak: .venv/test.stamp
 	@$(MAKE) --no-print-directory kernels platforms
@@ -72,8 +72,14 @@ checks: .venv/test.stamp
 kernels:
 	$(BIN)/python tests/compile_kernels.py
 
-gate: kernels
+tests:
+	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
+
+own-gate:
 	$(BIN)/hhsim gate --no-time
+
+gate: kernels
+	@$(MAKE) --no-print-directory own-gate
 
 .venv/python.stamp:
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' || \

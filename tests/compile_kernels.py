@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from hhsim.mesh.catalogue import load_object
+from hhsim.mesh.mesh import Mesh
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions
+from hhsim.trees.triangle_tree import triangle_tree
 
 
 def trees() -> None:
@@ -40,28 +42,44 @@ def ticks(*methods: str, surface: str = "spheres") -> None:
 
 
 def triangles() -> None:
-    """What the ticks of all methods that take a mesh run on it."""
+    """What the ticks of all methods that take a mesh run on it, and beside bodies on joints that are driven."""
+    from hhsim.hand.model import HandModel
+    from hhsim.solver.hand_solver import warm_up
+    from hhsim.solver.options import SolverOptions
+
     ticks("coupled", "progressive", surface="mesh")
+    warm_up(HandModel.default(), SolverOptions(surface="mesh"), jointed=True)
 
 
-def free() -> None:
-    """What a free object's ticks run on triangles; on spheres only the soak has them."""
-    from free_scenes import box, far_hand
+def both(mesh: Mesh, surface: str, free: Any = None) -> None:
+    """What two hands run that meet, beside a body that stands still or is free."""
+    from free_scenes import far_hand
 
     from hhsim.hand.configuration import HandConfiguration
-    from hhsim.hand.model import HandModel
-    from hhsim.solver.free_object import FreeObject
-    from hhsim.solver.hand_solver import HandSolver, warm_up
+    from hhsim.hand.model import SIDES, HandModel
+    from hhsim.solver.hand_solver import HandSolver
     from hhsim.solver.options import SolverOptions
     from hhsim.solver.world_solver import WorldSolver
     from hhsim.trees.contact_surface import contact_surface
 
-    mesh = box((0.05, 0.05, 0.05))
-    block, options = FreeObject.of_mesh(mesh), SolverOptions(surface="mesh")
+    touched, far = contact_surface(surface, mesh, triangle_tree(mesh, 1)), HandConfiguration(*far_hand(1))
+    hands = [HandSolver(HandModel.default(side), touched, SolverOptions(surface=surface)) for side in SIDES]
+    WorldSolver(hands, free).run(far, far)
+
+
+def free() -> None:
+    """What a free object's ticks run on triangles; on spheres only the soak has them."""
+    from free_scenes import box
+
+    from hhsim.hand.model import HandModel
+    from hhsim.solver.free_object import FreeObject
+    from hhsim.solver.hand_solver import warm_up
+    from hhsim.solver.options import SolverOptions
+
+    mesh, options = box((0.05, 0.05, 0.05)), SolverOptions(surface="mesh")
+    block = FreeObject.of_mesh(mesh)
     warm_up(HandModel.default(), options, block)
-    surface, hands = contact_surface("mesh", mesh, None), (HandModel.default("right"), HandModel.default("left"))
-    far = HandConfiguration(*far_hand(1))
-    WorldSolver([HandSolver(hand, surface, options) for hand in hands], block).run(far, far)
+    both(mesh, "mesh", block)
     sessions(mesh=mesh, free={}, options=options)
 
 
@@ -91,10 +109,11 @@ def sessions(**changes: Any) -> None:
 
 
 def first() -> None:
-    """What ticks run on spheres, what is made of these ticks, and what makes scenes."""
+    """What ticks of one hand and of two run on spheres, what is made of these ticks, and what makes scenes."""
     ticks("coupled", "progressive", "paper", "penalty")
     phases()
     sessions()
+    both(load_object("cube").mesh, "spheres")
     trees()
 
 
