@@ -109,18 +109,18 @@ def sessions(**changes: Any) -> None:
 
 
 def first() -> None:
-    """What ticks of one hand and of two run on spheres, what is made of these ticks, and what makes scenes."""
+    """What ticks of one hand and of two run on spheres, and what is made of these ticks."""
     ticks("coupled", "progressive", "paper", "penalty")
     phases()
     sessions()
     both(load_object("cube").mesh, "spheres")
-    trees()
 
 
 def second() -> None:
-    """What ticks run on triangles, beside a fixed object and a free one."""
+    """What ticks run on triangles, beside bodies that are fixed, driven and free, and what makes scenes."""
     triangles()
     free()
+    trees()
 
 
 PARTS = {"first": first, "second": second}
