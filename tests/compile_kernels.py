@@ -52,7 +52,7 @@ def triangles() -> None:
 
 
 def both(mesh: Mesh, surface: str, free: Any = None) -> None:
-    """What two hands run that meet, beside a body that stands still or is free."""
+    """What two hands that meet run, beside a body that is fixed or free."""
     from free_scenes import far_hand
 
     from hhsim.hand.configuration import HandConfiguration

@@ -221,21 +221,8 @@ def test_frames_have_the_rate_that_the_file_says(result: Result, tmp_path: Path)
 def test_the_motion_of_several_things_is_made_once_more(tmp_path: Path, thing: str, motion: str) -> None:
     """Its script finds the place by the name of the scene, which the first thing's mesh does not have."""
     path = tmp_path / "things.h5"
-    words = [
-        thing,
-        motion,
-        "--surface",
-        "mesh",
-        "--level",
-        "1",
-        "--rate",
-        "100",
-        "--ticks",
-        "30",
-        "--quiet",
-        "--out",
-        str(path),
-    ]
+    few = ("--surface", "mesh", "--level", "1", "--rate", "100", "--ticks", "30")
+    words = [thing, motion, *few, "--quiet", "--out", str(path)]
     assert importlib.import_module("hhsim.cli.replay").command.main(words, standalone_mode=False) == 0
     found = {claim.name: claim for claim in again_claims(load_result(path), lambda what, done, total: None)}
     assert found["again: motion"].verdict == HOLDS and found["again: motion"].checked == 30
