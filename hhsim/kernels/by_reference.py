@@ -93,18 +93,21 @@ def _write_down(kind: Reference, value: Any, call: Any) -> NativeValue:
     memory = cgutils.alloca_once(builder, ir.ArrayType(_BYTE, _places(context, kind)[-1]))
     memory.align = ALIGNMENT
     address = builder.bitcast(memory, _BYTE.as_pointer())
-    failed, cleanups = cgutils.false_bit, []
+    failed, fields = cgutils.false_bit, []
     for number, field in enumerate(kind.types):
         native = call.unbox(field, call.pyapi.tuple_getitem(value, number))
         model, place = _field_pointer(context, builder, kind, address, number)
         builder.store(model.as_data(builder, native.value), place)
         failed = builder.or_(failed, native.is_error)
-        if native.cleanup is not None:
-            cleanups.append(native.cleanup)
+        fields.append((field, native))
 
     def clean() -> None:
-        for cleanup in reversed(cleanups):
-            cleanup()
+        for field, native in reversed(fields):
+            if native.cleanup is not None:
+                native.cleanup()
+            # Where kernels count references, numba frees those of an argument, and looks into none behind an address.
+            if context.enable_nrt:
+                context.nrt.decref(builder, field, native.value)
 
     return NativeValue(address, cleanup=clean, is_error=failed)
 

@@ -1,6 +1,7 @@
 """NamedTuples that kernels take by reference, against the same function of Python."""
 
 import pickle
+import sys
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -9,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hhsim.kernels.by_reference import Reference, by_reference
-from hhsim.kernels.jit import JIT_ENABLED, Array, Indices, jit
+from hhsim.kernels.jit import JIT_ENABLED, Array, Indices, jit, jit_allocating
 
 pytestmark = pytest.mark.skipif(not JIT_ENABLED, reason="the kernels are not compiled here")
 
@@ -60,6 +61,14 @@ def outer(whole: Whole, plain: Plain, which: int) -> float:
 compiled: Any = jit(outer)
 
 
+def allocating(whole: Whole, plain: Plain, which: int) -> Array:
+    """Return what `outer` does in an array of its own."""
+    return np.full(1, inner(whole.parts[which], whole.offset) + inner(plain.part, 0.5))
+
+
+counting: Any = jit_allocating(allocating)
+
+
 def part_of(seed: int, count: int) -> Part:
     rng = np.random.default_rng(seed)
     return Part(bool(seed % 2), count, float(rng.normal()), rng.normal(size=count), rng.integers(-9, 9, count))
@@ -90,3 +99,13 @@ def test_other_types_of_fields_are_another_type() -> None:
     part, kernel = part_of(1, 2), cast(Any, inner)
     other: Any = part.values
     assert len({str(kernel.typeof_pyval(each)) for each in (part, part._replace(rows=other))}) == 2
+
+
+@pytest.mark.parametrize("kernel", [compiled, counting], ids=["plain", "allocating"])
+def test_a_call_keeps_no_hold_of_what_it_was_given(kernel: Any) -> None:
+    whole, plain = Whole(part_of(1, 2), (part_of(2, 2),) * 3, 1.0), Plain(part_of(3, 2))
+    arrays = [array for part in (whole.first, *whole.parts, plain.part) for array in (part.values, part.rows)]
+    before = [sys.getrefcount(array) for array in arrays]
+    for _ in range(3):
+        kernel(whole, plain, 1)
+    assert [sys.getrefcount(array) for array in arrays] == before
