@@ -88,26 +88,56 @@ def _read_field(context: Any, builder: Any, kind: Reference, address: Any, name:
     return impl_ret_borrowed(context, builder, kind.types[number], value)
 
 
+def _holds_reference(field: types.Type) -> bool:
+    return isinstance(field, Reference) or any(map(_holds_reference, getattr(field, "types", ())))
+
+
+def _fill(call: Any, kind: Reference, value: Any, address: Any) -> tuple[Any, list[Any]]:
+    """Write a tuple down at an address; return whether that failed, and what is to be called when it is done with."""
+    builder, failed, cleanups = call.builder, cgutils.false_bit, []
+    for number, field in enumerate(kind.types):
+        native = call.unbox(field, call.pyapi.tuple_getitem(value, number))
+        model, place = _field_pointer(call.context, builder, kind, address, number)
+        builder.store(model.as_data(builder, native.value), place)
+        failed = builder.or_(failed, native.is_error)
+        if native.cleanup is not None:
+            cleanups.append(native.cleanup)
+    return failed, cleanups
+
+
+def _filler(call: Any, kind: Reference) -> Any:
+    """Return the function that writes such a tuple down: a hand's would else be a thousand instructions each time."""
+    name, module = f"write_down.{kind.name}", call.builder.module
+    if name in module.globals:
+        return module.globals[name]
+    filler = ir.Function(module, ir.FunctionType(ir.IntType(1), [call.pyapi.pyobj, _BYTE.as_pointer()]), name)
+    filler.linkage = "internal"
+    filler.attributes.add("noinline")
+    builder = ir.IRBuilder(filler.append_basic_block())
+    inner = type(call)(call.context, builder, call.context.get_python_api(builder))
+    failed, _ = _fill(inner, kind, *filler.args)
+    builder.ret(failed)
+    return filler
+
+
 def _write_down(kind: Reference, value: Any, call: Any) -> NativeValue:
     context, builder = call.context, call.builder
     memory = cgutils.alloca_once(builder, ir.ArrayType(_BYTE, _places(context, kind)[-1]))
     memory.align = ALIGNMENT
     address = builder.bitcast(memory, _BYTE.as_pointer())
-    failed, fields = cgutils.false_bit, []
-    for number, field in enumerate(kind.types):
-        native = call.unbox(field, call.pyapi.tuple_getitem(value, number))
-        model, place = _field_pointer(context, builder, kind, address, number)
-        builder.store(model.as_data(builder, native.value), place)
-        failed = builder.or_(failed, native.is_error)
-        fields.append((field, native))
+    # What is written down in another one's frame would be gone with it.
+    if any(map(_holds_reference, kind.types)):
+        failed, cleanups = _fill(call, kind, value, address)
+    else:
+        failed, cleanups = builder.call(_filler(call, kind), [value, address]), []
 
     def clean() -> None:
-        for field, native in reversed(fields):
-            if native.cleanup is not None:
-                native.cleanup()
-            # Where kernels count references, numba frees those of an argument, and looks into none behind an address.
-            if context.enable_nrt:
-                context.nrt.decref(builder, field, native.value)
+        for cleanup in reversed(cleanups):
+            cleanup()
+        # Where kernels count references, numba frees those of an argument, and looks into none behind an address.
+        for number, field in enumerate(kind.types if context.enable_nrt else ()):
+            model, place = _field_pointer(context, builder, kind, address, number)
+            context.nrt.decref(builder, field, model.load_from_data_pointer(builder, place))
 
     return NativeValue(address, cleanup=clean, is_error=failed)
 

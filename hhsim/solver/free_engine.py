@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import cached_property
 from itertools import count
 from typing import Any
 
@@ -19,9 +20,10 @@ from hhsim.kernels.free.pairs import Free
 from hhsim.kernels.free.record import BodiesRecord, ObjectRecord, WorldRecord
 from hhsim.kernels.free.rows import SLACKS, friction_count
 from hhsim.kernels.free.state import MOST_BODIES, MOST_HANDS, world_dtype
-from hhsim.kernels.free.tick import run_many
+from hhsim.kernels.free.tick import REBUILD, run_many, tick_world
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration
+from hhsim.kernels.machine_code import code_of
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
@@ -31,7 +33,7 @@ from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.reproducible import across, matmul, principal_axes
 from hhsim.solver.free_object import EngineBody, FreeObject, Hinge, Slider, require_free
 from hhsim.solver.options import UNLIMITED
-from hhsim.solver.workspace import HAPTIC_SHAPES, TickWorkspace, fresh_state, tick_record, zeroed
+from hhsim.solver.workspace import TickWorkspace, fresh_state, tick_record, zeroed
 from hhsim.trees.contact_surface import ContactSurface
 from hhsim.trees.hierarchy import build_hierarchy
 
@@ -324,13 +326,14 @@ class FreeEngine:
                 one, two = (self.bodies[k].name or "the first body" for k in (other, body))
                 raise InputError(f"{one} begins {1e3 * depth:.3g} mm inside {two}; expected bodies beside each other")
 
+    @cached_property
+    def code(self) -> Any:
+        """Machine code of a tick of all, see `kernels.machine_code`."""
+        return code_of(tick_world, self.method, self.states, self.qp, 0)
+
     def _fits(self) -> bool:
         """Take all as it stands; return whether what is near fits into the arrays."""
-        # By the function of the ticks: a second one that takes the method costs seconds of compilation.
-        hands = range(len(self.hands))
-        haptic = [HapticBlock(*(np.zeros((0, *shape)) for shape in HAPTIC_SHAPES)) for _ in hands]
-        done, _ = self._run(self.method, haptic, [tick_record(0) for _ in hands], np.zeros((len(self.bodies), 0, 7)))
-        return done == 0
+        return bool(tick_world(self.method, self.states, self.qp, REBUILD) == 0)
 
     def approach(self, linearisations: int) -> None:
         """Bring the hands from free places as near to the user's as so many linearisations of one tick can.
@@ -377,7 +380,7 @@ class FreeEngine:
         rows = len(bodies.body)
         own = WorldRecord(bodies, np.zeros(rows, np.int64), np.zeros((rows, 3)), np.zeros((len(self.bodies), count, 6)))
         given, written = HapticBlock(*map(_of_all, zip(*haptic))), TickRecord(*map(_of_all, zip(*record)))
-        done = int(run_many(method, self.states, self.qp, given, written, own, driven))
+        done = int(run_many(method, self.states, self.qp, given, written, own, driven, self.code))
         if len(record) > 1:
             for h, of_hand in enumerate(record):
                 for values, found in zip(of_hand, written):
@@ -392,7 +395,7 @@ class FreeEngine:
     def call(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> tuple[Any, tuple[Any, ...]]:
         """Return the kernel of ticks beside which nothing is driven, and its arguments."""
         still = np.zeros((len(self.bodies), len(haptic.position[0]), 7))
-        return run_many, (self.method, self.states, self.qp, haptic, record, bodies, still)
+        return run_many, (self.method, self.states, self.qp, haptic, record, bodies, still, self.code)
 
 
 def filled(values: Sequence[Any], count: int) -> tuple[Any, ...]:

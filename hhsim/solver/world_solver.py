@@ -11,6 +11,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.contact.hand_pairs import hands_nearest
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
 from hhsim.kernels.jit import as_argument
+from hhsim.kernels.machine_code import code_of
 from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, run_block
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
@@ -19,7 +20,7 @@ from hhsim.solver.free_object import EngineBody, FreeObject
 from hhsim.solver.hand_solver import START_LINEARISATIONS, HandSolver, clearance, free_engine, shift_until
 from hhsim.solver.linearising_engine import LinearisingEngine
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.workspace import TickWorkspace, tick_record
+from hhsim.solver.workspace import HAPTIC_SHAPES, TickWorkspace, tick_record
 
 if TYPE_CHECKING:
     from hhsim.kernels.free.record import BodiesRecord, ObjectRecord, WorldRecord
@@ -63,6 +64,7 @@ class WorldSolver:
         self._has_free = free is not None
         self.engine = hands[0].free
         self._two: FreeEngine | None = None
+        self._alone: Any = None  # a block of one tick of each hand, and the ticks' machine code
         if len(self.hands) > 1 and (free is not None or keeps_hands_apart(hands[0].options)):
             self._two = self.engine = free_engine(self._spaces[0], free, second=self._spaces[1], others=others)
         self._started = self._two is None
@@ -141,10 +143,19 @@ class WorldSolver:
         self, two: "FreeEngine", haptic: Sequence[HapticBlock], record: Sequence[TickRecord]
     ) -> tuple[Any, ...]:
         """Return the arguments of `run_hands_apart`."""
-        engines = [hand.engine for hand in self.hands]
-        alone = tuple(engine.tick_method for engine in engines if isinstance(engine, LinearisingEngine))
-        qps = tuple(space.qp for space in self._spaces)
-        return alone, two.method, qps, tuple(haptic), tuple(record), self._parts_move, two.qp
+        from hhsim.kernels.free.side_by_side import TickCodes
+
+        if self._alone is None:
+            given = HapticBlock(*(np.zeros((1, *shape)) for shape in HAPTIC_SHAPES))
+            engines = [hand.engine for hand in self.hands]
+            methods = [engine.tick_method for engine in engines if isinstance(engine, LinearisingEngine)]
+            blocks = tuple(
+                space.block(own, HapticBlock(*map(np.copy, given)), tick_record(1))
+                for space, own in zip(self._spaces, methods, strict=True)
+            )
+            self._alone = blocks, TickCodes(code_of(run_block, *blocks[0]), two.code)
+        alone, codes = self._alone
+        return alone, two.method, tuple(haptic), tuple(record), self._parts_move, two.qp, codes
 
     def tick_call(self, haptic: HapticBlock, record: TickRecord, bodies: "WorldRecord") -> tuple[Any, tuple[Any, ...]]:
         """Return the kernel of begun ticks, None where Python takes part, and its arguments, which have these arrays.

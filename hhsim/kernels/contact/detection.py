@@ -17,7 +17,7 @@ import numpy as np
 
 from hhsim.kernels.contact.surface import Walk, gather_pairs, measure_pairs, pairs_within, record_pairs
 from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Indices, Record, as_int64, generic, jit_inline
+from hhsim.kernels.jit import Indices, Record, as_int64, generic, jit_inline, jit_noinline
 
 COUNT_NODE_TESTS = 0
 COUNT_PAIR_TESTS = 1
@@ -186,7 +186,7 @@ def evaluate_rigid(
     return status
 
 
-@jit_inline
+@jit_noinline
 def evaluate(hand: HandArrays, pose: Record, surface: Any, reach: Reach, candidates: Record, work: Indices) -> int:
     """Compute the distances of all near pairs at `pose`, whose kinematics are up to date; return 0, or FULL.
 
@@ -206,7 +206,7 @@ def pairs_near(surface: Any, hand: HandArrays, candidates: Record, limit: float)
     return bodies, pairs
 
 
-@jit_inline
+@jit_noinline
 def find_contacts(
     surface: Any, hand: HandArrays, pose: Record, candidates: Record, margin: float, contacts: Record
 ) -> int:

@@ -4,7 +4,7 @@ Each hand's tick is the one that it has alone, on where both began. Only where t
 taken back, and the tick is one of the world of both (`kernels.free.tick`), whose pairs' states are those of the hands.
 """
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,15 +12,16 @@ from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
 from hhsim.kernels.contact.hand_pairs import bound_motions, hands_nearest, look_at_pairs
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.meeting import hands_of, measure_hands
-from hhsim.kernels.free.pairs import Free, measure
+from hhsim.kernels.free.pairs import Free
+from hhsim.kernels.free.tick import MEASURE, TICK
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
-from hhsim.kernels.jit import Array, Record, jit, jit_noinline
+from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_noinline
+from hhsim.kernels.machine_code import call_code
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.rotation import rotation_vector_between
-from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
+from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, record_tick
 from hhsim.kernels.tick.haptic_input import set_haptic
-from hhsim.kernels.tick.method import tick
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID, STATUS_NO_PLACE
 
 
@@ -70,8 +71,15 @@ def find_meeting(method: Free, records: tuple[TickRecord, TickRecord]) -> int:
     return int(records[0].position.shape[0])
 
 
+class TickCodes(NamedTuple):
+    """Machine code of a tick, see `kernels.machine_code`."""
+
+    alone: int  # `run_block` of each hand
+    world: int  # `tick_world`
+
+
 @jit_noinline
-def _tick_of_both(method: Free, parts_move: bool, qp: QpWork) -> None:
+def _tick_of_both(method: Free, parts_move: bool, qp: QpWork, code: int) -> None:
     """Make the tick of both hands as one of the world; the status bits are in it."""
     world, states = method.world[0], method.states
     hands, two = hands_of(method.movers, states, world)
@@ -85,7 +93,7 @@ def _tick_of_both(method: Free, parts_move: bool, qp: QpWork) -> None:
         # Of a sample that is not finite the last good one counts.
         copy_values(state.haptic.position[:], world.palm_position[h])
         copy_values(state.haptic.orientation[:], world.palm_orientation[h])
-    tick(method, method.movers[0], method.surfaces[0], states[0], qp)
+    call_code(code, (method, states, qp, as_int64(TICK)))
     if world.kept_apart < 0.0:
         for h in range(2):
             world.status[h] |= STATUS_NO_PLACE
@@ -96,48 +104,70 @@ def _tick_of_both(method: Free, parts_move: bool, qp: QpWork) -> None:
         world.is_near = measure_hands(method.movers, states, world) < near
 
 
+@jit_noinline
+def _tick_alone(block: TickBlock, code: int, i: int, haptic: HapticBlock, record: TickRecord) -> None:
+    """Make a hand's own tick, by a block of this one, and write its row of the record."""
+    given, found = block.haptic, block.record
+    copy_values(haptic.position[i], given.position[0])
+    copy_values(haptic.orientation[i], given.orientation[0])
+    copy_values(haptic.flexion[i], given.flexion[0])
+    copy_values(haptic.abduction[i], given.abduction[0])
+    call_code(code, block)
+    record.status[i] = found.status[0]
+    copy_values(found.position[0], record.position[i])
+    copy_values(found.orientation[0], record.orientation[i])
+    copy_values(found.flexion[0], record.flexion[i])
+    copy_values(found.abduction[0], record.abduction[i])
+    copy_values(found.joints[0], record.joints[i])
+    copy_values(found.phalanx[0], record.phalanx[i])
+    copy_values(found.fingertip_normal[0], record.fingertip_normal[i])
+    copy_values(found.palm_wrench[0], record.palm_wrench[i])
+    copy_values(found.total[0], record.total[i])
+    copy_values(found.duration[0], record.duration[i])
+    record.duration_total[i], record.duration_cpu[i] = found.duration_total[0], found.duration_cpu[0]
+    copy_values(found.work[0], record.work[i])
+    record.lag[i] = found.lag[0]
+
+
 @jit
 def run_hands_apart(
-    methods: Any,
+    alone: tuple[TickBlock, TickBlock],
     method: Free,
-    qps: Any,
     haptic: tuple[HapticBlock, HapticBlock],
     record: tuple[TickRecord, TickRecord],
     parts_move: bool,
     qp: QpWork,
+    codes: TickCodes,
 ) -> int:
     """Run one tick of two hands for each row of their haptic inputs, as `kernels.tick.block.run_block` does of one.
 
-    `methods` are those of each hand alone, `method` that of the world, in which parts that may move stand still. Where
-    `parts_move` each hand gives way to them by its own tick first. A hand that they leave no place stays there.
+    `alone` has a block of one tick of each hand, `method` is that of the world, in which parts that may move stand
+    still. Where `parts_move` each hand gives way to them by its own tick first. A hand that they leave no place stays
+    there.
     """
     world, states = method.world[0], method.states
     for i in range(haptic[0].position.shape[0]):
         began, cpu = monotonic_ns(), thread_cpu_ns()
-        alone = parts_move or not world.is_near
+        by_itself = parts_move or not world.is_near
         for h in range(2):
-            state, given, hand = states[h], haptic[h], method.movers[h]
-            wall, own_cpu = monotonic_ns(), thread_cpu_ns()
-            status = set_haptic(
-                hand, given.position[i], given.orientation[i], given.flexion[i], given.abduction[i], state
-            )
-            if alone:
-                status |= tick(methods[h], hand, method.surfaces[h], state, qps[h])
-                record_tick(state, status, monotonic_ns() - wall, thread_cpu_ns() - own_cpu, i, record[h])
+            given = haptic[h]
+            if by_itself:
+                _tick_alone(alone[h], codes.alone, i, given, record[h])
             else:
-                record[h].status[i] = status
+                sample = given.position[i], given.orientation[i], given.flexion[i], given.abduction[i]
+                record[h].status[i] = set_haptic(method.movers[h], *sample, states[h])
         said = record[0].status[i] | record[1].status[i]
-        if alone and (said & STATUS_NO_PLACE or not _may_have_met(method)):
+        if by_itself and (said & STATUS_NO_PLACE or not _may_have_met(method)):
             if said & STATUS_CAPACITY_EXCEEDED:
                 return i + 1
             continue
-        if alone:
+        if by_itself:
             for h in range(2):
                 copy_configuration(states[h].prediction.start, states[h].pose)
                 record[h].status[i] &= STATUS_INPUT_INVALID
-            measure(method)
+            call_code(codes.world, (method, states, qp, as_int64(MEASURE)))
             world.meeting.count, world.apart = 0, 0.0
-        _tick_of_both(method, parts_move, qp)
+        _tick_of_both(method, parts_move, qp, codes.world)
         wall, cpu = monotonic_ns() - began, thread_cpu_ns() - cpu
         for h in range(2):
             record_tick(states[h], record[h].status[i] | world.status[h], wall, cpu, i, record[h])

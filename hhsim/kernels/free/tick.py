@@ -47,6 +47,7 @@ from hhsim.kernels.free.support import keep_entry
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, HandArrays
 from hhsim.kernels.hand.pose import move, update_kinematics
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_noinline
+from hhsim.kernels.machine_code import call_code
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
 from hhsim.kernels.tick.evaluation import REACH_FLOOR, end_work, is_budget_spent, least_distance
@@ -350,6 +351,24 @@ def _begin_motion(method: Free, hand: HandArrays, surface: Any, state: Record) -
     world.safe_abduction[:] = 0.0
 
 
+TICK, REBUILD, MEASURE = 0, 1, 2
+"""What `tick_world` is asked for."""
+
+
+@jit
+def tick_world(method: Free, states: States, qp: QpWork, asked: int) -> int:
+    """Make one tick of all hands and bodies on the input that they have; returns the first hand's status bits.
+
+    Asked to `REBUILD` it takes all as it stands, and to `MEASURE` the poses of hands that went on alone: 0, or -1 where
+    the pairs do not fit. It is one function, since each of them would be compiled with the whole detection.
+    """
+    if asked == REBUILD:
+        return as_int64(0 if rebuild(method, states) else -1)
+    if asked == MEASURE:
+        return as_int64(0 if measure(method) else -1)
+    return tick(method, method.movers[0], method.surfaces[0], states[0], qp)
+
+
 @jit
 def run_many(
     method: Free,
@@ -359,17 +378,14 @@ def run_many(
     record: TickRecord,
     object_record: WorldRecord,
     driven: Array,
+    code: int,
 ) -> int:
     """Run one tick for each row of the haptic inputs of the hands, as `kernels.tick.block.run_block` does of one.
 
     Inputs and record have the hand as their first axis. `driven` has position [m] and orientation of each body's centre
-    at each tick, (K, B, 7), read of driven ones. Without ticks all is taken as it stands; then -1 is that it does not
-    fit.
+    at each tick, (K, B, 7), read of driven ones. `code` is that of `tick_world`.
     """
-    if haptic.position.shape[1] == 0:
-        return as_int64(0 if rebuild(method, states) else -1)
     world = method.world[0]
-    state = states[0]
     hands = hand_count(world.problem)
     for i in range(haptic.position.shape[1]):
         cpu = thread_cpu_ns()
@@ -386,7 +402,7 @@ def run_many(
         for k in range(body_count(world.problem)):
             if world.bodies[k].is_driven == 1:
                 drive_body(world.bodies[k], driven[k, i])
-        tick(method, method.movers[0], method.surfaces[0], state, qp)
+        call_code(code, (method, states, qp, as_int64(TICK)))
         wall = monotonic_ns() - wall
         cpu = thread_cpu_ns() - cpu
         for h in range(hands):

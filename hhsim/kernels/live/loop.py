@@ -1,17 +1,13 @@
 """Compiled loop of a session: waits, ticks and records until it is to stop, without the interpreter."""
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.clock import await_event, monotonic_ns, send_event, sleep_until, thread_cpu_ns
-from hhsim.kernels.jit import JIT_ENABLED, as_int64, jit
+from hhsim.kernels.jit import as_int64, jit
 from hhsim.kernels.live.accounts import account_waking, measure_miss, name_miss, read_run_delay, read_steal
 from hhsim.kernels.live.deadlines import begin_periods, due_time, next_deadline, woken
 from hhsim.kernels.live.tick import (
@@ -28,6 +24,7 @@ from hhsim.kernels.live.tick import (
     take_hand,
     waiting_since,
 )
+from hhsim.kernels.machine_code import call_code
 
 Bytes = NDArray[np.uint8]
 Hands = tuple[LiveArrays, ...]
@@ -49,28 +46,6 @@ class SystemFiles(NamedTuple):
     lines: Bytes
     allowed: NDArray[np.bool_]  # processors whose steal counts, by their numbers
     step: NDArray[np.int64]  # unit of the steal counter [ns], (1,)
-
-
-def _call_block(typing: Any, address: Any, block: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        kinds = signature.args[1].types
-        values = cgutils.unpack_tuple(builder, arguments[1])
-        kind = context.call_conv.get_function_type(types.int64, kinds)
-        function = builder.inttoptr(arguments[0], kind.as_pointer())
-        _, done = context.call_conv.call_function(builder, function, types.int64, kinds, values)
-        return done
-
-    return types.int64(types.int64, block), generate
-
-
-if JIT_ENABLED:
-    # Called by its address: a tick is the very code that a replay runs, compiled once.
-    _run_block = cast(Callable[[int, Any], int], intrinsic(_call_block))
-
-else:
-
-    def _run_block(address: int, block: Any) -> int:
-        return address
 
 
 @jit
@@ -197,7 +172,7 @@ def run_loop(hands: Hands, files: SystemFiles, world: WorldTick, address: int, b
         if solved:
             solved = begin_hand(first)
         if solved:
-            _run_block(address, block)
+            call_code(address, block)
             take_hands(hands, world)
         _finish(hands, files, world, solved)
     return loop.stop[0]
