@@ -144,10 +144,8 @@ def open_viewer(port: int = PORT) -> None:
     command = [viewer_program(), "--port", str(port), "--bind", "127.0.0.1", "--memory-limit", "50%"]
     command += ["--hide-welcome-screen", "--expect-data-soon"]
     with tempfile.TemporaryFile() as log:
-        nothing, environment = subprocess.DEVNULL, {**os.environ, **VIEWER_ENVIRONMENT}
-        viewer = subprocess.Popen(
-            command, stdin=nothing, stdout=nothing, stderr=log, start_new_session=True, env=environment
-        )
+        nothing, env = subprocess.DEVNULL, {**os.environ, **VIEWER_ENVIRONMENT}
+        viewer = subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=log, start_new_session=True, env=env)
         _opened.append(viewer)
         until = time.monotonic() + START_SECONDS
         while _listens(url) is not None:
