@@ -8,17 +8,13 @@ import h5py
 
 def bare_datasets(path: Path) -> list[str]:
     """Names of the datasets of a file that lack `units` or `long_name`; fails where it has hardly any."""
-    bare: list[str] = []
-    found = 0
+    found: dict[str, bool] = {}
 
     def visit(name: str, item: Any) -> None:
-        nonlocal found
         if isinstance(item, h5py.Dataset):
-            found += 1
-            if not (item.attrs.get("units") and item.attrs.get("long_name")):
-                bare.append(name)
+            found[name] = bool(item.attrs.get("units") and item.attrs.get("long_name"))
 
     with h5py.File(path, "r") as file:
         file.visititems(visit)
-    assert found > 40
-    return bare
+    assert len(found) > 40
+    return [name for name, told in found.items() if not told]

@@ -59,9 +59,10 @@ def stable() -> dict[str, str]:
         found[name] = " ".join(members(thing)) if inspect.isclass(thing) else arguments(thing)
     (point,) = importlib.metadata.entry_points(group="console_scripts", name="hhsim")
     found |= dict(options(importlib.import_module(point.module).hhsim, "hhsim"))
-    for name, columns in vars(schema).items():
-        if name.isupper() and isinstance(columns, tuple) and all(isinstance(each, schema.Column) for each in columns):
-            found[f"datasets, {name}"] = " ".join(sorted(column.name for column in columns))
+    tables = [each for each in vars(schema).values() if isinstance(each, tuple)]
+    found["datasets"] = " ".join(
+        sorted({one.name for each in tables for one in each if isinstance(one, schema.Column)})
+    )
     return {name: text for name, text in found.items() if text}
 
 

@@ -107,12 +107,11 @@ def test_arrays_of_a_loaded_result_cannot_be_changed_and_it_is_no_session(tmp_pa
         loaded["live/sample/time"]
 
 
-def test_a_tick_takes_as_much_as_the_pages_say(tmp_path: Path, repository: Path) -> None:
+def test_a_tick_takes_as_much_as_the_page_says(tmp_path: Path, repository: Path) -> None:
     # Random numbers: what cannot be made smaller.
     one, two = (write(tmp_path / f"{n}.h5", [block(CHUNK_TICKS, k) for k in range(n)]).stat().st_size for n in (1, 2))
-    for page in ("faq", "results"):
-        text = (repository / "docs" / f"{page}.md").read_text(encoding="utf-8")
-        assert f"{(two - one) / CHUNK_TICKS / 1e3:.1f} kB a tick" in text
+    page = (repository / "docs" / "faq.md").read_text(encoding="utf-8")
+    assert f"{(two - one) / CHUNK_TICKS / 1e3:.1f} kB a tick" in page
 
 
 def test_every_dataset_states_its_units_and_meaning(tmp_path: Path) -> None:
