@@ -167,21 +167,38 @@ class Answer(NamedTuple):
 
 Run = Callable[..., Answer]
 
+REACHED: list[str] = []
+"""Other machines that this process went to or asked the address of."""
+
+
+def note_reached(event: str, values: tuple[Any, ...]) -> None:
+    """Note who is reached by what Python audits; a name of the file system is a socket of this machine."""
+    if event in ("socket.connect", "socket.sendto", "socket.sendmsg", "socket.getaddrinfo", "socket.gethostbyname"):
+        where = values[0] if event.startswith("socket.get") else values[1]
+        host = where[0] if isinstance(where, tuple) else where if event.startswith("socket.get") else None
+        if host not in (None, "", "localhost", "127.0.0.1", "::1"):
+            REACHED.append(f"{event} {host}")
+
+
+sys.addaudithook(note_reached)
+
 
 @pytest.fixture
 def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
-    """Run `hhsim` with the given arguments by its entry point, in an empty folder."""
+    """Run `hhsim` with the given arguments by its entry point, in an empty folder; it reaches no other machine."""
     monkeypatch.chdir(tmp_path)
     (entry,) = importlib.metadata.entry_points(group="console_scripts", name="hhsim")
 
     def called(*arguments: str) -> Answer:
         monkeypatch.setattr(sys, "argv", ["hhsim", *arguments])
         handler = signal.getsignal(signal.SIGINT)
+        REACHED.clear()
         try:
             with pytest.raises(SystemExit) as exit_:
                 entry.load()()
         finally:
             signal.signal(signal.SIGINT, handler)
+        assert REACHED == []
         captured = capsys.readouterr()
         assert isinstance(exit_.value.code, int)
         return Answer(exit_.value.code, captured.out, captured.err)

@@ -15,10 +15,10 @@ import numpy as np
 from live_peers import free_ports
 from machine_share import MachineShare
 
-from hhsim.view.sink import viewer_program
+from hhsim.view.sink import VIEWER_ENVIRONMENT, viewer_program
 
 Array = np.ndarray[Any, Any]
-SETTINGS = {**os.environ, "RERUN_APP_ONLY": "true"}
+SETTINGS = {**os.environ, **VIEWER_ENVIRONMENT}
 PATIENCE = 120.0
 
 

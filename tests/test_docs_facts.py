@@ -16,12 +16,28 @@ from short_grasp import short_scene
 from hhsim.bench.robustness.hard import hard_cases
 from hhsim.errors import InputError
 from hhsim.gate.gate import load_baseline
+from hhsim.gate.metrics import OUTSIDE_DEFAULTS
 from hhsim.hand.model import HandModel
+from hhsim.kernels.live import plausibility
 from hhsim.kernels.tick import state as tick_state
+from hhsim.live import doctor
+from hhsim.live.devices.registry import configure
+from hhsim.live.drivers.packet_glove import SILENCE_NS
+from hhsim.live.ipc.config import OutputLimits, SafetyLimits
+from hhsim.live.link.udp import SESSION_SILENCE_NS
+from hhsim.live.loop import process
+from hhsim.live.loop.watchdog import RELEASE_NS
+from hhsim.live.pose import keyboard
+from hhsim.live.session import supervisor
 from hhsim.mesh.catalogue import object_names
 from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import run_metrics
+from hhsim.metrics.session_faults import SESSION_FAULTS
+from hhsim.recordings import outliers
+from hhsim.recordings.dexmo_regression import LEAST_SPAN
+from hhsim.recordings.outliers import JOINT, ORIENTATION, POSITION
 from hhsim.recordings.registry import recording_formats
+from hhsim.recordings.timestamp_cleaning import MOST_DROPPED
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ONSET, TREMOR, ReplaySummary
 from hhsim.replay.summary_table import short_table, whole_table
@@ -111,7 +127,9 @@ def test_counts_are_those_of_the_registries() -> None:
     assert f"pass all {len(hard_cases())} cases" in Page.read(DOCS / "lab" / "measurements.md").text
 
 
-WORDS = dict(enumerate(("ten", "eleven", "twelve", "thirteen", "fourteen", "fifteen", "sixteen"), 10))
+WORDS = {3: "three", 5: "five"} | dict(
+    enumerate(("ten", "eleven", "twelve", "thirteen", "fourteen", "fifteen", "sixteen"), 10)
+)
 
 
 def test_what_is_said_not_to_be_there_is_refused_and_what_is_there_is_not_denied() -> None:
@@ -183,6 +201,67 @@ def test_every_measure_and_dataset_is_documented() -> None:
 def test_constants_of_the_measures_are_those_of_the_code(value: object, wanted: object, phrase: str) -> None:
     assert value == wanted
     assert phrase in " ".join(METRICS.text.split())
+
+
+SAFETY, OUTPUT = SafetyLimits(), OutputLimits()
+UDP: Any = configure("udp").options
+SESSION_LIMITS = {fault.name: fault.limit for fault in SESSION_FAULTS}
+
+
+@pytest.mark.parametrize(
+    ("page", "phrase"),
+    [
+        ("live-safety.md", f"when input is older than {1e3 * SAFETY.stale:g} ms (`--stale`)"),
+        ("live-safety.md", f"{SAFETY.overruns} periods in a row missed"),
+        ("live-safety.md", f"the watchdog sends stiffness 0 every {1e-6 * RELEASE_NS:g} ms |"),
+        ("live-safety.md", f"{1e3 * SAFETY.heartbeat_stale:g} ms after its last heartbeat"),
+        ("live-safety.md", f"| {SAFETY.watchdog_stale:g} s after its last sign of life | ramp |"),
+        ("live-safety.md", f"the stiffness rises from 0 over {OUTPUT.ramp:g} s."),
+        ("live-safety.md", f"A set point moves by at most {OUTPUT.bend_speed:g} of its range a second."),
+        ("live-safety.md", f"falls by a full stiffness in {OUTPUT.ease:g} s"),
+        ("live-safety.md", f"where two ticks may lie {1e3 * SAFETY.heartbeat_stale:g} ms apart"),
+        ("live-safety.md", f"names it after {supervisor.TOLD:g} s"),
+        ("live-safety.md", f"The loop has {supervisor.LOOP_PATIENCE:g} s before it gets SIGTERM"),
+        ("live-safety.md", f"({supervisor.PREPARATION:g} s if it has not begun)"),
+        ("live-safety.md", f"the recorder {supervisor.RECORDER_PATIENCE:g} s after each tick"),
+        ("live-safety.md", f"until its samples have been plausible for {plausibility.TRUST:g} s"),
+        ("live-safety.md", f"a pause counts for {plausibility.PAUSE:g} s at most"),
+        ("live-safety.md", f"a joint faster than {plausibility.JOINT_SPEED:g} rad/s"),
+        ("live-safety.md", f"with {1e3 * plausibility.BURST:g} ms allowed for late samples"),
+        (
+            "live-safety.md",
+            f"after {1e3 * plausibility.CONFIRM:g} ms and {WORDS[plausibility.CONFIRM_SAMPLES]} samples",
+        ),
+        ("live-safety.md", f"changes for {plausibility.STUCK_TIME:g} s"),
+        ("live-safety.md", f"each move by {plausibility.STUCK_TRAVEL:g} rad"),
+        ("live-safety.md", f"its bend spans fewer than {LEAST_SPAN:g} counts"),
+        ("live.md", f"It moves with at most {1e3 * keyboard.SPEED:g} mm/s and {keyboard.TURNING:g} rad/s."),
+        ("live.md", f"| {100.0 * doctor.MOST_MISSED:g} % of the periods missed"),
+        ("live.md", f"| {doctor.MOST_IN_A_ROW} missed in a row"),
+        ("live.md", f"Each session makes this check for {doctor.QUICK_SECONDS:g} s"),
+        ("recordings.md", f"faster than {POSITION.speed:g} m/s, {ORIENTATION.speed:g} rad/s (palm)"),
+        ("recordings.md", f"or {JOINT.speed:g} rad/s (joint)"),
+        ("recordings.md", f"more than {POSITION.force:g} m/s², {ORIENTATION.force:,g} or {JOINT.force:,g} rad/s²"),
+        ("recordings.md", f"interpolated, up to {outliers.LONGEST_RUN:g} s |"),
+        ("recordings.md", f"the same numbers {WORDS[outliers.FROZEN_RUN]} times and more"),
+        ("gate.md", f"`malformed_share` ({SESSION_LIMITS['malformed_share']:g} % of the glove's packets)"),
+        ("gate.md", f"`freed_share` ({SESSION_LIMITS['freed_share']:g} % of the ticks"),
+        ("gate.md", f"`ended_early` ({SESSION_LIMITS['ended_early']:g}: it lasted"),
+        ("gate.md", f"`faults` ({SESSION_LIMITS['faults']:g} in its log"),
+        ("gate.md", f"a default limit on `free_off_max` of {1e3 * OUTSIDE_DEFAULTS['free_off_max']:g} mm"),
+        ("live-safety.md", f"the driver {process.DRIVER_PATIENCE:g} s;"),
+        ("live-protocols.md", f"hhsim listens on port {UDP.port} (`--port`)"),
+        ("live-protocols.md", f"A force beyond `--most-force`, {UDP.most_force:g} N, is shortened."),
+        ("live-protocols.md", f"A bridge without a sample for {1e-9 * SILENCE_NS:g} s counts as gone"),
+        ("live-protocols.md", f"after {1e-6 * SESSION_SILENCE_NS:g} ms of silence"),
+    ],
+)
+def test_limits_that_a_page_states_are_those_of_the_code(page: str, phrase: str) -> None:
+    assert phrase in " ".join(Page.read(DOCS / page).text.split())
+
+
+def test_a_page_states_by_words_what_these_numbers_are() -> None:
+    assert (doctor.MOST_LATE, MOST_DROPPED) == (0.25, 0.25), "a quarter of a period, a quarter of all samples"
 
 
 def test_defaults_of_the_options_are_those_of_the_code() -> None:

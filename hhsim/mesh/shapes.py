@@ -11,7 +11,7 @@ from hhsim.reproducible import sine_and_cosine
 Triangles = tuple[FloatArray, IntArray]
 """Vertices [m], shape (V, 3), and faces, shape (F, 3), wound outward."""
 ROUND = 44
-"""Corners of a circle: chords are at most 0.26 % of the radius inside; a ball has no more than a free body may have."""
+"""Corners of a circle: chords are 0.26 % of the radius inside, a ball's facets 0.51 %; a free body may have no more."""
 ENCLOSING = float(1.0 / sine_and_cosine(np.pi / ROUND)[1] ** 2)
 """Factor [-] of the radius with which the triangles of a round shape enclose it."""
 _CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])

@@ -30,6 +30,8 @@ FLUSH_SECONDS = 60.0
 """Longest wait for a viewer to take what was sent."""
 START_SECONDS = 30.0
 """Longest wait for a viewer to open."""
+VIEWER_ENVIRONMENT = {"RERUN_APP_ONLY": "true", "CI": "true"}
+"""Variables of a viewer's process. With `CI` rerun sends no usage statistics, which no option of its own says."""
 
 _opened: list[subprocess.Popen[bytes]] = []
 """Viewers of this process; kept, since Python warns of a running process that is forgotten."""
@@ -142,10 +144,8 @@ def open_viewer(port: int = PORT) -> None:
     command = [viewer_program(), "--port", str(port), "--bind", "127.0.0.1", "--memory-limit", "50%"]
     command += ["--hide-welcome-screen", "--expect-data-soon"]
     with tempfile.TemporaryFile() as log:
-        nothing, environment = subprocess.DEVNULL, {**os.environ, "RERUN_APP_ONLY": "true"}
-        viewer = subprocess.Popen(
-            command, stdin=nothing, stdout=nothing, stderr=log, start_new_session=True, env=environment
-        )
+        nothing, env = subprocess.DEVNULL, {**os.environ, **VIEWER_ENVIRONMENT}
+        viewer = subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=log, start_new_session=True, env=env)
         _opened.append(viewer)
         until = time.monotonic() + START_SECONDS
         while _listens(url) is not None:

@@ -4,6 +4,7 @@ import errno
 import importlib
 import importlib.metadata
 import json
+import math
 import os
 import signal
 import subprocess
@@ -11,6 +12,7 @@ import sys
 from pathlib import Path
 
 import click
+import numpy as np
 import pytest
 from conftest import Run
 
@@ -134,6 +136,20 @@ def test_a_reader_that_leaves_is_no_error(arguments: list[str], told: str) -> No
     process.stderr.close()
     assert process.wait() == 128 + signal.SIGPIPE
     assert errors == told
+
+
+def test_numbers_that_json_lacks_are_null(capsys: pytest.CaptureFixture[str]) -> None:
+    importlib.import_module("hhsim.cli.console").print_json({"a": math.nan, "b": [-math.inf, (np.float64("nan"), 1.5)]})
+    assert json.loads(capsys.readouterr().out, parse_constant=pytest.fail) == {"a": None, "b": [None, [None, 1.5]]}
+
+
+@pytest.mark.parametrize("host", ["pypi.org", "192.0.2.1"])
+def test_no_command_that_tests_run_asks_another_machine(run: Run, monkeypatch: pytest.MonkeyPatch, host: str) -> None:
+    # `run` holds it of every command; here it finds one.
+    event = ("socket.getaddrinfo", host) if "org" in host else ("socket.connect", None, (host, 443))
+    monkeypatch.setattr(entry, "_run", lambda: sys.audit(*event) or 0)
+    with pytest.raises(AssertionError, match=host):
+        run("info")
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """`hhsim replay RESULT` as users meet it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -7,6 +8,8 @@ import pytest
 from conftest import Run
 from sealed_change import changed
 from short_grasp import short_grasp_text
+
+from hhsim.replay import repeat
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +66,15 @@ def test_what_another_machine_rounds_otherwise_is_within_rounding_and_exits_0(ru
     array = document["arrays"]["graphic/position"]
     assert (document["word"], document["identical"]) == ("within rounding", False)
     assert array["first_tick_beyond_rounding"] is None
+
+
+def test_ticks_that_cannot_be_run_exit_1(run: Run, result: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = repeat.run_again
+    monkeypatch.setattr(repeat, "run_again", lambda *words, **given: replace(whole(*words, **given), ticks=150))
+    answer = run("replay", "run.h5")
+    assert (answer.code, answer.out.splitlines()[-1]) == (1, "not all ticks run: 150 of 200")
+    quiet = run("replay", "run.h5", "--quiet")
+    assert (quiet.code, quiet.out) == (1, "") and "hhsim: missed: " in quiet.err
 
 
 @pytest.mark.parametrize(

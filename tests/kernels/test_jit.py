@@ -1,16 +1,17 @@
 """The jit factory: one implementation for each type, code that is compiled once for all, and memory asked for ahead."""
 
 import platform
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from numba.core import event
+from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import JIT_ENABLED, generic, jit, jit_inline, jit_noinline
+from hhsim.kernels.jit import JIT_ENABLED, generic, jit, jit_allocating, jit_inline, jit_noinline, jit_pasted
 from hhsim.kernels.prefetch import prefetch
 
 
@@ -55,6 +56,20 @@ def test_a_generic_kernel_is_chosen_by_type_from_kernels_and_from_python() -> No
     assert total(Feet(10.0), 1) == pytest.approx(6.096)
     with pytest.raises(TypeError, match="not implemented for float"):
         in_metres(3.0, 1.0)
+
+
+@pytest.mark.skipif(not JIT_ENABLED, reason="nothing is compiled")
+@pytest.mark.parametrize("decorator", [jit, jit_inline, jit_noinline, jit_pasted, jit_allocating])
+def test_a_kernel_that_does_not_say_so_can_make_no_array(decorator: Callable[..., Any]) -> None:
+    @decorator  # type: ignore[untyped-decorator]
+    def made(count: int) -> Any:
+        return np.zeros(count)
+
+    if decorator is jit_allocating:
+        assert made(3).tolist() == [0.0, 0.0, 0.0]
+        return
+    with pytest.raises(NumbaError):
+        made(3)
 
 
 class Passes(event.Listener):  # type: ignore[misc]

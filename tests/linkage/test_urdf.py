@@ -1,6 +1,7 @@
 """URDF: places of links by yourdfpy and by MuJoCo, shapes, masses, and what is refused."""
 
 import os
+import re
 from functools import partial
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from hhsim.errors import InputError
 from hhsim.linkage import file as linkage_file
 from hhsim.linkage.file import names_a_linkage, read_linkage
 from hhsim.linkage.linkage import Linkage
+from hhsim.mesh.shapes import ENCLOSING, capsule, cylinder
 from hhsim.scene.scene import open_scene
 from hhsim.system.child_reader import read_in_child
 
@@ -139,6 +141,23 @@ def test_shapes_are_closed_and_of_their_size_and_what_collides_comes_before_what
             found = np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
             # Chords are inside of what they stand for.
             assert 0.99 * volume <= found <= volume * (1.0 + 1e-6), shape
+
+
+def test_triangles_of_round_shapes_are_as_far_from_them_as_the_pages_say(repository: Path) -> None:
+    away = {"enclose them, by": ENCLOSING - 1.0}
+    for words, (vertices, faces) in {
+        "triangles, at most": cylinder(1.0, 0.5), "a cylinder and": capsule(1.0, 0.0)
+    }.items():  # fmt: skip
+        corners = vertices[faces]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        planes = np.einsum("fi,fi->f", normal, corners[:, 0]) / np.linalg.norm(normal, axis=1)
+        # All but the ends of the cylinder.
+        away[words] = 1.0 - float(planes[planes > 0.5].min())
+    text = " ".join((repository / "docs" / f"{page}.md").read_text("utf-8") for page in ("urdf", "robot-spheres"))
+    for words, share in away.items():
+        (stated,) = re.findall(rf"{words} ([\d.]+) %", " ".join(text.split()))
+        assert 100.0 * share <= float(stated) < 100.0 * share + 0.01, words
+    assert ENCLOSING * (1.0 - away["a cylinder and"]) >= 1.0, "or they would not enclose"
 
 
 def test_a_mesh_of_a_package_is_found_up_the_tree_by_its_folder_or_by_the_rest_of_its_path(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ from hhsim.render.triangle_soup import FINE, SPHERE, Surface, hand_surface, join
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import make_scene
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import TOUCH, SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.verify.claim import HOLDS, Claim
@@ -125,6 +125,11 @@ def test_it_is_what_trimesh_measures_at_every_contact(grasp: Result) -> None:
     np.testing.assert_allclose(run.contact_error[looked], expected[looked], atol=1e-9)
     assert grasp.summary["contact_error_max"] == np.nanmax(run.contact_error) > 1e-3
     assert (np.isfinite(run.contact_error) == [len(found) > 0 for found in points]).all()
+
+
+def test_what_touches_the_spheres_is_no_farther_from_the_mesh_than_the_bound(grasp: Result) -> None:
+    bound = short_scene(short_grasp(), "cylinder", 2, "right").solids[0].placed_tree.errors[-1].bound
+    assert 0.5 * bound < grasp.summary["contact_error_max"] <= bound + TOUCH
 
 
 def judged(grasp: Result, folder: Path, figure: float, every: int = 1) -> Claim:

@@ -105,6 +105,11 @@ def test_a_format_whose_package_is_broken_is_named(installed: Callable[..., None
     assert "format 'theirs' cannot be imported from gone:FORMAT: ModuleNotFoundError: No module named 'gone'" in err
 
 
+def test_our_own_formats_keep_their_names(installed: Callable[..., None]) -> None:
+    installed("hhsim.formats", "csv = their_format:FORMAT", their_format=JOINTS_PER_LINE)
+    assert formats.FORMATS.names().count("csv") == 1 and formats.FORMATS["csv"].name == "csv"
+
+
 def test_a_format_is_named_as_its_module() -> None:
     assert sorted(recording_formats()) == formats.FORMATS.names()
     assert "jointlines" not in recording_formats()

@@ -21,6 +21,7 @@ from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.recordings.registry import ReadOptions, read_recording
+from hhsim.repair.follow import FollowedFrame
 from hhsim.repair.offline import repair_frames
 from hhsim.repair.recorded_scene import model_joints
 from hhsim.repair.repair import repair_recording
@@ -28,6 +29,8 @@ from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairR
 from hhsim.result.reader import load_result
 from hhsim.result.stored_hand import result_hand
 from hhsim.scene.scene import open_scene
+from hhsim.sweep.repair_batch import BatchOutcome
+from hhsim.table.table import Table
 from hhsim.trees.contact_surface import contact_surface
 
 RATE = 30.0
@@ -99,13 +102,37 @@ def test_the_same_file_comes_out_without_penetration(freed: tuple[RepairRequest,
 def test_an_object_that_moves_gives_the_same_correction(
     freed: tuple[RepairRequest, RepairOutcome], tmp_path: Path
 ) -> None:
-    moved = replace(freed[0], recording=recorded(tmp_path, moved=True), out=tmp_path / "free.npz")
-    repair_recording(moved)
+    moved = replace(freed[0], recording=recorded(tmp_path, moved=True), out=tmp_path / "free.npz", max_correction=1e-3)
+    outcome = repair_recording(moved)
+    # The limit only marks frames, which the result names.
+    assert outcome.marked and not outcome.ok
+    assert load_result(moved.beside(RESULT)).scene["marked"] == list(outcome.marked)
     found = []
     for request in (freed[0], moved):
         with np.load(request.recording) as before, np.load(request.out) as after:
             found.append(after["keypoints"] - before["keypoints"])
     np.testing.assert_allclose(found[1], found[0], atol=1e-5)
+
+
+def test_a_limit_that_is_missed_exits_1(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorded(tmp_path)
+    (tmp_path / "many.csv").write_text("recording,object\ngrasp.npz,sphere\n")
+    missed = RepairOutcome({}, 12, (3, 4), "limits missed: correction", ok=False)
+    monkeypatch.setattr("hhsim.repair.repair.repair_recording", lambda *_, **__: missed)
+    monkeypatch.setattr(
+        "hhsim.sweep.repair_batch.run_manifest",
+        lambda *_, **__: BatchOutcome(Table.of_cells(("name",), []), (("grasp", "missed"),), tmp_path / "page.html"),
+    )
+    monkeypatch.setattr("hhsim.sweep.repair_page.brief_table", lambda rows: Table.of_cells(("name",), [("grasp",)]))
+    answer = run("repair", "grasp.npz", "--object", "sphere", "--out", "free.npz")
+    assert answer.code == 1 and "limits missed: correction\n" in answer.out
+    assert "marked, without a repair or beyond the limit: 2 of 12: 3, 4\n" in answer.out
+    assert run("repair", "grasp.npz", "--object", "sphere", "--out", "free.npz", "--json").code == 1
+    answer = run("repair", "many.csv", "--out", "freed")
+    assert answer.code == 1 and "1 without a repair within the limits" in answer.out
+    frame = FollowedFrame(0, 0.0, np.zeros((21, 3)), changed=False, marked=True, depth=np.nan)
+    monkeypatch.setattr("hhsim.repair.follow.followed_lines", lambda *_: [(frame, "{}")])
+    assert run("repair", "grasp.npz", "--follow", "--object", "sphere", "--out", "free.jsonl").code == 1
 
 
 @pytest.mark.usefixtures("no_picture")

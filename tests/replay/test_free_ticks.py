@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from conftest import Run
+from described_datasets import bare_datasets
 from file_faults import forge_properties
 from free_scenes import GRAVITY
 from sealed_change import changed
@@ -40,6 +41,7 @@ def test_the_file_holds_the_objects_motion_and_every_contact(result: Result) -> 
     assert {column.name for column in FREE_COLUMNS} <= set(result.body.columns)
     assert {f"contact/{column.name}" for column in CONTACT_COLUMNS} <= set(result.keys())
     assert (np.diff(result["contact/tick"]) >= 0).all()
+    assert bare_datasets(result.path) == []
 
 
 def test_hand_and_table_are_never_entered(result: Result) -> None:

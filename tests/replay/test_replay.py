@@ -16,7 +16,10 @@ from hhsim.replay.summary import ReplaySummary
 from hhsim.result.reader import CHUNK_TICKS, Result, load_result
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, make_scene
+from hhsim.solver import scene_solver
+from hhsim.solver.hand_solver import WarmUp
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.scene_solver import SceneSolver
 from tools.shapes.generators import sphere
 
 HAND = HandModel.default("right")
@@ -76,6 +79,27 @@ def test_the_coupled_method_is_its_own_reference(run: tuple[Result, ReplaySummar
         assert abs(excess) < 1e-3
     else:
         assert excess > 0.0
+
+
+def test_kernels_are_prepared_before_the_first_tick(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+    prepare, go = scene_solver.warm_up, SceneSolver.run
+
+    def prepared(*words: Any, **given: Any) -> WarmUp:
+        done.append("prepared")
+        return prepare(*words, **given)
+
+    def run(solver: SceneSolver, ticks: slice) -> Any:
+        done.append("ticks")
+        return go(solver, ticks)
+
+    monkeypatch.setattr(scene_solver, "warm_up", prepared)
+    monkeypatch.setattr(SceneSolver, "run", run)
+    with pytest.raises(KeyboardInterrupt):
+        replay_scene(scene, SolverOptions(), tmp_path / "a.h5", progress=stop_at(CHUNK_TICKS))
+    assert done == ["prepared", "ticks"]
 
 
 def stop_at(tick: int) -> Callable[[str, int, int], None]:

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from cut_scene import moved_hand, of_hand
+from described_datasets import bare_datasets
 from file_faults import at
 from leap_document import document
 from short_grasp import result_of, short_grasp, shortened
@@ -85,6 +86,7 @@ def test_one_file_holds_both_and_nothing_is_left_beside_it(both: TwoHandedReplay
         assert file.attrs["complete"] == 1 and file.attrs["schema_version"] == SCHEMA_VERSION
         assert json.loads(file.attrs["command"]) == ["hhsim"]
         assert set(file["hands"]) == {"right", "left"} and len(file["bodies"]) == 1
+    assert bare_datasets(both.path) == []
     found = load_result(both.path)
     assert (found.name, list(found.hands), found.hands["left"].other) == ("", ["right", "left"], found.hands["right"])
     with pytest.raises(InputError, match=r"both\.h5 holds two hands: force/total is that of \.hands"):

@@ -14,6 +14,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from described_datasets import bare_datasets
 from file_faults import attribute
 from numpy.typing import NDArray
 from sampled import sampled
@@ -106,19 +107,19 @@ def test_arrays_of_a_loaded_result_cannot_be_changed_and_it_is_no_session(tmp_pa
         loaded["live/sample/time"]
 
 
+def test_a_tick_takes_as_much_as_the_page_says(tmp_path: Path, repository: Path) -> None:
+    # Random numbers: what cannot be made smaller.
+    one, two = (write(tmp_path / f"{n}.h5", [block(CHUNK_TICKS, k) for k in range(n)]).stat().st_size for n in (1, 2))
+    page = (repository / "docs" / "faq.md").read_text(encoding="utf-8")
+    assert f"{(two - one) / CHUNK_TICKS / 1e3:.1f} kB a tick" in page
+
+
 def test_every_dataset_states_its_units_and_meaning(tmp_path: Path) -> None:
     path = write(tmp_path / "run.h5", [block(3)])
-    bare = []
-
-    def visit(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and not (item.attrs.get("units") and item.attrs.get("long_name")):
-            bare.append(name)
-
     with h5py.File(path, "r") as file:
-        file.visititems(visit)
         datasets = sum(isinstance(file[f"hands/right/tick/{column.name}"], h5py.Dataset) for column in hand_columns())
         attributes = set(file.attrs)
-    assert bare == []
+    assert bare_datasets(path) == []
     assert datasets == len(hand_columns())
     assert attributes == {
         *("format", "schema_version", "hhsim_version", "git_revision", "git_dirty", "created_utc", "machine"),

@@ -51,6 +51,18 @@ def test_a_row_that_would_be_many_lines_is_a_card(monkeypatch: pytest.MonkeyPatc
     assert all(len(line) <= 40 for line in lines)
 
 
+@pytest.mark.parametrize("word", ["", "1"])
+def test_no_color_is_heeded(word: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    for name, value in {"TERM": "xterm-256color", "COLORTERM": "truecolor", "NO_COLOR": word}.items():
+        monkeypatch.setenv(name, value)
+    with console.progress(quiet=False) as report:
+        report("ticks", 1, 2)
+    coloured = re.findall(r"\x1b\[(?:[\d;]*;)?(?:[349]\d|10\d)[\d;]*m", terminal.getvalue())
+    assert "ticks" in terminal.getvalue() and bool(coloured) == (word == "")
+
+
 def test_a_pipe_has_no_width(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setenv("COLUMNS", "30")
     console.print_table(Table.of_cells(COLUMNS, ROWS, numbers=("hhsim",)))

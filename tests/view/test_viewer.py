@@ -19,6 +19,7 @@ from hhsim.hand.fingers import FINGERS, PHALANX_NAMES
 from hhsim.hand.model import HandModel
 from hhsim.render.triangle_soup import piece_poses
 from hhsim.result.reader import Result, load_result
+from hhsim.view import sink
 from hhsim.view.plots import CONTACTS, DEPTH, FORCE, RESULT_PLOTS, TIME, VARIATION
 from hhsim.view.scene_log import FORCE_LENGTH, NORMAL_LENGTH
 from hhsim.view.sink import check_target, parse_target, viewer_program
@@ -222,6 +223,26 @@ def test_a_viewer_that_is_not_there_is_told_before_the_work(monkeypatch: pytest.
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(InputError, match="no screen"):
         check_target(parse_target("spawn"))
+
+
+def test_a_viewer_that_is_opened_listens_to_this_machine_alone_and_sends_no_statistics(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.delenv("CI", raising=False)
+    for name in ("HOME", "XDG_CONFIG_HOME"):  # where statistics might have been switched off
+        monkeypatch.setenv(name, str(tmp_path))
+    answers, opened = iter(["nobody", None]), []
+    with monkeypatch.context() as patched:
+        patched.setattr(sink, "_listens", lambda url: next(answers))
+        patched.setattr(sink, "_opened", [])
+        patched.setattr(subprocess, "Popen", lambda words, **given: opened.append((words, given["env"])))
+        sink.open_viewer()
+    ((command, environment),) = opened
+    assert command[command.index("--bind") + 1] == "127.0.0.1"
+    words, environment = [command[0], "--version"], {**environment, "RUST_LOG": "debug"}
+    answer = subprocess.run(words, capture_output=True, text=True, env=environment, check=True)
+    assert "Analytics disabled" in answer.stdout + answer.stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_viewer_that_is_open_gets_the_same(result: Result, written: Path, tmp_path: Path) -> None:

@@ -15,13 +15,20 @@ from hhsim.robots.formats.registry import FORMATS
 
 @pytest.mark.quick("2")
 @pytest.mark.parametrize("links", [2, 7])
-def test_a_robot_is_built_written_drawn_and_judged(run: Run, tmp_path: Path, links: int) -> None:
+def test_a_robot_is_built_written_drawn_and_judged(
+    run: Run, tmp_path: Path, links: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write_arm(tmp_path, 2 if links == 2 else 8)
     answer = run("build-tree", "arm.urdf", "--leaves", "4", "--out", "arm.yml", "--plot", "arm.png", "--rerun", "a.rrd")
     assert answer.code == 0, answer.err
     assert answer.out.startswith(f"arm: {links} links\n") and "proved: every triangle of every link" in answer.out
     assert answer.out.splitlines()[-2].endswith(" spheres, written to arm.yml")
     assert (tmp_path / "arm.png").stat().st_size > 10_000 and (tmp_path / "a.rrd").read_bytes().startswith(b"RRF")
+    with monkeypatch.context() as patched:
+        # A second run takes the spheres from the cache.
+        patched.setattr("hhsim.trees.builder.build_sphere_tree", lambda *_: pytest.fail("built again"))
+        assert run("build-tree", "arm.urdf", "--leaves", "4", "--out", "again.yml").code == 0
+    assert (tmp_path / "again.yml").read_bytes() == (tmp_path / "arm.yml").read_bytes()
     judged = run("build-tree", "arm.urdf", "--from", "arm.yml", "--as", "xrdf", "--out", "arm.xrdf", "--json")
     assert judged.code == 0, judged.err
     document = json.loads(judged.out)

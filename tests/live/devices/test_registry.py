@@ -169,6 +169,11 @@ def test_a_glove_in_one_file_drives_the_loop_and_is_stopped(text_glove: Path, tm
     assert glove.stiffness[-1] == 0.0
 
 
+def test_our_own_gloves_keep_their_names(installed: Callable[..., None]) -> None:
+    installed("hhsim.gloves", "dexmo = their_glove:GLOVE", their_glove=TEXT_GLOVE)
+    assert list(GLOVES).count("dexmo") == 1 and GLOVES["dexmo"].driver.startswith("hhsim.")
+
+
 def test_a_glove_in_one_file_is_in_the_help_with_its_settings(
     text_glove: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:

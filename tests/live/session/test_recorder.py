@@ -16,6 +16,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from described_datasets import bare_datasets
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_rings import BEGAN, CHANNELS, FACTS, ended, make_setup, numbered_samples, pour, solved_ticks
@@ -76,6 +77,10 @@ def test_every_method_runs_again(tmp_path: Path, method: str) -> None:
     options = SolverOptions(method=method, threads=2 if method == "progressive" else 1)
     ticks = solved_ticks(make_setup(None, options))
     assert run_again(recorded(tmp_path / "session.h5", ticks, options=options)).identical
+
+
+def test_every_dataset_states_its_units_and_meaning(session: Result) -> None:
+    assert bare_datasets(session.path) == []
 
 
 def test_every_tick_is_in_the_file(session: Result, ticks: Records) -> None:

@@ -190,6 +190,8 @@ def test_a_loop_that_does_not_end_is_ended(
     assert f"the loop does not end: it gets {last}" in notices(session, FAULT)
     assert f"ended by {last}" in session.end().loop_failed
     assert session.end().reason == "a key"
+    with pytest.raises(HhsimError, match=f"^the session ended early: .*{last}"):
+        session.check()
 
 
 @pytest.mark.soak
