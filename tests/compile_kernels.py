@@ -51,8 +51,8 @@ def triangles() -> None:
     warm_up(HandModel.default(), SolverOptions(surface="mesh"), jointed=True)
 
 
-def both(mesh: Mesh, surface: str, free: Any = None) -> None:
-    """What two hands that meet run, beside a body that is fixed or free."""
+def both(mesh: Mesh, free: Any = None) -> None:
+    """What two hands that meet run, beside a body of triangles that is fixed or free; on spheres the soak has them."""
     from free_scenes import far_hand
 
     from hhsim.hand.configuration import HandConfiguration
@@ -62,8 +62,8 @@ def both(mesh: Mesh, surface: str, free: Any = None) -> None:
     from hhsim.solver.world_solver import WorldSolver
     from hhsim.trees.contact_surface import contact_surface
 
-    touched, far = contact_surface(surface, mesh, triangle_tree(mesh, 1)), HandConfiguration(*far_hand(1))
-    hands = [HandSolver(HandModel.default(side), touched, SolverOptions(surface=surface)) for side in SIDES]
+    touched, far = contact_surface("mesh", mesh, triangle_tree(mesh, 1)), HandConfiguration(*far_hand(1))
+    hands = [HandSolver(HandModel.default(side), touched, SolverOptions(surface="mesh")) for side in SIDES]
     WorldSolver(hands, free).run(far, far)
 
 
@@ -79,7 +79,8 @@ def free() -> None:
     mesh, options = box((0.05, 0.05, 0.05)), SolverOptions(surface="mesh")
     block = FreeObject.of_mesh(mesh)
     warm_up(HandModel.default(), options, block)
-    both(mesh, "mesh", block)
+    both(mesh, block)
+    both(mesh)
     sessions(mesh=mesh, free={}, options=options)
 
 
@@ -109,17 +110,16 @@ def sessions(**changes: Any) -> None:
 
 
 def first() -> None:
-    """What ticks of one hand and of two run on spheres, and what is made of these ticks."""
+    """What ticks run on spheres, and then beside free bodies of triangles, whose own code the second one has made."""
     ticks("coupled", "progressive", "paper", "penalty")
     phases()
     sessions()
-    both(load_object("cube").mesh, "spheres")
+    free()
 
 
 def second() -> None:
-    """What ticks run on triangles, beside bodies that are fixed, driven and free, and what makes scenes."""
+    """What ticks run on triangles, beside bodies that are fixed and driven, and what makes scenes."""
     triangles()
-    free()
     trees()
 
 

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 from tools.import_graph import REPOSITORY, modules
 
 FILES = [path for folder in ("hhsim", "cli", "tools") for path in sorted((REPOSITORY / folder).rglob("*.py"))]
@@ -111,6 +113,7 @@ def lost(path: Path) -> list[str]:
     ]
 
 
+@pytest.mark.soak
 def test_every_name_of_our_code_in_a_docstring_or_comment_is_there() -> None:
     assert [line for path in FILES for line in lost(path)] == []
 

@@ -13,6 +13,7 @@ from hhsim.motion.trajectory import UNCHECKED
 SCENE = ("cube", "touch", "--rate", "200")
 
 
+@pytest.mark.soak
 def test_a_newcomers_way(run: Run, tmp_path: Path) -> None:
     made = run("scene", *SCENE, "--out", "s", "--json")
     document = json.loads(made.out)

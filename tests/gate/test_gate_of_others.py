@@ -257,6 +257,7 @@ def test_what_is_not_hhsims_own_is_gated_and_green(project: Path, gate: Gate) ->
 
 
 @pytest.mark.parametrize("regression", sampled(REGRESSIONS, lambda i, _: i < 1))
+@pytest.mark.soak
 def test_a_regression_of_others_is_red_and_named_in_one_line(head: Path, gate: Gate, regression: str) -> None:
     plant, line = REGRESSIONS[regression]
     only(head, line.split(",")[0])

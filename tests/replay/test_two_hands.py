@@ -209,7 +209,7 @@ def test_haptic_hands_that_enter_each_other_are_shown_apart(meeting: TwoHandedRe
         assert result.summary["penetration_max"] == 0.0 and result.scene["hands_apart"] is True
 
 
-@pytest.mark.quick("fixed")
+@pytest.mark.soak
 def test_the_referee_knows_that_hands_keep_apart_and_a_second_run_is_the_same(
     meeting: TwoHandedReplay, tmp_path: Path
 ) -> None:
@@ -267,6 +267,7 @@ def _said(file: h5py.File, **changed: object) -> None:
 
 
 @pytest.mark.parametrize("meeting", ["free"], indirect=True)
+@pytest.mark.soak
 def test_a_hand_at_rest_is_in_balance_with_one_that_moves_on_it(meeting: TwoHandedReplay, tmp_path: Path) -> None:
     honest = load_hand(meeting.path, "left")
     once = np.flatnonzero((honest["work/linearisations"] == 1) & (honest["status"] == 0))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from free_scenes import box
 from sampled import sampled
-from sphere_scenes import UNTIMED, bumpy_ball, record_clearance, sphere_tree
+from sphere_scenes import UNTIMED, bumpy_ball, record_clearance
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration, sequence
@@ -15,16 +15,18 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.self_pairs import self_clearance, self_pairs
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
+from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import distance_of_hands, hand_clearance
 from hhsim.motion.analytic_motion import random_targets, still
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.solver.surface import SURFACES, surface_of
 from hhsim.solver.world_solver import WorldSolver
 from hhsim.trees.contact_surface import contact_surface
 
 HANDS = HandModel.default("right"), HandModel.default("left")
-AIR = sphere_tree(np.full((1, 3), 50.0), np.array([0.01]))
+AIR = contact_surface("mesh", box((0.01, 0.01, 0.01), (50.0, 50.0, 50.0)), None)
 ROUND = ((1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-4))
 FREE = FreeObject(0.1, (50.0, 50.0, 50.0), ROUND, gravity=(0.0, 0.0, 0.0))
 FLIP = np.array([-1.0, 1.0, 1.0])
@@ -32,17 +34,18 @@ TURN = np.array([0.9, 0.1, 0.4, 0.05]) / np.linalg.norm([0.9, 0.1, 0.4, 0.05])
 Pair = tuple[HandConfiguration, HandConfiguration]
 
 
+def options_at(surface: Any, **options: Any) -> SolverOptions:
+    kind = surface_of(getattr(surface, "arrays", surface))
+    return SolverOptions(surface=next(name for name, known in SURFACES.items() if known is kind), **options)
+
+
 def run(
-    motions: Pair, tree: Any = AIR, free: FreeObject | None = None, **options: Any
+    motions: Pair, surface: Any = AIR, free: FreeObject | None = None, **options: Any
 ) -> tuple[TickRecord, TickRecord]:
-    """Run both hands, at a tree or at a free box; they are returned as that sees them."""
-    if free is None:
-        hands = [HandSolver(hand, tree.arrays(), SolverOptions(**options)) for hand in HANDS]
-        solver = WorldSolver(hands)
-    else:
+    """Run both hands, at a surface or at a free box; they are returned as that sees them."""
+    if free is not None:
         surface = contact_surface("mesh", box((0.05, 0.05, 0.05), free.center), None)
-        hands = [HandSolver(hand, surface, SolverOptions(surface="mesh", **options)) for hand in HANDS]
-        solver = WorldSolver(hands, free)
+    solver = WorldSolver([HandSolver(hand, surface, options_at(surface, **options)) for hand in HANDS], free)
     records: list[list[TickRecord]] = [[], []]
     for first in range(0, len(motions[0].position), 100):
         for kept, found in zip(records, solver.run(*(motion.at(slice(first, first + 100)) for motion in motions))):
@@ -55,6 +58,20 @@ def apart(hands: Any) -> FloatArray:
     """Distance at each tick, by code of its own, of two hands given by their configurations or records."""
     at = [HandConfiguration(one.position, one.orientation, one.flexion, one.abduction) for one in hands]
     return distance_of_hands(HANDS, [forward_kinematics(hand, *one) for hand, one in zip(HANDS, at)])
+
+
+def ball_of(surface: str, leaves: int) -> Any:
+    """Arrays of a ball of triangles, or of so many spheres."""
+    if surface == "mesh":
+        return contact_surface("mesh", load_object("sphere").mesh, None).arrays
+    return bumpy_ball(leaves).arrays()
+
+
+def least_clearance(hand: HandModel, surface: Any, record: TickRecord) -> float:
+    """Least distance of a hand of a record to a surface [m]."""
+    shown = HandConfiguration(record.position, record.orientation, record.flexion, record.abduction)
+    palm, fingers = hand_clearance(surface, hand_shape(hand), forward_kinematics(hand, *shown), limit=1.0)
+    return float(min(palm.min(), fingers.min()))
 
 
 def mirrored(motion: HandConfiguration) -> HandConfiguration:
@@ -97,14 +114,16 @@ def test_mirrored_hands_do_the_mirrored_thing(free: FreeObject | None) -> None:
     np.testing.assert_allclose(two.joints, FLIP * one.joints, atol=1e-9)
 
 
-def test_where_the_hands_are_far_every_byte_is_that_of_each_alone() -> None:
-    ball = bumpy_ball(150)
+@pytest.mark.quick("mesh")
+@pytest.mark.parametrize("surface", ["mesh", "spheres"])
+def test_where_the_hands_are_far_every_byte_is_that_of_each_alone(surface: str) -> None:
+    ball = ball_of(surface, 150)
     near = still([0.0, -0.045, 0.056]).line(still([0.0, -0.045, 0.04]), 119).hold(20)
     motions = near, HandConfiguration(near.position * [1.0, 1.0, -1.0], *near[1:])
     together = run(motions, ball)
     assert apart(together).min() > 0.0
     for hand, motion, record in zip(HANDS, motions, together):
-        alone = HandSolver(hand, ball.arrays(), SolverOptions()).run(*motion)
+        alone = HandSolver(hand, ball, options_at(ball)).run(*motion)
         assert np.abs(alone.total).max() > 1.0
         for name in UNTIMED:
             assert getattr(record, name).tobytes() == getattr(alone, name).tobytes(), name
@@ -116,7 +135,7 @@ def test_ticks_up_to_the_first_meeting_are_those_of_each_alone_and_after_it_agai
     one, two = run((motions[0], motions[1]))
     distance = apart((one, two))
     first = int(np.argmax(distance < 1e-6))
-    alone = HandSolver(HANDS[0], AIR.arrays(), SolverOptions()).run(*motions[0])
+    alone = HandSolver(HANDS[0], AIR, options_at(AIR)).run(*motions[0])
     assert 0 < first < 80
     for name in ("position", "joints", "total"):
         assert getattr(one, name)[:first].tobytes() == getattr(alone, name)[:first].tobytes(), name
@@ -153,15 +172,20 @@ def random_hands(seed: int, ticks: int) -> Pair:
     return right, left._replace(position=left.position + [0.02, 0.03, 0.02])
 
 
-@pytest.mark.parametrize("seed", sampled(range(20), lambda seed, _: seed == 0))
-def test_random_ticks_enter_neither_hand_nor_object(seed: int) -> None:
-    ball, motions = bumpy_ball(60), random_hands(seed, 300)
+@pytest.mark.quick("0-mesh")
+@pytest.mark.parametrize("surface", ["mesh", "spheres"])
+@pytest.mark.parametrize("seed", range(20))
+def test_random_ticks_enter_neither_hand_nor_object(surface: str, seed: int) -> None:
+    ball, motions = ball_of(surface, 60), random_hands(seed, 300)
     options: dict[str, Any] = {"self_contact": True} if seed % 2 else {}
     records = run(motions, ball, **options)
     assert apart(motions).min() < -5e-3
     assert apart(records).min() >= 0.0
     for hand, record in zip(HANDS, records):
-        assert record_clearance(hand, ball, record).min() >= 0.0
+        if surface == "spheres":
+            assert record_clearance(hand, bumpy_ball(60), record).min() >= 0.0
+        else:
+            assert least_clearance(hand, ball, record) >= 0.0
         if options:
             assert self_clearance(hand, self_pairs(hand), record.flexion, record.abduction).min() >= 0.0
 
@@ -188,6 +212,4 @@ def test_random_hands_at_a_free_box_enter_neither_it_nor_each_other(seed: int) -
     assert apart(records).min() >= 0.0
     surface = contact_surface("mesh", box((0.05, 0.05, 0.05)), None)
     for hand, record in zip(HANDS, records):
-        shown = HandConfiguration(record.position, record.orientation, record.flexion, record.abduction)
-        palm, fingers = hand_clearance(surface.arrays, hand_shape(hand), forward_kinematics(hand, *shown), limit=1.0)
-        assert min(palm.min(), fingers.min()) >= 0.0
+        assert least_clearance(hand, surface.arrays, record) >= 0.0

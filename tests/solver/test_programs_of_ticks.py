@@ -60,7 +60,7 @@ def residual(problem: QpProblem) -> float:
 @pytest.mark.parametrize(
     ("method", "kinds"), [("coupled", {"coupled"}), ("progressive", {"palm", "finger"})], ids=["coupled", "progressive"]
 )
-@pytest.mark.quick("coupled")
+@pytest.mark.soak
 def test_every_program_of_ticks_is_solved_and_taking_them_out_changes_no_tick(method: str, kinds: set[str]) -> None:
     motion, options = random_targets(HAND, 80, 3, hold=20), SolverOptions(method=method)
     whole = HandSolver(HAND, BALL.arrays(), options).run(*motion)

@@ -110,6 +110,7 @@ def test_what_is_not_given_has_no_row_and_no_claim_is_false(scene: Scene, as_cla
     assert not [claim.name for claim in verify(result, every=20).claims if claim.failed]
 
 
+@pytest.mark.soak
 def test_the_best_hand_is_off_itself_by_nothing_and_the_users_by_what_it_is_pushed(
     scene: Scene, tmp_path: Path
 ) -> None:

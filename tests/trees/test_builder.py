@@ -124,7 +124,7 @@ def test_the_same_bytes_with_any_number_of_threads(name: str) -> None:
     ("leaves", "branching", "level"),
     sampled([(20, 8, 2), (9, 3, 2), (10, 3, 3), (7, 8, 1), (65, 64, 2)], lambda place, _: place in (0, 2, 3)),
 )
-@pytest.mark.quick("10-3-3", "7-8-1")
+@pytest.mark.quick("7-8-1")
 def test_so_many_leaves_at_the_level_that_they_need(leaves: int, branching: int, level: int) -> None:
     mesh = mesh_of(SHAPES["box"])
     tree = build_sphere_tree(mesh, TreeOptions(leaves=leaves, branching=branching))

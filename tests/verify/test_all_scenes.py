@@ -250,17 +250,7 @@ BY_SCENE = {(scene, fault): claim for scene, faults in FAULTS.items() for fault,
     ("scene", "fault"), first_of_each(BY_SCENE), ids=lambda value: getattr(value, "__name__", value)
 )
 @pytest.mark.quick(
-    "two-nearer hands",
-    "two-no slip",
-    "door-leaf off its hinge",
-    "driven-said to be still",
-    "driven-opposite quaternion",
-    "fixed-other unit",
-    "fixed-larger budget",
-    "fixed-other placement",
-    "fixed-other machine",
-    "fixed-other command",
-    "fixed-moved along",
+    "two-nearer hands", "driven-said to be still", "fixed-larger budget", "fixed-other placement", "fixed-moved along"
 )
 def test_a_planted_fault_is_caught_or_named(
     made: Callable[[str], Path], honest: Callable[[str], Verification], tmp_path: Path, scene: str, fault: Fault

@@ -122,7 +122,7 @@ def found_in_honest(honest: Result) -> set[str]:
 
 
 @pytest.mark.parametrize("fault", first_of_each(FAULTS), ids=lambda fault: fault.__name__)
-@pytest.mark.quick("pulled", "helped", "given_to_another", "into_the_hand", "overlapping")
+@pytest.mark.quick("pulled", "overlapping")
 def test_a_planted_fault_is_found_by_name(
     honest: Result, found_in_honest: set[str], tmp_path: Path, fault: Fault
 ) -> None:

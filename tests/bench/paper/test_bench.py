@@ -55,6 +55,7 @@ def test_every_scene_is_played_by_every_method(runs: PaperRuns) -> None:
     ]
 
 
+@pytest.mark.soak
 def test_every_row_is_measured_and_every_method_has_every_row(runs: PaperRuns) -> None:
     rows = paper_rows(runs, OPTIONS)
     names = {method: [one.name for one in rows if one.method == method] for method in OPTIONS.methods}

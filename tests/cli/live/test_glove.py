@@ -203,6 +203,7 @@ def completed(path: Path) -> bool:
         return False
 
 
+@pytest.mark.soak
 def test_keys_move_the_palm_and_end_the_session(tmp_path: Path) -> None:
     end, line = pty.openpty()
     before = termios.tcgetattr(line)
