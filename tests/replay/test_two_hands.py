@@ -192,8 +192,8 @@ def meeting(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     meeting = moved_hand(scene, 1, position=left + 0.4 * (right.mean(axis=0) - left.mean(axis=0)))
     path = tmp_path_factory.mktemp("meeting") / "both.h5"
     if request.param == "free":
-        return replay_two_hands(on_table(meeting, 0.5), SolverOptions(surface="mesh"), path)
-    return replay_two_hands(meeting, SolverOptions(), path)
+        meeting = on_table(meeting, 0.5)
+    return replay_two_hands(meeting, SolverOptions(surface="mesh"), path)
 
 
 def on_table(scene: Scene, mass: float) -> Scene:
