@@ -61,7 +61,7 @@ def test_a_generic_kernel_is_chosen_by_type_from_kernels_and_from_python() -> No
 @pytest.mark.skipif(not JIT_ENABLED, reason="nothing is compiled")
 @pytest.mark.parametrize("decorator", [jit, jit_inline, jit_noinline, jit_pasted, jit_allocating])
 def test_a_kernel_that_does_not_say_so_can_make_no_array(decorator: Callable[..., Any]) -> None:
-    @decorator  # type: ignore[untyped-decorator]
+    @decorator
     def made(count: int) -> Any:
         return np.zeros(count)
 
