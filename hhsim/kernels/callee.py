@@ -21,9 +21,11 @@ from numba.core import typed_passes as typed
 from numba.core import untyped_passes as untyped
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, compile_result
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import AnalysisPass, PassManager, register_pass
 from numba.core.registry import CPUDispatcher
 
+from hhsim.kernels.compile_turn import TURNS
 from hhsim.kernels.kernel_cache import KernelCache, Stored
 
 CALLEE_PREFIX = "callee-"
@@ -142,6 +144,11 @@ class Callee(CPUDispatcher):  # type: ignore[misc]
         super().__init__(function, targetoptions=options, pipeline_class=_CalleeCompiler)
         self._inlined = inlined
 
+    def compile(self, sig: Any) -> Any:
+        """Load code for a signature from the cache, or compile it."""
+        with global_compiler_lock, TURNS.kept():
+            return super().compile(sig)
+
     def add_overload(self, cres: Any) -> None:
         """Keep the code for one signature for callers to link; an object stands for the entry of machine code."""
         if not self._inlined:
@@ -215,7 +222,7 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         # A program declares hundreds of kernels and calls a few: the others' folders need not be known.
         if self._cached and not isinstance(self._cache, KernelCache):
             self._cache = KernelCache(self.py_func)
-        with collector_at_rest():
+        with collector_at_rest(), global_compiler_lock, TURNS.kept():
             return super().compile(sig)
 
     @functools.cached_property
@@ -229,7 +236,8 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
 
     def _stored_callee(self, kinds: tuple[Any, ...]) -> Any:
         """Return what was compiled of it for other kernels, None if nothing was."""
-        return self.callee.overloads.get(kinds) or self.callee._cache.load_overload(kinds, self.targetctx)
+        known = self.callee.overloads.get(kinds)
+        return self.callee._cache.look_up(kinds, self.targetctx) if known is None and self._cached else known
 
     def address(self, *arguments: Any) -> int:
         """Return the address of the machine code for arguments of these types, compiled or loaded if need be."""

@@ -21,6 +21,7 @@ from numba.core.runtime import rtsys
 
 from hhsim.kernels.by_reference import Reference
 from hhsim.kernels.cache_folder import cache_root
+from hhsim.kernels.compile_turn import TURNS
 from hhsim.kernels.kernel_files import SUFFIX, KernelFiles
 from hhsim.kernels.shipped import ShippedCache, is_shipped
 from hhsim.kernels.target import TARGET
@@ -191,6 +192,10 @@ class _FolderCache(FunctionCache):  # type: ignore[misc]
         super().__init__(function)
         self._cache_file = KernelFiles(self._cache_path, self._impl.filename_base)
 
+    def file_of(self, sig: Any, codegen: Any) -> str:
+        """Return the path of the file for a signature."""
+        return f"{self._cache_path}/{self._cache_file.name(self._index_key(sig, codegen))}"
+
 
 class KernelCache(_FolderCache):
     """File cache of one kernel.
@@ -207,6 +212,15 @@ class KernelCache(_FolderCache):
         self._shipped = ShippedCache(function, stored, folder.name) if ships else None
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return compiled code for a signature; None where it is this process's turn to compile it."""
+        found = self.look_up(sig, target_context)
+        if found is None:
+            file = (self._foreign(sig) or self).file_of(sig, target_context.codegen())
+            if TURNS.take(file):
+                return self.look_up(sig, target_context)
+        return found
+
+    def look_up(self, sig: Any, target_context: Any) -> Any:
         """Return compiled code for a signature, None if there is none."""
         foreign = self._foreign(sig)
         if foreign:

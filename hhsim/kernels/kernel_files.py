@@ -21,14 +21,15 @@ class KernelFiles(IndexDataCacheFile):  # type: ignore[misc]
 
     def save(self, key: Any, data: Any) -> None:
         """Keep what was compiled for a key: a signature and what numba adds."""
-        self._save_data(self._name(key), data)
+        self._save_data(self.name(key), data)
 
     def load(self, key: Any) -> Any:
         """Return what is kept for a key; None for nothing, or for what names a type that is declared no more."""
         try:
-            return self._load_data(self._name(key))
+            return self._load_data(self.name(key))
         except (OSError, AttributeError, ImportError):
             return None
 
-    def _name(self, key: Any) -> str:
+    def name(self, key: Any) -> str:
+        """Return the name of the file for a key."""
         return f"{self._kernel}.{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}{SUFFIX}"

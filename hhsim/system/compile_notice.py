@@ -7,29 +7,36 @@ from collections.abc import Callable
 from numba.core import event
 
 from hhsim.kernels.callee import Kernel
+from hhsim.kernels.compile_turn import TURNS
 
 COMPILING = "hhsim: compiling the kernels that this needs: once, and again after an upgrade"
 
 
 class _FirstCompilation(event.Listener):  # type: ignore[misc]
-    """Listener that calls `tell` at the first compilation; a kernel from the cache makes no event."""
+    """Listener that calls `tell` at the first compilation, or wait for another process's; loading makes no event."""
 
     def __init__(self) -> None:
         self.tell: Callable[[], None] | None = None
 
     def on_start(self, begun: event.Event) -> None:
-        if self.tell is not None and isinstance(begun.data["dispatcher"], Kernel):
-            tell, self.tell = self.tell, None
-            tell()
+        if isinstance(begun.data["dispatcher"], Kernel):
+            self.on_wait()
 
     def on_end(self, done: event.Event) -> None:
         pass
+
+    def on_wait(self) -> None:
+        """Take it that a kernel is not there yet."""
+        if self.tell is not None:
+            tell, self.tell = self.tell, None
+            tell()
 
 
 @functools.cache
 def _listener() -> _FirstCompilation:
     listener = _FirstCompilation()
     event.register("numba:compile", listener)
+    TURNS.on_wait = listener.on_wait
     return listener
 
 

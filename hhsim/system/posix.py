@@ -17,7 +17,7 @@ import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
 READ_FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 """Flags to open a file that may turn out to be a pipe, which must not block."""
@@ -129,7 +129,9 @@ def limit_as_child(memory_share: float) -> None:
 
 def memory_file() -> BinaryIO:
     """Open an empty file that a forked child shares, in memory where the system can."""
-    return os.fdopen(os.memfd_create("hhsim"), "w+b") if sys.platform == "linux" else tempfile.TemporaryFile()
+    if sys.platform == "linux":
+        return os.fdopen(os.memfd_create("hhsim"), "w+b")
+    return cast(BinaryIO, tempfile.TemporaryFile())
 
 
 def call_in_child(work: Callable[[], None], seconds: int, patience: float, memory: int) -> int:
