@@ -344,7 +344,7 @@ OFTEN = ("hand.npy", "hand.json", "result.h5", "motion.h5", "tree.h5", "script.t
     sampled(
         CASES,
         lambda _, case: (
-            case[1] in BLOCKS[: 2 if case[0].name == "result.h5" else 1]
+            case[1] in BLOCKS[:1]
             and case[0] not in (KINDS[3], *KINDS[9:])
             and (case[0] in KINDS or case[0].name in OFTEN)
         ),

@@ -118,6 +118,7 @@ def test_every_name_of_our_code_in_a_docstring_or_comment_is_there() -> None:
     assert [line for path in FILES for line in lost(path)] == []
 
 
+@pytest.mark.soak
 def test_what_is_there_is_told_from_what_is_not() -> None:
     there = ("hhsim.solver.qp", "hhsim.solver.qp.QpProblem.kkt_residual", "QpProblem.conditioned", "json.dumps")
     assert all(map(is_there, (*there, "hhsim.solver.qp.solve", "kernels.qp.active_set")))

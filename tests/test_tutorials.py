@@ -11,15 +11,11 @@ from tools.notebooks import run, run_cell
 pytestmark = pytest.mark.slow
 
 NOTEBOOKS = sorted((REPOSITORY / "docs" / "tutorials").glob("*.ipynb"))
-LONG = {path.stem for path in NOTEBOOKS} - {"compare-methods"}
-"""Those that `make soak` runs: each takes from ten seconds of CPU time to minutes."""
 EACH = pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
 
 
-@pytest.mark.parametrize(
-    "notebook",
-    [pytest.param(path, marks=[pytest.mark.soak] if path.stem in LONG else [], id=path.stem) for path in NOTEBOOKS],
-)
+@EACH
+@pytest.mark.soak
 def test_every_cell_runs(notebook: Path, tmp_path: Path) -> None:
     stored = json.loads(notebook.read_text(encoding="utf-8"))
     made = run(notebook, tmp_path)

@@ -210,7 +210,7 @@ REGRESSIONS: dict[str, tuple[Callable[[Path], object], str]] = {
     "deeper": (method("INSIDE = False", "INSIDE = True"), "method, penetration, max: over the limit"),
     "slower in work": (
         method("EXTRA_WORK = 0", "EXTRA_WORK = 900"),
-        "method, work units: more than 0 % above the base",
+        "method, work units: more than 0.5 % above the base",
     ),
     "freezes": (
         method("FREEZES = False", "FREEZES = True"),
@@ -280,6 +280,7 @@ def test_a_limit_on_what_a_run_does_not_have_is_told_in_a_line(head: Path, gate:
     assert f"note: {untold}" in answer.out.splitlines()
 
 
+@pytest.mark.soak
 def test_a_pointer_that_git_lfs_left_is_named_once(head: Path, gate: Gate) -> None:
     (head / "session.h5").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 400000\n")
     (head / "recording.csv").write_bytes((head / "session.h5").read_bytes())
