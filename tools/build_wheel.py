@@ -36,6 +36,8 @@ COMMANDS = (
     "replay cube grasp --method penalty",
     "replay cube lift --free --mass 0.1 --friction 0.6",
     "replay cube lift --free --surface mesh --mass 0.1 --friction 0.6",
+    "replay bunny whole-hand --self-contact on",
+    "replay bunny whole-hand --self-contact on --surface mesh",
     "replay cylinder grasp --hands both",
     "replay cube lift-both --hands both --free",
     "replay laptop close",
