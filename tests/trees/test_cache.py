@@ -164,6 +164,7 @@ def test_the_cache_knows_every_source_that_a_tree_depends_on() -> None:
         "kernels/by_reference.py",
         "kernels/cache_folder.py",
         "kernels/callee.py",
+        "kernels/compile_turn.py",
         "kernels/jit.py",
         "kernels/kernel_cache.py",
         "kernels/kernel_files.py",
