@@ -272,5 +272,5 @@ def test_the_least_over_features_is_the_least_over_triangles(kind: str, first: i
                 judged += 1
                 if judged == wanted:
                     break
-    # Where shells fill a box, no cone may be outside of them.
-    assert judged >= POSES
+    # Two soups of shells may have no more cones outside than one should.
+    assert judged >= POSES + (kind != "shells")

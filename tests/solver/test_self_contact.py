@@ -156,8 +156,7 @@ def test_another_solver_of_the_programs_gives_the_same_hand(backend: str) -> Non
 
 
 @pytest.mark.parametrize("surface", EITHER)
-@pytest.mark.parametrize("seed", range(20))
-@pytest.mark.soak
+@pytest.mark.parametrize("seed", sampled(range(20), lambda seed, _: seed == 0))
 def test_random_ticks_never_enter_hand_or_object(seed: int, surface: str) -> None:
     random = np.random.default_rng(seed)
     (mesh, tree, beside), motion = ball(60), random_targets(RIGHT, 500, random, hold=20)

@@ -8,15 +8,12 @@ import pytest
 from hhsim.verify.claim import FAILS
 from tools.honest_runs import KINDS, ROWS, Drawn, judged_run, main, margins
 
-QUICK = 0, 6, 7, 8
-"""A run that makes few trees, of each kind but several bodies: that one takes a minute."""
 MEETING = 42, 204
 """Runs in which hands that meet at a free object ended ticks up to 23 µm before they had arrived."""
 NO_SLIP = {"fixed", "parts"}
-MANY = [pytest.param(run, marks=() if run in QUICK else pytest.mark.soak) for run in (*range(40), *MEETING)]
 
 
-@pytest.mark.parametrize("run", MANY)
+@pytest.mark.parametrize("run", [*range(40), *MEETING])
 @pytest.mark.quick("0")
 def test_nothing_of_an_honest_run_is_called_false(tmp_path: Path, run: int) -> None:
     row = judged_run(tmp_path, 0, run)

@@ -230,19 +230,8 @@ def test_the_weight_counts_among_the_forces(tmp_path: Path) -> None:
     """Of what is heavy and falls freely nothing is borne, and its velocity is rounded all the same."""
     path = tmp_path / "falls.h5"
     words = [
-        "cube",
-        "lift",
-        "--free",
-        "--surface",
-        "mesh",
-        "--mass",
-        "1e9",
-        "--table",
-        "none",
-        "--ticks",
-        "20",
-        "--quiet",
-        "--out",
+        *("cube", "lift", "--free", "--surface", "mesh", "--mass", "1e9"),
+        *("--table", "none", "--ticks", "20", "--quiet", "--out"),
     ]
     assert importlib.import_module("hhsim.cli.replay").command.main([*words, str(path)], standalone_mode=False) == 0
     newton = claims(load_result(path))["Newton"]

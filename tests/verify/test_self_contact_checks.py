@@ -20,7 +20,7 @@ from hhsim.verify.verify import verify
 
 pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
 
-pytestmark = [pytest.mark.slow, pytest.mark.soak]
+pytestmark = pytest.mark.slow
 
 LAST = 119
 AWAY = np.array([0.0, 0.5, 0.0])

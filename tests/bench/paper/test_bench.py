@@ -71,7 +71,6 @@ def test_every_row_is_measured_and_every_method_has_every_row(runs: PaperRuns) -
         assert "nan" not in one.note and "1 objects" not in one.note
 
 
-@pytest.mark.soak
 def test_rows_are_what_the_runs_say(runs: PaperRuns) -> None:
     played = runs.of("coupled", "11", object_name="cube")
     times = np.concatenate([np.median(run.cpu, axis=0)[run.contact] for run in played])
