@@ -427,7 +427,7 @@ def _lean(mesh: MeshFeatures, f: int, dx: float, dy: float, dz: float) -> float:
     return dx * face[f, 0] + dy * face[f, 1] + dz * face[f, 2]
 
 
-@jit
+@jit_inline
 def _is_inside(mesh: MeshFeatures, candidates: Record, probe: Probe) -> bool:
     """Return whether a point is inside, by the normals at the nearest feature; a body's axis never comes inside."""
     which, cone, start = probe
@@ -542,7 +542,7 @@ def _first_key(mesh: MeshFeatures, which: int) -> int:
     return 3 * (mesh.face.shape[0] + mesh.edge.shape[0] + mesh.vertex.shape[0]) * which
 
 
-@jit
+@jit_inline
 def _face_rows(mesh: MeshFeatures, candidates: Record, probe: Probe, limit: float, row: int, contacts: Record) -> int:
     _, cone, start = probe
     ends = 2 if cone.length > 0.0 else 1
@@ -611,7 +611,7 @@ def _goes_on(mesh: MeshFeatures, first: int, x: float, y: float, z: float) -> bo
     return True
 
 
-@jit
+@jit_inline
 def _edge_rows(mesh: MeshFeatures, candidates: Record, probe: Probe, limit: float, row: int, contacts: Record) -> int:
     _, cone, start = probe
     tries = 3 if cone.length > 0.0 else 1
@@ -692,7 +692,7 @@ def _is_of_edge(mesh: MeshFeatures, e: int, cone: RoundCone, x: float, y: float,
     return not (0.0 < s < cone.length and 0.0 < foot < extent)
 
 
-@jit
+@jit_inline
 def _vertex_rows(mesh: MeshFeatures, candidates: Record, probe: Probe, limit: float, row: int, contacts: Record) -> int:
     _, cone, start = probe
     vertex, index = mesh.vertex, candidates.vertex

@@ -74,7 +74,7 @@ PROGRESSIVE_WORK = np.dtype(
 """Workspace."""
 
 
-@jit
+@jit_inline
 def finger_rhs(problem: Record, start: int, stop: int, palm_step: Array, rhs_out: Array) -> None:
     """Right-hand sides of rows [start, stop) once the palm has taken its (scaled) step, shape (6,)."""
     common, rhs = problem.common, problem.rhs
@@ -85,7 +85,7 @@ def finger_rhs(problem: Record, start: int, stop: int, palm_step: Array, rhs_out
         rhs_out[i] = total
 
 
-@jit
+@jit_inline
 def _keeps_unmoved_rows(start: int, stop: int, block: Array, slack: float, rhs: Array) -> bool:
     # A row that no joint of the finger moves is for the palm to keep. The solver judges a zero row by a length in its
     # own units, which grow with the stiffness; here it is a length in metres, whatever the stiffness.
@@ -97,7 +97,7 @@ def _keeps_unmoved_rows(start: int, stop: int, block: Array, slack: float, rhs: 
     return True
 
 
-@jit
+@jit_inline
 def _join(problem: Record, contacts: Record, finger: int, work: Record) -> None:
     # The finger's rows and joints become the palm program's.
     first = work.variables
@@ -208,7 +208,7 @@ def solve_finger(options: TickOptions, state: Record, finger: int, qp: QpWork) -
         own.delta[offset + k] = qp.x[k] * problem.inverse_root[offset + k]
 
 
-@jit
+@jit_inline
 def _take_finger(finger: int, work: Record, step: Record) -> int:
     # A finger's solution becomes part of the step; returns its status.
     own = work.finger[finger]
@@ -226,7 +226,7 @@ def _take_finger(finger: int, work: Record, step: Record) -> int:
     return OPTIMAL
 
 
-@jit
+@jit_inline
 def _solve_fingers(options: TickOptions, state: Record, qp: QpWork) -> None:
     """Solve the program of every finger that has a contact, by whoever of the thread team is free."""
     problem, contacts, step = state.problem, state.contacts, state.step
@@ -247,7 +247,7 @@ def _solve_fingers(options: TickOptions, state: Record, qp: QpWork) -> None:
             step.delta[j] = problem.target[j] * problem.inverse_root[j]
 
 
-@jit
+@jit_inline
 def take_finger(options: TickOptions, state: Record, qp: QpWork) -> int:
     """Take a finger of the task, and solve its program if it has a contact; returns as `take_item`."""
     contacts, word = state.contacts, state.thread_team.word[:]

@@ -20,7 +20,7 @@ import numpy as np
 from hhsim.kernels.contact.linearise import limit_start
 from hhsim.kernels.contact.self_pairs import add_bends
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
-from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline, jit_pasted
+from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit_inline, jit_pasted
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.row_scan import MeetingRows, ProgramRows, row_violations
 from hhsim.kernels.tick.curvature import curvature_product
@@ -90,7 +90,7 @@ def _curvature(lagrangian: Lagrangian, step: Array, product_out: Array) -> None:
         add_bends(lagrangian.own, pose, lagrangian.parts, first, row[:loaded], multiplier, step, product_out)
 
 
-@jit
+@jit_inline
 def _apply(lagrangian: Lagrangian, k: int, basis: Array, work: Record, vector: Array, image_out: Array) -> None:
     # P S v for a v that is zero outside the program's own variables, which begin at `offset`.
     whole, product = work.whole, work.product
@@ -105,7 +105,7 @@ def _apply(lagrangian: Lagrangian, k: int, basis: Array, work: Record, vector: A
     _project_out(n, k, basis, image_out)
 
 
-@jit
+@jit_inline
 def _residual(lagrangian: Lagrangian, step: Array, k: int, basis: Array, work: Record) -> float:
     """Write P S x into the residual and the first search direction; returns its square."""
     inverse_root, offset = lagrangian.inverse_root, lagrangian.offset
@@ -121,7 +121,7 @@ def _residual(lagrangian: Lagrangian, step: Array, k: int, basis: Array, work: R
     return square
 
 
-@jit
+@jit_inline
 def _conjugate_gradients(lagrangian: Lagrangian, k: int, basis: Array, square: float, work: Record) -> None:
     """Solve P (I - S) P z = residual for the correction z, up to a bounded stretch where the curvature wins."""
     n, residual, search, image, correction = lagrangian.n, work.residual, work.search, work.image, work.correction
@@ -152,7 +152,7 @@ def _conjugate_gradients(lagrangian: Lagrangian, k: int, basis: Array, square: f
             search[j] = residual[j] + square / previous * search[j]
 
 
-@jit
+@jit_inline
 def _free_share(k: int, rows: ProgramRows | MeetingRows, end: Array, rounding: float, qp: QpWork) -> float:
     """Compute the share of the way from x to `end` on which no other row is violated.
 
