@@ -3,15 +3,18 @@
 numba passes a NamedTuple by value: a hand's twenty arrays are some hundred and fifty arguments of every call, each line
 of the compiler's text names the types of all of them, and an index into a tuple of hands copies them. By reference they
 are one pointer, and a field is read where it is used. The tuple that Python passes is written down once a call of a
-kernel, in the frame of the call; nobody writes there after.
+kernel, in the frame of the call; nobody writes there after. Of several tuples of one type, Python writes each down in a
+row of an array (`write_rows`), and kernels take any of them by its number (`declare_row`).
 
 A type of numba with a data model and its own access to attributes, as numba's documentation of extensions describes it.
 """
 
 import hashlib
+from collections.abc import Sequence
 from itertools import accumulate
 from typing import Any, TypeVar
 
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
@@ -20,6 +23,7 @@ from numba.core.imputils import impl_ret_borrowed, lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.core.typing.typeof import typeof_impl
 from numba.extending import NativeValue, register_model, unbox
+from numpy.typing import NDArray
 
 T = TypeVar("T", bound=type)
 
@@ -155,3 +159,51 @@ def by_reference(kind: T) -> T:
 
     typeof_impl.register(kind)(typeof)
     return kind
+
+
+def _words(value: Any) -> list[Any]:
+    # As numba lays out an array's structure, which owns nothing here; each field begins at a multiple of `ALIGNMENT`.
+    if isinstance(value, np.ndarray):
+        words = [0, 0, value.size, value.itemsize, value.ctypes.data, *value.shape, *value.strides]
+    else:
+        words = [value]
+    return words + [0] * (len(words) % 2)
+
+
+def write_rows(tuples: Sequence[Any]) -> NDArray[np.int64]:
+    """Write down tuples of one type, of arrays, integers and such tuples; returns a row for each, for `declare_row`.
+
+    The rows hold where the arrays are, and do not keep them.
+    """
+    rows: list[list[Any]] = [[] for _ in tuples]
+    inner: list[tuple[int, NDArray[np.int64]]] = []
+    for fields in zip(*tuples):
+        if isinstance(fields[0], tuple):
+            inner.append((len(rows[0]), write_rows(fields)))
+            fields = tuple(0 for _ in fields)
+        for row, field in zip(rows, fields):
+            row += _words(field)
+    width = len(rows[0]) + sum(part.shape[1] for _, part in inner)
+    written = np.zeros((len(rows), width), np.int64)
+    written[:, : len(rows[0])] = rows
+    place = len(rows[0])
+    for pointer, part in inner:
+        written[:, place : place + part.shape[1]] = part
+        written[:, pointer] = written.ctypes.data + 8 * (np.arange(len(rows)) * width + place)
+        place += part.shape[1]
+    return written
+
+
+def declare_row(typing: Any, like: Any, rows: Any, number: Any, uncompiled: Any) -> Any:
+    """Declare an intrinsic that returns the tuple in a row of `write_rows`, of the type of its first argument.
+
+    Its last argument is for what runs in its place where nothing is compiled.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        array = context.make_array(signature.args[1])(context, builder, given[1])
+        stride = cgutils.unpack_tuple(builder, array.strides)[0]
+        place = builder.mul(stride, context.cast(builder, given[2], signature.args[2], types.int64))
+        return builder.gep(builder.bitcast(array.data, _BYTE.as_pointer()), [place])
+
+    return like(like, rows, number, uncompiled), generate

@@ -1,14 +1,16 @@
 """Contact surface of an object or several parts: the leaf spheres of its tree, or the triangles of its mesh."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
+from hhsim.kernels.by_reference import write_rows
 from hhsim.kernels.mesh.features import FaceSpheres, MeshFeatures
-from hhsim.kernels.parts.surface import MESH_COLUMNS, TREE_COLUMNS, JointedSurface, part_dtype
+from hhsim.kernels.parts.surface import MESH_COLUMNS, TREE_COLUMNS, JointedSurface, part_dtype, part_pieces
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.surfaces.mesh import SURFACE as MESH
@@ -79,8 +81,9 @@ def jointed_surface(parts: Sequence[Any], path: FloatArray) -> JointedSurface:
     else:
         raise InputError(f"parts of {', '.join(sorted(kind.__name__ for kind in kinds))}; expected one kind of surface")
     path = np.ascontiguousarray(path, np.float64)
-    surface = JointedSurface(joined[0], joined[1], path, np.zeros(1, np.int64), np.empty(0, part_dtype(candidates)))
-    return begun(surface)
+    pieces, start = joined
+    rows, of_parts = np.empty((0, 0), np.int64), np.empty(0, part_dtype(candidates))
+    return begun(JointedSurface(pieces, start, rows, path, np.zeros(1, np.int64), of_parts))
 
 
 def begun(surface: JointedSurface) -> JointedSurface:
@@ -88,7 +91,8 @@ def begun(surface: JointedSurface) -> JointedSurface:
     memory = np.empty(len(surface.start) - 1, surface.part.dtype)
     # Written, so that the system allocates the pages now and not in the ticks that are timed.
     memory.view(np.uint8)[:] = 0
-    surface = surface._replace(tick=np.zeros(1, np.int64), part=memory.view(np.recarray))
+    written = write_rows([part_pieces(surface.pieces, *rows) for rows in pairwise(surface.start)])
+    surface = surface._replace(written=written, tick=np.zeros(1, np.int64), part=memory.view(np.recarray))
     put_parts(surface, surface.path[0])
     return surface
 

@@ -2,14 +2,16 @@
 
 import pickle
 import sys
+from itertools import pairwise
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numba.extending import intrinsic
 
-from hhsim.kernels.by_reference import Reference, by_reference
+from hhsim.kernels.by_reference import Reference, by_reference, declare_row, write_rows
 from hhsim.kernels.jit import JIT_ENABLED, Array, Indices, jit, jit_allocating
 
 pytestmark = pytest.mark.skipif(not JIT_ENABLED, reason="the kernels are not compiled here")
@@ -72,6 +74,64 @@ counting: Any = jit_allocating(allocating)
 def part_of(seed: int, count: int) -> Part:
     rng = np.random.default_rng(seed)
     return Part(bool(seed % 2), count, float(rng.normal()), rng.normal(size=count), rng.integers(-9, 9, count))
+
+
+@by_reference
+class Pair(NamedTuple):
+    """A record in one of `Nested`."""
+
+    values: Array
+    rows: Indices
+
+
+@by_reference
+class Nested(NamedTuple):
+    """A record as those of parts of a surface: another one first, arrays of several dimensions, a number last."""
+
+    inner: Pair
+    block: Array
+    size: int
+
+
+def weighed(nested: Nested) -> float:
+    """Sum what a record holds, each value by its place."""
+    found = 100.0 * nested.size
+    for i in range(nested.inner.values.shape[0]):
+        found += (i + 1) * nested.inner.values[i] + (i + 2) * nested.inner.rows[i]
+    for i in range(nested.block.shape[0]):
+        for j in range(nested.block.shape[1]):
+            found += (3 * i + 2 * j + 1) * nested.block[i, j]
+    nested.inner.values[0] += 1.0
+    return found
+
+
+weigh = jit(weighed)
+nested_in_row = intrinsic(declare_row)
+
+
+def from_row(like: Nested, rows: Indices, number: int) -> float:
+    """Return what `weighed` does for the record in a row."""
+    return weigh(nested_in_row(like, rows, number, 0))
+
+
+in_row: Any = jit(from_row)
+
+
+@given(st.integers(0, 1000), st.lists(st.integers(1, 5), min_size=1, max_size=4))
+def test_what_is_written_in_rows_is_read_as_python_does(seed: int, counts: list[int]) -> None:
+    rng = np.random.default_rng(seed)
+    # Slices of common arrays, as the parts of a surface are.
+    ends = np.cumsum([0, *counts])
+    values, whole, block = rng.normal(size=ends[-1]), rng.integers(-9, 9, ends[-1]), rng.normal(size=(ends[-1], 3))
+    spans = [slice(*span) for span in pairwise(ends)]
+    parts = [Nested(Pair(values[span], whole[span]), block[span], k) for k, span in enumerate(spans)]
+    rows = write_rows(parts)
+    like = Nested(Pair(values, whole), block, 7)
+    for number, part in enumerate(parts):
+        before = part.inner.values[0]
+        expected = weighed(part._replace(inner=Pair(part.inner.values.copy(), part.inner.rows)))
+        assert in_row(like, rows, number) == pytest.approx(expected, rel=1e-12, abs=1e-12)
+        assert part.inner.values[0] == before + 1.0
 
 
 @given(st.integers(0, 1000), st.integers(1, 5), st.integers(0, 2))

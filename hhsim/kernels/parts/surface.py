@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.by_reference import by_reference
+from hhsim.kernels.by_reference import by_reference, declare_row
 from hhsim.kernels.contact.detection import Reach, evaluate_pairs, evaluate_rigid
 from hhsim.kernels.contact.surface import (
     SHARED_CANDIDATES,
@@ -22,7 +22,7 @@ from hhsim.kernels.contact.surface import (
     record_pairs,
 )
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Array, Indices, Record, generic, jit_inline, jit_noinline
+from hhsim.kernels.jit import Array, Indices, Record, jit_inline, jit_noinline, lowered
 from hhsim.kernels.mesh.features import FaceSpheres, MeshFeatures
 from hhsim.kernels.parts.ways_out import WAYS_OUT, find_ways_out, record_way_out
 from hhsim.kernels.rotation import turned, turned_back
@@ -31,8 +31,14 @@ from hhsim.kernels.sphere_tree import TreeArrays
 
 KEY_STRIDE = 1 << 48
 """More than the keys of a part's pairs: the part of a contact is its key over this."""
+MESH_COLUMN = (
+    {"corner": 1, "face": 1, "face_edge": 1, "face_vertex": 1, "face_across": 1, "edge": 2, "wing_start": 3}
+    | {"wing": 4, "wing_face": 4, "vertex": 5, "spoke_start": 6, "spoke": 7, "spoke_edge": 7}
+    | {"multiplicity": 8, "pseudonormal": 9}
+)
+"""Column of `JointedSurface.start` for each field of `MeshFeatures` but the first, whose column is 0."""
 TREE_COLUMNS, MESH_COLUMNS = 2, 10
-"""Columns of `JointedSurface.start` for parts of spheres and of triangles, see `part_pieces`."""
+"""Columns for parts of spheres and of triangles."""
 
 
 def part_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
@@ -63,47 +69,38 @@ class JointedSurface(NamedTuple):
 
     pieces: Any  # `TreeArrays` or `MeshFeatures`, each part's in its own frame
     start: Indices  # where the pieces of each part begin, and the end, see `part_pieces`, (P + 1, columns)
+    written: Indices  # the pieces of each part for kernels, see `by_reference.write_rows`, (P, ·)
     path: Array  # position [m] and orientation (w, x, y, z) of each part in the body's frame at each tick, (T, P, 7)
     tick: Indices  # number of ticks begun, (1,)
     part: NDArray[np.void]  # records of `part_dtype`, (P,)
 
 
-@generic
-def part_pieces(pieces: Any, first: Indices, end: Indices) -> Any:
-    """Return the pieces of one part; `first` and `end` are two rows of `JointedSurface.start`."""
-
-
-@part_pieces.of(TreeArrays)
-@jit_inline
 def _part_of_trees(tree: TreeArrays, first: Indices, end: Indices) -> TreeArrays:
     # Columns: the first node, and which of the part's nodes is its first leaf.
     a, b = first[0], end[0]
     children = tree.first_child[a:b], tree.child_count[a:b]
-    return TreeArrays(tree.x[a:b], tree.y[a:b], tree.z[a:b], tree.radius[a:b], *children, first[1])
+    return TreeArrays(tree.x[a:b], tree.y[a:b], tree.z[a:b], tree.radius[a:b], *children, int(first[1]))
 
 
-@part_pieces.of(MeshFeatures)
-@jit_inline
 def _part_of_meshes(mesh: MeshFeatures, first: Indices, end: Indices) -> MeshFeatures:
-    # Columns: block, face, edge, start of wings, wing, vertex, start of spokes, spoke, multiplicity, pseudonormal.
-    return MeshFeatures(
-        FaceSpheres(mesh.spheres.block[first[0] : end[0]], mesh.spheres.child[first[0] : end[0]]),
-        mesh.corner[first[1] : end[1]],
-        mesh.face[first[1] : end[1]],
-        mesh.face_edge[first[1] : end[1]],
-        mesh.face_vertex[first[1] : end[1]],
-        mesh.face_across[first[1] : end[1]],
-        mesh.edge[first[2] : end[2]],
-        mesh.wing_start[first[3] : end[3]],
-        mesh.wing[first[4] : end[4]],
-        mesh.wing_face[first[4] : end[4]],
-        mesh.vertex[first[5] : end[5]],
-        mesh.spoke_start[first[6] : end[6]],
-        mesh.spoke[first[7] : end[7]],
-        mesh.spoke_edge[first[7] : end[7]],
-        mesh.multiplicity[first[8] : end[8]],
-        mesh.pseudonormal[first[9] : end[9]],
-    )
+    spheres = mesh.spheres.block[first[0] : end[0]], mesh.spheres.child[first[0] : end[0]]
+    arrays: Any = [getattr(mesh, name)[first[k] : end[k]] for name, k in MESH_COLUMN.items()]
+    return MeshFeatures(FaceSpheres(*spheres), *arrays)
+
+
+def part_pieces(pieces: Any, first: Indices, end: Indices) -> Any:
+    """Return the pieces of one part; `first` and `end` are two rows of `JointedSurface.start`."""
+    return (_part_of_trees if isinstance(pieces, TreeArrays) else _part_of_meshes)(pieces, first, end)
+
+
+@lowered(declare_row)
+def _row(pieces: Any, written: Indices, p: int, start: Indices) -> Any:
+    return part_pieces(pieces, start[p], start[p + 1])
+
+
+@jit_inline
+def _pieces_of(surface: JointedSurface, p: int) -> Any:
+    return _row(surface.pieces, surface.written, p, surface.start)
 
 
 @jit_inline
@@ -146,7 +143,7 @@ def _evaluate(
                 near.count[body] = 0
         near.allowed_deficit = candidates.allowed_deficit
         _see_hand(pose, part)
-        pieces = part_pieces(surface.pieces, surface.start[p], surface.start[p + 1])
+        pieces = _pieces_of(surface, p)
         status |= evaluate_rigid(pieces, hand, part.hand, reach, near, work)
         if part.yields == 1:
             find_ways_out(pieces, hand, part)
@@ -169,7 +166,7 @@ def _within(surface: JointedSurface, hand: HandArrays, candidates: Record, body:
         if surface.part[p].is_over[body] == 1:
             within += 1
         elif near.nearest[body] <= limit:
-            pieces = part_pieces(surface.pieces, surface.start[p], surface.start[p + 1])
+            pieces = _pieces_of(surface, p)
             within += pairs_within(pieces, hand, near, body, limit)
     return within
 
@@ -197,7 +194,7 @@ def _record(
         if part.near.nearest[body] > limit:
             continue
         first = row
-        pieces = part_pieces(surface.pieces, surface.start[p], surface.start[p + 1])
+        pieces = _pieces_of(surface, p)
         if part.is_over[body] == 1:
             row = record_way_out(hand, part, body, limit, row, contacts)
         else:
@@ -231,7 +228,7 @@ def _cone_contacts(
     clearance = np.inf
     for p in range(surface.part.shape[0]):
         part = surface.part[p]
-        pieces = part_pieces(surface.pieces, surface.start[p], surface.start[p + 1])
+        pieces = _pieces_of(surface, p)
         first = row
         row, away = cone_contacts(pieces, _seen_cone(part, cone), limit, walk, row, pairs_out)
         if row < 0:
@@ -249,7 +246,7 @@ def _cone_contacts(
 @jit_noinline
 def _cone_distance(surface: JointedSurface, cone: RoundCone, limit: float, stack: Indices) -> float:
     for p in range(surface.part.shape[0]):
-        pieces = part_pieces(surface.pieces, surface.start[p], surface.start[p + 1])
+        pieces = _pieces_of(surface, p)
         limit = cone_distance(pieces, _seen_cone(surface.part[p], cone), limit, stack)
     return limit
 
