@@ -40,13 +40,22 @@ gc.disable()
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 
+DIVIDED = ("tests/test_damaged_files.py", "tests/test_readme_commands.py", "tests/kernels/surfaces/test_mesh.py")
+"""Files that take the soak so long that several workers share each, kind by kind of its cases."""
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """With `-n`, a file's tests run in one worker, in the order of the files: what they share is made once."""
     from xdist.scheduler.loadfile import LoadFileScheduling
 
+    class Scheduling(LoadFileScheduling):  # type: ignore[misc]  # xdist has no types
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.partition("::")[0]
+            return nodeid.partition("-")[0] if file in DIVIDED and config.option.markexpr == "soak" else file
+
     config.option.loadscopereorder = False
-    return LoadFileScheduling(config, log)
+    return Scheduling(config, log)
 
 
 def pytest_collection(session: pytest.Session) -> None:

@@ -44,9 +44,8 @@ pytestmark = pytest.mark.slow
 
 SECONDS, PROCESSOR_SECONDS = 120.0, 20.0
 """Limits of a command, by the wall clock and of the processor's time, which may compile its kernels."""
-BLOCKS = [range(2), range(2, 6), *(range(first, min(first + 100, 1000)) for first in range(6, 1000, 100))]
-OTHER_BLOCKS = [range(2), *(range(first, min(first + 100, 300)) for first in range(2, 300, 100))]
-"""Corruptions of a test, of `KINDS` and of `OTHER_KINDS`: `make test` runs the first ones, `make soak` all."""
+BLOCKS = [range(2), *(range(first, min(first + 100, 300)) for first in range(2, 300, 100))]
+"""Corruptions of a test: `make test` runs the first ones, `make soak` all."""
 
 
 class Kind(NamedTuple):
@@ -333,8 +332,7 @@ def name_of(value: Kind | range) -> str:
     return f"{value.name}-{value.seal}" if isinstance(value, Kind) else f"from-{value.start}"
 
 
-CASES = [(kind, block) for kind in KINDS for block in BLOCKS]
-CASES += [(kind, block) for kind in OTHER_KINDS for block in OTHER_BLOCKS]
+CASES = [(kind, block) for kind in (*KINDS, *OTHER_KINDS) for block in BLOCKS]
 OFTEN = ("hand.npy", "hand.json", "result.h5", "motion.h5", "tree.h5", "script.toml", "plan.toml")
 """Of the other kinds, those of which `make test` runs two corruptions."""
 
