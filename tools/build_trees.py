@@ -1,4 +1,4 @@
-"""What ships so that a first run needs no builder: the trees of the catalogue and of the default palms.
+"""What ships so that a first run needs no builder: the trees of the catalogue, of bodies and of the default palms.
 
     python -m tools.build_trees
 
@@ -11,10 +11,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from hhsim.hand.model import MIRROR, HandModel
-from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.mesh.catalogue import BODIES, MESH_LEVEL, load_object, object_names
 from hhsim.mesh.mesh import Mesh
+from hhsim.scene.declared_bodies import load_bodies
 from hhsim.trees.builder import build_sphere_tree, proved_anew
-from hhsim.trees.cache import SHIPPED_SUFFIX
+from hhsim.trees.cache import SHIPPED_SUFFIX, shipped_name
 from hhsim.trees.file import save_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
@@ -22,6 +23,8 @@ from tools.import_graph import REPOSITORY
 
 PALM_LEVEL = 2
 """Of the default hand."""
+BODIES_WITH_TREES = ("laptop", "peg")
+"""Files of bodies whose trees ship, which take longest: with all of 0.7 MB each the wheel would be larger than 15 MB."""
 
 
 def object_tree(name: str) -> SphereTree:
@@ -38,14 +41,27 @@ def palm_trees() -> Iterator[tuple[Mesh, SphereTree]]:
     yield left, proved_anew(tree.transformed(np.diag(MIRROR), np.zeros(3)), left)
 
 
+def body_meshes() -> dict[str, Mesh]:
+    """Return the meshes of bodies whose trees ship, by the names of the files."""
+    meshes = [mesh for name in BODIES_WITH_TREES for mesh in load_bodies(name).meshes.values()]
+    return {shipped_name(mesh): mesh for mesh in meshes}
+
+
+def body_tree(mesh: Mesh) -> SphereTree:
+    """Build a body's tree, at the finest level that a scene has it at."""
+    return build_sphere_tree(mesh, TreeOptions(level=MESH_LEVEL))
+
+
 def main() -> None:
     """Write all trees."""
     folder = REPOSITORY / "objects"
-    trees = {name: object_tree(name) for name in object_names()} | {mesh.name: tree for mesh, tree in palm_trees()}
-    for old in folder.glob(f"*{SHIPPED_SUFFIX}"):
+    trees = {f"{name}{SHIPPED_SUFFIX}": object_tree(name) for name in object_names()}
+    trees |= {f"{mesh.name}{SHIPPED_SUFFIX}": tree for mesh, tree in palm_trees()}
+    trees |= {f"{BODIES}/{name}": body_tree(mesh) for name, mesh in body_meshes().items()}
+    for old in folder.rglob(f"*{SHIPPED_SUFFIX}"):
         old.unlink()
     for name, tree in trees.items():
-        path = folder / f"{name}{SHIPPED_SUFFIX}"
+        path = folder / name
         save_tree(tree, path)
         print(f"{path.relative_to(REPOSITORY)} {tree.leaf_count:,} leaves, {path.stat().st_size:,} bytes")
 

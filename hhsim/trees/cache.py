@@ -5,10 +5,12 @@ import json
 from contextlib import suppress
 from dataclasses import replace
 from importlib.resources import as_file, files
+from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from hhsim.errors import InputError, OutputError
 from hhsim.kernels.cache_folder import cache_root
+from hhsim.mesh.catalogue import BODIES
 from hhsim.mesh.mesh import Mesh
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.file import load_tree, save_tree
@@ -36,9 +38,19 @@ def cached_sphere_tree(
 
 def shipped_tree(mesh: Mesh, options: TreeOptions) -> SphereTree | None:
     """Return a mesh's shipped tree, or a coarser level of it; None without one of this mesh, options and builder."""
-    file = files("hhsim.objects") / f"{mesh.name}{SHIPPED_SUFFIX}"
-    if not file.is_file():
-        return None
+    folder = files("hhsim.objects")
+    for file in (folder / f"{mesh.name}{SHIPPED_SUFFIX}", folder / BODIES / shipped_name(mesh)):
+        if file.is_file() and (tree := _of_mesh(file, mesh, options)) is not None:
+            return tree
+    return None
+
+
+def shipped_name(mesh: Mesh) -> str:
+    """Return the name of the file of a body's tree, in the folder of bodies: several have a body of the same name."""
+    return f"{mesh.sha256[:16]}{SHIPPED_SUFFIX}"
+
+
+def _of_mesh(file: Traversable, mesh: Mesh, options: TreeOptions) -> SphereTree | None:
     try:
         with as_file(file) as path:
             tree = load_tree(path, shipped=True)

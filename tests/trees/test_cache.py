@@ -5,20 +5,22 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hhsim.kernels.kernel_cache import KERNEL_CACHE
-from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.mesh.catalogue import BODIES, MESH_LEVEL, load_object, object_names
 from hhsim.mesh.mesh import Mesh
+from hhsim.scene.declared_bodies import LEVEL_OF_MANY
 from hhsim.trees import builder, cache
-from hhsim.trees.cache import cache_path, cached_sphere_tree, shipped_tree
+from hhsim.trees.cache import SHIPPED_SUFFIX, cache_path, cached_sphere_tree, shipped_tree
 from hhsim.trees.file import load_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
-from tools.build_trees import PALM_LEVEL, object_tree, palm_trees
+from tools.build_trees import PALM_LEVEL, body_meshes, body_tree, object_tree, palm_trees
 from tools.shapes.generators import cube
 
 DUE = "not what ships: raise BUILDER_VERSION if the builder changed, and run `python -m tools.build_trees`"
@@ -50,6 +52,25 @@ def test_a_tree_ships_for_every_object_and_its_proofs_hold(name: str) -> None:
 def test_what_ships_is_what_the_builder_gives(name: str) -> None:
     item = load_object(name)
     assert_same(shipped_tree(item.mesh, TreeOptions(level=item.level)), object_tree(name))
+
+
+@pytest.mark.parametrize("level", [LEVEL_OF_MANY, MESH_LEVEL])
+def test_trees_of_bodies_ship_for_spheres_and_triangles_and_their_proofs_hold(level: int) -> None:
+    for mesh in body_meshes().values():
+        tree = shipped_tree(mesh, TreeOptions(level=level))
+        assert tree is not None, DUE
+        assert tree.check(mesh) == ()
+
+
+def test_every_tree_in_the_folder_of_bodies_is_of_one_that_has_it() -> None:
+    folder = files("hhsim.objects") / BODIES
+    assert {entry.name for entry in folder.iterdir() if entry.name.endswith(SHIPPED_SUFFIX)} == set(body_meshes()), DUE
+
+
+@pytest.mark.soak
+def test_trees_of_bodies_that_ship_are_what_the_builder_gives() -> None:
+    for mesh in body_meshes().values():
+        assert_same(shipped_tree(mesh, TreeOptions(level=MESH_LEVEL)), body_tree(mesh))
 
 
 def test_the_palms_that_ship_are_what_the_builder_gives() -> None:
@@ -88,6 +109,7 @@ from hhsim.hand.model import HandModel
 from hhsim.scene.scene import open_scene
 HandModel.default("left")
 open_scene("bunny", "grasp")
+open_scene("laptop", "close")
 print(json.dumps([name for name in sys.modules if name.startswith("hhsim.")]))
 """
 
