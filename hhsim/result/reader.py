@@ -446,7 +446,7 @@ def load_result(path: str | Path) -> Result:
         for body in _body_names(file):
             group = file[schema.BODIES][body]
             static = {column.name: _frozen(_finite_numbers(group[column.name])) for column in schema.BODY_STATIC}
-            stated = str(group.attrs["kind"]), _mapping(str(group.attrs["properties"]))
+            stated = str(group.attrs["kind"]), _properties(str(group.attrs["properties"]))
             if stated[0] not in _kinds(columns[body]):
                 raise InputError(f"{path} is damaged: body '{body}' does not move as its kind, {stated[0]}, says")
             bodies[body] = Body(found, body, *stated, static, columns[body])
@@ -563,6 +563,25 @@ def _mapping(written: str) -> dict[str, Any]:
         found = None
     if not isinstance(found, dict):
         raise DamagedFileError(f"damaged: expected a JSON object, found '{written[:20]}'")
+    return found
+
+
+WORDS = ("name", "on", "type")
+"""Properties of a body that are texts."""
+
+
+def _properties(written: str) -> dict[str, Any]:
+    """Return the properties of a body; raise DamagedFileError for a text where they have numbers."""
+    found = _mapping(written)
+    rest: list[tuple[str, Any]] = list(found.items())
+    while rest:
+        name, value = rest.pop()
+        if isinstance(value, str) and name not in WORDS:
+            raise DamagedFileError(f"damaged: {name} of a body is '{value[:20]}'; expected a number")
+        if isinstance(value, dict):
+            rest += value.items()
+        elif isinstance(value, list):
+            rest += [(name, one) for one in value]
     return found
 
 
