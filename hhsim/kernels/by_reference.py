@@ -166,6 +166,7 @@ def _words(value: Any) -> list[Any]:
     if isinstance(value, np.ndarray):
         words = [0, 0, value.size, value.itemsize, value.ctypes.data, *value.shape, *value.strides]
     else:
+        assert isinstance(value, (int, np.integer)) and not isinstance(value, bool), f"no integer: {value!r}"
         words = [value]
     return words + [0] * (len(words) % 2)
 

@@ -10,17 +10,24 @@ from tools.honest_runs import KINDS, ROWS, Drawn, judged_run, main, margins
 
 MEETING = 42, 204
 """Runs in which hands that meet at a free object ended ticks up to 23 µm before they had arrived."""
-NO_SLIP = {"fixed", "parts"}
+SLIP = {"free", "several"}
+"""Kinds of runs that have a free body, which contacts may slip on; of two hands some have."""
+NO_ROOM = "script stack: the object has no room for both hands"
+"""What some drawn lines are refused for."""
 
 
 @pytest.mark.parametrize("run", [*range(40), *MEETING])
 @pytest.mark.quick("0")
 def test_nothing_of_an_honest_run_is_called_false(tmp_path: Path, run: int) -> None:
     row = judged_run(tmp_path, 0, run)
-    assert row["kind"] == list(KINDS)[run % len(KINDS)] and "error" not in row and row["ticks"] >= 300
+    assert row["kind"] == list(KINDS)[run % len(KINDS)]
+    if row.get("error") == NO_ROOM:
+        return
+    assert "error" not in row and row["ticks"] >= 300
     assert [claim for claim in row["claims"] if claim["verdict"] == FAILS] == []
     names = {claim["name"] for claim in row["claims"]}
-    assert names >= {"kinematics", "complementarity", "mesh"} and ("slip" in names) == (row["kind"] not in NO_SLIP)
+    assert names >= {"kinematics", "complementarity", "mesh"}
+    assert row["kind"] == "two-hands" or ("slip" in names) == (row["kind"] in SLIP)
 
 
 def test_a_run_is_drawn_from_its_number_alone(tmp_path: Path) -> None:

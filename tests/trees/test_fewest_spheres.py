@@ -92,8 +92,8 @@ def test_one_and_two_spheres_are_the_best_that_a_search_without_slopes_finds(nam
     center, radius = fewest_spheres(in_own_frame(mesh), spheres)
     bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
     bound = float((radius + mesh_signed_distance(bvh, center)).max())
-    # Points between those of the oracle may cost more; a half percent is given for less volume outside.
-    assert bound <= 1.015 * best_protrusion(mesh, spheres)
+    # Points between those of the oracle may cost a percent more; two are given for less volume outside.
+    assert bound <= 1.01 * 1.02 * best_protrusion(mesh, spheres)
 
 
 @pytest.mark.soak
