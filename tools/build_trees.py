@@ -24,7 +24,7 @@ from tools.import_graph import REPOSITORY
 PALM_LEVEL = 2
 """Of the default hand."""
 BODIES_WITH_TREES = ("laptop", "peg")
-"""Files of bodies whose trees ship, which take longest: with all of 0.7 MB each the wheel would be larger than 15 MB."""
+"""Files of bodies whose trees ship, which take longest: with all of 0.7 MB each the wheel would be over 15 MB."""
 
 
 def object_tree(name: str) -> SphereTree:
