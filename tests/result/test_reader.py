@@ -424,6 +424,11 @@ def other_shape(file: h5py.File) -> None:
     file["hands/right/tick/force/total"] = np.zeros((50, 4))
 
 
+def in_words(file: h5py.File) -> None:
+    body = next(iter(file["bodies"].values()))
+    body.attrs["properties"] = json.dumps({"name": "cube", "limits": [{"friction": [0.5, "rough"]}]})
+
+
 def folder_in_its_place(path: Path) -> None:
     path.unlink()
     path.mkdir()
@@ -443,6 +448,7 @@ SPOILED: dict[str, tuple[Callable[[Path], object], str]] = {
     "no ticks": (forged(lambda file: file.__delitem__("hands/right/tick")), "lacks the dataset input_seq"),
     "shape": (forged(other_shape), r"force/total has shape \(50, 4\), expected \(any, 3\)"),
     "no scene": (forged(lambda file: file.attrs.__delitem__("scene")), "is damaged or no result file"),
+    "word": (forged(in_words), "friction of a body is 'rough'; expected a number"),
     "gone": (lambda path: path.unlink(), "no such file; expected a result"),
     "folder": (folder_in_its_place, "is a folder"),
     **{
