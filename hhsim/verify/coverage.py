@@ -86,7 +86,7 @@ JUDGES: dict[str, str] = {
     "slider": "body.slider*",
     "joint": "body.hinge* body.slider*",
     "bodies as declared": "body.friction body.torsion body.table_friction body.hinge* body.slider* body.joint* "
-    "scene.object scene.object_mesh",
+    "body.mass body.damping body.velocity scene.object scene.object_mesh",
     "complete": "@complete",
     "input depth": "summary@input_depth_max",
     "correction": "summary@correction_*",
