@@ -53,6 +53,8 @@ EQUATION = 1e-6
 """Largest residual of an equation of motion as a share of the forces at hand."""
 CRUSH = 1e6
 """Force [N] from which on a driven body crushes a free one: its size is that of the mass that a driven one is given."""
+ROUNDED = 1e-15
+"""Of the largest force at any body of a tick: what one program leaves of it in the sums of all of its bodies [N/N]."""
 AXES = 1e-3
 """Residual of Euler's equation as a share of the moment, of ticks of several programs."""
 SPEED = 1e-9
@@ -430,12 +432,14 @@ def _equations(scene: Recorded, body: Moved, found: Verdict) -> None:
     moments = np.linalg.norm(body.wrench[:, 1:, 3:], axis=2).sum(axis=0)
     slack = ((AXES + swing) * moments + swing * left / PERIOD) / (length * size)
     slack[scene.programs[1:] <= 1] = 0.0
+    sums = [np.linalg.norm(one.wrench[:, 1:, :3], axis=2).sum(axis=0) for one in scene.bodies if one.wrench.shape[1]]
+    rounded = ROUNDED * np.max(sums, axis=0) / size
     found.equations += len(ticks)
     found.late += int(late.sum())
     crushed = size > CRUSH
     found.crushed += int(crushed.sum())
     found.crushed_newton = max(found.crushed_newton, float(newton[crushed].max(initial=0.0)))
-    newton, euler = (np.where(crushed, 0.0, of) for of in (newton, euler))
+    newton, euler = (np.where(crushed, 0.0, np.maximum(0.0, of - rounded)) for of in (newton, euler))
     found.newton = max(found.newton, float(newton.max(initial=0.0)))
     found.euler = max(found.euler, float(np.maximum(0.0, euler - slack).max(initial=0.0)))
     found.note("Newton's equation, share of the forces", newton, EQUATION, ticks)
