@@ -46,8 +46,7 @@ _HINTS = {
 }
 """Hints on files of other formats."""
 
-_OF_A_TREE = ("center", "radius", "level", "parent")
-_TOGETHER = (tuple(f"palm_tree/{name}" for name in _OF_A_TREE), ("palm_center", "palm_radius"))
+_TOGETHER = (tuple(f"palm_tree/{name}" for name in schema.TREE_ARRAYS), ("palm_center", "palm_radius"))
 """Arrays of a hand with one row a sphere."""
 
 CHUNK_TICKS = 512
@@ -406,6 +405,9 @@ def load_result(path: str | Path) -> Result:
         dirty, common = attributes["git_dirty"], _mapping(attributes["scene"])
         if attributes["complete"]:
             _require_equal_rows(file, path)
+        # Filled below: each hand and each body needs the result that it is a part of.
+        hands: dict[str, Result] = {}
+        bodies: dict[str, Body] = {}
         whole = Result(
             path=path,
             complete=bool(attributes["complete"]),
@@ -416,7 +418,7 @@ def load_result(path: str | Path) -> Result:
             scene=_Stated(common, path),
             machine=_mapping(attributes["machine"]),
             packages=_mapping(attributes["packages"]),
-            phases=(),
+            phases=tuple(phase for phase in read_phases(file) if phase.first_tick < ticks),
             summary=_attributes(summary),
             command=tuple(json.loads(attributes["command"])),
             git_revision=str(attributes["git_revision"]),
@@ -424,11 +426,9 @@ def load_result(path: str | Path) -> Result:
             repeated=_mapping(attributes.get("repeated", "{}")),
             score=_mapping(attributes.get("score", "{}")),
             frame=_moving_frame(file),
+            hands=hands,
+            bodies=bodies,
         )
-        bodies: dict[str, Body] = {}
-        hands: dict[str, Result] = {}
-        whole = replace(whole, hands=hands, bodies=bodies)
-        phases = tuple(read_phases(file))
         for name in names:
             group = file[schema.HANDS][name]
             static = {column.name: _frozen(_finite_numbers(group[column.name])) for column in schema.HAND_STATIC}
@@ -436,13 +436,12 @@ def load_result(path: str | Path) -> Result:
                 whole,
                 name=name,
                 scene=_Stated({**common, **_mapping(group.attrs["scene"])}, path),
-                phases=tuple(phase for phase in phases if phase.first_tick < ticks),
                 summary={**whole.summary, **_attributes(summary[name])},
                 static={f"hand/{column}": array for column, array in static.items()},
                 live=_Stated(_attributes(group[schema.LIVE]), path) if schema.LIVE in group else None,
                 _loaded={},
             )
-        found = hands[names[0]] if len(names) == 1 else replace(whole, phases=phases)
+        found = hands[names[0]] if len(names) == 1 else whole
         for body in _body_names(file):
             group = file[schema.BODIES][body]
             static = {column.name: _frozen(_finite_numbers(group[column.name])) for column in schema.BODY_STATIC}
@@ -510,7 +509,7 @@ def _checked_tables(file: h5py.File, names: Sequence[str], path: Path) -> tuple[
         group = file[schema.BODIES][name]
         for column in schema.BODY_STATIC:
             _check_dataset(group, column, column.shape, path)
-        _check_together(group, (tuple(f"tree/{of}" for of in _OF_A_TREE),), path)
+        _check_together(group, (tuple(f"tree/{of}" for of in schema.TREE_ARRAYS),), path)
         needed = group.get(schema.TICK, {})
         columns[name] = tuple(needed)
         for column in [*(schema.POSE_COLUMNS if schema.TICK in group else ()), *(known[of] for of in needed)]:

@@ -23,6 +23,8 @@ BODY_KINDS = ("fixed", "driven", "free")
 """Ways in which a body moves: not at all, as recorded, or by the forces on it."""
 TICK = "tick"
 """Group of the ticks of a file, of a hand or of a body."""
+TREE_ARRAYS = ("center", "radius", "level", "parent")
+"""Datasets of a sphere tree, one row a sphere: under `tree` of a body, and `palm_tree` of a hand."""
 FRAME = "tick/frame"
 """Group of the pose of several bodies' common frame, where a recording carries it along: hands are solved in it."""
 BETWEEN = "between"

@@ -1,6 +1,7 @@
 """Two hands on one object: each as it is alone, or both by one program, and one file of both."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -105,6 +106,16 @@ def test_how_near_the_hands_come_is_that_of_the_stored_poses(both: TwoHandedRepl
         assert {f"between/{name}" for name in file["tick/between"]} == {column.name for column in BETWEEN_COLUMNS}
     assert both.graphic_distance == apart.min() > 0.0 and both.haptic_distance > 0.0
     assert "µs" in both.note and "come within" in both.note
+
+
+def test_a_stopped_run_has_the_phases_that_it_came_to(both: TwoHandedReplay, tmp_path: Path) -> None:
+    path = shutil.copy(both.path, tmp_path / "stopped.h5")
+    with h5py.File(path, "r+") as file:
+        file.attrs["complete"] = 0
+        file["tick/time"].resize(5, axis=0)
+    whole = load_result(path)
+    assert whole.ticks == 5 and [phase.first_tick for phase in whole.phases] == [0]
+    assert all(hand.phases == whole.phases for hand in whole.hands.values())
 
 
 @pytest.mark.soak
