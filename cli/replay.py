@@ -238,7 +238,7 @@ def command(
     from hhsim.replay.replay import replay_scene, replay_two_hands
     from hhsim.replay.summary import repeated_document, repeated_times
     from hhsim.result.reader import check_result_path
-    from hhsim.result.writer import state
+    from hhsim.result.writer import add_document
     from hhsim.scene.described_scene import load_words
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.solver.free_object import require_free
@@ -250,7 +250,7 @@ def command(
     motion, bodies = loaded.motions[0], loaded.bodies
     free.require(solver_options, motion, way_out=": --object-pose fixed keeps it where it is at first")
     remarks = import_remarks(motion, trajectory)
-    if len(bodies.solid) > 1 and rerun is not None:
+    if len(bodies.solids) > 1 and rerun is not None:
         raise click.UsageError(f"--free, --tree and --rerun are for one object, not for '{object_}'")
     if any(body.is_free for body in bodies.settings):
         require_free(solver_options)
@@ -283,7 +283,7 @@ def command(
             document |= {"placement": placed.to_json()} if placed.placement else {}
         if output.repeat > 1:
             document["repeated"] = repeated_document(runs)
-            state(output_path, "repeated", document["repeated"])
+            add_document(output_path, "repeated", document["repeated"])
         if viewer is not None:
             viewer.show(output_path, report)
     stuck = [summary.verdict.line for summary in hands.values() if summary.verdict.mostly_stuck]

@@ -29,7 +29,7 @@ from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.motion.trajectory import ObjectMotion, Trajectory
 from hhsim.replay.replay import Replay
 from hhsim.result.reader import Result, load_result
-from hhsim.scene.body import Body, Driven, Fixed, Free, HalfSpace, Joint, Motion, triple
+from hhsim.scene.body import Body, BodyMotion, Driven, Fixed, Free, HalfSpace, Joint, triple
 from hhsim.scene.scene import TABLE, Hand, Scene
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SceneSolver
@@ -80,7 +80,7 @@ class Drawing:
     solids: dict[str, Solid] = field(default_factory=dict)
     squeezed: bool = False  # True if two hands go to opposite sides of the first body
 
-    def add(self, solid: Solid, motion: Motion, joint: Joint | None = None, name: str = "") -> Body:
+    def add(self, solid: Solid, motion: BodyMotion, joint: Joint | None = None, name: str = "") -> Body:
         """Add a body, whose solid is where it is at the first tick."""
         rng, name = self.rng, name or f"body-{len(self.solids)}"
         mesh = solid.mesh
@@ -245,7 +245,7 @@ def several(drawing: Drawing) -> None:
         solid = drawing.standing(random_solid(rng), place, not stacked or rng.random() < 0.3)
         height = float(solid.mesh.bounds[1, 2])
         kind = rng.choice(["free", "free", "fixed", "driven"]) if k else rng.choice(["free", "free", "fixed"])
-        motions: dict[str, Callable[[], Motion]] = {"fixed": Fixed, "driven": drawing.own_way}
+        motions: dict[str, Callable[[], BodyMotion]] = {"fixed": Fixed, "driven": drawing.own_way}
         drawing.add(solid, motions[kind]() if kind in motions else drawing.free(solid, rng.random() < 0.2))
     drawing.table(0.7)
 

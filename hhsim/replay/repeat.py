@@ -12,13 +12,13 @@ from hhsim.arrays import AnyArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.replay.stored_scene import require_whole, result_scene, stored_options
-from hhsim.replay.tick_rows import HandRows, seen_hand
+from hhsim.replay.tick_rows import HandRows
 from hhsim.result import schema
 from hhsim.result.reader import CHUNK_TICKS, Result
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import METHODS
 from hhsim.solver.one_tick import OneTick
-from hhsim.solver.scene_solver import SceneSolver
+from hhsim.solver.scene_solver import SceneSolver, seen_hand
 from hhsim.system import environment as info
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
@@ -50,9 +50,9 @@ class ArrayComparison:
     """One dataset of a result beside that of the second run, compared block by block.
 
     Its name begins with `prefix`. `bound` is the largest difference that counts as rounding, in `units`: 0 for
-    integers, infinite for counters of work. Of the ticks that differ, `ticks` is the number, `largest` the largest
-    difference, NaN or infinite where one side alone is so; `first_tick` is the first that differs, `first_beyond` the
-    first beyond the bound, -1 if none.
+    integers, infinite for counters of work. `ticks` is the number of rows that differ: ticks, or contacts of /contact;
+    `largest` the largest difference, NaN or infinite where one side alone is so; `first_tick` is the first that
+    differs, `first_beyond` the first beyond the bound, -1 if none.
     """
 
     def __init__(self, column: schema.Column, prefix: str = "") -> None:
@@ -185,16 +185,17 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> 
     total, notes = min(ticks for ticks, _ in runnable), [note for _, of in runnable for note in of]
     prefix = {one.name: "" if len(shown) == 1 else f"{one.name}/" for one in shown}
     arrays = {one.name: [ArrayComparison(column, prefix[one.name]) for column in COMPARED] for one in shown}
-    rubs = any(body.is_free for body in result.bodies.values())
-    of_bodies = [ArrayComparison(column) for column in _moving(result, rubs)]
+    has_free = any(body.is_free for body in result.bodies.values())
+    of_bodies = [ArrayComparison(column) for column in _moving(result, has_free)]
     contacts = [
         ArrayComparison(replace(column, name=f"{schema.CONTACT}/{column.name}"))
-        for column in (schema.CONTACT_COLUMNS if rubs else ())
+        for column in (schema.CONTACT_COLUMNS if has_free else ())
     ]
     names = [column.name for column in schema.TICK_COLUMNS]
-    # Where no poses but the hands' are read, these may be more than fit in memory.
-    alone = [body.kind for body in result.bodies.values()] in (["fixed"], ["free"])
-    scene = result_scene(hands, CHUNK_TICKS if alone else None)
+    # Hands are given block by block. A body that is fixed, or free, needs no stored poses: the scene may have the
+    # first block's ticks alone, since all might not fit in memory.
+    needs_no_poses = [body.kind for body in result.bodies.values()] in (["fixed"], ["free"])
+    scene = result_scene(hands, CHUNK_TICKS if needs_no_poses else None)
     with SceneSolver(scene, stored_options(result)) as solver, interruptible_between() as check_interrupt:
         rows = [HandRows(solver, hand, list(result.bodies)) for hand in range(len(hands))]
         every = zip(result.blocks([array.name for array in of_bodies]), *(one.blocks(names) for one in hands))
@@ -214,7 +215,7 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> 
             for array in of_bodies:
                 group, _, name = array.name.rpartition("/")
                 array.add(bodies[array.name], tables[group][name])
-            if rubs:
+            if has_free:
                 _compare_contacts(result, here, tables[schema.CONTACT], contacts)
             for one, block, of in zip(hands, stored, made, strict=True):
                 again = of.tables[f"{schema.HANDS}/{one.name}/{schema.TICK}"]
@@ -236,12 +237,12 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> 
     return RunAgain(result.path, result.complete, total, result.ticks, compared, shared, bool(makers))
 
 
-def _moving(result: Result, rubs: bool) -> list[schema.Column]:
+def _moving(result: Result, has_free: bool) -> list[schema.Column]:
     """Columns of bodies that a second run computes anew: all but what is given."""
     given = {column.name for column in schema.DRIVEN_COLUMNS}
     return [
         replace(column, name=f"{body.group}/{schema.TICK}/{column.name}")
-        for body in (result.bodies.values() if rubs else ())
+        for body in (result.bodies.values() if has_free else ())
         for column in schema.BODY_COLUMNS
         if column.name in body and column.name not in given
     ]

@@ -1,8 +1,8 @@
-"""Main loop: run a scene's hands through their motions in compiled blocks; measure and write each outside of the ticks.
+"""Main loop: solve a scene's ticks in compiled blocks; between blocks, measure and write them.
 
-Two hands keep out of each other. On an object that stands still or moves as recorded each hand's ticks are those that
-it has alone, side by side on two threads, where the hands cannot meet. Elsewhere, and with a free object, both have
-one program.
+Two hands keep out of each other beside a free object, and elsewhere with methods that can (`keeps_hands_apart`).
+Without a free object each hand is solved as if it were alone, on a thread of its own, in ticks in which the hands
+cannot meet. All other ticks of two such hands, and all beside a free object, are one program of both.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -58,7 +58,7 @@ def replay_scene(
     before_ticks: Callable[[], None] | None = None,
     progress: Progress | None = None,
 ) -> ReplaySummary:
-    """Replay the motion of a scene's one hand, write a result file, and return the figures of the table.
+    """Replay a scene of one hand (of two: `replay_two_hands`), write a result file, and return the table's figures.
 
     An existing file is replaced when the new one is complete. `description` is further description as plain values,
     over the scene's own; `command` the command line for the file to record, empty in a program. `before_ticks` is
@@ -141,14 +141,14 @@ class Replay:
             described[HANDS_APART] = self.keeps_apart = self.together or keeps_hands_apart(solver.options)
         self.bodies = body_parts(scene, solver.seen)
         self.runs = [HandRun(solver, hand, self.bodies, described) for hand in range(len(scene.hands))]
-        self._models, self.graphic = [run.model for run in self.runs], list[FloatArray]()
-        self.duration = list[AnyArray]()
+        self._models, self.graphic_distances = [run.model for run in self.runs], list[FloatArray]()
+        self.tick_durations = list[AnyArray]()
 
     def writer(self, path: Path, command: Sequence[str]) -> ResultWriter:
-        """Return the writer of the run's file, to be entered before the first tick."""
+        """Return the writer of the run's file, to be entered before the first tick; it measures the haptic hands."""
         scene, seen, both = self.solver.scene, self.solver.seen, len(self.runs) > 1
         haptic = [forward_kinematics(hand.model, *HandConfiguration.of(hand.ticks)) for hand in scene.hands if both]
-        self.haptic = distance_of_hands(self._models, haptic) if both else np.zeros(0)
+        self.haptic_distance = distance_of_hands(self._models, haptic) if both else np.zeros(0)
         carried = seen.parts is not None and seen.carrier is not None
         frame = [replace(column, name=f"{FRAME.partition('/')[2]}/{column.name}") for column in POSE_COLUMNS]
         self._writer = ResultWriter(
@@ -174,15 +174,18 @@ class Replay:
     def _write(self, ticks: slice, records: Sequence[TickRecord]) -> None:
         """Write the ticks that were solved last: what both hands say of bodies and contacts once."""
         of_hands = [run.tables(ticks, record) for run, record in zip(self.runs, records)]
-        tables = {group: rows for tables in reversed(of_hands) for group, rows in tables.items()}
+        tables: dict[str, dict[str, AnyArray]] = {}
+        # Both hands have rows of the time, bodies and contacts; the first hand's are written, so they are merged last.
+        for rows in reversed(of_hands):
+            tables |= rows
         if len(of_hands) > 1:
             placed = [
                 PlacedHand(*(of[f"graphic/{name}"] for name in ("joints", "position", "orientation")))
                 for of in (tables[f"{HANDS}/{run.model.side}/{TICK}"] for run in self.runs)
             ]
-            self.graphic.append(distance_of_hands(self._models, placed))
-            self.duration.append(np.maximum(*(record.duration_total for record in records)))
-            between = self.haptic[ticks], self.graphic[-1]
+            self.graphic_distances.append(distance_of_hands(self._models, placed))
+            self.tick_durations.append(np.maximum(*(record.duration_total for record in records)))
+            between = self.haptic_distance[ticks], self.graphic_distances[-1]
             tables[TICK] |= {column.name: values for column, values in zip(BETWEEN_COLUMNS, between, strict=True)}
         self._writer.append(tables)
 
@@ -191,15 +194,15 @@ class Replay:
         summaries = {run.model.side: run.summary() for run in self.runs}
         of_hands = {side: summary.attributes() for side, summary in summaries.items()}
         shared = {name: value for of in of_hands.values() for name, value in of.items() if not _is_of_hand(name)}
-        own: dict[str, dict[str, float | int]] = {}
-        for side, of in of_hands.items():
-            own[side] = {name: value for name, value in of.items() if name not in shared}
+        own: dict[str, dict[str, float | int]] = {
+            side: {name: value for name, value in of.items() if _is_of_hand(name)} for side, of in of_hands.items()
+        }
         path = self._writer.finish(own, shared)
         return tuple(replace(summary, path=path) for summary in summaries.values())
 
 
 def _is_of_hand(figure: str) -> bool:
-    """Return False for the number of ticks, and for a figure of a body."""
+    """Return True for a figure of one hand; the number of ticks and figures of bodies are of all hands."""
     return figure in run_metrics() and not run_metrics()[figure].of_body
 
 
@@ -263,8 +266,7 @@ def replay_two_hands(
         with run.writer(Path(output_path), command) as writer:
             run.go(progress)
             right, left = run.finish()
-    times = 1e-9 * np.concatenate(run.duration)
+    times = 1e-9 * np.concatenate(run.tick_durations)
     p50, p99 = (float(np.quantile(times, share)) for share in (0.5, 0.99))
-    haptic_distance, graphic_distance = (float(np.min(values)) for values in (run.haptic, np.concatenate(run.graphic)))
-    both = (right, left), p50, p99, haptic_distance, graphic_distance
-    return TwoHandedReplay(writer.path, *both, together=run.together, keeps_apart=run.keeps_apart)
+    haptic, graphic = (float(np.min(of)) for of in (run.haptic_distance, np.concatenate(run.graphic_distances)))
+    return TwoHandedReplay(writer.path, (right, left), p50, p99, haptic, graphic, run.together, run.keeps_apart)

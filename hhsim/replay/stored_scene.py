@@ -29,10 +29,11 @@ from hhsim.result.schema import (
     MOTION_COLUMNS,
     OF_BODIES,
     POSE_COLUMNS,
+    TREE_ARRAYS,
 )
-from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS, result_hand, sphere_tree_of
+from hhsim.result.stored_hand import HAND_ARRAYS, result_hand, sphere_tree_of
 from hhsim.result.writer import BodyPart
-from hhsim.scene.body import Body, Driven, Fixed, HalfSpace, Joint, Motion
+from hhsim.scene.body import Body, BodyMotion, Driven, Fixed, HalfSpace, Joint
 from hhsim.scene.scene import TABLE, Hand, Scene, all_pairs
 from hhsim.solver.free_object import LAW, FreeObject
 from hhsim.solver.options import SolverOptions
@@ -106,15 +107,15 @@ def body_parts(scene: Scene, seen: SeenScene) -> dict[str, BodyPart]:
     if (parts := seen.parts) is None:
         kind = "free" if seen.free else "driven" if seen.carrier else "fixed"
         return {body_name(seen.mesh.name): body_part(kind, seen.mesh, seen.tree, seen.place, seen.free)}
-    # Without a free one all go by their joints, or stand, in a frame that may go along.
-    kinds, free = dict.fromkeys(parts.names, "driven"), dict[str, FreeObject]()
-    if seen.free is not None:
-        free = dict(zip(parts.names, (seen.free, *(own for own, _, _ in seen.others))))
-        kinds = {body.name: type(body.motion).__name__.lower() for _, _, body in seen.others}
-    joints, found = {body.name: body.joint for body in scene.solids if body.name in parts.values}, {}
+    solids = {body.name: body for body in scene.solids}
+    free = [] if seen.free is None else [seen.free, *(own for own, _, _ in seen.others)]
+    properties, found = dict(zip(parts.names, free)), dict[str, BodyPart]()
     for name, mesh, tree in zip(parts.names, parts.meshes, parts.trees, strict=True):
-        about: dict[str, Any] = {"many": True, "first": name == parts.names[0], "joint": joints.get(name)}
-        found[name] = body_part(kinds.get(name, "free"), mesh, tree, free=free.get(name), **about)
+        # Where none is free all are stored as driven: one that stands may stand in a frame that a recording carries.
+        kind = type(solids[name].motion).__name__.lower() if free else "driven"
+        joint = solids[name].joint if name in parts.values else None
+        first = name == parts.names[0]
+        found[name] = body_part(kind, mesh, tree, free=properties.get(name), many=True, first=first, joint=joint)
     return found
 
 
@@ -205,7 +206,7 @@ def stored_surface(result: Result) -> ContactSurface:
 
 
 def result_scene(hands: Sequence[Result], most: int | None = None) -> Scene:
-    """Make the scene of a result with ticks, of one of its hands or of both, at the first ticks, by default at all.
+    """Make the scene that a result holds, with these of its hands and its first `most` ticks, by default all.
 
     Raises InputError for a body, a tree or a hand that is not the run's.
     """
@@ -236,7 +237,7 @@ def _scene_body(body: StoredBody, rows: slice) -> Body:
     """Return a body of a result as one of a scene."""
     mesh, tree, place, own = stored_mesh(body), stored_tree(body), body.place, body.properties
     begin, about = place, {name: own[name] for name in ("friction", "torsion") if name in own}
-    motion: Motion = Fixed()
+    motion: BodyMotion = Fixed()
     if body.is_free:
         free = FreeObject.from_json(own)
         motion, about["joint"] = free.motion, free.stated_joint()
@@ -246,12 +247,13 @@ def _scene_body(body: StoredBody, rows: slice) -> Body:
         poses = body.poses(rows)
         motion, begin = Driven(poses, np.asarray(body["joint"][rows]) if "joint" in body else None), poses.at(0)
         about |= {"joint": Joint(**own["joint"])} if own else {}
-    frame = mesh, tree
+    own_mesh, own_tree = mesh, tree
     if not _equal(place, STILL):
+        # Mesh and tree are stored in the world; a body of a scene has them in its own frame.
         back = rotation_matrix(place.orientation).T
         to = back, matmul(back, -place.position)
-        frame = mesh.transformed(*to), tree.transformed(*to)
-    made = Body(body.name, *frame, *begin, motion, **about)
+        own_mesh, own_tree = mesh.transformed(*to), tree.transformed(*to)
+    made = Body(body.name, own_mesh, own_tree, *begin, motion, **about)
     if _equal(begin, place):
         # As stored: there and back would round.
         vars(made).update(placed_mesh=mesh, placed_tree=tree)

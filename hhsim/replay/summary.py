@@ -1,4 +1,6 @@
-"""Table that `hhsim replay` prints: our figures beside the paper's, of runs of their own and of repeats, too.
+"""Figures of a replay: the table that `hhsim replay` prints, with the paper's figures beside.
+
+Some figures need further runs of the solver (trembling hold, reference optimum); times may be of repeated runs.
 
 With frozen input the force must come to rest, which shows limit cycles but not what a user feels. The paper's 0.18 %
 was measured on a live hold, so a hold with frozen input is run once more with seeded physiological tremor.
@@ -204,14 +206,14 @@ def summarise(
     known = known_figures(method.gives)
     # What a further run of the solver would tell is of an object that stands still.
     still = seen.free is None and parts is None
-    own = {} if not still else figures_of_own_runs(model, surface, options, haptic, run)
+    own = figures_of_own_runs(model, surface, options, haptic, run) if still else {}
     figures = {name: value for name, value in {**tick_figures(run), **own}.items() if name in known}
     return ReplaySummary(
         rows=summary_rows(figures, ticks.rate, of_paper=of_paper),
         notes=(
             *_notes(seen, options, hands_apart, series["status"]),
             *surface.notes,
-            *_floating(seen, figures),
+            *_coarse_spheres_note(seen, figures),
             *(() if free_run is None else filter(None, [free_run.left_behind(ticks.phases, haptic.position)])),
             *(() if free_run is None or parts is None else _held_off(parts, free_run.moved)),
         ),
@@ -248,7 +250,7 @@ def figures_of_own_runs(
     return found
 
 
-def _floating(seen: SeenScene, figures: Mapping[str, float]) -> tuple[str, ...]:
+def _coarse_spheres_note(seen: SeenScene, figures: Mapping[str, float]) -> tuple[str, ...]:
     """Advice on contacts that are farther from the mesh than a user should feel."""
     error = figures["contact_error_max"]
     # A hand that is as deep in the spheres is off the mesh to the inside, whatever the spheres.

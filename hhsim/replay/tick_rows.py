@@ -26,7 +26,7 @@ from hhsim.result.schema import (
     TICK,
     hand_tables,
 )
-from hhsim.solver.scene_solver import SceneSolver
+from hhsim.solver.scene_solver import SceneSolver, seen_hand
 
 if TYPE_CHECKING:
     from hhsim.kernels.free.record import BodiesRecord, ObjectRecord
@@ -38,7 +38,7 @@ class TickRows(NamedTuple):
     """Rows of some ticks, as one hand of a scene has them."""
 
     seen: Columns  # of the hand, in the engine's frame
-    body: Columns  # of the first body, world
+    body: Columns  # of the first free body, else the poses of what carries the engine's frame, if anything; world
     contacts: Columns  # its contacts, as the hand counts bodies
     tables: dict[str, Columns]  # of the file by their groups, world
 
@@ -83,9 +83,10 @@ class HandRows:
 def body_rows(
     parts: MovingParts | None, record: "BodiesRecord | None", names: Sequence[str], ticks: slice, own: Columns
 ) -> dict[str, Columns]:
-    """Return the rows of bodies by their groups; of several the poses in `parts` are set, too.
+    """Return the rows of all bodies by their groups in the file.
 
-    `own` is of the only one, of the first free one, or of what carries all; `record` is of several beside a free one.
+    `own` has the columns of the only body, of the first free one, or of the frame that carries several. `record` has
+    the ticks of several bodies of which some are free; it is written to `parts.world`, too, for the measures of depth.
     """
     if parts is None:
         return {f"{BODIES}/{names[0]}/{TICK}": own}
@@ -108,14 +109,6 @@ def body_rows(
             columns |= {"recorded_position": to.shift, "recorded_orientation": to.turn}
         rows[f"{BODIES}/{name}/{TICK}"] = columns
     return rows
-
-
-def seen_hand(haptic: HandConfiguration, moved: RigidMotion | None) -> HandConfiguration:
-    """Return a hand, given in the world, as a frame that has moved sees it; None is the world's."""
-    if moved is None:
-        return haptic
-    position, orientation = moved.seen_points(haptic.position), moved.seen_orientations(haptic.orientation)
-    return haptic._replace(position=position, orientation=orientation)
 
 
 def shown_columns(block: Columns, haptic: HandConfiguration, moved: RigidMotion | None) -> Columns:

@@ -18,13 +18,17 @@ ON_TABLE = -1
 
 
 def contact_names(hands: Sequence[str], bodies: Sequence[str]) -> list[str]:
-    """Names of the bodies of contacts in the order of their codes: of the hands, the table, the bodies."""
+    """Names of contacts' bodies by code, as `a` and `b` have it: 16 bodies of each hand, the table, then the bodies."""
     of_hand = [*(f"{finger}/{phalanx}" for finger in FINGERS for phalanx in PHALANX_NAMES), "palm"]
     return [*(f"{hand}/{part}" for hand in hands for part in of_hand), TABLE, *bodies]
 
 
 def pair_codes(body: IntArray, hands: int) -> dict[str, AnyArray]:
-    """Return the columns `a` and `b` of contacts of the first body, by what touches it as the first hand counts."""
+    """Return the columns `a` and `b` of /contact for contacts of the first body.
+
+    `body` is what touches it, coded as in `Contacts` by the first of `hands` hands. `a` is the hand's body where a hand
+    touches, else the first body.
+    """
     table = HAND_BODIES * hands
     first = np.full(len(body), table + 1)
     return {"a": np.where(body >= 0, body, first), "b": np.where(body >= 0, first, table - 1 - body)}

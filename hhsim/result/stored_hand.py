@@ -9,9 +9,9 @@ from hhsim.arrays import AnyArray
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result
+from hhsim.result.schema import TREE_ARRAYS
 from hhsim.trees.sphere_tree import SphereTree
 
-TREE_ARRAYS = ("center", "radius", "level", "parent")
 HAND_ARRAYS = {
     **{name: name for name in ("base", "distal", "dorsal")},
     **{name: f"phalanx_{name}" for name in ("length", "radius")},

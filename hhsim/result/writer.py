@@ -294,8 +294,8 @@ def split_scenes(scenes: Mapping[str, Mapping[str, Any]]) -> tuple[dict[str, Any
     return common, own
 
 
-def state(path: Path, name: str, document: Mapping[str, Any]) -> None:
-    """Add a JSON document as attribute `name` to a complete result, and seal it anew.
+def add_document(path: Path, name: str, document: Mapping[str, Any]) -> None:
+    """Add a JSON document as an attribute (`repeated`, `score`) to a complete result, and seal it anew.
 
     Of several runs, `repeated` has `runs`, how many, and `times`: mean and std by the name of the figure, SI or %.
     Raises OutputError where the file cannot be written.

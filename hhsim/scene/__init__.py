@@ -1,1 +1,1 @@
-"""A scene: an object, a hand and a motion between them."""
+"""A scene: hands with their motions, and bodies, in one world."""

@@ -91,7 +91,8 @@ class Free:
         return cls(mass, triple(solid.center), (first, second, third), **others)
 
 
-Motion: TypeAlias = Fixed | Driven | Free
+BodyMotion: TypeAlias = Fixed | Driven | Free
+"""How a body moves; the motion of a hand is `hhsim.scene.motion_catalogue.Motion`."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ class Joint:
     origin: Triple = (0.0, 0.0, 0.0)  # a point of the axis [m]; of a slider without meaning
     limits: tuple[float, float] | None = None  # least and greatest value [rad] or [m]; None: there are none
     friction: float = 0.0  # largest moment [N·m] or force [N] of its dry friction
-    on: str = ""  # name of the body that bears it, which the one on it goes through; "": the world
+    on: str = ""  # name of the body that bears it and does not stop it; "": the world
     value: float = 0.0  # at the first tick [rad] or [m]
 
     def __post_init__(self) -> None:
@@ -134,7 +135,7 @@ class Body:
     tree: SphereTree
     position: FloatArray = field(default_factory=lambda: np.zeros(3))  # of its frame [m], (3,)
     orientation: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))  # (w, x, y, z)
-    motion: Motion = Fixed()
+    motion: BodyMotion = Fixed()
     joint: Joint | None = None  # without one it stands in the world, or moves in all directions
     friction: float = USUAL_FRICTION  # μ with hands; of two bodies it is the geometric mean of both
     torsion: float = 0.0  # largest torsional moment of a contact over its normal force [m]; 0: none

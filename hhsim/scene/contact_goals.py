@@ -166,6 +166,7 @@ def _nearest(
     touch: Touch, object_name: str, tree: SphereTree, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float
 ) -> float:
     center, radius = tree.leaf_center, tree.leaf_radius
+    # A sphere of the palm comes from `_bodies` with one array as both ends.
     ball = a is b
     if ball:
         distance = np.linalg.norm(center - a, axis=1) - radius - radius_a

@@ -30,7 +30,7 @@ from hhsim.mesh.shapes import box_mesh
 from hhsim.metrics.moving_parts import held_rows, placed_mesh
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickInput, Trajectory
 from hhsim.reproducible import matmul
-from hhsim.scene.body import CLEARANCE, USUAL_FRICTION, Body, Driven, Fixed, Free, HalfSpace, Joint, Motion, triple
+from hhsim.scene.body import CLEARANCE, USUAL_FRICTION, Body, BodyMotion, Driven, Fixed, Free, HalfSpace, Joint, triple
 from hhsim.scene.body_file import BodyFile, BodySettings, Drive, read_body_file
 from hhsim.scene.joint import Keyframe, composed
 from hhsim.scene.linkage_bodies import linkage_bodies
@@ -67,20 +67,20 @@ class DeclaredBodies:
         return cls(mesh.name, (one,), {name: mesh}, {} if tree is None else {name: tree}, level=level)
 
     @property
-    def solid(self) -> tuple[BodySettings, ...]:
+    def solids(self) -> tuple[BodySettings, ...]:
         """Bodies with a mesh."""
         return tuple(body for body in self.settings if body.plane is None)
 
     @property
-    def held(self) -> tuple[BodySettings, ...]:
-        """Bodies that a motion is of: the first free one, or all where none is free."""
-        free = [body for body in self.solid if body.is_free]
-        return tuple(free[:1]) or self.solid
+    def object_bodies(self) -> tuple[BodySettings, ...]:
+        """The object of the motion: the first free body, or all bodies with a mesh where none is free."""
+        free = [body for body in self.solids if body.is_free]
+        return tuple(free[:1]) or self.solids
 
     @cached_property
     def mesh(self) -> Mesh:
-        """Mesh of what is held, named for all, where it begins in the frame of the file [m]."""
-        held = [(self.meshes[body.name], self._begin[body.name]) for body in self.held]
+        """Mesh of the object, named for all bodies, where it begins in the frame of the file [m]."""
+        held = [(self.meshes[body.name], self._begin[body.name]) for body in self.object_bodies]
         if len(held) > 1:
             return placed_mesh([mesh for mesh, _ in held], [_frame(pose) for _, pose in held], self.name)
         ((mesh, pose),) = held
@@ -88,9 +88,9 @@ class DeclaredBodies:
 
     @cached_property
     def tree(self) -> SphereTree:
-        """Sphere tree of what is held, over the leaves of all of it, where it begins in the frame of the file [m]."""
-        held = [(self.trees[body.name], self._begin[body.name]) for body in self.held]
-        about: dict[str, Any] = {OF_BODIES: self.name} if len(self.solid) > 1 else {}
+        """Sphere tree of the object, over the leaves of all of it, where it begins in the frame of the file [m]."""
+        held = [(self.trees[body.name], self._begin[body.name]) for body in self.object_bodies]
+        about: dict[str, Any] = {OF_BODIES: self.name} if len(self.solids) > 1 else {}
         if len(held) == 1:
             ((tree, pose),) = held
             tree = tree if _is_still(pose) else tree.transformed(*_place(pose))
@@ -109,7 +109,7 @@ class DeclaredBodies:
 
     def values(self, time: FloatArray) -> dict[str, FloatArray]:
         """Return the values [rad] or [m] of each driven joint at these times [s], (T,), by the name of its body."""
-        joints = {body.name: body.joint for body in self.solid if body.joint and body.joint.is_driven}
+        joints = {body.name: body.joint for body in self.solids if body.joint and body.joint.is_driven}
         return {name: joint.values(time + self.began) for name, joint in joints.items()}
 
     def path(self, time: FloatArray) -> dict[str, ObjectMotion]:
@@ -118,7 +118,7 @@ class DeclaredBodies:
         A free one is where it begins. Poses of equal values of the joints are equal to the bit.
         """
         values, known = self.values(time), dict[str, ObjectMotion]()
-        waiting = list(self.solid)
+        waiting = list(self.solids)
         while waiting:
             body = next(one for one in waiting if not one.bearer or one.bearer in known)
             waiting.remove(body)
@@ -126,9 +126,9 @@ class DeclaredBodies:
             if body.bearer:
                 known[body.name] = composed(known[body.bearer], known[body.name])
         if self.drives:
-            return {body.name: known[body.name] for body in self.solid}
+            return {body.name: known[body.name] for body in self.solids}
         rows = held_rows(np.stack([*values.values(), np.zeros(len(time))], axis=1))
-        return {body.name: known[body.name].at(rows) for body in self.solid}
+        return {body.name: known[body.name].at(rows) for body in self.solids}
 
     def _relative(self, body: BodySettings, time: FloatArray, values: Mapping[str, FloatArray]) -> ObjectMotion:
         """Return the poses of a body in the frame of the one that bears it, or of the file."""
@@ -150,8 +150,7 @@ class DeclaredBodies:
         Raises InputError for a free body where the motion moves the object.
         """
         carrier = ticks.object_motion
-        moved = next((body.name for body in self.solid if body.is_free), "") if carrier else ""
-        if moved:
+        if carrier is not None and any(body.is_free for body in self.solids):
             raise InputError(f"in {motion.name or 'the motion'} the object moves as recorded, so it cannot be free")
         time, values = ticks.time, self.values(ticks.time)
         steps = (len(time), 1)
@@ -160,19 +159,21 @@ class DeclaredBodies:
         poses = {name: frame if _is_still(own) else composed(frame, own) for name, own in path.items()}
         if carrier is not None:
             along = carrier.since(carrier.position[0], carrier.orientation[0])
-            carried = {
-                name: ObjectMotion(along.points(own.position), along.orientations(own.orientation))
+            # A body whose frame is the file's goes as the recording has it, without rounding.
+            poses = {
+                name: carrier
+                if _is_still(path[name])
+                else ObjectMotion(along.points(own.position), along.orientations(own.orientation))
                 for name, own in poses.items()
             }
-            poses = {name: carrier if _is_still(path[name]) else own for name, own in carried.items()}
         found: dict[str, Body | HalfSpace] = {}
-        for body in self.solid:
-            driven: Motion = Fixed()
+        for body in self.solids:
+            driven: BodyMotion = Fixed()
             if carrier is not None or body.name in self.drives or body.name in values:
                 own = poses[body.name]
                 driven = Driven(own if carrier else own.at(_held(own)), values.get(body.name))
-            borne = poses[body.bearer] if body.bearer else frame
-            found[body.name] = self._placed(body, poses[body.name].at(0), borne.at(0), driven, values)
+            bearer = poses[body.bearer] if body.bearer else frame
+            found[body.name] = self._placed(body, poses[body.name].at(0), bearer.at(0), driven, values)
         meshes = [one.placed_mesh for one in found.values() if isinstance(one, Body)]
         for body in self.settings:
             if body.plane is not None:
@@ -182,14 +183,14 @@ class DeclaredBodies:
         return tuple(found[body.name] for body in self.settings)
 
     def _placed(
-        self, body: BodySettings, pose: ObjectMotion, borne: ObjectMotion, motion: Motion, values: Mapping[str, Any]
+        self, body: BodySettings, pose: ObjectMotion, base: ObjectMotion, motion: BodyMotion, values: Mapping[str, Any]
     ) -> Body:
-        """Return a body at its first pose; `borne` is that of what bears it, `motion` counts unless it is free."""
+        """Return a body at its first pose; `base` is that of what bears it; a free one ignores `motion`."""
         joint = None
         if body.joint is not None:
-            turn, start = rotation_matrix(borne.orientation), values.get(body.name, [body.joint.start or 0.0])
+            turn, start = rotation_matrix(base.orientation), values.get(body.name, [body.joint.start or 0.0])
             axis = (turn * np.array(body.joint.axis)).sum(axis=1)
-            origin = (turn * np.array(body.joint.origin)).sum(axis=1) + borne.position
+            origin = (turn * np.array(body.joint.origin)).sum(axis=1) + base.position
             about = body.joint.limits, body.joint.friction, body.joint.on, float(start[0])
             joint = Joint(body.joint.type, triple(axis), triple(origin), *about)
         placed = Body(
@@ -216,9 +217,9 @@ class DeclaredBodies:
 
     def require_apart(self) -> None:
         """Raise InputError for bodies that begin inside each other."""
-        joined = {frozenset((body.name, body.bearer)) for body in self.solid if body.bearer}
-        placed = [self.meshes[body.name].transformed(*_place(self._begin[body.name])) for body in self.solid]
-        require_apart([body.name for body in self.solid], placed, joined)
+        joined = {frozenset((body.name, body.bearer)) for body in self.solids if body.bearer}
+        placed = [self.meshes[body.name].transformed(*_place(self._begin[body.name])) for body in self.solids]
+        require_apart([body.name for body in self.solids], placed, joined)
 
 
 def joined_tree(trees: Sequence[SphereTree], moved: Sequence[RigidMotion], name: str, mesh: Mesh) -> SphereTree:
@@ -271,9 +272,10 @@ def load_bodies(
 ) -> DeclaredBodies:
     """Load the bodies of a file and their meshes; joints are moved by the motion, if it is a script that has some.
 
-    `word` is a name of the catalogue, or a TOML, URDF or MJCF file, whose bodies are `free` or not; `solid` is as for
-    `hhsim.mesh.mesh.load_mesh`, but None makes solids of free bodies. Raises UnknownNameError for no such file, mesh,
-    or joint; InputError for a file that cannot be used, or bodies that begin inside each other.
+    `word` is a name of the catalogue, or a TOML, URDF or MJCF file; `free` is of a URDF or MJCF alone, see
+    `linkage_bodies`. `solid` is as for `hhsim.mesh.mesh.load_mesh`, but None makes solids of free bodies. Raises
+    UnknownNameError for no such file, mesh, or joint; InputError for a file that cannot be used, or bodies that begin
+    inside each other.
     """
     path = Path(word)
     if names_a_linkage(path):
@@ -353,14 +355,10 @@ def load_object(
     """
     if isinstance(object_, Mesh):
         return DeclaredBodies.of_mesh(object_)
-    if names_a_linkage(object_):
+    if names_a_linkage(object_) or names_a_body_file(str(object_)):
         if unit is not None or size is not None or thickness is not None:
             raise InputError(f"unit, size and thickness are for mesh files; {object_} has its size")
         return load_bodies(object_, motion, solid=solid, free=free)
-    if names_a_body_file(str(object_)):
-        if unit is not None or size is not None or thickness is not None:
-            raise InputError(f"unit, size and thickness are for mesh files; {object_} has its size")
-        return load_bodies(object_, motion, solid=solid)
     mesh, level = resolve_object(object_, unit, size, thickness, solid)
     require_no_joints(motion, str(object_))
     return DeclaredBodies.of_mesh(mesh, level=level)

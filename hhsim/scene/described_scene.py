@@ -198,7 +198,7 @@ def load_words(words: SceneWords, *, surface: str = "spheres", motions: Sequence
     # What is free has a mass.
     solid = solid_for(surface, words.solid or (surface == "spheres" and words.free is not None and links is None))
     bodies = load_object(words.object, next(iter(motions), None), solid=solid, **about)
-    if len(bodies.solid) > 1 and ((words.free is not None and links is None) or words.tree is not None):
+    if len(bodies.solids) > 1 and ((words.free is not None and links is None) or words.tree is not None):
         raise InputError(f"--free, --tree and --rerun are for one object, not for '{words.object}'")
     if words.free is not None and links is None:
         # Before the tree is built: a mesh that can have no mass is refused.

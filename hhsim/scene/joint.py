@@ -104,7 +104,8 @@ class JointSettings(Settings, frozen=True):
         if len(given) > 1:
             raise InputError(f"both a {' and a '.join(given)}; expected one of them")
         self.check_motion(self.motion or ())
-        self._check_value("start", self.start or 0.0 if not self.is_driven else None)
+        if not self.is_driven:
+            self._check_value("start", self.start or 0.0)
 
     @property
     def is_driven(self) -> bool:
@@ -120,9 +121,9 @@ class JointSettings(Settings, frozen=True):
         for number, (_, value) in enumerate(motion, start=1):
             self._check_value(f"motion[{number}]", value)
 
-    def _check_value(self, what: str, value: float | None) -> None:
+    def _check_value(self, what: str, value: float) -> None:
         least, most = self.limits or (-np.inf, np.inf)
-        if value is not None and not least <= value <= most:
+        if not least <= value <= most:
             raise InputError(
                 f"{what} has the value {value:g}, beyond the limits; "
                 f"expected {least:g} to {most:g} {'rad' if self.type == 'hinge' else 'm'}"
@@ -164,7 +165,7 @@ class JointSettings(Settings, frozen=True):
 
 
 def require_no_circle(bearers: Mapping[str, str], expected: str) -> None:
-    """Raise InputError if something hangs on itself, by the name of what each hangs on, and say what is expected."""
+    """Raise InputError for joints in a circle; `bearers` has what each hangs on, `expected` ends the message."""
     for name in bearers:
         chain = [name]
         while on := bearers.get(chain[-1]):
@@ -174,6 +175,6 @@ def require_no_circle(bearers: Mapping[str, str], expected: str) -> None:
 
 
 def composed(base: ObjectMotion, poses: ObjectMotion) -> ObjectMotion:
-    """Return poses given in moving frames, `base`, in the frame of those; both are of T moments."""
+    """Return poses, each given in the frame `base` of its moment, in the frame in which `base` itself is given."""
     frame = RigidMotion(base.orientation, base.position)
     return ObjectMotion(frame.points(poses.position), frame.orientations(poses.orientation))

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, check_known, named
 from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.linkage.file import read_linkage
 from hhsim.linkage.linkage import HERE, Link, Linkage, LinkJoint
 from hhsim.linkage.object_mesh import link_mesh
 from hhsim.mesh.mesh import Mesh
+from hhsim.scene.body import triple
 from hhsim.scene.body_file import BodyFile, BodySettings
 from hhsim.scene.joint import JointSettings, Keyframe
 
@@ -104,7 +104,7 @@ def _body(linkage: Linkage, link: Link, motions: Motions, free: bool, given: Map
         about["mass"] = own.mass
         if own.center is not None and own.inertia is not None:
             half = 0.5 * (own.inertia + own.inertia.T)
-            about |= {"center": _three(own.center), "inertia": tuple(_three(row) for row in half)}
+            about |= {"center": triple(own.center), "inertia": tuple(triple(row) for row in half)}
     about |= given
     if joint is None or joint.type == "free":
         about["fixed"] = not free or (joint is None and linkage.on_world)
@@ -112,25 +112,20 @@ def _body(linkage: Linkage, link: Link, motions: Motions, free: bool, given: Map
         about["joint"] = _settings(joint).moved(motions[link.name])
     else:
         # A joint that nothing moves stands by a motion of one value.
-        stands = {"start": joint.start} if free else {"motion": ((0.0, joint.start),)}
-        about["joint"] = _settings(joint, **stands)
+        settings = _settings(joint)
+        about["joint"] = settings if free else settings.moved(((0.0, joint.start),))
     w, x, y, z = quaternion_from_matrix(frame.rotation).tolist()
-    about |= {"position": _three(frame.position), "orientation": (w, x, y, z)}
+    about |= {"position": triple(frame.position), "orientation": (w, x, y, z)}
     return BodySettings(name=link.name, mesh=link.name, **about)
 
 
-def _settings(joint: LinkJoint, **about: Any) -> JointSettings:
+def _settings(joint: LinkJoint) -> JointSettings:
     return JointSettings(
         type="slider" if joint.type == "slider" else "hinge",
-        axis=_three(joint.axis),
-        origin=_three(joint.origin),
+        axis=triple(joint.axis),
+        origin=triple(joint.origin),
         on=joint.parent,
         limits=joint.limits,
         friction=joint.friction,
-        **({"start": joint.start} | about if "motion" not in about else about),
+        start=joint.start,
     )
-
-
-def _three(values: FloatArray) -> tuple[float, float, float]:
-    x, y, z = values.tolist()
-    return x, y, z

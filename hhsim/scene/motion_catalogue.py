@@ -116,16 +116,18 @@ def describe(name: str) -> TrajectoryDescription:
     check_known("trajectory", [name], trajectory_names())
     found = _shipped(name)
     if isinstance(found, Script):
+        show, objects, figures = found.show, found.objects, tuple(use.figure for use in found.paper)
+        duration, rate, fingers = found.duration, found.rate, found.fingers if found.contact else ()
         phases = tuple(phase.name for phase in found.phases)
-        fingers, figures = found.fingers if found.contact else (), tuple(use.figure for use in found.paper)
-        show, use = found.show, (found.duration, found.rate, fingers, phases, found.objects, figures)
     else:
-        motion = found.motion
+        show, objects, figures, motion = "", (), (), found.motion
+        duration, rate, fingers = motion.duration, motion.mean_rate, (found.touch.finger,)
         phases = tuple(phase.name for phase in motion.phases)
-        show, use = "", (motion.duration, motion.mean_rate, (found.touch.finger,), phases, (), ())
-    object_, _, options = (show or (*use[4], USUAL_OBJECT)[0]).partition(" ")
+    # `show` is an object and options.
+    object_, _, options = (show or (*objects, USUAL_OBJECT)[0]).partition(" ")
     line = f"hhsim replay {object_} {name} {options}".rstrip()
-    return TrajectoryDescription(name, found.title, found.stresses, *use, line)
+    about = found.title, found.stresses, duration, rate, fingers, phases, objects, figures
+    return TrajectoryDescription(name, *about, line)
 
 
 def of_the_paper(description: Mapping[str, Any]) -> bool:

@@ -72,12 +72,10 @@ class Scene:
         names = [body.name for body in self.bodies]
         check_names(names)
         check_known("body", [body.joint.on for body in self.solids if body.joint and body.joint.on], names)
+        ticks = self.ticks.tick_count
         for body in self.solids:
-            count = len(body.motion.poses.position) if isinstance(body.motion, Driven) else self.ticks.tick_count
-            if count != self.ticks.tick_count:
-                raise InputError(
-                    f"'{body.name}' has {count:,} poses for {self.ticks.tick_count:,} ticks; expected as many"
-                )
+            if isinstance(body.motion, Driven) and (count := len(body.motion.poses.position)) != ticks:
+                raise InputError(f"'{body.name}' has {count:,} poses for {ticks:,} ticks; expected as many")
         if not self.solids or len(names) - len(self.solids) > 1:
             raise InputError("a scene has bodies with a surface, and one plane at most")
 

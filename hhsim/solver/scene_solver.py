@@ -100,7 +100,8 @@ def seen_scene(scene: Scene) -> SeenScene:
         return SeenScene(mesh, tree, place, None, given, free[0], parts, others)
     if len(solids) == 1:
         carrier = body.motion.poses if isinstance(body.motion, Driven) else None
-        haptic = given if carrier is None else tuple(seen_hand(hand, along(carrier)) for hand in given)
+        moved = None if carrier is None else along(carrier)
+        haptic = tuple(seen_hand(hand, moved) for hand in given)
         mesh = replace(body.placed_mesh, name=scene.name)
         return SeenScene(mesh, body.placed_tree, place, carrier, haptic, None, None)
     carrier = first.ticks.object_motion
@@ -116,7 +117,7 @@ def seen_scene(scene: Scene) -> SeenScene:
     poses = np.stack([np.concatenate(of, axis=1) for of in world], axis=1)
     shapes = tuple(one.name for one in solids), tuple(one.mesh for one in solids), tuple(one.tree for one in solids)
     parts = MovingParts(scene.name, *shapes, poses, joints, moved)
-    haptic = given if moved is None else tuple(seen_hand(hand, moved) for hand in given)
+    haptic = tuple(seen_hand(hand, moved) for hand in given)
     return SeenScene(mesh, tree, place, carrier, haptic, None, parts)
 
 
@@ -125,8 +126,10 @@ def along(poses: ObjectMotion) -> RigidMotion:
     return poses.since(poses.position[0], poses.orientation[0])
 
 
-def seen_hand(hand: HandConfiguration, moved: RigidMotion) -> HandConfiguration:
-    """Return a hand, given in the world, as a frame that has moved sees it."""
+def seen_hand(hand: HandConfiguration, moved: RigidMotion | None) -> HandConfiguration:
+    """Return a hand, given in the world, as a frame that has moved sees it; None is the world's frame."""
+    if moved is None:
+        return hand
     places, turns = moved.seen_points(hand.position), moved.seen_orientations(hand.orientation)
     return hand._replace(position=places, orientation=turns)
 

@@ -27,7 +27,7 @@ from hhsim.replay.stored_scene import body_arrays, checksums, hand_arrays, part_
 from hhsim.result.reader import read_phases
 from hhsim.result.schema import BODIES, BODY_STATIC, FRAME, HAND_STATIC, HANDS, JOINT_COLUMN, POSE_COLUMNS, TICK, Column
 from hhsim.result.stored_hand import hand_of_arrays, sphere_tree_of
-from hhsim.scene.body import Body, Driven, Fixed, Free, HalfSpace, Joint, Motion
+from hhsim.scene.body import Body, BodyMotion, Driven, Fixed, Free, HalfSpace, Joint
 from hhsim.scene.described_scene import LoadedWords, SceneWords, load_words
 from hhsim.scene.scene import Hand, Scene
 from hhsim.solver.free_object import FreeObject
@@ -246,7 +246,7 @@ def _body(stated: Mapping[str, Any], mesh: Mesh, tree: SphereTree, arrays: Mappi
     """Return a body of a scene's file."""
     free, joint, group = stated["free"], stated["joint"], f"{BODIES}/{stated['name']}"
     ticks, place = f"{group}/{TICK}", ObjectMotion(*(arrays[f"{group}/{name}"] for name in ObjectMotion._fields))
-    motion: Motion = Fixed()
+    motion: BodyMotion = Fixed()
     if free is not None:
         motion = Free(**{**_tuples(free), "inertia": tuple(map(tuple, free["inertia"]))})
     elif f"{ticks}/position" in arrays:

@@ -23,7 +23,7 @@ from hhsim.replay.replay import Replay
 from hhsim.replay.summary import ReplaySummary
 from hhsim.replay.summary_table import SummaryRow, short_table
 from hhsim.replay.verdict import STATED_TIMES
-from hhsim.result.writer import state
+from hhsim.result.writer import add_document
 from hhsim.scene.body import Driven
 from hhsim.scene.scene import Scene
 from hhsim.solver.known_methods import SUBMITTED, known_for_now
@@ -243,7 +243,7 @@ def score(
     bodies, notes = body_figures(scene, shown, submission)
     known = {side: _finite(of.errors._asdict()) for side, of in hands.items()}
     of_hands = known if len(hands) > 1 else next(iter(known.values()))
-    state(writer.path, "score", of_hands | _finite({figure.name: value for figure, value in bodies.items()}))
+    add_document(writer.path, "score", of_hands | _finite({figure.name: value for figure, value in bodies.items()}))
     return Score(hands, bodies, notes, doubts, digest)
 
 

@@ -14,7 +14,7 @@ from hhsim.errors import HhsimError
 from hhsim.mesh.catalogue import names_a_file
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary, repeated_document
-from hhsim.result.writer import state
+from hhsim.result.writer import add_document
 from hhsim.scene.described_scene import LoadedWords, described_scene, load_words
 from hhsim.scene.motion_catalogue import trajectory_names
 from hhsim.scene.scene import Scene
@@ -88,7 +88,7 @@ def _run(task: CellTask) -> tuple[int, float]:
         result = f"{task.digest}.h5" if task.keeps_result else None
         if result is not None:
             if repeated:
-                state(partial, "repeated", repeated)
+                add_document(partial, "repeated", repeated)
             partial.replace(folder / result)
     finally:
         partial.unlink(missing_ok=True)

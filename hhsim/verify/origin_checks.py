@@ -14,8 +14,8 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.run_ticks import leaves_in_reach
 from hhsim.result.body import Body
 from hhsim.result.reader import Result
-from hhsim.result.schema import BETWEEN_COLUMNS, HANDS_APART
-from hhsim.result.stored_hand import HAND_ARRAYS, TREE_ARRAYS
+from hhsim.result.schema import BETWEEN_COLUMNS, HANDS_APART, TREE_ARRAYS
+from hhsim.result.stored_hand import HAND_ARRAYS
 from hhsim.solver.free_object import LAW
 from hhsim.trees.cache import cached_sphere_tree, shipped_tree
 from hhsim.trees.options import TreeOptions

@@ -9,7 +9,7 @@ from conftest import Run
 from sealed_change import changed
 from short_grasp import short_result
 
-from hhsim.result.writer import state
+from hhsim.result.writer import add_document
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def test_a_time_is_judged_by_what_repeated_runs_differ(
             file["summary/right"].attrs["tick_cpu_p50"] = p50
         if deviation is not None:
             times = {"tick_cpu_p50": {"mean": 1.1e-3, "std": deviation}}
-            state(tmp_path / name, "repeated", {"runs": 3, "times": times})
+            add_document(tmp_path / name, "repeated", {"runs": 3, "times": times})
     answer = run("compare", "a.h5", "b.h5")
     assert word(answer.out, "tick in contact, CPU, p50") == expected
     told = [line for line in answer.out.splitlines() if line.startswith("times of ")]

@@ -1,1 +1,1 @@
-"""Tick of a free object: hand and object in one program, with friction and a table."""
+"""Ticks of free bodies and of hands that might meet: one program of all, with friction and a table."""

@@ -1,1 +1,1 @@
-"""Things of several rigid parts whose joints move as recorded: their surface, and ticks of a hand that gives way."""
+"""Bodies that move as recorded: the surface of all of them, and ticks of a hand that gives way."""

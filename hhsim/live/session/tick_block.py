@@ -13,9 +13,10 @@ from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.replay.stored_scene import body_parts
 from hhsim.replay.tick_columns import TickColumns
-from hhsim.replay.tick_rows import body_rows, contact_rows, free_columns, seen_hand, shown_columns, stored_contacts
+from hhsim.replay.tick_rows import body_rows, contact_rows, free_columns, shown_columns, stored_contacts
 from hhsim.solver.one_tick import bodies_ticks
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.scene_solver import seen_hand
 
 Columns = dict[str, AnyArray]
 
