@@ -2,11 +2,11 @@
 
 numba passes a NamedTuple by value: a hand's twenty arrays are some hundred and fifty arguments of every call, each line
 of the compiler's text names the types of all of them, and an index into a tuple of hands copies them. By reference they
-are one pointer, and a field is read where it is used. The tuple that Python passes is written down once a call of a
-kernel, in the frame of the call; nobody writes there after. Of several tuples of one type, Python writes each down in a
-row of an array (`write_rows`), and kernels take any of them by its number (`declare_row`).
+are one pointer, and a field is read where it is used. When Python calls a kernel, the tuple's fields are copied once to
+the stack frame of the call; nothing changes that copy. Several tuples of one type can be copied to the rows of an array
+instead (`write_rows`): kernels then take any of them by the number of its row (`declare_row`).
 
-A type of numba with a data model and its own access to attributes, as numba's documentation of extensions describes it.
+`Reference` is a numba type with its own data model and access to attributes, see numba's documentation of extensions.
 """
 
 import hashlib
@@ -129,7 +129,7 @@ def _write_down(kind: Reference, value: Any, call: Any) -> NativeValue:
     memory = cgutils.alloca_once(builder, ir.ArrayType(_BYTE, _places(context, kind)[-1]))
     memory.align = ALIGNMENT
     address = builder.bitcast(memory, _BYTE.as_pointer())
-    # What is written down in another one's frame would be gone with it.
+    # A tuple inside would be copied to the frame of `_filler`, and its address would be invalid when that returns.
     if any(map(_holds_reference, kind.types)):
         failed, cleanups = _fill(call, kind, value, address)
     else:

@@ -47,7 +47,7 @@ NO_EDGES = Edges(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2
 BELOW = 1e-6
 """Largest depth [m] of an object in the table at the start: rounding."""
 STILL = 1.0, (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-"""Mass, centre and inertia of a body that nothing is free beside."""
+"""Stand-in mass [kg], centre [m] and inertia [kg·m²] of the first body where no body is free; it stays fixed."""
 HEAVY = 1e6
 """Mass [kg] and moment of inertia [kg·m²] of a driven body: 100 N move it by 0.1 nm in a tick of 1 ms."""
 
@@ -101,9 +101,10 @@ def _about(axis: FloatArray) -> FloatArray:
 
 
 class FreeEngine:
-    """Runs the ticks of one or two hands and free objects; `ticks` has the record of the first, `bodies` of all.
+    """Runs the ticks of one or two hands and of bodies, all in one program.
 
-    With None for `free` nothing moves: the states of the pairs are then those of the hands' workspaces.
+    `ticks` is the record of the first body in the last ticks; `all_ticks` that of all bodies, None if there is but one.
+    With None for `free` no body moves: the states of the pairs are then those of the hands' workspaces.
     """
 
     def __init__(
@@ -201,7 +202,7 @@ class FreeEngine:
         return len(self._pairs)
 
     def _name_pairs(self) -> None:
-        """Say what each pair is of."""
+        """Write to the program which hand, bodies and surface each pair has."""
         problem, count = self.world.problem, len(self._pairs)
         problem.hand[:count], problem.other[:count], problem.body[:count] = np.array(self._pairs).T
         problem.surface[:count], problem.pairs = problem.body[:count], count

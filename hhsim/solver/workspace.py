@@ -96,7 +96,7 @@ class TickWorkspace:
         self.thread_team = ThreadTeam(self.states, options.threads if JIT_ENABLED else 1)
 
     def use(self, states: Any) -> None:
-        """Have the ticks' state, before the first one, in a record array of shape (1,) of the caller's."""
+        """Use the caller's record array `states`, shape (1,), as the state of the ticks; before the first tick only."""
         self.states, self.thread_team = states, ThreadTeam(states, self.options.threads if JIT_ENABLED else 1)
 
     def gather(self) -> None:

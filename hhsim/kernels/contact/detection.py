@@ -34,7 +34,8 @@ FULL = 1
 
 CONTACTS = np.dtype(
     [
-        ("body", np.int64, (CONTACT_ROWS,)),  # 0 to 14 phalanx, 15 palm
+        # 0 to 14 phalanx, 15 palm; in the joined records of `kernels.free`, BODY_COUNT times the pair is added
+        ("body", np.int64, (CONTACT_ROWS,)),
         ("key", np.int64, (CONTACT_ROWS,)),  # identifies a pair across ticks, for warm starts
         ("point", np.float64, (3, CONTACT_ROWS)),  # on the hand's surface [m], world
         ("normal", np.float64, (3, CONTACT_ROWS)),  # unit, from the object to the hand, world

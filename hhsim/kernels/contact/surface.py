@@ -1,6 +1,7 @@
-"""Interface of an object's surface: seven kernels, declared for the type of its arrays.
+"""Interface of an object's surface: six kernels, declared for the type of its arrays, and `way_out` for solids.
 
-A surface keeps its near pairs with each hand body in a record of its own type, its candidates, with the fields
+All but `cone_contacts`, which measures contacts, and `way_out`, which has a default, are needed for ticks. A surface
+keeps its near pairs with each hand body in a record of its own type, its candidates, with the fields
 `SHARED_CANDIDATES`. A pair is one body and one piece of the surface: a leaf sphere, a triangle.
 """
 

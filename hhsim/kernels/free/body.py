@@ -317,7 +317,7 @@ def turn_back(body: Record, step: Array, fraction: float, vector: Array) -> None
 
 @jit
 def as_other_moves(body: Record, rotation: Array, step: Array, step_out: Array) -> None:
-    """Turn a body's step to that (δp, δφ), shape (6,), of its centre in a frame to which `rotation` takes its own."""
+    """Take a body's step, of `body_target`, to a frame by `rotation`: (δp, δφ) of its centre there, shape (6,)."""
     x, y, z = turned(rotation, step[0], step[1], step[2])
     step_out[0], step_out[1], step_out[2] = x, y, z
     x, y, z = turned_back(body.axes, step[3], step[4], step[5])
@@ -327,9 +327,10 @@ def as_other_moves(body: Record, rotation: Array, step: Array, step_out: Array) 
 
 @jit
 def as_object_moves(body: Record, origin: Array, hand: Array, step: Array, relative_out: Array) -> None:
-    """Compute the palm's step (δp, δφ), shape (6,), in the frame that has made the object's step, of `body_target`.
+    """Compute a palm's step past a body, (δp, δφ), shape (6,), in the body's frame after its own step.
 
-    Its origin [m], shape (3,), and its step `hand` are in the object's frame before the tick's step.
+    `origin` of the palm [m], shape (3,), and the palm's step `hand` are in the body's frame before the step; `step` is
+    the body's, as of `body_target`.
     """
     center = body.center
     wx, wy, wz = turned_back(body.axes, step[3], step[4], step[5])
@@ -363,7 +364,7 @@ def _four(values: Array) -> tuple[float, float, float, float]:
 
 @jit
 def see_hand(body: Record, position: Array, orientation: Array, position_out: Array, orientation_out: Array) -> None:
-    """A palm's pose in the world, as the object sees it; shapes (3,) and (4,)."""
+    """Write a pose of the world in the body's frame; shapes (3,) and (4,)."""
     center = body.center
     x, y, z = (position[0] - body.position[0], position[1] - body.position[1], position[2] - body.position[2])
     x, y, z = turned_back(body.rotation, x, y, z)
@@ -375,7 +376,7 @@ def see_hand(body: Record, position: Array, orientation: Array, position_out: Ar
 
 @jit
 def show_hand(body: Record, position: Array, orientation: Array, position_out: Array, orientation_out: Array) -> None:
-    """A palm's pose as the object sees it, in the world; shapes (3,) and (4,)."""
+    """Write a pose of the body's frame in the world; shapes (3,) and (4,)."""
     center, place, turn = body.center, body.position, body.orientation
     x, y, z = turned(body.rotation, position[0] - center[0], position[1] - center[1], position[2] - center[2])
     position_out[0], position_out[1], position_out[2] = x + place[0], y + place[1], z + place[2]

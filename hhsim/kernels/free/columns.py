@@ -24,7 +24,7 @@ from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline
 from hhsim.kernels.rotation import turned, turned_back
 
 States: TypeAlias = NDArray[np.void]
-"""State of each pair; the first one's has what is of the bodies and of the program."""
+"""State of each pair. The first one also has what the whole tick shares: all contacts, flags, progress and work."""
 
 KINDS = 8
 """Keys of rows: that of their contact times this, plus 0 for its normal row, or 1 and on for those of friction."""

@@ -313,7 +313,7 @@ def _solve_rows(method: Free, clipped: bool, state: Record, qp: QpWork) -> int:
 
 @jit
 def allowed_share(method: Free) -> tuple[float, float]:
-    """Compute the share of the step that all pairs at hand vouch for, and how far the farthest mover goes in it [m]."""
+    """Compute the share of the step that all listed pairs allow, and how far the farthest mover goes in it [m]."""
     world = method.world[0]
     problem, fraction, longest = world.problem, 1.0, 0.0
     for p in range(pair_count(problem)):

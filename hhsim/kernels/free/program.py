@@ -134,10 +134,10 @@ def take_targets(problem: Record) -> None:
 
 @jit
 def take_steps(states: States, bodies: Record, fraction: float, problem: Record) -> None:
-    """Compute the step of what moves in each pair, as its body sees it, shape (21,), from a share of the program's.
+    """Compute the step past its body of what moves in each pair, shape (21,), from a share of the program's step.
 
-    Of a share it is the whole of which that share leads there, and the fingers' is left: part of the way that both make
-    is no part of the straight way between their ends.
+    Relative motion is not proportional to the share. For a share below 1 the step is therefore divided by it, so that
+    `fraction` of the step ends where both are after that share of theirs; the fingers' part stays as it was.
     """
     delta, way, palm_step = problem.delta, problem.whole, problem.scratch
     for j in range(common_count(problem)):

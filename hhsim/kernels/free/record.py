@@ -64,7 +64,7 @@ def borne_dtype(bodies: int) -> "np.dtype[Any]":
 
 @by_reference
 class ObjectRecord(NamedTuple):
-    """Results of a block of ticks for the object; first axis the tick, world unless said otherwise."""
+    """Results of a block of ticks for one body, world; first axis the tick, from `body` on the contact."""
 
     turn: Array  # object's frame to the world, at the end of the tick: x ↦ turn · x + shift, (B, 4)
     shift: Array  # [m], (B, 3)
@@ -74,14 +74,15 @@ class ObjectRecord(NamedTuple):
     table_wrench: Array  # likewise
     table_distance: Array  # lowest point above the table [m], infinite without one, (B,)
     friction_residual: Array  # the larger of `residual` and `bare` of `borne_dtype` [m], (B,)
-    contact: Indices  # the first row of each tick's, and of one more, (B + 1,)
-    body: Indices  # this and the following as in `borne_dtype`, (rows, ...)
-    point: Array
-    normal: Array
-    normal_force: Array
-    friction_force: Array
-    torsional_moment: Array
-    slip: Array
+    contact: Indices  # first contact of each tick, and the end of the last one's, (B + 1,)
+    # What touches the body: 16 h + b for hand body b of hand h, -1 for the table, -2 - k for body k, (rows,)
+    body: Indices
+    point: Array  # at the end of the tick [m], (rows, 3)
+    normal: Array  # from the body to what touches it; of the table, from the table to the body, (rows, 3)
+    normal_force: Array  # on what touches the body; of the table, on the body [N], (rows,)
+    friction_force: Array  # tangential force on the same [N], (rows, 3)
+    torsional_moment: Array  # about the normal [N·m], (rows,)
+    slip: Array  # tangential way of the contact in the tick [m], (rows,)
 
 
 @jit

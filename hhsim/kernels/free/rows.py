@@ -307,8 +307,8 @@ def begin_frictions(
 ) -> None:
     """Set what the contacts slipped in this tick so far, and Γ and directions as they were in the program before.
 
-    A contact that is new begins with what it would slip in a step, shape (27,), of hand and object, and its abduction.
-    With `turns` the directions are those that turned out better.
+    A contact that is new begins with its slip in `step`, unscaled and in the program's order, with `abduction` [rad] of
+    all fingers. With `turns` the directions are those that turned out better.
     """
     for i in range(friction.count):
         friction.shift[i] = 0.0

@@ -1,7 +1,7 @@
 """State of the world from tick to tick: its bodies, and the program of hands and what is free.
 
-What is of a pair of a hand and a body is a state of a hand (`kernels.tick.state`), in the body's frame but for `haptic`
-between ticks.
+Each pair has a state of its own of the type of a hand's (`kernels.tick.state`), in the frame of the pair's body. Only
+its `haptic` is in the world, from `set_haptic` until the tick takes it to the frame of the first body.
 """
 
 from functools import cache

@@ -1,11 +1,11 @@
 """One tick of hands and free objects: the loop of `kernels.tick.tick`, with all steps in one program.
 
-A program's step moves all; the body's is taken out of what moves past it, and what is left is what is bounded by the
-pairs at hand and judged by true distances. A step of which anything would be entered is taken back like any other, and
-the last pose of all that was free is what is shown. The table is a half-space: nothing can be behind it, so that the
-end of a step says all.
+A program's step moves hands and bodies. For each pair, the step of its body is subtracted from that of the hand, or of
+the other body: this relative motion is bounded by the listed pairs, and judged by the true distances at its end. If
+anything penetrates there, the whole step is taken back. What is shown are the last poses without penetration. The table
+is a half-space, so that nothing can jump over it: its distance at the end of a step is enough.
 
-All make the same share of a step, and the tick ends where all have arrived.
+All hands and bodies make the same share of a step. The tick ends when all have arrived.
 """
 
 from typing import Any
@@ -166,7 +166,7 @@ def _keep(world: Record) -> None:
 @advance.of(Free)
 @jit
 def _advance(method: Free, hand: HandArrays, surface: Any, full_motion: float, state: Record) -> bool:
-    """Make the step as far as the pairs at hand vouch for, and judge it by the true distances and the table's."""
+    """Make as much of the step as the listed pairs allow, and judge it by the true distances and the table's."""
     world = method.world[0]
     began = monotonic_ns()
     options, problem, progress, states = method.options, world.problem, state.progress, method.states

@@ -194,7 +194,7 @@ def _write_rows(hand: HandArrays, options: TickOptions, state: Record) -> None:
 
 @jit_noinline
 def _move_hand(hand: HandArrays, options: TickOptions, state: Record) -> float:
-    """Make the step as far as the pairs at hand vouch for; returns the longest motion [m]."""
+    """Make as much of the step as the listed pairs allow; returns the longest motion [m]."""
     # A program may miss a joint limit by its tolerance, and the next one would start from there.
     for f in range(FINGER_COUNT):
         clamp_to_limits(hand, state.pose, f, state.step.delta[:])

@@ -84,15 +84,16 @@ LOOK_OUT = 3.0
 FINDING, LISTING = 1, 2
 """Node tests that a face near a probe counts as, and one of its features that is listed."""
 SOON = 0.7
+"""A sphere of the palm is soon due if its slack exceeds what is needed by less than this share of reach - needed."""
 AHEAD_SPHERES = 2
-"""Number of the palm's spheres that a tick with nothing else to gather gathers ahead of need: of those whose slack
-exceeds what is needed by less than this share of the way to the reach."""
+"""Most such spheres that a tick with nothing else to gather gathers ahead of need."""
 REACH_RATIO = 2.5
 """Least reach of a list as a multiple of what is needed, so that a fast hand's lasts for some ticks too."""
 LONG_LIST = 512
+"""Most faces, edges or vertices (each) of a probe's list with a wide skin: gathering stays fast on a fine mesh."""
 SKIN_SHARES = (1.0, 0.3, 0.1, 0.03, 0.01)
-"""With more features than this within the reach of a probe, the next share of the way from what is needed to that reach
-is tried, so that gathering is fast however fine the mesh is."""
+"""Reaches of a probe's list, tried in turn until it is no longer than LONG_LIST: shares of the way from what is needed
+to the full reach. With the last one the list may be as long as fits."""
 MOST_FACES = 2 * LONG_LIST
 """Largest number of faces whose spheres are near for which the walk goes on to its end."""
 NEEDED_SHARES = (0.25, 0.06, 0.015)

@@ -45,12 +45,12 @@ LISTS = PALM_BODY + PALM_SLOTS
 NODES = 1 << 32
 """More than the nodes of any tree: sphere and node of a palm pair are one integer while its slot is gathered."""
 LONG_LIST = 1024
+"""Most pairs of a slot's list that has a wide skin: long lists take long to measure."""
 SKIN_SHARES = (1.0, 0.5, 0.25, 0.0)
-"""With more pairs of a slot than this within the reach, those up to the next share of the way from what is needed to
-that reach are listed: long lists take long to measure. From the last share but one there may be as many as fit: a list
-that reaches no further than what is needed is used up by the next tick."""
+"""Reaches of a slot's list, tried in turn until it is no longer than LONG_LIST: shares of the way from what is needed
+to the full reach. From the last but one on the list may be as long as fits: without a skin the next tick uses it up."""
 FEW = 4
-"""Divisor of that number for a slot whose list may reach further the next time."""
+"""A slot with at most LONG_LIST / FEW pairs tries the share before its last one the next time."""
 
 CANDIDATES = np.dtype(
     [

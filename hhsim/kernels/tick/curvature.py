@@ -32,7 +32,11 @@ def _add_joints(
     step: Array,
     product_out: Array,
 ) -> None:
-    """Add the products of a finger's first joints for one contact, of an axis point `place` [m]; `bend` is n × w."""
+    """Add to Σ λ ∇²d · step what one contact gives for the first `joints` flexions of a finger.
+
+    `place` is the contact's axis point [m], `bend` n × w with w the palm's rotation in the step [rad], `force` λ [N].
+    `pull` [1] and `moment` [m] are the product's part for a translation of that point, and what a rotation adds.
+    """
     (x, y, z), (nx, ny, nz), (hx, hy, hz) = place, normal, bend
     (fx, fy, fz), (mx, my, mz) = pull, moment
     if joints == 0:

@@ -50,7 +50,7 @@ def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: R
 
 @jit_inline
 def least_distance(state: Record) -> float:
-    """Return the least signed distance of all pairs at hand [m], the hand's own too; infinite where there is none."""
+    """Return the least signed distance of all listed pairs [m], the hand's own too; infinite where there is none."""
     candidates, least = state.candidates, state.self_contact.least
     for body in range(BODY_COUNT):
         least = min(least, candidates.nearest[body])

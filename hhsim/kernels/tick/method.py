@@ -65,7 +65,7 @@ def recover(method: Any, hand: HandArrays, surface: Any, state: Record) -> bool:
 
 @generic
 def advance(method: Any, hand: HandArrays, surface: Any, full_motion: float, state: Record) -> bool:
-    """Make the step as far as the pairs at hand vouch for, and judge it; returns whether the tick is done."""
+    """Make as much of the step as the listed pairs allow, and judge it; returns whether the tick is done."""
 
 
 @generic

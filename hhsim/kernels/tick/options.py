@@ -14,8 +14,8 @@ class TickOptions(NamedTuple):
     linearisations: int  # most of them in a tick
     budget: int  # work units after which no further linearisation begins
     margin: float  # pairs up to this far enter the program; the longest step near the object
-    listed: float  # pairs up to this far are at hand however slowly the hand moves; at most the margin
-    skin: float  # pairs up to this much farther are kept at hand between ticks
+    listed: float  # pairs up to this far are listed however slowly the hand moves; at most the margin
+    skin: float  # pairs up to this much farther are listed as well, so that a list lasts for several ticks
     offset: float  # clearance that active contacts keep, so that second-order errors of small steps do not penetrate
     step_tolerance: float  # a step shorter than this ends the tick
     tolerance: float  # of the QP, in units of √G δ, see `kernels.qp.active_set.solve`

@@ -70,7 +70,7 @@ PAPER_STATE = np.dtype(
     ],
     align=True,
 )
-"""State of the method besides TICK_STATE, of which it uses the poses, the arrays of pairs and rows, and the outcome."""
+"""State besides that of every method (`tick.state`), of which this one uses poses, pairs, rows and outcome."""
 
 
 @jit

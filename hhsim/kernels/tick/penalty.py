@@ -85,7 +85,7 @@ PENALTY_STATE = np.dtype(
     ],
     align=True,
 )
-"""State from tick to tick, and workspace, besides TICK_STATE."""
+"""State of the method from tick to tick, and its workspace, besides the state of every method (`tick.state`)."""
 
 
 @jit

@@ -86,7 +86,7 @@ TRUST = np.dtype(
     ],
     align=True,
 )
-"""Bounds of a step near the object; a program holds the pairs that are as far as the smaller one."""
+"""Bounds of a step near the object: a program has rows for the pairs up to the smaller of the two."""
 
 PROGRESS = np.dtype(
     [
@@ -94,7 +94,7 @@ PROGRESS = np.dtype(
         ("pairs_overflow", np.bool_),  # the pairs at the present configuration do not fit into the arrays
         # the hand has moved from its last safe configuration, and the present one is not accepted
         ("differs_from_safe", np.bool_),
-        # a tick has accepted no step, or a part of one, and the hand has not arrived since
+        # a tick accepted no step, or only a share of one, and the hand has not arrived since
         ("is_unfinished", np.bool_),
         ("failed_steps", np.int64),  # steps in a row that ended inside the object
         ("idle_ticks", np.int64),  # ticks in a row that accepted no step
@@ -118,13 +118,13 @@ PROGRAM = np.dtype(
 
 FIRST_STEP = np.dtype(
     [
-        ("delta", np.float64, (DOF,)),  # of the step that was made [m, rad, rad]
-        ("abduction", np.float64, (FINGER_COUNT,)),  # of it [rad]
-        ("free_share", np.float64),  # estimated share of it that does not enter the object; 0 where there is none
+        ("delta", np.float64, (DOF,)),  # the step, as far as it was made [m, rad, rad]
+        ("abduction", np.float64, (FINGER_COUNT,)),  # its abduction step [rad]
+        ("free_share", np.float64),  # estimated share of it that would have stayed outside; 0 without such a step
     ],
     align=True,
 )
-"""First step that led from the last pose without penetration into the object."""
+"""First step since `safe` that ended inside the object."""
 
 
 DECOUPLING = np.dtype(
@@ -149,8 +149,8 @@ def tick_state_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
             ("contacts", CONTACTS),
             ("problem", PROBLEM),  # the program
             ("step", STEP),  # the step that solves it
-            ("warm", ACTIVE_CONTACTS),  # in the last program, to start the next one from
-            ("active", ACTIVE_CONTACTS),  # at the last accepted step: they carry the forces
+            ("warm", ACTIVE_CONTACTS),  # contacts with a force in the last program: the next one starts from them
+            ("active", ACTIVE_CONTACTS),  # contacts with a force at the last accepted step: the forces of the tick
             ("thread_team", THREAD_TEAM),
             ("coupled", COUPLED_WORK),
             ("progressive", PROGRESSIVE_WORK),

@@ -18,7 +18,7 @@ WHOLE_TARGET = -1.0
 
 @jit_inline
 def allowed_fraction(hand: HandArrays, options: TickOptions, state: Record) -> tuple[float, float]:
-    """Compute the share of the step that the pairs at hand vouch for, and a bound of its longest motion.
+    """Compute the share of the step that the listed pairs allow, and a bound of its longest motion.
 
     Returns the share, 0 to 1, and how far the farthest point of the hand moves in the whole step [m].
     """
@@ -46,13 +46,14 @@ def allowed_fraction(hand: HandArrays, options: TickOptions, state: Record) -> t
 
 @jit
 def clip_target(hand: HandArrays, options: TickOptions, only_restore: bool, state: Record) -> tuple[float, float]:
-    """Bring a far target nearer where less than half of the step is vouched for and it has a clearance to mend.
+    """Scale the target down if the listed pairs allow too small a share of the step, and write the rows anew.
 
-    Shortening a step also shortens what it does to mend a penetration or to keep a clearance; a program with a nearer
-    target mends all of it. A hand that has its clearance keeps it on any part of a step, and the part is the better one
-    where contacts bend: a third of the target brings a third of the multipliers, with which a hand that slips off what
-    held it would creep. With `only_restore` the target is the hand itself. Returns the whole step's motion [m] where to
-    solve anew, else `WHOLE_TARGET`, and the share of the way to the user's hand that the target then is.
+    Too small is below 0.5; below LEAST_SHARE for a hand with CLEAR of its clearance. A share of a step also restores
+    only a share of a missing clearance, while a program with a nearer target restores all of it. A hand that has its
+    clearance keeps it on any share, and makes the share: a nearer target would have smaller multipliers, too, with
+    which a hand that slips off a curved contact creeps. With `only_restore` the target is the hand itself. Returns the
+    motion of the whole step [m] where the program is to be solved anew, else `WHOLE_TARGET`, and the share of the way
+    to the user's hand that the target then is.
     """
     fraction, longest = allowed_fraction(hand, options, state)
     if only_restore:

@@ -1,12 +1,12 @@
 """One tick: from the last graphic hand and the new haptic hand to the new graphic hand and its forces (paper, Fig. 3).
 
 docs/methods.md ("A tick that cannot penetrate") has its 14 lines, each with the function that does it. In short:
-program, step as far as the pairs at hand vouch for it, true distances; a pose becomes the safe one by these alone, and
-a tick ends at a safe one.
+a program, as much of its step as the listed pairs allow, the true distances. By these alone a pose becomes the safe
+one, and a tick ends at a safe one.
 
-`bound_b(δ)` of `allowed_fraction` bounds the motion of body b, up to min(slack, ρ) if it has a pair within ρ, else
-min(slack, its least distance): no pair that is not listed is nearer than the slack. The flags of an unfinished tick
-are: clearance waived, palm and fingers together, abduction held.
+With ρ the smaller of the trust region's radius and reach, `allowed_fraction` lets body b move by min(slack, ρ) if one
+of its pairs is within ρ, else by min(slack, its least distance): pairs that are not listed are farther than the slack.
+An unfinished tick leaves three flags to the next: clearance waived, palm and fingers together, abduction held.
 """
 
 from typing import Any
@@ -227,7 +227,7 @@ def update_reach(
 @advance.of(Progressive)
 @jit_inline
 def advance_hand(method: Any, hand: HandArrays, surface: Any, full_motion: float, state: Record) -> bool:
-    """Make the step as far as the pairs at hand vouch for, and judge it by the true distances."""
+    """Make as much of the step as the listed pairs allow, and judge it by the true distances."""
     began = monotonic_ns()
     options, step, progress = method.options, state.step, state.progress
     store_active(state.contacts, step, state.warm)
