@@ -14,27 +14,13 @@ from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.meeting import hands_of, measure_hands
 from hhsim.kernels.free.pairs import Free
 from hhsim.kernels.free.tick import MEASURE, TICK
-from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
-from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
-from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_noinline
+from hhsim.kernels.hand.pose import copy_configuration, step_between, update_kinematics
+from hhsim.kernels.jit import as_int64, jit, jit_noinline
 from hhsim.kernels.machine_code import call_code
 from hhsim.kernels.qp.active_set import QpWork
-from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, record_tick
 from hhsim.kernels.tick.haptic_input import set_haptic
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID, STATUS_NO_PLACE
-
-
-@jit
-def _step_between(start: Record, pose: Record, step_out: Array, abduction_out: Array, scratch: Array) -> None:
-    """Compute the step (21,) and the abduction step (5,) from a pose to the one before it."""
-    rotation_vector_between(pose.orientation, start.orientation, scratch)
-    for i in range(3):
-        step_out[i], step_out[3 + i] = start.position[i] - pose.position[i], scratch[i]
-    for f in range(FINGER_COUNT):
-        abduction_out[f] = start.abduction[f] - pose.abduction[f]
-        for k in range(PHALANX_COUNT):
-            step_out[6 + PHALANX_COUNT * f + k] = start.flexion[f, k] - pose.flexion[f, k]
 
 
 @jit_noinline
@@ -44,7 +30,7 @@ def _may_have_met(method: Free) -> bool:
     for h in range(2):
         state = states[h]
         delta, abduction = state.step.delta[:], state.problem.abduction_step[:]
-        _step_between(state.prediction.start, state.pose, delta, abduction, state.scratch[:])
+        step_between(state.pose, state.prediction.start, delta, abduction, state.scratch[:])
     hands, two = hands_of(method.movers, states, world)
     bound_motions(hands, two, world.meeting)
     look_at_pairs(hands, two, offset, np.inf, np.inf, world.meeting)

@@ -11,7 +11,7 @@ import numpy as np
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays, forward_kinematics
 from hhsim.kernels.jit import Array, Record, jit, jit_inline
-from hhsim.kernels.rotation import quaternion_to_matrix, rotate_quaternion
+from hhsim.kernels.rotation import quaternion_to_matrix, rotate_quaternion, rotation_vector_between
 
 HAND_POSE = np.dtype(
     [
@@ -45,6 +45,19 @@ def copy_configuration(source: Record, target: Record) -> None:
     copy_values(source.orientation[:], target.orientation[:])
     copy_values(source.flexion[:], target.flexion[:])
     copy_values(source.abduction[:], target.abduction[:])
+
+
+@jit_inline
+def step_between(start: Record, end: Record, step_out: Array, abduction_out: Array, scratch: Array) -> None:
+    """Compute the step between configurations [m, rad], shape (21,), and that of the abduction, (5,); scratch (3,)."""
+    rotation_vector_between(start.orientation, end.orientation, scratch)
+    for i in range(3):
+        step_out[i] = end.position[i] - start.position[i]
+        step_out[3 + i] = scratch[i]
+    for f in range(FINGER_COUNT):
+        abduction_out[f] = end.abduction[f] - start.abduction[f]
+        for k in range(PHALANX_COUNT):
+            step_out[6 + PHALANX_COUNT * f + k] = end.flexion[f, k] - start.flexion[f, k]
 
 
 @jit_inline

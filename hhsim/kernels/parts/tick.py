@@ -43,7 +43,7 @@ from hhsim.kernels.rotation import quaternion_to_matrix, turned, write_unit_quat
 from hhsim.kernels.tick.coupled import GROUPS, solve_coupled
 from hhsim.kernels.tick.evaluation import end_work, evaluate_pose, least_distance
 from hhsim.kernels.tick.force import hand_forces
-from hhsim.kernels.tick.linearisation import find_program_contacts, step_to_haptic
+from hhsim.kernels.tick.linearisation import find_program_contacts, step_to_haptic, write_program
 from hhsim.kernels.tick.method import Coupled, tick
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import (
@@ -299,12 +299,7 @@ def bear(hand: HandArrays, surface: JointedSurface, options: TickOptions, state:
     for f in range(FINGER_COUNT):
         problem.abduction_step[f] = 0.0
     _find_own(hand, options, state)
-    for f in range(FINGER_COUNT):
-        if contacts.start[f + 2] == contacts.start[f + 1] and state.self_contact.meets[f] == 0:
-            clamp_to_limits(hand, state.pose, f, problem.target[:])
-    _write_rows(hand, options, state)
-    for j in range(DOF):
-        problem.target[j] /= problem.inverse_root[j]
+    write_program(hand, options, as_bool(True), state)
     if solve_coupled(Coupled(options), state, qp) != OPTIMAL:
         return True
     store_active(contacts, state.step, state.warm)

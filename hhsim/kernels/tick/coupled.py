@@ -18,7 +18,7 @@ from hhsim.kernels.qp.row_scan import MeetingRows, ProgramRows
 from hhsim.kernels.tick.method import Coupled, energy_stalled, solve_program
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.second_order import correct_for_curvature, lagrangian_of
-from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_PALM, guess_rows
+from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_PALM, guess_rows, take_multipliers
 
 GROUPS = 2 * FINGER_COUNT + 1
 COUPLED_WORK = np.dtype(
@@ -57,11 +57,7 @@ def _solve_rows(
     step.iterations += qp.counts[1]
     if status != OPTIMAL:
         return status
-    count = qp.counts[0]
-    for i in range(count):
-        step.row[i] = qp.active[i]
-        step.multiplier[i] = qp.multiplier[i]
-    step.count = count
+    take_multipliers(qp, step)
     for j in range(DOF):
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
     lagrangian = lagrangian_of(options.own, state, step, as_int64(0), as_int64(DOF))

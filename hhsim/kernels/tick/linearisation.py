@@ -7,9 +7,9 @@ from hhsim.kernels.contact.detection import Reach, evaluate, find_contacts, pair
 from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
 from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
 from hhsim.kernels.contact.self_pairs import BROKEN, NoPairs, SelfPairs, add_rows, begin_rows, foresee_rows, scale_rows
-from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays, motion_bounds
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, HandArrays, motion_bounds
+from hhsim.kernels.hand.pose import step_between
 from hhsim.kernels.jit import Array, Record, generic, jit, jit_inline, jit_noinline
-from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY
 from hhsim.kernels.tick.state import (
@@ -28,15 +28,9 @@ from hhsim.kernels.tick.step import DURATION_DETECT
 @jit_inline
 def step_to_haptic(state: Record, step_out: Array, abduction_out: Array) -> None:
     """Compute the step from the graphic to the haptic hand [m, rad], shape (21,), and that of its abduction, (5,)."""
-    pose, haptic = state.pose, state.haptic
-    rotation_vector_between(pose.orientation, haptic.orientation, state.scratch)
-    for i in range(3):
-        step_out[i] = haptic.position[i] - pose.position[i]
-        step_out[3 + i] = state.scratch[i]
-    for f in range(FINGER_COUNT):
-        abduction_out[f] = 0.0 if state.program.holds_abduction else haptic.abduction[f] - pose.abduction[f]
-        for k in range(PHALANX_COUNT):
-            step_out[6 + 3 * f + k] = haptic.flexion[f, k] - pose.flexion[f, k]
+    step_between(state.pose, state.haptic, step_out, abduction_out, state.scratch[:])
+    for f in range(FINGER_COUNT if state.program.holds_abduction else 0):
+        abduction_out[f] = 0.0
 
 
 @jit_inline
@@ -66,14 +60,14 @@ def count_linearisation(
 
 
 @jit_inline
-def _write_program(hand: HandArrays, options: TickOptions, state: Record) -> None:
-    """Write the rows of contacts, joint limits and own parts, and the target: that of a finger without rows clamped."""
+def write_program(hand: HandArrays, options: TickOptions, relaxed: bool, state: Record) -> None:
+    """Write the rows of contacts, joint limits and own parts; scale the target, clamped for fingers without rows."""
     problem, start = state.problem, state.contacts.start
     for f in range(FINGER_COUNT):
         if start[f + 2] == start[f + 1] and state.self_contact.meets[f] == 0:
             clamp_to_limits(hand, state.pose, f, problem.target[:])
-    build_rows(hand, state.pose, state.contacts, options.offset, state.program.is_relaxed, problem)
-    scale_rows(options.own, options.offset, state.program.is_relaxed, state)
+    build_rows(hand, state.pose, state.contacts, options.offset, relaxed, problem)
+    scale_rows(options.own, options.offset, relaxed, state)
     for j in range(DOF):
         problem.target[j] /= problem.inverse_root[j]
 
@@ -103,7 +97,7 @@ def _add_broken_rows(own: SelfPairs, hand: HandArrays, options: TickOptions, sha
         problem.target[j] *= share
     for f in range(FINGER_COUNT):
         problem.abduction_step[f] *= share * state.self_contact.share[f]
-    _write_program(hand, options, state)
+    write_program(hand, options, state.program.is_relaxed, state)
     return True
 
 
@@ -131,7 +125,7 @@ def build_program(hand: HandArrays, surface: Any, options: TickOptions, state: R
             clamp_to_limits(hand, state.pose, f, state.step.delta[:])
         state.step.count = 0
     else:
-        _write_program(hand, options, state)
+        write_program(hand, options, state.program.is_relaxed, state)
     state.step.duration[DURATION_DETECT] += monotonic_ns() - began
     return contacts
 

@@ -26,7 +26,7 @@ from hhsim.kernels.tick.coupled import solve_coupled
 from hhsim.kernels.tick.method import Coupled, Progressive, solve_program
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.second_order import CORRECTION_WORK, correct_for_curvature, lagrangian_of
-from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM, guess_rows
+from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM, guess_rows, take_multipliers
 
 YIELD_WEIGHT = 1e-4
 """Share of its stiffness that a joint keeps in the palm's program."""
@@ -143,11 +143,7 @@ def _solve_palm(options: TickOptions, state: Record, qp: QpWork) -> int:
     step.iterations += qp.counts[1]
     if status != OPTIMAL:
         return status
-    count = qp.counts[0]
-    for i in range(count):
-        step.row[i] = qp.active[i]
-        step.multiplier[i] = qp.multiplier[i]
-    step.count = count
+    take_multipliers(qp, step)
     for j in range(6):
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
     if work.variables == 6:
@@ -191,10 +187,7 @@ def solve_finger(options: TickOptions, state: Record, finger: int, qp: QpWork) -
     own.iterations = qp.counts[1]
     if own.status != OPTIMAL:
         return
-    own.count = qp.counts[0]
-    for i in range(own.count):
-        own.row[i] = qp.active[i]
-        own.multiplier[i] = qp.multiplier[i]
+    take_multipliers(qp, own)
     for j in range(DOF):
         own.delta[j] = 0.0
     for j in range(6):

@@ -3,13 +3,12 @@
 from typing import Any
 
 from hhsim.kernels.contact.detection import find_contacts
-from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
-from hhsim.kernels.contact.self_pairs import add_rows, begin_rows, scale_rows
-from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, HandArrays
+from hhsim.kernels.contact.self_pairs import add_rows, begin_rows
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, HandArrays
 from hhsim.kernels.jit import Record, as_bool, jit
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.tick.coupled import solve_coupled
-from hhsim.kernels.tick.linearisation import step_to_haptic
+from hhsim.kernels.tick.linearisation import step_to_haptic, write_program
 from hhsim.kernels.tick.method import Coupled
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import DURATION_FINGERS, DURATION_PALM, store_active, store_meeting
@@ -40,12 +39,7 @@ def settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: R
         step_to_haptic(state, state.problem.target[:], state.problem.abduction_step[:])
         for f in range(FINGER_COUNT):
             state.problem.abduction_step[f] = 0.0
-            if state.contacts.start[f + 2] == state.contacts.start[f + 1] and own.meets[f] == 0:
-                clamp_to_limits(hand, state.pose, f, state.problem.target[:])
-        build_rows(hand, state.pose, state.contacts, options.offset, as_bool(True), state.problem)
-        scale_rows(options.own, options.offset, as_bool(True), state)
-        for j in range(DOF):
-            state.problem.target[j] /= state.problem.inverse_root[j]
+        write_program(hand, options, as_bool(True), state)
         if solve_coupled(Coupled(options), state, qp) == OPTIMAL:
             store_active(state.contacts, state.step, state.active)
             store_meeting(options.own, state, state.active)

@@ -8,6 +8,7 @@ from hhsim.kernels.contact.linearise import LIMIT_ROWS, limit_start
 from hhsim.kernels.contact.self_pairs import SELF_PAIRS, WHOLE_PALM, NoPairs, SelfPairs, nothing
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Indices, Record, as_int64, generic, jit, jit_inline
+from hhsim.kernels.qp.active_set import QpWork
 
 ACTIVE_CAPACITY = 64
 
@@ -43,6 +44,16 @@ ACTIVE_CONTACTS = np.dtype(
     align=True,
 )
 """Contacts with a multiplier at some step."""
+
+
+@jit_inline
+def take_multipliers(qp: QpWork, solution: Record) -> None:
+    """Write a solved program's active rows and their multipliers to a step, or to a finger's part of one."""
+    count = qp.counts[0]
+    for i in range(count):
+        solution.row[i] = qp.active[i]
+        solution.multiplier[i] = qp.multiplier[i]
+    solution.count = count
 
 
 @jit_inline
