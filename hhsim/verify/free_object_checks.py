@@ -100,13 +100,15 @@ def _contacts(motion: FreeMotion) -> list[Claim]:
     if motion.result.surface == "mesh":
         note = "two triangles at one edge may each have a row there"
         return [*claims, Claim(name, says, NOT_JUDGED, note=note)]
+    # Of two bodies each meets the other one: what they bear at a place may be two rows.
+    hand_or_table = np.flatnonzero(body >= ON_TABLE)
     # Rows of one tick and body are few: each is compared with the next ones of its group.
-    order = np.lexsort((body, tick))
+    order = hand_or_table[np.lexsort((body[hand_or_table], tick[hand_or_table]))]
     twice = np.zeros(len(tick), bool)
-    for step in range(1, int(np.bincount(2 * tick * (PALM + 2) + body + 1).max(initial=1))):
+    groups = 2 * tick[order] * (PALM + 2) + body[order] - ON_TABLE
+    for step in range(1, int(np.bincount(groups).max(initial=1))):
         one, other = order[:-step], order[step:]
-        # Of two bodies each meets the other one: what they bear at a place may be two rows.
-        same = (tick[one] == tick[other]) & (body[one] == body[other]) & (body[one] >= ON_TABLE)
+        same = (tick[one] == tick[other]) & (body[one] == body[other])
         twice[other] |= same & (np.linalg.norm(point[one] - point[other], axis=1) < APART)
     return [*claims, all_true(name, says, twice, ticks=tick, why="a micrometre; spheres are larger")]
 

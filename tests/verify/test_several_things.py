@@ -16,7 +16,9 @@ from sampled import first_of_each
 from sealed_change import changed
 from short_grasp import result_of
 
+from hhsim.result.contacts import ON_TABLE
 from hhsim.result.reader import Result, load_result
+from hhsim.result.schema import HAND_BODIES
 from hhsim.scene.scene import open_scene
 from hhsim.verify.claim import HOLDS, NOT_JUDGED, Claim
 from hhsim.verify.depth_checks import depth_claims
@@ -64,6 +66,21 @@ def test_an_honest_result_passes_where_the_hand_bears_on_both(honest: Result) ->
     assert found["hand's balance"].checked == found["complementarity"].checked == TICKS // 10
     for name in ("object velocity", "object angular", "Newton", "Euler"):
         assert found[name].checked > 2 * (TICKS - 20) and "the worst is that of" in found[name].note
+
+
+def begun_in_each_other(file: h5py.File) -> None:
+    """On spheres two bodies may bear on each other in the first tick already."""
+    scene = json.loads(file.attrs["scene"])
+    scene["solver"]["surface"] = "spheres"
+    file.attrs["scene"] = json.dumps(scene)
+    file["contact/b"][:2] = HAND_BODIES + 2
+
+
+def test_bodies_that_bear_on_each_other_in_the_first_tick_are_judged(honest: Result, tmp_path: Path) -> None:
+    result = planted(honest.path, tmp_path, with_name("begun", begun_in_each_other))
+    assert set(FreeMotion(result).touching[:2]) == {ON_TABLE - 2} and result["contact/tick"][1] == 0
+    (single,) = (claim for claim in free_claims(result) if claim.name == "single contacts")
+    assert single.verdict == HOLDS and single.checked == len(result["contact/tick"])
 
 
 def given_to_another(file: h5py.File) -> None:
