@@ -82,12 +82,18 @@ def _write(tree: SphereTree, file: h5py.Group) -> None:
         group = covers.create_group(str(level))
         group.attrs["gap"], group.attrs["bound"] = cover.gap, cover.bound
         for name, (units, long_name) in _COVER_DATASETS.items():
-            _write_dataset(group, name, getattr(cover, name), units, long_name)
+            _write_dataset(group, name, _narrow(getattr(cover, name)), units, long_name)
     group = file.create_group("errors")
     for name, long_name in _ERROR_NAMES.items():
         kind = np.float64 if name in LENGTHS else np.int64
         values = np.array([getattr(error, name) for error in tree.errors], dtype=kind)
         _write_dataset(group, name, values, "m" if name in LENGTHS else "1", long_name)
+
+
+def _narrow(data: AnyArray) -> AnyArray:
+    """Return a proof's codes, numbers of spheres of a level, in two bytes each where these hold them; else the data."""
+    fits = data.dtype.kind == "i" and data.size > 0 and np.abs(data).max() < np.iinfo(np.int16).max
+    return data.astype(np.int16) if fits else data
 
 
 def _write_dataset(group: h5py.Group, name: str, data: AnyArray, units: str, long_name: str) -> None:
