@@ -106,7 +106,6 @@ class LinkJoint:
 class Linkage:
     """Links in an order in which parents come first, and the joint of each that moves on its parent or the world."""
 
-    name: str
     links: tuple[Link, ...]  # each has shapes
     joints: Mapping[str, LinkJoint]  # by the name of the child; a link without one is fixed, its frame the file's own
     on_world: bool = False  # True if the file fixes what has no joint to the world, so that it is not free
@@ -136,7 +135,6 @@ class Linkage:
 
 
 def merged_linkage(
-    name: str,
     links: Sequence[Link],
     joints: Sequence[LinkJoint],
     notes: Iterable[str] = (),
@@ -202,7 +200,7 @@ def merged_linkage(
         # What is free hangs on nothing, wherever it was written.
         parent = plain[joint.parent] if joint.parent and joint.type != "free" else ""
         named[plain[key]] = replace(joint, name=of_joints[joint.name], child=plain[key], parent=parent)
-    return Linkage(name, found, named, on_world, table, tuple(notes))
+    return Linkage(found, named, on_world, table, tuple(notes))
 
 
 def required_axis(axis: FloatArray) -> FloatArray:

@@ -49,7 +49,7 @@ def read_mjcf(root: Element, path: Path) -> Linkage:
     for where, expected in ELEMENTS.items():
         for element in root.iterfind(f".//{where}"):
             raise InputError(f"<{element.tag}> '{element.get('name', '')}'; expected {expected}")
-    return _compiled(path).linkage(path.stem)
+    return _compiled(path).linkage()
 
 
 def read_mjcf_robot(root: Element, path: Path, looks: bool) -> Robot:
@@ -85,7 +85,7 @@ class _Model:
         self.notes: list[str] = []
         self.table: float | None = None
 
-    def linkage(self, name: str) -> Linkage:
+    def linkage(self) -> Linkage:
         model = self.model
         for count, where in COUNTS.items():
             if getattr(model, count):
@@ -99,7 +99,7 @@ class _Model:
         links = [self.link(body) for body in range(model.nbody)]
         joints = [self.joint(body) for body in range(1, model.nbody)]
         moves = any(joint.type != "fixed" for joint in joints)
-        return merged_linkage(name, links, joints, self.notes, on_world=moves, table=self.table)
+        return merged_linkage(links, joints, self.notes, on_world=moves, table=self.table)
 
     def robot(self, name: str, looks: bool) -> Robot:
         if self.model.ngeom > MOST_GEOMS:

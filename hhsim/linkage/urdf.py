@@ -45,7 +45,7 @@ def read_urdf(root: Element, path: Path) -> Linkage:
     joints = [_joint(element, notes) for element in root.findall("joint")]
     children = {joint.child for joint in joints}
     on_world = any(link.name == WORLD for link in links if link.name not in children)
-    return merged_linkage(root.get("name") or path.stem, links, joints, notes, on_world=on_world)
+    return merged_linkage(links, joints, notes, on_world=on_world)
 
 
 def read_urdf_robot(root: Element, path: Path, looks: bool) -> Robot:

@@ -73,11 +73,6 @@ class FreeRun:
         center = np.tile(np.array(self.properties["center"], np.float64), (ticks, 1))
         return self.moved.points(center)
 
-    @property
-    def weight(self) -> float:
-        """Weight M g [N]."""
-        return float(self.properties["mass"] * np.linalg.norm(self.properties["gravity"]))
-
     @cached_property
     def borne(self) -> AnyArray:
         """Wrench of everything that touches it [N, N·m], shape (T, 6)."""

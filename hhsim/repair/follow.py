@@ -54,7 +54,6 @@ class Follower:
         latency: Frames after which one is given, 2 at least.
         hand: Side of the hand; "" if its fingers tell.
         max_correction: Largest move of a joint of a frame that is not marked [m].
-        fitted: Hand of the recording; None to fit one to the first 2 `latency` frames.
     """
 
     def __init__(
@@ -64,12 +63,11 @@ class Follower:
         latency: int = LATENCY,
         hand: HandSide = "",
         max_correction: float = MAX_CORRECTION,
-        fitted: HandModel | None = None,
     ) -> None:
         if latency < 2:
             raise InputError(f"a latency of {latency} frames; expected 2 at least")
         self.bodies, self.latency, self.hand, self.max_correction = bodies, latency, hand, max_correction
-        self.fitted = fitted
+        self.fitted: HandModel | None = None  # of the recording, from its first 2 `latency` frames on
         self.step = max(1, latency // 2)
         self.first, self.given, self.frames = 0, 0, list[GivenFrame]()
 

@@ -171,20 +171,10 @@ class ResultWriter:
         for group, arrays in blocks.items():
             self._tables[group].rows += _count(arrays)
 
-    def finish(
-        self,
-        hands: Mapping[str, Mapping[str, Scalar]],
-        shared: Mapping[str, Scalar] | None = None,
-        phases: Sequence[TickPhase] | None = None,
-    ) -> Path:
-        """Write figures of each hand by its name, and shared ones, mark the file complete, return its final path.
-
-        `phases` replaces the start's.
-        """
+    def finish(self, hands: Mapping[str, Mapping[str, Scalar]], shared: Mapping[str, Scalar] | None = None) -> Path:
+        """Write figures of each hand by its name, and shared ones, mark the file complete, return its final path."""
         with output_errors(self.path):
             self._claim(_OVERHEAD)
-            if phases is not None:
-                self._write_phases(phases)
             self._file[schema.SUMMARY].attrs.update(shared or {})
             for name, figures in hands.items():
                 self._file[schema.SUMMARY][name].attrs.update(figures)
@@ -247,8 +237,6 @@ class ResultWriter:
         return self._file[group]
 
     def _write_phases(self, phases: Sequence[TickPhase]) -> None:
-        if "phase" in self._file:
-            del self._file["phase"]
         group = self._file.create_group("phase")
         names = group.create_dataset("name", data=[phase.name for phase in phases], dtype=h5py.string_dtype())
         describe_dataset(names, schema.Column("name", (-1,), "", "1", "name of each phase of the trajectory"))

@@ -229,10 +229,10 @@ def test_a_block_that_does_not_fit_the_schema_is_refused(tmp_path: Path, name: s
         writer.append(tables)
 
 
-def test_phases_may_be_given_at_the_end(tmp_path: Path) -> None:
-    with opened(tmp_path / "run.h5") as writer:
+def test_phases_are_found_by_their_names(tmp_path: Path) -> None:
+    with opened(tmp_path / "run.h5", phases=PHASES) as writer:
         writer.append(hand_tables("right", block(100)))
-        writer.finish({}, phases=PHASES)
+        writer.finish({})
     loaded = load_result(tmp_path / "run.h5")
     assert loaded.phases == PHASES
     assert loaded.phase("hold") == slice(40, 100)

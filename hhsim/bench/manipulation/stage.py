@@ -53,7 +53,6 @@ class Played:
     body: NDArray[np.int64]
     normal_force: FloatArray
     slip: FloatArray
-    period: float  # of a tick [s]
 
     @property
     def ticks(self) -> int:
@@ -99,7 +98,7 @@ def play(
     whole = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
     turn, shift = whole.pop("turn"), whole.pop("shift")
     center = np.einsum("tij,j->ti", rotation_matrix(turn), np.array(free.center)) + shift
-    return Played(free=free, center=center, orientation=turn, period=options.period, **whole)
+    return Played(free=free, center=center, orientation=turn, **whole)
 
 
 def _blocks(solver: HandSolver, haptic: HandConfiguration) -> Iterator[dict[str, NDArray[Any]]]:

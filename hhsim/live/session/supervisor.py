@@ -134,7 +134,7 @@ class Supervisor:
     """A live session, as a context manager that ends it in order on every way out.
 
     It counts the ticks of each hand in `tallies`, and calls `say` for every event while it happens; those of one of two
-    hands begin with its name. `memory` and `tally` are of the first hand.
+    hands begin with its name. `memory` is of the first hand.
     """
 
     def __init__(self, setup: LiveSetup, say: Say = lambda text, level: None) -> None:
@@ -144,7 +144,6 @@ class Supervisor:
         self._say = say
         self.memory = SessionMemory.create(bodies=setup.recorded_bodies, hands=len(setup.hands))
         self.tallies = [LiveTally(hand.ticks) for hand in self.memory.hands]
-        self.tally = self.tallies[0]
         self._events = [RingReader(hand.events) for hand in self.memory.hands]
         descriptor = self.memory.with_setup(setup)
         self._setups = dict.fromkeys((LOOP, RECORDER, VIEWER), descriptor)
