@@ -134,8 +134,10 @@ def _balance(judge: JudgedTicks, moment_at: Callable[[int], forces.Moment]) -> C
     chosen = _judgeable(judge, STUCK)
     stored = judge.stored_forces(judge.chosen).reshape(len(judge.chosen), -1)
     size, lags = np.linalg.norm(stored, axis=1), judge.status[judge.chosen] & LAG > 0
+    # Normals of all contacts turn, and what they leave adds up.
+    every = np.linalg.norm(stored.reshape(len(stored), -1, 3), axis=2).sum(axis=1)
     # On its way, the program is solved once more where the tick stands.
-    slack = np.where(lags, FORCE * (1.0 + size), force_slack(judge, size, judge.chosen))
+    slack = np.where(lags, FORCE * (1.0 + size), force_slack(judge, every, judge.chosen))
     offset, progressive = float(judge.options["offset"]), judge.options["method"] == "progressive"
     off = np.empty(len(chosen))
     for n, i in enumerate(chosen):
