@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from hhsim.hand.model import MIRROR, HandModel
+from hhsim.linkage.object_mesh import solid_for
 from hhsim.mesh.catalogue import BODIES, MESH_LEVEL, load_object, object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.scene.declared_bodies import load_bodies
@@ -23,8 +24,9 @@ from tools.import_graph import REPOSITORY
 
 PALM_LEVEL = 2
 """Of the default hand."""
-BODIES_WITH_TREES = ("laptop", "peg")
-"""Files of bodies whose trees ship, which take longest: with all of 0.7 MB each the wheel would be over 15 MB."""
+BODIES_WITH_TREES = {"laptop": "spheres", "peg": "mesh"}
+"""Files of bodies whose trees ship, which take longest, and the surface that their meshes are loaded for: free bodies
+are made solids for spheres alone. With all of 0.7 MB each the wheel would be over 15 MB."""
 
 
 def object_tree(name: str) -> SphereTree:
@@ -43,7 +45,8 @@ def palm_trees() -> Iterator[tuple[Mesh, SphereTree]]:
 
 def body_meshes() -> dict[str, Mesh]:
     """Return the meshes of bodies whose trees ship, by the names of the files."""
-    meshes = [mesh for name in BODIES_WITH_TREES for mesh in load_bodies(name).meshes.values()]
+    loaded = [load_bodies(name, solid=solid_for(surface)) for name, surface in BODIES_WITH_TREES.items()]
+    meshes = [mesh for bodies in loaded for mesh in bodies.meshes.values()]
     return {shipped_name(mesh): mesh for mesh in meshes}
 
 
