@@ -137,9 +137,14 @@ def test_results_are_equal_to_rounding(folder: Path, mode: str) -> None:
             np.testing.assert_allclose(other[name], values, rtol=1e-9, atol=1e-9, err_msg=name)
 
 
-FOR_TWO = {"sphere_tree.node_distance", "surfaces.spheres.write_palm_pair", "contact.self_pairs.nothing"}
-"""Put into their callers, and so small that they are compiled at once, also for indices without a sign; the last does
-nothing with whatever it is given."""
+FOR_TWO = {
+    "sphere_tree.node_distance",
+    "surfaces.spheres.write_palm_pair",
+    "contact.self_pairs.nothing",
+    "tick.step.take_multipliers",
+}
+"""Put into their callers, and so small that they are compiled at once, also for indices without a sign; the last but
+one does nothing with whatever it is given, the last writes to a step or to a finger's part of one."""
 
 
 @pytest.mark.soak

@@ -30,7 +30,7 @@ def _may_have_met(method: Free) -> bool:
     for h in range(2):
         state = states[h]
         delta, abduction = state.step.delta[:], state.problem.abduction_step[:]
-        step_between(state.pose, state.prediction.start, delta, abduction, state.scratch[:])
+        step_between(state.pose, state.prediction.start, delta, abduction, state.scratch)
     hands, two = hands_of(method.movers, states, world)
     bound_motions(hands, two, world.meeting)
     look_at_pairs(hands, two, offset, np.inf, np.inf, world.meeting)

@@ -28,7 +28,7 @@ from hhsim.kernels.tick.step import DURATION_DETECT
 @jit_inline
 def step_to_haptic(state: Record, step_out: Array, abduction_out: Array) -> None:
     """Compute the step from the graphic to the haptic hand [m, rad], shape (21,), and that of its abduction, (5,)."""
-    step_between(state.pose, state.haptic, step_out, abduction_out, state.scratch[:])
+    step_between(state.pose, state.haptic, step_out, abduction_out, state.scratch)
     for f in range(FINGER_COUNT if state.program.holds_abduction else 0):
         abduction_out[f] = 0.0
 
