@@ -63,6 +63,8 @@ WINDOW, STOPPED = 100, 1e-5
 """A hand that has not converged in so many ticks one after another, and moved less than this [m], has stopped."""
 BORNE = 0.05
 """Contacts explain a hand that has stopped if they bear all of its pull but this share."""
+NO_PULL = 1e-9
+"""Pull that is rounding, scaled by its springs [√J]: of a hand that only its fingers' spread, which is given, holds."""
 SIDES = 16
 """Of the pyramid in a cone of friction: it has 98 % of it."""
 ARRIVED, ON_ITS_WAY = 1e-5, 1e-3
@@ -538,7 +540,8 @@ def unborne(scene: Recorded, owns: Sequence[OwnHand], h: int, tick: int) -> floa
             found, posed[h], meetings(own, posed[h], parts_that_may_meet(own, np.ones(5, bool)), TOUCH), 0
         )
     scale = 1.0 / np.sqrt(stiffness)
-    return balance(found, scale) / max(float(np.linalg.norm(pull * scale)), 1e-12)
+    size = float(np.linalg.norm(pull * scale))
+    return balance(found, scale) / size if size > NO_PULL else 0.0
 
 
 def _on_body(own: OwnHand, posed: Posed, body: Moved, tick: int) -> Pairs:
