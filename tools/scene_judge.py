@@ -64,7 +64,7 @@ WINDOW, STOPPED = 100, 1e-5
 BORNE = 0.05
 """Contacts explain a hand that has stopped if they bear all of its pull but this share."""
 NO_PULL = 1e-9
-"""Pull that is rounding, scaled by its springs [√J]: of a hand that only its fingers' spread, which is given, holds."""
+"""Up to here a pull, over the root of its stiffness [√J], is rounding: of a hand whose abduction alone is held back."""
 SIDES = 16
 """Of the pyramid in a cone of friction: it has 98 % of it."""
 ARRIVED, ON_ITS_WAY = 1e-5, 1e-3
@@ -519,7 +519,7 @@ def _off(scene: Recorded, own: OwnHand, h: int, tick: int) -> float:
 
 
 def unborne(scene: Recorded, owns: Sequence[OwnHand], h: int, tick: int) -> float:
-    """Return the share of the pull on a hand that contacts and joint limits cannot bear, by least squares.
+    """Return the share of the pull on a hand that contacts and joint limits cannot bear, by least squares; 0 of none.
 
     Contacts are found anew, within `TOUCH`; with friction their forces are in a pyramid of four sides.
     """
