@@ -145,6 +145,34 @@ def test_a_hand_that_begins_in_itself_begins_beside() -> None:
     assert clearance(RIGHT, record).min() >= 0.0 and away(RIGHT, record.flexion[-1:], record.abduction[-1:]) < 1e-6
 
 
+def beside_free(far: Mesh) -> HandSolver:
+    return solver_of(far, FreeObject.of_mesh(far, gravity=(0.0, 0.0, 0.0)), self_contact=True)
+
+
+@pytest.mark.parametrize("moves", [False, True], ids=["fixed", "free"])
+def test_crossed_fingers_that_are_pressed_together_come_to_rest(moves: bool) -> None:
+    # Their distance bends by several times what the springs hold: steps of flat rows go to and fro.
+    flexion = [[0.42, 0.34, 0.97], [-0.2, 1.25, 0.47], [1.09, 0.27, 1.53], [0.43, 0.5, 0.89], [0.81, 1.68, -0.32]]
+    begin, goal = np.array(flexion), np.array(flexion)
+    goal[3, 0] = -0.15
+    abduction = np.array([0.51, -0.07, 0.43, 0.12, -0.27])
+    far = box((0.02, 0.02, 0.02), FAR)
+    solver = (
+        beside_free(far) if moves else HandSolver(RIGHT, AIR["mesh"], SolverOptions(self_contact=True, surface="mesh"))
+    )
+    solver.place(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), begin, abduction)
+    record = solver.run(*still(np.zeros(3), flexion=goal, abduction=abduction).hold(300))
+    assert clearance(RIGHT, record).min() >= 0.0 and clearance(RIGHT, record)[-1] < 1e-6
+    assert not (record.status[20:] & (STATUS_LAG | STATUS_STUCK)).any()
+    assert np.ptp(record.flexion[200:], axis=0).max() < 1e-8
+    # All joints but the clamped ones are off by the moment of one force.
+    off = (goal - record.flexion[-1]).ravel() * SolverOptions().stiffness.flexion
+    rate = np.array([_rate(record, joint) for joint in range(15)])
+    size = -(off @ rate) / (rate @ rate)
+    assert size > 1.0
+    np.testing.assert_allclose(off, -size * rate, atol=1e-4 * size * np.abs(rate).max())
+
+
 @pytest.mark.parametrize("backend", ["quadprog", "clarabel"])
 @pytest.mark.soak
 def test_another_solver_of_the_programs_gives_the_same_hand(backend: str) -> None:
@@ -179,8 +207,7 @@ def test_what_has_no_self_contact_says_so(method: str) -> None:
 @pytest.mark.soak
 def test_beside_a_free_object_fingers_meet_as_in_the_air_and_nothing_is_entered() -> None:
     far = box((0.02, 0.02, 0.02), FAR)
-    free = FreeObject.of_mesh(far, gravity=(0.0, 0.0, 0.0))
-    record, alone = solver_of(far, free, self_contact=True).run(*closed(PINCH)), run(closed(PINCH))
+    record, alone = beside_free(far).run(*closed(PINCH)), run(closed(PINCH))
     assert clearance(RIGHT, record).min() >= 0.0
     assert not (record.status & (STATUS_LAG | STATUS_STUCK)).any()
     np.testing.assert_allclose(record.joints[-1], alone.joints[-1], atol=1e-9)

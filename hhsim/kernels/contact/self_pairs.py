@@ -49,6 +49,9 @@ LASTS = 5e-4
 """Pairs up to this much farther are measured with them [m], so that bounds last for ticks."""
 STILL = 1e-12
 """Motion below what a program may leave a row broken by [m]: distances are as they were."""
+STEEP = 0.5
+"""Share of the coupling by which rows curve that are steep: so much of an error a program of flat rows leaves at least,
+and beyond 1 it grows from tick to tick until a tick has enough programs for second derivatives."""
 WHOLE_PALM = -1
 """In place of a palm sphere in a row of two phalanges."""
 
@@ -90,6 +93,7 @@ SELF_CONTACT = np.dtype(
         ("share", np.float64, (FINGER_COUNT,)),  # share of its abduction step that a finger has room for
         ("holds", np.bool_),  # a share is below 1
         ("bends", np.bool_),  # the rows have second derivatives in the program at hand
+        ("steep", np.bool_),  # they have had a force since they curved by more than STEEP: flat, they would not do
         ("shape", np.float64, (PALM_BODY, 5)),  # last five fields of each phalanx's `RoundCone`
         ("bent", HAND_POSE),  # the hand a little farther along a step, for second derivatives
     ],
@@ -393,6 +397,7 @@ def _foresee_rows(pairs: SelfPairs, hand: HandArrays, active: Record, options: A
         key = -1 - LIMIT_ROWS - active.key[i]
         if key >= 0 and active.body[i] == pairs.first[key % SELF_PAIRS]:
             _add_pair(pairs, hand, key % SELF_PAIRS, key // SELF_PAIRS + WHOLE_PALM, np.inf, options, state)
+    own.steep = own.steep and own.count > 0
     for f in range(FINGER_COUNT):
         state.problem.abduction_step[f] *= own.share[f]
 
@@ -439,15 +444,18 @@ def _clear_fraction(pairs: SelfPairs, fraction: float, hand: HandArrays, state: 
 
 
 @generic
-def keep_shapes(pairs: Any, hand: HandArrays, pose: Record, own: Record) -> None:
-    """Let the rows have second derivatives from now on, for which they keep the shapes of the phalanges."""
+def choose_bends(pairs: Any, bends: bool, hand: HandArrays, pose: Record, own: Record) -> None:
+    """Let the rows have second derivatives in the program at hand if told so, or if they are steep.
+
+    They then keep the shapes of the phalanges.
+    """
 
 
-@keep_shapes.of(SelfPairs)
+@choose_bends.of(SelfPairs)
 @jit_noinline
-def _keep_shapes(pairs: SelfPairs, hand: HandArrays, pose: Record, own: Record) -> None:
-    own.bends = True
-    for body in range(PALM_BODY):
+def _choose_bends(pairs: SelfPairs, bends: bool, hand: HandArrays, pose: Record, own: Record) -> None:
+    own.bends = bends or own.steep
+    for body in range(PALM_BODY if own.bends else 0):
         cone, shape = _cone(hand, pose, body), own.shape[body]
         shape[0], shape[1], shape[2] = cone.length, cone.tan_slope, cone.inverse_length
         shape[3], shape[4] = cone.radius, cone.drop
@@ -482,40 +490,62 @@ def _bend(pose: Record, finger: int, share: float, step: Array, own: Record) -> 
 
 @generic
 def add_bends(
-    pairs: Any, pose: Record, own: Record, first: int, row: Indices, force: Array, step: Array, product_out: Array
+    pairs: Any,
+    pose: Record,
+    own: Record,
+    first: int,
+    row: Indices,
+    force: Array,
+    inverse_root: Array,
+    step: Array,
+    product_out: Array,
 ) -> None:
-    """Add Σ λ ∇²d · step over the rows of pairs of phalanges; `first` is the first row of such pairs, λ the force.
+    """Add Σ λ ∇²d · step over the rows of pairs of phalanges; `first` is the first of the hand's own rows, λ the force.
 
-    See `curvature_product`. The spheres of the palm count as flat.
+    See `curvature_product`. The spheres of the palm count as flat. `inverse_root` is 1 / √G of the hand's variables, by
+    which rows are found to be steep.
     """
 
 
 @add_bends.of(SelfPairs)
 @jit
 def _add_bends(
-    pairs: SelfPairs, pose: Record, own: Record, first: int, row: Indices, force: Array, step: Array, product: Array
+    pairs: SelfPairs,
+    pose: Record,
+    own: Record,
+    first: int,
+    row: Indices,
+    force: Array,
+    inverse_root: Array,
+    step: Array,
+    product: Array,
 ) -> None:
     # By the difference of gradients a little farther on: two nearest points that slide make a long closed form.
     most, bends = 0.0, False
     for j in range(6, DOF):
         most = max(most, abs(step[j]))
     for i in range(row.shape[0]):
-        bends = bends or row[i] >= first
+        bends = bends or first <= row[i] < first + own.count
     if not bends or most == 0.0:
         return
-    share, last = BEND / most, as_int64(SELF_ROWS)
+    share, last, along, square = BEND / most, as_int64(SELF_ROWS), 0.0, 0.0
     for f in range(FINGER_COUNT):
         _bend(pose, f, share, step, own)
     for i in range(row.shape[0]):
         own_row = row[i] - first
-        if own_row < 0 or own.sphere[own_row] != WHOLE_PALM:
+        if own_row < 0 or own_row >= own.count or own.sphere[own_row] != WHOLE_PALM:
             continue
         one, two = pairs.first[own.pair[own_row]], pairs.second[own.pair[own_row]]
         _write_cones(own.bent, one, two, _bent_cone(own, one), _bent_cone(own, two), 0.0, last, own)
         for j in range(6, DOF):
             # A lever below the least one counts as none, which is no curvature.
             if own.gradient[own_row, j] != 0.0:
-                product[j] += force[i] * (own.gradient[last, j] - own.gradient[own_row, j]) / share
+                bent = force[i] * (own.gradient[last, j] - own.gradient[own_row, j]) / share
+                product[j] += bent
+                along += step[j] * bent
+    for j in range(6, DOF):
+        square += (step[j] / inverse_root[j]) ** 2
+    own.steep = own.steep or abs(along) > STEEP * square
 
 
 @jit_inline
@@ -535,6 +565,6 @@ def _add_none(pairs: NoPairs, hand: HandArrays, within: float, options: Any, sta
     return False
 
 
-for _kernel in (measure_pairs, foresee_rows, scale_rows, keep_shapes, add_bends):
+for _kernel in (measure_pairs, foresee_rows, scale_rows, choose_bends, add_bends):
     _kernel.of(NoPairs)(nothing)
 clear_fraction.of(NoPairs)(as_it_is)

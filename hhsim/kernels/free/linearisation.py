@@ -12,7 +12,7 @@ from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.detection import find_contacts
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits
 from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
-from hhsim.kernels.contact.self_pairs import BROKEN, add_rows, begin_rows, foresee_rows
+from hhsim.kernels.contact.self_pairs import BROKEN, add_rows, begin_rows, choose_bends, foresee_rows
 from hhsim.kernels.free.body import OBJECT_DOF, body_target, see_hand
 from hhsim.kernels.free.columns import (
     body_column,
@@ -46,6 +46,7 @@ from hhsim.kernels.tick.evaluation import least_distance
 from hhsim.kernels.tick.linearisation import count_linearisation, find_program_contacts, step_to_haptic
 from hhsim.kernels.tick.method import OVERFLOW, solve_linearisation
 from hhsim.kernels.tick.restoration import only_restores
+from hhsim.kernels.tick.second_order import FLAT_PROGRAMS
 from hhsim.kernels.tick.state import WORK_LINEARISATIONS, WORK_ROWS, WORK_UNITS
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_PALM
 from hhsim.kernels.tick.step_length import CLEAR, LEAST_SHARE, WHOLE_TARGET, allowed_fraction
@@ -384,6 +385,10 @@ def _solve_linearisation(
     method: Free, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork
 ) -> tuple[int, float]:
     world = method.world[0]
+    hands = hand_count(world.problem)
+    for h in range(hands):
+        each, curved = method.states[h], as_bool(done >= FLAT_PROGRAMS)
+        choose_bends(method.options.own, curved, mover_of(method, h), each.pose, each.self_contact)
     count, full_motion = prepare(method, 0.0, state), WHOLE_TARGET
     if count < 0:
         return as_int64(OVERFLOW), full_motion
@@ -392,7 +397,7 @@ def _solve_linearisation(
         full_motion, share = _clip_target(method, only_restores(method.options, state, done), state)
         if full_motion != WHOLE_TARGET:
             status = solve_with_pairs(method, count, as_bool(True), state, qp)
-            two = hand_count(world.problem) > 1 and not is_still(world.problem)
+            two = hands > 1 and not is_still(world.problem)
             if status == OPTIMAL and two and allowed_share(method)[0] < LEAST_SHARE:
                 # A contact that is reached with the whole step has no load on a part of the way: what it bore would
                 # draw the hand all the way there, and a small share of that mends no clearance.

@@ -19,6 +19,7 @@ from hhsim.kernels.free.columns import (
 from hhsim.kernels.free.joints import JOINT_KEYS, SLACK, slack_column, slack_target
 from hhsim.kernels.free.leanings import find_leanings, turn_contacts
 from hhsim.kernels.free.meeting import MEETING_KEYS, guess_dense, read_dense
+from hhsim.kernels.free.own_bends import correct_own
 from hhsim.kernels.free.rows import STANDS_BACK, TABLE_KEYS, contact_rows, friction_rows, measure_slip
 from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
@@ -165,8 +166,8 @@ def take_steps(states: States, bodies: Record, fraction: float, problem: Record)
 
 
 @jit
-def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, meeting: Record, qp: QpWork) -> None:
-    # The solution: the step, the loaded rows, and what each contact with friction bears and slips.
+def read_step(bodies: Record, problem: Record, qp: QpWork) -> None:
+    """Read the step of a solution."""
     delta, weight = problem.delta, problem.inverse_root
     for h in range(hand_count(problem)):
         palm, fingers = palm_column(problem, h), first_finger(problem, h)
@@ -183,6 +184,11 @@ def _read(bodies: Record, problem: Record, friction: Record, loaded: Record, mee
         if body.joint == SLIDER:
             made, axis = delta[column], body.axes[2]
             delta[column], delta[column + 1], delta[column + 2] = made * axis[0], made * axis[1], made * axis[2]
+
+
+@jit
+def _read(problem: Record, friction: Record, loaded: Record, meeting: Record, qp: QpWork) -> None:
+    # The loaded rows of the solution, and what each contact with friction bears and slips.
     for i in range(friction.count):
         friction.plain[i] = friction.cone[i] = 0.0
     if problem.dense_rows > 0:
@@ -309,7 +315,8 @@ def _solve_once(options: TickOptions, rows: WideRows, guessed: int, world: Recor
     step.iterations += qp.counts[1]
     if status == OPTIMAL:
         problem.solutions += 1
-        _read(world.bodies, problem, world.friction, loaded, world.meeting, qp)
+        read_step(world.bodies, problem, qp)
+        _read(problem, world.friction, loaded, world.meeting, qp)
     return status
 
 
@@ -400,6 +407,8 @@ def solve_free(options: TickOptions, states: States, world: Record, rounds: int,
     if not clipped:
         find_leanings(bodies, floats, problem, friction, loaded, world.leanings)
         _hold(offset, friction, world.leanings, world.held)
+    if correct_own(options.own, options, rows, states, world, qp):
+        read_step(bodies, problem, qp)
     if loaded.count > 0:
         _rest(bodies, problem)
     take_steps(states, bodies, 1.0, problem)

@@ -16,6 +16,7 @@ from hhsim.kernels.free.program import LOADED
 from hhsim.kernels.free.record import borne_dtype
 from hhsim.kernels.free.rows import free_problem_dtype, friction_count, friction_dtype, held_dtype
 from hhsim.kernels.free.slips import coulomb_dtype
+from hhsim.kernels.tick.second_order import correction_dtype
 
 MOST_HANDS, MOST_BODIES = 2, 6
 
@@ -36,6 +37,8 @@ def world_dtype() -> "np.dtype[Any]":
             ("held", held_dtype(bodies)),  # Γ and directions of the contacts with friction
             ("coulomb", coulomb_dtype(dof, frictions)),  # what finds Γ
             ("leanings", leanings_dtype(dof, common, frictions)),  # what finds directions
+            ("correction", correction_dtype(dof)),  # vectors of the correction for own pairs' second derivatives
+            ("finger_root", np.float64, (dof,)),  # 1 / √G of the fingers' variables, 0 for all others
             ("tried", borne_dtype(bodies)),  # the contacts that bear a force at the last step
             ("borne", borne_dtype(bodies)),  # the same at the last accepted one
             ("safe_total", np.float64, (dof,)),  # the tick's step up to the last accepted one

@@ -234,6 +234,7 @@ def _settle_forces(method: Free, state: Record, qp: QpWork) -> None:
     world.meeting.count, world.within, world.settles = 0, near, True
     for h in range(hand_count(problem)):
         method.states[h].program.is_relaxed = method.states[h].program.holds_abduction = True
+        method.states[h].self_contact.bends = False
     count = prepare(method, near, state)
     if count >= 0 and solve_with_pairs(method, count, as_bool(False), state, qp) == OPTIMAL:
         _find_loads(method, state)

@@ -62,7 +62,7 @@ def _solve_rows(
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
     lagrangian = lagrangian_of(options.own, state, step, as_int64(0), as_int64(DOF))
     longest = options.longest_correction
-    correct_for_curvature(lagrangian, step.delta[:], rows, tolerance, longest, state.correction, qp)
+    correct_for_curvature(lagrangian, qp.counts[0], step.delta[:], rows, tolerance, longest, state.correction, qp)
     for j in range(DOF):
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
     return status

@@ -149,7 +149,7 @@ def _solve_palm(options: TickOptions, state: Record, qp: QpWork) -> int:
     if work.variables == 6:
         lagrangian = lagrangian_of(options.own, state, step, as_int64(0), as_int64(6))
         longest = options.longest_correction
-        correct_for_curvature(lagrangian, step.delta[:], rows, tolerance, longest, state.correction, qp)
+        correct_for_curvature(lagrangian, qp.counts[0], step.delta[:], rows, tolerance, longest, state.correction, qp)
     for j in range(6):
         work.palm_step[j] = qp.x[j]
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
@@ -196,7 +196,7 @@ def solve_finger(options: TickOptions, state: Record, finger: int, qp: QpWork) -
         own.delta[offset + k] = qp.x[k] * problem.inverse_root[offset + k]
     lagrangian = lagrangian_of(options.own, state, own, as_int64(offset), as_int64(PHALANX_COUNT))
     longest = options.longest_correction
-    correct_for_curvature(lagrangian, own.delta[:], rows, tolerance, longest, own.correction, qp)
+    correct_for_curvature(lagrangian, qp.counts[0], own.delta[:], rows, tolerance, longest, own.correction, qp)
     for k in range(PHALANX_COUNT):
         own.delta[offset + k] = qp.x[k] * problem.inverse_root[offset + k]
 

@@ -20,24 +20,25 @@ import numpy as np
 from hhsim.kernels.contact.linearise import limit_start
 from hhsim.kernels.contact.self_pairs import add_bends
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
-from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit_inline, jit_pasted
+from hhsim.kernels.jit import Array, Indices, Record, as_int64, generic, jit_inline, jit_pasted
 from hhsim.kernels.qp.active_set import QpWork
-from hhsim.kernels.qp.row_scan import MeetingRows, ProgramRows, row_violations
+from hhsim.kernels.qp.row_scan import Rows, row_violations
 from hhsim.kernels.tick.curvature import curvature_product
 
-CORRECTION_WORK = np.dtype(
-    [
-        ("whole", np.float64, (DOF,)),
-        ("product", np.float64, (DOF,)),
-        ("residual", np.float64, (DOF,)),
-        ("search", np.float64, (DOF,)),
-        ("image", np.float64, (DOF,)),
-        ("correction", np.float64, (DOF,)),
-    ],
-    align=True,
-)
-"""Vectors of the conjugate gradients; the first two hold all 21 variables, the others those of the program."""
+VECTORS = "whole", "product", "residual", "search", "image", "correction"
 
+
+def correction_dtype(variables: int) -> "np.dtype[Any]":
+    """Build the dtype of the conjugate gradients' vectors; the first two hold all variables, the others a program's."""
+    return np.dtype([(name, np.float64, (variables,)) for name in VECTORS], align=True)
+
+
+CORRECTION_WORK = correction_dtype(DOF)
+"""Vectors for a hand's variables."""
+
+FLAT_PROGRAMS = 3
+"""First programs of a tick, in which a hand's own pairs do not bend: most ticks need no more, and the derivatives take
+half a tick."""
 STRETCH = 20.0
 """Most that a direction is stretched by, where the Lagrangian curves by less than 1 / STRETCH of the coupling."""
 REDUCTION = 1e-4
@@ -81,35 +82,42 @@ def lagrangian_of(own: Any, state: Record, solution: Record, offset: int, n: int
     return Lagrangian(own, *given, row, multiplier, solution.count, inverse_root, offset, n)
 
 
+@generic
+def curvature(lagrangian: Any, step: Array, product_out: Array) -> None:
+    """Compute Σ λ ∇²d · step over the loaded contacts of a program, for a step of all variables [m, rad]."""
+
+
+@curvature.of(Lagrangian)
 @jit_inline
 def _curvature(lagrangian: Lagrangian, step: Array, product_out: Array) -> None:
     pose, contacts, loaded = lagrangian.pose, lagrangian.contacts, lagrangian.loaded
     row, multiplier, first = lagrangian.row, lagrangian.multiplier, limit_start(contacts, as_int64(FINGER_COUNT))
     curvature_product(pose, contacts, row, multiplier, loaded, step, product_out)
     if lagrangian.parts.bends:
-        add_bends(lagrangian.own, pose, lagrangian.parts, first, row[:loaded], multiplier, step, product_out)
+        force, root = multiplier[:loaded], lagrangian.inverse_root
+        add_bends(lagrangian.own, pose, lagrangian.parts, first, row[:loaded], force, root, step, product_out)
 
 
 @jit_inline
-def _apply(lagrangian: Lagrangian, k: int, basis: Array, work: Record, vector: Array, image_out: Array) -> None:
+def _apply(lagrangian: Any, k: int, basis: Array, work: Record, vector: Array, image_out: Array) -> None:
     # P S v for a v that is zero outside the program's own variables, which begin at `offset`.
     whole, product = work.whole, work.product
     inverse_root, offset, n = lagrangian.inverse_root, lagrangian.offset, lagrangian.n
-    for j in range(DOF):
+    for j in range(whole.shape[0]):
         whole[j] = 0.0
     for j in range(n):
         whole[offset + j] = vector[j] * inverse_root[offset + j]
-    _curvature(lagrangian, whole[:], product[:])
+    curvature(lagrangian, whole[:], product[:])
     for j in range(n):
         image_out[j] = product[offset + j] * inverse_root[offset + j]
     _project_out(n, k, basis, image_out)
 
 
 @jit_inline
-def _residual(lagrangian: Lagrangian, step: Array, k: int, basis: Array, work: Record) -> float:
+def _residual(lagrangian: Any, step: Array, k: int, basis: Array, work: Record) -> float:
     """Write P S x into the residual and the first search direction; returns its square."""
     inverse_root, offset = lagrangian.inverse_root, lagrangian.offset
-    _curvature(lagrangian, step, work.product[:])
+    curvature(lagrangian, step, work.product[:])
     for j in range(lagrangian.n):
         work.residual[j] = work.product[offset + j] * inverse_root[offset + j]
         work.correction[j] = 0.0
@@ -122,7 +130,7 @@ def _residual(lagrangian: Lagrangian, step: Array, k: int, basis: Array, work: R
 
 
 @jit_inline
-def _conjugate_gradients(lagrangian: Lagrangian, k: int, basis: Array, square: float, work: Record) -> None:
+def _conjugate_gradients(lagrangian: Any, k: int, basis: Array, square: float, work: Record) -> None:
     """Solve P (I - S) P z = residual for the correction z, up to a bounded stretch where the curvature wins."""
     n, residual, search, image, correction = lagrangian.n, work.residual, work.search, work.image, work.correction
     goal = REDUCTION * square
@@ -153,7 +161,7 @@ def _conjugate_gradients(lagrangian: Lagrangian, k: int, basis: Array, square: f
 
 
 @jit_inline
-def _free_share(k: int, rows: ProgramRows | MeetingRows, end: Array, rounding: float, qp: QpWork) -> float:
+def _free_share(k: int, rows: Rows, end: Array, rounding: float, qp: QpWork) -> float:
     """Compute the share of the way from x to `end` on which no other row is violated.
 
     Rows satisfied at x may fail at the end; the first to fail bounds the share. A row that says the same as an active
@@ -178,27 +186,22 @@ def _free_share(k: int, rows: ProgramRows | MeetingRows, end: Array, rounding: f
 
 @jit_inline
 def correct_for_curvature(
-    lagrangian: Lagrangian,
-    step: Array,
-    rows: ProgramRows | MeetingRows,
-    tolerance: float,
-    longest: float,
-    work: Record,
-    qp: QpWork,
+    lagrangian: Any, held: int, step: Array, rows: Rows, tolerance: float, longest: float, work: Record, qp: QpWork
 ) -> None:
     """Move qp.x, the solution of a program, to second order.
 
-    `step` is the whole hand's as far as it is known [m, rad], shape (21,), this program's part included. In units of x
-    are `tolerance`, below which a residual is not worth a correction, and `longest`, to which the correction is
-    shortened.
+    `held` is the number of rows of qp.basis that the correction is at right angles to: the active set, or more.
+    `lagrangian` has the fields `inverse_root`, `offset` and `n` of `Lagrangian`, and an implementation of `curvature`.
+    `step` is that of all its variables as far as it is known [m, rad], this program's part included. In units of x are
+    `tolerance`, below which a residual is not worth a correction, and `longest`, to which the correction is shortened.
     """
     n, k, correction, end = lagrangian.n, qp.counts[0], work.correction, work.search
-    if k == 0 or k >= n:
+    if k == 0 or held >= n:
         return
-    square = _residual(lagrangian, step, k, qp.basis, work)
+    square = _residual(lagrangian, step, held, qp.basis, work)
     if square <= tolerance * tolerance:
         return
-    _conjugate_gradients(lagrangian, k, qp.basis, square, work)
+    _conjugate_gradients(lagrangian, held, qp.basis, square, work)
     length = 0.0
     for j in range(n):
         length += correction[j] * correction[j]

@@ -16,7 +16,7 @@ import numpy as np
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.detection import find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import clamp_to_limits
-from hhsim.kernels.contact.self_pairs import keep_shapes
+from hhsim.kernels.contact.self_pairs import choose_bends
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, move
 from hhsim.kernels.jit import Record, as_bool, as_int64, generic, jit, jit_inline
@@ -50,6 +50,7 @@ from hhsim.kernels.tick.method import (
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.prediction import forget_prediction, judge_last_tick
 from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY, keep_first_step, only_restores, take_free_share
+from hhsim.kernels.tick.second_order import FLAT_PROGRAMS
 from hhsim.kernels.tick.settled_forces import settle_forces
 from hhsim.kernels.tick.state import (
     STATUS_ABDUCTION_HELD,
@@ -69,9 +70,6 @@ REACH_GROWTH = 4.0
 """Growth of the reach after a step that it has cut short."""
 TRUST_GROWTH = 2.0
 """Growth of the trust radius from one unfinished tick to the next, after a step that was accepted."""
-FLAT_PROGRAMS = 3
-"""First programs of a tick, in which the hand's own pairs do not bend: most ticks need no more, and the derivatives
-take half a tick."""
 MOST_FAILED_STEPS = 3
 """Steps in a row that may end inside the object before they are taken back."""
 MOST_IDLE_TICKS = 10
@@ -154,9 +152,7 @@ def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Re
     options, work = method.options, state.work
     units, status, full_motion = work[WORK_UNITS], as_int64(OPTIMAL), WHOLE_TARGET
     contacts = as_int64(0)
-    state.self_contact.bends = False
-    if done >= FLAT_PROGRAMS:
-        keep_shapes(options.own, hand, state.pose, state.self_contact)
+    choose_bends(options.own, as_bool(done >= FLAT_PROGRAMS), hand, state.pose, state.self_contact)
     for attempt in range(2):
         contacts = build_program(hand, surface, options, state)
         if contacts < 0:

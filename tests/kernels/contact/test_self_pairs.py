@@ -16,11 +16,12 @@ from hhsim.hand.self_pairs import self_clearance, self_pairs
 from hhsim.kernels.contact.self_pairs import (
     LASTS,
     SELF_CONTACT,
+    STEEP,
     WHOLE_PALM,
     NoPairs,
     add_bends,
     add_rows,
-    keep_shapes,
+    choose_bends,
     measure_pairs,
     pair_distance,
     write_row,
@@ -177,8 +178,9 @@ def test_second_derivatives_of_a_pair_are_those_of_its_distance() -> None:
         write_row(arrays, here, first, second, WHOLE_PALM, 0, own)
         step, product = np.zeros(21), np.zeros(21)
         step[6:] = random.normal(size=15)
-        keep_shapes(pairs, arrays, here, own)
-        add_bends(pairs, here, own, 40, np.array([3, 40]), np.array([9.0, 2.0]), step, product)
+        choose_bends(pairs, True, arrays, here, own)
+        row, force, root = np.array([3, 40, 41]), np.array([9.0, 2.0, 5.0]), np.full(21, 0.5)
+        add_bends(pairs, here, own, 40, row, force, root, step, product)
 
         wide, narrow = (second_difference(at, step, first, second, size) for size in (2e-4, 1e-4))
         # Where the nearest point comes to an end of an axis the distance has no second derivative.
@@ -187,4 +189,5 @@ def test_second_derivatives_of_a_pair_are_those_of_its_distance() -> None:
         looked += 1
         assert step @ product == pytest.approx(2.0 * narrow, rel=0.01, abs=1e-3)
         assert not product[:6].any()
+        assert own.steep == (abs(step @ product) > STEEP * (step[6:] / 0.5 @ step[6:] / 0.5))
     assert looked > 100
