@@ -46,6 +46,8 @@ def _curvature(lagrangian: OwnLagrangian, step: Array, product_out: Array) -> No
     product_out[:] = 0.0
     for h in range(hand_count(problem)):
         each, fingers = lagrangian.states[h], first_finger(problem, h)
+        if not each.self_contact.bends:
+            continue
         whole, product = each.correction.whole, each.correction.product
         whole[:6], product[:] = 0.0, 0.0
         copy_values(step[fingers : fingers + FINGERS], whole[6:])
