@@ -12,8 +12,9 @@ from typing import Any
 from hhsim.errors import InputError
 from hhsim.gate.unusual_options import unusual_options
 from hhsim.metrics.run.registry import run_metrics
+from hhsim.replay.recorded_verdict import verdict
 from hhsim.replay.summary_table import stored_rows
-from hhsim.replay.verdict import UNTOUCHED, verdict
+from hhsim.replay.verdict import UNTOUCHED
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import FORMAT, SUFFIXES
 from hhsim.result.wording import motion_name, object_name

@@ -1,36 +1,20 @@
-"""Verdict on a run: a word and a few sentences, above its table and at the top of its report.
-
-Figures of a result as its file states them are held against those of its ticks.
-"""
+"""Verdict on a run: a word and a few sentences, above its table and at the top of its report."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass
 
-import numpy as np
-
-from hhsim.arrays import AnyArray
 from hhsim.mesh.solidify import ASSUMED_SOLID
-from hhsim.metrics.run.registry import known_figures, needed_columns, run_metrics, tick_figures
 from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
-from hhsim.metrics.run_ticks import RunTicks, result_ticks
-from hhsim.metrics.session_faults import SESSION_FAULTS, how_it_ended, recorded_faults
-from hhsim.replay.summary_table import SummaryRow, default_limits, stored_promises, summary_rows
-from hhsim.result.reader import Result
-from hhsim.scene.motion_catalogue import of_the_paper
-from hhsim.solver.method import EVERYTHING, PROMISES
+from hhsim.replay.summary_table import SummaryRow, default_limits
+from hhsim.solver.method import PROMISES
 
 OK, MISSED, UNTOUCHED = "within limits", "limits missed", "nothing touched"
 SHORT, LATE, EMPTY = "cut short", "ticks missed", "no ticks"
 NOT_JUDGED = "depth not judged"
 """Words of verdicts. Missed limits come first, whether a run is cut short or touches nothing."""
-STATED_TIMES = "the times of its ticks are what the submission says: they were not measured here"
-"""Remark on the times of a submission."""
 ELSEWHERE = "Put the object elsewhere (a recording: --place-object auto), or look at its size (--unit, --size)."
 """Advice where nothing touches."""
-SAME = 1e-9
-"""Relative difference [SI, %] up to which figures are the same: sums in another order differ by less."""
 
 
 @dataclass(frozen=True)
@@ -42,34 +26,6 @@ class Verdict:
     missed: tuple[str, ...] = ()  # names of the figures over their limits
     mostly_stuck: bool = False  # True if more than half of the ticks are stuck
     line: str = ""  # word and reason, for the head of a table that has the figures themselves
-
-
-def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
-    """Judge a result by its table; as `run_verdict`."""
-    # A tick that never was is in no figure of the ticks.
-    late = int(result.summary.get("missed", 0))
-    repairs = [str(text) for text in result.scene.get("object_repairs") or []]
-    run = rows, stored_promises(result.scene), result.ticks
-    found = run_verdict(*run, complete=result.complete, late=late, repairs=repairs, surface=result.surface)
-    if result.scene.get("submission") and any(row.name.startswith("tick_") for row in rows):
-        remark = f"{STATED_TIMES[:1].upper()}{STATED_TIMES[1:]}."
-        found = replace(found, sentences=(*found.sentences, remark), line=f"{found.line} {remark}")
-    return found if result.live is None else _with_faults(found, result)
-
-
-def _with_faults(found: Verdict, session: Result) -> Verdict:
-    figures = recorded_faults(session).figures
-    over = [fault for fault in SESSION_FAULTS if figures[fault.name] > fault.limit]
-    if not over:
-        return found
-    listed = "; ".join(_over(SummaryRow(fault, figures[fault.name]), fault.limit) for fault in over)
-    return replace(
-        found,
-        word=MISSED,
-        sentences=(f"Over the limits of a session: {listed}. It ended so: {how_it_ended(session)}.", *found.sentences),
-        missed=(*found.missed, *(fault.name for fault in over)),
-        line=f"{MISSED}: {listed}. {found.line[:1].upper()}{found.line[1:]}",
-    )
 
 
 def run_verdict(
@@ -98,7 +54,7 @@ def run_verdict(
         if name in figures and math.isfinite(figures[name].value)
     }
     missed = tuple(name for name, limit in limits.items() if not figures[name].value <= limit)
-    over = "; ".join(_over(figures[name], limits[name]) for name in missed)
+    over = "; ".join(over_limit(figures[name], limits[name]) for name in missed)
     contact, touched = _contact(figures, surface)
     stuck = "stuck_ticks" in figures and is_mostly_stuck(figures["stuck_ticks"].value, ticks)
     if stuck:
@@ -153,44 +109,7 @@ def _speed(figures: Mapping[str, SummaryRow], ticks: int) -> str:
     return f"{text}; {count} of {ticks:,} ticks took more than 1 ms by the wall clock."
 
 
-def _over(row: SummaryRow, limit: float) -> str:
+def over_limit(row: SummaryRow, limit: float) -> str:
+    """Say by how much a figure is over its limit."""
     unit = f" {row.unit}" if row.unit else ""
     return f"{row.label} {row.shown}{unit} (limit {limit / row.figure.scale:g})"
-
-
-def read_ticks(result: Result, more: Sequence[str] = ()) -> RunTicks:
-    """Read what the figures need of every tick, and `more` datasets of /tick."""
-    result = result.seen_from_object
-
-    def known(values: AnyArray) -> AnyArray:
-        # What is infinite is no figure either.
-        return np.where(np.isfinite(values), values, np.nan) if values.dtype.kind == "f" else values
-
-    return result_ticks(result, {name: known(result[name]) for name in (*needed_columns(), *more)})
-
-
-class CheckedFigures(NamedTuple):
-    """Figures of a result."""
-
-    rows: tuple[SummaryRow, ...]  # what its replay printed; what the file lacks is computed from its ticks
-    misstated: str  # sentence on figures of the file that are not those of its ticks; else ""
-
-
-def checked_figures(result: Result, ticks: RunTicks) -> CheckedFigures:
-    """Compute the figures of the ticks, and replace them by those of the file."""
-    known = known_figures([what for what in EVERYTHING if result.gives(what)])
-    own, stated = {name: value for name, value in tick_figures(ticks).items() if name in known}, {}
-    if result.complete and result.live is None:
-        stated = {name: float(result.summary[name]) for name in run_metrics() if name in result.summary}
-    of_paper = of_the_paper(result.scene)
-    computed = {row.name: row for row in summary_rows({**stated, **own}, result.rate, of_paper=of_paper)}
-    rows = summary_rows({**own, **stated}, result.rate, of_paper=of_paper)
-    wrong = [
-        f"{row.label} {row.shown} where its ticks give {computed[row.name].shown} {row.unit}".rstrip()
-        for row in rows
-        # What reads the same is the same, and a last digit may fall either way.
-        if row.shown != computed[row.name].shown
-        and not math.isclose(row.value, computed[row.name].value, rel_tol=SAME, abs_tol=SAME)
-    ]
-    text = f"The file says {'; '.join(wrong)}. hhsim verify looks further." if wrong else ""
-    return CheckedFigures(rows, text)

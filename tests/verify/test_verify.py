@@ -33,8 +33,8 @@ from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.motion.resample import STAMP_TOLERANCE
 from hhsim.motion.trajectory import Trajectory
+from hhsim.replay.recorded_verdict import verdict as report_verdict
 from hhsim.replay.replay import replay_scene
-from hhsim.replay.verdict import verdict as report_verdict
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import make_scene, open_scene
 from hhsim.solver import backend_programs
