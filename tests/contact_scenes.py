@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from sphere_scenes import PALM, cloud, random_hand, set_pose
+from sphere_scenes import PALM, cloud, random_hand, set_pose, tick_state
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
@@ -13,7 +13,6 @@ from hhsim.kernels.contact.detection import Reach, evaluate, find_contacts
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.solver.options import Stiffness
 from hhsim.solver.surface import surface_of
-from hhsim.solver.workspace import tick_state
 from hhsim.trees.sphere_tree import SphereTree
 
 RIGHT = HandModel.default("right")
@@ -34,7 +33,7 @@ def moved(at: HandConfiguration, step: FloatArray, abduction_step: FloatArray | 
 
 def in_contact(hand: HandModel, surface: Any, at: HandConfiguration, reach: float, skin: float = 0.0) -> Any:
     """The state of a tick at a place, its contacts within a reach [m] of any surface found."""
-    state, arrays = tick_state(ROOT**2, surface=surface_of(surface))[0], hand.arrays()
+    state, arrays = tick_state(ROOT**2, surface=surface_of(surface)), hand.arrays()
     set_pose(hand, state.pose, at)
     assert evaluate(arrays, state.pose, surface, Reach(reach, reach, skin), state.candidates, state.work) == 0
     assert find_contacts(surface, arrays, state.pose, state.candidates, reach, state.contacts) == 0

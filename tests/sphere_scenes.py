@@ -18,18 +18,23 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import Reach, evaluate
+from hhsim.kernels.contact.detection import Reach
+from hhsim.kernels.contact.surface import Surface
+from hhsim.kernels.contact.surface_code import evaluate_surface
 from hhsim.kernels.hand.pose import update_kinematics
 from hhsim.kernels.round_cone_distance import Spheres
+from hhsim.kernels.surfaces.spheres import SURFACE as SPHERES
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.haptic_input import set_haptic
 from hhsim.kernels.tick.linearisation import build_program
 from hhsim.kernels.tick.method import Coupled, Progressive, solve_program
+from hhsim.kernels.tick.state import tick_state_dtype
 from hhsim.kernels.tick.tick import begin_tick
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion import analytic_motion
 from hhsim.result.reader import Result
 from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.workspace import fresh_state
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
@@ -144,6 +149,11 @@ def pose_of(state: Any) -> HandConfiguration:
     return analytic_motion.still(*HandConfiguration.of(state.pose))
 
 
+def tick_state(stiffness: FloatArray, surface: Surface = SPHERES) -> Any:
+    """A fresh state of a tick, with all lists of a surface; `stiffness` is G, shape (21,)."""
+    return fresh_state(tick_state_dtype(surface.candidates), stiffness, True)[0]
+
+
 def set_pose(hand: HandModel, pose: Any, motion: HandConfiguration, tick: int = 0) -> None:
     """Write one configuration of a motion into a HAND_POSE record, kinematics included."""
     for name, values in zip(HandConfiguration._fields, motion):
@@ -159,10 +169,10 @@ def prepared(solver: HandSolver, motion: HandConfiguration, tick: int, relaxed: 
     begin_tick(options, state)
     state.trust.reach = options.margin
     state.program.is_relaxed = relaxed
-    hand, surface = solver.workspace.hand, solver.workspace.surface
+    hand, surface = solver.workspace.hand, solver.workspace.code
     # Whole lists, as a tick has them made where its step goes beyond those that wait.
     state.candidates.allowed_deficit = 0.0
-    evaluate(
+    evaluate_surface(
         hand, state.pose, surface, Reach(options.margin, options.margin, options.skin), state.candidates, state.work
     )
     return int(build_program(hand, surface, options, state))

@@ -26,7 +26,7 @@ from tools.import_graph import (
 
 MOST_MODULES = 25
 """Of one package: more is a drawer."""
-MOST_LINES = {"replay": 50_490, "build_tree": 14_815}
+MOST_LINES = {"replay": 50_340, "build_tree": 14_815}
 """Lines that a command can import, of some 95,000: a hundredth more than it does."""
 ROOMS = tuple(
     f"hhsim.{name}"

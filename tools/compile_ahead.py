@@ -44,7 +44,7 @@ def compile_programs() -> None:
     method, hand, state, qp = Coupled(workspace.tick_options), workspace.hand, workspace.states[0], workspace.qp
     kernels: dict[Any, tuple[Any, ...]] = {
         solve_hand_until_kept: (method, hand, True, 1.0, state, qp),
-        finish_hand: (method, hand, surface, state, qp),
+        finish_hand: (method, hand, workspace.code, state, qp),
     }
     for kernel, arguments in kernels.items():
         kernel.callee.compile(tuple(typeof(argument) for argument in arguments))

@@ -11,7 +11,7 @@ instead (`write_rows`): kernels then take any of them by the number of its row (
 
 import hashlib
 from collections.abc import Sequence
-from itertools import accumulate
+from itertools import accumulate, chain
 from typing import Any, TypeVar
 
 import numpy as np
@@ -163,35 +163,35 @@ def by_reference(kind: T) -> T:
 
 def _words(value: Any) -> list[Any]:
     # As numba lays out an array's structure, which owns nothing here; each field begins at a multiple of `ALIGNMENT`.
-    if isinstance(value, np.ndarray):
+    if isinstance(value, tuple):
+        words = [0]
+    elif isinstance(value, np.ndarray):
         words = [0, 0, value.size, value.itemsize, value.ctypes.data, *value.shape, *value.strides]
     else:
-        assert isinstance(value, (int, np.integer)) and not isinstance(value, bool), f"no integer: {value!r}"
-        words = [value]
+        assert isinstance(value, (int, float, np.int64)) and not isinstance(value, bool), f"no number: {value!r}"
+        words = [int(np.asarray(value).view(np.int64))]
     return words + [0] * (len(words) % 2)
 
 
+def _write(values: Any, address: int) -> list[Any]:
+    """Return the words of a tuple that is to be at an address, with those of the tuples in it behind its own."""
+    fields = [_words(value) for value in values]
+    inner, place = list[Any](), sum(map(len, fields))
+    for value, words in zip(values, fields):
+        if isinstance(value, tuple):
+            words[0] = address + 8 * (place + len(inner))
+            inner += _write(value, words[0])
+    return [*chain(*fields), *inner]
+
+
 def write_rows(tuples: Sequence[Any]) -> NDArray[np.int64]:
-    """Write down tuples of one type, of arrays, integers and such tuples; returns a row for each, for `declare_row`.
+    """Write down tuples of one type, of arrays, numbers and such tuples; returns a row for each, for `declare_row`.
 
     The rows hold where the arrays are, and do not keep them.
     """
-    rows: list[list[Any]] = [[] for _ in tuples]
-    inner: list[tuple[int, NDArray[np.int64]]] = []
-    for fields in zip(*tuples):
-        if isinstance(fields[0], tuple):
-            inner.append((len(rows[0]), write_rows(fields)))
-            fields = tuple(0 for _ in fields)
-        for row, field in zip(rows, fields):
-            row += _words(field)
-    width = len(rows[0]) + sum(part.shape[1] for _, part in inner)
-    written = np.zeros((len(rows), width), np.int64)
-    written[:, : len(rows[0])] = rows
-    place = len(rows[0])
-    for pointer, part in inner:
-        written[:, place : place + part.shape[1]] = part
-        written[:, pointer] = written.ctypes.data + 8 * (np.arange(len(rows)) * width + place)
-        place += part.shape[1]
+    written = np.zeros((len(tuples), len(_write(tuples[0], 0)) if tuples else 0), np.int64)
+    for row, values in zip(written, tuples):
+        row[:] = _write(values, row.ctypes.data)
     return written
 
 

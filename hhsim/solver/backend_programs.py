@@ -61,7 +61,7 @@ def drive_tick(workspace: TickWorkspace, method: Coupled | Progressive, solve: C
     """Run one tick after `set_haptic` with any solver of a linearisation's program; return the tick's status bits."""
     tick = getattr(converge, "py_func", converge)
     given = PythonPrograms(method.options, method, solve)
-    return int(tick(given, workspace.hand, workspace.surface, workspace.states[0], workspace.qp))
+    return int(tick(given, workspace.hand, workspace.code, workspace.states[0], workspace.qp))
 
 
 def run_block_with_backend(workspace: TickWorkspace, method: Coupled, haptic: HapticBlock, record: TickRecord) -> int:

@@ -33,7 +33,8 @@ from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.reproducible import across, matmul, principal_axes
 from hhsim.solver.free_object import EngineBody, FreeObject, Hinge, Slider, require_free
 from hhsim.solver.options import UNLIMITED
-from hhsim.solver.workspace import TickWorkspace, fresh_state, tick_record, zeroed
+from hhsim.solver.surface import surface_code
+from hhsim.solver.workspace import TickWorkspace, any_states, fresh_state, tick_record, zeroed
 from hhsim.trees.contact_surface import ContactSurface
 from hhsim.trees.hierarchy import build_hierarchy
 
@@ -131,17 +132,21 @@ class FreeEngine:
         self.world, problem, friction = world[0], world[0].problem, world[0].friction
         self.qp = new_work(len(problem.delta), len(problem.rhs))
         springs, modelled = workspace.options.stiffness.diagonal(), workspace.options.modelled()
-        self.states = fresh_state(workspace.states.dtype, springs, modelled, pairs)
+        # Two or more, whose places numba is told when it runs, as the states of every surface have their own size.
+        self.states = any_states(fresh_state(workspace.state_dtype, springs, modelled, max(pairs, 2)))
         supports = [support_of(body.surface) if body.moves_freely else NO_SUPPORT for body in self.bodies]
         movers, edges = [hand.hand for hand in self.hands], [NO_EDGES]
         if others:
             placed = list(zip(surfaces, map(self._center, self.bodies)))
             movers += [_as_palm(workspace.hand, *given) for given in placed]
             edges = [_edges_of(*given) for given in placed]
+        codes = [hand.code for hand in self.hands]
         if free is None:
-            surfaces = [hand.surface for hand in self.hands]
             for h, hand in enumerate(self.hands):
                 hand.use(self.states[h : h + 1])
+        else:
+            made = [surface_code(arrays, workspace.hand, workspace.state_dtype) for arrays in surfaces[1:]]
+            codes, self._written = [codes[0], *(code for _, code in made)], [written for written, _ in made]
         self.method = Free(
             workspace.tick_options,
             filled(supports, MOST_BODIES),
@@ -149,7 +154,7 @@ class FreeEngine:
             world,
             zeroed(EDGE_PAIRS, pairs),
             filled(movers, MOST_HANDS + MOST_BODIES),
-            filled(surfaces, MOST_BODIES),
+            filled(codes, MOST_BODIES),
             filled(edges, MOST_BODIES),
         )
         self.ticks = object_record(0)

@@ -230,7 +230,7 @@ def warm_up(
     block = solver.run(np.zeros((1, 3)), orientation, np.zeros((1, 5, 3)), np.zeros((1, 5)))
     penetration(one, hand_shape(hand), PlacedHand(block.joints, block.position, block.orientation))
     if not method.compiled:
-        look_at(solver.workspace.hand, surface, solver.workspace.tick_options, solver.workspace.states)
+        look_at(solver.workspace.hand, solver.workspace.code, solver.workspace.tick_options, solver.workspace.states)
     return WarmUp(time.perf_counter() - began, JIT_ENABLED and compiled_kernels() > before)
 
 

@@ -35,10 +35,14 @@ class LinearisingEngine:
     def __init__(self, workspace: TickWorkspace, method: Coupled | Progressive) -> None:
         self.workspace, self.method = workspace, method
         self.parts_move = isinstance(workspace.surface, JointedSurface)
-        self.tick_method: Any = method  # of a whole tick
         if self.parts_move:
             qp = np.empty(1, new_work(SQUEEZED_DOF, ROW_CAPACITY).dtype)
-            self.tick_method = Jointed(method, zeroed(SQUEEZE), qp.view(np.recarray))
+            self._squeeze = zeroed(SQUEEZE), qp.view(np.recarray)
+
+    @property
+    def tick_method(self) -> Any:
+        """Method of a whole tick."""
+        return Jointed(self.method, self.workspace.surface, *self._squeeze) if self.parts_move else self.method
 
     def begin(self) -> None:
         """See `Engine.begin`."""

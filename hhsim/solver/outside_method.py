@@ -202,7 +202,7 @@ class OutsideEngine:
         for name, values in answer.pose._asdict().items():
             self.pose[name][:] = values
         workspace = self.workspace
-        full = look_at(workspace.hand, workspace.surface, workspace.tick_options, workspace.states)
+        full = look_at(workspace.hand, workspace.code, workspace.tick_options, workspace.states)
         for field, values in self.pose.items():
             getattr(record, field)[i] = values
         record.palm_wrench[i] = self.palm_wrench

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import cached_property
 from queue import SimpleQueue
 from typing import Any
 
@@ -17,13 +18,12 @@ from hhsim.hand.self_pairs import self_pairs
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
 from hhsim.kernels.contact.self_pairs import NoPairs
-from hhsim.kernels.contact.surface import Surface
+from hhsim.kernels.contact.surface_code import SurfaceCode
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.parallel.thread_team import dismiss, post
 from hhsim.kernels.parts.surface import JointedSurface, whole_dtype
 from hhsim.kernels.qp.active_set import QpWork, new_work
-from hhsim.kernels.surfaces.spheres import SURFACE as SPHERES
 from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
 from hhsim.kernels.tick.evaluation import rebuild_candidates
 from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
@@ -31,7 +31,7 @@ from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.progressive import help_out
 from hhsim.kernels.tick.state import WORK_COUNTERS, tick_state_dtype
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.surface import SURFACES, surface_of
+from hhsim.solver.surface import SURFACES, surface_code, surface_of
 from hhsim.system.posix import thread_clock
 from hhsim.trees.contact_surface import ContactSurface, begun
 
@@ -86,12 +86,10 @@ class TickWorkspace:
         kind = surface_of(surface)
         if kind is not SURFACES[options.surface]:
             raise InputError(f"surface '{options.surface}' of the options: {type(surface).__name__} are not its arrays")
-        if surface is arrays:
-            self.states = tick_state(options.stiffness.diagonal(), options.modelled(), kind)
-        else:
-            # Each part has its lists.
-            dtype = tick_state_dtype(whole_dtype(kind.candidates))
-            self.states = fresh_state(dtype, options.stiffness.diagonal(), options.modelled())
+        # Each part of several has its lists.
+        candidates = kind.candidates if surface is arrays else whole_dtype(kind.candidates)
+        self.state_dtype = tick_state_dtype(candidates)
+        self.states = any_states(fresh_state(self.state_dtype, options.stiffness.diagonal(), options.modelled()))
         self.qp = new_work(DOF, ROW_CAPACITY)
         self.thread_team = ThreadTeam(self.states, options.threads if JIT_ENABLED else 1)
 
@@ -99,9 +97,16 @@ class TickWorkspace:
         """Use the caller's record array `states`, shape (1,), as the state of the ticks; before the first tick only."""
         self.states, self.thread_team = states, ThreadTeam(states, self.options.threads if JIT_ENABLED else 1)
 
+    @cached_property
+    def code(self) -> SurfaceCode:
+        """The surface for ticks, see `surface_code`; its own code is compiled or loaded if need be."""
+        written, code = surface_code(self.surface, self.hand, self.state_dtype)
+        self._behind_addresses = self.surface, written
+        return code
+
     def gather(self) -> None:
         """Update the tick's lists for a configuration set from outside; HhsimError if more pairs are near than fit."""
-        if not rebuild_candidates(self.hand, self.surface, self.tick_options, self.states):
+        if not rebuild_candidates(self.hand, self.code, self.tick_options, self.states):
             raise self.full()
 
     def full(self) -> HhsimError:
@@ -123,19 +128,14 @@ class TickWorkspace:
 
     def block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> TickBlock:
         """Return the arguments of `run_block`, for a loop that calls its machine code by itself."""
-        return TickBlock(method, self.hand, self.surface, self.states, self.qp, haptic, record)
-
-
-def tick_state(stiffness: FloatArray, modelled: BoolArray | None = None, surface: Surface = SPHERES) -> Any:
-    """Return a fresh state, a record array of shape (1,), with the lists of all modelled bodies still to be gathered.
-
-    `stiffness` is the coupling's G, shape (21,); `modelled` is True for bodies that the scene uses, shape (16,).
-    """
-    return fresh_state(tick_state_dtype(surface.candidates), stiffness, True if modelled is None else modelled)
+        return TickBlock(method, self.hand, self.code, self.states, self.qp, haptic, record)
 
 
 def fresh_state(dtype: np.dtype[Any], stiffness: FloatArray, modelled: BoolArray | bool, hands: int = 1) -> Any:
-    """Return the state of `tick_state` in a type that has its fields, one for each hand."""
+    """Return fresh states, a record array of shape (hands,), the lists of all modelled bodies to be gathered.
+
+    `stiffness` is the coupling's G, shape (21,); `modelled` is True for bodies that the scene uses, shape (16,).
+    """
     states = zeroed(dtype, hands)
     for state in states:
         for pose in (state.pose, state.safe, state.haptic):
@@ -148,6 +148,13 @@ def fresh_state(dtype: np.dtype[Any], stiffness: FloatArray, modelled: BoolArray
         state.problem.inverse_root[:] = 1.0 / np.sqrt(stiffness)
         state.stiffness[:] = stiffness
     return states
+
+
+def any_states(states: Any) -> Any:
+    """Return a view of the states of ticks as ticks take them, whatever the surface; it begins where they do."""
+    if not JIT_ENABLED:
+        return states
+    return np.ndarray(states.shape, tick_state_dtype(), states, strides=states.strides).view(np.recarray)
 
 
 def zeroed(dtype: np.dtype[Any], count: int = 1) -> Any:

@@ -208,12 +208,12 @@ def _of_each(haptic: HapticBlock, record: TickRecord) -> tuple[list[HapticBlock]
 
 def _part(spaces: Sequence[TickWorkspace], pairs: Any) -> bool:
     """Shift two graphic hands apart, free of the object, where they begin in each other; return whether they did."""
-    arrays, states = tuple(space.hand for space in spaces), tuple(space.states for space in spaces)
-    first, second = (of_hand[0].pose for of_hand in states)
+    arrays, states = tuple(space.hand for space in spaces), tuple(space.states[0] for space in spaces)
+    first, second = (state.pose for state in states)
 
     def distance() -> float:
-        for hand, of_hand in zip(arrays, states):
-            update_kinematics(hand, of_hand[0].pose)
+        for hand, state in zip(arrays, states):
+            update_kinematics(hand, state.pose)
         return min(hands_nearest(arrays, states, FAR, pairs), *(clearance(space) for space in spaces))
 
     if distance() >= 0.0:

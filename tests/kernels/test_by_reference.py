@@ -105,13 +105,22 @@ def weighed(nested: Nested) -> float:
     return found
 
 
+@by_reference
+class Loaded(NamedTuple):
+    """A record as that of a whole surface: a record with a record in it, and a factor."""
+
+    nested: Nested
+    factor: float
+
+
 weigh = jit(weighed)
 nested_in_row = intrinsic(declare_row)
 
 
-def from_row(like: Nested, rows: Indices, number: int) -> float:
-    """Return what `weighed` does for the record in a row."""
-    return weigh(nested_in_row(like, rows, number, 0))
+def from_row(like: Loaded, rows: Indices, number: int) -> float:
+    """Return what `weighed` does for the record in a row, times its factor."""
+    loaded = nested_in_row(like, rows, number, 0)
+    return loaded.factor * weigh(loaded.nested)
 
 
 in_row: Any = jit(from_row)
@@ -125,12 +134,12 @@ def test_what_is_written_in_rows_is_read_as_python_does(seed: int, counts: list[
     values, whole, block = rng.normal(size=ends[-1]), rng.integers(-9, 9, ends[-1]), rng.normal(size=(ends[-1], 3))
     spans = [slice(*span) for span in pairwise(ends)]
     parts = [Nested(Pair(values[span], whole[span]), block[span], k) for k, span in enumerate(spans)]
-    rows = write_rows(parts)
-    like = Nested(Pair(values, whole), block, 7)
+    rows = write_rows([Loaded(part, 0.5 - k) for k, part in enumerate(parts)])
+    like = Loaded(Nested(Pair(values, whole), block, 7), 1.0)
     for number, part in enumerate(parts):
         before = part.inner.values[0]
         expected = weighed(part._replace(inner=Pair(part.inner.values.copy(), part.inner.rows)))
-        assert in_row(like, rows, number) == pytest.approx(expected, rel=1e-12, abs=1e-12)
+        assert in_row(like, rows, number) == pytest.approx((0.5 - number) * expected, rel=1e-12, abs=1e-12)
         assert part.inner.values[0] == before + 1.0
 
 

@@ -4,7 +4,7 @@ import importlib
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -14,10 +14,11 @@ from sphere_scenes import bumpy_ball, random_targets
 import hhsim.kernels.surfaces
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.state import tick_state_dtype
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.surface import SURFACES, surface_of
+from hhsim.solver.surface import SURFACES, surface_code, surface_of
 
 PLANE = '''
 """A table: everything below a height is inside."""
@@ -26,6 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.contact.surface import (
     SHARED_CANDIDATES, Surface, cone_distance, gather_pairs, measure_pairs, pairs_within, record_pairs,
 )
@@ -37,6 +39,7 @@ ROOM = 1024
 FLAT = 1e6
 
 
+@by_reference
 class PlaneArrays(NamedTuple):
     height: float
 
@@ -199,3 +202,11 @@ def test_a_hand_rests_on_a_surface_that_was_added(plane: Any) -> None:
     assert np.array(shown)[pressed].max() < 1e-5
     assert record.total[pressed, 2].min() > 0.0
     np.testing.assert_allclose(record.total[pressed, :2], 0.0, atol=1e-9)
+
+
+def test_arrays_that_kernels_would_take_field_by_field_are_refused(plane: Any) -> None:
+    class Arrays(NamedTuple):
+        height: float
+
+    with pytest.raises(InputError, match="Arrays of a surface: expected a NamedTuple that is declared by_reference"):
+        surface_code(Arrays(0.0), HandModel.default().arrays(), tick_state_dtype(plane.candidates))

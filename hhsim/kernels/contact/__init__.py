@@ -1,1 +1,1 @@
-"""Contacts between the hand and a sphere tree."""
+"""Contacts between the hand and a surface."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from hhsim.kernels.contact.surface import Walk, gather_pairs, measure_pairs, pairs_within, record_pairs
 from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Indices, Record, as_int64, generic, jit_inline, jit_noinline
+from hhsim.kernels.jit import Indices, Record, as_int64, generic, jit, jit_inline, jit_noinline
 
 COUNT_NODE_TESTS = 0
 COUNT_PAIR_TESTS = 1
@@ -196,15 +196,14 @@ def evaluate(hand: HandArrays, pose: Record, surface: Any, reach: Reach, candida
     return int(evaluate_pairs(surface, hand, pose, reach, candidates, work))
 
 
-@jit_inline
-def pairs_near(surface: Any, hand: HandArrays, candidates: Record, limit: float) -> tuple[int, int]:
-    """Count the bodies and the pairs that are at most `limit` [m] from the object."""
-    bodies, pairs = 0, 0
+@jit
+def count_pairs(surface: Any, hand: HandArrays, candidates: Record, limit: float) -> int:
+    """Count the evaluated pairs that are at most `limit` [m] apart."""
+    pairs = 0
     for body in range(BODY_COUNT):
         if candidates.nearest[body] <= limit:
-            bodies += 1
             pairs += pairs_within(surface, hand, candidates, body, limit)
-    return bodies, pairs
+    return pairs
 
 
 @jit_noinline

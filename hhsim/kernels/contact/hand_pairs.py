@@ -98,7 +98,7 @@ def _columns(
 @jit
 def write_hand_row(hands: Any, states: Any, first: int, second: int, row: int, rows: Record) -> None:
     """Write distance, normal and gradient of a pair to a row."""
-    one, other = states[0][0].pose, states[1][0].pose
+    one, other = states[0].pose, states[1].pose
     cone, against = _body(hands[0], one, first), _body(hands[1], other, second)
     normal = rows.normal[row]
     rows.distance[row], s, t, normal[0], normal[1], normal[2] = round_cone_pair(cone, against)
@@ -113,10 +113,10 @@ def write_hand_row(hands: Any, states: Any, first: int, second: int, row: int, r
 @jit_inline
 def row_rest(offset: float, states: Any, row: int, rows: Record) -> float:
     """Compute the right-hand side of a row [m]: what the variables must bring after the abduction step."""
-    rest = clearance_kept(states[0][0].program.is_relaxed, offset, rows.distance[row]) - rows.distance[row]
+    rest = clearance_kept(states[0].program.is_relaxed, offset, rows.distance[row]) - rows.distance[row]
     for h in range(2):
         for f in range(FINGER_COUNT):
-            rest -= rows.spread[row, h, f] * states[h][0].problem.abduction_step[f]
+            rest -= rows.spread[row, h, f] * states[h].problem.abduction_step[f]
     return rest
 
 
@@ -128,7 +128,7 @@ def _try_pair(hands: Any, states: Any, first: int, second: int, offset: float, r
     short = row_rest(offset, states, row, rows)
     for h in range(2):
         for j in range(DOF):
-            short -= rows.gradient[row, DOF * h + j] * states[h][0].step.delta[j]
+            short -= rows.gradient[row, DOF * h + j] * states[h].step.delta[j]
     if short <= rows.worst[one, other]:
         return
     for i in range(rows.count):
@@ -142,7 +142,7 @@ def _try_pair(hands: Any, states: Any, first: int, second: int, offset: float, r
 def bound_motions(hands: Any, states: Any, rows: Record) -> None:
     """Bound the motion of each part in the step at hand."""
     for h in range(2):
-        state = states[h][0]
+        state = states[h]
         delta, abduction = state.step.delta[:], state.problem.abduction_step[:]
         motion_bounds(hands[h], state.pose, delta, abduction, 0.0, rows.motion[h])
 
@@ -182,7 +182,7 @@ def _against_palm(
 @jit
 def _look_from_palm(hands: Any, states: Any, extra: float, within: float, offset: float, rows: Record) -> None:
     """Look at the pairs of the first palm's spheres, by balls that hold some of them first."""
-    one, other, tries = states[0][0].pose, states[1][0].pose, offset < np.inf
+    one, other, tries = states[0].pose, states[1].pose, offset < np.inf
     group, start, second = hands[0].palm_group, hands[0].palm_group_start, hands[1].palm_group
     for g in range(group.shape[1]):
         ball = placed_sphere(one.position, one.rotation, group[0, g], group[1, g], group[2, g], group[3, g])
@@ -218,7 +218,7 @@ def look_at_pairs(hands: Any, states: Any, extra: float, within: float, offset: 
     before it no row is tried, and a lower bound is as good. The clearance `offset` [m] is infinite where none is tried
     at all.
     """
-    one, other, most, own = states[0][0].pose, states[1][0].pose, 0.0, 0.0
+    one, other, most, own = states[0].pose, states[1].pose, 0.0, 0.0
     rows.least = np.inf
     for i in range(BODY_COUNT):
         own, most = max(own, rows.motion[0, i]), max(most, rows.motion[1, i])

@@ -2,7 +2,8 @@
 
 All but `cone_contacts`, which measures contacts, and `way_out`, which has a default, are needed for ticks. A surface
 keeps its near pairs with each hand body in a record of its own type, its candidates, with the fields
-`SHARED_CANDIDATES`. A pair is one body and one piece of the surface: a leaf sphere, a triangle.
+`SHARED_CANDIDATES`; its arrays are a NamedTuple `by_reference`. A pair is one body and one piece of the surface: a leaf
+sphere, a triangle.
 """
 
 from collections.abc import Callable
@@ -41,7 +42,7 @@ class Surface(NamedTuple):
     """A kind of surface; a module of `hhsim.kernels.surfaces` declares one as `SURFACE`."""
 
     summary: str  # one line for help texts
-    arrays: type  # NamedTuple that its kernels are declared for
+    arrays: type  # NamedTuple that its kernels are declared for, `by_reference`
     candidates: "np.dtype[Any]"
     center: Callable[[Any], NDArray[np.float64]]  # of its arrays, a point [m] (3,) from which a hand inside escapes
     coarser: str = "a coarser object"  # name of one with fewer pieces, for messages

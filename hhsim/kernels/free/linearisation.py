@@ -4,15 +4,13 @@ Two hands keep out of each other, and each out of itself, by rows of pairs of th
 bring them together until none does.
 """
 
-from typing import Any
-
 import numpy as np
 
 from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.contact.detection import find_contacts
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits
 from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
 from hhsim.kernels.contact.self_pairs import BROKEN, add_rows, begin_rows, choose_bends, foresee_rows
+from hhsim.kernels.contact.surface_code import SurfaceCode, find_surface_contacts
 from hhsim.kernels.free.body import OBJECT_DOF, body_target, see_hand
 from hhsim.kernels.free.columns import (
     body_column,
@@ -81,7 +79,7 @@ def _find_contacts(method: Free, near: float, state: Record) -> int:
         each, arrays = method.states[p], mover_of(method, p)
         contacts = each.contacts
         if near > 0.0:
-            if find_contacts(surface_at(method, p), arrays, each.pose, each.candidates, near, contacts) != 0:
+            if find_surface_contacts(surface_at(method, p), arrays, each.pose, each.candidates, near, contacts) != 0:
                 return as_int64(-1)
         elif not find_program_contacts(arrays, surface_at(method, p), method.options, each):
             return as_int64(-1)
@@ -382,7 +380,7 @@ def _write_anew(method: Free, state: Record) -> None:
 @solve_linearisation.of(Free)
 @jit
 def _solve_linearisation(
-    method: Free, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork
+    method: Free, hand: HandArrays, surface: SurfaceCode, done: int, state: Record, qp: QpWork
 ) -> tuple[int, float]:
     world = method.world[0]
     hands = hand_count(world.problem)

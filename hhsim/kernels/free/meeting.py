@@ -22,7 +22,7 @@ from hhsim.kernels.contact.linearise import LIMIT_ROWS, limit_start
 from hhsim.kernels.contact.self_pairs import SELF_PAIRS, WHOLE_PALM, NoPairs, SelfPairs, nothing, scale_rows
 from hhsim.kernels.free.columns import States, common_count, hand_count, palm_column
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
-from hhsim.kernels.jit import Record, as_bool, as_int64, generic, jit, jit_inline, jit_noinline
+from hhsim.kernels.jit import Record, as_bool, as_int64, generic, jit, jit_inline, jit_noinline, jit_pasted
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
@@ -40,12 +40,12 @@ UNITS_ROUND = 25_000
 """Work units of a program more for pairs that the step of the one before would bring together."""
 
 
-@jit_inline
+@jit_pasted
 def hands_of(movers: Any, states: States, world: Record) -> Any:
     """Return both hands and their states, as `kernels.contact.hand_pairs` takes them."""
     # Dynamic indices: with one hand there is no second mover, and this is never run.
     last = hand_count(world.problem) - 1
-    return (movers[0], movers[last]), (states[0:1], states[last : last + 1])
+    return (movers[0], movers[last]), (states[0], states[last])
 
 
 @jit_noinline
@@ -168,7 +168,7 @@ def dense_rows(own: Any, states: States, pairs: Record, offset: float, relaxed: 
                 common[palm + j, row] = pairs.gradient[r, DOF * h + j] * weight[j]
             for j in range(fingers):
                 dense[i, fingers * h + j] = pairs.gradient[r, DOF * h + 6 + j] * weight[6 + j]
-        problem.rhs[row] = row_rest(offset, (states[0:1], states[hands - 1 : hands]), as_int64(r), pairs)
+        problem.rhs[row] = row_rest(offset, (states[0], states[hands - 1]), as_int64(r), pairs)
         row += 1
     for h in range(hands):
         each = states[h]

@@ -4,12 +4,13 @@ A hand is kept as each body sees it, and so is each body as another one sees it:
 or points (`kernels.free.columns` says what a pair is).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference
+from hhsim.kernels.contact.surface_code import SurfaceCode
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import Support, see_hand, show_hand
 from hhsim.kernels.free.columns import States, body_count, hand_count, other_in, pair_count
@@ -33,7 +34,7 @@ class Free(NamedTuple):
     world: NDArray[np.void]  # one record of `kernels.free.state.world_dtype`
     edge_pairs: NDArray[np.void]  # of each pair
     movers: tuple[HandArrays, ...]  # of each hand; then, of several bodies, each as a palm without fingers
-    surfaces: Any  # of each body; of each hand where parts of a body have lists of their own
+    surfaces: tuple[SurfaceCode, ...]  # of each body; of each hand where parts of a body have lists of their own
     edges: tuple[Edges, ...]  # of each body
 
 
@@ -46,7 +47,7 @@ def mover_of(method: Free, p: int) -> HandArrays:
 
 
 @jit_inline
-def surface_at(method: Free, p: int) -> Any:
+def surface_at(method: Free, p: int) -> SurfaceCode:
     """Return the surface of the body of a pair."""
     return method.surfaces[method.world[0].problem.surface[p]]
 

@@ -8,13 +8,11 @@ is a half-space, so that nothing can jump over it: its distance at the end of a 
 All hands and bodies make the same share of a step. The tick ends when all have arrived.
 """
 
-from typing import Any
-
 import numpy as np
 
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
-from hhsim.kernels.contact.detection import find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import clamp_to_limits
+from hhsim.kernels.contact.surface_code import SurfaceCode, find_surface_contacts, pairs_near
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import (
     OBJECT_DOF,
@@ -95,7 +93,7 @@ def _retry(method: Free) -> bool:
 
 @recover.of(Free)
 @jit
-def _recover(method: Free, hand: HandArrays, surface: Any, state: Record) -> bool:
+def _recover(method: Free, hand: HandArrays, surface: SurfaceCode, state: Record) -> bool:
     if not state.program.is_relaxed:
         state.program.is_relaxed = True
         return True
@@ -165,7 +163,7 @@ def _keep(world: Record) -> None:
 
 @advance.of(Free)
 @jit
-def _advance(method: Free, hand: HandArrays, surface: Any, full_motion: float, state: Record) -> bool:
+def _advance(method: Free, hand: HandArrays, surface: SurfaceCode, full_motion: float, state: Record) -> bool:
     """Make as much of the step as the listed pairs allow, and judge it by the true distances and the table's."""
     world = method.world[0]
     began = monotonic_ns()
@@ -249,7 +247,7 @@ def _settle_forces(method: Free, state: Record, qp: QpWork) -> None:
 
 @finish_tick.of(Free)
 @jit
-def _finish_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
+def _finish_tick(method: Free, hand: HandArrays, surface: SurfaceCode, state: Record, qp: QpWork) -> int:
     """Return to the last poses without penetration, take the velocities and the forces; returns status bits."""
     world = method.world[0]
     began = monotonic_ns()
@@ -294,7 +292,7 @@ def _finish_tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp
                 each.work[WORK_TOUCHING] += near
         if options.force_model == FORCE_PAPER:
             shown = surface_at(method, h), mover_of(method, h), each.pose, each.candidates
-            find_contacts(*shown, options.touch, each.contacts)
+            find_surface_contacts(*shown, options.touch, each.contacts)
         detected = monotonic_ns()
         turn_loads(bodies[0], each.active)
         hand_forces(options, each)
@@ -317,7 +315,7 @@ def _may_end(method: Free, state: Record) -> bool:
 
 @tick.of(Free)
 @jit
-def _tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
+def _tick(method: Free, hand: HandArrays, surface: SurfaceCode, state: Record, qp: QpWork) -> int:
     """Take the user's hands, which are the world's, and converge; they are then as the object sees them."""
     world = method.world[0]
     for h in range(hand_count(world.problem)):
@@ -330,7 +328,7 @@ def _tick(method: Free, hand: HandArrays, surface: Any, state: Record, qp: QpWor
 
 @begin_motion.of(Free)
 @jit
-def _begin_motion(method: Free, hand: HandArrays, surface: Any, state: Record) -> None:
+def _begin_motion(method: Free, hand: HandArrays, surface: SurfaceCode, state: Record) -> None:
     """Let the bodies go on by their velocity and their weight."""
     world = method.world[0]
     problem = world.problem

@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.contact.detection import pairs_near
 from hhsim.kernels.contact.linearise import ROW_CAPACITY, build_rows, clamp_to_limits, limit_start
 from hhsim.kernels.contact.self_pairs import SELF_ROWS, add_rows, begin_rows, scale_rows
+from hhsim.kernels.contact.surface_code import SurfaceCode, pairs_near
 from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
     BOX_CORNERS,
@@ -95,22 +95,23 @@ class Jointed(NamedTuple):
     """Method of a hand beside parts that move: between two motions of theirs, a method for bodies that stand still."""
 
     method: Any  # Coupled, or Progressive
+    parts: JointedSurface
     squeeze: NDArray[np.void]  # a record of `SQUEEZE`, (1,)
     qp: NDArray[np.void]  # workspace of programs of `SQUEEZED_DOF` variables, (1,)
 
 
 @jit_inline
-def _row(surface: JointedSurface) -> int:
-    return int(min(surface.tick[0], surface.path.shape[0] - 1))
+def _row(parts: JointedSurface) -> int:
+    return int(min(parts.tick[0], parts.path.shape[0] - 1))
 
 
 @jit
-def sub_steps(hand: HandArrays, pose: Record, margin: float, surface: JointedSurface, point: Any) -> int:
+def sub_steps(hand: HandArrays, pose: Record, margin: float, parts: JointedSurface, point: Any) -> int:
     """Return the number of sub-steps of the parts' motion in this tick; 0 if none moves."""
-    row, most = _row(surface), 0.0
+    row, most = _row(parts), 0.0
     moves = False
-    for p in range(surface.part.shape[0]):
-        part, goal = surface.part[p], surface.path[row, p]
+    for p in range(parts.part.shape[0]):
+        part, goal = parts.part[p], parts.path[row, p]
         still = True
         for j in range(3):
             still = still and goal[j] == part.position[j]
@@ -138,11 +139,11 @@ def sub_steps(hand: HandArrays, pose: Record, margin: float, surface: JointedSur
 
 
 @jit
-def move_parts(surface: JointedSurface, share: float) -> None:
+def move_parts(parts: JointedSurface, share: float) -> None:
     """Move each part by a share of its way to where this tick brings it; 1 is there, to the bit."""
-    row = _row(surface)
-    for p in range(surface.part.shape[0]):
-        part, goal = surface.part[p], surface.path[row, p]
+    row = _row(parts)
+    for p in range(parts.part.shape[0]):
+        part, goal = parts.part[p], parts.path[row, p]
         position, orientation = part.position, part.orientation
         changed, side = False, 0.0
         for j in range(3):
@@ -204,7 +205,7 @@ def _move_hand(hand: HandArrays, options: TickOptions, state: Record) -> float:
 
 
 @jit_noinline
-def make_way(hand: HandArrays, surface: JointedSurface, options: TickOptions, state: Record, qp: QpWork) -> bool:
+def make_way(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record, qp: QpWork) -> bool:
     """Bring a hand that a part has come into out of it, by the least steps; returns whether it is free."""
     for _ in range(WAYS):
         if not find_program_contacts(hand, surface, options, state):
@@ -223,7 +224,7 @@ def make_way(hand: HandArrays, surface: JointedSurface, options: TickOptions, st
 
 
 @jit
-def _squeezed_step(surface: JointedSurface, options: TickOptions, state: Record, method: Jointed) -> bool:
+def _squeezed_step(options: TickOptions, state: Record, method: Jointed) -> bool:
     """Solve for the least step with depths in the parts that yield; returns whether there is one."""
     problem, contacts, groups, step = state.problem, state.contacts, state.coupled, state.step
     program, qp, parts = method.squeeze[0], method.qp[0], state.self_contact
@@ -246,7 +247,7 @@ def _squeezed_step(surface: JointedSurface, options: TickOptions, state: Record,
             program.own[i, j] = parts.dense[i, DEPTHS + j]
     for group in range(FINGER_COUNT + 1):
         for i in range(contacts.start[group], contacts.start[group + 1]):
-            if surface.part[contacts.key[i] // KEY_STRIDE].yields == 1:
+            if method.parts.part[contacts.key[i] // KEY_STRIDE].yields == 1:
                 program.common[group, i] = 1.0 / math.sqrt(FIRM)
     end = GROUPS + 1
     start, stop, first = groups.group_start[:end], groups.group_stop[:end], groups.group_block[:end]
@@ -262,7 +263,7 @@ def _squeezed_step(surface: JointedSurface, options: TickOptions, state: Record,
 
 
 @jit_noinline
-def squeeze(hand: HandArrays, surface: JointedSurface, options: TickOptions, state: Record, method: Jointed) -> bool:
+def squeeze(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record, method: Jointed) -> bool:
     """Bring the hand to the least depth in the parts that yield; returns whether all pairs fit into the arrays."""
     for _ in range(SQUEEZES):
         if not find_program_contacts(hand, surface, options, state):
@@ -270,7 +271,7 @@ def squeeze(hand: HandArrays, surface: JointedSurface, options: TickOptions, sta
         _stay(state)
         _find_own(hand, options, state)
         _write_rows(hand, options, state)
-        if not _squeezed_step(surface, options, state, method):
+        if not _squeezed_step(options, state, method):
             return True
         longest = _move_hand(hand, options, state)
         if not evaluate_pose(hand, surface, options, state):
@@ -281,7 +282,7 @@ def squeeze(hand: HandArrays, surface: JointedSurface, options: TickOptions, sta
 
 
 @jit_noinline
-def bear(hand: HandArrays, surface: JointedSurface, options: TickOptions, state: Record, qp: QpWork) -> bool:
+def bear(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record, qp: QpWork) -> bool:
     """Let a squeezed hand follow its user where no depth grows, and compute the forces that bear it there.
 
     They are those of the coupling alone: what squeezes the hand is given, and presses as hard as one likes. Returns
@@ -314,10 +315,10 @@ def bear(hand: HandArrays, surface: JointedSurface, options: TickOptions, state:
 
 
 @jit_noinline
-def _give_way(hand: HandArrays, surface: JointedSurface, method: Jointed, state: Record, qp: QpWork) -> int:
+def _give_way(hand: HandArrays, surface: SurfaceCode, method: Jointed, state: Record, qp: QpWork) -> int:
     """Move the parts, and the hand out of them; returns 0 if it is free, else status bits."""
     options, trust = method.method.options, state.trust
-    steps = sub_steps(hand, state.pose, options.margin, surface, state.scratch[:])
+    steps = sub_steps(hand, state.pose, options.margin, method.parts, state.scratch[:])
     if steps == 0 and least_distance(state) >= 0.0:
         return 0
     began = monotonic_ns()
@@ -325,7 +326,7 @@ def _give_way(hand: HandArrays, surface: JointedSurface, method: Jointed, state:
     status = 0
     for i in range(max(steps, 1)):
         if steps > 0:
-            move_parts(surface, 1.0 / (steps - i))
+            move_parts(method.parts, 1.0 / (steps - i))
         trust.radius = trust.reach = options.margin
         if not evaluate_pose(hand, surface, options, state):
             return STATUS_CAPACITY_EXCEEDED
@@ -337,8 +338,8 @@ def _give_way(hand: HandArrays, surface: JointedSurface, method: Jointed, state:
         status = 0 if least_distance(state) >= 0.0 else STATUS_NO_PLACE
     trust.radius = radius
     if status == 0:
-        for p in range(surface.part.shape[0]):
-            surface.part[p].yields = 0
+        for p in range(method.parts.part.shape[0]):
+            method.parts.part[p].yields = 0
     duration = state.step.duration
     duration[DURATION_DETECT] = monotonic_ns() - began - duration[DURATION_PALM]
     return status
@@ -346,14 +347,14 @@ def _give_way(hand: HandArrays, surface: JointedSurface, method: Jointed, state:
 
 @tick.of(Jointed)
 @jit_inline
-def follow_parts(method: Jointed, hand: HandArrays, surface: JointedSurface, state: Record, qp: QpWork) -> int:
+def follow_parts(method: Jointed, hand: HandArrays, surface: SurfaceCode, state: Record, qp: QpWork) -> int:
     """Move the parts by a tick, and the hand with them; returns status bits."""
     options, before = method.method.options, method.squeeze[0]
     state.work[:] = 0
     state.step.duration[:] = 0
     state.step.iterations = 0
     status = _give_way(hand, surface, method, state, qp)
-    surface.tick[0] += 1
+    method.parts.tick[0] += 1
     end_work(state)
     if status == 0:
         for i in range(WORK_COUNTERS):

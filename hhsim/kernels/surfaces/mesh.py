@@ -107,6 +107,7 @@ FLAT = np.inf
 
 CANDIDATES = np.dtype(
     [
+        *SHARED_CANDIDATES,
         ("face", np.int64, (CAPACITY,)),  # features near the probes, by index in `MeshFeatures`
         ("edge", np.int64, (CAPACITY,)),
         ("vertex", np.int64, (CAPACITY,)),
@@ -116,11 +117,7 @@ CANDIDATES = np.dtype(
         ("face_plane", np.float64, (FACE_FIELDS, CAPACITY)),  # copies of the features, field by field
         ("edge_line", np.float64, (EDGE_FIELDS, CAPACITY)),
         ("vertex_point", np.float64, (3, CAPACITY)),
-        (
-            "edge_end",
-            np.float64,
-            (CAPACITY,),
-        ),  # signed distance of the nearer end of a phalanx that is over the edge [m]
+        ("edge_end", np.float64, (CAPACITY,)),  # signed distance of the nearer end of a phalanx over the edge [m]
         ("edge_parameter", np.float64, (CAPACITY,)),  # s of the witness on the axis [m]
         ("vertex_parameter", np.float64, (CAPACITY,)),
         ("faces", np.int64, (PROBES,)),  # number of features of each probe
@@ -134,7 +131,6 @@ CANDIDATES = np.dtype(
         ("least", np.float64, (PROBES,)),  # least distance of each probe [m]
         ("skin_share", np.int64, (PROBES,)),  # index in `SKIN_SHARES` of each probe's last gathering
         ("near", np.float64, (PROBES, BRANCHING)),  # workspace of a walk, as the last two
-        *SHARED_CANDIDATES,
         ("scratch", np.int64, (FOUND_CAPACITY + 2 * OWNED,)),
         ("stack", np.int64, (STACK_SIZE,)),
     ],

@@ -1,9 +1,10 @@
 """Contacts with the leaf spheres of the object's sphere tree, as in the paper."""
 
 import math
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from numba import from_dtype
 
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS
 from hhsim.kernels.contact.surface import (
@@ -20,7 +21,7 @@ from hhsim.kernels.contact.surface import (
 )
 from hhsim.kernels.contact.tiers import TIERS, moved_since, next_tier, start_tiers, tier_depth, tier_of
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays, phalanx_cone, placed_sphere
-from hhsim.kernels.jit import Array, Indices, Record, as_index, as_int64, jit, jit_inline
+from hhsim.kernels.jit import Array, Indices, Record, as_index, as_int64, jit, jit_inline, lowered
 from hhsim.kernels.round_cone_distance import (
     RoundCone,
     Spheres,
@@ -54,6 +55,7 @@ FEW = 4
 
 CANDIDATES = np.dtype(
     [
+        *SHARED_CANDIDATES,
         ("x", np.float64, (PALM_BODY, PHALANX_PAIRS)),  # object spheres near each phalanx [m], world
         ("y", np.float64, (PALM_BODY, PHALANX_PAIRS)),
         ("z", np.float64, (PALM_BODY, PHALANX_PAIRS)),
@@ -79,13 +81,25 @@ CANDIDATES = np.dtype(
         ("palm_extra_slack", np.float64, (PALM_SLOTS,)),  # slack of each slot beyond that of the palm [m]
         ("palm_least", np.float64, (PALM_SLOTS,)),  # least distance of each slot [m]
         ("palm_skin_share", np.int64, (PALM_SLOTS,)),  # index in `SKIN_SHARES` of each slot's last gathering
-        *SHARED_CANDIDATES,
         ("scratch", np.int64, (PHALANX_PAIRS,)),  # workspace of a walk, as the next
         ("stack", np.int64, (STACK_SIZE,)),
     ],
     align=True,
 )
 """Gathered pairs and their distances."""
+
+
+def _declare(typing: Any, shared: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        return builder.bitcast(given[0], context.get_value_type(signature.return_type))
+
+    return from_dtype(CANDIDATES)(shared), generate
+
+
+@lowered(_declare)
+def sphere_candidates(shared: Record) -> Record:
+    """Return the `CANDIDATES` that begin with these, of a tick's state, which every kind of surface has."""
+    return shared
 
 
 @jit_inline

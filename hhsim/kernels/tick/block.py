@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.clock import monotonic_ns
+from hhsim.kernels.contact.surface_code import SurfaceCode
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import HandArrays
 from hhsim.kernels.jit import Array, Indices, Record, jit, jit_inline
@@ -53,7 +54,7 @@ class TickBlock(NamedTuple):
 
     method: Any
     hand: HandArrays
-    surface: Any
+    surface: SurfaceCode
     states: NDArray[np.void]
     qp: QpWork
     haptic: HapticBlock
@@ -85,7 +86,7 @@ def record_tick(state: Record, status: int, wall: int, cpu: int, i: Any, record:
 def run_block(
     method: Any,
     hand: HandArrays,
-    surface: Any,
+    surface: SurfaceCode,
     states: NDArray[np.void],
     qp: QpWork,
     haptic: HapticBlock,

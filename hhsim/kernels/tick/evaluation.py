@@ -1,12 +1,11 @@
 """True distances at a pose, as far as the next program may need them, and the work that they take."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, Reach, evaluate
+from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, Reach
 from hhsim.kernels.contact.self_pairs import EXACT, measure_pairs
+from hhsim.kernels.contact.surface_code import SurfaceCode, evaluate_surface
 from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
 from hhsim.kernels.jit import Record, jit_inline, jit_noinline
@@ -33,7 +32,7 @@ def usual_reach(options: TickOptions, state: Record) -> float:
 
 
 @jit_noinline
-def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
+def evaluate_pose(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record) -> bool:
     """Compute kinematics and pair distances at the pose; False, noted in the progress, where the pairs do not fit."""
     update_kinematics(hand, state.pose)
     pose, candidates, margin = state.pose, state.candidates, options.margin
@@ -42,7 +41,7 @@ def evaluate_pose(hand: HandArrays, surface: Any, options: TickOptions, state: R
     # A reach exceeds the step that is expected. Lists that vouch for that step may wait for a tick that makes no other;
     # where the step turns out longer, `complete_lists` gathers them.
     candidates.allowed_deficit = needed - max(options.listed, needed / REACH_PACE)
-    status = evaluate(hand, pose, surface, Reach(needed, margin, options.skin), candidates, state.work)
+    status = evaluate_surface(hand, pose, surface, Reach(needed, margin, options.skin), candidates, state.work)
     measure_pairs(options.own, hand, pose, EXACT, state.self_contact)
     state.progress.pairs_overflow = status != 0
     return status == 0
@@ -79,7 +78,7 @@ def end_work(state: Record) -> None:
 
 
 @jit_inline
-def rebuild_candidates(hand: HandArrays, surface: Any, options: TickOptions, states: NDArray[np.void]) -> bool:
+def rebuild_candidates(hand: HandArrays, surface: SurfaceCode, options: TickOptions, states: NDArray[np.void]) -> bool:
     """Compute kinematics, near pairs and distances of the graphic hand as it stands; False if the pairs do not fit."""
     state = states[0]
     copy_configuration(state.pose, state.prediction.start)

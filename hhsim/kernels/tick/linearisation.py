@@ -3,10 +3,11 @@
 from typing import Any
 
 from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.contact.detection import Reach, evaluate, find_contacts, pairs_near
+from hhsim.kernels.contact.detection import Reach
 from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
 from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
 from hhsim.kernels.contact.self_pairs import BROKEN, NoPairs, SelfPairs, add_rows, begin_rows, foresee_rows, scale_rows
+from hhsim.kernels.contact.surface_code import SurfaceCode, evaluate_surface, find_surface_contacts, pairs_near
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, HandArrays, motion_bounds
 from hhsim.kernels.hand.pose import step_between
 from hhsim.kernels.jit import Array, Record, generic, jit, jit_inline, jit_noinline
@@ -34,11 +35,11 @@ def step_to_haptic(state: Record, step_out: Array, abduction_out: Array) -> None
 
 
 @jit_inline
-def find_program_contacts(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
+def find_program_contacts(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record) -> bool:
     """Find the contacts within reach, shortened where they do not fit; False if not even those that touch do."""
     while True:
         reach = min(state.trust.reach, state.trust.radius)
-        status = find_contacts(surface, hand, state.pose, state.candidates, reach, state.contacts)
+        status = find_surface_contacts(surface, hand, state.pose, state.candidates, reach, state.contacts)
         if status == 0 or reach < LEAST_TRUST * options.margin:
             return status == 0
         state.trust.radius = TRUST_DECAY * reach
@@ -47,7 +48,7 @@ def find_program_contacts(hand: HandArrays, surface: Any, options: TickOptions, 
 
 @jit_inline
 def count_linearisation(
-    hand: HandArrays, surface: Any, options: TickOptions, found: int, rows: int, state: Record
+    hand: HandArrays, surface: SurfaceCode, options: TickOptions, found: int, rows: int, state: Record
 ) -> None:
     """Add a program of so many contacts found and rows kept to the work of the tick."""
     work = state.work
@@ -102,7 +103,7 @@ def _add_broken_rows(own: SelfPairs, hand: HandArrays, options: TickOptions, sha
 
 
 @jit
-def build_program(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> int:
+def build_program(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record) -> int:
     """Build the program at the present configuration; return the number of contacts, -1 where they do not fit.
 
     Without a contact its solution is written, too: the step to the user's hand within the joints' limits.
@@ -132,7 +133,7 @@ def build_program(hand: HandArrays, surface: Any, options: TickOptions, state: R
 
 # Absorbed by its one caller it made every tick on triangles 5 % slower.
 @jit_noinline
-def complete_lists(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
+def complete_lists(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record) -> bool:
     """Gather the pairs that a program's step would go beyond; returns whether the program is to be built anew.
 
     Rows that a list lacks are farther than its slack, and change nothing as long as no body moves by so much: the step
@@ -155,7 +156,7 @@ def complete_lists(hand: HandArrays, surface: Any, options: TickOptions, state: 
         return False
     candidates.allowed_deficit = 0.0
     reached = Reach(candidates.needed, options.margin, options.skin)
-    if evaluate(hand, state.pose, surface, reached, candidates, state.work) != 0:
+    if evaluate_surface(hand, state.pose, surface, reached, candidates, state.work) != 0:
         state.progress.pairs_overflow = True
         return False
     return True

@@ -6,6 +6,7 @@ and declare its parts: those of a hand alone are in that file, those of a hand a
 
 from typing import Any, NamedTuple
 
+from hhsim.kernels.contact.surface_code import SurfaceCode
 from hhsim.kernels.hand.kinematics import HandArrays
 from hhsim.kernels.jit import Record, generic
 from hhsim.kernels.qp.active_set import QpWork
@@ -29,12 +30,12 @@ OVERFLOW = -1
 
 
 @generic
-def tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
+def tick(method: Any, hand: HandArrays, surface: SurfaceCode, state: Record, qp: QpWork) -> int:
     """Bring the graphic hand towards the haptic hand (`set_haptic`); returns status bits."""
 
 
 @generic
-def begin_motion(method: Any, hand: HandArrays, surface: Any, state: Record) -> None:
+def begin_motion(method: Any, hand: HandArrays, surface: SurfaceCode, state: Record) -> None:
     """Bring hand and object to where the first program of the tick is built."""
 
 
@@ -45,7 +46,7 @@ def may_end(method: Any, state: Record) -> bool:
 
 @generic
 def solve_linearisation(
-    method: Any, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork
+    method: Any, hand: HandArrays, surface: SurfaceCode, done: int, state: Record, qp: QpWork
 ) -> tuple[int, float]:
     """Build and solve the program at the present configuration, after `done` others of this tick.
 
@@ -59,17 +60,17 @@ def solve_program(method: Any, state: Record, qp: QpWork) -> int:
 
 
 @generic
-def recover(method: Any, hand: HandArrays, surface: Any, state: Record) -> bool:
+def recover(method: Any, hand: HandArrays, surface: SurfaceCode, state: Record) -> bool:
     """Make the next program easier after one without solution; returns False where nothing is left to try."""
 
 
 @generic
-def advance(method: Any, hand: HandArrays, surface: Any, full_motion: float, state: Record) -> bool:
+def advance(method: Any, hand: HandArrays, surface: SurfaceCode, full_motion: float, state: Record) -> bool:
     """Make as much of the step as the listed pairs allow, and judge it; returns whether the tick is done."""
 
 
 @generic
-def finish_tick(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
+def finish_tick(method: Any, hand: HandArrays, surface: SurfaceCode, state: Record, qp: QpWork) -> int:
     """Return to the last feasible configuration and compute the forces; returns status bits."""
 
 

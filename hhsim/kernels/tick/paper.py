@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_rows
+from hhsim.kernels.contact.surface_code import SurfaceCode
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.euler import euler_axes, euler_quaternion, nearest_euler
 from hhsim.kernels.hand.frustum import FRUSTUM, SHAPE, frustum_shapes, place_frustum
@@ -209,6 +210,7 @@ class Paper(NamedTuple):
 
     options: TickOptions  # margin is Δr
     palm: TreeArrays  # the palm's sphere tree, palm frame
+    tree: TreeArrays  # the object's, world frame
     work: NDArray[np.void]  # one record of PAPER_STATE, shape (1,)
 
 
@@ -231,8 +233,8 @@ def _count_touching(touch: float, state: Record, paper: Record) -> None:
 
 @tick.of(Paper)
 @jit
-def _tick(method: Paper, hand: HandArrays, tree: TreeArrays, state: Record, qp: QpWork) -> int:
-    options, palm, paper = method.options, method.palm, method.work[0]
+def _tick(method: Paper, hand: HandArrays, surface: SurfaceCode, state: Record, qp: QpWork) -> int:
+    options, palm, tree, paper = method.options, method.palm, method.tree, method.work[0]
     pose, haptic = state.pose, state.haptic
     state.work[:] = 0
     state.step.duration[:] = 0

@@ -22,7 +22,7 @@ from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.hand.frustum import foot, in_range, threshold
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Record, as_int64, jit
-from hhsim.kernels.surfaces.spheres import write_contact
+from hhsim.kernels.surfaces.spheres import sphere_candidates, write_contact
 from hhsim.kernels.tick.paper_detection import ON_FRUSTUM, ON_SPHERE
 
 LIMITS = 2 * PHALANX_COUNT
@@ -32,7 +32,7 @@ LIMITS = 2 * PHALANX_COUNT
 @jit
 def palm_rows(count: int, state: Record, paper: Record) -> None:
     """Write the rows of the palm's `count` pairs: columns, right-hand sides, normals from object to hand."""
-    candidates, position, rotation = state.candidates, state.pose.position, state.pose.rotation
+    candidates, position, rotation = sphere_candidates(state.candidates), state.pose.position, state.pose.rotation
     axes, weight = paper.axes, state.problem.inverse_root
     common_out, rhs_out, normal_out = state.problem.common, state.problem.rhs, paper.normal
     for i in range(count):
@@ -63,7 +63,7 @@ def phalanx_rows(body: int, row: int, state: Record, paper: Record) -> int:
 
     The frustum is that of the phalanx at the palm of t and the joint angles of t - 1.
     """
-    candidates, problem, kind, frustum = state.candidates, state.problem, paper.kind, paper.frustum
+    candidates, problem, kind, frustum = sphere_candidates(state.candidates), state.problem, paper.kind, paper.frustum
     finger, phalanx = body // PHALANX_COUNT, body % PHALANX_COUNT
     joints, axis = state.pose.joints[finger], state.pose.axis[finger]
     weight = problem.inverse_root[6 + PHALANX_COUNT * finger : 9 + PHALANX_COUNT * finger]
@@ -112,7 +112,7 @@ def phalanx_rows(body: int, row: int, state: Record, paper: Record) -> int:
 @jit
 def palm_contacts(touch: float, state: Record) -> int:
     """Write contact records of the palm's pairs within `touch` [m]; returns how many."""
-    candidates, contacts = state.candidates, state.contacts
+    candidates, contacts = sphere_candidates(state.candidates), state.contacts
     position, rotation = state.pose.position, state.pose.rotation
     row = as_int64(0)
     for i in range(candidates.count[PALM_BODY]):
@@ -140,7 +140,7 @@ def phalanx_contacts(body: int, touch: float, row: int, state: Record, paper: Re
     A sphere is in contact with the frustum where Eq. 7 or 13 says so of the graphic phalanx at t, else with its end
     sphere. The distance is that along the normal of the part.
     """
-    candidates, contacts = state.candidates, state.contacts
+    candidates, contacts = sphere_candidates(state.candidates), state.contacts
     kind, frustum, closed = paper.kind, paper.frustum, paper.closed
     distal = body % PHALANX_COUNT == PHALANX_COUNT - 1
     ex, ey, ez = frustum.end[0], frustum.end[1], frustum.end[2]

@@ -16,7 +16,7 @@ from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit
 from hhsim.kernels.round_cone_distance import sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone
-from hhsim.kernels.surfaces.spheres import PALM_PAIRS, PHALANX_PAIRS, write_palm_pair
+from hhsim.kernels.surfaces.spheres import PALM_PAIRS, PHALANX_PAIRS, sphere_candidates, write_palm_pair
 
 ON_FRUSTUM = 1
 ON_SPHERE = 2
@@ -34,7 +34,7 @@ def gather_palm(
     Returns how many; -1 where there are more than `capacity`, so that a capacity of 0 asks whether the palm is free.
     """
     position, rotation, stack = pose.position, pose.rotation, paper.stack
-    candidates, work = state.candidates, state.work
+    candidates, work = sphere_candidates(state.candidates), state.work
     p0, p1, p2 = position[0], position[1], position[2]
     r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
     r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
@@ -88,7 +88,7 @@ def gather_knuckle(
     hand: HandArrays, tree: TreeArrays, pose: Record, finger: int, growth: float, most: int, count: int, state: Record
 ) -> int:
     """Append the pairs of a finger's first joint sphere, which belongs to the palm; returns as `gather_palm`."""
-    candidates, center = state.candidates, pose.joints[finger, 0]
+    candidates, center = sphere_candidates(state.candidates), pose.joints[finger, 0]
     cone = sphere_cone(center[0], center[1], center[2], hand.radius[finger, 0])
     found, _, tests = gather_round_cone(tree, cone, growth, candidates.stack[:], candidates.scratch[:])
     state.work[COUNT_NODE_TESTS] += tests
@@ -108,7 +108,8 @@ def gather_phalanx(
     """Gather leaves within `growth` [m] by Eq. 7 (frustum) or Eq. 3 (end sphere); return how many, -1 if too many."""
     place_frustum(paper.shapes, pose, body // PHALANX_COUNT, body % PHALANX_COUNT, paper.frustum)
     frustum, closed, kind_out = paper.frustum, paper.closed, paper.kind
-    candidates, work, distal = state.candidates, state.work, body % PHALANX_COUNT == PHALANX_COUNT - 1
+    candidates, work = sphere_candidates(state.candidates), state.work
+    distal = body % PHALANX_COUNT == PHALANX_COUNT - 1
     ex, ey, ez = frustum.end[0], frustum.end[1], frustum.end[2]
     ux, uy, uz = frustum.axis[0], frustum.axis[1], frustum.axis[2]
     sx, sy, sz = frustum.sphere[0], frustum.sphere[1], frustum.sphere[2]
@@ -169,7 +170,7 @@ def detect(hand: HandArrays, palm: TreeArrays, tree: TreeArrays, growth: float, 
 
     paper.full says which parts have more than there is room for: the palm, then the fingers.
     """
-    pose, candidates = state.pose, state.candidates
+    pose, candidates = state.pose, sphere_candidates(state.candidates)
     count = gather_palm(palm, tree, pose, growth, as_int64(PALM_PAIRS), state, paper)
     for f in range(FINGER_COUNT):
         if count >= 0 and state.modelled[PHALANX_COUNT * f] == 1:

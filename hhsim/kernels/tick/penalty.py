@@ -14,15 +14,16 @@ stiff as the joint's. Every sphere in touch has its own spring: to divide by the
 would make the force jump where one joins. The backward step is stable at any stiffness.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.contact.detection import CONTACT_ROWS, Reach, evaluate, find_contacts, pairs_near
+from hhsim.kernels.contact.detection import CONTACT_ROWS, Reach
 from hhsim.kernels.contact.linearise import build_rows
+from hhsim.kernels.contact.surface_code import SurfaceCode, evaluate_surface, find_surface_contacts, pairs_near
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import move, update_kinematics
@@ -89,27 +90,27 @@ PENALTY_STATE = np.dtype(
 
 
 @jit
-def _evaluate(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
+def _evaluate(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record) -> bool:
     # A hand deep inside has more pairs near than there is room for: then the deepest have to do.
     margin, candidates = options.margin, state.candidates
-    if evaluate(hand, state.pose, surface, Reach(margin, margin, options.skin), candidates, state.work) == 0:
+    if evaluate_surface(hand, state.pose, surface, Reach(margin, margin, options.skin), candidates, state.work) == 0:
         return True
     reach = 0.0
     for _ in range(DEPTHS):
-        if evaluate(hand, state.pose, surface, Reach(reach, reach, 0.0), candidates, state.work) == 0:
+        if evaluate_surface(hand, state.pose, surface, Reach(reach, reach, 0.0), candidates, state.work) == 0:
             return True
         reach = 2.0 * reach - margin
     return False
 
 
 @jit
-def _find(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
+def _find(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record) -> bool:
     # Contacts among the pairs known to be complete; again the deepest where they are too many.
     reach = options.margin
     for body in range(BODY_COUNT):
         reach = min(reach, state.candidates.slack[body])
     for _ in range(DEPTHS):
-        if find_contacts(surface, hand, state.pose, state.candidates, reach, state.contacts) == 0:
+        if find_surface_contacts(surface, hand, state.pose, state.candidates, reach, state.contacts) == 0:
             return True
         reach = 0.0 if reach > 0.0 else 2.0 * reach - options.margin
     return False
@@ -313,11 +314,11 @@ def _minimise(problem: Record, contacts: Record, alpha: float, rounds: int, work
 
 
 @jit
-def _forces(options: TickOptions, hand: HandArrays, surface: Any, state: Record, work: Record) -> None:
+def _forces(options: TickOptions, hand: HandArrays, surface: SurfaceCode, state: Record, work: Record) -> None:
     forces, contacts = state.forces, state.contacts
     clear_forces(forces)
     if options.force_model == FORCE_PAPER:
-        find_contacts(surface, hand, state.pose, state.candidates, options.touch, contacts)
+        find_surface_contacts(surface, hand, state.pose, state.candidates, options.touch, contacts)
         proxy_forces(options, state)
     else:
         for i in range(contacts.start[FINGER_COUNT + 1]):
@@ -338,7 +339,7 @@ class Penalty(NamedTuple):
 
 @tick.of(Penalty)
 @jit
-def _tick(method: Penalty, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
+def _tick(method: Penalty, hand: HandArrays, surface: SurfaceCode, state: Record, qp: QpWork) -> int:
     options, penalty, work = method.options, method.dynamics, method.work[0]
     began = monotonic_ns()
     begin_tick(options, state)

@@ -8,6 +8,7 @@ there returns to where it began. No decision depends on how old the lists of pai
 from typing import Any
 
 from hhsim.kernels.contact.linearise import clamp_to_limits
+from hhsim.kernels.contact.surface_code import SurfaceCode
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, move
 from hhsim.kernels.jit import Record, jit, jit_inline
@@ -53,7 +54,7 @@ def _last_motion(hand: HandArrays, share: float, state: Record) -> None:
 @begin_motion.of(Coupled)
 @begin_motion.of(Progressive)
 @jit_inline
-def predict_pose(method: Any, hand: HandArrays, surface: Any, state: Record) -> None:
+def predict_pose(method: Any, hand: HandArrays, surface: SurfaceCode, state: Record) -> None:
     """Move a hand in contact on as the last tick moved it, and as the user's hand slows down."""
     options = method.options
     prediction, sample, progress = state.prediction, state.input, state.progress
@@ -81,7 +82,7 @@ def predict_pose(method: Any, hand: HandArrays, surface: Any, state: Record) -> 
 
 
 @jit_inline
-def forget_prediction(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
+def forget_prediction(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record) -> bool:
     """Return to where the tick began if its hand is there by prediction alone; returns whether it was."""
     if not state.prediction.is_predicted:
         return False

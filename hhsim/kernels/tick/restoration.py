@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+from hhsim.kernels.contact.surface_code import SurfaceCode
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, move
 from hhsim.kernels.jit import Record, jit, jit_inline, jit_noinline
@@ -41,7 +42,7 @@ def keep_first_step(options: TickOptions, fraction: float, clearance: float, dep
 
 
 @jit_noinline
-def take_free_share(hand: HandArrays, surface: Any, options: TickOptions, state: Record) -> bool:
+def take_free_share(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record) -> bool:
     """Return to the last feasible configuration, and make the free share of its first step; returns whether it is free.
 
     A hand that is faster than the tick's work would else stand still in every other tick. The pose is evaluated in
@@ -63,7 +64,7 @@ def take_free_share(hand: HandArrays, surface: Any, options: TickOptions, state:
 @recover.of(Coupled)
 @recover.of(Progressive)
 @jit_inline
-def ease_program(method: Any, hand: HandArrays, surface: Any, state: Record) -> bool:
+def ease_program(method: Any, hand: HandArrays, surface: SurfaceCode, state: Record) -> bool:
     """Make the next program easier after one without solution; returns False where nothing is left to try.
 
     First contacts nearer than the offset may stay as near as they are, then the hand returns to the last feasible

@@ -1,9 +1,7 @@
 """Forces of a hand that is shown where no program has its optimum: what touches there bears the coupling."""
 
-from typing import Any
-
-from hhsim.kernels.contact.detection import find_contacts
 from hhsim.kernels.contact.self_pairs import add_rows, begin_rows
+from hhsim.kernels.contact.surface_code import SurfaceCode, find_surface_contacts
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, HandArrays
 from hhsim.kernels.jit import Record, as_bool, jit
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
@@ -18,7 +16,7 @@ ON_THE_WAY = 20.0
 
 
 @jit
-def settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: Record, qp: QpWork) -> None:
+def settle_forces(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record, qp: QpWork) -> None:
     """Compute the multipliers of the contacts that touch at the configuration shown.
 
     A lagging tick's last program was made for another configuration, and a finger's own program that the palm has
@@ -29,7 +27,7 @@ def settle_forces(hand: HandArrays, surface: Any, options: TickOptions, state: R
     duration = state.step.duration
     palm, fingers = duration[DURATION_PALM], duration[DURATION_FINGERS]
     near = max(options.touch, ON_THE_WAY * options.offset) if state.progress.lag > 0.0 else options.touch
-    status = find_contacts(surface, hand, state.pose, state.candidates, near, state.contacts)
+    status = find_surface_contacts(surface, hand, state.pose, state.candidates, near, state.contacts)
     own = state.self_contact
     begin_rows(own)
     add_rows(options.own, hand, near, options, state)

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.contact.detection import find_contacts, pairs_near
 from hhsim.kernels.contact.linearise import clamp_to_limits
 from hhsim.kernels.contact.self_pairs import choose_bends
+from hhsim.kernels.contact.surface_code import SurfaceCode, find_surface_contacts, pairs_near
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, move
 from hhsim.kernels.jit import Record, as_bool, as_int64, generic, jit, jit_inline
@@ -147,7 +147,9 @@ def solve_hand_until_kept(
 @solve_linearisation.of(Coupled)
 @solve_linearisation.of(Progressive)
 @jit_inline
-def solve_hand(method: Any, hand: HandArrays, surface: Any, done: int, state: Record, qp: QpWork) -> tuple[int, float]:
+def solve_hand(
+    method: Any, hand: HandArrays, surface: SurfaceCode, done: int, state: Record, qp: QpWork
+) -> tuple[int, float]:
     """Build and solve a program; anew if its step needs longer lists, and with a nearer target if it is cut short."""
     options, work = method.options, state.work
     units, status, full_motion = work[WORK_UNITS], as_int64(OPTIMAL), WHOLE_TARGET
@@ -222,7 +224,7 @@ def update_reach(
 @advance.of(Coupled)
 @advance.of(Progressive)
 @jit_inline
-def advance_hand(method: Any, hand: HandArrays, surface: Any, full_motion: float, state: Record) -> bool:
+def advance_hand(method: Any, hand: HandArrays, surface: SurfaceCode, full_motion: float, state: Record) -> bool:
     """Make as much of the step as the listed pairs allow, and judge it by the true distances."""
     began = monotonic_ns()
     options, step, progress = method.options, state.step, state.progress
@@ -284,7 +286,7 @@ def tick_status(cut_short: bool, made_part: bool, state: Record) -> int:
 @finish_tick.of(Coupled)
 @finish_tick.of(Progressive)
 @jit_inline
-def finish_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
+def finish_hand(method: Any, hand: HandArrays, surface: SurfaceCode, state: Record, qp: QpWork) -> int:
     """Return to the last feasible configuration, count what touches, compute the forces; returns status bits."""
     began = monotonic_ns()
     options, progress = method.options, state.progress
@@ -306,7 +308,7 @@ def finish_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: 
     _, state.work[WORK_TOUCHING] = pairs_near(surface, hand, state.candidates, options.touch)
     detected = monotonic_ns()
     if options.force_model == FORCE_PAPER:
-        find_contacts(surface, hand, state.pose, state.candidates, options.touch, state.contacts)
+        find_surface_contacts(surface, hand, state.pose, state.candidates, options.touch, state.contacts)
     elif status & STATUS_LAG or palm_yielded(state):
         settle_forces(hand, surface, options, state, qp)
     hand_forces(options, state)
@@ -319,7 +321,7 @@ def finish_hand(method: Any, hand: HandArrays, surface: Any, state: Record, qp: 
 @tick.of(Coupled)
 @tick.of(Progressive)
 @jit_inline
-def converge(method: Any, hand: HandArrays, surface: Any, state: Record, qp: QpWork) -> int:
+def converge(method: Any, hand: HandArrays, surface: SurfaceCode, state: Record, qp: QpWork) -> int:
     """Go from linearisation to linearisation until the hand stands still; returns status bits."""
     options, progress = method.options, state.progress
     begin_tick(options, state)

@@ -19,7 +19,7 @@ class PaperEngine:
         work = zeroed(PAPER_STATE)
         work[0].closed = workspace.options.frustum_ends == "spheres"
         self.workspace = workspace
-        self.method: Paper = Paper(workspace.tick_options, workspace.model.palm_tree.arrays(), work)
+        self.method: Paper = Paper(workspace.tick_options, workspace.model.palm_tree.arrays(), workspace.surface, work)
 
     def begin(self) -> None:
         """See `Engine.begin`; any configuration will do."""

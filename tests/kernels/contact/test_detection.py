@@ -8,7 +8,7 @@ from contact_scenes import assert_grouped
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from sphere_scenes import PALM, brute_pairs, cloud, pose_of, random_hand, set_pose, sphere_tree
+from sphere_scenes import PALM, brute_pairs, cloud, pose_of, random_hand, set_pose, sphere_tree, tick_state
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
@@ -31,7 +31,6 @@ from hhsim.kernels.hand.pose import move, update_kinematics
 from hhsim.kernels.surfaces.spheres import PHALANX_PAIRS
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.surface import SURFACES
-from hhsim.solver.workspace import tick_state
 from hhsim.trees.sphere_tree import SphereTree
 
 RIGHT = HandModel.default("right")
@@ -42,7 +41,7 @@ ROUNDING = 1e-12
 
 
 def new_state() -> Any:
-    return tick_state(np.ones(DOF))[0]
+    return tick_state(np.ones(DOF))
 
 
 def at_origin() -> Any:

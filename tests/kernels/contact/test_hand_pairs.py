@@ -32,7 +32,7 @@ def scene() -> tuple[Any, Any]:
     air = sphere_tree(np.full((1, 3), 50.0), np.array([0.01])).arrays()
     pairs = zeroed(HAND_PAIRS)[0]
     pairs.reach[:] = [hand_reach(arrays) for arrays in ARRAYS]
-    return tuple(HandSolver(hand, air, SolverOptions()).workspace.states for hand in HANDS), pairs
+    return tuple(HandSolver(hand, air, SolverOptions()).workspace.states[0] for hand in HANDS), pairs
 
 
 def place(states: Any, seed: int) -> list[HandConfiguration]:
@@ -41,8 +41,8 @@ def place(states: Any, seed: int) -> list[HandConfiguration]:
     found[1] = found[1]._replace(position=found[1].position + random.normal(0.0, 0.08, 3))
     for arrays, state, at in zip(ARRAYS, states, found):
         for name in HandConfiguration._fields:
-            state[0].pose[name][:] = getattr(at, name)[0]
-        update_kinematics(arrays, state[0].pose)
+            state.pose[name][:] = getattr(at, name)[0]
+        update_kinematics(arrays, state.pose)
     return found
 
 
@@ -64,7 +64,7 @@ def test_a_row_is_the_rate_of_the_distance(scene: Any, seed: int, first: int, se
     write_hand_row(ARRAYS, states, first, second, 0, pairs)
     row = np.array(pairs.gradient[0]), np.array(pairs.spread[0])
     for h in range(2):
-        pose = states[h][0].pose
+        pose = states[h].pose
         start = pose.copy()
         for j in range(DOF + 5):
             step, spread = np.zeros(DOF), np.zeros(5)

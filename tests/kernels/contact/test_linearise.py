@@ -7,7 +7,7 @@ import pytest
 from contact_scenes import RIGHT, ROOT, moved, pair_of, row_matrix, scene
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from sphere_scenes import PALM, brute_pairs, set_pose
+from sphere_scenes import PALM, brute_pairs, set_pose, tick_state
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
@@ -15,7 +15,6 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits, limit_start
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.motion.analytic_motion import still
-from hhsim.solver.workspace import tick_state
 from hhsim.trees.sphere_tree import SphereTree
 
 STEP = 1e-6
@@ -83,7 +82,7 @@ def test_relaxed_rows_allow_standing_still_wherever_nothing_penetrates(seed: int
 
 def about_limits(seed: int, beyond: float) -> tuple[np.random.Generator, Any, FloatArray, FloatArray, FloatArray]:
     """A hand, its flexion [rad], and where each joint may go: one beyond its limits by no more than it is."""
-    random, state = np.random.default_rng(seed), tick_state(ROOT**2)[0]
+    random, state = np.random.default_rng(seed), tick_state(ROOT**2)
     flexion = random.uniform(RIGHT.flexion_min - beyond, RIGHT.flexion_max + beyond)
     set_pose(RIGHT, state.pose, still(np.zeros(3), flexion=flexion))
     return random, state, flexion, np.minimum(flexion, RIGHT.flexion_min), np.maximum(flexion, RIGHT.flexion_max)

@@ -15,15 +15,16 @@ from mesh_oracle import Cones, along_axes, from_triangles, least_of_features
 from numpy.typing import NDArray
 from sampled import sampled
 from scipy.spatial.transform import Rotation
-from sphere_scenes import PALM, palm_spheres, pose_of, prepared, random_hand, set_pose
+from sphere_scenes import PALM, palm_spheres, pose_of, prepared, random_hand, set_pose, tick_state
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import COUNT_GATHERS, Reach, evaluate, find_contacts
+from hhsim.kernels.contact.detection import COUNT_GATHERS, Reach, evaluate
 from hhsim.kernels.contact.surface import cone_distance, way_out
+from hhsim.kernels.contact.surface_code import find_surface_contacts
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.mesh.feature_distance import line_witness, vertex_distance
@@ -41,7 +42,6 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.solver.qp import QpProblem, QpStatus, solve
 from hhsim.solver.surface import SURFACES
-from hhsim.solver.workspace import tick_state
 
 pytestmark = pytest.mark.slow
 
@@ -61,7 +61,7 @@ FREE_OF_ROUNDING = 1e-12
 
 
 def new_state() -> Any:
-    return tick_state(np.ones(DOF), surface=SURFACES["mesh"])[0]
+    return tick_state(np.ones(DOF), surface=SURFACES["mesh"])
 
 
 def finger_frame() -> tuple[FloatArray, FloatArray]:
@@ -621,7 +621,8 @@ def harvest(name: str, seed: int, ticks: int, every: int) -> Harvest:
             continue
         state = solver.workspace.states[0]
         # Once more: the program has left out what other rows say already.
-        assert find_contacts(mesh, ARRAYS, state.pose, state.candidates, options.margin, state.contacts) == 0
+        surface, given = solver.workspace.code, (state.pose, state.candidates, options.margin, state.contacts)
+        assert find_surface_contacts(surface, ARRAYS, *given) == 0
         at, count = pose_of(state), int(state.contacts.start[-1])
         rows = all_rows(mesh, at, options.margin)
         found = {int(k): float(d) for k, d in zip(state.contacts.key[:count], state.contacts.distance[:count])}

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from sphere_scenes import cloud, palm_spheres, random_hand, set_pose
+from sphere_scenes import cloud, palm_spheres, random_hand, set_pose, tick_state
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
@@ -24,7 +24,7 @@ from hhsim.kernels.tick.paper import PAPER_STATE, finger_program
 from hhsim.kernels.tick.paper_constraints import palm_contacts, palm_rows, phalanx_contacts
 from hhsim.kernels.tick.paper_detection import ON_FRUSTUM, ON_SPHERE, detect, finger_is_free, palm_is_free
 from hhsim.solver.options import Stiffness
-from hhsim.solver.workspace import tick_state, zeroed
+from hhsim.solver.workspace import zeroed
 from hhsim.trees.sphere_tree import SphereTree
 
 RIGHT = HandModel.default("right")
@@ -81,7 +81,7 @@ def range_excess(cone: Frustum, k: FloatArray, radius: FloatArray, tip: bool, cl
 
 def states(hand: HandModel, at: HandConfiguration, closed: bool) -> tuple[Any, Any]:
     """What a tick and the method keep of a hand in a place."""
-    state, paper = tick_state(ROOT**2)[0], zeroed(PAPER_STATE)[0]
+    state, paper = tick_state(ROOT**2), zeroed(PAPER_STATE)[0]
     paper.closed = closed
     set_pose(hand, state.pose, at)
     frustum_shapes(hand.arrays(), paper.shapes)
