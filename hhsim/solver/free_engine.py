@@ -33,7 +33,7 @@ from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.reproducible import across, matmul, principal_axes
 from hhsim.solver.free_object import EngineBody, FreeObject, Hinge, Slider, require_free
 from hhsim.solver.options import UNLIMITED
-from hhsim.solver.surface import surface_code
+from hhsim.solver.surface_code import surface_code
 from hhsim.solver.workspace import TickWorkspace, any_states, fresh_state, tick_record, zeroed
 from hhsim.trees.contact_surface import ContactSurface
 from hhsim.trees.hierarchy import build_hierarchy

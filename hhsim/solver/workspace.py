@@ -31,7 +31,8 @@ from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.progressive import help_out
 from hhsim.kernels.tick.state import WORK_COUNTERS, tick_state_dtype
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.surface import SURFACES, surface_code, surface_of
+from hhsim.solver.surface import SURFACES, surface_of
+from hhsim.solver.surface_code import surface_code
 from hhsim.system.posix import thread_clock
 from hhsim.trees.contact_surface import ContactSurface, begun
 

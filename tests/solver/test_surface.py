@@ -18,7 +18,8 @@ from hhsim.kernels.tick.state import tick_state_dtype
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.surface import SURFACES, surface_code, surface_of
+from hhsim.solver.surface import SURFACES, surface_of
+from hhsim.solver.surface_code import surface_code
 
 PLANE = '''
 """A table: everything below a height is inside."""
