@@ -23,6 +23,7 @@ from hhsim.result.schema import (
     TICK_COLUMNS,
     TICK_FIELDS,
     Column,
+    bodies_row,
     sample_columns,
 )
 from hhsim.solver.workspace import tick_record
@@ -105,3 +106,11 @@ def test_the_documentation_has_a_line_for_each_column_of_a_session(repository: P
     named = [name for line in section.splitlines() if line.startswith("| ") for name in line.split("|")[1].split(",")]
     documented = [name.strip().removesuffix(" [ns]") for name in named if name.strip() != "dataset"]
     assert documented == [column.name for column in LIVE_TICK_COLUMNS]
+
+
+def test_a_tick_of_bodies_has_rows_of_contacts_only_where_there_is_a_body() -> None:
+    none, two = bodies_row(0), bodies_row(2)
+    assert none.names == two.names
+    for name in ("body", "point", "slip", "contact_body", "other_point"):
+        assert none[name].shape[0] == 0 and two[name].shape[0] == 64
+    assert none["turn"].shape == (0, 1, 4) and two["turn"].shape == (2, 1, 4)
