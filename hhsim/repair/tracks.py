@@ -162,7 +162,8 @@ class FrameFollower:
         steps = min(MOST_SUBSTEPS, int(np.ceil(moved / SUBSTEP)))
         if isinstance(self.given, MovingParts):
             workspace, path = self.solver.workspace, parts_between(self.given.path[[before, frame]], max(steps, 1))
-            workspace.surface = workspace.surface._replace(path=path, tick=np.zeros(1, np.int64))
+            motion = workspace.surface.motion._replace(path=path, tick=np.zeros(1, np.int64))
+            workspace.surface = workspace.surface._replace(motion=motion)
         if steps > 1:
             self.solver.run(*origin.line(goal, steps - 1).part(1))
         joints = np.full((5, 4, 3), np.inf)

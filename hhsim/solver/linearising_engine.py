@@ -42,7 +42,7 @@ class LinearisingEngine:
     @property
     def tick_method(self) -> Any:
         """Method of a whole tick."""
-        return Jointed(self.method, self.workspace.surface, *self._squeeze) if self.parts_move else self.method
+        return Jointed(self.method, self.workspace.surface.motion, *self._squeeze) if self.parts_move else self.method
 
     def begin(self) -> None:
         """See `Engine.begin`."""

@@ -18,6 +18,7 @@ from hhsim.hand.self_pairs import self_pairs
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
 from hhsim.kernels.contact.self_pairs import NoPairs
+from hhsim.kernels.contact.surface import seen_as
 from hhsim.kernels.contact.surface_code import SurfaceCode
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.jit import JIT_ENABLED
@@ -152,10 +153,8 @@ def fresh_state(dtype: np.dtype[Any], stiffness: FloatArray, modelled: BoolArray
 
 
 def any_states(states: Any) -> Any:
-    """Return a view of the states of ticks as ticks take them, whatever the surface; it begins where they do."""
-    if not JIT_ENABLED:
-        return states
-    return np.ndarray(states.shape, tick_state_dtype(), states, strides=states.strides).view(np.recarray)
+    """Return a view of the states of ticks as ticks take them, whatever the surface."""
+    return seen_as(states, tick_state_dtype())
 
 
 def zeroed(dtype: np.dtype[Any], count: int = 1) -> Any:

@@ -250,4 +250,4 @@ class _Kept(NamedTuple):
 
 def _moving(space: TickWorkspace) -> tuple[AnyArray, ...]:
     surface = space.surface
-    return (surface.part, surface.tick) if isinstance(surface, JointedSurface) else ()
+    return (surface.part, surface.motion.tick) if isinstance(surface, JointedSurface) else ()

@@ -265,7 +265,7 @@ class _SubmittedEngine(OutsideEngine):
     def _tick(self, sample: HandConfiguration, i: int, record: TickRecord) -> None:
         surface = self.workspace.surface
         if isinstance(surface, JointedSurface):
-            put_parts(surface, surface.path[self.runner.ticks])
+            put_parts(surface, surface.motion.path[self.runner.ticks])
         super()._tick(sample, i, record)
 
     def run(self, haptic: HapticBlock, record: TickRecord) -> int:

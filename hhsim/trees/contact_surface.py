@@ -9,8 +9,9 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.kernels.by_reference import write_rows
+from hhsim.kernels.contact.surface import seen_as
 from hhsim.kernels.mesh.features import FaceSpheres, MeshFeatures
-from hhsim.kernels.parts.surface import MESH_COLUMNS, TREE_COLUMNS, JointedSurface, part_dtype, part_pieces
+from hhsim.kernels.parts.surface import MESH_COLUMNS, TREE_COLUMNS, JointedSurface, PartsMotion, part_dtype, part_pieces
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.surfaces.mesh import SURFACE as MESH
@@ -83,22 +84,24 @@ def jointed_surface(parts: Sequence[Any], path: FloatArray) -> JointedSurface:
     path = np.ascontiguousarray(path, np.float64)
     pieces, start = joined
     rows, of_parts = np.empty((0, 0), np.int64), np.empty(0, part_dtype(candidates))
-    return begun(JointedSurface(pieces, start, rows, path, np.zeros(1, np.int64), of_parts))
+    return begun(JointedSurface(pieces, start, rows, of_parts, PartsMotion(path, np.zeros(1, np.int64), of_parts)))
 
 
 def begun(surface: JointedSurface) -> JointedSurface:
     """Return a surface with lists of its own, its parts where they are at the first tick."""
-    memory = np.empty(len(surface.start) - 1, surface.part.dtype)
+    count, path = len(surface.start) - 1, surface.motion.path
+    memory = np.empty(max(count, 2), surface.part.dtype)
     # Written, so that the system allocates the pages now and not in the ticks that are timed.
     memory.view(np.uint8)[:] = 0
     written = write_rows([part_pieces(surface.pieces, *rows) for rows in pairwise(surface.start)])
-    surface = surface._replace(written=written, tick=np.zeros(1, np.int64), part=memory.view(np.recarray))
-    put_parts(surface, surface.path[0])
+    motion = PartsMotion(path, np.zeros(1, np.int64), seen_as(memory, part_dtype()))
+    surface = surface._replace(written=written, part=memory[:count].view(np.recarray), motion=motion)
+    put_parts(surface, path[0])
     return surface
 
 
 def put_parts(surface: JointedSurface, poses: FloatArray) -> None:
-    """Put the parts to poses, as of a tick of `JointedSurface.path`, (P, 7)."""
+    """Put the parts to poses, as of a tick of `PartsMotion.path`, (P, 7)."""
     for part, pose in zip(surface.part, poses):
         part.position[:], part.orientation[:] = pose[:3], pose[3:]
         rotation = np.empty((3, 3))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, HandArrays
-from hhsim.kernels.jit import Indices, Record, generic, jit_inline
+from hhsim.kernels.jit import JIT_ENABLED, Indices, Record, generic, jit_inline
 from hhsim.kernels.round_cone_distance import RoundCone
 
 SHARED_CANDIDATES = [
@@ -28,6 +28,24 @@ SHARED_CANDIDATES = [
     ("allowed_deficit", np.float64),  # slack missing before a body must be gathered: it bounds the step then [m]
 ]
 """Fields of the candidates of every surface, besides two of its own size for a walk, int64: `scratch` and `stack`."""
+
+
+def shared_first(candidates: "np.dtype[Any] | None" = None) -> "np.dtype[Any]":
+    """Return the fields that every surface has, and behind them those that a surface has of its own."""
+    shared = np.dtype(SHARED_CANDIDATES, align=True)
+    names = () if candidates is None else candidates.names or ()
+    own = [(name, candidates[name]) for name in names if candidates is not None and name not in (shared.names or ())]
+    return np.dtype([*SHARED_CANDIDATES, *own], align=True)
+
+
+def seen_as(records: NDArray[np.void], dtype: "np.dtype[Any]") -> Any:
+    """Return a view of records by a shorter type that they begin with, by which kernels take those of all surfaces.
+
+    Of several records it is another type for numba than of one.
+    """
+    if not JIT_ENABLED:
+        return records.view(np.recarray)
+    return np.ndarray(records.shape, dtype, records, strides=records.strides).view(np.recarray)
 
 
 class Walk(NamedTuple):

@@ -20,6 +20,7 @@ from hhsim.kernels.contact.surface import (
     cone_distance,
     pairs_within,
     record_pairs,
+    shared_first,
 )
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.jit import Array, Indices, Record, jit_inline, jit_noinline, lowered
@@ -41,16 +42,17 @@ TREE_COLUMNS, MESH_COLUMNS = 2, 10
 """Columns for parts of spheres and of triangles."""
 
 
-def part_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
-    """Return the record of a part whose surface has these candidates."""
+def part_dtype(candidates: "np.dtype[Any] | None" = None) -> "np.dtype[Any]":
+    """Return the record of a part whose surface has these candidates; without, what is the same for all surfaces."""
     return np.dtype(
         [
             ("position", np.float64, (3,)),  # origin of the part's frame [m], in the body's
             ("orientation", np.float64, (4,)),  # part to body, (w, x, y, z)
             ("rotation", np.float64, (3, 3)),  # the same as a matrix
             ("yields", np.int64),  # 1 if the part has moved since the hand last had a place
-            ("near", candidates),
             *WAYS_OUT,
+            # Last: their size is the surface's own.
+            ("near", shared_first(candidates)),
         ],
         align=True,
     )
@@ -64,15 +66,23 @@ def whole_dtype(candidates: "np.dtype[Any]") -> "np.dtype[Any]":
 
 
 @by_reference
+class PartsMotion(NamedTuple):
+    """P parts that move, of any kind of surface."""
+
+    path: Array  # position [m] and orientation (w, x, y, z) of each part in the body's frame at each tick, (T, P, 7)
+    tick: Indices  # number of ticks begun, (1,)
+    part: NDArray[np.void]  # records of `part_dtype()`, of `JointedSurface.part`; two or more
+
+
+@by_reference
 class JointedSurface(NamedTuple):
-    """P parts of one kind of surface, in `pieces` one after another, each counted from 0; and their poses over time."""
+    """P parts of one kind of surface, in `pieces` one after another, each counted from 0; and their motion."""
 
     pieces: Any  # `TreeArrays` or `MeshFeatures`, each part's in its own frame
     start: Indices  # where the pieces of each part begin, and the end, see `part_pieces`, (P + 1, columns)
     written: Indices  # the pieces of each part for kernels, see `by_reference.write_rows`, (P, ·)
-    path: Array  # position [m] and orientation (w, x, y, z) of each part in the body's frame at each tick, (T, P, 7)
-    tick: Indices  # number of ticks begun, (1,)
     part: NDArray[np.void]  # records of `part_dtype`, (P,)
+    motion: PartsMotion
 
 
 def _part_of_trees(tree: TreeArrays, first: Indices, end: Indices) -> TreeArrays:

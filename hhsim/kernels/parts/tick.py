@@ -36,7 +36,7 @@ from hhsim.kernels.hand.kinematics import (
 )
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, move
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_inline, jit_noinline
-from hhsim.kernels.parts.surface import KEY_STRIDE, JointedSurface, passing
+from hhsim.kernels.parts.surface import KEY_STRIDE, PartsMotion, passing
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import WideRows
 from hhsim.kernels.rotation import quaternion_to_matrix, turned, write_unit_quaternion
@@ -95,22 +95,22 @@ class Jointed(NamedTuple):
     """Method of a hand beside parts that move: between two motions of theirs, a method for bodies that stand still."""
 
     method: Any  # Coupled, or Progressive
-    parts: JointedSurface
+    parts: PartsMotion
     squeeze: NDArray[np.void]  # a record of `SQUEEZE`, (1,)
     qp: NDArray[np.void]  # workspace of programs of `SQUEEZED_DOF` variables, (1,)
 
 
 @jit_inline
-def _row(parts: JointedSurface) -> int:
+def _row(parts: PartsMotion) -> int:
     return int(min(parts.tick[0], parts.path.shape[0] - 1))
 
 
 @jit
-def sub_steps(hand: HandArrays, pose: Record, margin: float, parts: JointedSurface, point: Any) -> int:
+def sub_steps(hand: HandArrays, pose: Record, margin: float, parts: PartsMotion, point: Any) -> int:
     """Return the number of sub-steps of the parts' motion in this tick; 0 if none moves."""
     row, most = _row(parts), 0.0
     moves = False
-    for p in range(parts.part.shape[0]):
+    for p in range(parts.path.shape[1]):
         part, goal = parts.part[p], parts.path[row, p]
         still = True
         for j in range(3):
@@ -139,10 +139,10 @@ def sub_steps(hand: HandArrays, pose: Record, margin: float, parts: JointedSurfa
 
 
 @jit
-def move_parts(parts: JointedSurface, share: float) -> None:
+def move_parts(parts: PartsMotion, share: float) -> None:
     """Move each part by a share of its way to where this tick brings it; 1 is there, to the bit."""
     row = _row(parts)
-    for p in range(parts.part.shape[0]):
+    for p in range(parts.path.shape[1]):
         part, goal = parts.part[p], parts.path[row, p]
         position, orientation = part.position, part.orientation
         changed, side = False, 0.0
@@ -338,7 +338,7 @@ def _give_way(hand: HandArrays, surface: SurfaceCode, method: Jointed, state: Re
         status = 0 if least_distance(state) >= 0.0 else STATUS_NO_PLACE
     trust.radius = radius
     if status == 0:
-        for p in range(method.parts.part.shape[0]):
+        for p in range(method.parts.path.shape[1]):
             method.parts.part[p].yields = 0
     duration = state.step.duration
     duration[DURATION_DETECT] = monotonic_ns() - began - duration[DURATION_PALM]

@@ -8,7 +8,7 @@ import numpy as np
 from hhsim.kernels.contact.detection import CONTACT_ROWS, CONTACTS
 from hhsim.kernels.contact.linearise import PROBLEM
 from hhsim.kernels.contact.self_pairs import SELF_CONTACT
-from hhsim.kernels.contact.surface import SHARED_CANDIDATES
+from hhsim.kernels.contact.surface import shared_first
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.hand.pose import HAND_POSE
 from hhsim.kernels.parallel.thread_team import THREAD_TEAM
@@ -138,17 +138,12 @@ DECOUPLING = np.dtype(
 """Suspension of the separate programs of palm and fingers, see `kernels.tick.decoupling`."""
 
 
-ANY_CANDIDATES = np.dtype(SHARED_CANDIDATES, align=True)
-"""What the candidates of every surface begin with."""
-
-
 @cache
-def tick_state_dtype(candidates: "np.dtype[Any]" = ANY_CANDIDATES) -> "np.dtype[Any]":
+def tick_state_dtype(candidates: "np.dtype[Any] | None" = None) -> "np.dtype[Any]":
     """Build the dtype of all that lives from tick to tick, and the workspaces, for a surface's `candidates` dtype.
 
-    Ticks see what all surfaces have (`hhsim.solver.workspace.any_states`): it comes first.
+    Without one, what ticks see of it, whatever the surface (`hhsim.solver.workspace.any_states`).
     """
-    own = [(name, candidates[name]) for name in candidates.names or () if name not in (ANY_CANDIDATES.names or ())]
     return np.dtype(
         [
             ("pose", HAND_POSE),  # the graphic hand
@@ -178,7 +173,7 @@ def tick_state_dtype(candidates: "np.dtype[Any]" = ANY_CANDIDATES) -> "np.dtype[
             ("decoupling", DECOUPLING),  # see `kernels.tick.decoupling`
             ("self_contact", SELF_CONTACT),  # see `kernels.contact.self_pairs`
             # Last: their size is the surface's own.
-            ("candidates", np.dtype([*SHARED_CANDIDATES, *own], align=True)),
+            ("candidates", shared_first(candidates)),
         ],
         align=True,
     )
