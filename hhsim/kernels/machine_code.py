@@ -22,24 +22,37 @@ def code_of(kernel: Any, *arguments: Any) -> Any:
     return kernel.address(*arguments) if JIT_ENABLED else kernel
 
 
-def _call(typing: Any, address: Any, arguments: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        kinds = signature.args[1].types
-        values = cgutils.unpack_tuple(builder, given[1])
-        kind = context.call_conv.get_function_type(types.int64, kinds)
-        function = builder.inttoptr(given[0], kind.as_pointer())
-        _, found = context.call_conv.call_function(builder, function, types.int64, kinds, values)
-        return found
+def _calls(returned: types.Type) -> Callable[..., Any]:
+    """Return the declaration of an intrinsic that calls machine code which returns such a value."""
 
-    return types.int64(types.int64, arguments), generate
+    def call(typing: Any, address: Any, arguments: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+            kinds = signature.args[1].types
+            values = cgutils.unpack_tuple(builder, given[1])
+            kind = context.call_conv.get_function_type(returned, kinds)
+            function = builder.inttoptr(given[0], kind.as_pointer())
+            _, found = context.call_conv.call_function(builder, function, returned, kinds, values)
+            return context.get_dummy_value() if returned == types.none else found
+
+        return returned(types.int64, arguments), generate
+
+    return call
 
 
 if JIT_ENABLED:
-    call_code = cast(Callable[[Any, Any], int], intrinsic(_call))
+    call_code = cast(Callable[[Any, Any], int], intrinsic(_calls(types.int64)))
     """Call machine code with a tuple of arguments of the types that it was compiled for; it returns an integer."""
+    run_code = cast(Callable[[Any, Any], None], intrinsic(_calls(types.none)))
+    """Call machine code that returns nothing."""
+    ask_code = cast(Callable[[Any, Any], bool], intrinsic(_calls(types.boolean)))
+    """Call machine code that returns a truth."""
+    number_of_code = cast(Callable[[Any, Any], float], intrinsic(_calls(types.float64)))
+    """Call machine code that returns a number."""
 
 else:
 
-    def call_code(code: Any, arguments: Any) -> int:
+    def call_code(code: Any, arguments: Any) -> Any:
         """Call a kernel that is not compiled."""
-        return int(code(*arguments))
+        return code(*arguments)
+
+    run_code = ask_code = number_of_code = call_code

@@ -16,6 +16,7 @@ from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.body import HINGE, OBJECT_DOF, SLIDER, Support
 from hhsim.kernels.free.edges import EDGE_PAIRS, Edges
 from hhsim.kernels.free.meeting import SEEN
+from hhsim.kernels.free.own_bends import correct_own
 from hhsim.kernels.free.pairs import Free
 from hhsim.kernels.free.record import BodiesRecord, ObjectRecord, WorldRecord
 from hhsim.kernels.free.rows import SLACKS, friction_count
@@ -147,8 +148,12 @@ class FreeEngine:
         else:
             made = [surface_code(arrays, workspace.hand, workspace.state_dtype) for arrays in surfaces[1:]]
             codes, self._written = [codes[0], *(code for _, code in made)], [written for written, _ in made]
+        tick_options = workspace.tick_options
+        if workspace.options.self_contact:
+            correcting = code_of(correct_own, tick_options, self.states, world[0], self.qp)
+            tick_options = tick_options._replace(own=tick_options.own._replace(correcting=correcting))
         self.method = Free(
-            workspace.tick_options,
+            tick_options,
             filled(supports, MOST_BODIES),
             self.states,
             world,

@@ -14,7 +14,6 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.self_pairs import self_clearance
 from hhsim.kernels.callee import collector_at_rest
 from hhsim.kernels.contact.penetration import clearances
-from hhsim.kernels.contact.self_pairs import NoPairs
 from hhsim.kernels.hand.hand_shape import StoredHands
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.hand.pose import is_finite_configuration
@@ -256,8 +255,8 @@ def _clearances(workspace: TickWorkspace) -> list[float]:
 
 def part_fingers(workspace: TickWorkspace) -> bool:
     """Straighten the fingers of a hand that is in itself until it is not; return whether it was."""
-    own = workspace.tick_options.own
-    if isinstance(own, NoPairs):
+    own = workspace.tick_options.own.pairs
+    if not len(own.first):
         return False
     pose, share = workspace.states[0].pose, np.linspace(1.0, 0.0, SHARES + 1)
     flexion, abduction = (share.reshape(-1, *[1] * values.ndim) * values for values in (pose.flexion, pose.abduction))

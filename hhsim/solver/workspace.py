@@ -17,7 +17,6 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.self_pairs import self_pairs
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
-from hhsim.kernels.contact.self_pairs import NoPairs
 from hhsim.kernels.contact.surface import seen_as
 from hhsim.kernels.contact.surface_code import SurfaceCode
 from hhsim.kernels.hand.kinematics import DOF
@@ -32,6 +31,7 @@ from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.progressive import help_out
 from hhsim.kernels.tick.state import WORK_COUNTERS, tick_state_dtype
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.own_parts import keep_apart
 from hhsim.solver.surface import SURFACES, surface_of
 from hhsim.solver.surface_code import surface_code
 from hhsim.system.posix import thread_clock
@@ -63,7 +63,6 @@ def tick_options(options: SolverOptions, model: HandModel) -> TickOptions:
         longest_correction=options.margin * math.sqrt(options.stiffness.translation),
         contact_stiffness=options.stiffness.contact,
         touch=options.touch,
-        own=self_pairs(model, options.fingers) if options.self_contact else NoPairs(),
     )
 
 
@@ -93,6 +92,9 @@ class TickWorkspace:
         self.state_dtype = tick_state_dtype(candidates)
         self.states = any_states(fresh_state(self.state_dtype, options.stiffness.diagonal(), options.modelled()))
         self.qp = new_work(DOF, ROW_CAPACITY)
+        if options.self_contact:
+            pairs = self_pairs(model, options.fingers)
+            self.tick_options = keep_apart(pairs, self.tick_options, self.hand, self.qp)
         self.thread_team = ThreadTeam(self.states, options.threads if JIT_ENABLED else 1)
 
     def use(self, states: Any) -> None:

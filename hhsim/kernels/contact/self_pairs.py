@@ -30,7 +30,7 @@ from hhsim.kernels.hand.kinematics import (
     placed_sphere,
 )
 from hhsim.kernels.hand.pose import HAND_POSE, update_kinematics
-from hhsim.kernels.jit import Array, Indices, Record, as_int64, generic, jit, jit_inline, jit_noinline
+from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline, jit_noinline
 from hhsim.kernels.rotation import turned_back
 from hhsim.kernels.round_cone_distance import RoundCone, round_cone_parameter
 from hhsim.kernels.round_cone_pair import round_cone_pair
@@ -54,12 +54,6 @@ STEEP = 0.5
 and beyond 1 it grows from tick to tick until a tick has enough programs for second derivatives."""
 WHOLE_PALM = -1
 """In place of a palm sphere in a row of two phalanges."""
-
-
-class NoPairs(NamedTuple):
-    """In place of the pairs of a hand whose parts go through each other."""
-
-    pairs: int = 0
 
 
 @by_reference
@@ -173,11 +167,6 @@ def pair_distance(hand: HandArrays, pose: Record, first: int, second: int) -> fl
         nearest = distance
 
 
-@generic
-def measure_pairs(pairs: Any, hand: HandArrays, pose: Record, exact: float, own: Record) -> None:
-    """Compute the least distance of pairs at a pose, or a bound of it that is not below `exact` [m]."""
-
-
 @jit_noinline
 def _update_bounds(pairs: SelfPairs, hand: HandArrays, pose: Record, reach: float, own: Record) -> None:
     """Bring the bounds to the pose, by the motion since; those below `reach` are then distances."""
@@ -197,9 +186,9 @@ def _update_bounds(pairs: SelfPairs, hand: HandArrays, pose: Record, reach: floa
     own.floor, own.least = least, least
 
 
-@measure_pairs.of(SelfPairs)
 @jit
-def _measure_pairs(pairs: SelfPairs, hand: HandArrays, pose: Record, exact: float, own: Record) -> None:
+def measure_pairs(pairs: SelfPairs, hand: HandArrays, pose: Record, exact: float, own: Record) -> None:
+    """Compute the least distance of pairs at a pose, or a bound of it that is not below `exact` [m]."""
     for f in range(FINGER_COUNT):
         own.abducted[f] = pose.abduction[f] - own.abduction[f]
         for k in range(PHALANX_COUNT):
@@ -352,21 +341,16 @@ def begin_rows(own: Record) -> None:
         own.share[f] = 1.0
 
 
-@generic
-def add_rows(pairs: Any, hand: HandArrays, within: float, options: Any, state: Record) -> bool:
-    """Add rows of pairs up to `within` [m], or of those that the step breaks if BROKEN; return whether one is new."""
-
-
-@add_rows.of(SelfPairs)
 @jit
-def _add_rows(pairs: SelfPairs, hand: HandArrays, within: float, options: Any, state: Record) -> bool:
+def add_rows(pairs: SelfPairs, hand: HandArrays, within: float, options: Any, state: Record) -> bool:
+    """Add rows of pairs up to `within` [m], or of those that the step breaks if BROKEN; return whether one is new."""
     own, motion = state.self_contact, state.self_contact.motion
     nearer = _finger_motions(hand, state.step.delta, state.problem.abduction_step, motion)
     added, most = False, within if within != BROKEN else nearer + options.offset
     if own.least >= most - STILL:
         return added
     if own.least != own.floor:
-        _measure_pairs(pairs, hand, state.pose, most, own)
+        measure_pairs(pairs, hand, state.pose, most, own)
     for pair in range(pairs.first.shape[0]):
         first, second = pairs.first[pair], pairs.second[pair]
         limit = within if within != BROKEN else motion[first] + motion[second] + options.offset
@@ -384,14 +368,9 @@ def _add_rows(pairs: SelfPairs, hand: HandArrays, within: float, options: Any, s
     return added
 
 
-@generic
-def foresee_rows(pairs: Any, hand: HandArrays, active: Record, options: Any, state: Record) -> None:
-    """Add the rows that were active in the last program, and reduce the abduction step to what they have room for."""
-
-
-@foresee_rows.of(SelfPairs)
 @jit
-def _foresee_rows(pairs: SelfPairs, hand: HandArrays, active: Record, options: Any, state: Record) -> None:
+def foresee_rows(pairs: SelfPairs, hand: HandArrays, active: Record, options: Any, state: Record) -> None:
+    """Add the rows that were active in the last program, and reduce the abduction step to what they have room for."""
     own = state.self_contact
     for i in range(active.count):
         key = -1 - LIMIT_ROWS - active.key[i]
@@ -402,14 +381,9 @@ def _foresee_rows(pairs: SelfPairs, hand: HandArrays, active: Record, options: A
         state.problem.abduction_step[f] *= own.share[f]
 
 
-@generic
-def scale_rows(pairs: Any, offset: float, relaxed: bool, state: Record) -> None:
-    """Scale the rows for the program, with its abduction step; arguments as of `build_rows`."""
-
-
-@scale_rows.of(SelfPairs)
 @jit
-def _scale_rows(pairs: SelfPairs, offset: float, relaxed: bool, state: Record) -> None:
+def scale_rows(offset: float, relaxed: bool, state: Record) -> None:
+    """Scale the rows for the program, with its abduction step; arguments as of `build_rows`."""
     own, problem = state.self_contact, state.problem
     first = limit_start(state.contacts, as_int64(FINGER_COUNT))
     for row in range(own.count):
@@ -421,20 +395,15 @@ def _scale_rows(pairs: SelfPairs, offset: float, relaxed: bool, state: Record) -
             own.dense[row, j] = own.gradient[row, j] * problem.inverse_root[j]
 
 
-@generic
-def clear_fraction(pairs: Any, fraction: float, hand: HandArrays, state: Record) -> float:
-    """Reduce the share of the step so that parts which may meet in it move by no more than the trust radius."""
-
-
-@clear_fraction.of(SelfPairs)
 @jit
-def _clear_fraction(pairs: SelfPairs, fraction: float, hand: HandArrays, state: Record) -> float:
+def clear_fraction(pairs: SelfPairs, fraction: float, hand: HandArrays, state: Record) -> float:
+    """Reduce the share of the step so that parts which may meet in it move by no more than the trust radius."""
     own, motion = state.self_contact, state.self_contact.motion
     nearer = _finger_motions(hand, state.step.delta, state.problem.abduction_step, motion)
     if fraction * nearer <= max(own.least, state.trust.radius):
         return fraction
     if own.least != own.floor:
-        _measure_pairs(pairs, hand, state.pose, nearer, own)
+        measure_pairs(pairs, hand, state.pose, nearer, own)
     for pair in range(pairs.first.shape[0]):
         moved = motion[pairs.first[pair]] + motion[pairs.second[pair]]
         if fraction * moved > max(own.bound[pair], state.trust.radius):
@@ -443,18 +412,13 @@ def _clear_fraction(pairs: SelfPairs, fraction: float, hand: HandArrays, state: 
     return fraction
 
 
-@generic
-def choose_bends(pairs: Any, bends: bool, hand: HandArrays, pose: Record, own: Record) -> None:
+@jit_noinline
+def choose_bends(pairs: SelfPairs, bends: bool, hand: HandArrays, pose: Record, own: Record) -> None:
     """Let the rows have second derivatives in the program at hand if told so, or if they are steep.
 
     They then keep the shapes of the phalanges.
     """
-
-
-@choose_bends.of(SelfPairs)
-@jit_noinline
-def _choose_bends(pairs: SelfPairs, bends: bool, hand: HandArrays, pose: Record, own: Record) -> None:
-    own.bends = bends or own.steep
+    own.bends = pairs.first.shape[0] > 0 and (bends or own.steep)
     for body in range(PALM_BODY if own.bends else 0):
         cone, shape = _cone(hand, pose, body), own.shape[body]
         shape[0], shape[1], shape[2] = cone.length, cone.tan_slope, cone.inverse_length
@@ -488,28 +452,8 @@ def _bend(pose: Record, finger: int, share: float, step: Array, own: Record) -> 
             bent.joints[finger, k + 1, j] = bent.joints[finger, k, j] + along
 
 
-@generic
-def add_bends(
-    pairs: Any,
-    pose: Record,
-    own: Record,
-    first: int,
-    row: Indices,
-    force: Array,
-    inverse_root: Array,
-    step: Array,
-    product_out: Array,
-) -> None:
-    """Add Σ λ ∇²d · step over the rows of pairs of phalanges; `first` is the first of the hand's own rows, λ the force.
-
-    See `curvature_product`. The spheres of the palm count as flat. `inverse_root` is 1 / √G of the hand's variables, by
-    which rows are found to be steep.
-    """
-
-
-@add_bends.of(SelfPairs)
 @jit
-def _add_bends(
+def add_bends(
     pairs: SelfPairs,
     pose: Record,
     own: Record,
@@ -520,6 +464,11 @@ def _add_bends(
     step: Array,
     product: Array,
 ) -> None:
+    """Add Σ λ ∇²d · step over the rows of pairs of phalanges; `first` is the first of the hand's own rows, λ the force.
+
+    See `curvature_product`. The spheres of the palm count as flat. `inverse_root` is 1 / √G of the hand's variables, by
+    which rows are found to be steep.
+    """
     # By the difference of gradients a little farther on: two nearest points that slide make a long closed form.
     most, bends = 0.0, False
     for j in range(6, DOF):
@@ -546,25 +495,3 @@ def _add_bends(
     for j in range(6, DOF):
         square += (step[j] / inverse_root[j]) ** 2
     own.steep = own.steep or abs(along) > STEEP * square
-
-
-@jit_inline
-def nothing(pairs: NoPairs, *others: Any) -> None:
-    """Do nothing: the implementation of kernels for a hand without such pairs."""
-
-
-@jit_inline
-def as_it_is(pairs: NoPairs, value: Any, *others: Any) -> Any:
-    """Return a value as it is: that of kernels which would change it."""
-    return value
-
-
-@add_rows.of(NoPairs)
-@jit_inline
-def _add_none(pairs: NoPairs, hand: HandArrays, within: float, options: Any, state: Record) -> bool:
-    return False
-
-
-for _kernel in (measure_pairs, foresee_rows, scale_rows, choose_bends, add_bends):
-    _kernel.of(NoPairs)(nothing)
-clear_fraction.of(NoPairs)(as_it_is)

@@ -21,6 +21,7 @@ from hhsim.kernels.contact.linearise import LIMIT_ROWS
 from hhsim.kernels.free.body import SLIDER
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline
+from hhsim.kernels.qp.row_scan import WideRows
 from hhsim.kernels.rotation import turned, turned_back
 
 States: TypeAlias = NDArray[np.void]
@@ -195,6 +196,24 @@ def _turn_palm(turn: Array, row: int, palm: int, common: Array) -> None:
     for first in (palm, palm + 3):
         x, y, z = turned_back(turn, common[first, row], common[first + 1, row], common[first + 2, row])
         common[first, row], common[first + 1, row], common[first + 2, row] = x, y, z
+
+
+@jit_inline
+def wide_rows(problem: Record) -> WideRows:
+    """Return the rows of a program of hands and bodies."""
+    return WideRows(
+        common_count(problem),
+        problem.common[:],
+        problem.block[:],
+        problem.rhs[:],
+        problem.group_start[: problem.groups],
+        problem.group_stop[: problem.groups],
+        problem.group_block[: problem.groups],
+        problem.dense[:],
+        problem.dense_row,
+        problem.dense_rows,
+        variable_count(problem) - common_count(problem),
+    )
 
 
 @jit

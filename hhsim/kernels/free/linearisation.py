@@ -8,8 +8,9 @@ import numpy as np
 
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits
+from hhsim.kernels.contact.own_parts import add_own_rows, foresee_own_rows
 from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
-from hhsim.kernels.contact.self_pairs import BROKEN, add_rows, begin_rows, choose_bends, foresee_rows
+from hhsim.kernels.contact.self_pairs import BROKEN, begin_rows, choose_bends
 from hhsim.kernels.contact.surface_code import SurfaceCode, find_surface_contacts
 from hhsim.kernels.free.body import OBJECT_DOF, body_target, see_hand
 from hhsim.kernels.free.columns import (
@@ -145,9 +146,9 @@ def _foresee_own(method: Free, near: float, world: Record) -> int:
         each, hand = method.states[h], method.movers[h]
         own, step = each.self_contact, each.problem.abduction_step
         if near > 0.0:
-            add_rows(options.own, hand, near, options, each)
+            add_own_rows(options.own, hand, near, options, each)
         else:
-            foresee_rows(options.own, hand, each.warm, options, each)
+            foresee_own_rows(options.own, hand, each.warm, options, each)
         for r in range(own.count):
             problem.own_multiplier[h, r] = 1.0
         for f in range(FINGER_COUNT):
@@ -237,7 +238,7 @@ def _add_own(method: Free, h: int, world: Record) -> bool:
     share, before, first = each.self_contact.share, problem.scratch, each.self_contact.count
     for f in range(FINGER_COUNT):
         before[f] = share[f]
-    if not add_rows(method.options.own, method.movers[h], BROKEN, method.options, each):
+    if not add_own_rows(method.options.own, method.movers[h], BROKEN, method.options, each):
         return False
     for r in range(first, each.self_contact.count):
         problem.own_multiplier[h, r] = 0.0
@@ -386,7 +387,7 @@ def _solve_linearisation(
     hands = hand_count(world.problem)
     for h in range(hands):
         each, curved = method.states[h], as_bool(done >= FLAT_PROGRAMS)
-        choose_bends(method.options.own, curved, mover_of(method, h), each.pose, each.self_contact)
+        choose_bends(method.options.own.pairs, curved, mover_of(method, h), each.pose, each.self_contact)
     count, full_motion = prepare(method, 0.0, state), WHOLE_TARGET
     if count < 0:
         return as_int64(OVERFLOW), full_motion

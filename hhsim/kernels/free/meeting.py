@@ -19,10 +19,10 @@ from hhsim.kernels.contact.hand_pairs import (
     row_rest,
 )
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, limit_start
-from hhsim.kernels.contact.self_pairs import SELF_PAIRS, WHOLE_PALM, NoPairs, SelfPairs, nothing, scale_rows
+from hhsim.kernels.contact.self_pairs import SELF_PAIRS, WHOLE_PALM, SelfPairs, scale_rows
 from hhsim.kernels.free.columns import States, common_count, hand_count, palm_column
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
-from hhsim.kernels.jit import Record, as_bool, as_int64, generic, jit, jit_inline, jit_noinline, jit_pasted
+from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_inline, jit_noinline, jit_pasted
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
@@ -154,7 +154,7 @@ def _begin_dense(row: int, problem: Record) -> int:
 
 
 @jit
-def dense_rows(own: Any, states: States, pairs: Record, offset: float, relaxed: bool, row: int, problem: Record) -> int:
+def dense_rows(states: States, pairs: Record, offset: float, relaxed: bool, row: int, problem: Record) -> int:
     """Write the rows of pairs of hands' bodies from a row on, and return the one behind them."""
     hands, fingers = hand_count(problem), PHALANX_COUNT * FINGER_COUNT
     common, dense, weight = problem.common, problem.dense, problem.inverse_root
@@ -172,7 +172,7 @@ def dense_rows(own: Any, states: States, pairs: Record, offset: float, relaxed: 
         row += 1
     for h in range(hands):
         each = states[h]
-        scale_rows(own, offset, relaxed, each)
+        scale_rows(offset, relaxed, each)
         first = limit_start(each.contacts, as_int64(FINGER_COUNT))
         problem.own_row[h] = row
         for r in range(each.self_contact.count):
@@ -233,17 +233,9 @@ def bear_meetings(states: States, world: Record) -> None:
             warm.count += 1
 
 
-@generic
-def bear_own(own: Any, state: Record, h: int, problem: Record) -> None:
-    """Add the forces of a hand's own parts on each other to those on it, each with the name of its pair."""
-
-
-bear_own.of(NoPairs)(nothing)
-
-
-@bear_own.of(SelfPairs)
 @jit
-def _bear_own(own: SelfPairs, state: Record, h: int, problem: Record) -> None:
+def bear_own(own: SelfPairs, state: Record, h: int, problem: Record) -> None:
+    """Add the forces of a hand's own parts on each other to those on it, each with the name of its pair."""
     rows, warm = state.self_contact, state.warm
     for i in range(rows.count):
         force, last = problem.own_multiplier[h, i], warm.count

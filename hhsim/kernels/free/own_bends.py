@@ -6,16 +6,23 @@ See `kernels.tick.second_order`; contacts with bodies count as flat here.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from hhsim.kernels.contact.self_pairs import NoPairs, SelfPairs, add_bends
+from hhsim.kernels.contact.own_parts import OwnParts, add_own_bends
 from hhsim.kernels.copy import copy_values
-from hhsim.kernels.free.columns import States, common_count, first_finger, hand_count, palm_column, variable_count
+from hhsim.kernels.free.columns import (
+    States,
+    common_count,
+    first_finger,
+    hand_count,
+    palm_column,
+    variable_count,
+    wide_rows,
+)
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Record, as_bool, as_int64, generic, jit, jit_inline, jit_noinline
+from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.qr_update import project
-from hhsim.kernels.qp.row_scan import WideRows
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.second_order import correct_for_curvature, curvature
 
@@ -29,7 +36,7 @@ FINGERS = PHALANX_COUNT * FINGER_COUNT
 class OwnLagrangian(NamedTuple):
     """Curved part of a program of hands and bodies: each hand's own pairs that carry a multiplier."""
 
-    own: SelfPairs
+    own: OwnParts
     states: States
     problem: Record
     loaded: Record  # rows with a multiplier [N]
@@ -52,7 +59,7 @@ def _curvature(lagrangian: OwnLagrangian, step: Array, product_out: Array) -> No
         whole[:6], product[:] = 0.0, 0.0
         copy_values(step[fingers : fingers + FINGERS], whole[6:])
         given, root = (each.pose, each.self_contact, problem.own_row[h]), problem.inverse_root[:]
-        add_bends(lagrangian.own, *given, row, force, root, whole[:], product[:])
+        add_own_bends(lagrangian.own, *given, row, force, root, whole[:], product[:])
         copy_values(product[6:], product_out[fingers : fingers + FINGERS])
 
 
@@ -80,24 +87,9 @@ def _hold_bodies(n: int, problem: Record, qp: QpWork) -> int:
     return as_int64(k)
 
 
-@generic
-def correct_own(own: Any, options: TickOptions, rows: WideRows, states: States, world: Record, qp: QpWork) -> bool:
+@jit
+def correct_own(options: TickOptions, states: States, world: Record, qp: QpWork) -> bool:
     """Move a program's solution to second order in the hands' own pairs; return whether it is another."""
-
-
-@correct_own.of(NoPairs)
-@jit_inline
-def _correct_nothing(
-    own: NoPairs, options: TickOptions, rows: WideRows, states: States, world: Record, qp: QpWork
-) -> bool:
-    return False
-
-
-@correct_own.of(SelfPairs)
-@jit_noinline
-def _correct_own(
-    own: SelfPairs, options: TickOptions, rows: WideRows, states: States, world: Record, qp: QpWork
-) -> bool:
     problem, work, n, bends = world.problem, world.correction, variable_count(world.problem), False
     for h in range(hand_count(problem)):
         for r in range(states[h].self_contact.count if states[h].self_contact.bends else 0):
@@ -112,8 +104,8 @@ def _correct_own(
     for h in range(hand_count(problem)):
         first = first_finger(problem, h)
         copy_values(problem.inverse_root[6:DOF], root[first : first + FINGERS])
-    lagrangian = OwnLagrangian(own, states, problem, world.loaded, root, as_int64(0), n)
+    lagrangian = OwnLagrangian(options.own, states, problem, world.loaded, root, as_int64(0), n)
     longest = options.longest_correction
     held = _hold_bodies(n, problem, qp)
-    correct_for_curvature(lagrangian, held, problem.delta[:], rows, options.tolerance, longest, work, qp)
+    correct_for_curvature(lagrangian, held, problem.delta[:], wide_rows(problem), options.tolerance, longest, work, qp)
     return as_bool(True)

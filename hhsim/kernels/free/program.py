@@ -15,15 +15,16 @@ from hhsim.kernels.free.columns import (
     pair_count,
     palm_column,
     variable_count,
+    wide_rows,
 )
 from hhsim.kernels.free.joints import JOINT_KEYS, SLACK, slack_column, slack_target
 from hhsim.kernels.free.leanings import find_leanings, turn_contacts
 from hhsim.kernels.free.meeting import MEETING_KEYS, guess_dense, read_dense
-from hhsim.kernels.free.own_bends import correct_own
 from hhsim.kernels.free.rows import STANDS_BACK, TABLE_KEYS, contact_rows, friction_rows, measure_slip
 from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit
+from hhsim.kernels.machine_code import ask_code
 from hhsim.kernels.qp.active_set import OPTIMAL, RESUMES, QpWork, solve
 from hhsim.kernels.qp.row_scan import WideRows
 from hhsim.kernels.rotation import turned
@@ -349,20 +350,8 @@ def solve_free(options: TickOptions, states: States, world: Record, rounds: int,
     bodies, step = world.bodies, states[0].step
     problem, friction, loaded, coulomb = world.problem, world.friction, world.loaded, world.coulomb
     offset, relaxed = options.offset, states[0].program.is_relaxed
-    friction_rows(options.own, states, bodies, offset, relaxed, problem, friction, world.meeting)
-    rows = WideRows(
-        common_count(problem),
-        problem.common[:],
-        problem.block[:],
-        problem.rhs[:],
-        problem.group_start[: problem.groups],
-        problem.group_stop[: problem.groups],
-        problem.group_block[: problem.groups],
-        problem.dense[:],
-        problem.dense_row,
-        problem.dense_rows,
-        variable_count(problem) - common_count(problem),
-    )
+    friction_rows(states, bodies, offset, relaxed, problem, friction, world.meeting)
+    rows = wide_rows(problem)
     floats, backs = LET_FLOAT * offset, STANDS_BACK * offset
     guessed = _guess(states, problem, loaded, world.meeting)
     best = np.inf
@@ -407,7 +396,7 @@ def solve_free(options: TickOptions, states: States, world: Record, rounds: int,
     if not clipped:
         find_leanings(bodies, floats, problem, friction, loaded, world.leanings)
         _hold(offset, friction, world.leanings, world.held)
-    if correct_own(options.own, options, rows, states, world, qp):
+    if options.own.correcting != 0 and ask_code(options.own.correcting, (options, states, world, qp)):
         read_step(bodies, problem, qp)
     if loaded.count > 0:
         _rest(bodies, problem)

@@ -365,14 +365,7 @@ def bends(states: States, problem: Record, meeting: Record, hand: int, finger: i
 
 @jit
 def friction_rows(
-    own: Any,
-    states: States,
-    bodies: Record,
-    offset: float,
-    relaxed: bool,
-    problem: Record,
-    friction: Record,
-    meeting: Record,
+    states: States, bodies: Record, offset: float, relaxed: bool, problem: Record, friction: Record, meeting: Record
 ) -> None:
     """Write the rows of friction, of the table, of joints and of pairs of hands' bodies, and the groups of all rows.
 
@@ -423,7 +416,7 @@ def friction_rows(
     row = joint_rows(states, bodies, relaxed, row, problem)
     _add_group(problem, table, row, -1)
     dense = row
-    row = dense_rows(own, states, meeting, offset, relaxed, row, problem)
+    row = dense_rows(states, meeting, offset, relaxed, row, problem)
     _add_group(problem, dense, row, -1)
     problem.rows = row
     for i in range(friction.of_hand if problem.is_fresh == 1 else 0):

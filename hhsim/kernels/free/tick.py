@@ -115,7 +115,7 @@ def _find_loads(method: Free, state: Record) -> None:
     if hand_count(problem) > 1:
         bear_meetings(states, world)
     for h in range(hand_count(problem)):
-        bear_own(method.options.own, states[h], as_int64(h), problem)
+        bear_own(method.options.own.pairs, states[h], as_int64(h), problem)
 
 
 @jit

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import ROW_CAPACITY, build_rows, clamp_to_limits, limit_start
-from hhsim.kernels.contact.self_pairs import SELF_ROWS, add_rows, begin_rows, scale_rows
+from hhsim.kernels.contact.own_parts import add_own_rows
+from hhsim.kernels.contact.self_pairs import SELF_ROWS, begin_rows, scale_rows
 from hhsim.kernels.contact.surface_code import SurfaceCode, pairs_near
 from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
@@ -183,14 +184,14 @@ def _stay(state: Record) -> None:
 def _find_own(hand: HandArrays, options: TickOptions, state: Record) -> None:
     """Find the rows of the hand's own parts within the margin."""
     begin_rows(state.self_contact)
-    add_rows(options.own, hand, options.margin, options, state)
+    add_own_rows(options.own, hand, options.margin, options, state)
 
 
 @jit
 def _write_rows(hand: HandArrays, options: TickOptions, state: Record) -> None:
     """Write the rows of contacts, joint limits and own parts, of a step without abduction."""
     build_rows(hand, state.pose, state.contacts, options.offset, as_bool(True), state.problem)
-    scale_rows(options.own, options.offset, as_bool(True), state)
+    scale_rows(options.offset, as_bool(True), state)
 
 
 @jit_noinline
@@ -304,7 +305,7 @@ def bear(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Re
     if solve_coupled(Coupled(options), state, qp) != OPTIMAL:
         return True
     store_active(contacts, state.step, state.warm)
-    store_meeting(options.own, state, state.warm)
+    store_meeting(options.own.pairs, state, state.warm)
     copy_active(state.warm, state.active)
     _move_hand(hand, options, state)
     fits = evaluate_pose(hand, surface, options, state)

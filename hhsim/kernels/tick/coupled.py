@@ -4,15 +4,14 @@ The paper rejected it as slower than 20 Hz; with a warm-started dual active set 
 and since standing still is always feasible, so is the program.
 """
 
-from typing import Any
-
 import numpy as np
 
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import limit_start
-from hhsim.kernels.contact.self_pairs import SELF_ROWS, NoPairs, SelfPairs
+from hhsim.kernels.contact.self_pairs import SELF_ROWS
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
-from hhsim.kernels.jit import Indices, Record, as_int64, generic, jit, jit_inline, jit_noinline
+from hhsim.kernels.jit import Indices, Record, as_int64, jit, jit_inline, jit_noinline
+from hhsim.kernels.machine_code import call_code
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import MeetingRows, ProgramRows
 from hhsim.kernels.tick.method import Coupled, energy_stalled, solve_program
@@ -68,23 +67,18 @@ def _solve_rows(
     return status
 
 
-@generic
-def _solve_parts(own: Any, options: TickOptions, guessed: int, state: Record, qp: QpWork) -> int:
-    """Solve the program of contacts and joint limits, and of the hand's own parts where these have rows."""
-
-
-@_solve_parts.of(NoPairs)
 @jit_inline
-def _solve_contacts(own: NoPairs, options: TickOptions, guessed: int, state: Record, qp: QpWork) -> int:
+def _solve_contacts(options: TickOptions, guessed: int, state: Record, qp: QpWork) -> int:
+    """Solve the program of contacts and joint limits."""
     problem, work = state.problem, state.coupled
     start, stop, block = work.group_start[:GROUPS], work.group_stop[:GROUPS], work.group_block[:GROUPS]
     rows = ProgramRows(as_int64(6), problem.common[:], problem.block[:], problem.rhs[:], start, stop, block)
     return _solve_rows(options, rows, work.guess[:], guessed, state, qp)
 
 
-@_solve_parts.of(SelfPairs)
-@jit_inline
-def _solve_own(own: SelfPairs, options: TickOptions, guessed: int, state: Record, qp: QpWork) -> int:
+@jit
+def solve_own(options: TickOptions, guessed: int, state: Record, qp: QpWork) -> int:
+    """Solve the program of contacts, joint limits and the hand's own parts."""
     problem, work, parts = state.problem, state.coupled, state.self_contact
     first, end = limit_start(state.contacts, as_int64(FINGER_COUNT)), GROUPS + parts.count
     for f in range(FINGER_COUNT):
@@ -109,7 +103,11 @@ def solve_coupled(method: Coupled, state: Record, qp: QpWork) -> int:
     began = monotonic_ns()
     for group in range(FINGER_COUNT + 1):
         guessed = guess_rows(state.contacts, state.warm, group, work.guess[:], guessed)
-    status = _solve_parts(method.options.own, method.options, guessed, state, qp)
+    options = method.options
+    if options.own.solving == 0:
+        status = _solve_contacts(options, guessed, state, qp)
+    else:
+        status = call_code(options.own.solving, (options, guessed, state, qp))
     state.step.duration[DURATION_PALM] += monotonic_ns() - began
     return status
 

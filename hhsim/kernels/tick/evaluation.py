@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS, COUNT_PAIR_TESTS, Reach
-from hhsim.kernels.contact.self_pairs import EXACT, measure_pairs
+from hhsim.kernels.contact.own_parts import measure_own
+from hhsim.kernels.contact.self_pairs import EXACT
 from hhsim.kernels.contact.surface_code import SurfaceCode, evaluate_surface
 from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
@@ -42,7 +43,7 @@ def evaluate_pose(hand: HandArrays, surface: SurfaceCode, options: TickOptions, 
     # where the step turns out longer, `complete_lists` gathers them.
     candidates.allowed_deficit = needed - max(options.listed, needed / REACH_PACE)
     status = evaluate_surface(hand, pose, surface, Reach(needed, margin, options.skin), candidates, state.work)
-    measure_pairs(options.own, hand, pose, EXACT, state.self_contact)
+    measure_own(options.own, hand, pose, EXACT, state.self_contact)
     state.progress.pairs_overflow = status != 0
     return status == 0
 

@@ -1,16 +1,15 @@
 """One linearisation of a tick: the contacts within reach, and the quadratic program that they make."""
 
-from typing import Any
-
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.detection import Reach
 from hhsim.kernels.contact.linearise import build_rows, clamp_to_limits
+from hhsim.kernels.contact.own_parts import add_own_rows, foresee_own_rows
 from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
-from hhsim.kernels.contact.self_pairs import BROKEN, NoPairs, SelfPairs, add_rows, begin_rows, foresee_rows, scale_rows
+from hhsim.kernels.contact.self_pairs import BROKEN, begin_rows, scale_rows
 from hhsim.kernels.contact.surface_code import SurfaceCode, evaluate_surface, find_surface_contacts, pairs_near
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, HandArrays, motion_bounds
 from hhsim.kernels.hand.pose import step_between
-from hhsim.kernels.jit import Array, Record, generic, jit, jit_inline, jit_noinline
+from hhsim.kernels.jit import Array, Record, jit, jit_inline, jit_noinline
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY
 from hhsim.kernels.tick.state import (
@@ -68,29 +67,18 @@ def write_program(hand: HandArrays, options: TickOptions, relaxed: bool, state: 
         if start[f + 2] == start[f + 1] and state.self_contact.meets[f] == 0:
             clamp_to_limits(hand, state.pose, f, problem.target[:])
     build_rows(hand, state.pose, state.contacts, options.offset, relaxed, problem)
-    scale_rows(options.own, options.offset, relaxed, state)
+    scale_rows(options.offset, relaxed, state)
     for j in range(DOF):
         problem.target[j] /= problem.inverse_root[j]
 
 
-@generic
-def add_broken_rows(own: Any, hand: HandArrays, options: TickOptions, share: float, state: Record) -> bool:
+@jit
+def add_broken_rows(hand: HandArrays, options: TickOptions, share: float, state: Record) -> bool:
     """Add rows for the hand's own parts that a program's step brings together, and build it anew; False for none.
 
     The program's target is a share of the way to the user's hand.
     """
-
-
-@add_broken_rows.of(NoPairs)
-@jit_inline
-def _add_none(own: NoPairs, hand: HandArrays, options: TickOptions, share: float, state: Record) -> bool:
-    return False
-
-
-@add_broken_rows.of(SelfPairs)
-@jit
-def _add_broken_rows(own: SelfPairs, hand: HandArrays, options: TickOptions, share: float, state: Record) -> bool:
-    if not add_rows(own, hand, BROKEN, options, state):
+    if not add_own_rows(options.own, hand, BROKEN, options, state):
         return False
     problem = state.problem
     step_to_haptic(state, problem.target[:], problem.abduction_step[:])
@@ -118,7 +106,7 @@ def build_program(hand: HandArrays, surface: SurfaceCode, options: TickOptions, 
     step_to_haptic(state, problem.target[:], problem.abduction_step[:])
     contacts = state.contacts.start[FINGER_COUNT + 1]
     count_linearisation(hand, surface, options, found, contacts, state)
-    foresee_rows(options.own, hand, state.warm, options, state)
+    foresee_own_rows(options.own, hand, state.warm, options, state)
     if contacts + state.self_contact.count == 0:
         for j in range(DOF):
             state.step.delta[j] = problem.target[j]

@@ -1,9 +1,9 @@
 """Lengths and tolerances of a tick."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from hhsim.kernels.by_reference import by_reference
-from hhsim.kernels.contact.self_pairs import NoPairs
+from hhsim.kernels.contact.own_parts import NO_PARTS, OwnParts
 
 
 @by_reference
@@ -23,4 +23,4 @@ class TickOptions(NamedTuple):
     longest_correction: float  # for curvature, in units of √G δ, see `kernels.tick.second_order`
     contact_stiffness: float  # of Eq. 14 and Fig. 9 [N/m]
     touch: float  # pairs nearer than this count as touching
-    own: Any = NoPairs()  # pairs of the hand's own parts that may meet: `SelfPairs`, or `NoPairs`
+    own: OwnParts = NO_PARTS  # pairs of the hand's own parts that may meet

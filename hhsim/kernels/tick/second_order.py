@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhsim.kernels.contact.linearise import limit_start
-from hhsim.kernels.contact.self_pairs import add_bends
+from hhsim.kernels.contact.own_parts import OwnParts, add_own_bends
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, generic, jit_inline, jit_pasted
 from hhsim.kernels.qp.active_set import QpWork
@@ -61,7 +61,7 @@ def _project_out(n: int, k: int, basis: Array, vector: Array) -> None:
 class Lagrangian(NamedTuple):
     """Curved part of a program: its contacts that carry a multiplier, and the hand's variables that it has."""
 
-    own: Any  # pairs of the hand's own parts that may meet
+    own: OwnParts  # pairs of the hand's own parts that may meet
     pose: Record  # the configuration of the linearisation
     contacts: Record  # its contact records
     parts: Record  # rows of the hand's own parts
@@ -75,7 +75,7 @@ class Lagrangian(NamedTuple):
 
 # Put into its callers before they are lowered: a function cannot return records.
 @jit_pasted
-def lagrangian_of(own: Any, state: Record, solution: Record, offset: int, n: int) -> Lagrangian:
+def lagrangian_of(own: OwnParts, state: Record, solution: Record, offset: int, n: int) -> Lagrangian:
     """Return the curved part of a program at the state's pose, by the rows and multipliers of its solution."""
     row, multiplier, inverse_root = solution.row[:], solution.multiplier[:], state.problem.inverse_root[:]
     given = state.pose, state.contacts, state.self_contact
@@ -95,7 +95,7 @@ def _curvature(lagrangian: Lagrangian, step: Array, product_out: Array) -> None:
     curvature_product(pose, contacts, row, multiplier, loaded, step, product_out)
     if lagrangian.parts.bends:
         force, root = multiplier[:loaded], lagrangian.inverse_root
-        add_bends(lagrangian.own, pose, lagrangian.parts, first, row[:loaded], force, root, step, product_out)
+        add_own_bends(lagrangian.own, pose, lagrangian.parts, first, row[:loaded], force, root, step, product_out)
 
 
 @jit_inline

@@ -1,6 +1,7 @@
 """Forces of a hand that is shown where no program has its optimum: what touches there bears the coupling."""
 
-from hhsim.kernels.contact.self_pairs import add_rows, begin_rows
+from hhsim.kernels.contact.own_parts import add_own_rows
+from hhsim.kernels.contact.self_pairs import begin_rows
 from hhsim.kernels.contact.surface_code import SurfaceCode, find_surface_contacts
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, HandArrays
 from hhsim.kernels.jit import Record, as_bool, jit
@@ -30,7 +31,7 @@ def settle_forces(hand: HandArrays, surface: SurfaceCode, options: TickOptions, 
     status = find_surface_contacts(surface, hand, state.pose, state.candidates, near, state.contacts)
     own = state.self_contact
     begin_rows(own)
-    add_rows(options.own, hand, near, options, state)
+    add_own_rows(options.own, hand, near, options, state)
     if status == 0 and state.contacts.start[FINGER_COUNT + 1] + own.count == 0:
         state.active.count = 0
     elif status == 0:
@@ -40,6 +41,6 @@ def settle_forces(hand: HandArrays, surface: SurfaceCode, options: TickOptions, 
         write_program(hand, options, as_bool(True), state)
         if solve_coupled(Coupled(options), state, qp) == OPTIMAL:
             store_active(state.contacts, state.step, state.active)
-            store_meeting(options.own, state, state.active)
+            store_meeting(options.own.pairs, state, state.active)
     duration[DURATION_PALM] = palm
     duration[DURATION_FINGERS] = fingers

@@ -1,13 +1,11 @@
 """Step that a method proposes, and the contacts that carry force."""
 
-from typing import Any
-
 import numpy as np
 
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, limit_start
-from hhsim.kernels.contact.self_pairs import SELF_PAIRS, WHOLE_PALM, NoPairs, SelfPairs, nothing
+from hhsim.kernels.contact.self_pairs import SELF_PAIRS, WHOLE_PALM, SelfPairs
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Indices, Record, as_int64, generic, jit, jit_inline
+from hhsim.kernels.jit import Indices, Record, as_int64, jit, jit_inline
 from hhsim.kernels.qp.active_set import QpWork
 
 ACTIVE_CAPACITY = 64
@@ -78,17 +76,9 @@ def store_active(contacts: Record, step: Record, active: Record) -> None:
     active.count = step.count
 
 
-@generic
-def store_meeting(own: Any, state: Record, active: Record) -> None:
-    """Name the parts of rows of the hand's own parts in a set of active contacts, each of both with its force."""
-
-
-store_meeting.of(NoPairs)(nothing)
-
-
-@store_meeting.of(SelfPairs)
 @jit
-def _store_meeting(own: SelfPairs, state: Record, active: Record) -> None:
+def store_meeting(own: SelfPairs, state: Record, active: Record) -> None:
+    """Name the parts of rows of the hand's own parts in a set of active contacts, each of both with its force."""
     step, rows = state.step, state.self_contact
     first = limit_start(state.contacts, as_int64(FINGER_COUNT))
     for i in range(step.count):

@@ -1,7 +1,8 @@
 """Length of a step: the share that the known pairs allow, or a step to a nearer target."""
 
 from hhsim.kernels.contact.linearise import build_rows
-from hhsim.kernels.contact.self_pairs import clear_fraction, scale_rows
+from hhsim.kernels.contact.own_parts import clear_own_fraction
+from hhsim.kernels.contact.self_pairs import scale_rows
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, HandArrays, motion_bounds
 from hhsim.kernels.jit import Record, jit, jit_inline
 from hhsim.kernels.tick.evaluation import least_distance
@@ -41,7 +42,7 @@ def allowed_fraction(hand: HandArrays, options: TickOptions, state: Record) -> t
             allowed = min(candidates.slack[body], near)
         if motion * fraction > allowed:
             fraction = allowed / motion
-    return clear_fraction(options.own, fraction, hand, state), longest
+    return clear_own_fraction(options.own, fraction, hand, state), longest
 
 
 @jit
@@ -66,5 +67,5 @@ def clip_target(hand: HandArrays, options: TickOptions, only_restore: bool, stat
     for f in range(FINGER_COUNT):
         problem.abduction_step[f] *= fraction
     build_rows(hand, state.pose, state.contacts, options.offset, state.program.is_relaxed, problem)
-    scale_rows(options.own, options.offset, state.program.is_relaxed, state)
+    scale_rows(options.offset, state.program.is_relaxed, state)
     return longest, fraction

@@ -139,7 +139,7 @@ def solve_hand_until_kept(
 ) -> int:
     """Solve by a method of a hand alone, see `solve_until_kept`; `share` is that of the step to the user's hand."""
     status = solve_program(method, state, qp) if has_rows else as_int64(OPTIMAL)
-    while status == OPTIMAL and add_broken_rows(method.options.own, hand, method.options, share, state):
+    while status == OPTIMAL and add_broken_rows(hand, method.options, share, state):
         status = solve_program(method, state, qp)
     return as_int64(status)
 
@@ -154,7 +154,7 @@ def solve_hand(
     options, work = method.options, state.work
     units, status, full_motion = work[WORK_UNITS], as_int64(OPTIMAL), WHOLE_TARGET
     contacts = as_int64(0)
-    choose_bends(options.own, as_bool(done >= FLAT_PROGRAMS), hand, state.pose, state.self_contact)
+    choose_bends(options.own.pairs, as_bool(done >= FLAT_PROGRAMS), hand, state.pose, state.self_contact)
     for attempt in range(2):
         contacts = build_program(hand, surface, options, state)
         if contacts < 0:
@@ -229,7 +229,7 @@ def advance_hand(method: Any, hand: HandArrays, surface: SurfaceCode, full_motio
     began = monotonic_ns()
     options, step, progress = method.options, state.step, state.progress
     store_active(state.contacts, step, state.warm)
-    store_meeting(options.own, state, state.warm)
+    store_meeting(options.own.pairs, state, state.warm)
     # A program may miss a joint limit by its tolerance, and the next one would start from there: with a palm that is a
     # million times stiffer than a joint that adds up.
     for f in range(FINGER_COUNT):

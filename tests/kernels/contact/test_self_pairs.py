@@ -13,14 +13,13 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.self_pairs import self_clearance, self_pairs
+from hhsim.kernels.contact.own_parts import NO_PARTS, measure_own
 from hhsim.kernels.contact.self_pairs import (
     LASTS,
     SELF_CONTACT,
     STEEP,
     WHOLE_PALM,
-    NoPairs,
     add_bends,
-    add_rows,
     choose_bends,
     measure_pairs,
     pair_distance,
@@ -144,9 +143,8 @@ def test_rows_are_the_gradients_of_the_distances(seed: int) -> None:
 def test_a_hand_whose_parts_go_through_each_other_measures_none() -> None:
     own = fresh()
     own.least = np.inf
-    measure_pairs(NoPairs(), RIGHT.arrays(), record(HAND_POSE), MARGIN, own)
+    measure_own(NO_PARTS, RIGHT.arrays(), record(HAND_POSE), MARGIN, own)
     assert own.least == np.inf and (own.bound == -np.inf).all()
-    assert not add_rows(NoPairs(), RIGHT.arrays(), 0.0, None, None)
 
 
 def test_a_hand_that_is_not_finite_has_no_clearance_and_spoils_no_other() -> None:
