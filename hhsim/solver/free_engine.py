@@ -133,7 +133,7 @@ class FreeEngine:
         self.world, problem, friction = world[0], world[0].problem, world[0].friction
         self.qp = new_work(len(problem.delta), len(problem.rhs))
         springs, modelled = workspace.options.stiffness.diagonal(), workspace.options.modelled()
-        # Two or more, whose places numba is told when it runs, as the states of every surface have their own size.
+        # Two or more: how far apart they are numba knows of one by its type, of several by their array.
         self.states = any_states(fresh_state(workspace.state_dtype, springs, modelled, max(pairs, 2)))
         supports = [support_of(body.surface) if body.moves_freely else NO_SUPPORT for body in self.bodies]
         movers, edges = [hand.hand for hand in self.hands], [NO_EDGES]
