@@ -16,9 +16,10 @@ from hhsim.kernels.machine_code import code_of
 
 
 def surface_code(arrays: Any, hand: HandArrays, state_dtype: np.dtype[Any]) -> tuple[NDArray[np.int64], SurfaceCode]:
-    """Return what holds the addresses of a surface's arrays, and the surface as ticks take it, with states of a type.
+    """Return the addresses of a surface's arrays, and the surface as ticks take it, which points to them.
 
-    The caller keeps both, and the arrays. What looks at this kind of surface is compiled or loaded if need be.
+    The caller keeps both, and the arrays. `state_dtype` is the type of the ticks' states. What looks at this kind of
+    surface is compiled or loaded if need be.
     Raises InputError for arrays that kernels would take field by field.
     """
     if JIT_ENABLED and not isinstance(typeof(arrays), Reference):
