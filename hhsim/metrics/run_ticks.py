@@ -12,7 +12,7 @@ from hhsim.arrays import AnyArray, BoolArray, FloatArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.hand.self_pairs import self_clearance, self_pairs
 from hhsim.kernels.hand.hand_shape import HandShape
@@ -233,6 +233,29 @@ class RunTicks:
         depths = object_depths(touched.surface, touched.mesh, touched.shape, touched.fingers)
         return input_hand(self.hand, depths, haptic, shown, touching, near)
 
+    @cached_property
+    def joint_steps(self) -> FloatArray:
+        """Way of a shown joint beyond the motion of user and free body in each tick of contact [m], shape (N,).
+
+        The user's motion is that of the joint of theirs that goes farthest; that of a free body is its own, at the
+        hand's joints. Ticks begin and end in contact, and no part moves in them as recorded: it may squeeze the hand
+        out faster than it moves. Undefined where the user's hand is not examined.
+        """
+        if self.hand is None:
+            return np.full(1, np.nan)
+        haptic = forward_kinematics(self.hand, *(self.columns[f"haptic/{name}"] for name in HandConfiguration._fields))
+        shown, user, both = self.columns[PLACED[0]], haptic.joints, self.touch[1:] & self.touch[:-1]
+        asked = np.zeros(self.ticks - 1)
+        if self.free is not None:
+            moved, seen = self.free.moved, shown[:-1]
+            shown, user = moved.points(shown), moved.points(user)
+            asked += _farthest(moved.at(slice(1, None)).points(seen) - shown[:-1])
+        if isinstance(self.touched, TouchedParts) and not self.touched.parts.free:
+            both &= ~np.diff(self.touched.parts.path, axis=0).any(axis=(1, 2))
+        if self.breaks is not None:
+            both &= ~self.breaks[1:]
+        return (_farthest(np.diff(shown, axis=0)) - _farthest(np.diff(user, axis=0)) - asked)[both]
+
     def self_clearance(self, whose: str) -> FloatArray:
         """Least distance of the own parts [m] of the graphic or the haptic hand, shape (T,), as of that function."""
         assert self.hand is not None
@@ -244,6 +267,11 @@ class RunTicks:
         """Ticks in which the hand touches: with a touching pair, or with a force; shape (T,)."""
         forced = np.linalg.norm(self.columns["force/total"], axis=1) > 0.0
         return np.asarray((self.columns["contacts/touching"] > 0) | forced)
+
+
+def _farthest(ways: AnyArray) -> FloatArray:
+    """Longest of the joints' ways [m] of each tick, shape (T,), from vectors (T, 5, 4, 3)."""
+    return np.asarray(np.linalg.norm(ways, axis=-1).max(axis=(1, 2)))
 
 
 def result_ticks(result: Result, columns: Datasets | None = None) -> RunTicks:

@@ -361,7 +361,7 @@ class FreeEngine:
         goals = [hand.states[0].haptic for hand in self.hands]
         haptic = [HapticBlock(*(np.array(goal[name])[None] for name in HapticBlock._fields)) for goal in goals]
         records = [tick_record(1) for _ in self.hands]
-        options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED)
+        options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED, snap_step=np.inf)
         method = self.method._replace(options=options)
         self._run(method, haptic, records, np.zeros((len(self.bodies), 1, 7)))
         if records[0].status[0] & STATUS_CAPACITY_EXCEEDED:

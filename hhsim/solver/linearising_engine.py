@@ -54,7 +54,7 @@ class LinearisingEngine:
 
     def approach(self, linearisations: int, haptic: HapticBlock, record: TickRecord) -> int:
         """Run ticks with up to so many linearisations each."""
-        options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED)
+        options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED, snap_step=np.inf)
         return self._run(self.method._replace(options=options), haptic, record)
 
     def _run(self, method: Any, haptic: HapticBlock, record: TickRecord) -> int:

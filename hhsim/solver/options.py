@@ -29,7 +29,7 @@ BY_PERIOD: Any = None
 
 NUMBERS = (
     *("period", "response", "contact_response", "linearisations", "budget", "threads"),
-    *("margin", "skin", "offset", "step_tolerance", "touch", "tolerance"),
+    *("margin", "skin", "offset", "step_tolerance", "snap_speed", "touch", "tolerance"),
 )
 """Numeric options, whose ranges are in `hhsim.ranges`."""
 BY_METHOD: Any = None
@@ -95,6 +95,8 @@ class SolverOptions:
     skin: float = BY_SURFACE
     offset: float = 5e-7  # clearance that contacts keep, so that second-order errors of small steps do not penetrate
     step_tolerance: float = 1e-4  # a shorter step ends the tick
+    # Speed beyond the user's own [m/s] with which the hand of `coupled` follows a nearest pose that has moved on.
+    snap_speed: float = 0.1
     tolerance: float = 1e-8  # accepted violation of a program's row, as a share of the margin
     touch: float = BY_SURFACE  # pairs nearer than this count as touching. Default: 10 µm; 1 µm with surface `mesh`.
     # Threads that share the fingers' programs of a tick of `progressive`, up to one for each finger. The bytes do not
@@ -168,9 +170,8 @@ class SolverOptions:
         stiffness = replace(
             self.stiffness, rotation=self.stiffness.rotation * factor**2, flexion=self.stiffness.flexion * factor**2
         )
-        lengths = {
-            name: getattr(self, name) * factor for name in ("margin", "skin", "offset", "step_tolerance", "touch")
-        }
+        names = ("margin", "skin", "offset", "step_tolerance", "snap_speed", "touch")
+        lengths = {name: getattr(self, name) * factor for name in names}
         return replace(self, stiffness=stiffness, **lengths)
 
     def modelled(self) -> BoolArray:

@@ -40,6 +40,7 @@ def _converged(options: SolverOptions, **changed: Any) -> SolverOptions:
         linearisations=REFERENCE_LINEARISATIONS,
         budget=UNLIMITED,
         step_tolerance=REFERENCE_STEP_TOLERANCE,
+        snap_speed=np.inf,
         **changed,
     )
 

@@ -30,6 +30,7 @@ from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.progressive import help_out
 from hhsim.kernels.tick.state import WORK_COUNTERS, tick_state_dtype
+from hhsim.solver.known_methods import find_method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.own_parts import keep_apart
 from hhsim.solver.surface import SURFACES, surface_of
@@ -61,6 +62,7 @@ def tick_options(options: SolverOptions, model: HandModel) -> TickOptions:
         tolerance=tolerance,
         relaxation=RELAXATION * options.tolerance * options.margin * math.sqrt(options.stiffness.translation),
         longest_correction=options.margin * math.sqrt(options.stiffness.translation),
+        snap_step=options.snap_speed * options.period if find_method(options.method).nearest_to_user else math.inf,
         contact_stiffness=options.stiffness.contact,
         touch=options.touch,
     )

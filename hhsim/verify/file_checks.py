@@ -14,6 +14,7 @@ from hhsim.kernels.tick.state import (
     STATUS_INPUT_INVALID,
     STATUS_LAG,
     STATUS_NO_PLACE,
+    STATUS_SNAP,
     STATUS_START_INSIDE,
     STATUS_STUCK,
     UNITS_CONTACT,
@@ -40,6 +41,7 @@ SAMPLES = 10_000
 COVER = 1e-9
 """Tolerance of a point outside all leaves [m]."""
 KNOWN_STATUS = STATUS_STUCK | STATUS_LAG | STATUS_INPUT_INVALID | STATUS_CAPACITY_EXCEEDED | STATUS_ABDUCTION_HELD
+KNOWN_STATUS |= STATUS_SNAP
 """Flags that any tick may have."""
 LARGEST, LEAST_SQUARE = 1e6, 1e-12
 """Limits of a usable hand: sum of its absolute values [m, rad], and squared length of its quaternion."""

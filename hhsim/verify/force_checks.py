@@ -12,7 +12,7 @@ from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import leaves
 from hhsim.verify.kinematics import euler_change, turn_between
-from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_PLACE, STUCK, JudgedTicks
+from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_PLACE, SNAP, STUCK, JudgedTicks
 
 FORCE = 1e-6
 """Relative tolerance of forces, and absolute one [N]: a ten-thousandth of the least force that has a rate."""
@@ -50,7 +50,7 @@ def force_claims(judge: JudgedTicks) -> list[Claim]:
     if method == "coupled":
         claims.append(_stationarity(judge, moment_at))
         if force == "kkt":
-            claims.append(_palm_balance(judge))
+            claims += [_palm_balance(judge), *_snaps(judge)]
     if force == "paper":
         return [*claims, _eq_14(judge)]
     if judge.safe:
@@ -90,7 +90,7 @@ def force_slack(judge: JudgedTicks, size: FloatArray, ticks: IntArray) -> FloatA
 
 def _judgeable(judge: JudgedTicks, without: int) -> IntArray:
     """Places in `chosen` of the ticks without some status flags."""
-    return np.flatnonzero(judge.status[judge.chosen] & (without | CAPACITY_EXCEEDED | NO_PLACE) == 0)
+    return np.flatnonzero(judge.status[judge.chosen] & (without | CAPACITY_EXCEEDED | NO_PLACE | SNAP) == 0)
 
 
 def _stationarity(judge: JudgedTicks, moment_at: Callable[[int], forces.Moment]) -> Claim:
@@ -107,9 +107,27 @@ def _palm_balance(judge: JudgedTicks) -> Claim:
     total = np.asarray(judge.result["force/total"])[settled]
     size = np.linalg.norm(total, axis=1)
     off = np.linalg.norm(judge.pull[settled, :3] - total, axis=1)
-    says = "a settled tick's contact forces add up to the pull on the palm"
+    says = "contact forces add up to the pull on the palm, with what holds back a hand that snaps"
     tolerance = force_slack(judge, np.linalg.norm(judge.pull * judge.scale, axis=1)[settled], settled)
     return judged("palm balance", says, off, np.maximum(tolerance, FORCE * (1.0 + size)), "N", WHY_SLACK, ticks=settled)
+
+
+def _snaps(judge: JudgedTicks) -> list[Claim]:
+    """Judge ticks that snap: a way is left, or a force has yet to follow; no force goes farther than the hand may."""
+    snaps = np.flatnonzero(judge.status & SNAP > 0)
+    if snaps.size == 0:
+        return []
+    before, lag = np.maximum(snaps - 1, 0), np.asarray(judge.result["lag"])
+    idle = (lag[snaps] <= 0.0) & (judge.status[before] & SNAP == 0)
+    step, asked = judge.stored_forces(snaps) - judge.stored_forces(before), judge.wanted_posed.joints
+    way = np.linalg.norm(asked[snaps] - asked[before], axis=3).max(axis=(1, 2))
+    way += np.where(judge.status[before] & LAG, lag[before], 0.0)
+    # What parts that move as recorded push is not known here.
+    way += np.inf if len(judge.result.bodies) > 1 else 0.0
+    most = judge.diagonal[0] * (judge.options["snap_speed"] * judge.options["period"] + way)
+    off = np.where(idle, np.inf, np.linalg.norm(step[:, :PALM], axis=2).max(axis=1) - most)
+    says = "a hand that snaps has a way left, or forces that follow as fast as the hand may go"
+    return [judged("snaps", says, np.maximum(off, 0.0), FORCE * (1.0 + most), "N", WHY_FORCE, ticks=snaps)]
 
 
 def _complementarity(judge: JudgedTicks) -> Claim:

@@ -12,6 +12,7 @@ from hhsim.verify.tick_data import (
     LAG,
     LENGTH,
     NO_PLACE,
+    SNAP,
     STUCK,
     UNSETTLED,
     WHY_LENGTH,
@@ -63,10 +64,11 @@ def _abduction(judge: JudgedTicks) -> Claim:
 
 def _lag(judge: JudgedTicks) -> Claim:
     far = np.linalg.norm(judge.shown_posed.joints - judge.wanted_posed.joints, axis=3).max(axis=(1, 2))
-    lag, late = np.asarray(judge.result["lag"]), judge.status & (STUCK | LAG | NO_PLACE) > 0
+    lag, late = np.asarray(judge.result["lag"]), judge.status & (STUCK | LAG | NO_PLACE | SNAP) > 0
     over = np.where(late, np.maximum(0.0, np.maximum(lag - far, -lag)), np.abs(lag))
     # A hand that lags has a distance left, unless it is there.
-    none = late & (lag <= 0.0) & (far > LENGTH)
+    # Of a snap the forces may have yet to follow.
+    none = late & (lag <= 0.0) & (far > LENGTH) & (judge.status & SNAP == 0)
     others = _of_others(judge) & none
     over[none & ~others] = np.inf
     says = "a settled tick has none, another some, and no more than the way left"

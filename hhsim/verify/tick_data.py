@@ -32,9 +32,9 @@ from hhsim.verify.judged_body import JudgedBody, judged_bodies
 from hhsim.verify.kinematics import configurations, own_hand, pose, turn_between
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
-STUCK, LAG, INPUT_INVALID, START_INSIDE, CAPACITY_EXCEEDED, ABDUCTION_HELD, NO_PLACE = 1, 2, 4, 8, 16, 32, 64
+STUCK, LAG, INPUT_INVALID, START_INSIDE, CAPACITY_EXCEEDED, ABDUCTION_HELD, NO_PLACE, SNAP = 1, 2, 4, 8, 16, 32, 64, 128
 """Flags of a tick's status."""
-UNSETTLED = STUCK | LAG | INPUT_INVALID | START_INSIDE | CAPACITY_EXCEEDED | NO_PLACE
+UNSETTLED = STUCK | LAG | INPUT_INVALID | START_INSIDE | CAPACITY_EXCEEDED | NO_PLACE | SNAP
 LENGTH = 1e-9
 """Tolerance of lengths [m]: a thousandth of the smallest that any table shows."""
 BLOCK = 1024

@@ -82,6 +82,7 @@ WORDS = (
     (state.STATUS_NO_PLACE, "no place"),
     (state.STATUS_STUCK, "stuck"),
     (state.STATUS_LAG, "lag"),
+    (state.STATUS_SNAP, "snaps"),
     (state.STATUS_INPUT_INVALID, "input held"),
     (state.STATUS_ABDUCTION_HELD, "abduction held"),
     (state.STATUS_START_INSIDE, "began inside"),

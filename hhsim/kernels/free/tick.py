@@ -54,8 +54,9 @@ from hhsim.kernels.tick.haptic_input import set_haptic
 from hhsim.kernels.tick.method import advance, begin_motion, finish_tick, may_end, recover, tick
 from hhsim.kernels.tick.restoration import TRUST_DECAY, take_back
 from hhsim.kernels.tick.settled_forces import ON_THE_WAY
-from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_LAG, WORK_TOUCHING
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_LAG, STATUS_SNAP, WORK_TOUCHING
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM, copy_active
+from hhsim.kernels.tick.step_length import keep_room
 from hhsim.kernels.tick.tick import MOST_FAILED_STEPS, accept, begin_tick, converge, tick_status, update_reach
 
 
@@ -173,6 +174,8 @@ def _advance(method: Free, hand: HandArrays, surface: SurfaceCode, full_motion: 
         for f in range(FINGER_COUNT if problem.other[p] < 0 else 0):
             clamp_to_limits(mover_of(method, p), states[p].pose, f, states[p].step.delta[:])
     fraction, longest = allowed_share(method)
+    for h in range(hand_count(problem) if is_still(problem) else 0):
+        fraction = keep_room(options, fraction, world.longest[h], states[h].progress)
     _move_all(method, fraction, state)
     least = np.inf
     for p in range(pairs):
@@ -201,7 +204,9 @@ def _advance(method: Free, hand: HandArrays, surface: SurfaceCode, full_motion: 
             world.kept_apart = min(world.apart, 0.0)
         done = held = joints_hold(states, world.bodies, problem)
         for p in range(pairs):
-            done = accept(options, fraction, world.longest[p], full_motion, states[p]) and done
+            arrived = accept(options, fraction, world.longest[p], full_motion, states[p])
+            states[p].progress.snaps = problem.other[p] < 0 and states[problem.hand[p]].progress.snaps
+            done = (arrived or states[p].progress.snaps) and done
         if not held:
             progress.lag = max(progress.lag, longest)
         if hand_count(problem) > 1 and world.meeting.count > 0 and longest > options.step_tolerance:
@@ -215,6 +220,7 @@ def _advance(method: Free, hand: HandArrays, surface: SurfaceCode, full_motion: 
         progress.failed_steps += 1
         for p in range(pairs):
             states[p].progress.failed_steps = progress.failed_steps
+            states[p].progress.snaps = False
             states[p].progress.lag = max(full_motion, longest)
         if progress.failed_steps > MOST_FAILED_STEPS:
             done = not _retry(method)
@@ -295,7 +301,10 @@ def _finish_tick(method: Free, hand: HandArrays, surface: SurfaceCode, state: Re
             find_surface_contacts(*shown, options.touch, each.contacts)
         detected = monotonic_ns()
         turn_loads(bodies[0], each.active)
-        hand_forces(options, each)
+        snaps = each.progress.snaps or each.progress.snapped
+        hand_forces(options, as_bool(still and snaps), each)
+        if each.progress.snaps:
+            world.status[h] |= STATUS_SNAP
         if h > 0:
             # The program is one: its work is that of both.
             each.step.iterations = state.step.iterations

@@ -107,9 +107,9 @@ def _row(parts: PartsMotion) -> int:
 
 
 @jit
-def sub_steps(hand: HandArrays, pose: Record, margin: float, parts: PartsMotion, point: Any) -> int:
-    """Return the number of sub-steps of the parts' motion in this tick; 0 if none moves."""
-    row, most = _row(parts), 0.0
+def sub_steps(hand: HandArrays, pose: Record, margin: float, parts: PartsMotion, point: Any) -> tuple[int, float]:
+    """Return the number of sub-steps of the parts' motion, 0 if none moves, and how far it passes the hand [m]."""
+    row, most, way = _row(parts), 0.0, 0.0
     moves = False
     for p in range(parts.path.shape[1]):
         part, goal = parts.part[p], parts.path[row, p]
@@ -135,8 +135,9 @@ def sub_steps(hand: HandArrays, pose: Record, margin: float, parts: PartsMotion,
                     x, y, z = turned(pose.rotation, hand.palm_box[i, 0], hand.palm_box[i, 1], hand.palm_box[i, 2])
                     point[0], point[1], point[2] = x + pose.position[0], y + pose.position[1], z + pose.position[2]
                     passed = max(passed, passing(part, goal, point))
+            way = max(way, passed)
             most = max(most, passed / max(margin, min(near.slack[body], near.nearest[body])))
-    return max(1, math.ceil(most)) if moves else 0
+    return max(1, math.ceil(most)) if moves else 0, way
 
 
 @jit
@@ -319,7 +320,7 @@ def bear(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Re
 def _give_way(hand: HandArrays, surface: SurfaceCode, method: Jointed, state: Record, qp: QpWork) -> int:
     """Move the parts, and the hand out of them; returns 0 if it is free, else status bits."""
     options, trust = method.method.options, state.trust
-    steps = sub_steps(hand, state.pose, options.margin, method.parts, state.scratch[:])
+    steps, state.progress.carried = sub_steps(hand, state.pose, options.margin, method.parts, state.scratch[:])
     if steps == 0 and least_distance(state) >= 0.0:
         return 0
     began = monotonic_ns()
@@ -376,7 +377,9 @@ def follow_parts(method: Jointed, hand: HandArrays, surface: SurfaceCode, state:
     progress.is_unfinished = False
     progress.path = 0.0
     progress.lag = farthest_joint(state.pose.joints, state.haptic.joints)
+    # Where there is a place again the hand goes there as one that snaps.
+    progress.snaps = True
     _, state.work[WORK_TOUCHING] = pairs_near(surface, hand, state.candidates, options.touch)
-    hand_forces(options, state)
+    hand_forces(options, as_bool(False), state)
     end_work(state)
     return status

@@ -16,8 +16,9 @@ import math
 
 import numpy as np
 
+from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Record, jit, jit_inline
+from hhsim.kernels.jit import Array, Record, jit, jit_inline, jit_noinline
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.options import TickOptions
 
@@ -30,7 +31,8 @@ FORCES = np.dtype(
         ("phalanx", np.float64, (5, 3, 3)),  # [N]
         ("fingertip_normal", np.float64, (5, 3)),  # [N], Fig. 9
         ("palm_wrench", np.float64, (6,)),  # Eq. 1: force [N], torque about the palm's origin [N·m]
-        ("total", np.float64, (3,)),  # sum over phalanges and palm [N]
+        ("before", np.float64, (5, 3, 3)),  # `phalanx` of the last tick, where the hand snaps [N]
+        ("total", np.float64, (3,)),  # sum over phalanges and palm [N], with what holds back a hand that snaps
     ],
     align=True,
 )
@@ -152,14 +154,21 @@ def palm_wrench(pose: Record, haptic: Record, stiffness: Array, scratch: Array, 
 
 
 @jit_inline
-def hand_forces(options: TickOptions, state: Record) -> None:
-    """Compute all forces of a tick; for FORCE_PAPER the state's contacts must be those of the final configuration."""
+def hand_forces(options: TickOptions, snaps: bool, state: Record) -> None:
+    """Compute all forces of a tick, eased where the hand snaps or did in the last tick.
+
+    For FORCE_PAPER the state's contacts must be those of the final configuration.
+    """
+    if snaps:
+        copy_values(state.forces.phalanx, state.forces.before)
     clear_forces(state.forces)
     if options.force_model == FORCE_PAPER:
         proxy_forces(options, state)
     else:
         multiplier_forces(state.active, state.forces)
     finish_forces(options, state)
+    if snaps and options.force_model == FORCE_KKT:
+        ease_forces(state)
 
 
 @jit_inline
@@ -168,3 +177,26 @@ def finish_forces(options: TickOptions, state: Record) -> None:
     pose, haptic, forces = state.pose, state.haptic, state.forces
     fingertip_normal_forces(pose, haptic, options.contact_stiffness, forces)
     palm_wrench(pose, haptic, state.stiffness, state.scratch, forces)
+
+
+@jit_noinline
+def ease_forces(state: Record) -> None:
+    """Bring the forces of a hand that snaps, or did in the last tick, from those of the last tick towards their own.
+
+    A contact that gives way loses its force at once, while what holds the hand back bears the springs in its place. So
+    the force on a phalanx goes no farther than k_t times the way that the hand may go in the tick, and the total is the
+    coupling's, as at rest: the palm has the difference. The hand snaps as long as a force has not arrived.
+    """
+    progress, forces = state.progress, state.forces
+    most = state.stiffness[0] * progress.bound
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT):
+            now, before = forces.phalanx[f, k], forces.before[f, k]
+            change = math.sqrt((now[0] - before[0]) ** 2 + (now[1] - before[1]) ** 2 + (now[2] - before[2]) ** 2)
+            if change > most:
+                progress.snaps = True
+                for i in range(3):
+                    now[i] = before[i] + most / change * (now[i] - before[i])
+    if progress.snaps:
+        for i in range(3):
+            forces.total[i] = forces.palm_wrench[i]

@@ -20,7 +20,7 @@ from hhsim.kernels.euler import euler_axes, euler_quaternion, nearest_euler
 from hhsim.kernels.hand.frustum import FRUSTUM, SHAPE, frustum_shapes, place_frustum
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import farthest_joint, update_kinematics
-from hhsim.kernels.jit import Record, as_int64, jit
+from hhsim.kernels.jit import Record, as_bool, as_int64, jit
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
 from hhsim.kernels.sphere_tree import TreeArrays
@@ -273,7 +273,7 @@ def _tick(method: Paper, hand: HandArrays, surface: SurfaceCode, state: Record, 
         state.step.duration[DURATION_FINGERS] += finished - solved
     began = monotonic_ns()
     _count_touching(options.touch, state, paper)
-    hand_forces(options, state)
+    hand_forces(options, as_bool(False), state)
     # Eq. 1 in the paper's variables: of the palm's rotation its three Euler angles, not the rotation vector.
     for j in range(3):
         state.forces.palm_wrench[3 + j] = state.stiffness[3 + j] * (paper.euler[j] - paper.haptic_euler[j])

@@ -33,6 +33,9 @@ STATUS_ABDUCTION_HELD = 32
 STATUS_NO_PLACE = 64
 """Set where a part's own motion left the hand no place: it is shown as little inside the part as can be."""
 
+STATUS_SNAP = 128
+"""The nearest pose has moved on farther than the hand may go in a tick: it is on its way there, or its forces are."""
+
 WORK_LINEARISATIONS = 3
 WORK_QP_ITERATIONS = 4
 WORK_CANDIDATES = 5
@@ -101,6 +104,11 @@ PROGRESS = np.dtype(
         ("idle_ticks", np.int64),  # ticks in a row that accepted no step
         ("path", np.float64),  # sum of the motion bounds of all steps tried in this tick [m]
         ("lag", np.float64),  # distance still to go [m]
+        ("carried", np.float64),  # what bodies move past the hand in this tick as recorded [m]
+        ("bound", np.float64),  # distance that the hand may go in this tick [m]
+        ("room", np.float64),  # what is left of it [m]
+        ("snaps", np.bool_),  # a step would have gone farther, and was cut short there; or a force has yet to follow
+        ("snapped", np.bool_),  # the hand did so in the last tick
         ("motion", np.float64, (BODY_COUNT,)),  # motion bound of each body in the last step [m]
     ],
     align=True,

@@ -12,6 +12,8 @@ CLEAR = 0.8
 """Share of the offset that a hand must be away from the object to go a part of a step."""
 LEAST_SHARE = 0.05
 """Least share of a step that such a hand goes; below it the target is brought nearer."""
+LEAST_ROOM = 0.25
+"""Least room of a step, as a share of the snap step."""
 
 WHOLE_TARGET = -1.0
 """Stands for the motion of the whole step where the program has the true target."""
@@ -43,6 +45,22 @@ def allowed_fraction(hand: HandArrays, options: TickOptions, state: Record) -> t
         if motion * fraction > allowed:
             fraction = allowed / motion
     return clear_own_fraction(options.own, fraction, hand, state), longest
+
+
+@jit_inline
+def keep_room(options: TickOptions, fraction: float, longest: float, progress: Record) -> float:
+    """Return the share of a step, `longest` [m] as a whole, that the hand has room for in this tick, and take it off.
+
+    The nearest pose can move on by millimetres for a breath of the user's hand: a contact that held it gives way. The
+    hand then follows at most as far as the user's own has gone, and a snap step more. A step from inside the object may
+    go a little farther, to leave it.
+    """
+    room = max(progress.room, LEAST_ROOM * options.snap_step)
+    if fraction * longest > room:
+        progress.snaps = True
+        fraction = room / longest
+    progress.room -= fraction * longest
+    return fraction
 
 
 @jit

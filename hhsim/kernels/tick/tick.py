@@ -56,6 +56,7 @@ from hhsim.kernels.tick.state import (
     STATUS_ABDUCTION_HELD,
     STATUS_CAPACITY_EXCEEDED,
     STATUS_LAG,
+    STATUS_SNAP,
     STATUS_STUCK,
     UNITS_ROW,
     WORK_LINEARISATIONS,
@@ -64,7 +65,7 @@ from hhsim.kernels.tick.state import (
     WORK_UNITS,
 )
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, copy_active, store_active, store_meeting
-from hhsim.kernels.tick.step_length import WHOLE_TARGET, allowed_fraction, clip_target
+from hhsim.kernels.tick.step_length import WHOLE_TARGET, allowed_fraction, clip_target, keep_room
 
 REACH_GROWTH = 4.0
 """Growth of the reach after a step that it has cut short."""
@@ -115,6 +116,11 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     judge_last_tick(state)
     state.work[:] = 0
     progress.path = 0.0
+    # What the last tick's work did not suffice for is the user's own motion, too.
+    asked = state.input.motion + progress.carried + (0.0 if progress.snaps else progress.lag)
+    progress.bound = options.snap_step + asked
+    progress.room = progress.bound
+    progress.snapped, progress.snaps = progress.snaps, False
     progress.lag = 0.0
 
 
@@ -236,6 +242,7 @@ def advance_hand(method: Any, hand: HandArrays, surface: SurfaceCode, full_motio
         clamp_to_limits(hand, state.pose, f, step.delta[:])
     clearance = least_distance(state)
     fraction, longest = allowed_fraction(hand, options, state)
+    fraction = keep_room(options, fraction, longest, progress)
     move(state.pose, step.delta, state.problem.abduction_step, fraction)
     # Twice the step: where contacts change, the next one may be longer, and cut short by the reach, make that grow.
     foreseen = REACH_FLOOR * max(options.step_tolerance, longest)
@@ -244,10 +251,11 @@ def advance_hand(method: Any, hand: HandArrays, surface: SurfaceCode, full_motio
     if not evaluate_pose(hand, surface, options, state):
         done = True
     elif least_distance(state) >= 0.0:
-        done = accept(options, fraction, longest, full_motion, state)
+        done = accept(options, fraction, longest, full_motion, state) or progress.snaps
     elif forget_prediction(hand, surface, options, state):
         done = progress.pairs_overflow
     else:
+        progress.snaps = False
         if progress.failed_steps == 0:
             progress.lag = max(full_motion, longest)
             keep_first_step(options, fraction, clearance, -least_distance(state), state)
@@ -273,11 +281,11 @@ def tick_status(cut_short: bool, made_part: bool, state: Record) -> int:
         status |= STATUS_LAG if cut_short and progress.idle_ticks <= MOST_IDLE_TICKS else STATUS_STUCK
         progress.lag = np.inf
     elif progress.lag > 0.0:
-        status |= STATUS_LAG
+        status |= 0 if progress.snaps else STATUS_LAG
     progress.is_unfinished = not progress.is_accepted or made_part or (progress.is_unfinished and progress.lag > 0.0)
     if progress.is_accepted and (state.program.holds_abduction or state.self_contact.holds):
         status |= STATUS_ABDUCTION_HELD
-    if status & (STATUS_STUCK | STATUS_LAG):
+    if status & (STATUS_STUCK | STATUS_LAG) or progress.snaps:
         # Along a soft, almost unconstrained direction a step can be longer than the distance left to the haptic hand.
         progress.lag = min(progress.lag, farthest_joint(state.pose.joints, state.haptic.joints))
     return status
@@ -311,7 +319,9 @@ def finish_hand(method: Any, hand: HandArrays, surface: SurfaceCode, state: Reco
         find_surface_contacts(surface, hand, state.pose, state.candidates, options.touch, state.contacts)
     elif status & STATUS_LAG or palm_yielded(state):
         settle_forces(hand, surface, options, state, qp)
-    hand_forces(options, state)
+    hand_forces(options, as_bool(progress.snaps or progress.snapped), state)
+    if progress.snaps:
+        status |= STATUS_SNAP
     end_work(state)
     state.step.duration[DURATION_DETECT] += detected - began
     state.step.duration[DURATION_FORCE] += monotonic_ns() - detected

@@ -8,6 +8,7 @@ from hhsim.metrics.run.input_hand import NEEDS, of_input
 from hhsim.metrics.run_metric import Judged, RunMetric
 from hhsim.metrics.run_ticks import PLACED, RunTicks
 
+STEPS = (*NEEDS, "force/total")
 NO_DEPTH = 1e-6
 """Depth up to which nothing penetrates, or penetrates deeper than before [m]."""
 
@@ -18,6 +19,18 @@ def _in_itself(whose: str) -> Callable[[RunTicks], float]:
             return np.nan
         # A hand that is not finite has no depth, and hides none.
         return float(np.fmax.reduce(-run.self_clearance(whose), initial=0.0))
+
+    return compute
+
+
+JUMP = 3e-4
+"""Least step of a joint that counts as a jump [m]: it changes the force of 1 N/mm by what a hand notices of 4 N."""
+
+
+def _joint_step(share: float) -> Callable[[RunTicks], float]:
+    def compute(run: RunTicks) -> float:
+        # A hand that goes no farther than its user's makes no step.
+        return float(np.quantile(np.maximum(run.joint_steps, 0.0), share)) if run.joint_steps.size else np.nan
 
     return compute
 
@@ -50,6 +63,14 @@ METRICS = (
         # Ticks without contact are left out; NaN without any contact.
         compute=lambda run: float(np.fmax.reduce(run.contact_error, initial=np.nan)),
         judged=Judged(rounding=1e-9, limit=1e-3),
+    ),
+    RunMetric(
+        "joint_step_max", "largest joint step beyond the user's", digits=3, unit="mm", short="joint step",
+        needs=STEPS, compute=_joint_step(1.0), per_tick=True, judged=Judged(rounding=1e-9, limit=JUMP),
+    ),
+    RunMetric(
+        "joint_step_p999", "joint step beyond the user's, p99.9", digits=3, unit="mm", needs=STEPS,
+        compute=_joint_step(0.999), per_tick=True, judged=Judged(rounding=1e-9),
     ),
     RunMetric(
         "self_depth_graphic", "shown hand in itself, max", digits=2, unit="mm",

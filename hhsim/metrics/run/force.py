@@ -9,6 +9,8 @@ from hhsim.metrics.run_metric import Figure, Judged, RunMetric
 from hhsim.metrics.run_ticks import RunTicks
 
 TOTAL, VARIATION, TOUCHING = "force/total", "force_variation_rate", "contacts/touching"
+FELT = 10.0
+"""Least change of a force that a hand notices [% of it]: 7 to 10 % (Jones 1989; Pang, Tan & Durlach 1991)."""
 TREMBLING = "force_variation_tremor"
 """Figure of the hold repeated with a trembling hand; only for a hold with frozen input."""
 ANOTHER_RUN = "is of a run of its own, which the file does not hold"
@@ -27,7 +29,8 @@ def _step(run: RunTicks) -> float:
 
 
 def _step_share(run: RunTicks) -> float:
-    mean = _in_contact(run).mean
+    # Fingers that oppose each other on a free object leave its weight in the total, however hard they press.
+    mean = _in_contact(run).mean if run.free is None else statistics(run.free.grip, run.touch).mean
     return 100.0 * _step(run) / mean if mean >= FORCE_FLOOR else math.nan
 
 
@@ -46,7 +49,7 @@ METRICS = (
     ),
     RunMetric(
         "force_contact_step_share", "largest force step in contact, of the mean", digits=1, unit="%",
-        needs=(TOTAL, TOUCHING), compute=_step_share, per_tick=True, judged=Judged(rounding=1e-6),
+        needs=(TOTAL, TOUCHING), compute=_step_share, per_tick=True, judged=Judged(rounding=1e-6, limit=FELT),
     ),
     RunMetric(
         "force_variation_contact", "force variation in contact, mean", digits=4, unit="%",

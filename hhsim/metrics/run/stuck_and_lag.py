@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.tick.state import STATUS_LAG, STATUS_NO_PLACE, STATUS_STUCK
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_NO_PLACE, STATUS_SNAP, STATUS_STUCK
 from hhsim.metrics.run_metric import Judged, RunMetric
 from hhsim.metrics.run_ticks import RunTicks
 
@@ -29,6 +29,7 @@ def _flagged(name: str, label: str, flag: int, **more: Any) -> RunMetric:
 METRICS = (
     _flagged("stuck_ticks", "stuck ticks", STATUS_STUCK, short="stuck", judged=Judged(limit=0.0)),
     _flagged("lag_ticks", "ticks with lag", STATUS_LAG, short="lag", judged=Judged(limit=0.0)),
+    _flagged("snap_ticks", "ticks that snap", STATUS_SNAP, short="snaps", unless_zero=True),
     _flagged("no_place_ticks", "ticks without a place", STATUS_NO_PLACE, short="no place", unless_zero=True),
     RunMetric(
         "lag_max", "lag, max", digits=2, unit="mm", unless_zero=True, needs=("lag",),
