@@ -187,6 +187,7 @@ class RunTicks:
     touched: TouchedObject | None = None  # the object; None where contacts are not examined
     breaks: BoolArray | None = None  # ticks before which others are missing, shape (T,); None for none
     hand: HandModel | None = None  # the hand; None where the user's hand is not examined
+    user: FloatArray | None = None  # joints of the user's hand [m], (T, 5, 4, 3), where they are known without the hand
     free: FreeRun | None = None  # motion of a free object; None for another
     modelled: tuple[str, ...] = FINGERS  # names of the modelled fingers
     self_contact: bool = False  # True if the hand's own parts keep out of each other
@@ -241,10 +242,12 @@ class RunTicks:
         hand's joints. Ticks begin and end in contact, and no part moves in them as recorded: it may squeeze the hand
         out faster than it moves. Undefined where the user's hand is not examined.
         """
-        if self.hand is None:
+        if self.user is None and self.hand is None:
             return np.full(1, np.nan)
-        haptic = forward_kinematics(self.hand, *(self.columns[f"haptic/{name}"] for name in HandConfiguration._fields))
-        shown, user, both = self.columns[PLACED[0]], haptic.joints, self.touch[1:] & self.touch[:-1]
+        shown, user, both = self.columns[PLACED[0]], self.user, self.touch[1:] & self.touch[:-1]
+        if user is None:
+            haptic = (self.columns[f"haptic/{name}"] for name in HandConfiguration._fields)
+            user = forward_kinematics(self.hand, *haptic).joints
         asked = np.zeros(self.ticks - 1)
         if self.free is not None:
             moved, seen = self.free.moved, shown[:-1]

@@ -303,7 +303,7 @@ def test_a_sphere_on_a_level_beyond_counting_is_found(honest: Result, tmp_path: 
 
 @pytest.mark.parametrize(
     ("tick", "status", "fails"),
-    [(0, STATUS_START_INSIDE, False), (5, STATUS_START_INSIDE, True), (5, STATUS_NO_PLACE, True), (5, 128, True)],
+    [(0, STATUS_START_INSIDE, False), (5, STATUS_START_INSIDE, True), (5, STATUS_NO_PLACE, True), (5, 256, True)],
 )
 def test_a_status_is_of_known_flags_each_where_it_can_be(
     honest: Result, tmp_path: Path, tick: int, status: int, fails: bool

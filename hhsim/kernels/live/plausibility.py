@@ -128,10 +128,11 @@ def _doubt(watch: Record, notes: Record, grown: float) -> None:
             pending = pending and not sure
             following = following or sure
             if following:
-                watch.believed[joint] += min(max(angle - watch.believed[joint], -grown), grown)
+                step = min(max(angle - watch.believed[joint], -grown), grown)
+                watch.believed[joint] += step
                 following = watch.believed[joint] != angle
                 # A joint that follows at full speed has no reach left.
-                watch.reach[joint] = 0.0
+                watch.reach[joint] = grown - abs(step)
             elif near:
                 watch.reach[joint] -= distance
                 watch.believed[joint] = angle

@@ -88,7 +88,7 @@ def forget_prediction(hand: HandArrays, surface: SurfaceCode, options: TickOptio
     if not state.prediction.is_predicted:
         return False
     state.prediction.is_predicted = False
-    state.progress.room = state.progress.bound
+    state.progress.room, state.progress.snaps = state.progress.bound, False
     take_back(state)
     evaluate_pose(hand, surface, options, state)
     return True

@@ -1,0 +1,107 @@
+"""Hands whose contacts give way: the nearest pose jumps, and the shown hand follows it as fast as it may."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from planted_faults import at, planted
+
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.force import ease_forces
+from hhsim.kernels.tick.state import STATUS_SNAP, tick_state_dtype
+from hhsim.kernels.tick.step_length import LEAST_ROOM, keep_room
+from hhsim.metrics.run.registry import run_figure
+from hhsim.metrics.run_ticks import result_ticks
+from hhsim.replay.replay import replay_scene
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.scene import open_scene
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.workspace import tick_options
+from hhsim.verify.verify import verify
+
+HAND = HandModel.default()
+SNAP_STEP = 1e-4
+"""Way beyond the user's own in a tick of 1 ms by default [m]."""
+
+
+@pytest.fixture(scope="module")
+def grasp(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """A grasp of the teapot: fingers slip over its edges, and the palm with them by 2 mm."""
+    out = tmp_path_factory.mktemp("snap") / "teapot.h5"
+    replay_scene(open_scene("teapot", "grasp"), SolverOptions(), out)
+    return load_result(out)
+
+
+def test_a_hand_that_snaps_makes_no_jump(grasp: Result) -> None:
+    run = result_ticks(grasp)
+    assert run_figure("snap_ticks", run) > 10, "the scene hardly provokes"
+    # The bound is for the hand's surface, which goes a little farther than its joints.
+    assert run_figure("joint_step_max", run) <= 1.3 * SNAP_STEP
+    assert run_figure("force_contact_step_share", run) < 7.0
+    assert run_figure("penetration_max", run) == 0.0
+    assert run_figure("lag_ticks", run) == run_figure("stuck_ticks", run) == 0
+
+
+def test_without_a_bound_it_jumps_and_ends_in_the_same_place(grasp: Result, tmp_path: Path) -> None:
+    out = tmp_path / "free.h5"
+    replay_scene(open_scene("teapot", "grasp"), SolverOptions(snap_speed=np.inf), out)
+    free = load_result(out)
+    assert run_figure("joint_step_max", result_ticks(free)) > 10.0 * SNAP_STEP
+    assert run_figure("snap_ticks", result_ticks(free)) == 0
+    hold = result_ticks(grasp).holds[0]
+    apart = np.asarray(grasp["graphic/joints"])[hold] - np.asarray(free["graphic/joints"])[hold]
+    assert np.linalg.norm(apart[-1], axis=-1).max() < 1e-5
+
+
+def test_forces_of_a_snap_follow_and_balance_the_coupling(grasp: Result) -> None:
+    snaps = np.flatnonzero(np.asarray(grasp["status"]) & STATUS_SNAP)
+    total, wrench = (np.asarray(grasp[f"force/{name}"]) for name in ("total", "palm_wrench"))
+    np.testing.assert_array_equal(total[snaps], wrench[snaps, :3])
+    claims = {claim.name: claim for claim in verify(grasp).claims}
+    assert not [claim for claim in claims.values() if claim.failed]
+    assert claims["snaps"].checked == len(snaps)
+
+
+def test_a_tick_that_snaps_without_a_reason_is_found(grasp: Result, tmp_path: Path) -> None:
+    said = at("said", "hands/right/tick/status", result_ticks(grasp).holds[0].stop - 1, lambda _: STATUS_SNAP)
+    claims = {claim.name: claim for claim in verify(planted(grasp.path, tmp_path, said)).claims}
+    assert claims["snaps"].failed
+
+
+def test_a_slower_loop_lets_the_hand_go_farther_in_a_tick() -> None:
+    assert tick_options(SolverOptions().at_rate(200.0), HAND).snap_step == pytest.approx(5.0 * SNAP_STEP)
+
+
+def test_only_a_method_that_seeks_the_nearest_pose_is_bounded() -> None:
+    assert tick_options(SolverOptions(method="progressive"), HAND).snap_step == np.inf
+
+
+@given(st.floats(1e-6, 1e-2), st.floats(0.0, 1.0), st.floats(0.0, 0.1), st.floats(-1e-3, 1e-2))
+def test_a_step_keeps_within_its_room(snap_step: float, fraction: float, longest: float, room: float) -> None:
+    progress = np.zeros(1, tick_state_dtype()["progress"]).view(np.recarray)[0]
+    progress.room = room
+    kept = keep_room(tick_options(SolverOptions(), HAND)._replace(snap_step=snap_step), fraction, longest, progress)
+    most = max(room, LEAST_ROOM * snap_step)
+    assert 0.0 <= kept <= fraction
+    assert kept * longest <= most * (1.0 + 1e-12)
+    assert progress.snaps == (fraction * longest > most)
+    assert progress.room == pytest.approx(room - kept * longest, abs=1e-15)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_each_force_goes_towards_its_own_as_far_as_the_hand_may_go(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    state = np.zeros(1, tick_state_dtype()).view(np.recarray)[0]
+    state.stiffness[:] = 1000.0
+    state.progress.bound = most = random.exponential(1e-3)
+    before, own, wrench = random.normal(size=(5, 3, 3)), random.normal(size=(5, 3, 3)), random.normal(size=6)
+    state.forces.before[:], state.forces.phalanx[:], state.forces.palm_wrench[:] = before, own, wrench
+    ease_forces(state)
+    way = np.linalg.norm(own - before, axis=2, keepdims=True)
+    share = np.minimum(1.0, 1000.0 * most / way)
+    np.testing.assert_allclose(state.forces.phalanx, before + share * (own - before), atol=1e-12)
+    assert state.progress.snaps == (share < 1.0).any()
+    if state.progress.snaps:
+        np.testing.assert_array_equal(state.forces.total, wrench[:3])
