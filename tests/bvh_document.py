@@ -21,7 +21,7 @@ class Rig:
     Attributes:
         root: Name of the joint above the wrist.
         wrist: Name of the wrist.
-        joint: Name of a joint from finger and number from 1.
+        joint: Name of a joint from finger and number from 1, or word for the phalanx.
         fingers: Names of the fingers.
         order: Of the rotation channels.
         unit: Units a metre.
@@ -49,6 +49,14 @@ RIGS: dict[str, Rig] = {
     "rigify": Rig("spine", "hand.{S}", "{finger}.0{n}.{S}", RIGIFY, "XZY", 1.0, metacarpal="palm.{finger}.{S}"),
     "mannequin": Rig("pelvis", "hand_{s}", "{finger}_0{n}_{s}", LOWER, "ZYX", metacarpal="{finger}_metacarpal_{s}"),
     "biped": Rig("Bip01", "Bip01 {S} Hand", "Bip01 {S} Finger{finger}{b}", tuple("01234"), "YZX", 1.0 / 0.0254),
+    "mvn": Rig(
+        "RightForeArm",
+        "{Side}Hand",
+        "{Side}{finger}{mvn}",
+        ("First", "Second", "Third", "Fourth", "Fifth"),
+        metacarpal="{Side}{finger}MC",
+    ),
+    "base, mid, end": Rig("root", "{S}_Wrist", "{S}_{finger}_{part}", UPPER),
     "no ends": Rig("root", "{side}_wrist", "{side}_{finger}{n}", LOWER, tip="none"),
 }
 
@@ -91,6 +99,7 @@ def bvh_text(recording: Recording, rig: Rig, side: Literal["right", "left"] = "r
                     for a, b in zip(recording.flexion[:, f], recording.abduction[:, f])
                 ]
             )
+            words |= {"mvn": ("PP", "MP", "DP")[k] if f else ("MC", "PP", "DP")[k], "part": ("Base", "Mid", "End")[k]}
             name = rig.joint.format(finger=finger, n=k + 1, b=k or "", **words)
             above.children.append(_Node(name, offset, turned=palm @ bent))
             above = above.children[-1]

@@ -1,9 +1,10 @@
 """Recordings of hands in BVH, of any rig: only the places of the joints count.
 
-A hand is found by the names of its joints: a word for the finger (in 3ds Max's biped finger0 to finger4), a side (right
-or left, a leading r or l before a capital letter, _r or .R at the end), and an order from the palm outwards.
-Metacarpals are left out, but for the thumb's, with which its chain begins as ours does. The wrist is the joint that the
-fingers hang from.
+A hand is found by the words in the names of its joints: a finger (in 3ds Max's biped finger0 to finger4, in others
+finger1 to finger5, in Xsens' MVN first to fifth), a side (right or left, a leading r or l before a capital letter, _r
+or .R at the end), and an order from the palm outwards. Metacarpals are left out, but for the thumb's, with which its
+chain begins as ours does. The wrist is the joint nearest to the fingers that all five hang from: what else has a
+finger's name, such as an ear's ring, hangs from elsewhere. A hand whose joints name no side is read if it is alone.
 
 A corrected hand turns its joints by their own channels. Its wrist moves by the position channels of the wrist, or of a
 joint above from which nothing else hangs; without any it cannot move, which is refused.
@@ -16,7 +17,7 @@ length tells it. Its world has y up unless the options say otherwise.
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from itertools import takewhile
+from itertools import islice, takewhile
 
 import numpy as np
 
@@ -39,10 +40,25 @@ MOST = 1e9
 POSITIONS = ("xposition", "yposition", "zposition")
 ROTATIONS = ("xrotation", "yrotation", "zrotation")
 
-WORDS = ("thumb", "index pointer", "middle mid", "ring", "pinky pinkie little small")
-"""Words for thumb to little finger, the first in a name counting."""
-BIPED = re.compile(r"finger(?P<finger>[0-4])(?P<phalanx>[0-9]?)(?:nub)?$", re.IGNORECASE)
-METACARPAL = re.compile(r"metacarp|carpal|inhand|palm", re.IGNORECASE)
+FINGER_WORDS = ("thumb", "index|pointer", "middle|mid(?=finger|$)", "ring", "pinky|pinkie|little|small(?=finger|$)")
+"""Words for thumb to little finger; that of the middle one, which may be a phalanx too, yields to any other."""
+FINGER = re.compile(
+    "(?:right|left|r|l)?(?:in)?(?:hand|palm)?(?:" + "|".join(f"({words})" for words in FINGER_WORDS) + ")"
+)
+"""Beginning of a word, in lower case, that names a finger."""
+BIPED = re.compile(r"finger([0-4])[0-9]?(?:nub)?$", re.IGNORECASE)
+COUNTED = re.compile(r"finger[ _]?([1-5])(?=[^0-9])", re.IGNORECASE)
+MVN = re.compile(r"(?:(first)|(second)|(third)|(fourth)|(fifth))_?(?:mc|pp|mp|dp)", re.IGNORECASE)
+METACARPAL = re.compile(r"metacarp|carpal|inhand|palm|(?:second|third|fourth|fifth)_?mc", re.IGNORECASE)
+NO_HAND = (
+    "expected right or left, and thumb, index, middle, ring and pinky (or little), Finger0 to Finger4, Finger1 to "
+    "Finger5, or FirstMC to FifthDP, in the names of joints"
+)
+MOST_BETWEEN = 3
+"""Largest number of joints between the wrist and the first joint of a finger."""
+WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
+STILL_OFFSET = 1e-3
+"""Largest position, as a share of the joint's offset, that is none: a device that measures none writes 0."""
 
 DEGREE_DIGITS = 5
 """Decimals of an angle [degrees]: 0.02 µm at a fingertip."""
@@ -96,7 +112,7 @@ class Bvh:
 
         count = len(self.values)
         columns = {channel: self.values[:, joint.first + k] for k, channel in enumerate(joint.channels)}
-        # Position channels stand for the offset, they do not add to it.
+        # Position channels stand for the offset, they do not add to it; but for those that are 0 (`_without_zeros`).
         offsets = zip(POSITIONS, joint.offset)
         shift = np.stack([columns.get(key, np.full(count, offset)) for key, offset in offsets], axis=1)
         turns = [channel for channel in joint.channels if channel in ROTATIONS]
@@ -194,7 +210,23 @@ def _motion(lines: list[tuple[int, list[str]]], joints: tuple[Joint, ...], *, co
     if broken:
         text = f"{counted(len(broken), 'frame')} without {width} numbers: missing, first line {broken[0]}"
         findings.append(note(text))
+    joints, zeros = _without_zeros(joints, values)
+    if zeros:
+        text = f"{counted(zeros, 'joint')} with position channels that are 0 in every frame: each stands at its OFFSET"
+        findings.append(note(text))
     return Bvh(joints, float(step), values, tuple(findings), tuple(number for number, _ in rows))
+
+
+def _without_zeros(joints: tuple[Joint, ...], values: FloatArray) -> tuple[tuple[Joint, ...], int]:
+    """Return the joints without names of position channels that are 0 in every frame, and how many had them."""
+    kept = []
+    for joint in joints:
+        places = [joint.first + k for k, channel in enumerate(joint.channels) if channel in POSITIONS]
+        known = np.nan_to_num(np.abs(values[:, places]), nan=0.0)
+        if joint.parent >= 0 and places and known.max() < STILL_OFFSET * np.linalg.norm(joint.offset):
+            joint = replace(joint, channels=tuple("" if name in POSITIONS else name for name in joint.channels))
+        kept.append(joint)
+    return tuple(kept), sum(old is not new for old, new in zip(joints, kept))
 
 
 def _numbers(words: list[str], count: int, where: str, key: str) -> list[float]:
@@ -224,7 +256,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     joints = JointPositions(
         position=np.concatenate([at[:, [wrist]], _finger_points(bvh, chains, at, turned)], axis=1),
         form="bvh",
-        what=f"{side} hand at '{bvh.joints[wrist].name}'",
+        what=f"{side} hand at '{bvh.joints[wrist].name}'".strip(),
         time=np.arange(len(bvh.values), dtype=np.float64) * bvh.frame_time,
         hand=side,
         up="y",
@@ -235,13 +267,26 @@ def _read(content: Content, options: ReadOptions) -> Recording:
 
 def _hand(bvh: Bvh, options: ReadOptions) -> tuple[HandSide, dict[str, _Chain], list[Finding]]:
     """Return the hand of the options, else the right one, its fingers, and findings; TrajectoryError for none."""
-    found = {side: _chains(bvh.joints, side) for side in SIDES}
-    hands = {side: chains for side, chains in found.items() if len(chains) == len(FINGERS)}
-    if not hands:
-        some = "; ".join(f"{side}: {', '.join(chains)}" for side, chains in found.items() if chains) or "none"
-        raise TrajectoryError(f"no hand with five fingers of three joints each among {len(bvh.joints)} joints ({some})")
-    side, findings = chosen_side(dict.fromkeys(hands, 1), options.hand)
-    return side, hands[side], findings
+    fingers = {side: _finger_lines(bvh.joints, side) for side in (*SIDES, "")}
+    found = {side: _hands(bvh.joints, lines) for side, lines in fingers.items()}
+    if not any(found.values()):
+        some = "; ".join(
+            f"{side or 'no side'}: {', '.join(lines)}{' apart' if len(lines) == len(FINGERS) else ''}"
+            for side, lines in fingers.items()
+            if lines
+        )
+        names = ", ".join(joint.name for joint in bvh.joints if not joint.is_end)
+        raise TrajectoryError(
+            f"no hand with five fingers of three joints each among {len(bvh.joints)} joints ({some or 'none'}), such "
+            f"as {names[:60]}…; {NO_HAND}"
+        )
+    side, findings = chosen_side({side: 1 for side, hands in found.items() if hands}, options.hand)
+    if len(found[side]) > 1:
+        at = " and ".join(f"'{bvh.joints[_wrist(bvh.joints, hand)].name}'" for hand in found[side][:2])
+        if not side:
+            raise TrajectoryError(f"{len(found[side])} hands, at {at}, and no joint names a side; {NO_HAND}")
+        findings.append(note(f"{len(found[side])} {side} hands, at {at}: the first one is taken"))
+    return side, found[side][0], findings
 
 
 def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
@@ -315,11 +360,9 @@ def _frame_edits(text: str, numbers: list[int], new: dict[int, NewColumn]) -> It
 def side_of(name: str) -> HandSide:
     """Return the side in a joint's name, or ""."""
     plain = name.rsplit(":", 1)[-1]
-    lower = plain.lower()
-    if "right" in lower:
-        return "right"
-    if "left" in lower:
-        return "left"
+    said = next((side for word in _words(plain) for side in SIDES if word.startswith(side)), None)
+    if said is not None:
+        return said
     match = re.match(r"([rlRL])(?=[A-Z_])", plain) or re.search(r"[ ._-]([rlRL])(?=$|[ ._-])", plain)
     if match is None:
         return ""
@@ -329,37 +372,73 @@ def side_of(name: str) -> HandSide:
 def finger_of(name: str) -> str:
     """Return the finger in a joint's name, or ""."""
     plain = name.rsplit(":", 1)[-1]
-    biped = BIPED.search(plain)
-    if biped is not None:
-        return FINGERS[int(biped.group("finger"))]
-    lower = plain.lower()
-    return next((finger for finger, words in zip(FINGERS, WORDS) if any(word in lower for word in words.split())), "")
+    words = _words(plain)
+    found = [match.lastindex for word in words if (match := FINGER.match(word)) is not None]
+    if any("toe" in word for word in words):
+        return ""
+    if found:
+        return FINGERS[(next((place for place in found if place != 3), 3) or 1) - 1]
+    if (mvn := MVN.search(plain)) is not None:
+        return FINGERS[(mvn.lastindex or 1) - 1]
+    if (biped := BIPED.search(plain)) is not None:
+        return FINGERS[int(biped[1])]
+    counted_from_1 = COUNTED.search(plain)
+    return "" if counted_from_1 is None else FINGERS[int(counted_from_1[1]) - 1]
 
 
-def _chains(joints: tuple[Joint, ...], side: str) -> dict[str, _Chain]:
-    """Return the fingers of one hand that have three joints."""
+def _words(name: str) -> list[str]:
+    return [word.lower() for word in WORD.findall(name)]
+
+
+def _finger_lines(joints: tuple[Joint, ...], side: str) -> dict[str, list[list[int]]]:
+    """Return the lines of three and more joints that are named after a finger of one side, from the palm outwards."""
     found = {}
     for finger in FINGERS:
-        members = [
+        members = {
             index
             for index, joint in enumerate(joints)
-            if not joint.is_end and finger_of(joint.name) == finger and _side(joints, index) == side
-        ]
+            if not joint.is_end
+            and finger_of(joint.name) == finger
+            and _side(joints, index) == side
+            and (finger == "thumb" or METACARPAL.search(joint.name) is None)
+        }
+        # Each joint the child of the one before.
+        lines = [[*takewhile(members.__contains__, _ancestors(joints, last))][::-1] for last in sorted(members)]
         if finger != "thumb":
-            members = [index for index in members if METACARPAL.search(joints[index].name) is None]
-        # The longest line of joints from the palm outwards, each the child of the one before.
-        lines = ([*takewhile(set(members).__contains__, _ancestors(joints, last))][::-1] for last in members)
-        chain = max(lines, key=len, default=[])
-        if finger != "thumb" and len(chain) >= 4 and re.search(r"0\D*$", joints[chain[0]].name):
-            # The joint numbered 0 is a metacarpal.
-            chain = chain[1:]
-        if len(chain) >= 3:
-            ends = [child for child in joints[chain[2]].children if joints[child].is_end]
-            tip = chain[3] if len(chain) > 3 else ends[0] if ends else None
-            if tip is not None and not np.linalg.norm(joints[tip].offset) > 0.0:
-                tip = None
-            found[finger] = _Chain((chain[0], chain[1], chain[2]), tip)
+            # The joint numbered 0 of four is a metacarpal.
+            numbered = re.compile(r"0\D*$")
+            lines = [line[len(line) >= 4 and numbered.search(joints[line[0]].name) is not None :] for line in lines]
+        if long := [line for line in lines if len(line) >= 3]:
+            found[finger] = long
     return found
+
+
+def _hands(joints: tuple[Joint, ...], fingers: dict[str, list[list[int]]]) -> list[dict[str, _Chain]]:
+    """Return the hands of one side: five lines that hang from one joint, as near to it as there are any."""
+    if len(fingers) < len(FINGERS):
+        return []
+
+    def above(line: list[int]) -> list[int]:
+        return [*islice(_ancestors(joints, joints[line[0]].parent), 1 + MOST_BETWEEN)]
+
+    shared = set.intersection(*({k for line in lines for k in above(line)} for lines in fingers.values()))
+    wrists = shared - {k for wrist in shared for k in _ancestors(joints, joints[wrist].parent)}
+    return [
+        {
+            finger: _chain(joints, max((line for line in lines if wrist in above(line)), key=len))
+            for finger, lines in fingers.items()
+        }
+        for wrist in sorted(wrists)
+    ]
+
+
+def _chain(joints: tuple[Joint, ...], line: list[int]) -> _Chain:
+    """Return the finger of a line of joints."""
+    ends = [child for child in joints[line[2]].children if joints[child].is_end]
+    tip = line[3] if len(line) > 3 else ends[0] if ends else None
+    if tip is not None and not np.linalg.norm(joints[tip].offset) > 0.0:
+        tip = None
+    return _Chain((line[0], line[1], line[2]), tip)
 
 
 def _ancestors(joints: tuple[Joint, ...], index: int) -> Iterator[int]:
@@ -377,10 +456,7 @@ def _side(joints: tuple[Joint, ...], index: int) -> HandSide:
 def _wrist(joints: tuple[Joint, ...], chains: dict[str, _Chain]) -> int:
     """Return the nearest common ancestor of all fingers."""
     lines = [list(_ancestors(joints, joints[chain.joints[0]].parent)) for chain in chains.values()]
-    shared = [index for index in lines[0] if all(index in line for line in lines)]
-    if not shared:
-        raise TrajectoryError("the fingers hang from no common joint; expected a wrist")
-    return shared[0]
+    return next(index for index in lines[0] if all(index in line for line in lines))
 
 
 def _finger_points(bvh: Bvh, chains: dict[str, _Chain], at: FloatArray, turned: FloatArray) -> FloatArray:

@@ -1,10 +1,12 @@
 """BVH: our own hand in the rigs of several makers, and text that is none."""
 
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 import pytest
-from bvh_document import RIGS, bvh_text
+from bvh_document import LOWER, RIGS, Rig, bvh_text
+from correction_samples import a_correction
 from joint_samples import words
 from recording_samples import read_as, smooth_recording
 
@@ -13,6 +15,7 @@ from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.formats.bvh import finger_of, read_bvh, side_of
 from hhsim.recordings.recording import turn
+from hhsim.recordings.registry import ReadOptions, read_recording, write_recording
 
 CLEAN = smooth_recording(25, jitter=0.0).changed(abduction=np.zeros((25, 5)))
 
@@ -73,14 +76,92 @@ def test_names_of_many_makers() -> None:
     sides = {
         "mixamorig:RightHandThumb1": "right", "LeftInHandIndex": "left", "rThumb1": "right", "lMid2": "left",
         "f_index.01.R": "right", "index_01_l": "left", "Bip01 R Finger0": "right", "RHand": "right", "Ring1": "",
-        "L_Hand": "left", "Root": "", "hand": "",
+        "L_Hand": "left", "Root": "", "hand": "", "Bright": "", "mixamorigRightHand": "right", "lefthandthumb1": "left",
     }  # fmt: skip
     assert {name: side_of(name) for name in sides} == sides
     fingers = {
         "RightHandThumb1": "thumb", "rMid1": "middle", "Bip01 L Finger2": "middle", "Bip01 L Finger41": "little",
         "right_pinky3": "little", "RightHandRing2": "ring", "RightFoot": "", "pointer.L": "index",
+        "Earring": "", "Spring_R": "", "R_Ring_Mid": "ring", "Middle_Thumb": "thumb", "R_Middle_Mid": "middle",
+        "rSmallToe1": "", "MidSpine": "middle", "LeftFinger1Tip": "thumb", "finger5-2.R": "little", "lindex1": "index",
+        "RightFirstMC": "thumb", "left_fifth_dp": "little", "FirstSpine": "", "ringfinger1": "ring", "Bring": "",
+        "RightIndexFinger2": "index",
     }  # fmt: skip
     assert {name: finger_of(name) for name in fingers} == fingers
+
+
+HANG = """JOINT {name}1
+{{
+OFFSET 0 {far} 0
+JOINT {name}2
+{{
+OFFSET 0 1 0
+JOINT {name}3
+{{
+OFFSET 0 1 0
+JOINT {name}4
+{{
+OFFSET 0 1 0
+}}
+}}
+}}
+}}
+"""
+
+
+@pytest.mark.parametrize("name", ["Earring", "EarRing", "R_KeyRing", "MidSpine", "RightSmallToe"])
+def test_what_hangs_from_elsewhere_is_no_finger(name: str) -> None:
+    text = bvh_text(CLEAN, RIGS["mixamo"])
+    offset = text.index("JOINT")
+    other = read_as("bvh", text[:offset] + HANG.format(name=name, far=5) + text[offset:])
+    assert np.abs(other.flexion - read_as("bvh", text).flexion).max() == 0.0
+
+
+def test_five_fingers_that_hang_apart_are_no_hand() -> None:
+    text = bvh_text(CLEAN, RIGS["mixamo"]).replace("HandRing", "HandTwist")
+    above = "".join(f"JOINT Neck{k}\n{{\nOFFSET 0 1 0\n" for k in range(4))
+    offset = text.index("JOINT")
+    ears = above + HANG.format(name="RightEarRing", far=5) + 4 * "}\n"
+    with pytest.raises(TrajectoryError, match="right: thumb, index, middle, ring, little apart"):
+        read_as("bvh", text[:offset] + ears + text[offset:])
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_a_hand_whose_joints_name_no_side_is_read_where_it_is_alone(side: Literal["right", "left"]) -> None:
+    rig = Rig("world", "wrist", "{finger}{n}", LOWER)
+    recording = read_as("bvh", bvh_text(CLEAN, rig, side), hand=side)
+    assert recording.hand == side and np.abs(recording.flexion - CLEAN.flexion).max() < 1e-4
+    # Both arms hang from one root.
+    head, motion = bvh_text(CLEAN, rig, side).split("MOTION\n")
+    start, inner = head.index("\tJOINT"), head.rstrip().removesuffix("}")
+    frames = motion.splitlines()
+    two = (
+        inner
+        + head[start:]
+        + "MOTION\n"
+        + "\n".join(frames[:2] + [f"{f} {' '.join(f.split()[6:])}" for f in frames[2:]])
+    )
+    with pytest.raises(TrajectoryError, match="2 hands, at 'wrist' and 'wrist', and no joint names a side"):
+        read_as("bvh", two + "\n", hand=side)
+
+
+def test_position_channels_of_0_leave_a_joint_at_its_offset(tmp_path: Path) -> None:
+    text = bvh_text(CLEAN, RIGS["mixamo"])
+    head, motion = text.split("MOTION\n")
+    frames = motion.splitlines()
+    six = head.replace("CHANNELS 3 Z", "CHANNELS 6 Xposition Yposition Zposition Z")
+    rows = [np.array(line.split(), float).reshape(-1, 3) for line in frames[2:]]
+    # Three numbers of the root's place stay, each rotation after it gets three zeros before it.
+    zeros = [np.r_[row[:2].ravel(), np.c_[np.zeros((len(row) - 2, 3)), row[2:]].ravel()] for row in rows]
+    lines = [" ".join(f"{value:.8f}" for value in row) for row in zeros]
+    file = tmp_path / "six.bvh"
+    file.write_text(six + "MOTION\n" + "\n".join(frames[:2] + lines) + "\n")
+    recording = read_recording(file)
+    assert "21 joints with position channels that are 0" in words(recording)
+    assert np.abs(recording.flexion - read_as("bvh", text).flexion).max() < 1e-9
+    # What a correction moves, it moves by the root's channels.
+    off = write_recording(file, ReadOptions(), recording, a_correction(recording), tmp_path / "out.bvh")
+    assert off is not None and off < 1e-5
 
 
 def test_both_hands_in_one_file() -> None:
@@ -141,6 +222,10 @@ TEXT = bvh_text(CLEAN, RIGS["mixamo"])
         (TEXT.split("Frame Time")[0], "no Frames: and Frame Time:"),
         (TEXT[: TEXT.index("Frame Time") + 20] + "\n", "no frames"),
         (TEXT.replace("HandIndex", "HandToe"), "no hand with five fingers of three joints each"),
+        (
+            TEXT.replace("Hand", "Foot").replace("Thumb", "A"),
+            r"such as mixamorig:RightArm, .*expected right or left, and",
+        ),
         ("HIERARCHY\n" + "ROOT a\n{\nOFFSET 0 0 0\n" + "JOINT b\n{\nOFFSET 0 0 0\n" * 3000, "more than 2000 joints"),
     ],
 )
