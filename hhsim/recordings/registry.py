@@ -23,6 +23,7 @@ from hhsim.recordings.correction import Correction
 from hhsim.recordings.dexmo_regression import DexmoRegression, Poses
 from hhsim.recordings.frames import axes_matrix
 from hhsim.recordings.json_document import nested, read_json
+from hhsim.recordings.other_files import why_not_read
 from hhsim.recordings.recording import Finding, HandMotion, Recording, chosen_side, note
 from hhsim.recordings.stated_fields import StatedFields, kind_of
 from hhsim.system.atomic_write import write_atomically
@@ -361,6 +362,8 @@ def format_of(content: Content, options: ReadOptions) -> RecordingFormat:
     media = media_kind(content.head)
     if media:
         raise TrajectoryError(f"{media}; expected a recording of one of {', '.join(formats)}")
+    if reason := why_not_read(content.head):
+        raise TrajectoryError(reason)
     form = next((form for form in formats.values() if form.sniff(content, options)), None)
     if form is None:
         raise TrajectoryError(f"neither text nor a known format; expected one of {', '.join(formats)}")

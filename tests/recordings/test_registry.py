@@ -1,7 +1,9 @@
 """The formats of recordings: what each says of itself, which one a file is of, and what it takes to add one."""
 
+import io
 import json
 import sys
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings import formats
 from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.dexmo_regression import CHANNELS
+from hhsim.recordings.other_files import why_not_read
 from hhsim.recordings.registry import (
     Content,
     ReadOptions,
@@ -121,6 +124,15 @@ def test_the_page_tells_of_every_format(repository: Path) -> None:
     assert sorted(line.split("`")[1] for line in table.splitlines()[2:]) == formats.FORMATS.names()
 
 
+def zip_of(*names: str) -> bytes:
+    """An archive of empty files."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name in names:
+            archive.writestr(name, b"")
+    return stream.getvalue()
+
+
 @pytest.mark.parametrize(
     ("data", "name"),
     [
@@ -135,6 +147,39 @@ def test_the_page_tells_of_every_format(repository: Path) -> None:
 )
 def test_the_content_decides(data: bytes, name: str) -> None:
     assert format_of(Content(data=data), ReadOptions()).name == name
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"Kaydara FBX Binary  \0", "an animation in FBX is not read; export its skeleton as BVH"),
+        (b"; FBX 7.4.0 project file\nFBXHeaderExtension:  {\n", "an animation in FBX"),
+        (b"glTF\2\0\0\0", "an animation in glTF is not read; export its skeleton as BVH"),
+        (b'{"accessors": [{"bufferView": 0}], "nodes": []}', "an animation in glTF"),
+        (b' {"nodes": [], "asset": {"generator": "me", "version": "2.0"}}', "an animation in glTF"),
+        (b"#usda 1.0\n", "an animation in USD"),
+        (b":version 1.10\n:name hand", "an animation in ASF/AMC"),
+        (b"\xef\xbb\xbf<?xml version='1.0'?>\n<COLLADA>", "an animation in COLLADA"),
+        (b"<?xml version='1.0'?>\n<mvnx>", "an export of Xsens MVN"),
+        (b"<?xml version='1.0'?>\n<robot name='arm'>", "a robot, no recording of a hand"),
+        (b"Format Version,1.23,Take Name,take1\n\n,Type,Bone", "an OptiTrack Motive export"),
+        (b"Trajectories\r\n100\r\n", "a Vicon Nexus export"),
+        (b"\x02P\0\0", "an export of markers as C3D"),
+        (b"#ROSBAG V2.0\n", "a bag of ROS 1"),
+        (b"SQLite format 3\0", "a bag of ROS 2"),
+        (b"MATLAB 5.0 MAT-file", "a MATLAB file"),
+        (b"\x1f\x8b\x08\0", "a packed file"),
+        (zip_of("[Content_Types].xml", "xl/workbook.xml"), "an Excel workbook is not read; save it as CSV"),
+    ],
+)
+def test_a_file_that_is_not_read_says_what_makes_a_recording_of_it(data: bytes, said: str) -> None:
+    with pytest.raises(TrajectoryError, match=said):
+        read_content(Content(data=data), ReadOptions())
+
+
+@pytest.mark.parametrize("data", [b'{"asset": "mug", "frames": []}', b"\tPx\tPy\n0\t1\t2\n", b"MATLAB time,px\n0,1\n"])
+def test_what_only_begins_alike_is_read(data: bytes) -> None:
+    assert not why_not_read(data)
 
 
 def test_a_mapping_of_columns_wins_over_a_gloves_channels_and_fits_no_other_format() -> None:

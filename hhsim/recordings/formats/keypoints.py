@@ -143,6 +143,8 @@ def _from_npz(content: Content, options: ReadOptions) -> JointPositions:
     arrays = content.arrays
     if not arrays:
         files = ", ".join(sorted(array_names(content.data))[:4]) or "nothing"
+        if "[Content_Types].xml" in files:
+            raise TrajectoryError("an Excel workbook is not read; save it as CSV")
         raise TrajectoryError(f"a zip archive of {files}, without an array; expected .npz, or the recording unpacked")
     key = _points_key(content, options)
     points, stamps = arrays[key], time_column(arrays)
