@@ -1,10 +1,12 @@
 """Mesh files: any format that trimesh reads, as plain arrays in the file's own unit; and exact binary PLY."""
 
 import bz2
+import gzip
 import json
 import warnings
 import zipfile
 from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +19,16 @@ from hhsim.system.input_file import check_ordinary, media_kind_of, most_unpacked
 
 ENCODING_GUESSER = "charset_normalizer"
 """Package that trimesh asks for the encoding of a text that is not UTF-8."""
-ARCHIVES = ("zip", "bz2", "tar.bz2", "tar.gz")
-"""Kinds of files that hold mesh files."""
+ARCHIVES = ("zip", "tar.bz2", "tar.gz", "bz2")
+"""Kinds of files that hold mesh files, one that ends as another one before it."""
+_CAD = "a CAD model; export its surface as STL, OBJ or PLY"
+_SCENE = "a scene of a 3-D program; export its mesh as OBJ, PLY, STL or GLB"
+INSTEAD = {
+    "xacro": "a robot with macros of xacro; expand it: xacro FILE > FILE.urdf",
+    **dict.fromkeys(("step", "stp", "iges", "igs", "brep", "sldprt", "f3d", "fcstd", "scad"), _CAD),
+    **dict.fromkeys(("fbx", "blend", "usd", "usda", "usdc", "usdz", "max", "ma", "mb", "3ds"), _SCENE),
+}
+"""What a file that holds no mesh that is read is, and what to do."""
 MEMORY_OF_A_BYTE = 10
 """Memory that reading a byte of a mesh's text takes [byte], or a little more."""
 
@@ -39,12 +49,14 @@ def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
         check_ordinary(path)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}; expected a mesh") from None
-    kind = path.suffix.lower().removeprefix(".")
+    kind = _kind(path)
     known = sorted(trimesh.available_formats())
     if kind not in known:
         media = media_kind_of(path)
         if media:
             raise MeshError(f"{path}: {media}; expected a mesh: {', '.join(known)}")
+        if kind in INSTEAD:
+            raise MeshError(f"{path}: {INSTEAD[kind]}")
         what = f"unknown mesh format '.{kind}'" if kind else "no suffix that says which mesh format it is"
         raise MeshError(f"{path}: {what}; known: {', '.join(known)}")
     size = _unpacked_size(path)
@@ -54,6 +66,12 @@ def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
         return read_in_child(lambda: _triangles(path, kind), refusal, size)
     except DamagedFileError as error:
         raise MeshError(f"{path}: {error}") from None
+
+
+def _kind(path: Path) -> str:
+    """Return the kind of a file by the end of its name: its suffix, or two of an archive."""
+    name = path.name.lower()
+    return next((kind for kind in ARCHIVES if name.endswith(f".{kind}")), path.suffix.lower().removeprefix("."))
 
 
 def _triangles(path: Path, kind: str) -> tuple[FloatArray, IntArray]:
@@ -92,7 +110,10 @@ def _files(path: Path, kind: str) -> Iterator[tuple[Any, str, Any]]:
             _require_tree_of_nodes(file, kind, str(path))
             yield file, kind, _ordinary_files_beside(path)
             return
-        members = trimesh.util.decompress(file, "tar.bz2" if path.name.lower().endswith(".tar.bz2") else kind)
+        if kind == "bz2":
+            members: dict[str, Any] = {path.stem: BytesIO(bz2.decompress(file.read()))}
+        else:
+            members = trimesh.util.decompress(file, kind.partition(".")[0])
         for name, member in members.items():
             each = Path(name).suffix.lower().removeprefix(".")
             # A Mac puts notes of its own into archives, under the names of the files.
@@ -110,9 +131,9 @@ def _unpacked_size(path: Path) -> int:
             if zipfile.is_zipfile(file):
                 with zipfile.ZipFile(file) as archive:
                     size = sum(entry.file_size for entry in archive.infolist())
-            elif path.suffix.lower() == ".bz2":
+            elif path.suffix.lower() in (".bz2", ".gz"):
                 file.seek(0)
-                with bz2.open(file) as unpacked:
+                with (bz2 if path.suffix.lower() == ".bz2" else gzip).open(file) as unpacked:
                     size = 0
                     while size <= most and (piece := unpacked.read(1 << 20)):
                         size += len(piece)

@@ -1,8 +1,10 @@
 """Mesh files with bounds; the exact binary PLY: read back bit for bit, and refused when it is another file."""
 
 import bz2
+import gzip
 import json
 import struct
+import tarfile
 import zipfile
 from functools import partial
 from pathlib import Path
@@ -103,7 +105,36 @@ def test_a_scene_whose_nodes_are_a_tree_is_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.ptp(vertices, axis=0), np.ptp(cube().vertices, axis=0) + [1.0, 0.0, 0.0], atol=1e-7)
 
 
-@pytest.mark.parametrize("kind", ["zip", "bz2"])
+@pytest.mark.parametrize("name", ["mesh.zip", "mesh.tar.gz", "mesh.TAR.GZ", "mesh.tar.bz2", "mesh.obj.bz2"])
+def test_a_mesh_is_read_from_every_archive_that_is_listed(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    (tmp_path / "mesh.obj").write_text(OBJ)
+    if name.endswith(".zip"):
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.write(tmp_path / "mesh.obj", "mesh.obj")
+    elif "tar" in name.lower():
+        with tarfile.open(path, "w:gz" if name.lower().endswith(".gz") else "w:bz2") as tar:
+            tar.add(tmp_path / "mesh.obj", "mesh.obj")
+    else:
+        path.write_bytes(bz2.compress(OBJ.encode()))
+    assert len(read_triangles(path)[1]) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("arm.urdf.xacro", "expand it: xacro FILE > FILE.urdf"),
+        ("a.STEP", "a CAD model; export"),
+        ("a.fbx", "a scene of"),
+    ],
+)
+def test_a_file_that_is_no_mesh_says_what_makes_one_of_it(name: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text("x")
+    with pytest.raises(MeshError, match=said):
+        read_triangles(tmp_path / name)
+
+
+@pytest.mark.parametrize("kind", ["zip", "bz2", "tar.gz"])
 def test_a_small_archive_of_much_is_refused_before_it_is_read(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -115,7 +146,7 @@ def test_a_small_archive_of_much_is_refused_before_it_is_read(
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr("mesh.obj", text)
     else:
-        path.write_bytes(bz2.compress(text))
+        path.write_bytes(bz2.compress(text) if kind == "bz2" else gzip.compress(text))
     monkeypatch.setattr(mesh_file, "read_in_child", lambda *_: pytest.fail("it is read"))
     with pytest.raises(MeshError, match=r"[\d,]+ bytes or more in an archive of [\d,]+; expected a mesh"):
         read_triangles(path)
