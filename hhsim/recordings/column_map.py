@@ -61,7 +61,8 @@ from hhsim.motion.trajectory import RawChannel
 from hhsim.recordings.correction import ANGLE_DIGITS, Changes
 from hhsim.recordings.frames import OURS, FileFrame, axes_matrix, euler_angles, to_our_frames, turned, world_matrix
 from hhsim.recordings.recording import Finding, Recording, note, unreadable
-from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS
+from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS, time_column
+from hhsim.recordings.unit_detection import TimeColumn as StampColumns
 from hhsim.system.counted import counted
 from hhsim.system.settings_file import Settings, between, one_of, read_settings
 
@@ -213,6 +214,13 @@ def read_column_map(path: Path) -> ColumnMap:
     return read_settings(path, ColumnMap, "mapping of columns")
 
 
+def stamp_columns(table: Table, column: TimeColumn) -> StampColumns:
+    """Return a table's column of stamps, with the one that holds their fractions of a second if there is one."""
+    found, unit = time_column(table.header), column.unit or "s"
+    whole = found is not None and found.fraction and (found.name, "s") == (column.column, unit)
+    return found if found is not None and whole else StampColumns(column.column, unit)
+
+
 def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
     """Make the recording of a table by its mapping; `name` is its name if the mapping has none, `form` its format's.
 
@@ -229,7 +237,10 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
         return values * factor
 
     if columns.time is not None:
-        time = numbers((columns.time.column,), TIME_UNITS[columns.time.unit or "s"])[:, 0]
+        stamps = stamp_columns(table, columns.time)
+        if stamps.fraction:
+            findings.append(note(f"stamps from columns {' and '.join(stamps.names)}"))
+        time = TIME_UNITS[stamps.unit or "s"] * stamps.stamps(lambda name: numbers((name,), 1.0)[:, 0])
     else:
         time = np.arange(count) / (columns.rate or 1.0)
         findings.append(note(f"no column of stamps: made from the rate, {columns.rate:g} Hz"))

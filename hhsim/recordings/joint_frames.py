@@ -12,6 +12,7 @@ import numpy as np
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.quaternion import conjugate, quaternion_product
+from hhsim.motion.pickled_data import flat
 from hhsim.motion.text_edit import NumberEdit
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import ANGLE_DIGITS, Changes
@@ -34,6 +35,8 @@ FEWEST = 8
 MOST_ENTRIES = 64
 """Number of entries of a list that are searched for hands."""
 
+STAMPED = ("header", "stamp", "timestamp", "time")
+"""Keys of objects that hold a stamp."""
 TURNS = ("orientation", "rotation", "quaternion", "quat", "rot", "matrix")
 """Keys of a joint's orientation; a quaternion (x, y, z, w) can be corrected."""
 
@@ -86,12 +89,17 @@ def _frame(frame: Any, hand_keys: set[str]) -> Frame:
         hands.setdefault(side, hand)
     if not isinstance(frame, dict):
         return Frame(hands, np.nan, None)
-    column = time_column(frame)
-    name = None if column is None else column.name
+    # A message of ROS has its stamp in its header.
+    clock = frame | dict(
+        flat({key: value for key, value in frame.items() if key in STAMPED and isinstance(value, dict)})
+    )
+    column = time_column(clock)
+    names = () if column is None else column.names
     unknown = {key: value for key, value in frame.items() if key not in hand_keys and not joint_name(key).joint}
     hand_keys |= {key for key, value in unknown.items() if any(_hands(value, "", 1))}
-    beside = {key: value for key, value in unknown.items() if key != name}
-    return Frame(hands, number(frame.get(name)), None if column is None else column.unit, beside)
+    beside = {key: value for key, value in unknown.items() if key not in {name.split("/")[0] for name in names}}
+    stamp = np.nan if column is None else float(column.stamps(lambda name: np.array(number(clock.get(name)))))
+    return Frame(hands, stamp, None if column is None else column.unit, beside)
 
 
 def joints_of_frames(

@@ -64,7 +64,7 @@ def joints_of_table(
         findings.append(note(f"stamps from column '{stamps.name}'; there are also {', '.join(stamps.others[:3])}"))
     arrays, moved = table_arrays(table, findings)
     parts_used = {column for parts in joints.values() for column in parts.values()}
-    stamped = {stamps.name, *stamps.others} if stamps is not None else set()
+    stamped = {*stamps.names, *stamps.others} if stamps is not None else set()
     others = {column for column, name in names.items() if name.joint and name.side in hands and name.side != side}
     findings += unused(dict.fromkeys(table.header), parts_used | moved | stamped | others)
     valid = [parts["valid"] for parts in joints.values() if "valid" in parts]
@@ -73,7 +73,7 @@ def joints_of_table(
         position=np.stack([numbers(*(joints[joint][axis] for axis in "xyz")) for joint in KEYPOINTS], axis=1),
         form=form,
         what=what,
-        time=None if stamps is None else numbers(stamps.name)[:, 0],
+        time=None if stamps is None else stamps.stamps(lambda name: numbers(name)[:, 0]),
         time_unit=None if stamps is None else stamps.unit,
         hand=side,
         up="y" if located(joints) & WORLD_JOINTS else None,

@@ -413,8 +413,8 @@ def _stamped(path: Path, options: ReadOptions, findings: list[Finding]) -> tuple
     """Return the poses of a file [m] and their stamps [s], None without any."""
     arrays, unit = _arrays_of(Content(path, what="poses of an object"), options.object_track, findings)
     column = time_column(name for name, values in arrays.items() if np.shape(values)[1:] in ((), (1,)))
-    stamps = None if column is None else np.ravel(as_numbers(f"'{column.name}'", arrays[column.name]))
-    others = {name: values for name, values in arrays.items() if column is None or name != column.name}
+    stamps = None if column is None else column.stamps(lambda name: np.ravel(as_numbers(f"'{name}'", arrays[name])))
+    others = {name: values for name, values in arrays.items() if column is None or name not in column.names}
     poses = poses_in(others, None, options, alone=True, strict=True)
     if poses is None:
         name, values, first = _unnamed(others)
@@ -461,7 +461,7 @@ def _arrays_of(content: Content, wanted: str | None, findings: list[Finding]) ->
     if not arrays:
         raise TrajectoryError(f"columns {', '.join(header[:6])}; expected px, py, pz, qw, qx, qy, qz, or m00 to m33")
     if column is not None:
-        arrays[column.name] = table.numbers([column.name])[0][:, 0]
+        arrays |= {name: table.numbers([name])[0][:, 0] for name in column.names}
     findings += unused(dict.fromkeys(header), {*used, *arrays, OBJECT_UID})
     return arrays, _stated(table.remarks)
 

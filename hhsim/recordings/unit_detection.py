@@ -13,12 +13,13 @@ key may say that it holds the stamps, and their unit.
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.finger_ik import usual_fingers
@@ -55,12 +56,14 @@ _UNIT_WORDS = {
     word: words.split()[0]
     for words in (
         "s sec secs second seconds",
-        "ms msec millis milliseconds",
-        "us usec micros microseconds",
-        "ns nsec nanos nanoseconds",
+        "ms msec msecs milli millis millisec milliseconds",
+        "us usec usecs micro micros microsec microseconds",
+        "ns nsec nsecs nano nanos nanosec nanosecs nanoseconds",
     )
     for word in words.split()
 }
+_OF_A_STAMP = {"header", "tv"}
+"""Words around a stamp of two columns that need no other one."""
 _OWN_CLOCK = {"device", "sample", "capture", "tracking", "sensor"}
 
 
@@ -199,19 +202,60 @@ def _converted(recording: Recording, text: str) -> Recording:
 
 
 class TimeColumn(NamedTuple):
-    """Column of stamps, its unit (s, ms, us, ns; None if the name does not say), and other such columns of the file."""
+    """Column of stamps, its unit (s, ms, us, ns; None if the name does not say), and other such columns of the file.
+
+    Where it has whole seconds alone, as ROS writes them, `fraction` is the column of what is left, in the same `unit`.
+    """
 
     name: str
     unit: str | None
     others: tuple[str, ...] = ()
+    fraction: str = ""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the one or two columns."""
+        return (self.name, self.fraction) if self.fraction else (self.name,)
+
+    def stamps(self, numbers: Callable[[str], FloatArray]) -> FloatArray:
+        """Return the stamps in the unit, of columns whose numbers are given by their names, shape (T,)."""
+        if not self.fraction:
+            return numbers(self.name)
+        seconds, fraction, second = (
+            numbers(self.name),
+            numbers(self.fraction),
+            round(1.0 / TIME_UNITS[self.unit or "ns"]),
+        )
+        known = np.isfinite(seconds) & np.isfinite(fraction)
+        is_part = ((fraction >= 0.0) & (fraction < second) & (seconds == np.round(seconds)))[known].all()
+        # Otherwise it is the same stamp in another unit.
+        return second * seconds + fraction if is_part else fraction
 
 
 def time_column(names: Iterable[str]) -> TimeColumn | None:
     """Return the column of stamps among these, or None; of several that of the device, which has no delay."""
     words_of = {name: {word.lower() for word in _WORD.findall(name)} for name in names}
+    unit_of = {
+        name: next((_UNIT_WORDS[word] for word in sorted(words) if word in _UNIT_WORDS), None)
+        for name, words in words_of.items()
+    }
+    alike: dict[frozenset[str], dict[str | None, str]] = {}
+    for name, words in words_of.items():
+        alike.setdefault(frozenset(words - _UNIT_WORDS.keys()), {}).setdefault(unit_of[name], name)
     found = [(name, words) for name, words in words_of.items() if words & _TIME_WORDS and not words & {"zone", "of"}]
+    # Seconds and what is left of one make a stamp whatever they are called.
+    found = found or [
+        (units["s"], set(rest))
+        for rest, units in alike.items()
+        if rest <= _OF_A_STAMP and "s" in units and units.keys() & {"us", "ns"}
+    ]
     if not found:
         return None
     name, words = next((each for each in found if each[1] & _OWN_CLOCK), found[0])
-    unit = next((_UNIT_WORDS[word] for word in sorted(words) if word in _UNIT_WORDS), None)
-    return TimeColumn(name, unit, tuple(other for other, _ in found if other != name))
+    units = alike[frozenset(words - _UNIT_WORDS.keys())]
+    small = next((unit for unit in ("ns", "us") if unit in units and "s" in units), None)
+    pair = (units["s"], units[small]) if small is not None else ()
+    others = tuple(other for other, _ in found if other not in (name, *pair))
+    if small is not None and name in pair:
+        return TimeColumn(units["s"], small, others, units[small])
+    return TimeColumn(name, unit_of[name], others)

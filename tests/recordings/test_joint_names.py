@@ -1,9 +1,27 @@
 """Names of joints, and of columns of stamps, as makers write them."""
 
+import numpy as np
 import pytest
 
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, WEBXR_JOINTS, joint_name
 from hhsim.recordings.unit_detection import TimeColumn, time_column
+
+
+@pytest.mark.parametrize(
+    ("seconds", "fraction", "expected"),
+    [
+        ([5, 6], [900_000_000, 100_000_000], [5.9e9, 6.1e9]),
+        # Two clocks of one name: each has the whole stamp.
+        ([5.9, 6.1], [5_900_000_000, 6_100_000_000], [5.9e9, 6.1e9]),
+        ([0.25, 0.5], [250_000_000, 500_000_000], [0.25e9, 0.5e9]),
+    ],
+)
+def test_seconds_and_nanoseconds_make_one_stamp(
+    seconds: list[float], fraction: list[float], expected: list[float]
+) -> None:
+    held = {"sec": np.array(seconds, float), "nanosec": np.array(fraction, float)}
+    column = time_column(held)
+    assert column is not None and column.stamps(held.__getitem__).tolist() == expected
 
 
 def test_the_sets_are_as_large_as_their_standards_say() -> None:
@@ -46,6 +64,16 @@ def test_what_a_name_says(text: str, said: tuple[str, str, str]) -> None:
         (["timestampNs"], TimeColumn("timestampNs", "ns")),
         (["time_seconds"], TimeColumn("time_seconds", "s")),
         (["time_of_day", "host_time", "device_time_us"], TimeColumn("device_time_us", "us", ("host_time",))),
+        (["stampNanoSec"], TimeColumn("stampNanoSec", "ns")),
+        (
+            ["header.stamp.sec", "header.stamp.nanosec"],
+            TimeColumn("header.stamp.sec", "ns", (), "header.stamp.nanosec"),
+        ),
+        (["stamp_nsecs", "x", "stamp_secs"], TimeColumn("stamp_secs", "ns", (), "stamp_nsecs")),
+        (["tv_sec", "tv_usec"], TimeColumn("tv_sec", "us", (), "tv_usec")),
+        (["seconds", "nanos"], TimeColumn("seconds", "ns", (), "nanos")),
+        (["device_time_s", "stamp_sec", "stamp_nsec"], TimeColumn("device_time_s", "s", ("stamp_sec", "stamp_nsec"))),
+        (["x_s", "y_ns"], None),
     ],
 )
 def test_the_stamps_are_found_with_their_unit(names: list[str], found: TimeColumn | None) -> None:

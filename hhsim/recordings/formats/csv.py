@@ -18,7 +18,7 @@ from hhsim.motion.csv_file import (
 from hhsim.motion.csv_table import Table, read_table
 from hhsim.motion.text_edit import NewColumn, cell_edits
 from hhsim.motion.trajectory import ObjectMotion, Trajectory
-from hhsim.recordings.column_map import ColumnMap, map_edits, mapped
+from hhsim.recordings.column_map import ColumnMap, map_edits, mapped, stamp_columns
 from hhsim.recordings.correction import ANGLE_DIGITS, Correction, angle_unit, changes
 from hhsim.recordings.frames import FileFrame, to_our_frames
 from hhsim.recordings.object_poses import placed, poses_in, table_arrays
@@ -43,7 +43,8 @@ def with_columns(recording: Recording, table: Table, columns: ColumnMap, options
     """Return the recording of a mapped table with the object whose pose is in its columns, and those not used named."""
     findings: list[Finding] = []
     arrays, moved = table_arrays(table, findings)
-    recording = recording.found(*findings, *unused(dict.fromkeys(table.header), moved | columns.names))
+    stamps = () if columns.time is None else stamp_columns(table, columns.time).names
+    recording = recording.found(*findings, *unused(dict.fromkeys(table.header), moved | columns.names | {*stamps}))
     return placed(recording, poses_in(arrays, len(table.rows), options))
 
 

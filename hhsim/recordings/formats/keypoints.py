@@ -148,11 +148,11 @@ def _from_npz(content: Content, options: ReadOptions) -> JointPositions:
         raise TrajectoryError(f"a zip archive of {files}, without an array; expected .npz, or the recording unpacked")
     key = _points_key(content, options)
     points, stamps = arrays[key], time_column(arrays)
-    time = None if stamps is None else numbers(arrays, stamps.name, len(points))
+    time = None if stamps is None else stamps.stamps(lambda name: numbers(arrays, name, len(points)))
     unit = None if stamps is None else stamps.unit
     joints = joints_of_array(points, f"array '{key}'", content, options, time=time, time_unit=unit)
     poses = poses_in(arrays, len(points), options)
-    used = {key, *(poses.names if poses else ()), *((stamps.name,) if stamps else ())}
+    used = {key, *(poses.names if poses else ()), *(stamps.names if stamps else ())}
     return replace(joints, object_poses=poses, findings=(*joints.findings, *unused(arrays, used)))
 
 
@@ -260,7 +260,7 @@ def _named_table(content: Content) -> tuple[Table, Mapping[str, JointName], list
     names: Mapping[str, JointName] = _numbered_names(table.header)
     if not names:
         stamps = time_column(table.header)
-        columns = [name for name in table.header if stamps is None or name not in (stamps.name, *stamps.others)]
+        columns = [name for name in table.header if stamps is None or name not in (*stamps.names, *stamps.others)]
         if len(columns) != len(COORDINATES):
             given = f"{len(columns)} columns{' and a time' if stamps else ''}"
             raise TrajectoryError(f"{given}; expected {len(COORDINATES)} coordinates of {COUNT} points")
@@ -292,7 +292,9 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
         # Columns named after joints may stand in any order: format openxr.
         return False
     others = len(header) - len(COORDINATES)
-    return bool(_numbered_names(header)) or (others == 0 or (others == 1 and time_column(header) is not None))
+    stamps = time_column(header) if others > 0 else None
+    is_bare = others == 0 or (stamps is not None and others == len(stamps.names) + len(stamps.others))
+    return bool(_numbered_names(header)) or is_bare
 
 
 FORMAT = RecordingFormat(

@@ -264,14 +264,14 @@ def _from_npz(content: Content, options: ReadOptions) -> ManoPoses:
     betas = numbers(arrays, "betas") if "betas" in arrays else np.zeros(0)
     moved = poses_in(arrays, count, options)
     used = {key, turn, shift, "betas", *(moved.names if moved is not None else ())}
-    used.add(None if stamps is None else stamps.name)
+    used |= set() if stamps is None else {*stamps.names}
     return ManoPoses(
         rotation,
         translation,
         pose,
         (betas[0] if betas.ndim == 2 and len(betas) else betas.ravel())[:10],
         stated_hand(content, options.hand, np.arange(count), [])[0],
-        None if stamps is None else numbers(arrays, stamps.name, count),
+        None if stamps is None else stamps.stamps(lambda name: numbers(arrays, name, count)),
         None if stamps is None else stamps.unit,
         None,
         tuple(unused(arrays, used)),

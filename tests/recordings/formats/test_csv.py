@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from column_map_sample import GLOVE, TABLE
+from joint_samples import words
 from recording_samples import read_as, smooth_recording
 
 from hhsim.errors import InputError, TrajectoryError
@@ -30,6 +31,12 @@ def test_a_mapping_says_what_columns_are() -> None:
     palm = rotation_matrix(recording.orientation[0])
     assert np.allclose(palm[:, 1], [1.0, 0.0, 0.0]) and np.allclose(palm[:, 2], [0.0, -1.0, 0.0])
     assert np.allclose(recording.position[0], [0.1 + 0.075, -0.3, 0.2])
+
+
+def test_stamps_of_two_columns_are_one() -> None:
+    columns = parse_settings("[time]\ncolumn = 'sec'\n[joint]\nindex_flex1 = 'a'", ColumnMap, "ros.toml")
+    recording = read_as("csv", "sec,nanosec,a\n7,900000000,1\n8,0,2\n8,100000000,3\n", columns=columns)
+    assert np.allclose(recording.time, [7.9, 8.0, 8.1]) and "not used" not in words(recording)
 
 
 def test_a_recording_without_a_palm_says_where_it_is() -> None:
