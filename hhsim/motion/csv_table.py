@@ -9,8 +9,10 @@ import csv
 import io
 import math
 import re
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -55,7 +57,7 @@ class Table:
         values = np.full((len(self.rows), len(columns)), np.nan)
         broken = 0
         for place, column in enumerate(columns):
-            index = self.header.index(column)
+            index = self._places[column]
             numbers = [_number(cells[index], self.decimal) for cells in self.rows]
             bad = [row for row, number in enumerate(numbers) if number is None]
             if len(bad) > (0.0 if self.strict else MOST_BROKEN) * len(self.rows):
@@ -66,9 +68,14 @@ class Table:
             broken += len(bad)
         return values, broken
 
+    @cached_property
+    def _places(self) -> dict[str, int]:
+        """Index of each column, of several of one name the first."""
+        return {name: place for place, name in reversed([*enumerate(self.header)])}
+
     def text(self, column: str) -> list[str]:
         """Return the cells of a column as text."""
-        index = self.header.index(column)
+        index = self._places[column]
         return [cells[index].strip() for cells in self.rows]
 
 
@@ -96,7 +103,7 @@ def read_table(
     elif lacks_names(header):
         shown = ", ".join(cell[:12] for cell in header[:3])
         raise TrajectoryError(f"no header line, the first one holds {shown}, …; expected the names of the columns")
-    if twice := next((name for name in header if name and header.count(name) > 1), ""):
+    if twice := next((name for name, count in Counter(header).items() if name and count > 1), ""):
         raise TrajectoryError(f"the header has column {twice[:40]} twice")
     notes = []
     if not strict and len(lines) > below + 1 and not text.endswith(("\n", "\r")):

@@ -78,6 +78,8 @@ def joints_of_array(array: Any, where: str, content: Content, options: ReadOptio
         lacking = {(16, 3): ": 16 joints lack the fingertips", (20, 3): ": 20 joints lack the wrist"}
         lack = lacking.get(values.shape[1:], "")
         raise TrajectoryError(f"{where} has shape {values.shape}; expected {SHAPES}{lack}")
+    if not len(values):
+        raise TrajectoryError(f"{where} has shape {values.shape}: no samples")
     points = values.reshape(len(values), -1, 3)
     ordered = _ordered(readings("position", points, points.shape), content, options, where)
     return JointPositions(**{"form": "keypoints"} | ordered | more)

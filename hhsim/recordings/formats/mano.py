@@ -246,6 +246,8 @@ def _from_npz(content: Content, options: ReadOptions) -> ManoPoses:
             f"no array of poses, it holds {', '.join(sorted(arrays)[:6])}; expected {', '.join(POSES)}"
         )
     pose = numbers(arrays, key)
+    if not len(pose):
+        raise TrajectoryError(f"array '{key}' has shape {pose.shape}: no samples")
     if pose.ndim == 3:
         pose = pose.reshape(len(pose), -1)
     if pose.ndim != 2:

@@ -33,6 +33,14 @@ def test_a_mapping_says_what_columns_are() -> None:
     assert np.allclose(recording.position[0], [0.1 + 0.075, -0.3, 0.2])
 
 
+@pytest.mark.parametrize("name", ["c", "fps"])
+def test_very_many_columns_are_read_once_each(name: str) -> None:
+    # Were each looked up among all others, this would take minutes.
+    table = ",".join(f"{name}{k}" for k in range(40_000)) + "\n" + ",".join(["x"] * 40_000) + "\n"
+    with pytest.raises(TrajectoryError, match="no column time, px"):
+        read_as("csv", table)
+
+
 def test_stamps_of_two_columns_are_one() -> None:
     columns = parse_settings("[time]\ncolumn = 'sec'\n[joint]\nindex_flex1 = 'a'", ColumnMap, "ros.toml")
     recording = read_as("csv", "sec,nanosec,a\n7,900000000,1\n8,0,2\n8,100000000,3\n", columns=columns)

@@ -3,6 +3,7 @@
 import io
 import json
 import pickle
+import re
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -177,6 +178,13 @@ def test_columns_that_name_their_joints_are_read_by_name_in_any_order() -> None:
 def test_what_is_no_recording_is_refused(data: bytes, said: str) -> None:
     with pytest.raises(TrajectoryError, match=said):
         read_as("keypoints", data)
+
+
+@pytest.mark.parametrize("shape", [(0, 21, 3), (0, 63), (0, 25, 3), (0, 78)])
+def test_an_array_without_samples_is_refused(shape: tuple[int, ...]) -> None:
+    for data in (array_npy(np.zeros(shape)), arrays_npz(joints=np.zeros(shape), t=np.zeros(0))):
+        with pytest.raises(TrajectoryError, match=re.escape(f"has shape {shape}: no samples")):
+            read_as("keypoints", data, rate=30.0)
 
 
 def test_one_of_several_arrays_is_read_and_written(tmp_path: Path) -> None:

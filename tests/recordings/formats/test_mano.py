@@ -58,6 +58,8 @@ def test_no_reading_is_guessed_and_the_model_is_asked_for(tmp_path: Path) -> Non
         (few, model, "axis-angle", InputError, "needs 45 numbers a pose, and there are 15"),
         (whole, None, "axis-angle", TrajectoryError, "40 poses of a MANO hand, 45 numbers .*--mano-model"),
         (arrays_npz(pose=pose[:, :2]), model, None, TrajectoryError, "has shape|0 numbers"),
+        (arrays_npz(pose=pose[:0]), model, None, TrajectoryError, "no samples"),
+        (arrays_npz(pose=np.zeros((0, 16, 3))), model, None, TrajectoryError, "no samples"),
     ):
         with pytest.raises(kind, match=said):
             read_content(Content(data=data), ReadOptions(mano_model=file, mano_pose=reading))
