@@ -1,8 +1,9 @@
 """Joints of hands in JSON of any maker, and the joint centres of one hand in it.
 
 A frame is an object with a stamp, or a list, and has hands anywhere in it: objects whose keys are joints, lists of
-objects that name their joint, lists of 21 points (in MediaPipe's order), 25 (WebXR's) or 26 (OpenXR's), or of 63
-numbers. A joint has a position, three numbers or x, y and z, in itself or in its pose or transform.
+objects that name their joint, lists of 21 points (in MediaPipe's order), 25 (WebXR's) or 26 (OpenXR's), of 63 numbers,
+or of as many matrices. A joint has a position, three numbers or x, y and z, in itself or in its pose or transform, or a
+matrix: 16 numbers, column by column as WebXR has them, or row by row, or four rows.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,7 +23,7 @@ from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.json_document import PlacedJson, keys_of, number, vector
 from hhsim.recordings.object_poses import poses_in, record_arrays
 from hhsim.recordings.recording import frames_with_hand, unused
-from hhsim.recordings.registry import ReadOptions
+from hhsim.recordings.registry import Content, ReadOptions
 from hhsim.recordings.stated_fields import side_in
 from hhsim.recordings.unit_detection import time_column
 
@@ -32,6 +33,8 @@ DEEPEST = 8
 """Deepest nesting of a hand in a frame."""
 FEWEST = 8
 """Number of joints among an object's keys that make it a hand."""
+MATRIX = 16
+"""Numbers of a matrix."""
 MOST_ENTRIES = 64
 """Number of entries of a list that are searched for hands."""
 
@@ -70,8 +73,9 @@ def read_frames(document: Any) -> tuple[list[Frame], dict[str, Any]]:
     """Return the frames of a document, and its values beside them; raise TrajectoryError if there are no frames."""
     frames, beside = document, {}
     if isinstance(document, dict):
-        lists = [v for v in document.values() if isinstance(v, list) and v and isinstance(v[0], dict | list)]
-        frames = max(lists, key=len, default=[])
+        lists = [v for v in document.values() if isinstance(v, list) and any(isinstance(e, dict | list) for e in v)]
+        # An object's poses are as many.
+        frames = max(lists, key=lambda each: (any(_hands(each[:MOST_ENTRIES], "", 0)), len(each)), default=[])
         beside = {key: value for key, value in document.items() if value is not frames}
     if not isinstance(frames, list) or not frames:
         raise TrajectoryError(f"no frames in JSON that is {keys_of(document)}; expected a list of frames with joints")
@@ -80,6 +84,25 @@ def read_frames(document: Any) -> tuple[list[Frame], dict[str, Any]]:
     found = [_frame(frame, hand_keys) for frame in frames]
     others = [{key: value for key, value in frame.beside.items() if key not in hand_keys} for frame in found]
     return [frame._replace(beside=each) for frame, each in zip(found, others)], beside
+
+
+def listed_joints(content: Content) -> int:
+    """Return the number of joints of the first hand that is a list without names in a document; 0 for none."""
+    try:
+        return _listed_joints(content.document, 0) if content.is_json else 0
+    except TrajectoryError:
+        return 0
+
+
+def _listed_joints(node: Any, depth: int) -> int:
+    entries = list(node.values()) if isinstance(node, dict) else node
+    if not isinstance(entries, list) or depth > DEEPEST:
+        return 0
+    named = sum(bool(joint_name(_label(entry)).joint) for entry in entries if isinstance(entry, dict))
+    if named or (isinstance(node, dict) and sum(bool(joint_name(str(key)).joint) for key in node) >= FEWEST):
+        return 0
+    inner = (_listed_joints(entry, depth + 1) for entry in entries[:MOST_ENTRIES])
+    return len(_listed_hand(entries)) or next((count for count in inner if count), 0)
 
 
 def _frame(frame: Any, hand_keys: set[str]) -> Frame:
@@ -173,6 +196,9 @@ def _hands(node: Any, side: HandSide, depth: int) -> Iterator[tuple[HandSide, Ma
     """Yield hands anywhere in a node, each with the side of the nearest key or value around it."""
     if depth > DEEPEST:
         return
+    if isinstance(node, dict) and "0" in node and all(str(k) == key for k, key in enumerate(node)):
+        # A typed array of JavaScript, such as that of fillPoses.
+        node = list(node.values())
     if isinstance(node, dict):
         side = side_in(node) or side
         hand = {joint: _joint(value) for key, value in node.items() if (joint := joint_name(str(key)).joint)}
@@ -197,8 +223,9 @@ def _listed_hand(node: list[Any]) -> dict[str, Joint]:
     if sum(map(bool, names)) >= FEWEST:
         entries = (entry for entry in node if isinstance(entry, dict))
         return {name: _joint(entry) for name, entry in zip(names, entries) if name}
-    if len(node) == 3 * len(KEYPOINTS):
-        node = [node[k : k + 3] for k in range(0, len(node), 3)]
+    size = MATRIX if len(node) in {MATRIX * count for count in ORDERS} else 3
+    if len(node) == 3 * len(KEYPOINTS) or size == MATRIX:
+        node = [node[k : k + size] for k in range(0, len(node), size)]
     joints = {name: _joint(entry) for name, entry in zip(ORDERS.get(len(node), ()), node)}
     return joints if any(np.isfinite(joint.position).all() for joint in joints.values()) else {}
 
@@ -208,17 +235,34 @@ def _label(entry: Mapping[str, Any]) -> str:
 
 
 def _parts(node: Any) -> int:
-    """Return the number of entries of a list or an object; 0 for anything else."""
-    return len(node) if isinstance(node, dict | list) else 0
+    """Return the number of entries of a list or an object, those of lists in it counted; 0 for anything else."""
+    return sum(_parts(entry) or 1 for entry in node) if isinstance(node, dict | list) else 0
+
+
+def _shift(value: Any) -> Any:
+    """Return the numbers of a matrix that are its translation; anything else as it is."""
+    if not isinstance(value, list):
+        return value
+    if len(value) == 4 and all(isinstance(row, list) and len(row) == 4 for row in value):
+        return [row[3] for row in value[:3]]
+    if len(value) != MATRIX:
+        return value
+    if value[3:16:4] == [0, 0, 0, 1]:
+        return value[12:15]
+    return value[3:12:4] if value[12:] == [0, 0, 0, 1] else value
 
 
 def _joint(value: Any) -> Joint:
     if not isinstance(value, dict):
-        return Joint(vector(value), place=value)
+        place = _shift(value)
+        return Joint(vector(place), place=place, turn=None if place is value else value)
     inner = next((value[key] for key in ("pose", "transform") if isinstance(value.get(key), dict)), value)
     place = next(
         (inner[key] for key in ("position", "translation", "pos") if key in inner), inner if "x" in inner else None
     )
     valid = next((value[key] for key in ("valid", "isValid", "is_valid", "tracked", "isTracked") if key in value), True)
+    if place is None:
+        keys = ("matrix", "transform", "pose")
+        place = next((_shift(node[key]) for node in (inner, value) for key in keys if key in node), None)
     turn = next((node[key] for node in (inner, value) for key in TURNS if key in node), None)
     return Joint(vector(place), number(value.get("radius")), bool(valid), place, turn)

@@ -24,7 +24,7 @@ from hhsim.errors import InputError, TrajectoryError, UnknownNameError
 from hhsim.motion.csv_table import Table, lacks_names, read_table
 from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, numbers, read_npy
 from hhsim.recordings.correction import Changes, Correction, joint_changes
-from hhsim.recordings.joint_frames import frame_edits, joints_of_frames, read_frames
+from hhsim.recordings.joint_frames import frame_edits, joints_of_frames, listed_joints, read_frames
 from hhsim.recordings.joint_names import JOINT_ORDERS, KEYPOINTS, OPENXR_JOINTS, WEBXR_JOINTS, JointName, joint_name
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.joint_table import joint_columns, joint_edits, joints_of_table, located, table_of_joints
@@ -287,7 +287,8 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
         return options.array is not None or (bool(names) and not names & foreign)
     if content.is_json:
         text = content.beginning.lstrip()
-        return LISTS.search(text) is not None or re.match(r"\[\s*\[\s*(\[\s*)?-?[0-9]", text) is not None
+        bare = re.match(r"\[\s*\[\s*(\[\s*)?-?[0-9]", text) is not None
+        return bare or LISTS.search(text) is not None or listed_joints(content) == COUNT
     header = content.header if options.columns is None else ()
     said = map(joint_name, header)
     if len({name.joint for name in said if name.joint and name.part in ("x", "y", "z")}) >= FEWEST_NAMED:

@@ -43,7 +43,7 @@ HAND_DIRECTIONS = {"direction": 0, "palmNormal": 0}
 WORLD = world_matrix("y")
 UNSURE = 0.5
 """Confidence below which a sample is marked."""
-EXPECTED = "expected a Leap Motion recording, or the joints of a hand by name"
+EXPECTED = "expected a Leap Motion recording, or frames of a hand's joints, by name or as a list of 21, 25 or 26"
 DEEPEST = 12
 """Deepest nesting of packed frames."""
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"

@@ -15,8 +15,8 @@ from hhsim.errors import TrajectoryError
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import Correction, joint_changes
 from hhsim.recordings.frames import turned
-from hhsim.recordings.joint_frames import Frame, Joint, frame_edits, joints_of_frames, read_frames
-from hhsim.recordings.joint_names import WEBXR_JOINTS, joint_name
+from hhsim.recordings.joint_frames import Frame, Joint, frame_edits, joints_of_frames, listed_joints, read_frames
+from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS, joint_name
 from hhsim.recordings.joint_positions import recording_of_joints
 from hhsim.recordings.json_document import PlacedJson, number
 from hhsim.recordings.recording import Recording
@@ -101,7 +101,8 @@ def _iwer_hand(ray: list[float], flat: list[Any], order: list[str]) -> dict[str,
 
 def _sniff(content: Content, options: ReadOptions) -> bool:
     text = content.beginning
-    return content.is_json and (NAMED.search(text) is not None or ('"schema"' in text and "jointSequence" in text))
+    named = NAMED.search(text) is not None or ('"schema"' in text and "jointSequence" in text)
+    return content.is_json and (named or listed_joints(content) > len(KEYPOINTS))
 
 
 FORMAT = RecordingFormat(

@@ -148,6 +148,21 @@ def test_missing_joints_and_noise_leave_the_order() -> None:
     assert keypoints.order_by_bones(noisy) == "mano"
 
 
+@pytest.mark.parametrize(
+    "document",
+    [
+        {"fps": 100, "hand": "right", "object_pose": [[1, 2]] * 41, "joints": [None, *POINTS.tolist()]},
+        {"hand": "right", "data": [{"t": t, "joints": p} for t, p in zip(TIME.tolist(), POINTS.tolist())]},
+        {"hand": "right", "fps": 100, "kp3d": POINTS.reshape(-1, 63).tolist()},
+        {"meta": [[0, 1, 2]] * 50, "fps": 100, "hand": "right", "p": [{"q": {"r": p}} for p in POINTS.tolist()]},
+    ],
+)
+def test_points_of_json_are_found_under_any_key(document: dict[str, Any]) -> None:
+    recording = read_content(Content(data=json.dumps(document).encode()), ReadOptions())
+    assert (recording.form, recording.hand, recording.sample_count) == ("keypoints", "right", len(POINTS))
+    assert np.abs(recording.flexion - SAMPLE.motion.flexion).max() < 1e-6
+
+
 def test_columns_that_name_their_joints_are_read_by_name_in_any_order() -> None:
     names = [f"{joint}_{axis}" for joint in KEYPOINTS for axis in "xyz"]
     lines = [line.split(",") for line in table(["time_s", *names]).splitlines()]

@@ -1,17 +1,20 @@
 """JSON of joints: our own hand's motion as WebXR pages and iwer would record it."""
 
 import json
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from correction_samples import a_correction
 from joint_samples import Side, assert_our_own, iwer_json, joint_sample, webxr_json, words
 from recording_samples import read_as
 
-from hhsim.errors import TrajectoryError
+from hhsim.errors import InputError, TrajectoryError
 from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.joint_names import WEBXR_JOINTS
-from hhsim.recordings.registry import Content, ReadOptions, read_content
+from hhsim.recordings.registry import Content, ReadOptions, read_content, read_recording, write_recording
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
@@ -65,6 +68,40 @@ def test_frames_of_other_shapes(shape: str) -> None:
     motion = clean_recording(read_as("webxr", text)).trajectory
     assert motion.hand == "right" and np.allclose(motion.time - motion.time[0], sample.motion.time, atol=1e-6)
     assert np.abs(motion.flexion - sample.motion.flexion).max() < 1e-6
+
+
+def matrices(points: Any) -> list[list[float]]:
+    """Matrices of joints with these centres, column by column."""
+    return [[0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, *point, 1.0] for point in points.tolist()]
+
+
+MATRICES: dict[str, Callable[[list[list[float]]], Any]] = {
+    "by name": lambda flat: {"right": dict(zip(WEBXR_JOINTS, flat))},
+    "row by row": lambda flat: {"right": [np.reshape(each, (4, 4)).T.ravel().tolist() for each in flat]},
+    "four rows": lambda flat: {"right": [np.reshape(each, (4, 4)).T.tolist() for each in flat]},
+    "of a transform": lambda flat: {"right": [{"transform": {"matrix": each}, "radius": 0.01} for each in flat]},
+    "of all joints in a row": lambda flat: {"handedness": "right", "poses": [x for each in flat for x in each]},
+    "of a typed array": lambda flat: {
+        "handedness": "right", "poses": {str(k): x for k, x in enumerate(x for each in flat for x in each)}
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("shape", MATRICES)
+def test_joints_as_matrices(shape: str, tmp_path: Path) -> None:
+    sample = joint_sample()
+    points = sample.named(WEBXR_JOINTS)
+    frames = [
+        {"time": float(stamp), "hands": MATRICES[shape](matrices(each))}
+        for stamp, each in zip(sample.motion.time, points)
+    ]
+    file = tmp_path / "take.json"
+    file.write_text(json.dumps({"frames": frames}))
+    recording = read_recording(file)
+    assert (recording.form, recording.hand) == ("webxr", "right") and "world y up" in words(recording)
+    assert_our_own(recording, sample)
+    with pytest.raises(InputError, match="is no quaternion"):
+        write_recording(file, ReadOptions(), recording, a_correction(recording), tmp_path / "out.json")
 
 
 def test_stamps_of_messages_of_ros() -> None:
