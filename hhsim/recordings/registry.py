@@ -12,7 +12,7 @@ from typing import Any, Literal, Self
 import numpy as np
 
 from hhsim.arrays import AnyArray, BoolArray, FloatArray
-from hhsim.errors import InputError, OutputError, TrajectoryError, UnknownNameError, named
+from hhsim.errors import DamagedFileError, InputError, OutputError, TrajectoryError, UnknownNameError, named
 from hhsim.motion.csv_table import read_header, read_remarks, read_table
 from hhsim.motion.npz_arrays import npz_of, read_npz
 from hhsim.motion.pickled_data import flat, npy_dictionary, pickled_arrays, pickled_with
@@ -76,6 +76,7 @@ class ReadOptions:
 
 NPY, OF_OBJECTS = b"\x93NUMPY", b"'descr': '|O'"
 """Beginning of an `.npy` file, and what its header says of one that holds objects."""
+HDF5 = b"\x89HDF"
 PICKLES = tuple(bytes((0x80, protocol)) for protocol in range(2, 6))
 """First bytes of a pickle."""
 
@@ -85,7 +86,7 @@ class Content:
 
     `name` is the recording's if the content has none, by default the file's without its suffix; `what` the kind of file
     that is expected, for messages; `original` the file beside which its hand's sizes and its object's poses may lie, by
-    default `path`. `pickled` is the pickle of which `data` has the arrays, empty for any other file.
+    default `path`. `packed` is the pickle or the HDF5 of which `data` has the arrays, empty for any other file.
     """
 
     def __init__(
@@ -101,19 +102,36 @@ class Content:
         self.original = original or path
         self.what = what
         self.name = name or (path.stem if path is not None else "")
-        self.pickled = b""
+        self.packed = b""
         if data is not None:
             self.data = data
 
     @classmethod
     def of_recording(cls, path: Path | None, data: bytes | None = None, original: Path | None = None) -> Self:
-        """Return the content of a recording; of a pickled dictionary its arrays, as an .npz has them."""
+        """Return the content of a recording; of a pickled dictionary or others' HDF5 the arrays, as of an .npz."""
         content = cls(path, data=data, original=original)
         if content.head.startswith(PICKLES):
-            content.pickled = content.data
-            content.data = npz_of(pickled_arrays(content.data))
-            content.head = content.data[:HEAD_BYTES]
+            content._pack(pickled_arrays(content.data))
+        elif content.head.startswith(HDF5) and path is not None and _is_of_others(path):
+            from hhsim.recordings.hdf5_arrays import hdf5_arrays
+
+            content._pack(hdf5_arrays(content.data, path))
         return content
+
+    def _pack(self, arrays: dict[str, Any]) -> None:
+        """Keep the file, and take its arrays for its data."""
+        self.packed = self.data
+        self.data = npz_of(arrays)
+        self.head = self.data[:HEAD_BYTES]
+
+    def packed_with(self, data: bytes) -> bytes:
+        """Return the file with the arrays of an `.npz` in the place of its own; `data` itself if it is not packed."""
+        if not self.packed:
+            return data
+        from hhsim.recordings.hdf5_arrays import hdf5_with
+
+        write = pickled_with if self.packed.startswith(PICKLES) else hdf5_with
+        return write(self.packed, read_npz(data))
 
     @cached_property
     def data(self) -> bytes:
@@ -251,6 +269,17 @@ class RecordingFormat:
     mano: Callable[[Content, ReadOptions], tuple[FloatArray, FloatArray, FloatArray, FloatArray]] | None = None
 
 
+def _is_of_others(path: Path) -> bool:
+    """Return True for a sound HDF5 file that states no format of hhsim, and has no `transforms` as EgoDex has them."""
+    from hhsim.system.hdf5_input import DAMAGE, open_hdf5
+
+    try:
+        with open_hdf5(path) as file:
+            return not str(file.attrs.get("format", "")).startswith("hhsim") and "transforms" not in file
+    except (DamagedFileError, *DAMAGE):
+        return False
+
+
 def _decoded(data: bytes) -> str:
     encoding = "utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
     return data.decode(encoding, errors="replace")
@@ -300,7 +329,8 @@ def read_content(content: Content, options: ReadOptions) -> Recording:
     if options.columns is not None and not form.takes_columns:
         raise InputError(f"--columns explains a table, and this is {form.description}")
     recording = form.read(content, options)
-    recording = recording.changed(hand=options.hand or recording.hand, checksums=recording.checksums or "missing")
+    checksums = "" if content.packed else recording.checksums
+    recording = recording.changed(hand=options.hand or recording.hand, checksums=checksums or "missing")
     if recording.bones is None and recording.sample_count:
         recording = _with_stated_fields(recording, content, options)
     if options.mirror is not None:
@@ -388,10 +418,9 @@ def write_recording(
         form = format_of(content, options)
         if form.write is None:
             raise InputError(f"format {form.name} is not written; export the result in another one")
-        data = content.pickled or content.data
+        data = content.packed or content.data
         if correction.changed.any():
-            data = form.write(content, options, recording, correction)
-            data = pickled_with(content.pickled, read_npz(data)) if content.pickled else data
+            data = content.packed_with(form.write(content, options, recording, correction))
         again = replace(options, fits_angles=recording.joints is None)
         off = _distance_read_back(form, Content.of_recording(source, data), again, recording, correction)
     write_atomically(target, data)

@@ -5,8 +5,7 @@ frame. A corrected recording has places and turns of a hand's joints in `transfo
 """
 
 import io
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from typing import Any
 
 import h5py
@@ -16,11 +15,12 @@ from hhsim.errors import DamagedFileError, InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import BONE_OF, Correction, joint_changes
+from hhsim.recordings.hdf5_arrays import opened_hdf5
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.recording import SIDES, Recording, chosen_side, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
-from hhsim.system.hdf5_input import DAMAGE, open_hdf5, require_own_data
+from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 
 SIGNATURE, GROUP = b"\x89HDF", "transforms"
 RATE = 30.0
@@ -37,20 +37,11 @@ def arkit_joints(side: HandSide) -> dict[str, str]:
     return dict(zip(KEYPOINTS, names, strict=True)) | others
 
 
-@contextmanager
-def _opened(content: Content, mode: str = "r") -> Iterator[tuple[io.BytesIO, h5py.File]]:
-    """Open the file in memory, after a child process has read it; TrajectoryError for a damaged one."""
+def _opened(content: Content, mode: str = "r") -> AbstractContextManager[tuple[io.BytesIO, h5py.File]]:
+    """Open the file in memory; TrajectoryError for a damaged one."""
     if content.path is None:
         raise InputError("an HDF5 file is read from its path")
-    image = io.BytesIO(content.data)
-    try:
-        open_hdf5(content.path).close()
-        with h5py.File(image, mode) as file:
-            require_own_data(file)
-            yield image, file
-    except (DamagedFileError, *DAMAGE) as error:
-        reason = " ".join(str(error).split())
-        raise TrajectoryError(f"a damaged HDF5 file, or none of EgoDex: {reason}") from None
+    return opened_hdf5(content.packed or content.data, content.path, mode)
 
 
 def _hands(group: Any) -> dict[HandSide, dict[str, Any]]:

@@ -46,6 +46,8 @@ NAMES = ("keypoints", "landmarks", "joints", "hand_keypoints", "hand_landmarks",
 NUMBERED = re.compile(r"(?:^|[^0-9a-zA-Z])(?:[a-zA-Z]*?)([0-9]{1,2})[^0-9a-zA-Z]*([xyz])$", re.IGNORECASE)
 PLAIN = re.compile(r"^([xyz])[_ ]?([0-9]{1,2})$", re.IGNORECASE)
 LISTS = re.compile(r'"[a-zA-Z_]*(landmarks|keypoints)[a-zA-Z_]*"', re.IGNORECASE)
+MOST_LISTED = 12
+"""Most arrays in a message."""
 FEWEST_NAMED = 4
 """Number of joints in the names of columns that mark another format."""
 
@@ -143,6 +145,8 @@ def order_by_bones(points: FloatArray) -> str | None:
 
 def _from_npz(content: Content, options: ReadOptions) -> JointPositions:
     arrays = content.arrays
+    if not arrays and content.packed:
+        raise TrajectoryError(f"no arrays of numbers; expected one of shape {SHAPES}")
     if not arrays:
         files = ", ".join(sorted(array_names(content.data))[:4]) or "nothing"
         if "[Content_Types].xml" in files:
@@ -173,8 +177,10 @@ def _points_key(content: Content, options: ReadOptions) -> str:
     if len(named) != 1:
         if named:
             raise TrajectoryError(f"{len(named)} arrays of joints, {', '.join(named)}; say which one: --array NAME")
-        held = ", ".join(f"{key} {np.shape(value)}" for key, value in list(arrays.items())[:6])
-        raise TrajectoryError(f"no array of shape {SHAPES}; it holds {held}")
+        large = sorted(arrays.items(), key=lambda each: -np.ndim(each[1]))
+        held = ", ".join(f"{key} {np.shape(value)}" for key, value in large[:MOST_LISTED])
+        more = f" and {len(large) - MOST_LISTED} more" if len(large) > MOST_LISTED else ""
+        raise TrajectoryError(f"no array of shape {SHAPES}; it holds {held}{more}")
     return named[0]
 
 

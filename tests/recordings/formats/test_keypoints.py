@@ -8,6 +8,7 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 from correction_samples import a_correction
@@ -200,6 +201,46 @@ def test_an_array_without_samples_is_refused(shape: tuple[int, ...]) -> None:
     for data in (array_npy(np.zeros(shape)), arrays_npz(joints=np.zeros(shape), t=np.zeros(0))):
         with pytest.raises(TrajectoryError, match=re.escape(f"has shape {shape}: no samples")):
             read_as("keypoints", data, rate=30.0)
+
+
+def hdf5(path: Path, **arrays: Any) -> Path:
+    """Write arrays in groups, whose names have double underscores."""
+    with h5py.File(path, "w") as file:
+        file.attrs["fps"] = 100
+        for name, values in arrays.items():
+            file[name.replace("__", "/")] = values
+        file["joint_names"] = [*MANO_JOINTS]
+    return path
+
+
+def test_an_hdf5_of_others_is_read_and_written_as_an_npz_would_be(tmp_path: Path) -> None:
+    given = SAMPLE.named(MANO_JOINTS)
+    path = hdf5(tmp_path / "take.hdf5", hands__right=given, frame_id=np.arange(len(given)))
+    recording = read_recording(path, ReadOptions(hand="right", world_up="y"))
+    assert (recording.form, recording.hand, recording.checksums) == ("keypoints", "right", "missing")
+    assert_our_own(recording.changed(time=TIME), SAMPLE)
+    assert "100 samples a second, as 'fps' says" in words(recording) and "not used: frame_id (40,)" in words(recording)
+    correction = a_correction(recording)
+    off = write_recording(path, ReadOptions(hand="right", world_up="y"), recording, correction, tmp_path / "out.hdf5")
+    assert off is not None and off < 1e-6
+    with h5py.File(path) as old, h5py.File(tmp_path / "out.hdf5") as new:
+        moved = np.any(old["hands/right"][()] != new["hands/right"][()], axis=(1, 2))
+        assert np.array_equal(moved, correction.changed) and new.attrs["fps"] == 100
+        assert np.array_equal(old["frame_id"], new["frame_id"])
+
+
+def test_an_hdf5_of_others_lists_its_arrays_and_takes_one(tmp_path: Path) -> None:
+    path = hdf5(tmp_path / "two.h5", left=POINTS, hands__right=POINTS)
+    with pytest.raises(TrajectoryError, match=r"2 arrays of joints, hands/right, left; say which one: --array NAME"):
+        read_recording(path)
+    assert read_recording(path, ReadOptions(array="left", joint_order="mediapipe", hand="right")).sample_count == 40
+    with pytest.raises(
+        TrajectoryError, match=r"no array of shape .*; it holds a/b \(3, 2\), joint_names \(21,\), fps \(\)$"
+    ):
+        read_recording(hdf5(tmp_path / "none.h5", a__b=np.zeros((3, 2))))
+    (tmp_path / "cut.h5").write_bytes(path.read_bytes()[:3000])
+    with pytest.raises(TrajectoryError, match="a damaged HDF5 file"):
+        read_recording(tmp_path / "cut.h5")
 
 
 def test_one_of_several_arrays_is_read_and_written(tmp_path: Path) -> None:
