@@ -3,7 +3,7 @@
 import numpy as np
 from msgspec import structs
 
-from hhsim.errors import InputError
+from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_file import (
     COLUMNS,
     CSV_SUFFIX,
@@ -22,8 +22,11 @@ from hhsim.recordings.column_map import ColumnMap, map_edits, mapped, stamp_colu
 from hhsim.recordings.correction import ANGLE_DIGITS, Correction, angle_unit, changes
 from hhsim.recordings.frames import FileFrame, to_our_frames
 from hhsim.recordings.object_poses import placed, poses_in, table_arrays
-from hhsim.recordings.recording import Finding, HandMotion, Recording, note, unreadable, unused
+from hhsim.recordings.recording import SIDES, Finding, HandMotion, Recording, note, unreadable, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+
+UNKNOWN = ("", "none", "nan")
+"""Words for the hand of a file that does not tell it."""
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
@@ -32,9 +35,13 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         raise InputError("a calibration of the Dexmo glove, but the file holds other columns than its channels")
     columns = columns_of(options)
     if columns is None:
-        # The side that a remark names is part of the format.
-        content.stated.hide("side")
-        return _own(read_table(content.text), content.name, options)
+        recording = _own(read_table(content.text), content.name, options)
+        if recording.hand in SIDES:
+            # The side that a remark names is part of the format.
+            content.stated.hide("side")
+        elif recording.hand.lower() not in UNKNOWN and not (options.hand or content.stated.seen("side")):
+            raise TrajectoryError(f"hand is '{recording.hand}'; expected right, left, or nothing: say --hand")
+        return recording if recording.hand in SIDES else recording.changed(hand="")
     table = read_table(content.text, delimiter=columns.delimiter, decimal=columns.decimal)
     return with_columns(mapped(table, columns, content.name, "csv"), table, columns, options)
 
@@ -84,8 +91,6 @@ def _own(table: Table, name: str, options: ReadOptions) -> Recording:
     stated, count = table.remarks.get(SAMPLES, ""), len(table.rows)
     if stated not in ("", str(count)):
         findings.append(note(f"{count} samples where the file says # {SAMPLES}: {stated}: some are lost"))
-    if fields.get("hand") not in ("right", "left"):
-        fields["hand"] = ""
     if FLAGS in fields:
         fields[FLAGS] = np.nan_to_num(fields[FLAGS]).clip(0.0, 2.0**32 - 1.0).astype(np.uint32)
     axes, up = options.palm_axes, options.world_up

@@ -77,7 +77,22 @@ def test_our_own_csv_comes_in_bit_for_bit() -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("remark", "side"),
+    [("hand: Left", "left"), ("hand: L", "left"), ("side: left", "left"), ("hand: none", ""), ("hand: both", None)],
+)
+def test_the_hand_of_our_own_csv_in_other_words(remark: str, side: str | None) -> None:
+    text = format_csv(clean_recording(smooth_recording()).trajectory).replace("hand: right", remark)
+    if side is None:
+        with pytest.raises(TrajectoryError, match="hand is 'both'; expected right, left, or nothing: say --hand"):
+            read_as("csv", text)
+        assert read_as("csv", text, hand="left").hand == "left"
+    else:
+        recording = read_as("csv", text)
+        assert recording.hand == side and ("left hand, as" in words(recording)) == (side == "left")
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
     [
         ("hand = 'both'", "hand 'both'"),
         ("palm_axes = ['x', 'y', 'y']", "right-handed frame"),
@@ -90,11 +105,11 @@ def test_our_own_csv_comes_in_bit_for_bit() -> None:
         ("[joint]\nindex_flex1 = { scale = 2.0 }", "expected a column, or another joint"),
     ],
 )
-def test_mappings_that_are_none(line: str, words: str) -> None:
+def test_mappings_that_are_none(line: str, said: str) -> None:
     text = f"rate = 100\n{line}"
     if "[joint]" not in text:
         text += "\n[joint]\nindex_flex1 = 'a'\n"
-    with pytest.raises(InputError, match=words) as error:
+    with pytest.raises(InputError, match=said) as error:
         parse_settings(text, ColumnMap, "m.toml")
     assert str(error.value).startswith("m.toml: ") and "\n" not in str(error.value)
 
