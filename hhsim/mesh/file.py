@@ -21,12 +21,10 @@ ENCODING_GUESSER = "charset_normalizer"
 """Package that trimesh asks for the encoding of a text that is not UTF-8."""
 ARCHIVES = ("zip", "tar.bz2", "tar.gz", "bz2")
 """Kinds of files that hold mesh files, one that ends as another one before it."""
-_CAD = "a CAD model; export its surface as STL, OBJ or PLY"
-_SCENE = "a scene of a 3-D program; export its mesh as OBJ, PLY, STL or GLB"
 INSTEAD = {
+    **dict.fromkeys(("step", "stp", "iges", "igs"), "a CAD model; export STL, OBJ or PLY"),
+    **dict.fromkeys(("fbx", "blend", "usd", "usdc", "usdz", "3ds"), "a 3-D scene; export OBJ, PLY, STL or GLB"),
     "xacro": "a robot with macros of xacro; expand it: xacro FILE > FILE.urdf",
-    **dict.fromkeys(("step", "stp", "iges", "igs", "brep", "sldprt", "f3d", "fcstd", "scad"), _CAD),
-    **dict.fromkeys(("fbx", "blend", "usd", "usda", "usdc", "usdz", "max", "ma", "mb", "3ds"), _SCENE),
 }
 """What a file that holds no mesh that is read is, and what to do."""
 MEMORY_OF_A_BYTE = 10
@@ -49,7 +47,8 @@ def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
         check_ordinary(path)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}; expected a mesh") from None
-    kind = _kind(path)
+    name = path.name.lower()
+    kind = next((each for each in ARCHIVES if name.endswith(f".{each}")), path.suffix.lower().removeprefix("."))
     known = sorted(trimesh.available_formats())
     if kind not in known:
         media = media_kind_of(path)
@@ -66,12 +65,6 @@ def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
         return read_in_child(lambda: _triangles(path, kind), refusal, size)
     except DamagedFileError as error:
         raise MeshError(f"{path}: {error}") from None
-
-
-def _kind(path: Path) -> str:
-    """Return the kind of a file by the end of its name: its suffix, or two of an archive."""
-    name = path.name.lower()
-    return next((kind for kind in ARCHIVES if name.endswith(f".{kind}")), path.suffix.lower().removeprefix("."))
 
 
 def _triangles(path: Path, kind: str) -> tuple[FloatArray, IntArray]:
@@ -110,10 +103,8 @@ def _files(path: Path, kind: str) -> Iterator[tuple[Any, str, Any]]:
             _require_tree_of_nodes(file, kind, str(path))
             yield file, kind, _ordinary_files_beside(path)
             return
-        if kind == "bz2":
-            members: dict[str, Any] = {path.stem: BytesIO(bz2.decompress(file.read()))}
-        else:
-            members = trimesh.util.decompress(file, kind.partition(".")[0])
+        alone = {path.stem: BytesIO(bz2.decompress(file.read()))} if kind == "bz2" else {}
+        members: dict[str, Any] = alone or trimesh.util.decompress(file, kind.partition(".")[0])
         for name, member in members.items():
             each = Path(name).suffix.lower().removeprefix(".")
             # A Mac puts notes of its own into archives, under the names of the files.

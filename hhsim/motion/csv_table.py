@@ -12,7 +12,6 @@ import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -56,8 +55,9 @@ class Table:
         check_known("column", columns, self.header)
         values = np.full((len(self.rows), len(columns)), np.nan)
         broken = 0
+        places = {name: index for index, name in reversed([*enumerate(self.header)])}
         for place, column in enumerate(columns):
-            index = self._places[column]
+            index = places[column]
             numbers = [_number(cells[index], self.decimal) for cells in self.rows]
             bad = [row for row, number in enumerate(numbers) if number is None]
             if len(bad) > (0.0 if self.strict else MOST_BROKEN) * len(self.rows):
@@ -68,14 +68,9 @@ class Table:
             broken += len(bad)
         return values, broken
 
-    @cached_property
-    def _places(self) -> dict[str, int]:
-        """Index of each column, of several of one name the first."""
-        return {name: place for place, name in reversed([*enumerate(self.header)])}
-
     def text(self, column: str) -> list[str]:
         """Return the cells of a column as text."""
-        index = self._places[column]
+        index = self.header.index(column)
         return [cells[index].strip() for cells in self.rows]
 
 

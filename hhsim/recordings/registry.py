@@ -183,7 +183,8 @@ class Content:
         if not any(map(kind_of, self.header)):
             return read_remarks(self.text) if self.is_text else {}
         table = read_table(self.text)
-        return table.remarks | {name: table.text(name) for name in table.header if kind_of(name)}
+        columns = enumerate(table.header)
+        return table.remarks | {name: [row[k].strip() for row in table.rows] for k, name in columns if kind_of(name)}
 
     @property
     def is_text(self) -> bool:

@@ -125,7 +125,7 @@ def test_a_mesh_is_read_from_every_archive_that_is_listed(name: str, tmp_path: P
     [
         ("arm.urdf.xacro", "expand it: xacro FILE > FILE.urdf"),
         ("a.STEP", "a CAD model; export"),
-        ("a.fbx", "a scene of"),
+        ("a.fbx", "a 3-D scene; export"),
     ],
 )
 def test_a_file_that_is_no_mesh_says_what_makes_one_of_it(name: str, said: str, tmp_path: Path) -> None:
