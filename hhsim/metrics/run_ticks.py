@@ -19,6 +19,7 @@ from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.input_hand import InputHand, input_hand, object_depths
 from hhsim.metrics.mesh_penetration import TouchedObject
+from hhsim.metrics.metrics import posture_jump
 from hhsim.metrics.moving_parts import TouchedParts, result_parts
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickPhase
 from hhsim.result.contacts import ON_TABLE
@@ -235,12 +236,11 @@ class RunTicks:
         return input_hand(self.hand, depths, haptic, shown, touching, near)
 
     @cached_property
-    def joint_steps(self) -> FloatArray:
-        """Way of a shown joint beyond the motion of user and free body in each tick of contact [m], shape (N,).
+    def jumps(self) -> FloatArray:
+        """Posture jump of each tick that begins and ends in contact [m], shape (N,); undefined without the user's hand.
 
-        The user's motion is that of the joint of theirs that goes farthest; that of a free body is its own, at the
-        hand's joints. Ticks begin and end in contact, and no part moves in them as recorded: it may squeeze the hand
-        out faster than it moves. Undefined where the user's hand is not examined.
+        What a free body makes the hand do is no jump: its own way at the hand's joints is taken off. Ticks in which a
+        part moves as recorded are left out: it may squeeze the hand out faster than it moves.
         """
         if self.user is None and self.hand is None:
             return np.full(1, np.nan)
@@ -248,16 +248,17 @@ class RunTicks:
         if user is None:
             haptic = (self.columns[f"haptic/{name}"] for name in HandConfiguration._fields)
             user = forward_kinematics(self.hand, *haptic).joints
-        asked = np.zeros(self.ticks - 1)
+        pushed = np.zeros(self.ticks - 1)
         if self.free is not None:
             moved, seen = self.free.moved, shown[:-1]
             shown, user = moved.points(shown), moved.points(user)
-            asked += _farthest(moved.at(slice(1, None)).points(seen) - shown[:-1])
+            pushed = np.linalg.norm(moved.at(slice(1, None)).points(seen) - shown[:-1], axis=-1).max(axis=(1, 2))
         if isinstance(self.touched, TouchedParts) and not self.touched.parts.free:
             both &= ~np.diff(self.touched.parts.path, axis=0).any(axis=(1, 2))
         if self.breaks is not None:
             both &= ~self.breaks[1:]
-        return (_farthest(np.diff(shown, axis=0)) - _farthest(np.diff(user, axis=0)) - asked)[both]
+        jump = posture_jump(user.reshape(-1, 20, 3), shown.reshape(-1, 20, 3))[1:]
+        return np.maximum(0.0, jump - pushed)[both]
 
     def self_clearance(self, whose: str) -> FloatArray:
         """Least distance of the own parts [m] of the graphic or the haptic hand, shape (T,), as of that function."""
@@ -270,11 +271,6 @@ class RunTicks:
         """Ticks in which the hand touches: with a touching pair, or with a force; shape (T,)."""
         forced = np.linalg.norm(self.columns["force/total"], axis=1) > 0.0
         return np.asarray((self.columns["contacts/touching"] > 0) | forced)
-
-
-def _farthest(ways: AnyArray) -> FloatArray:
-    """Longest of the joints' ways [m] of each tick, shape (T,), from vectors (T, 5, 4, 3)."""
-    return np.asarray(np.linalg.norm(ways, axis=-1).max(axis=(1, 2)))
 
 
 def result_ticks(result: Result, columns: Datasets | None = None) -> RunTicks:

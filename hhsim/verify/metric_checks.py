@@ -27,8 +27,8 @@ SAME = 1e-9
 """Relative tolerance of figures: the rounding of sums in another order."""
 DEPTH = "input_depth_max"
 CORRECTION = ("correction_palm_mean", "correction_palm_max", "correction_joint_mean", "correction_joint_max")
-JOINT_STEPS = ("joint_step_max", "joint_step_p999")
-INPUT_HAND = (DEPTH, *CORRECTION, *JOINT_STEPS)
+JUMPS = ("posture_jump_max", "posture_jump_p999")
+INPUT_HAND = (DEPTH, *CORRECTION, *JUMPS)
 """Figures of the user's hand, which have claims of their own in a replay."""
 IN_ITSELF = ("self_depth_haptic", "self_depth_graphic")
 """Depths of the hands in themselves, which have a claim of their own in a run with self-contact."""
@@ -129,7 +129,7 @@ def input_hand_claims(judge: JudgedTicks) -> list[Claim]:
     result = judge.result
     if result.live is not None or not result.complete:
         return []
-    return [_depth(judge), _correction(judge), _steps(judge)]
+    return [_depth(judge), _correction(judge), _jumps(judge)]
 
 
 def motion_claim(result: Result) -> Claim:
@@ -183,15 +183,15 @@ def _depth(judge: JudgedTicks) -> Claim:
     return judged(*INPUT_DEPTH, [off], SEARCHED, "m", "as near as it is searched for")
 
 
-def _steps(judge: JudgedTicks) -> Claim:
-    name, says = "joint steps", "the shown hand goes beyond its user's from tick to tick as the summary says"
+def _jumps(judge: JudgedTicks) -> Claim:
+    name, says = "jumps", "the shown hand goes beyond its user's from tick to tick as the summary says"
     if len(judge.result.bodies) > 1:
         return Claim(
             name, says, NOT_JUDGED, unit="m", note="beside several bodies the referee does not tell which move"
         )
     run = replace(ticks_alone(judge.result), hand=None, user=judge.wanted_posed.joints)
-    found = np.array([run_figure(name, run) for name in JOINT_STEPS])
-    off = difference([as_number(judge.result.summary.get(name, np.inf)) for name in JOINT_STEPS], found)
+    found = np.array([run_figure(name, run) for name in JUMPS])
+    off = difference([as_number(judge.result.summary.get(name, np.inf)) for name in JUMPS], found)
     return judged(name, says, off, LENGTH, "m", WHY_LENGTH)
 
 

@@ -38,7 +38,7 @@ def test_a_hand_that_snaps_makes_no_jump(grasp: Result) -> None:
     run = result_ticks(grasp)
     assert run_figure("snap_ticks", run) > 10, "the scene hardly provokes"
     # The bound is for the hand's surface, which goes a little farther than its joints.
-    assert run_figure("joint_step_max", run) <= 1.3 * SNAP_STEP
+    assert run_figure("posture_jump_max", run) <= 1.3 * SNAP_STEP
     assert run_figure("force_contact_step_share", run) < 7.0
     assert run_figure("penetration_max", run) == 0.0
     assert run_figure("lag_ticks", run) == run_figure("stuck_ticks", run) == 0
@@ -48,7 +48,7 @@ def test_without_a_bound_it_jumps_and_ends_in_the_same_place(grasp: Result, tmp_
     out = tmp_path / "free.h5"
     replay_scene(open_scene("teapot", "grasp"), SolverOptions(snap_speed=np.inf), out)
     free = load_result(out)
-    assert run_figure("joint_step_max", result_ticks(free)) > 10.0 * SNAP_STEP
+    assert run_figure("posture_jump_max", result_ticks(free)) > 10.0 * SNAP_STEP
     assert run_figure("snap_ticks", result_ticks(free)) == 0
     hold = result_ticks(grasp).holds[0]
     apart = np.asarray(grasp["graphic/joints"])[hold] - np.asarray(free["graphic/joints"])[hold]

@@ -8,7 +8,7 @@ from hhsim.metrics.run.input_hand import NEEDS, of_input
 from hhsim.metrics.run_metric import Judged, RunMetric
 from hhsim.metrics.run_ticks import PLACED, RunTicks
 
-STEPS = (*NEEDS, "force/total")
+JUMPS = (*NEEDS, "force/total")
 NO_DEPTH = 1e-6
 """Depth up to which nothing penetrates, or penetrates deeper than before [m]."""
 
@@ -24,15 +24,11 @@ def _in_itself(whose: str) -> Callable[[RunTicks], float]:
 
 
 JUMP = 3e-4
-"""Least step of a joint that counts as a jump [m]: it changes the force of 1 N/mm by what a hand notices of 4 N."""
+"""Least step of a joint that is a jump [m]: at 1 N/mm a palm's changes the force by what a hand notices of 4 N."""
 
 
-def _joint_step(share: float) -> Callable[[RunTicks], float]:
-    def compute(run: RunTicks) -> float:
-        # A hand that goes no farther than its user's makes no step.
-        return float(np.quantile(np.maximum(run.joint_steps, 0.0), share)) if run.joint_steps.size else np.nan
-
-    return compute
+def _jump(share: float) -> Callable[[RunTicks], float]:
+    return lambda run: float(np.quantile(run.jumps, share)) if run.jumps.size else np.nan
 
 
 METRICS = (
@@ -65,12 +61,12 @@ METRICS = (
         judged=Judged(rounding=1e-9, limit=1e-3),
     ),
     RunMetric(
-        "joint_step_max", "largest joint step beyond the user's", digits=3, unit="mm", short="joint step",
-        needs=STEPS, compute=_joint_step(1.0), per_tick=True, judged=Judged(rounding=1e-9, limit=JUMP),
+        "posture_jump_max", "largest jump of a shown joint in contact", digits=3, unit="mm", needs=JUMPS,
+        compute=_jump(1.0), per_tick=True, judged=Judged(rounding=1e-9, limit=JUMP), short="jump",
     ),
     RunMetric(
-        "joint_step_p999", "joint step beyond the user's, p99.9", digits=3, unit="mm", needs=STEPS,
-        compute=_joint_step(0.999), per_tick=True, judged=Judged(rounding=1e-9),
+        "posture_jump_p999", "jump of a shown joint in contact, p99.9", digits=3, unit="mm", needs=JUMPS,
+        compute=_jump(0.999), per_tick=True, judged=Judged(rounding=1e-9),
     ),
     RunMetric(
         "self_depth_graphic", "shown hand in itself, max", digits=2, unit="mm",
