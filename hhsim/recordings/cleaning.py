@@ -24,7 +24,7 @@ from hhsim.recordings.outliers import clean_glitches
 from hhsim.recordings.recorded_bones import RecordedBones
 from hhsim.recordings.recording import OTHER, Finding, Recording, note
 from hhsim.recordings.timestamp_cleaning import clean_stamps
-from hhsim.recordings.unit_detection import clean_units, in_units
+from hhsim.recordings.unit_detection import clean_units, in_units, near_origin
 from hhsim.table.table import number, words
 
 NORM_TOLERANCE = 1e-3
@@ -115,7 +115,8 @@ def clean_recording(recording: Recording, options: CleaningOptions | None = None
         raise InputError(f"{option} would part the hand from the object, which moves as the recording has it")
     recording = recording.chosen(np.arange(recording.sample_count))
     recording = in_units(recording, time=options.time_unit, length=options.length_unit, angle=options.angle_unit)
-    given = _cut(clean_units(recording), options.start, options.end)
+    (recording,) = near_origin(clean_units(recording))
+    given = _cut(recording, options.start, options.end)
     recording = clean_stamps(given, options.max_gap)
     recording = _unit_quaternions(recording)
     recording = clean_glitches(recording)
