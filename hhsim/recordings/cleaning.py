@@ -169,9 +169,19 @@ def _filled(recording: Recording, max_gap: float) -> Recording:
     filled = recording.with_angles(angles).changed(position=position, orientation=orientation)
     # Gaps that another finding explains are not reported again.
     new = lost & ~marked(filled.flags, SampleFlag.PALM_FILLED | SampleFlag.PALM_OUTLIER)
-    filled = filled.flagged(new, SampleFlag.PALM_FILLED, "palm pose missing: interpolated")
+    filled = filled.flagged(new, SampleFlag.PALM_FILLED, f"palm pose missing: {_way_filled(lost)}")
     new = missing.any(axis=1) & ~marked(filled.flags, SampleFlag.FINGERS_OUTLIER)
-    return filled.flagged(new, SampleFlag.FINGERS_FILLED, "joint angles missing: interpolated")
+    return filled.flagged(new, SampleFlag.FINGERS_FILLED, f"joint angles missing: {_way_filled(missing)}")
+
+
+def _way_filled(missing: BoolArray) -> str:
+    """Say how gaps were filled that are missing in rows of a mask, shape (T, …)."""
+    known = ~missing
+    between = missing & np.logical_or.accumulate(known) & np.logical_or.accumulate(known[::-1])[::-1]
+    if (between == missing).all():
+        return "interpolated"
+    held = "the nearest one is held at the beginning or the end"
+    return f"interpolated; {held}" if between.any() else held
 
 
 def _object_filled(recording: Recording, max_gap: float) -> Recording:
@@ -185,7 +195,7 @@ def _object_filled(recording: Recording, max_gap: float) -> Recording:
     filled = recording.changed(object_motion=ObjectMotion(position, orientation))
     if not lost.any():
         return filled
-    text = "object pose missing: interpolated"
+    text = f"object pose missing: {_way_filled(lost)}"
     return filled.found(Finding("object", text, int(lost.sum()), float(recording.time[np.argmax(lost)])))
 
 

@@ -378,10 +378,10 @@ def read_object_poses(
     """Read the poses of an object at stamps [s], shape (T,), in the recording's file coordinates [m].
 
     Poses with stamps are interpolated, others are one a sample, or one a frame of which the samples are `rows`, shape
-    (T,), and a single one is of an object at rest; `hand` is the place of the hand in these coordinates [m]. With `options.camera_poses` they are relative to a camera that
-    moves, and camera · object is returned. What was assumed is added to `findings`. Raises TrajectoryError for no such
-    file, another content, number of rows, unit or order, or stamps that end before the recording's, in one line that
-    begins with the path.
+    (T,), and a single one is of an object at rest; `hand` is the place of the hand in these coordinates [m]. With
+    `options.camera_poses` they are relative to a camera that moves, and camera · object is returned. What was assumed
+    is added to `findings`. Raises TrajectoryError for no such file, another content, number of rows, unit or order, or
+    stamps that end before the recording's, in one line that begins with the path.
     """
     rows = np.arange(len(time)) if rows is None else rows
     if options.camera_poses is None:

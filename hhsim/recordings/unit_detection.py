@@ -3,15 +3,15 @@
 | what | is wrong where | becomes |
 |---|---|---|
 | stamps | the median step is above 0.5 s | ms if it is 1 to 100, µs (10³ to 10⁵), ns (10⁶ to 10⁸): 10 to 1,000 Hz |
-| positions | the palm sweeps 1 mm to 0.5 m in metres, however far from the origin: less than a hand's in any other unit | m |
+| positions | a palm far away sweeps 0.001 to 0.5 at a hand's speed: too little of any other unit | m |
 | positions | most samples are farther than 100 from the origin, or move faster than 200 a second | mm |
 | positions | else, most samples are farther than 8, or faster than 20 | refused: mm, cm and inches are all possible |
 | joint angles | one beyond ±200° in more than a fifth of the samples, read as radians | degrees |
 | joint angles | else, three more than 30° beyond a hand's range in so many | refused: they may be degrees |
 
 A sweep of 0.5 to 8 farther than 8 from the origin is refused too: it may be one of metres, or a small one of mm. A unit
-that the file's mapping or the user states is not detected; there speed and sweep refuse, the distance does not. The name of a column or
-key may say that it holds the stamps, and their unit.
+that the file's mapping or the user states is not detected; there speed and sweep refuse, the distance does not. The
+name of a column or key may say that it holds the stamps, and their unit.
 """
 
 import re

@@ -25,7 +25,15 @@ from hhsim.motion.csv_table import Table, lacks_names, read_table
 from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, numbers, read_npy
 from hhsim.recordings.correction import Changes, Correction, joint_changes
 from hhsim.recordings.joint_frames import frame_edits, joints_of_frames, read_frames
-from hhsim.recordings.joint_names import JOINT_ORDERS, KEYPOINTS, OPENXR_JOINTS, WEBXR_JOINTS, JointName, joint_name
+from hhsim.recordings.joint_names import (
+    JOINT_ORDERS,
+    KEYPOINTS,
+    OPENXR_JOINTS,
+    WEBXR_JOINTS,
+    JointName,
+    hand_statement,
+    joint_name,
+)
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.joint_table import joint_columns, joint_edits, joints_of_table, located, table_of_joints
 from hhsim.recordings.json_document import PlacedJson
@@ -151,7 +159,14 @@ def _from_npz(content: Content, options: ReadOptions) -> JointPositions:
     joints = joints_of_array(points, f"array '{key}'", content, options, time=time, time_unit=unit)
     poses = poses_in(arrays, len(points), options)
     used = {key, *(poses.names if poses else ()), *((stamps.name,) if stamps else ())}
-    return replace(joints, object_poses=poses, findings=(*joints.findings, *unused(arrays, used)))
+    validity, rows = {}, np.size(points[0]) // 3
+    for name, given in arrays.items():
+        said = hand_statement(name)
+        if said and np.shape(given) in ((len(points),), (len(points), 1), (len(points), rows)):
+            values = numbers(arrays, name).reshape(len(points), -1)
+            validity[said.part] = values[:, list(joints.joint_order)] if values.shape[1] == rows else values
+            used.add(name)
+    return replace(joints, object_poses=poses, validity=validity, findings=(*joints.findings, *unused(arrays, used)))
 
 
 def _points_key(content: Content, options: ReadOptions) -> str:

@@ -1,8 +1,9 @@
 """Recordings from `.npz`.
 
 Arrays: t [s] (T,), wrist_pos [m] (T, 3), wrist_quat or wrist_quat_wxyz (T, 4), flex [rad] (T, 5, 3), abd [rad] (T, 5),
-and, if they are there, valid (T,), the object's pose, object_pos [m] (T, 3) and object_quat or object_quat_wxyz (T, 4)
-or other names of `hhsim.recordings.object_poses`, and meta, a JSON text with source, frame and hand.
+and, if they are there, valid (T,) or others of `hhsim.recordings.stated_validity`, the object's pose, object_pos [m]
+(T, 3) and object_quat or object_quat_wxyz (T, 4) or other names of `hhsim.recordings.object_poses`, and meta, a JSON
+text with source, frame and hand.
 
 The pose is that of the palm. Its axes are those of the options, else of the words of `frame` in `FRAMES`, else ours.
 """
@@ -17,10 +18,12 @@ from hhsim.motion.npz_arrays import npz_of, npz_with, numbers, read_npz
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.correction import Correction, angle_unit, changes
 from hhsim.recordings.frames import OURS, FileFrame, to_our_frames
+from hhsim.recordings.joint_names import hand_statement
 from hhsim.recordings.json_document import nested
 from hhsim.recordings.object_poses import placed, poses_in
 from hhsim.recordings.recording import Finding, HandMotion, Recording, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.stated_validity import missing_and_doubtful
 
 QUATERNIONS = {"wrist_quat_wxyz": (0, 1, 2, 3), "wrist_quat": (0, 1, 2, 3), "wrist_quat_xyzw": (3, 0, 1, 2)}
 """Names of the orientation, and the places of w, x, y, z in its rows."""
@@ -70,7 +73,11 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         findings.append(note(f"palm axes x, y, z are the recording's {', '.join(axes)}; its world's {up} points up"))
     position, orientation = to_our_frames(position, orientation, axes, up, options.mirror)
     poses = poses_in(arrays, count, options, order="wxyz", strict=True)
-    used = {"t", "wrist_pos", turn, "flex", "abd", "valid", "meta", *(poses.names if poses is not None else ())}
+    stated = {
+        name: said.part for name in arrays if (said := hand_statement(name)) and np.shape(arrays[name]) == (count,)
+    }
+    validity = {part: numbers(arrays, name, count)[:, None] for name, part in stated.items()}
+    used = {"t", "wrist_pos", turn, "flex", "abd", "meta", *stated, *(poses.names if poses is not None else ())}
     findings += unused(arrays, used)
     recording = Recording(
         time=time,
@@ -89,12 +96,15 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if meta.get("note"):
         findings.append(note(f"the file says: {meta['note']}"))
     recording = placed(recording.found(*findings), poses)
-    if "valid" in arrays:
-        doubtful = numbers(arrays, "valid", count) == 0.0
-        if doubtful.any():
-            text = "not valid, says the file: kept where there are numbers"
-            recording = recording.flagged(doubtful, SampleFlag.INVALID, text)
-    return recording
+    lost, doubtful = (each[:, 0] for each in missing_and_doubtful(validity, (count, 1)))
+    motion = np.concatenate([position, orientation, recording.angles], axis=1)
+    held = np.isclose(motion[1:], motion[:-1], rtol=0.0, atol=0.0, equal_nan=True).all(axis=1)
+    none = lost & (np.append(False, held) | (position == 0.0).all(axis=1))
+    for values in (recording.position, recording.orientation, recording.flexion, recording.abduction):
+        values[none] = np.nan
+    recording = recording.flagged(none, SampleFlag.INVALID, "not valid, says the file, and held or at 0: missing")
+    text = "not valid, says the file: kept where there are numbers"
+    return recording.flagged((lost & ~none) | doubtful, SampleFlag.INVALID, text)
 
 
 def _make(suffix: str, motion: HandMotion) -> bytes:

@@ -81,6 +81,19 @@ def test_what_the_file_says_of_itself() -> None:
     assert read_as("npz", archive(meta=np.array("no json"))).source == ""
 
 
+@pytest.mark.parametrize("name", ["valid", "isActive", "is_tracked"])
+def test_samples_that_are_not_valid_and_held_or_at_zero_are_missing(name: str) -> None:
+    stated, rows = np.ones(50), np.arange(50)
+    stated[[7, 20, 21, 40]] = 0.0
+    rows[[20, 21]] = 19
+    place = CLEAN.position[rows] * (rows != 40)[:, None]
+    given = {"wrist_quat": CLEAN.orientation[rows], "flex": CLEAN.flexion[rows], "abd": CLEAN.abduction[rows]}
+    recording = read_as("npz", archive(wrist_pos=place, **given, **{name: stated}))
+    assert np.flatnonzero(np.isnan(recording.position).all(axis=1)).tolist() == [20, 21, 40]
+    assert np.flatnonzero(np.isnan(recording.abduction).all(axis=1)).tolist() == [20, 21, 40]
+    assert np.flatnonzero(marked(recording.flags, SampleFlag.INVALID)).tolist() == [7, 20, 21, 40]
+
+
 def test_every_frame_is_right_handed_and_every_world_stands_up() -> None:
     for _, axes in FRAMES:
         assert np.linalg.det(axes_matrix(axes)) == pytest.approx(1.0)
