@@ -99,11 +99,11 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
     rows = np.asarray(joints.rows if len(joints.rows) else np.arange(len(joints.position)), dtype=np.int64)
     side, shown = stated_hand(content, options.hand or joints.hand, rows, findings)
     joints = joints if shown.all() else joints.chosen(shown, rows)
-    missing, doubtful = missing_and_doubtful(joints.validity, joints.position.shape[:2])
-    if missing.size and missing.all():
+    invalid, doubtful = missing_and_doubtful(joints.validity, joints.position.shape[:2])
+    if invalid.size and invalid.all():
         kinds = ", ".join(joints.validity)
         raise TrajectoryError(f"no joint has a valid position in any sample, says the file ({kinds})")
-    joints = replace(joints, position=np.where(missing[:, :, None], np.nan, joints.position))
+    joints = replace(joints, position=np.where(invalid[:, :, None], np.nan, joints.position))
     whole = np.asarray(np.isfinite(joints.position).all(axis=(1, 2)))
     if not np.isfinite(joints.position[:, [0, 5, 9, 13, 17]]).all(axis=(1, 2)).any():
         raise TrajectoryError(f"no sample of {len(whole)} holds the wrist and the four knuckles")
@@ -176,7 +176,7 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         first_stamp=first,
     )
     text = "joints without a valid position, says the device: missing"
-    recording = recording.flagged(np.asarray(missing.any(axis=1)), SampleFlag.INVALID, text)
+    recording = recording.flagged(np.asarray(invalid.any(axis=1)), SampleFlag.INVALID, text)
     text = "joints not tracked, or of little confidence, says the device: kept"
     recording = recording.flagged(np.asarray(doubtful.any(axis=1)), SampleFlag.INVALID, text)
     return placed(recording, joints.object_poses)
