@@ -91,7 +91,7 @@ class HandData(OptionGroup, heading="World, MANO, UmeTrack, LeRobot, bare number
     )
     array: str | None = option(metavar="NAME", help="Array of joints, in an .npz or a pickle with several.")
     joint_order: str | None = option(
-        type=click.Choice(["mediapipe", "mano", "smplx", "openxr"]),
+        type=click.Choice(["mediapipe", "mano", "smplx", "openxr", "unity"]),
         help="Order of joints without names. Default: found from the lengths of the bones.",
     )
     pose_order: str | None = option(

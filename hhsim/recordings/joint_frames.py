@@ -1,8 +1,8 @@
 """Joints of hands in JSON of any maker, and the joint centres of one hand in it.
 
 A frame is an object with a stamp, or a list, and has hands anywhere in it: objects whose keys are joints, lists of
-objects that name their joint, lists of 21 points (in MediaPipe's order), 25 (WebXR's) or 26 (OpenXR's), or of 63
-numbers. A joint has a position, three numbers or x, y and z, in itself or in its pose or transform.
+objects that name their joint, lists of 21 points (in MediaPipe's order), 25 (WebXR's) or 26 (OpenXR's or Unity's), or
+of 63 numbers. A joint has a position, three numbers or x, y and z, in itself or in its pose or transform.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +16,15 @@ from hhsim.motion.text_edit import NumberEdit
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import ANGLE_DIGITS, Changes
 from hhsim.recordings.frames import in_palm
-from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, WEBXR_JOINTS, hand_statement, joint_name, recognised
+from hhsim.recordings.joint_names import (
+    KEYPOINTS,
+    OPENXR_JOINTS,
+    UNITY_JOINTS,
+    WEBXR_JOINTS,
+    hand_statement,
+    joint_name,
+    recognised,
+)
 from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.json_document import PlacedJson, keys_of, number, vector
 from hhsim.recordings.object_poses import poses_in, record_arrays
@@ -219,7 +227,13 @@ def _listed_hand(node: list[Any]) -> dict[str, Joint]:
         return {name: _joint(entry) for name, entry in zip(names, entries) if name}
     if len(node) == 3 * len(KEYPOINTS):
         node = [node[k : k + 3] for k in range(0, len(node), 3)]
-    joints = {name: _joint(entry) for name, entry in zip(ORDERS.get(len(node), ()), node)}
+    order = ORDERS.get(len(node), ())
+    joints = {name: _joint(entry) for name, entry in zip(order, node)}
+    if order is OPENXR_JOINTS:
+        # The wrist is farther from the knuckles than the palm is.
+        knuckle, *first = (np.array(joints[name].position) for name in ("middle_proximal", "palm", "wrist"))
+        palm, wrist = (np.linalg.norm(place - knuckle) for place in first)
+        joints = dict(zip(UNITY_JOINTS, joints.values())) if palm > wrist else joints
     return joints if any(np.isfinite(joint.position).all() for joint in joints.values()) else {}
 
 

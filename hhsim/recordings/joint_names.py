@@ -27,13 +27,17 @@ WEBXR_JOINTS = ("wrist", *dict.fromkeys(_WEBXR))
 """25 joints of WebXR in its order."""
 OPENXR_JOINTS = ("palm", *WEBXR_JOINTS)
 """26 joints of OpenXR in its order."""
+UNITY_JOINTS = ("wrist", "palm", *WEBXR_JOINTS[1:])
+"""The same in the order of Unity's XR Hands: the wrist is before the palm."""
 MANO_JOINTS = (
     "wrist",
     *(f"{f}_{segment}" for f in ("index", "middle", "little", "ring", "thumb") for segment in _SEGMENTS_OF[f][:3]),
     *(f"{finger}_tip" for finger in FINGERS),
 )
 """21 joints of the MANO hand in its order, and then the tips, as smplx, manopth and HO-3D have them."""
-JOINT_ORDERS = {"mediapipe": KEYPOINTS, "mano": MANO_JOINTS, "smplx": MANO_JOINTS, "openxr": OPENXR_JOINTS}
+JOINT_ORDERS = {
+    "mediapipe": KEYPOINTS, "mano": MANO_JOINTS, "smplx": MANO_JOINTS, "openxr": OPENXR_JOINTS, "unity": UNITY_JOINTS,
+}  # fmt: skip
 """Orders of joints in rows without names; WebXR's is that of OpenXR without the palm."""
 
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+")
