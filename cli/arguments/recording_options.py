@@ -95,7 +95,8 @@ class HandData(OptionGroup, heading="World, MANO, UmeTrack, LeRobot, bare number
         help="Order of joints without names. Default: found from the lengths of the bones.",
     )
     pose_order: str | None = option(
-        type=click.Choice(["wxyz", "xyzw"]), help="Order of an object's quaternions, where no name tells it."
+        type=click.Choice(["wxyz", "xyzw"]),
+        help="Order of a palm's or an object's quaternions, where no name tells it.",
     )
     pose_unit: str | None = option(
         type=click.Choice(["m", "cm", "mm"]), help="Unit of an object's positions. Default: that of the hand's."

@@ -61,6 +61,20 @@ def test_both_orders_of_quaternions(key: str, order: list[int]) -> None:
     assert np.allclose(read_as("npz", data).orientation, CLEAN.orientation)
 
 
+def test_an_order_of_quaternions_that_no_name_tells_is_told_and_an_option_states_it() -> None:
+    text = "wrist_quat: no name tells the order of the quaternions, taken as w, x, y, z: --pose-order"
+    assert text in [finding.text for finding in read_as("npz", archive()).findings]
+    assert not any("order" in f.text for f in read_as("npz", archive(), pose_order="wxyz").findings)
+    named = read_as("npz", archive(wrist_quat=None, wrist_quat_wxyz=CLEAN.orientation), pose_order="xyzw")
+    assert np.allclose(named.orientation, CLEAN.orientation) and not any("order" in f.text for f in named.findings)
+    turned_ = CLEAN.orientation[:, [1, 2, 3, 0]]
+    data = archive(wrist_quat=turned_, object_pos=CLEAN.position, object_quat=turned_)
+    recording = read_as("npz", data, pose_order="xyzw")
+    assert np.allclose(recording.orientation, CLEAN.orientation) and recording.object_motion is not None
+    assert np.allclose(recording.object_motion.orientation, CLEAN.orientation)
+    assert "wrist_quat and object_quat: no name tells" in " ".join(f.text for f in read_as("npz", data).findings)
+
+
 def test_what_the_file_says_of_itself() -> None:
     valid = np.ones(50, dtype=bool)
     valid[7:9] = False
