@@ -60,6 +60,7 @@ class JointPositions:
     validity: Mapping[str, FloatArray] = field(default_factory=dict)
     # Place of each joint among those of a row of the file, if it has no names.
     joint_order: tuple[int, ...] = tuple(range(len(KEYPOINTS)))
+    misfit: str = ""  # how far the bones in a stated order of joints are from a hand's; "" if they are a hand's
     # Poses of an object in the coordinates of `position`, one a sample; None without any.
     object_poses: ObjectPoses | None = None
     device: str = ""
@@ -110,7 +111,7 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
     if not whole.any():
         missing = [KEYPOINTS[k] for k in range(len(KEYPOINTS)) if np.isnan(joints.position[:, k]).any(axis=1).all()]
         raise TrajectoryError(f"no sample holds all 21 joints; missing: {', '.join(missing[:4]) or 'one or another'}")
-    findings.append(note(joints.what))
+    findings.append(note(joints.what + (joints.misfit and f", though {joints.misfit}")))
     time, stated, first = _times(joints, content, options, findings)
     metre = _scale(joints, content, options, findings)
     frame = FileFrame(np.eye(3), metre, axis_flip(options.mirror))
@@ -124,7 +125,7 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         given = points
         points = in_right_handed_world(points, side, findings)
         frame = frame if points is given else frame._replace(flip=UNITY)
-    side = known_side(points, side, findings, options.mirror, structural=named)
+    side = known_side(points, side, findings, options.mirror, structural=named, misfit=joints.misfit)
     fingers, wrist = points[:, 1:].reshape(-1, len(FINGERS), 4, 3), points[:, 0]
     palm = palm_from_knuckles(fingers[:, 1:, 0], wrist, side)
     posture, off = fitted_posture(fingers, palm, side, fits_angles=options.fits_angles)

@@ -118,12 +118,15 @@ def _ordered(points: FloatArray, content: Content, options: ReadOptions) -> dict
     if word is not None and word not in ORDERS.get(count, {}):
         expected = " or ".join(str(number) for number, orders in ORDERS.items() if word in orders)
         raise InputError(f"--joint-order {stated}: {count} joints a sample; expected {expected}")
-    names = stated_names(content, options, count)
+    names, misfit = stated_names(content, options, count), ""
     if names:
         content.stated.take("order")
         what = f"{count} joints in the order that the file states"
     else:
-        word = word or order_by_bones(points, ORDERS[count])
+        if word is None:
+            word = order_by_bones(points, ORDERS[count])
+        else:
+            misfit = "; ".join(fit.text for fit in _bone_fits(points, {word: ORDERS[count][word]}) if not fit.fits)
         names, how = ORDERS[count][word], "as --joint-order says" if stated else "by the lengths of its bones"
         what = {
             "mediapipe": f"{count} keypoints in MediaPipe's order: wrist, thumb to little finger",
@@ -135,7 +138,7 @@ def _ordered(points: FloatArray, content: Content, options: ReadOptions) -> dict
             what += "; else say --joint-order"
     places = tuple(names.index(joint) for joint in KEYPOINTS)
     more = {"up": "y"} if set(names) >= set(WEBXR_JOINTS) else {}
-    return {"position": points[:, list(places)], "what": what, "joint_order": places, **more}
+    return {"position": points[:, list(places)], "what": what, "joint_order": places, "misfit": misfit, **more}
 
 
 def stated_names(content: Content, options: ReadOptions, count: int) -> tuple[str, ...]:
@@ -149,11 +152,9 @@ def order_by_bones(points: FloatArray, orders: Mapping[str, tuple[str, ...]]) ->
 
     Raises TrajectoryError, which says how far each is off, where none makes a hand.
     """
-    whole = points[np.isfinite(points).all(axis=(1, 2)) & (np.ptp(points, axis=1) > 0.0).any(axis=1)]
-    if not len(whole):
+    found = _bone_fits(points, orders)
+    if not found:
         return next(iter(orders))
-    some = whole[:: len(whole) // MOST_JUDGED + 1]
-    found = [_bone_fit(some[:, [*map(names.index, KEYPOINTS)]], word) for word, names in orders.items()]
     fitting = [fit for fit in found if fit.fits]
     if not fitting:
         off = "; ".join(fit.text for fit in found)
@@ -171,6 +172,14 @@ class _BoneFit(NamedTuple):
     misfit: float  # mean deviation of their proportions from the usual hand's, as a logarithm
     fits: bool  # True if they have the proportions of a hand and keep their lengths
     text: str  # how far they are off
+
+
+def _bone_fits(points: FloatArray, orders: Mapping[str, tuple[str, ...]]) -> list[_BoneFit]:
+    """Compare rows of joints, shape (T, n, 3), in each of these orders with a hand; empty if no row is whole."""
+    whole = points[np.isfinite(points).all(axis=(1, 2)) & (np.ptp(points, axis=1) > 0.0).any(axis=1)]
+    some = whole[:: len(whole) // MOST_JUDGED + 1]
+    places = {word: [*map(names.index, KEYPOINTS)] for word, names in orders.items()}
+    return [_bone_fit(some[:, order], word) for word, order in places.items()] if len(some) else []
 
 
 def _bone_fit(hand: FloatArray, word: str) -> _BoneFit:

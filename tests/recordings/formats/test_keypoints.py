@@ -169,6 +169,13 @@ def test_a_stated_order_is_taken_and_must_have_as_many_joints() -> None:
         read_as("keypoints", arrays_npz(points=line, t=TIME))
     with pytest.raises(InputError, match="--joint-order openxr: 21 joints a sample; expected 25 or 26"):
         read_as("keypoints", array_npy(POINTS), rate=100.0, joint_order="openxr")
+    foreign = array_npy(SAMPLE.named(tuple(FOREIGN["FPHAB"])))
+    for side in ("right", "left", ""):
+        try:
+            text = words(read_as("keypoints", foreign, rate=100.0, joint_order="mano", hand=side))
+        except TrajectoryError as error:
+            text = str(error)
+        assert "times a hand's" in text and "--mirror" not in text
     told = read_as("keypoints", array_npy(IN_MANO), rate=100.0, world_up="y", joint_order="smplx")
     assert_our_own(told, SAMPLE)
     assert "as --joint-order says" in words(told)
