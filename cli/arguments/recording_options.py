@@ -45,10 +45,6 @@ class FileSettings(OptionGroup, heading="Recording"):
         metavar="X,Y,Z",
         help="Axes of a right palm to little finger, fingers and back. Default: what the file says, else x,y,z.",
     )
-    world_up: str | None = option(
-        type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]),
-        help="Axis of the recording's world that points up. Default: what the file says, else z.",
-    )
     rate: float | None = option(
         type=Number(0.1, 100_000.0),
         metavar="HZ",
@@ -64,14 +60,18 @@ class FileSettings(OptionGroup, heading="Recording"):
             columns=None if self.columns is None else read_column_map(self.columns),
             hand=self.hand or "",
             palm_axes=None if self.palm_axes is None else tuple(part.strip() for part in self.palm_axes.split(",")),
-            **{name: getattr(self, name) for name in ("form", "world_up", "time_unit", "length_unit", "rate")},
+            **{name: getattr(self, name) for name in ("form", "time_unit", "length_unit", "rate")},
             **others,
         )
 
 
-class HandData(OptionGroup, heading="MANO, UmeTrack, LeRobot, bare numbers"):
+class HandData(OptionGroup, heading="World, MANO, UmeTrack, LeRobot, bare numbers"):
     """Additional data that files of poses and data sets need."""
 
+    world_up: str | None = option(
+        type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]),
+        help="Axis of the recording's world that points up. Default: what the file says, else z.",
+    )
     mirror: str | None = option(
         type=click.Choice(["x", "y", "z"]),
         help="Axis of left-handed coordinates that is turned round, of hand and object: z of Unity's.",
@@ -91,11 +91,12 @@ class HandData(OptionGroup, heading="MANO, UmeTrack, LeRobot, bare numbers"):
     )
     array: str | None = option(metavar="NAME", help="Array of joints, in an .npz, a pickle or an HDF5 with several.")
     joint_order: str | None = option(
-        type=click.Choice(["mediapipe", "mano", "smplx", "openxr"]),
+        type=click.Choice(["mediapipe", "mano", "smplx", "openxr", "unity"]),
         help="Order of joints without names. Default: found from the lengths of the bones.",
     )
     pose_order: str | None = option(
-        type=click.Choice(["wxyz", "xyzw"]), help="Order of an object's quaternions, where no name tells it."
+        type=click.Choice(["wxyz", "xyzw"]),
+        help="Order of a palm's or an object's quaternions, where no name tells it.",
     )
     pose_unit: str | None = option(
         type=click.Choice(["m", "cm", "mm"]), help="Unit of an object's positions. Default: that of the hand's."

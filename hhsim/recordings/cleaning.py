@@ -24,7 +24,7 @@ from hhsim.recordings.outliers import clean_glitches
 from hhsim.recordings.recorded_bones import RecordedBones
 from hhsim.recordings.recording import OTHER, Finding, Recording, note
 from hhsim.recordings.timestamp_cleaning import clean_stamps
-from hhsim.recordings.unit_detection import clean_units, in_units
+from hhsim.recordings.unit_detection import clean_units, in_units, near_origin
 from hhsim.table.table import number, words
 
 NORM_TOLERANCE = 1e-3
@@ -115,7 +115,8 @@ def clean_recording(recording: Recording, options: CleaningOptions | None = None
         raise InputError(f"{option} would part the hand from the object, which moves as the recording has it")
     recording = recording.chosen(np.arange(recording.sample_count))
     recording = in_units(recording, time=options.time_unit, length=options.length_unit, angle=options.angle_unit)
-    given = _cut(clean_units(recording), options.start, options.end)
+    (recording,) = near_origin(clean_units(recording))
+    given = _cut(recording, options.start, options.end)
     recording = clean_stamps(given, options.max_gap)
     recording = _unit_quaternions(recording)
     recording = clean_glitches(recording)
@@ -168,9 +169,19 @@ def _filled(recording: Recording, max_gap: float) -> Recording:
     filled = recording.with_angles(angles).changed(position=position, orientation=orientation)
     # Gaps that another finding explains are not reported again.
     new = lost & ~marked(filled.flags, SampleFlag.PALM_FILLED | SampleFlag.PALM_OUTLIER)
-    filled = filled.flagged(new, SampleFlag.PALM_FILLED, "palm pose missing: interpolated")
+    filled = filled.flagged(new, SampleFlag.PALM_FILLED, f"palm pose missing: {_way_filled(lost)}")
     new = missing.any(axis=1) & ~marked(filled.flags, SampleFlag.FINGERS_OUTLIER)
-    return filled.flagged(new, SampleFlag.FINGERS_FILLED, "joint angles missing: interpolated")
+    return filled.flagged(new, SampleFlag.FINGERS_FILLED, f"joint angles missing: {_way_filled(missing)}")
+
+
+def _way_filled(missing: BoolArray) -> str:
+    """Say how gaps were filled that are missing in rows of a mask, shape (T, …)."""
+    known = ~missing
+    between = missing & np.logical_or.accumulate(known) & np.logical_or.accumulate(known[::-1])[::-1]
+    if (between == missing).all():
+        return "interpolated"
+    held = "the nearest one is held at the beginning or the end"
+    return f"interpolated; {held}" if between.any() else held
 
 
 def _object_filled(recording: Recording, max_gap: float) -> Recording:
@@ -184,7 +195,7 @@ def _object_filled(recording: Recording, max_gap: float) -> Recording:
     filled = recording.changed(object_motion=ObjectMotion(position, orientation))
     if not lost.any():
         return filled
-    text = "object pose missing: interpolated"
+    text = f"object pose missing: {_way_filled(lost)}"
     return filled.found(Finding("object", text, int(lost.sum()), float(recording.time[np.argmax(lost)])))
 
 

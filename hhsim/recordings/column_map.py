@@ -135,6 +135,9 @@ class OrientationColumns(Settings, frozen=True):
             raise InputError(f"order = {self.order!r} for 3 columns; expected an Euler order such as {orders}")
         if not self.euler and self.order not in ("wxyz", "xyzw"):
             raise InputError(f"order = {self.order!r} for 4 columns; expected wxyz or xyzw")
+        named = "".join(name[-1:].lower() for name in self.columns)
+        if not self.euler and named in ("wxyz", "xyzw") and named != self.order:
+            raise InputError(f"order = {self.order!r} for columns {', '.join(self.columns)}; expected {named!r}")
 
 
 class AngleUnit(Settings, frozen=True):

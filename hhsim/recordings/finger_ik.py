@@ -119,10 +119,22 @@ def palm_from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) 
 @lru_cache
 def palm_in_knuckles(side: HandSide) -> FloatArray:
     """Return the model's palm frame in the frame of its wrist and knuckles, a quaternion (w, x, y, z), shape (1, 4)."""
+    return conjugate(_from_knuckles(usual_fingers(side)["base"][None, 1:], _usual_wrist(side)[None], side))
+
+
+def _usual_wrist(side: HandSide) -> FloatArray:
+    """Return the default hand's wrist [m], palm frame, shape (3,)."""
     distal, lateral = PALM_CENTER
     middle = np.array([lateral * BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH, -distal * DEFAULT_HAND_LENGTH, 0.0])
-    wrist = middle * (MIRROR if side == "left" else 1.0)
-    return conjugate(_from_knuckles(usual_fingers(side)["base"][None, 1:], wrist[None], side))
+    return np.asarray(middle * (MIRROR if side == "left" else 1.0))
+
+
+@lru_cache
+def usual_bones() -> FloatArray:
+    """Return the default hand's distances from the wrist to each first joint, and the bones from there [m], (5, 4)."""
+    sizes = usual_fingers()
+    palm = np.linalg.norm(sizes["base"] - _usual_wrist("right"), axis=1, keepdims=True)
+    return np.concatenate([palm, sizes["length"]], axis=1)
 
 
 def _from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) -> FloatArray:

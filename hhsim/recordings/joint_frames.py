@@ -1,9 +1,9 @@
 """Joints of hands in JSON of any maker, and the joint centres of one hand in it.
 
 A frame is an object with a stamp, or a list, and has hands anywhere in it: objects whose keys are joints, lists of
-objects that name their joint, lists of 21 points (in MediaPipe's order), 25 (WebXR's) or 26 (OpenXR's), of 63 numbers,
-or of as many matrices. A joint has a position, three numbers or x, y and z, in itself or in its pose or transform, or a
-matrix: 16 numbers, column by column as WebXR has them, or row by row, or four rows.
+objects that name their joint, lists of 21 points (in MediaPipe's order), 25 (WebXR's) or 26 (OpenXR's or Unity's), of
+63 numbers, or of as many matrices. A joint has a position, three numbers or x, y and z, in itself or in its pose or
+transform, or a matrix: 16 numbers, column by column as WebXR has them, or row by row, or four rows.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,13 +18,22 @@ from hhsim.motion.text_edit import NumberEdit
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import ANGLE_DIGITS, Changes
 from hhsim.recordings.frames import in_palm
-from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, WEBXR_JOINTS, joint_name, recognised
+from hhsim.recordings.joint_names import (
+    KEYPOINTS,
+    OPENXR_JOINTS,
+    UNITY_JOINTS,
+    WEBXR_JOINTS,
+    hand_statement,
+    joint_name,
+    recognised,
+)
 from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.json_document import PlacedJson, keys_of, number, vector
 from hhsim.recordings.object_poses import poses_in, record_arrays
 from hhsim.recordings.recording import frames_with_hand, unused
 from hhsim.recordings.registry import Content, ReadOptions
 from hhsim.recordings.stated_fields import side_in
+from hhsim.recordings.stated_validity import stated_value
 from hhsim.recordings.unit_detection import time_column
 
 ORDERS = {len(joints): joints for joints in (KEYPOINTS, WEBXR_JOINTS, OPENXR_JOINTS)}
@@ -50,7 +59,7 @@ class Joint(NamedTuple):
     # Position in the unit of the file, NaN where missing, shape (3,).
     position: Sequence[float] = (np.nan, np.nan, np.nan)
     radius: float = np.nan  # radius in the same unit, NaN where missing
-    valid: bool = True
+    validity: Mapping[str, float] = {}  # what the document says of it, by its kind; see `stated_validity`
     place: Any = None  # node of the document that holds the position; None without
     turn: Any = None  # node that holds the orientation; None without
     # Quaternion (w, x, y, z) of the frame that both are held in, to that of `position`.
@@ -148,7 +157,18 @@ def joints_of_frames(
     arrays = {name: values[0] if name in beside else values for name, values in arrays.items()}
     poses = poses_in(arrays, len(frames), options)
     used = {name.split(".")[0] for name in poses.names} if poses is not None else set()
+    used |= {
+        key
+        for frame in frames
+        for key, value in frame.beside.items()
+        if hand_statement(key) and not isinstance(value, list | dict)
+    }
     findings += unused(dict.fromkeys([*beside, *(key for frame in frames for key in frame.beside)]), used)
+    kinds = {kind for hand in joints for joint in hand for kind in joint.validity}
+    validity = {
+        kind: np.array([[joint.validity.get(kind, np.nan) for joint in hand] for hand in joints])
+        for kind in sorted(kinds)
+    }
     radius = np.array([[joint.radius for joint in hand] for hand in joints])
     stamps = np.array([frames[k].stamp for k in shown])
     return JointPositions(
@@ -161,7 +181,7 @@ def joints_of_frames(
         up=up,
         may_be_mirrored=may_be_mirrored,
         radius=radius if np.isfinite(radius).any(axis=0).all() else None,
-        doubtful=np.array([not all(joint.valid for joint in hand) for hand in joints]),
+        validity=validity,
         device=device,
         object_poses=poses and poses._replace(position=poses.position[shown], orientation=poses.orientation[shown]),
         findings=tuple(findings),
@@ -193,7 +213,10 @@ def frame_edits(
 
 
 def _hands(node: Any, side: HandSide, depth: int) -> Iterator[tuple[HandSide, Mapping[str, Joint]]]:
-    """Yield hands anywhere in a node, each with the side of the nearest key or value around it."""
+    """Yield hands anywhere in a node, each with the side of the nearest key or value around it.
+
+    What an object around a hand says of its joints is said of each.
+    """
     if depth > DEEPEST:
         return
     if isinstance(node, dict) and "0" in node and all(str(k) == key for k, key in enumerate(node)):
@@ -204,10 +227,12 @@ def _hands(node: Any, side: HandSide, depth: int) -> Iterator[tuple[HandSide, Ma
         hand = {joint: _joint(value) for key, value in node.items() if (joint := joint_name(str(key)).joint)}
         if len(hand) >= FEWEST:
             sides = [joint_name(str(key)).side for key in node]
-            yield next((each for each in sides if each), side), hand
+            side = next((each for each in sides if each), side)
+            yield side, _also_stated(hand, _validity(node, side))
             return
         for key, value in node.items():
-            yield from _hands(value, joint_name(str(key)).side or side, depth + 1)
+            for found, joints in _hands(value, joint_name(str(key)).side or side, depth + 1):
+                yield found, _also_stated(joints, _validity(node, found))
     elif isinstance(node, list):
         hand = _listed_hand(node)
         if hand:
@@ -215,6 +240,17 @@ def _hands(node: Any, side: HandSide, depth: int) -> Iterator[tuple[HandSide, Ma
             return
         for entry in node[:MOST_ENTRIES]:
             yield from _hands(entry, side, depth + 1)
+
+
+def _also_stated(hand: Mapping[str, Joint], stated: Mapping[str, float]) -> Mapping[str, Joint]:
+    """Return a hand whose joints have a further statement each; of two of a kind the smaller one is kept."""
+    if not stated:
+        return hand
+    least = {
+        name: {kind: np.fmin(value, joint.validity.get(kind, np.nan)) for kind, value in stated.items()}
+        for name, joint in hand.items()
+    }
+    return {name: joint._replace(validity={**joint.validity, **least[name]}) for name, joint in hand.items()}
 
 
 def _listed_hand(node: list[Any]) -> dict[str, Joint]:
@@ -226,7 +262,13 @@ def _listed_hand(node: list[Any]) -> dict[str, Joint]:
     size = MATRIX if len(node) in {MATRIX * count for count in ORDERS} else 3
     if len(node) == 3 * len(KEYPOINTS) or size == MATRIX:
         node = [node[k : k + size] for k in range(0, len(node), size)]
-    joints = {name: _joint(entry) for name, entry in zip(ORDERS.get(len(node), ()), node)}
+    order = ORDERS.get(len(node), ())
+    joints = {name: _joint(entry) for name, entry in zip(order, node)}
+    if order is OPENXR_JOINTS:
+        # The wrist is farther from the knuckles than the palm is.
+        knuckle, *first = (np.array(joints[name].position) for name in ("middle_proximal", "palm", "wrist"))
+        palm, wrist = (np.linalg.norm(place - knuckle) for place in first)
+        joints = dict(zip(UNITY_JOINTS, joints.values())) if palm > wrist else joints
     return joints if any(np.isfinite(joint.position).all() for joint in joints.values()) else {}
 
 
@@ -260,9 +302,14 @@ def _joint(value: Any) -> Joint:
     place = next(
         (inner[key] for key in ("position", "translation", "pos") if key in inner), inner if "x" in inner else None
     )
-    valid = next((value[key] for key in ("valid", "isValid", "is_valid", "tracked", "isTracked") if key in value), True)
     if place is None:
         keys = ("matrix", "transform", "pose")
         place = next((_shift(node[key]) for node in (inner, value) for key in keys if key in node), None)
     turn = next((node[key] for node in (inner, value) for key in TURNS if key in node), None)
-    return Joint(vector(place), number(value.get("radius")), bool(valid), place, turn)
+    return Joint(vector(place), number(value.get("radius")), _validity(value), place, turn)
+
+
+def _validity(node: Mapping[str, Any], side: HandSide = "") -> dict[str, float]:
+    """Return what an object says of the joint, or of all joints of the hand of a side, that it is or holds."""
+    found = {name.part: node[key] for key in node if (name := hand_statement(str(key))) and name.side in ("", side)}
+    return {kind: stated_value(value) for kind, value in found.items()}

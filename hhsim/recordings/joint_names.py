@@ -7,11 +7,13 @@ of the metacarpals the thumb's alone): these 21 are what our hand is fitted to.
 
 import re
 from collections.abc import Collection
+from functools import lru_cache
 from typing import NamedTuple
 
 from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.stated_validity import VALIDITY_WORDS
 from hhsim.system.counted import counted
 
 SEGMENTS = ("proximal", "intermediate", "distal", "tip")
@@ -25,13 +27,17 @@ WEBXR_JOINTS = ("wrist", *dict.fromkeys(_WEBXR))
 """25 joints of WebXR in its order."""
 OPENXR_JOINTS = ("palm", *WEBXR_JOINTS)
 """26 joints of OpenXR in its order."""
+UNITY_JOINTS = ("wrist", "palm", *WEBXR_JOINTS[1:])
+"""The same in the order of Unity's XR Hands: the wrist is before the palm."""
 MANO_JOINTS = (
     "wrist",
     *(f"{f}_{segment}" for f in ("index", "middle", "little", "ring", "thumb") for segment in _SEGMENTS_OF[f][:3]),
     *(f"{finger}_tip" for finger in FINGERS),
 )
 """21 joints of the MANO hand in its order, and then the tips, as smplx, manopth and HO-3D have them."""
-JOINT_ORDERS = {"mediapipe": KEYPOINTS, "mano": MANO_JOINTS, "smplx": MANO_JOINTS, "openxr": OPENXR_JOINTS}
+JOINT_ORDERS = {
+    "mediapipe": KEYPOINTS, "mano": MANO_JOINTS, "smplx": MANO_JOINTS, "openxr": OPENXR_JOINTS, "unity": UNITY_JOINTS,
+}  # fmt: skip
 """Orders of joints in rows without names; WebXR's is that of OpenXR without the palm."""
 
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+")
@@ -41,7 +47,8 @@ _SEGMENT_WORDS = {segment: segment for segment in ("metacarpal", *SEGMENTS)} | _
 _SIDE_WORDS: dict[str, HandSide] = {"left": "left", "l": "left", "right": "right", "r": "right"}
 _COORDINATES = {"x": "x", "y": "y", "z": "z", "px": "x", "py": "y", "pz": "z"}
 _TURN_WORDS = {"rot", "rotation", "quat", "quaternion", "orientation", "euler", "q", "qx", "qy", "qz", "qw", "w"}
-_VALID_WORDS = {"valid", "tracked", "active", "confidence"}
+_HAND_WORDS = {"is", "has", "hand", "location", "position", "pose", "joint", "tracking"} | _SIDE_WORDS.keys()
+"""Words beside those of `VALIDITY_WORDS` in the name of a statement on a whole hand."""
 
 
 class JointName(NamedTuple):
@@ -49,9 +56,11 @@ class JointName(NamedTuple):
 
     side: HandSide  # right, left, or "" if the name does not say
     joint: str  # one of `OPENXR_JOINTS`; "" if the name has none
-    part: str  # "x", "y", "z", "radius", "rotation" or "valid"; "" for the joint alone
+    # "x", "y", "z", "radius", "rotation", or a kind of `hhsim.recordings.stated_validity`; "" for the joint alone.
+    part: str
 
 
+@lru_cache(maxsize=4096)
 def joint_name(text: str) -> JointName:
     """Parse a name such as left_index_tip_x, XR_HAND_JOINT_INDEX_TIP_EXT or index-finger-phalanx-proximal."""
     words = [word.lower() for word in _WORD.findall(text)]
@@ -59,16 +68,25 @@ def joint_name(text: str) -> JointName:
     finger = next((_FINGER_WORDS[word] for word in words if word in _FINGER_WORDS), "")
     segment = next((_SEGMENT_WORDS[word] for word in words if word in _SEGMENT_WORDS), "")
     joint = f"{finger}_{segment}" if finger else next((word for word in ("wrist", "palm") if word in words), "")
-    part = ""
+    part = next((VALIDITY_WORDS[word] for word in words if word in VALIDITY_WORDS), "")
     if set(words) & _TURN_WORDS:
-        part = "rotation"
+        # A statement on an orientation says nothing of a position.
+        part = "" if part else "rotation"
+    elif part:
+        pass
     elif "radius" in words:
         part = "radius"
-    elif set(words) & _VALID_WORDS:
-        part = "valid"
     elif words and words[-1] in _COORDINATES:
         part = _COORDINATES[words[-1]]
     return JointName(side, joint if joint in OPENXR_JOINTS else "", part)
+
+
+@lru_cache(maxsize=4096)
+def hand_statement(text: str) -> JointName | None:
+    """Parse the name of a statement on a whole hand, or on what has it as a key, such as right_isActive; else None."""
+    words = {word.lower() for word in _WORD.findall(text)}
+    name = joint_name(text)
+    return name if name.part in VALIDITY_WORDS.values() and words <= _HAND_WORDS | VALIDITY_WORDS.keys() else None
 
 
 def recognised(joints: Collection[str], side: HandSide = "") -> str:

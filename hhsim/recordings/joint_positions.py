@@ -5,8 +5,8 @@ angles from the joints (`hhsim.recordings.joint_fit`). The device's own frames o
 differ between devices, joint centres do not.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -26,6 +26,7 @@ from hhsim.recordings.object_poses import ObjectPoses, placed
 from hhsim.recordings.recorded_bones import median_bones, misplaced_joints, recorded_bones
 from hhsim.recordings.recording import UNITY, Finding, Recording, in_right_handed_world, known_side, note, readings
 from hhsim.recordings.registry import Content, ReadOptions, stated_hand
+from hhsim.recordings.stated_validity import missing_and_doubtful
 from hhsim.recordings.unit_detection import LENGTH_UNITS, TIME_UNITS
 from hhsim.system.counted import counted
 
@@ -55,9 +56,11 @@ class JointPositions:
     # Distance from the joint to the skin, in the unit of `position`, shape (T, 21). None without any: then the tips are
     # points of the skin, otherwise the centres of the fingertips.
     radius: FloatArray | None = None
-    doubtful: BoolArray | None = None  # samples that the device marked as uncertain, shape (T,); None for none
+    # What the file says of the joints, shape (T, 21), or of all of them, (T, 1), by its kind; see `stated_validity`.
+    validity: Mapping[str, FloatArray] = field(default_factory=dict)
     # Place of each joint among those of a row of the file, if it has no names.
     joint_order: tuple[int, ...] = tuple(range(len(KEYPOINTS)))
+    misfit: str = ""  # how far the bones in a stated order of joints are from a hand's; "" if they are a hand's
     # Poses of an object in the coordinates of `position`, one a sample; None without any.
     object_poses: ObjectPoses | None = None
     device: str = ""
@@ -67,12 +70,13 @@ class JointPositions:
 
     def chosen(self, shown: BoolArray, rows: IntArray) -> Self:
         """Return the samples of a mask, shape (T,), which are of these rows of the file, shape (T,)."""
-        given = {name: getattr(self, name) for name in ("position", "time", "radius", "doubtful")}
+        given = {name: getattr(self, name) for name in ("position", "time", "radius")}
         poses = self.object_poses
         if poses is not None:
             poses = poses._replace(position=poses.position[shown], orientation=poses.orientation[shown])
         some = {name: values[shown] for name, values in given.items() if values is not None}
-        return replace(self, **some, object_poses=poses, rows=rows[shown])
+        validity = {kind: values[shown] for kind, values in self.validity.items()}
+        return replace(self, **some, validity=validity, object_poses=poses, rows=rows[shown])
 
     def __post_init__(self) -> None:
         count, joints = len(self.position), len(KEYPOINTS)
@@ -96,13 +100,18 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
     rows = np.asarray(joints.rows if len(joints.rows) else np.arange(len(joints.position)), dtype=np.int64)
     side, shown = stated_hand(content, options.hand or joints.hand, rows, findings)
     joints = joints if shown.all() else joints.chosen(shown, rows)
+    invalid, doubtful = missing_and_doubtful(joints.validity, joints.position.shape[:2])
+    if invalid.size and invalid.all():
+        kinds = ", ".join(joints.validity)
+        raise TrajectoryError(f"no joint has a valid position in any sample, says the file ({kinds})")
+    joints = replace(joints, position=np.where(invalid[:, :, None], np.nan, joints.position))
     whole = np.asarray(np.isfinite(joints.position).all(axis=(1, 2)))
     if not np.isfinite(joints.position[:, [0, 5, 9, 13, 17]]).all(axis=(1, 2)).any():
         raise TrajectoryError(f"no sample of {len(whole)} holds the wrist and the four knuckles")
     if not whole.any():
         missing = [KEYPOINTS[k] for k in range(len(KEYPOINTS)) if np.isnan(joints.position[:, k]).any(axis=1).all()]
         raise TrajectoryError(f"no sample holds all 21 joints; missing: {', '.join(missing[:4]) or 'one or another'}")
-    findings.append(note(joints.what))
+    findings.append(note(joints.what + (joints.misfit and f", though {joints.misfit}")))
     time, stated, first = _times(joints, content, options, findings)
     metre = _scale(joints, content, options, findings)
     frame = FileFrame(np.eye(3), metre, axis_flip(options.mirror))
@@ -116,7 +125,7 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         given = points
         points = in_right_handed_world(points, side, findings)
         frame = frame if points is given else frame._replace(flip=UNITY)
-    side = known_side(points, side, findings, options.mirror, structural=named)
+    side = known_side(points, side, findings, options.mirror, structural=named, misfit=joints.misfit)
     fingers, wrist = points[:, 1:].reshape(-1, len(FINGERS), 4, 3), points[:, 0]
     palm = palm_from_knuckles(fingers[:, 1:, 0], wrist, side)
     posture, off = fitted_posture(fingers, palm, side, fits_angles=options.fits_angles)
@@ -140,7 +149,8 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         position, orientation = to_our_world(posture.position, posture.orientation, up)
         frame = frame._replace(turn=world_matrix(up))
     findings.append(note(text))
-    same = (joints.position[1:] == joints.position[:-1]).all(axis=(1, 2))
+    # A sample in which no hand was seen repeats nothing.
+    same = (points[1:] == points[:-1]).all(axis=(1, 2))
     if same.size and same.mean() > MOST_REPEATED:
         device = f"the device gives {100 * (1 - same.mean()):.0f} of 100 anew and holds the others"
         held = f"{int(same.sum())} of {len(joints.position)} samples repeat the one before: {device}; left as they are"
@@ -166,9 +176,10 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         joint_order=joints.joint_order,
         first_stamp=first,
     )
-    if joints.doubtful is not None:
-        text = "not valid or not tracked, says the device: kept where there are numbers"
-        recording = recording.flagged(joints.doubtful, SampleFlag.INVALID, text)
+    text = "joints without a valid position, says the device: missing"
+    recording = recording.flagged(np.asarray(invalid.any(axis=1)), SampleFlag.INVALID, text)
+    text = "joints not tracked, or of little confidence, says the device: kept"
+    recording = recording.flagged(np.asarray(doubtful.any(axis=1)), SampleFlag.INVALID, text)
     return placed(recording, joints.object_poses)
 
 

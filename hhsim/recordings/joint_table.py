@@ -1,6 +1,7 @@
 """Joint centres of one hand in a table, whose columns say each joint and coordinate by their names."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import reduce
 
 import numpy as np
 
@@ -11,11 +12,12 @@ from hhsim.motion.csv_table import Table, format_table
 from hhsim.motion.text_edit import NewColumn, NumberEdit, cell_edits
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import ANGLE_DIGITS, Changes
-from hhsim.recordings.joint_names import KEYPOINTS, JointName, recognised
+from hhsim.recordings.joint_names import KEYPOINTS, JointName, hand_statement, recognised
 from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.object_poses import poses_in, table_arrays
 from hhsim.recordings.recording import HandMotion, chosen_side, note, unreadable, unused
 from hhsim.recordings.registry import ReadOptions
+from hhsim.recordings.stated_validity import VALIDITY_WORDS, stated_value
 from hhsim.recordings.unit_detection import time_column
 
 WORLD_JOINTS = {"palm", *(f"{finger}_metacarpal" for finger in FINGERS[1:])}
@@ -29,7 +31,7 @@ def joint_columns(names: Mapping[str, JointName]) -> Columns:
     """Return the columns of each hand that has a joint with all three coordinates, from the meanings of columns."""
     found: Columns = {}
     for column, name in names.items():
-        if name.joint and name.part in ("x", "y", "z", "radius", "valid"):
+        if name.joint and name.part in ("x", "y", "z", "radius", *VALIDITY_WORDS):
             found.setdefault(name.side, {}).setdefault(name.joint, {}).setdefault(name.part, column)
     return {side: joints for side, joints in found.items() if located(joints)}
 
@@ -64,10 +66,20 @@ def joints_of_table(
         findings.append(note(f"stamps from column '{stamps.name}'; there are also {', '.join(stamps.others[:3])}"))
     arrays, moved = table_arrays(table, findings)
     parts_used = {column for parts in joints.values() for column in parts.values()}
+    of_hand = {
+        column: name.part
+        for column in table.header
+        if column not in parts_used and (name := hand_statement(column)) and name.side in ("", side)
+    }
     stamped = {*stamps.names, *stamps.others} if stamps is not None else set()
     others = {column for column, name in names.items() if name.joint and name.side in hands and name.side != side}
-    findings += unused(dict.fromkeys(table.header), parts_used | moved | stamped | others)
-    valid = [parts["valid"] for parts in joints.values() if "valid" in parts]
+    findings += unused(dict.fromkeys(table.header), parts_used | moved | stamped | others | of_hand.keys())
+    validity: dict[str, FloatArray] = {}
+    for kind in dict.fromkeys(VALIDITY_WORDS.values()):
+        columns = [joints[joint].get(kind, "") for joint in KEYPOINTS]
+        whole = [column for column, part in of_hand.items() if part == kind]
+        if any(columns) or whole:
+            validity[kind] = reduce(np.fmin, [_stated(table, each) for each in (columns, *([name] for name in whole))])
     has_radii = all("radius" in joints[joint] for joint in KEYPOINTS)
     return JointPositions(
         position=np.stack([numbers(*(joints[joint][axis] for axis in "xyz")) for joint in KEYPOINTS], axis=1),
@@ -79,7 +91,7 @@ def joints_of_table(
         up="y" if located(joints) & WORLD_JOINTS else None,
         may_be_mirrored=may_be_mirrored,
         radius=numbers(*(joints[joint]["radius"] for joint in KEYPOINTS)) if has_radii else None,
-        doubtful=(_truths(table, valid) == 0.0).any(axis=1) if valid else None,
+        validity=validity,
         object_poses=poses_in(arrays, len(table.rows), options),
         findings=tuple(findings),
     )
@@ -128,6 +140,8 @@ def _orientations(names: Mapping[str, JointName], side: HandSide) -> dict[str, d
     return found
 
 
-def _truths(table: Table, columns: list[str]) -> FloatArray:
-    words = {"true": 1.0, "false": 0.0, "1": 1.0, "0": 0.0, "1.0": 1.0, "0.0": 0.0}
-    return np.array([[words.get(cell.lower(), 1.0) for cell in table.text(column)] for column in columns]).T
+def _stated(table: Table, columns: list[str]) -> FloatArray:
+    """Return the statements in columns, shape (T, n), NaN for a column "" that there is not."""
+    missing = [np.nan] * len(table.rows)
+    cells = [[*map(stated_value, table.text(column))] if column else missing for column in columns]
+    return np.array(cells).T

@@ -359,27 +359,34 @@ def with_object_poses(recording: Recording, path: Path, options: ReadOptions) ->
         raise TrajectoryError("the hand stays at the origin, so an object cannot be beside it; expected --world-up")
     findings: list[Finding] = []
     time = recording.time + recording.first_stamp
-    moved = read_object_poses(path, time, options, findings, rows=recording.rows)
+    frame = recording.file_frame
+    hand = np.nanmedian(frame.to_file(recording.position), axis=0) * frame.metre
+    moved = read_object_poses(path, time, options, findings, rows=recording.rows, hand=hand)
     before = [note("the object's pose in the recording is replaced")] if recording.object_motion is not None else []
     poses = ObjectPoses(*moved, 1.0, (path.name,), (*before, *findings))
     return placed(recording, poses)
 
 
 def read_object_poses(
-    path: Path, time: FloatArray, options: ReadOptions, findings: list[Finding], rows: IntArray | None = None
+    path: Path,
+    time: FloatArray,
+    options: ReadOptions,
+    findings: list[Finding],
+    rows: IntArray | None = None,
+    hand: FloatArray | None = None,
 ) -> ObjectMotion:
     """Read the poses of an object at stamps [s], shape (T,), in the recording's file coordinates [m].
 
     Poses with stamps are interpolated, others are one a sample, or one a frame of which the samples are `rows`, shape
-    (T,), and a single one is of an object at rest. With `options.camera_poses` they are relative to a camera that
-    moves, and camera · object is returned. What was assumed is added to `findings`. Raises TrajectoryError for no such
-    file, another content, number of rows, unit or order, or stamps that end before the recording's, in one line that
-    begins with the path.
+    (T,), and a single one is of an object at rest; `hand` is the place of the hand in these coordinates [m]. With
+    `options.camera_poses` they are relative to a camera that moves, and camera · object is returned. What was assumed
+    is added to `findings`. Raises TrajectoryError for no such file, another content, number of rows, unit or order, or
+    stamps that end before the recording's, in one line that begins with the path.
     """
     rows = np.arange(len(time)) if rows is None else rows
-    motion = _read(path, time, rows, options, findings)
     if options.camera_poses is None:
-        return motion
+        return _read(path, time, rows, options, findings, hand)
+    motion = _read(path, time, rows, options, findings)
     camera = _read(options.camera_poses, time, rows, options, findings)
     findings.append(note(f"the object is relative to the camera of {options.camera_poses.name}"))
     place = camera.position + turned(camera.orientation, motion.position)
@@ -397,9 +404,16 @@ def read_stamped_poses(path: Path, options: ReadOptions) -> tuple[FloatArray | N
         return stamps, motion if stamps is None else _at(poses, stamps, stamps)
 
 
-def _read(path: Path, time: FloatArray, rows: IntArray, options: ReadOptions, findings: list[Finding]) -> ObjectMotion:
+def _read(
+    path: Path,
+    time: FloatArray,
+    rows: IntArray,
+    options: ReadOptions,
+    findings: list[Finding],
+    hand: FloatArray | None = None,
+) -> ObjectMotion:
     with named(path):
-        poses, stamps = _stamped(path, options, findings)
+        poses, stamps = _stamped(path, options, findings, hand)
         if stamps is None or len(poses.position) == 1:
             motion = ObjectMotion(poses.position, poses.orientation)
             if len(time) < len(poses.position) > int(rows.max(initial=0)) and (rows != np.arange(len(time))).any():
@@ -409,7 +423,9 @@ def _read(path: Path, time: FloatArray, rows: IntArray, options: ReadOptions, fi
         return _at(poses, stamps, time)
 
 
-def _stamped(path: Path, options: ReadOptions, findings: list[Finding]) -> tuple[ObjectPoses, FloatArray | None]:
+def _stamped(
+    path: Path, options: ReadOptions, findings: list[Finding], hand: FloatArray | None = None
+) -> tuple[ObjectPoses, FloatArray | None]:
     """Return the poses of a file [m] and their stamps [s], None without any."""
     arrays, unit = _arrays_of(Content(path, what="poses of an object"), options.object_track, findings)
     column = time_column(name for name, values in arrays.items() if np.shape(values)[1:] in ((), (1,)))
@@ -420,7 +436,7 @@ def _stamped(path: Path, options: ReadOptions, findings: list[Finding]) -> tuple
         name, values, first = _unnamed(others)
         poses = _of_rows(name, values, None, options)
         stamps = first if stamps is None else stamps
-    metre = _metre(poses, unit, options, findings)
+    metre = _metre(poses, unit, options, findings, hand)
     told = StatedFields({name: values for name, values in others.items() if name not in STATED}).told()
     findings += [*poses.findings, *unused(others, poses.names), *map(note, told)]
     poses = poses._replace(position=metre * poses.position)
@@ -509,8 +525,13 @@ def _unnamed(arrays: Mapping[str, Any]) -> tuple[str, FloatArray, FloatArray | N
     return (fitting[0], rows[:, 1:], rows[:, 0]) if stamped else (fitting[0], rows, None)
 
 
-def _metre(poses: ObjectPoses, unit: str, options: ReadOptions, findings: list[Finding]) -> float:
-    """Return the unit of the positions [m]: the option's, the file's, or that of their distance from the origin."""
+def _metre(
+    poses: ObjectPoses, unit: str, options: ReadOptions, findings: list[Finding], hand: FloatArray | None
+) -> float:
+    """Return the unit of the positions [m]: the option's, the file's, or that of their distance from the origin.
+
+    A hand farther than `FAR` from the origin takes its place.
+    """
     if options.pose_unit is not None:
         return LENGTH_UNITS[options.pose_unit]
     if poses.metre is not None:
@@ -519,12 +540,15 @@ def _metre(poses: ObjectPoses, unit: str, options: ReadOptions, findings: list[F
         if unit not in LENGTH_UNITS:
             raise TrajectoryError(f"states the unit {unit[:20]!r}; expected one of {', '.join(LENGTH_UNITS)}")
         return LENGTH_UNITS[unit]
-    distance = np.linalg.norm(poses.position, axis=1)
+    where, origin = "origin", np.zeros(3)
+    if hand is not None and np.linalg.norm(hand) > FAR:
+        where, origin = "hand", hand
+    distance = np.linalg.norm(poses.position - origin, axis=1)
     usual = float(np.median(distance[np.isfinite(distance)])) if np.isfinite(distance).any() else 0.0
     if FAR < usual <= CERTAINLY_FAR:
-        raise TrajectoryError(f"the object is {usual:.4g} from the origin, which may be cm or mm; say --pose-unit")
+        raise TrajectoryError(f"the object is {usual:.4g} from the {where}, which may be cm or mm; say --pose-unit")
     word = "mm" if usual > FAR else "m"
-    findings.append(note(f"no unit of the object's poses: {usual:.4g} from the origin, taken for {word}: --pose-unit"))
+    findings.append(note(f"no unit of the object's poses: {usual:.4g} from the {where}, taken for {word}: --pose-unit"))
     return UNITS[word]
 
 

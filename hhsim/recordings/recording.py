@@ -27,8 +27,10 @@ from hhsim.motion.trajectory import Checksums, HandSide, ObjectMotion, Phase, Ra
 from hhsim.motion.validation import as_numbers
 from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles
 from hhsim.recordings.frames import FileFrame, in_palm
+from hhsim.recordings.joint_names import joint_name
 from hhsim.recordings.recorded_bones import RecordedBones
 from hhsim.recordings.stated_fields import kind_of
+from hhsim.recordings.stated_validity import VALIDITY_WORDS
 from hhsim.system.counted import counted
 
 MOST_SAMPLES = 10_000_000
@@ -83,6 +85,8 @@ def unused(held: Mapping[str, Any], used: Collection[str | None] = ()) -> list[F
     """Return the finding that names the values that a reader left out, with the shapes of arrays; none without any."""
     # What a field of a known name is used for, or not, is told for all formats by `hhsim.recordings.registry`.
     left = [name for name in held if name not in used and not kind_of(name)]
+    # What states that a reading is not one comes first.
+    left.sort(key=lambda name: joint_name(name).part not in VALIDITY_WORDS)
     names = [f"{name} {shape}" if (shape := np.shape(held[name])) else name for name in left]
     more = f" and {len(names) - SHOWN_NAMES} more" if len(names) > SHOWN_NAMES else ""
     return [note(f"not used: {', '.join(names[:SHOWN_NAMES])}{more}")] if names else []
@@ -183,6 +187,15 @@ class Recording:
         joints = None if self.joints is None else self.joints * factor
         frame = self.file_frame._replace(metre=self.file_frame.metre * factor)
         return replace(self, position=self.position * factor, object_motion=moved, joints=joints, file_frame=frame)
+
+    def shifted(self, step: FloatArray) -> Self:
+        """Return it with palm, joints and object moved by a step in its world, shape (3,); its file's frame stays."""
+        moved, still = self.object_motion, self.object_position
+        moved = moved and moved._replace(position=moved.position + step)
+        joints = None if self.joints is None else self.joints + step
+        still = None if still is None else still + step
+        at = self.position + step
+        return replace(self, position=at, object_motion=moved, object_position=still, joints=joints)
 
     def changed(self, **fields: Any) -> Self:
         """Return it with these fields replaced."""
@@ -288,18 +301,27 @@ def frames_with_hand(
 
 
 def known_side(
-    points: FloatArray, hand: HandSide, findings: list[Finding], mirror: str | None = None, *, structural: bool = False
+    points: FloatArray,
+    hand: HandSide,
+    findings: list[Finding],
+    mirror: str | None = None,
+    *,
+    structural: bool = False,
+    misfit: str = "",
 ) -> HandSide:
     """Return the side of the hand, as named or by the bend of its fingers; add what is doubtful to `findings`.
 
     `mirror` is the axis of left-handed coordinates that was turned round, `structural` True for a side that --hand
-    chooses and does not replace. Raises TrajectoryError where nothing tells the side, or the fingers contradict it.
+    chooses and does not replace, `misfit` says how far the joints are from a hand's. Raises TrajectoryError where
+    nothing tells the side, or the fingers contradict it.
     """
     side = bends_as(points)
     if not hand:
         if not side:
             raise TrajectoryError("the file names no hand, and its fingers are too straight to tell: say --hand")
-        unless = "" if mirror else f", a {OTHER[side]} one in left-handed coordinates, as Unity's: --mirror x|y|z"
+        unless = (
+            "" if mirror or misfit else f", a {OTHER[side]} one in left-handed coordinates, as Unity's: --mirror x|y|z"
+        )
         text = f"the file does not say which hand it is: a {side} one by the bend of its fingers{unless}"
         findings.append(note(f"{text}; else say --hand"))
         return side
@@ -308,10 +330,9 @@ def known_side(
     if side == OTHER[hand] and _thumb_above(points, hand) > -THUMB_HEIGHT:
         way = f"leave out --mirror {mirror}" if mirror else "say --mirror x|y|z if its coordinates are left-handed"
         other = "--mirror x --other-hand" if structural else f"--hand {side}"
-        raise TrajectoryError(
-            f"named a {hand} hand, but its fingers bend as a {side} one's, by {np.degrees(-bend):.0f}° on average: "
-            f"{way}, {other} if it is the {side} hand"
-        )
+        remedy = misfit or f"{way}, {other} if it is the {side} hand"
+        bent = f"its fingers bend as a {side} one's, by {np.degrees(-bend):.0f}° on average"
+        raise TrajectoryError(f"named a {hand} hand, but {bent}: {remedy}")
     if bend < -LEAST_BEND or looks_as(points) not in ("", hand):
         bent = f"fingers bend backwards by {np.degrees(-bend):.0f}° on average"
         wrong = bent if bend < -LEAST_BEND else "thumb is behind its palm"

@@ -66,7 +66,7 @@ class ReadOptions:
     array: str | None = None  # name of the array of joints, in a file with several
     # Order of the joints in rows without names, a key of `hhsim.recordings.joint_names.JOINT_ORDERS`.
     joint_order: str | None = None
-    pose_order: str | None = None  # order of an object's quaternions that no name tells, "wxyz" or "xyzw"
+    pose_order: str | None = None  # order of quaternions, of a palm or an object, that no name tells: "wxyz" or "xyzw"
     pose_unit: str | None = None  # unit of an object's positions, "m", "cm" or "mm"
     # False leaves the angles that fit joint centres out: 0 where the joints are known.
     fits_angles: bool = True

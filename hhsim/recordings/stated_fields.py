@@ -8,7 +8,7 @@ Names are read without capitals and punctuation, of nested ones the last part:
 | is_right, is_rhand, is_right_hand, is_left, is_lhand, is_left_hand | 1 or 0, true or false; the same |
 | fps, rate, frame_rate, frequency, mocap_frame_rate, sample_rate, sampling_rate | samples a second [Hz] |
 | unit, units, length_unit; scale | m, cm, mm or inch, in words too; or the metres in one of it |
-| joint_names, joint_order | names of the joints of a row in their order, or mediapipe, mano, smplx, openxr |
+| joint_names, joint_order | names of the joints of a row in their order, or mediapipe, mano, smplx, openxr, unity |
 
 A field has no effect but where a reader takes it, and what is taken is told.
 """

@@ -3,13 +3,15 @@
 | what | is wrong where | becomes |
 |---|---|---|
 | stamps | the median step is above 0.5 s | ms if it is 1 to 100, µs (10³ to 10⁵), ns (10⁶ to 10⁸): 10 to 1,000 Hz |
+| positions | a palm far away sweeps 0.001 to 0.5 at a hand's speed: too little of any other unit | m |
 | positions | most samples are farther than 100 from the origin, or move faster than 200 a second | mm |
 | positions | else, most samples are farther than 8, or faster than 20 | refused: mm, cm and inches are all possible |
 | joint angles | one beyond ±200° in more than a fifth of the samples, read as radians | degrees |
 | joint angles | else, three more than 30° beyond a hand's range in so many | refused: they may be degrees |
 
-A unit that the file's mapping or the user states is not detected; there the same signs refuse. The name of a column or
-key may say that it holds the stamps, and their unit.
+A sweep of 0.5 to 8 farther than 8 from the origin is refused too: it may be one of metres, or a small one of mm. A unit
+that the file's mapping or the user states is not detected; there speed and sweep refuse, the distance does not. The
+name of a column or key may say that it holds the stamps, and their unit.
 """
 
 import re
@@ -39,6 +41,8 @@ STEP_RANGES = {"ms": (1.0, 100.0), "µs": (1e3, 1e5), "ns": (1e6, 1e8)}
 FAR = 8.0
 """Largest usual distance from the origin of positions in metres [m]."""
 CERTAINLY_FAR = 100.0
+STILL, SHORT = 1e-3, 0.5
+"""Sweep of a palm [m] up to which it says nothing of its unit, and up to which it is less than a hand's in mm or cm."""
 FAST = 20.0
 """Largest usual speed of a palm in metres [m/s]: a punch reaches 10."""
 JOINT_LIMIT = np.radians(200.0)
@@ -107,16 +111,32 @@ def _lengths(recording: Recording) -> Recording:
     if not place.size:
         return recording
     distance = float(np.median(np.linalg.norm(place, axis=1)))
+    sweep = float(np.linalg.norm(np.subtract(*np.percentile(place, (95.0, 5.0), axis=0))))
     speed = _usual_speed(recording)
     if distance <= FAR and speed <= FAST:
         return recording
-    reason = f"palm {distance:.4g} m from the origin" if distance > FAR else f"palm moves at {speed:.4g} m/s"
+    by_hand = sweep <= FAR and speed <= FAST
+    if by_hand and ("length" in recording.stated or STILL < sweep <= SHORT):
+        return recording
+    reason = f"palm moves at {speed:.4g} m/s" if distance <= FAR else f"palm {distance:.4g} m from the origin"
     if "length" in recording.stated:
-        raise TrajectoryError(f"{reason}, which is no hand's; expected another unit or origin: {_corrected('length')}")
-    if distance <= CERTAINLY_FAR and speed <= CERTAINLY_FAST:
-        raise TrajectoryError(f"{reason}: not in metres, but cm, mm and inch are all possible; say --length-unit")
+        reason = f"palm moves at {speed:.4g} m/s" if speed > FAST else f"palm sweeps {sweep:.4g} m"
+        raise TrajectoryError(f"{reason}, which is no hand's; expected another unit: {_corrected('length')}")
+    if (by_hand and sweep > STILL) or (distance <= CERTAINLY_FAR and speed <= CERTAINLY_FAST):
+        raise TrajectoryError(f"{reason}: maybe not in metres, but cm, mm and inch are all possible; say --length-unit")
     text = f"positions: {reason}: taken for millimetres; if they are not, say --length-unit"
     return _converted(recording, text).resized(LENGTH_UNITS["mm"])
+
+
+def near_origin(*recordings: Recording) -> tuple[Recording, ...]:
+    """Move the origin of hands in one world [m] near to the first one's palm, by whole metres, if that is far away."""
+    place = recordings[0].position[np.isfinite(recordings[0].position).all(axis=1)]
+    middle = np.round(np.median(place, axis=0)) if place.size else np.zeros(3)
+    if np.linalg.norm(middle) <= FAR:
+        return recordings
+    at = ", ".join(f"{each:.0f}" for each in middle)
+    text = f"palm {np.linalg.norm(middle):.4g} m from the origin, which is moved to ({at}) m; sizes and paths stay"
+    return tuple(each.shifted(-middle).found(note(text)) for each in recordings)
 
 
 def _usual_speed(recording: Recording) -> float:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from msgspec import Meta, structs
 
-from hhsim.errors import InputError, TrajectoryError
+from hhsim.errors import InputError, TrajectoryError, named
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
@@ -353,14 +353,22 @@ def two_handed_motions(word: str, reading: Reading | None = None) -> tuple[Motio
         right, left = (resolve_trajectory(path / f"{side}_motion.csv") for side in SIDES)
         return right, left
     if is_imported(path):
-        recordings = [read_imported(path, side, reading) for side in SIDES]
+        from hhsim.recordings.unit_detection import clean_units, near_origin
+
+        # Each wrist would stand at the origin without a world: that of the recording keeps their distance.
+        recordings = [read_imported(path, side, {"usual_up": "z", **(reading or {})}) for side in SIDES]
         # On the file's own clock: stamps count from each hand's first one.
         stamps = [one.time + one.first_stamp for one in recordings]
         low, high = max(np.nanmin(each) for each in stamps), min(np.nanmax(each) for each in stamps)
         if not low < high:
             raise TrajectoryError(f"{word}: no time in which both hands were recorded")
         shared = [(each >= low - SAME_STAMP) & (each <= high + SAME_STAMP) for each in stamps]
-        right, left = (clean_imported(path, one.chosen(inside)) for one, inside in zip(recordings, shared))
+        chosen = [one.chosen(inside) for one, inside in zip(recordings, shared)]
+        if not any(np.nan_to_num(one.position).any() for one in chosen):
+            raise TrajectoryError(f"{word}: no place of either hand, so nothing tells how far apart they are")
+        with named(path):
+            hands = near_origin(*map(clean_units, chosen))
+        right, left = (clean_imported(path, hand) for hand in hands)
         return right, left
     if holds_a_result(path):
         if load_result(path).name:

@@ -76,7 +76,7 @@ class ManifestRow(Settings, frozen=True, kw_only=True, rename={"form": "format"}
     world_up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
     mirror: Literal["x", "y", "z"] | None = None
     array: _TEXT | None = None
-    joint_order: Literal["mediapipe", "mano", "smplx", "openxr"] | None = None
+    joint_order: Literal["mediapipe", "mano", "smplx", "openxr", "unity"] | None = None
     pose_order: Literal["wxyz", "xyzw"] | None = None
     pose_unit: Literal["m", "cm", "mm"] | None = None
     mano_pose: Annotated[str, one_of(READINGS)] | None = None

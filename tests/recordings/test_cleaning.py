@@ -77,6 +77,7 @@ REFUSED: list[tuple[Recording, dict[str, Any], str]] = [
     (changed(time=1e3 * CLEAN.time), {"time_unit": "s"}, "check --time-unit"),
     (changed(position=50.0 * CLEAN.position), {}, "cm, mm and inch are all possible; say --length-unit"),
     (changed(position=1e3 * CLEAN.position), {"length_unit": "m"}, "check --length-unit"),
+    (changed(position=10.0 * CLEAN.position + 400.0), {}, "maybe not in metres, but cm, mm and inch are all possible"),
     (DEGREES, {"angle_unit": "rad"}, "check --angle-unit"),
     (FEW_DEGREES, {}, "say --angle-unit deg, or --angle-unit rad if"),
     (replace(CLEAN, stated=frozenset({"angle"})), {"angle_unit": "deg"}, "--angle-unit deg: .* states that unit"),
@@ -274,6 +275,32 @@ def test_positions_in_millimetres_and_angles_in_degrees() -> None:
     assert np.allclose(clean_recording(DEGREES).trajectory.flexion, PLAIN.flexion)
     stated = clean_recording(changed(position=50.0 * CLEAN.position), CleaningOptions(length_unit="cm"))
     assert np.allclose(stated.trajectory.position, 0.5 * CLEAN.position)
+
+
+@pytest.mark.parametrize(
+    ("origin", "scale", "options"),
+    [
+        ([3200.0, -1800.0, 50.0], 1.0, {}),
+        ([150.0, 20.0, 1.0], 1.0, {}),
+        ([3200.0, -1800.0, 50.0], 1.0, {"length_unit": "m"}),
+        ([6.0, 6.0, 1.0], 1.0, {"length_unit": "m"}),
+        ([6e4, 6e4, 0.0], 1e3, {"length_unit": "mm"}),
+    ],
+)
+def test_metres_far_from_the_origin_stay_metres_and_the_origin_moves(
+    origin: list[float], scale: float, options: dict[str, Any]
+) -> None:
+    small = 0.3 * CLEAN.position
+    far = scale * small + origin
+    moved = ObjectMotion(far + 0.1 * scale, IDENTITY)
+    repaired = clean_recording(changed(position=far, object_motion=moved), CleaningOptions(**options))
+    motion = repaired.trajectory
+    assert np.linalg.norm(motion.position, axis=1).max() < 2.0 and repaired.mended == 0
+    np.testing.assert_allclose(np.diff(motion.position, axis=0), np.diff(small, axis=0), atol=1e-11)
+    assert motion.object_motion is not None
+    np.testing.assert_allclose(motion.object_motion.position - motion.position, 0.1, atol=1e-11)
+    (text,) = (finding.text for finding in repaired.findings if "origin" in finding.text)
+    assert "m from the origin, which is moved to" in text
 
 
 def test_degrees_of_a_nearly_flat_hand_are_not_taken_for_radians() -> None:

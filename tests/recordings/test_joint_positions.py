@@ -122,7 +122,8 @@ def test_missing_joints_are_holes_and_doubtful_samples_are_marked() -> None:
     points[7, KEYPOINTS.index("index_tip")] = np.nan
     points[9] = 0.0
     points[11, 3, 1] = np.inf
-    recording = read(sample, position=points, doubtful=np.arange(40) == 20)
+    said = np.where(np.arange(40)[:, None] == 20, 0.3, 1.0)
+    recording = read(sample, position=points, validity={"confidence": said})
     assert np.argwhere(np.isnan(recording.abduction)).tolist() == [[7, 1], *([9, f] for f in range(5)), [11, 0]]
     assert np.flatnonzero(marked(recording.flags, SampleFlag.INVALID)).tolist() == [20]
     assert "1 sample with all joints at one point" in words(recording)
@@ -134,6 +135,21 @@ def test_held_samples_are_told() -> None:
     held = sample.named()[np.arange(40) // 3 * 3]
     assert "repeat the one before: the device gives" in words(read(sample, position=held))
     assert "repeat" not in words(read(sample))
+
+
+def test_samples_that_the_import_fills_are_not_called_held_by_the_device() -> None:
+    points = joint_sample().named().copy()
+    points[:10] = 0.0
+    points[20:23] = 0.0
+    recording = read(joint_sample(), position=points)
+    assert "repeat" not in words(recording)
+    filled = [finding.text for finding in clean_recording(recording).findings if "filled" in finding.kind]
+    assert [text.partition(": ")[2] for text in filled] == [
+        "interpolated; the nearest one is held at the beginning or the end"
+    ] * 2
+    points[:10] = joint_sample().named()[:10]
+    filled = [f.text for f in clean_recording(read(joint_sample(), position=points)).findings if "filled" in f.kind]
+    assert [text.partition(": ")[2] for text in filled] == ["interpolated"] * 2
 
 
 LOST = np.where((np.arange(21) == 8)[:, None], np.nan, joint_sample().named())

@@ -258,6 +258,16 @@ def test_far_positions_are_millimetres_and_an_option_states_the_unit(tmp_path: P
     assert_pose(read(tmp_path, array_npy(far), ".npy", pose_unit="cm")[0], 10.0 * PLACE + 4.0)
 
 
+def test_the_unit_of_poses_beside_a_far_hand_is_that_of_their_distance_from_it(tmp_path: Path) -> None:
+    far = MATRIX.copy()
+    far[:, :3, 3] = PLACE + 3200.0
+    (tmp_path / "far.npy").write_bytes(array_npy(far))
+    hand = SAMPLE.motion.changed(position=SAMPLE.motion.position + 3200.0)
+    moved = with_object_poses(hand, tmp_path / "far.npy", ReadOptions()).object_motion
+    assert moved is not None
+    np.testing.assert_allclose(moved.position, PLACE + 3200.0)
+
+
 POINTS = SAMPLE.named()
 FRAME_PLACE, FRAME_TURN = PLACE @ Y_UP, Y_UP.T @ MATRIX[:, :3, :3]
 """The object's pose in our world, if the file's has y up."""

@@ -30,7 +30,7 @@ from hhsim.recordings.column_map import JOINT_NAMES, ColumnMap
 from hhsim.recordings.dexmo_regression import CHANNELS
 from hhsim.recordings.formats import mcap
 from hhsim.recordings.formats.leap import pack as lz_pack
-from hhsim.recordings.joint_names import KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS, WEBXR_JOINTS, joint_name
+from hhsim.recordings.joint_names import KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS, UNITY_JOINTS, WEBXR_JOINTS, joint_name
 from hhsim.recordings.recording import HandMotion
 from hhsim.recordings.registry import (
     Content,
@@ -122,6 +122,7 @@ FILES: dict[str, tuple[str, Any, dict[str, Any]]] = {
     ),
     "npz, both hands by turns": ("take.npz", by_turns, {"world_up": "y", "hand": "left"}),
     "npy, 26 joints": ("take.npy", lambda: array_npy(SAMPLE.named(OPENXR_JOINTS)), {"rate": 100.0}),
+    "npy, 26 joints, Unity": ("take.npy", lambda: array_npy(SAMPLE.named(UNITY_JOINTS)), {"rate": 100.0}),
     "npy, 25 joints, flat": (
         "take.npy",
         lambda: array_npy(SAMPLE.named(WEBXR_JOINTS).reshape(-1, 75)),
@@ -309,9 +310,9 @@ def joint_pose(text: str, name: str, side: str, joint: str, k: int) -> Any:
     return np.array([*found["position"].values(), *found["quaternion"]])
 
 
-@pytest.mark.parametrize("names", [OPENXR_JOINTS, WEBXR_JOINTS])
+@pytest.mark.parametrize("names", [OPENXR_JOINTS, WEBXR_JOINTS, UNITY_JOINTS])
 def test_joints_of_an_array_beyond_the_21_move_with_the_palm(names: tuple[str, ...], tmp_path: Path) -> None:
-    form = "npy, 26 joints" if len(names) == 26 else "npy, 25 joints, flat"
+    form = {26: "npy, 26 joints", 25: "npy, 25 joints, flat"}[len(names)] + ", Unity" * (names is UNITY_JOINTS)
     before, after, recording, correction, *_ = written(tmp_path, form)
     old, new = (np.load(io.BytesIO(data)).reshape(-1, len(names), 3) for data in (before, after))
     turn, wrist = recording.file_frame.rotation_to_file(correction.rotation[:, 0]), names.index("wrist")

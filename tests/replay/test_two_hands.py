@@ -12,6 +12,7 @@ import pytest
 from cut_scene import moved_hand, of_hand
 from described_datasets import bare_datasets
 from file_faults import at
+from joint_samples import joint_sample
 from leap_document import document
 from short_grasp import result_of, short_grasp, shortened
 
@@ -168,6 +169,24 @@ def test_a_recording_of_two_hands_gives_both_over_the_time_that_both_have(tmp_pa
     path.write_text(json.dumps(document("right")))
     with pytest.raises(TrajectoryError, match="no left hand"):
         two_handed_motions(str(path))
+
+
+@pytest.mark.parametrize("origin", [0.0, 150.0])
+def test_two_hands_without_a_world_keep_their_distance(origin: float, tmp_path: Path) -> None:
+    hands = {"right": joint_sample().named() + origin, "left": joint_sample("left").named() + origin + [0.3, 0.0, 0.0]}
+    frames = [
+        {"t": t, **{side: {"landmarks": points[k].tolist()} for side, points in hands.items()}}
+        for k, t in enumerate(joint_sample().motion.time.tolist())
+    ]
+    path = tmp_path / "two.json"
+    path.write_text(json.dumps(frames))
+    right, left = two_handed_motions(str(path))
+    apart = np.median(left.position - right.position, axis=0)  # type: ignore[union-attr]
+    np.testing.assert_allclose(apart, [0.3, 0.0, 0.0], atol=0.03)
+    right, left = two_handed_motions(str(path), {"world_up": "y"})
+    apart = np.median(left.position - right.position, axis=0)  # type: ignore[union-attr]
+    np.testing.assert_allclose(apart, [0.3, 0.0, 0.0], atol=0.03)
+    assert np.linalg.norm(right.position, axis=1).max() < 2.0  # type: ignore[union-attr]
 
 
 def test_a_result_of_two_hands_is_a_motion_of_both(both: TwoHandedReplay) -> None:

@@ -25,8 +25,6 @@ from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 SIGNATURE, GROUP = b"\x89HDF", "transforms"
 RATE = 30.0
 PARTS = ("Knuckle", "IntermediateBase", "IntermediateTip", "Tip")
-SMALLEST_CONFIDENCE = 0.5
-"""Confidence below which a joint is doubtful."""
 
 
 def arkit_joints(side: HandSide) -> dict[str, str]:
@@ -78,9 +76,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         given = file.get("confidences")
         names = [arkit_joints(side)[joint] for joint in KEYPOINTS]
         sure = isinstance(given, h5py.Group) and all(name in given for name in names)
-        doubtful = np.any([given[name][:] < SMALLEST_CONFIDENCE for name in names], axis=0) if sure else None
-    if doubtful is not None and doubtful.shape != (len(position),):
-        raise TrajectoryError(f"confidences of shape {doubtful.shape}; expected one a frame, ({len(position)},)")
+        shapes = {np.shape(given[name]) for name in names} if sure else set()
+        if shapes - {(len(position),)}:
+            raise TrajectoryError(f"confidences of shape {min(shapes)}; expected one a frame, ({len(position)},)")
+        validity = {"confidence": np.stack([given[name][:] for name in names], axis=1)} if sure else {}
     made = JointPositions(
         position=position,
         form="egodex",
@@ -89,7 +88,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         hand=side,
         unit=1.0,
         up="y",
-        doubtful=doubtful,
+        validity=validity,
         device="ARKit (EgoDex)",
         findings=tuple(findings),
     )

@@ -7,39 +7,59 @@
 | .csv | 63 columns of coordinates, with stamps or without, or columns such as left_lm00_x; 63 without a header too |
 | .json | a list of frames of 21 points, or objects with a stamp and a list of 21 points |
 
-They have no radius, often no scale and no world: the wrist stands still then. The order of 21 joints is the one in
-which the bones from the wrist to the tips are the shortest together; bones that keep their lengths decide between two
-that are nearly equal. An object's pose in `.npz` or in JSON is read by its names (`hhsim.recordings.object_poses`).
+They have no radius, often no scale and no world: the wrist stands still then. The order of the joints is the one whose
+bones are nearest to a hand's in their proportions; it is refused where these are none of a hand, or change their
+lengths. An object's pose in `.npz` or in JSON is read by its names (`hhsim.recordings.object_poses`).
 """
 
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError, UnknownNameError
+from hhsim.hand.model import DEFAULT_HAND_LENGTH
 from hhsim.motion.csv_table import Table, lacks_names, read_table
 from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, numbers, read_npy
 from hhsim.recordings.correction import Changes, Correction, joint_changes
+from hhsim.recordings.finger_ik import usual_bones
 from hhsim.recordings.joint_frames import frame_edits, joints_of_frames, listed_joints, read_frames
-from hhsim.recordings.joint_names import JOINT_ORDERS, KEYPOINTS, OPENXR_JOINTS, WEBXR_JOINTS, JointName, joint_name
-from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
+from hhsim.recordings.joint_names import (
+    KEYPOINTS,
+    MANO_JOINTS,
+    OPENXR_JOINTS,
+    UNITY_JOINTS,
+    WEBXR_JOINTS,
+    JointName,
+    hand_statement,
+    joint_name,
+)
+from hhsim.recordings.joint_positions import TINY, JointPositions, recording_of_joints
 from hhsim.recordings.joint_table import joint_columns, joint_edits, joints_of_table, located, table_of_joints
 from hhsim.recordings.json_document import PlacedJson
 from hhsim.recordings.object_poses import poses_in
 from hhsim.recordings.recording import HandMotion, Recording, note, readings, unused
 from hhsim.recordings.registry import NPY, Content, ReadOptions, RecordingFormat
-from hhsim.recordings.unit_detection import time_column
+from hhsim.recordings.unit_detection import LENGTH_UNITS, time_column
 
 COUNT = len(KEYPOINTS)
 SHAPES = f"(T, {COUNT}, 3) or (T, {3 * COUNT})"
-LARGER = {len(names): names for names in (WEBXR_JOINTS, OPENXR_JOINTS)}
-"""Joints of rows of more than 21, by their number."""
-CLEARLY = 1.1
-"""Ratio of lengths from which on one order is more plausible: of our own hand it is 1.03 to 1.6, 1.2 in the mean."""
+ORDERS: dict[int, dict[str, tuple[str, ...]]] = {
+    21: {"mediapipe": KEYPOINTS, "mano": MANO_JOINTS},
+    25: {"openxr": WEBXR_JOINTS},
+    26: {"openxr": OPENXR_JOINTS, "unity": UNITY_JOINTS},
+}
+"""Known orders of the joints of a row by their number, and by the words of `--joint-order`."""
+MAKERS = {"mediapipe": "MediaPipe", "mano": "MANO", "openxr": "OpenXR and WebXR", "unity": "Unity"}
+PROPORTIONS = (0.4, 2.5)
+"""Shortest and longest bone of a hand by the usual one's, as shares of all bones."""
+MOST_CHANGE = 0.05
+"""Largest usual change of a bone's share of all bones: noise of 10 mm makes it 0.03."""
+MOST_JUDGED = 1000
+"""Number of samples, evenly over the recording, that are enough to tell the order of the joints."""
 COORDINATES = [JointName("", joint, axis) for joint in KEYPOINTS for axis in "xyz"]
 """Meaning of 63 columns in a row."""
 NAMES = ("keypoints", "landmarks", "joints", "hand_keypoints", "hand_landmarks", "kp3d", "joints_3d")
@@ -60,8 +80,12 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     elif zipped:
         joints = _from_npz(content, options)
     elif content.is_json:
-        joints = joints_of_frames(*read_frames(content.document), "keypoints", options)
-        joints = replace(joints, **_ordered(joints.position, content, options))
+        frames, beside = read_frames(content.document)
+        joints = joints_of_frames(frames, beside, "keypoints", options)
+        if all(len(hand) <= COUNT for frame in frames for hand in frame.hands.values()):
+            joints = replace(joints, **_ordered(joints.position, content, options))
+        elif options.joint_order is None:
+            order_by_bones(joints.position, {"openxr": KEYPOINTS})
     else:
         joints = _from_table(content, options)
         joints = replace(joints, **_ordered(joints.position, content, options))
@@ -83,39 +107,42 @@ def joints_of_array(array: Any, where: str, content: Content, options: ReadOptio
     if not len(values):
         raise TrajectoryError(f"{where} has shape {values.shape}: no samples")
     points = values.reshape(len(values), -1, 3)
-    ordered = _ordered(readings("position", points, points.shape), content, options, where)
+    ordered = _ordered(readings("position", points, points.shape), content, options)
     return JointPositions(**{"form": "keypoints"} | ordered | more)
 
 
-def _ordered(points: FloatArray, content: Content, options: ReadOptions, where: str = "") -> dict[str, Any]:
+def _ordered(points: FloatArray, content: Content, options: ReadOptions) -> dict[str, Any]:
     """Return fields of `JointPositions` for the joints of rows, shape (T, n, 3), in the order of `KEYPOINTS`.
 
-    Raises TrajectoryError if two orders are as plausible, and neither the options, a field of the file nor the name
-    `where` of the array tell; InputError if the options state an order of other joints.
+    Raises TrajectoryError if no known order makes a hand of them, and neither the options nor a field of the file state
+    one; InputError if the options state an order of other joints.
     """
     count, stated = points.shape[1], options.joint_order
-    if stated is not None and (stated == "openxr") is (count == COUNT):
-        expected = "25 or 26" if count == COUNT else str(COUNT)
+    word = "mano" if stated == "smplx" else stated
+    if word is not None and word not in ORDERS.get(count, {}):
+        expected = " or ".join(str(number) for number, orders in ORDERS.items() if word in orders)
         raise InputError(f"--joint-order {stated}: {count} joints a sample; expected {expected}")
-    names = stated_names(content, options, count)
+    names, misfit = stated_names(content, options, count), ""
     if names:
         content.stated.take("order")
         what = f"{count} joints in the order that the file states"
-    elif count in LARGER:
-        names, what = LARGER[count], f"{count} joints in {'OpenXR' if count == 26 else 'WebXR'}'s order"
     else:
-        word = next((word for word in JOINT_ORDERS if word in where.lower()), None)
-        order = stated or order_by_bones(points) or word
-        if order is None:
-            either = "the joints may be in MediaPipe's or in MANO's order"
-            raise TrajectoryError(f"{either}; say --joint-order mediapipe|mano")
-        names, what = JOINT_ORDERS[order], f"{COUNT} keypoints in MediaPipe's order: wrist, thumb to little finger"
-        if names is not KEYPOINTS:
-            how = "as --joint-order says" if stated else "by the lengths of its bones; else say --joint-order"
-            what = f"{COUNT} joints in MANO's order (wrist, index, middle, little, ring, thumb, then the tips), {how}"
+        if word is None:
+            word = order_by_bones(points, ORDERS[count])
+        else:
+            misfit = "; ".join(fit.text for fit in _bone_fits(points, {word: ORDERS[count][word]}) if not fit.fits)
+        names, how = ORDERS[count][word], "as --joint-order says" if stated else "by the lengths of its bones"
+        what = {
+            "mediapipe": f"{count} keypoints in MediaPipe's order: wrist, thumb to little finger",
+            "mano": f"{count} joints in MANO's order (wrist, index, middle, little, ring, thumb, then the tips), {how}",
+            "openxr": f"{count} joints in {'OpenXR' if count == 26 else 'WebXR'}'s order",
+            "unity": f"{count} joints in Unity's order (the wrist before the palm), {how}",
+        }[word]
+        if not stated and word in ("mano", "unity"):
+            what += "; else say --joint-order"
     places = tuple(names.index(joint) for joint in KEYPOINTS)
-    more = {"up": "y"} if names in LARGER.values() else {}
-    return {"position": points[:, list(places)], "what": what, "joint_order": places, **more}
+    more = {"up": "y"} if set(names) >= set(WEBXR_JOINTS) else {}
+    return {"position": points[:, list(places)], "what": what, "joint_order": places, "misfit": misfit, **more}
 
 
 def stated_names(content: Content, options: ReadOptions, count: int) -> tuple[str, ...]:
@@ -124,23 +151,63 @@ def stated_names(content: Content, options: ReadOptions, count: int) -> tuple[st
     return names if options.joint_order is None and len(names) == count else ()
 
 
-def order_by_bones(points: FloatArray) -> str | None:
-    """Return the order in which rows of 21 joints, shape (T, 21, 3), are a hand; None if two are as plausible."""
+def order_by_bones(points: FloatArray, orders: Mapping[str, tuple[str, ...]]) -> str:
+    """Return the one of these orders in which rows of joints, shape (T, n, 3), are most like a hand.
+
+    Raises TrajectoryError, which says how far each is off, where none makes a hand.
+    """
+    found = _bone_fits(points, orders)
+    if not found:
+        return next(iter(orders))
+    fitting = [fit for fit in found if fit.fits]
+    if not fitting:
+        off = "; ".join(fit.text for fit in found)
+        raise TrajectoryError(
+            f"{points.shape[1]} joints in no order that is known, by their bones: {off}; name them in a field "
+            "joint_names, or say --joint-order if it is one of these"
+        )
+    return min(fitting, key=lambda fit: fit.misfit).word
+
+
+class _BoneFit(NamedTuple):
+    """Bones of joints in an order."""
+
+    word: str  # the order, of `ORDERS`
+    misfit: float  # mean deviation of their proportions from the usual hand's, as a logarithm
+    fits: bool  # True if they have the proportions of a hand and keep their lengths
+    text: str  # how far they are off
+
+
+def _bone_fits(points: FloatArray, orders: Mapping[str, tuple[str, ...]]) -> list[_BoneFit]:
+    """Compare rows of joints, shape (T, n, 3), in each of these orders with a hand; empty if no row is whole."""
     whole = points[np.isfinite(points).all(axis=(1, 2)) & (np.ptp(points, axis=1) > 0.0).any(axis=1)]
-    if not len(whole):
-        return "mediapipe"
-    length, change = {}, {}
-    for order in ("mediapipe", "mano"):
-        hand = whole[:, [JOINT_ORDERS[order].index(joint) for joint in KEYPOINTS]]
-        ends = hand[:, 1:].reshape(-1, 5, 4, 3)
-        starts = np.concatenate([np.broadcast_to(hand[:, None, None, 0], (len(hand), 5, 1, 3)), ends[:, :, :3]], axis=2)
-        bones = np.linalg.norm(ends - starts, axis=3).reshape(-1, 20)
-        length[order] = float(np.median(bones.sum(axis=1)))
-        change[order] = float(np.median(np.abs(bones - np.median(bones, axis=0)), axis=0).sum())
-    short, long = sorted(length, key=lambda order: length[order])
-    if length[long] > CLEARLY * length[short] or CLEARLY * change[short] < change[long]:
-        return short
-    return None if CLEARLY * change[long] >= change[short] else long
+    some = whole[:: len(whole) // MOST_JUDGED + 1]
+    places = {word: [*map(names.index, KEYPOINTS)] for word, names in orders.items()}
+    return [_bone_fit(some[:, order], word) for word, order in places.items()] if len(some) else []
+
+
+def _bone_fit(hand: FloatArray, word: str) -> _BoneFit:
+    """Compare the bones of joints in the order of `KEYPOINTS`, shape (T, 21, 3), with those of a hand."""
+    ends = hand[:, 1:].reshape(-1, 5, 4, 3)
+    starts = np.concatenate([np.broadcast_to(hand[:, None, None, 0], (len(hand), 5, 1, 3)), ends[:, :, :3]], axis=2)
+    bones = np.linalg.norm(ends - starts, axis=3).reshape(-1, 20)
+    # Shares of all bones: a tracker without scale may see the hand grow and shrink.
+    total = np.maximum(bones.sum(axis=1, keepdims=True), TINY)
+    share = np.median(bones / total, axis=0)
+    usual = usual_bones().ravel()
+    ratio = np.maximum(share / max(float(share.sum()), TINY) * usual.sum() / usual, 1e-3)
+    change = float(np.percentile(np.abs(bones / total - share), 90.0, axis=0).max())
+    worst, low, high = int(np.argmax(np.abs(np.log(ratio)))), *PROPORTIONS
+    # In no order the length of the hand tells the unit; the largest distance of two joints does, about.
+    size = float(np.median(np.linalg.norm(hand[:, :, None] - hand[:, None], axis=3).max(axis=(1, 2))))
+    unit = next((metre for metre in LENGTH_UNITS.values() if 0.08 <= metre * size <= 0.3), DEFAULT_HAND_LENGTH / size)
+    millimetres = 1e3 * unit * float(np.median(total))
+    text = (
+        f"in {MAKERS[word]}'s the bone to {KEYPOINTS[1 + worst]} is {millimetres * share[worst]:.0f} mm, "
+        f"{ratio[worst]:.2g} times a hand's, and bones change by {millimetres * change:.0f} mm"
+    )
+    fits = low <= ratio.min() and ratio.max() <= high and change <= MOST_CHANGE
+    return _BoneFit(word, float(np.abs(np.log(ratio)).mean()), fits, text)
 
 
 def _from_npz(content: Content, options: ReadOptions) -> JointPositions:
@@ -159,7 +226,14 @@ def _from_npz(content: Content, options: ReadOptions) -> JointPositions:
     joints = joints_of_array(points, f"array '{key}'", content, options, time=time, time_unit=unit)
     poses = poses_in(arrays, len(points), options)
     used = {key, *(poses.names if poses else ()), *(stamps.names if stamps else ())}
-    return replace(joints, object_poses=poses, findings=(*joints.findings, *unused(arrays, used)))
+    validity, rows = {}, np.size(points[0]) // 3
+    for name, given in arrays.items():
+        said = hand_statement(name)
+        if said and np.shape(given) in ((len(points),), (len(points), 1), (len(points), rows)):
+            values = numbers(arrays, name).reshape(len(points), -1)
+            validity[said.part] = values[:, list(joints.joint_order)] if values.shape[1] == rows else values
+            used.add(name)
+    return replace(joints, object_poses=poses, validity=validity, findings=(*joints.findings, *unused(arrays, used)))
 
 
 def _points_key(content: Content, options: ReadOptions) -> str:
@@ -223,7 +297,9 @@ def _moved(points: Any, recording: Recording, made: Changes, names: tuple[str, .
     """
     values = np.array(points, dtype=np.float64)
     values = values.reshape(len(values), -1, 3)
-    names = names or LARGER.get(values.shape[1]) or tuple(_joints_read(recording)[joint] for joint in KEYPOINTS)
+    orders = [] if names else ORDERS[values.shape[1]].values()
+    read = [order for order in orders if tuple(map(order.index, KEYPOINTS)) == recording.joint_order]
+    names = names or (read[0] if read else tuple(_joints_read(recording)[joint] for joint in KEYPOINTS))
     for place, joint in enumerate(names):
         moved = made.moved(joint, values[made.rows, place])
         values[made.rows, place] = np.where(np.isfinite(moved), moved, values[made.rows, place])
@@ -232,7 +308,7 @@ def _moved(points: Any, recording: Recording, made: Changes, names: tuple[str, .
 
 def _is_points(value: Any, content: Content) -> bool:
     """Return True for rows of as many joints as are known, or as a field names."""
-    counts = {COUNT, *LARGER, len(content.stated.seen("order") or KEYPOINTS)}
+    counts = {*ORDERS, len(content.stated.seen("order") or KEYPOINTS)}
     return np.shape(value)[1:] in {shape for count in counts for shape in ((count, 3), (3 * count,))}
 
 

@@ -18,6 +18,7 @@ from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import mapped
 from hhsim.recordings.correction import Correction, joint_changes
 from hhsim.recordings.formats.csv import columns_of, with_columns
+from hhsim.recordings.formats.keypoints import order_by_bones
 from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.json_document import number
@@ -63,6 +64,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if len(names) > 1:
         findings.append(note(f"joints from {named}; there is also {', '.join(names[1:3])}"))
     hands, sides, side, remarks = _hands(values, options)
+    order_by_bones(hands[:, sides.index(side)], {"openxr": WEBXR_JOINTS})
     places = [WEBXR_JOINTS.index(joint) for joint in KEYPOINTS]
     arrays = {name: _numbers(columns, name, rows) for name in columns if is_objects(name)}
     poses = poses_in(arrays, len(values), options)

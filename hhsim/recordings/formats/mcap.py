@@ -62,10 +62,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         findings.append(note(f"{lost} of {len(samples[side])} frames show no {side} hand: no samples"))
     joints = np.array([sample.joints for sample in shown])
     places = [OPENXR_JOINTS.index(joint) for joint in KEYPOINTS]
-    valid = joints["valid"][:, places] != 0
     with np.errstate(invalid="ignore"):
         position, radius = (joints[key][:, places].astype(np.float64) for key in ("position", "radius"))
-    position[~valid & (position == 0.0).all(axis=2)] = np.nan
     known = bool((np.nan_to_num(radius) > 0.0).any(axis=0).all())
     positions = JointPositions(
         position=position,
@@ -77,7 +75,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         unit=1.0,
         up="y",
         radius=radius if known else None,
-        doubtful=~valid.all(axis=1),
+        validity={"valid": joints["valid"][:, places].astype(np.float64)},
         joint_order=tuple(places),
         device="OpenXR through Isaac Teleop",
         findings=tuple(findings),

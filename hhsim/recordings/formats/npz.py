@@ -1,8 +1,9 @@
 """Recordings from `.npz`.
 
 Arrays: t [s] (T,), wrist_pos [m] (T, 3), wrist_quat or wrist_quat_wxyz (T, 4), flex [rad] (T, 5, 3), abd [rad] (T, 5),
-and, if they are there, valid (T,), the object's pose, object_pos [m] (T, 3) and object_quat or object_quat_wxyz (T, 4)
-or other names of `hhsim.recordings.object_poses`, and meta, a JSON text with source, frame and hand.
+and, if they are there, valid (T,) or others of `hhsim.recordings.stated_validity`, the object's pose, object_pos [m]
+(T, 3) and object_quat or object_quat_wxyz (T, 4) or other names of `hhsim.recordings.object_poses`, and meta, a JSON
+text with source, frame and hand.
 
 The pose is that of the palm. Its axes are those of the options, else of the words of `frame` in `FRAMES`, else ours.
 """
@@ -17,13 +18,15 @@ from hhsim.motion.npz_arrays import npz_of, npz_with, numbers, read_npz
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.correction import Correction, angle_unit, changes
 from hhsim.recordings.frames import OURS, FileFrame, to_our_frames
+from hhsim.recordings.joint_names import hand_statement
 from hhsim.recordings.json_document import nested
-from hhsim.recordings.object_poses import placed, poses_in
+from hhsim.recordings.object_poses import ORDERS, placed, poses_in
 from hhsim.recordings.recording import Finding, HandMotion, Recording, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.stated_validity import missing_and_doubtful
 
-QUATERNIONS = {"wrist_quat_wxyz": (0, 1, 2, 3), "wrist_quat": (0, 1, 2, 3), "wrist_quat_xyzw": (3, 0, 1, 2)}
-"""Names of the orientation, and the places of w, x, y, z in its rows."""
+QUATERNIONS = {"wrist_quat_wxyz": "wxyz", "wrist_quat": None, "wrist_quat_xyzw": "xyzw"}
+"""Names of the orientation, and the order of its rows; None takes that of `--pose-order`, else w, x, y, z."""
 
 FRAMES: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("z to fingers, -y palm normal", ("-x", "z", "y")),
@@ -53,10 +56,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         raise TrajectoryError(f"array 't' has shape {time.shape}; expected (T,)")
     count = len(time)
     turn = next(key for key in QUATERNIONS if key in arrays)
-    position, orientation = (
-        numbers(arrays, "wrist_pos", count, 3),
-        numbers(arrays, turn, count, 4)[:, QUATERNIONS[turn]],
-    )
+    position, orientation = numbers(arrays, "wrist_pos", count, 3), numbers(arrays, turn, count, 4)
+    orientation = orientation[:, _places(turn, options)]
     meta = _meta(arrays)
     frame = meta.get("frame", "").lower()
     findings: list[Finding] = []
@@ -69,8 +70,17 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if tuple(axes) != OURS or up != "z":
         findings.append(note(f"palm axes x, y, z are the recording's {', '.join(axes)}; its world's {up} points up"))
     position, orientation = to_our_frames(position, orientation, axes, up, options.mirror)
-    poses = poses_in(arrays, count, options, order="wxyz", strict=True)
-    used = {"t", "wrist_pos", turn, "flex", "abd", "valid", "meta", *(poses.names if poses is not None else ())}
+    poses = poses_in(arrays, count, options, order=options.pose_order or "wxyz", strict=True)
+    rows = {name: arrays[name] for name in (turn, *(poses.names if poses is not None else ()))}
+    plain = [name for name in rows if np.shape(rows[name])[-1:] in ((4,), (7,)) and not name.endswith(tuple(ORDERS))]
+    if plain and options.pose_order is None:
+        text = f"{' and '.join(plain)}: no name tells the order of the quaternions, taken as w, x, y, z: --pose-order"
+        findings.append(note(text))
+    stated = {
+        name: said.part for name in arrays if (said := hand_statement(name)) and np.shape(arrays[name]) == (count,)
+    }
+    validity = {part: numbers(arrays, name, count)[:, None] for name, part in stated.items()}
+    used = {"t", "wrist_pos", turn, "flex", "abd", "meta", *stated, *(poses.names if poses is not None else ())}
     findings += unused(arrays, used)
     recording = Recording(
         time=time,
@@ -89,12 +99,15 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if meta.get("note"):
         findings.append(note(f"the file says: {meta['note']}"))
     recording = placed(recording.found(*findings), poses)
-    if "valid" in arrays:
-        doubtful = numbers(arrays, "valid", count) == 0.0
-        if doubtful.any():
-            text = "not valid, says the file: kept where there are numbers"
-            recording = recording.flagged(doubtful, SampleFlag.INVALID, text)
-    return recording
+    lost, doubtful = (each[:, 0] for each in missing_and_doubtful(validity, (count, 1)))
+    motion = np.concatenate([position, orientation, recording.angles], axis=1)
+    held = np.isclose(motion[1:], motion[:-1], rtol=0.0, atol=0.0, equal_nan=True).all(axis=1)
+    none = lost & (np.append(False, held) | (position == 0.0).all(axis=1))
+    for values in (recording.position, recording.orientation, recording.flexion, recording.abduction):
+        values[none] = np.nan
+    recording = recording.flagged(none, SampleFlag.INVALID, "not valid, says the file, and held or at 0: missing")
+    text = "not valid, says the file: kept where there are numbers"
+    return recording.flagged((lost & ~none) | doubtful, SampleFlag.INVALID, text)
 
 
 def _make(suffix: str, motion: HandMotion) -> bytes:
@@ -111,11 +124,17 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
     place, turn, flexion, abduction = (values[made.rows] for values in old.values())
     angles = np.concatenate([flexion.reshape(-1, 15), abduction], axis=1)
     unit = angle_unit(recording, _read(content, options))
-    place, turn, angles = made.motion(place, turn[:, QUATERNIONS[key]], angles, unit)
-    new = (place, turn[:, np.argsort(QUATERNIONS[key])], angles[:, :15].reshape(-1, 5, 3), angles[:, 15:])
+    places = _places(key, options)
+    place, turn, angles = made.motion(place, turn[:, places], angles, unit)
+    new = (place, turn[:, np.argsort(places)], angles[:, :15].reshape(-1, 5, 3), angles[:, 15:])
     for values, corrected in zip(old.values(), new):
         values[made.rows] = np.where(np.isfinite(corrected), corrected, values[made.rows])
     return npz_with(content.data, old)
+
+
+def _places(name: str, options: ReadOptions) -> list[int]:
+    """Return the places of w, x, y, z in the rows of an orientation."""
+    return list(ORDERS[QUATERNIONS[name] or options.pose_order or "wxyz"])
 
 
 def _meta(arrays: dict[str, Any]) -> dict[str, str]:

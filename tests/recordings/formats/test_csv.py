@@ -100,6 +100,10 @@ def test_the_hand_of_our_own_csv_in_other_words(remark: str, side: str | None) -
         ("world_up = 'up'", "expected one of x, y, z"),
         ("[orientation]\ncolumns = ['a', 'b', 'c']\norder = 'XyZ'", "expected an Euler order"),
         ("[orientation]\ncolumns = ['a', 'b', 'c', 'd']\norder = 'xywz'", "expected wxyz or xyzw"),
+        (
+            "[orientation]\ncolumns = ['qx', 'qy', 'qz', 'qw']",
+            "order = 'wxyz' for columns qx, qy, qz, qw; expected 'xyzw'",
+        ),
         ("[joint]\nindex_flex4 = 'a'", "joint: unknown key 'index_flex4': did you mean index_flex"),
         ("[joint]\nindex_flex1 = { joint = 'index_flex2' }", "which has no column of its own"),
         ("[joint]\nindex_flex1 = { scale = 2.0 }", "expected a column, or another joint"),

@@ -18,8 +18,9 @@ from joint_samples import array_npy, arrays_npz, assert_our_own, joint_sample, w
 from recording_samples import read_as
 
 from hhsim.errors import InputError, TrajectoryError
+from hhsim.hand.fingers import FINGERS
 from hhsim.recordings.formats import keypoints
-from hhsim.recordings.joint_names import JOINT_ORDERS, KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS, WEBXR_JOINTS
+from hhsim.recordings.joint_names import JOINT_ORDERS, KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS, UNITY_JOINTS, WEBXR_JOINTS
 from hhsim.recordings.registry import Content, ReadOptions, read_content, read_recording, write_recording
 
 SAMPLE = joint_sample()
@@ -106,10 +107,14 @@ def test_manos_order_is_found_by_the_bones_and_kept_for_the_way_back(form: str) 
     assert same.joint_order == tuple(range(21)) and "MediaPipe's order" in words(same)
 
 
-@pytest.mark.parametrize("names", [OPENXR_JOINTS, WEBXR_JOINTS])
+@pytest.mark.parametrize("names", [OPENXR_JOINTS, WEBXR_JOINTS, UNITY_JOINTS])
 def test_rows_of_openxrs_and_webxrs_joints(names: tuple[str, ...]) -> None:
+    noisy = joint_sample(noise=0.006).named(names)
+    assert read_as("keypoints", array_npy(noisy), rate=100.0).joint_order == tuple(map(names.index, KEYPOINTS))
+    assert_our_own(read_as("keypoints", json.dumps(SAMPLE.named(names).tolist()), rate=100.0, world_up="y"), SAMPLE)
     recording = read_as("keypoints", array_npy(SAMPLE.named(names)), rate=100.0)
     assert_our_own(recording, SAMPLE)
+    assert ("Unity's order (the wrist before the palm)" in words(recording)) is (names is UNITY_JOINTS)
     assert [names[k] for k in recording.joint_order] == list(KEYPOINTS)
     with pytest.raises(InputError, match=f"--joint-order mano: {len(names)} joints a sample; expected 21"):
         read_as("keypoints", array_npy(SAMPLE.named(names)), rate=100.0, joint_order="mano")
@@ -125,19 +130,54 @@ def test_no_posture_of_our_hand_is_taken_for_the_other_order(seed: int, order: s
     wrist = np.array([-0.070 * hand.hand_breadth, -0.223 * hand.hand_length, 0.0])
     points = np.concatenate([wrist[None], fingers.reshape(20, 3)])[None]
     rows = points[:, [KEYPOINTS.index(joint) for joint in JOINT_ORDERS[order]]]
-    # One posture alone may leave both possible, never the wrong one.
-    assert keypoints.order_by_bones(rows) in (order, None)
+    assert keypoints.order_by_bones(rows, keypoints.ORDERS[21]) == order
 
 
-def test_where_two_orders_are_as_plausible_it_is_asked_for() -> None:
-    # All fingers are one straight line, and one bone is as long as the next: any order is.
+SEGMENTS_OF = {finger: [joint for joint in KEYPOINTS if joint.startswith(finger)] for finger in FINGERS}
+NODES = [joint for joint in WEBXR_JOINTS if joint.startswith("thumb")]
+FOREIGN: dict[str, list[str]] = {
+    "InterHand": [*(joint for finger in FINGERS for joint in SEGMENTS_OF[finger][::-1]), "wrist"],
+    "FrankMocap": [*MANO_JOINTS[:16], *(f"{finger}_tip" for finger in ("index", "middle", "little", "ring", "thumb"))],
+    "FPHAB": [
+        "wrist",
+        *(SEGMENTS_OF[f][0] for f in FINGERS),
+        *(joint for f in FINGERS for joint in SEGMENTS_OF[f][1:]),
+    ],
+    "tips first": ["wrist", *(joint for finger in FINGERS for joint in SEGMENTS_OF[finger][::-1])],
+    "fingers reversed": ["wrist", *(joint for finger in FINGERS[::-1] for joint in SEGMENTS_OF[finger])],
+    "level by level": ["wrist", *(SEGMENTS_OF[finger][k] for k in range(4) for finger in FINGERS)],
+    "MANUS": [*WEBXR_JOINTS[:1], *WEBXR_JOINTS[5:], *NODES],
+    "palm last": [*WEBXR_JOINTS, "palm"],
+}
+
+
+@pytest.mark.parametrize("maker", FOREIGN)
+@pytest.mark.parametrize("noise", [0.0, 0.004])
+def test_rows_in_an_order_that_is_not_known_are_refused_with_how_far_each_is_off(maker: str, noise: float) -> None:
+    rows = joint_sample(noise=noise).named(tuple(FOREIGN[maker]))
+    for data in (array_npy(rows), array_npy(1e3 * rows), json.dumps(rows.tolist()).encode()):
+        with pytest.raises(TrajectoryError, match=r"in no order that is known, by their bones: in .* mm") as error:
+            read_as("keypoints", data, rate=100.0, hand="right")
+        assert "--mirror" not in str(error.value) and "\n" not in str(error.value)
+    if len(FOREIGN[maker]) == 21:
+        assert "in MediaPipe's" in str(error.value) and "in MANO's" in str(error.value)
+
+
+def test_a_stated_order_is_taken_and_must_have_as_many_joints() -> None:
     line = np.zeros((40, 21, 3))
     line[:, 1:, 0] = 0.1
     line[:, :, 1] = np.sin(TIME)[:, None]
-    with pytest.raises(TrajectoryError, match=r"MediaPipe's or in MANO's order; say --joint-order mediapipe\|mano"):
+    with pytest.raises(TrajectoryError, match=r"the bone to thumb_proximal is 0 mm, 0\.001 times a hand's"):
         read_as("keypoints", arrays_npz(points=line, t=TIME))
     with pytest.raises(InputError, match="--joint-order openxr: 21 joints a sample; expected 25 or 26"):
         read_as("keypoints", array_npy(POINTS), rate=100.0, joint_order="openxr")
+    foreign = array_npy(SAMPLE.named(tuple(FOREIGN["FPHAB"])))
+    for side in ("right", "left", ""):
+        try:
+            text = words(read_as("keypoints", foreign, rate=100.0, joint_order="mano", hand=side))
+        except TrajectoryError as error:
+            text = str(error)
+        assert "times a hand's" in text and "--mirror" not in text
     told = read_as("keypoints", array_npy(IN_MANO), rate=100.0, world_up="y", joint_order="smplx")
     assert_our_own(told, SAMPLE)
     assert "as --joint-order says" in words(told)
@@ -146,7 +186,7 @@ def test_where_two_orders_are_as_plausible_it_is_asked_for() -> None:
 def test_missing_joints_and_noise_leave_the_order() -> None:
     noisy = joint_sample(noise=0.004).named()[:, [KEYPOINTS.index(joint) for joint in MANO_JOINTS]].copy()
     noisy[::3, 5] = np.nan
-    assert keypoints.order_by_bones(noisy) == "mano"
+    assert keypoints.order_by_bones(noisy, keypoints.ORDERS[21]) == "mano"
 
 
 @pytest.mark.parametrize(

@@ -61,6 +61,20 @@ def test_both_orders_of_quaternions(key: str, order: list[int]) -> None:
     assert np.allclose(read_as("npz", data).orientation, CLEAN.orientation)
 
 
+def test_an_order_of_quaternions_that_no_name_tells_is_told_and_an_option_states_it() -> None:
+    text = "wrist_quat: no name tells the order of the quaternions, taken as w, x, y, z: --pose-order"
+    assert text in [finding.text for finding in read_as("npz", archive()).findings]
+    assert not any("order" in f.text for f in read_as("npz", archive(), pose_order="wxyz").findings)
+    named = read_as("npz", archive(wrist_quat=None, wrist_quat_wxyz=CLEAN.orientation), pose_order="xyzw")
+    assert np.allclose(named.orientation, CLEAN.orientation) and not any("order" in f.text for f in named.findings)
+    turned_ = CLEAN.orientation[:, [1, 2, 3, 0]]
+    data = archive(wrist_quat=turned_, object_pos=CLEAN.position, object_quat=turned_)
+    recording = read_as("npz", data, pose_order="xyzw")
+    assert np.allclose(recording.orientation, CLEAN.orientation) and recording.object_motion is not None
+    assert np.allclose(recording.object_motion.orientation, CLEAN.orientation)
+    assert "wrist_quat and object_quat: no name tells" in " ".join(f.text for f in read_as("npz", data).findings)
+
+
 def test_what_the_file_says_of_itself() -> None:
     valid = np.ones(50, dtype=bool)
     valid[7:9] = False
@@ -79,6 +93,19 @@ def test_what_the_file_says_of_itself() -> None:
     as_ours = read_as("npz", archive(meta=np.array(meta)), palm_axes=("x", "y", "z"), world_up="z")
     assert np.allclose(as_ours.orientation, CLEAN.orientation)
     assert read_as("npz", archive(meta=np.array("no json"))).source == ""
+
+
+@pytest.mark.parametrize("name", ["valid", "isActive", "is_tracked"])
+def test_samples_that_are_not_valid_and_held_or_at_zero_are_missing(name: str) -> None:
+    stated, rows = np.ones(50), np.arange(50)
+    stated[[7, 20, 21, 40]] = 0.0
+    rows[[20, 21]] = 19
+    place = CLEAN.position[rows] * (rows != 40)[:, None]
+    given = {"wrist_quat": CLEAN.orientation[rows], "flex": CLEAN.flexion[rows], "abd": CLEAN.abduction[rows]}
+    recording = read_as("npz", archive(wrist_pos=place, **given, **{name: stated}))
+    assert np.flatnonzero(np.isnan(recording.position).all(axis=1)).tolist() == [20, 21, 40]
+    assert np.flatnonzero(np.isnan(recording.abduction).all(axis=1)).tolist() == [20, 21, 40]
+    assert np.flatnonzero(marked(recording.flags, SampleFlag.INVALID)).tolist() == [7, 20, 21, 40]
 
 
 def test_every_frame_is_right_handed_and_every_world_stands_up() -> None:
