@@ -14,9 +14,11 @@ from hhsim.bench.run_errors import digest_of, hand_clearance, placed_of
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.metrics.metrics import component_variation_rate, force_variation_rate
+from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks
 from hhsim.motion.tremor import Disturbance
 from hhsim.replay.summary import TREMOR, trembling_hold
@@ -39,6 +41,8 @@ NOISES: dict[str, tuple[Disturbance, float | None]] = {
     "trembling": (replace(TREMOR, sensor_counts=GLOVE.sensor_counts, sensor_noise=GLOVE.sensor_noise), GLOVE_RATE),
 }
 """Noises of a repeated hold: sensors of the glove alone, and with tremor of the palm."""
+STEPS = ("posture_jump_max", "posture_jump_p999", "force_contact_step", "force_contact_step_share")
+"""Figures of the paper's criterion that nothing jumps between two adjacent ticks (Section V, 2)."""
 BISECTIONS = 10
 """Bisections of the margin that gives a number of contacts."""
 CARRIES = 0.25
@@ -92,6 +96,7 @@ class SceneRun:
     contact: BoolArray  # ticks with candidate pairs while fingers close, hold or slide, shape (T,)
     depth: FloatArray  # penetration of the object's spheres at each tick [m], shape (T,)
     touches: list[tuple[Touch, float]]  # demanded touches and their distances [m], at every hold of every motion
+    steps: dict[str, float]  # figures of STEPS: how far hand and force go in a tick
     # Of the index finger's force in the first hold, by the names of NOISES; none for instances.
     variation: dict[str, Variation]
     cpu: list[Times] = field(default_factory=list)  # times of every tick [s], shape (T,), an array a repetition
@@ -173,6 +178,7 @@ def play(stage: Stage, options: SolverOptions) -> SceneRun:
         # 0 - x and not -x: a free hand has depth 0, not minus 0.
         depth=np.maximum(0.0, 0.0 - hand_clearance(stage.hand, stage.arrays, placed_of(record), 0.0)),
         touches=touches,
+        steps=_steps(stage, options, record),
         variation=variation,
     )
     _keep_times(run, record)
@@ -231,6 +237,20 @@ def _run(stage: Stage, options: SolverOptions) -> list[TickRecord]:
             raise HhsimError(f"{stage.scenario.name}, {options.method}: the graphic hand is not finite")
         records.append(record)
     return records
+
+
+def _steps(stage: Stage, options: SolverOptions, record: TickRecord) -> dict[str, float]:
+    """Return the largest steps of shown hand and force from tick to tick, by the names of STEPS."""
+    columns: dict[str, AnyArray] = {
+        "contacts/touching": record.work[:, WORK_TOUCHING],
+        "force/total": record.total,
+        "graphic/joints": record.joints,
+    }
+    user = [forward_kinematics(stage.hand, *HandConfiguration.of(motion)).joints for motion in stage.motions]
+    begins = np.zeros(len(record.total), bool)
+    begins[np.cumsum([0, *map(len, user)])[:-1]] = True
+    run = RunTicks(columns, len(begins), (), RATE, len(options.fingers), breaks=begins, user=np.concatenate(user))
+    return {name: run_figure(name, run) for name in STEPS}
 
 
 def _shown(stage: Stage, record: TickRecord) -> list[Moment]:

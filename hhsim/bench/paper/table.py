@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hhsim.bench.paper.bench import PaperOptions, PaperRuns, percentile
-from hhsim.bench.paper.run import NOISES, SceneRun
+from hhsim.bench.paper.run import NOISES, STEPS, SceneRun
 from hhsim.bench.paper.scene import CASES, SLIDING, held_ticks
 from hhsim.bench.table import mean, metric_column
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.mesh.catalogue import object_names
+from hhsim.metrics.run.contact import JUMP
+from hhsim.metrics.run.force import FELT
 from hhsim.metrics.run.registry import run_figure
 from hhsim.solver.method import never_penetrates
 from hhsim.system.counted import counted
@@ -178,6 +180,15 @@ def _all_scenes(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
             "depth", "V-D", "depth in the spheres, largest", method, "m", 1e-4, "≈ 0.1 mm",
             _deepest(whole), DEPTH, f"{ticks:,} ticks of {motions}; deepest: {worst.scenario.name}",
         )  # fmt: skip
+        for name, label, unit, bar in (
+            ("posture_jump_max", "largest jump of a shown joint", "m", JUMP),
+            ("force_contact_step_share", "largest force step, of the mean", "%", FELT),
+        ):
+            worst = max(whole, key=lambda run, name=name: np.nan_to_num(run.steps[name], nan=-1.0))
+            yield PaperRow(
+                name, "V, 2", label, method, unit, math.nan, "no big jump", worst.steps[name], bar,
+                f"from tick to tick in contact: {worst.scenario.name}, {worst.steps['force_contact_step']:.3f} N",
+            )  # fmt: skip
     # The paper's palm stood still, moved by keys: its figures are no bar for a trembling palm.
     names = {"glove": "still palm", "trembling": "trembling palm"}
     played = [run for run in runs.of(method, "11", "13", "14") if run.variation]
@@ -265,6 +276,7 @@ SCENE_COLUMNS = (
         "index_variation_trembling", "index force in the hold, glove's sensors and trembling palm, mean", "%",
         lambda run: _index_variation(run, "trembling"),
     ),
+    *(metric_column(name, of=lambda run, name=name: run.steps[name]) for name in STEPS),
     Column("touches", "demanded touches", of=lambda run: len(run.touches)),
     Column("touches_missed", "demanded touches that did not happen", of=lambda run: len(run.missed)),
     metric_column("stuck_ticks", of=lambda run: int(run_figure("stuck_ticks", run.ticks))),
