@@ -56,7 +56,7 @@ from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.score import submitted_method
 from hhsim.system.atomic_write import new_files, write_atomically
-from hhsim.system.input_file import read_input
+from hhsim.system.input_file import file_state
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import contact_surface, encloses
@@ -238,18 +238,21 @@ def corrected(
 def bodies_of(request: RepairRequest) -> DeclaredBodies:
     """Return the bodies of a request with their trees; InputError for some that are free, MeshError for an open one.
 
-    A mesh file, by its content, and a name of the catalogue are loaded once in a process.
+    A mesh file, as it is, and a name of the catalogue are loaded once in a process.
     """
     word, path = request.object, Path(request.object)
     if names_a_linkage(word) or (names_a_file(word) and names_a_body_file(word)):
         # What else such a file names is not looked at.
         return _load(word, request.unit, request.size)
-    return _loaded_bodies(word, read_input(path) if path.is_file() else b"", request.unit, request.size)
+    return _loaded_bodies(word, file_state(path) if path.is_file() else None, request.unit, request.size)
 
 
 @lru_cache(maxsize=LOADED)
-def _loaded_bodies(word: str, content: bytes, unit: str | None, size: float | None) -> DeclaredBodies:
-    return _load(word, unit, size)
+def _loaded_bodies(word: str, state: tuple[object, ...] | None, unit: str | None, size: float | None) -> DeclaredBodies:
+    found = _load(word, unit, size)
+    if state is not None and file_state(Path(word)) != state:
+        raise InputError(f"{word} changed while it was read; the same command reads it anew")
+    return found
 
 
 def _load(word: str, unit: str | None, size: float | None) -> DeclaredBodies:

@@ -17,7 +17,8 @@ from hhsim.errors import HhsimError, InputError, TrajectoryError
 from hhsim.mesh.catalogue import names_a_file
 from hhsim.repair.request import PICTURE, Repair
 from hhsim.sweep.engines import TaskEnd
-from hhsim.sweep.plan import DIGITS, file_digest, source_digest
+from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, file_digest, read_files
+from hhsim.sweep.plan import DIGITS, source_digest
 from hhsim.sweep.repair_manifest import PlannedRepair
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import read_input_text
@@ -93,7 +94,14 @@ class RowTask:
                 # Its thread waits for no lock of Python, which compiled code may hold.
                 faulthandler.dump_traceback_later(self.row.time_limit, exit=True, file=mark)
                 try:
-                    done = self.repair(self.row.request)
+                    files = row_files(self.row)
+                    if row_digest(self.row) != self.digest:
+                        raise LostFileError(CHANGED)
+                    try:
+                        done = self.repair(self.row.request)
+                    finally:
+                        if row_files(self.row) != files:
+                            raise LostFileError(CHANGED)
                 finally:
                     faulthandler.cancel_dump_traceback_later()
             if not self.row.request.out.is_file():
@@ -109,6 +117,8 @@ class RowTask:
                 findings=tuple(done.findings),
                 paths={name: Path(os.path.relpath(path, folder)).as_posix() for name, path in done.paths.items()},
             )
+        except LostFileError as error:
+            outcome = RowOutcome(digest=self.digest, state="failed", reason=_line(error), is_final=False)
         except TrajectoryError as error:
             outcome = RowOutcome(digest=self.digest, state="refused", reason=_line(error))
         except InputError as error:
@@ -117,6 +127,14 @@ class RowTask:
             outcome = RowOutcome(digest=self.digest, state="failed", reason=_line(error), is_final=False)
         _empty(folder, but=MARK)
         return outcome
+
+
+def row_files(row: PlannedRepair) -> tuple[ReadFile, ...]:
+    """Return the files that a row reads, as they are now; InputError if one cannot be read."""
+    request = row.request
+    shape = [Path(request.object)] if names_a_file(request.object) else []
+    given = [value for name, value in (*vars(request).items(), *request.options.items()) if name != "out"]
+    return tuple(read for value in (*given, *shape) if isinstance(value, Path) for read in read_files(value))
 
 
 def row_digest(row: PlannedRepair) -> str:

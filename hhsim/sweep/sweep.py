@@ -71,7 +71,7 @@ def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progr
         if not options.retry_failed:
             left = [planned for planned in left if not folder.failure(planned)]
         began = perf_counter()
-        done, ticks = 0, 0
+        done, ticks, lost = 0, 0, dict[str, str]()
         if left:
             prepare(plan, left, progress)
             # More processes than cores cannot have one each; a cluster's workers wait for one.
@@ -97,7 +97,9 @@ def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progr
                 with closing(_engine(tasks, options)) as ends:
                     for number, end in enumerate(ends):
                         planned = waiting.pop(end.digest)
-                        if end.reason:
+                        if end.reason and not end.is_final:
+                            lost[end.digest] = end.reason
+                        elif end.reason:
                             folder.keep_failure(planned, end.reason)
                         else:
                             folder.forget_failure(planned)
@@ -117,7 +119,8 @@ def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progr
                 interrupt.add_note(f"{count} cells are done, and the same command goes on")
                 raise
         seconds = perf_counter() - began
-        reasons = [(cell.cell, folder.failure(cell)) for cell in plan.cells if cell.digest not in before]
+        missing = [cell for cell in plan.cells if cell.digest not in before]
+        reasons = [(cell.cell, lost.get(cell.digest) or folder.failure(cell)) for cell in missing]
         failed = tuple((cell, reason) for cell, reason in reasons if reason)
     return SweepSummary(len(plan.cells), done, len(before), failed, ticks, seconds)
 

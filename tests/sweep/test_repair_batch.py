@@ -20,6 +20,7 @@ from hhsim.repair.request import PICTURE, REPORT, RepairOutcome, RepairRequest
 from hhsim.sweep import engines
 from hhsim.sweep import repair_batch as module
 from hhsim.sweep.folder import locked
+from hhsim.sweep.input_files import CHANGED
 from hhsim.sweep.repair_batch import run_manifest
 from hhsim.sweep.repair_row import RowTask
 
@@ -92,6 +93,29 @@ def test_a_second_run_repeats_what_ended_by_accident_and_nothing_else(tmp_path: 
 def test_a_file_that_cannot_be_read_fails_its_row_alone(tmp_path: Path) -> None:
     path = write_manifest(tmp_path, "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n", "copy 1")
     assert [name for name, _ in run(path, tmp_path / "out").failed] == ["r0"]
+
+
+@pytest.mark.usefixtures("in_this_process")
+@pytest.mark.parametrize("replaced", ["r0.txt", "r1.txt", "thing.obj"])
+def test_a_row_whose_file_is_replaced_keeps_nothing_and_is_run_anew(tmp_path: Path, replaced: str) -> None:
+    """The file is another one after the first row was begun, and is put back for the second run."""
+    path = write_manifest(tmp_path, "copy 9", "copy 8")
+    path.write_text(path.read_text().replace('"cube"', '"thing.obj"'))
+    (tmp_path / "thing.obj").write_text("v 0 0 0")
+    before = (tmp_path / replaced).read_text()
+
+    def repaired(request: RepairRequest) -> RepairOutcome:
+        outcome = fake_repairs.repaired(request)
+        (tmp_path / replaced).write_text("copy 4")
+        return outcome
+
+    out = tmp_path / "out"
+    lost = {"r0.txt": ["r0"], "r1.txt": ["r1"], "thing.obj": ["r0", "r1"]}[replaced]
+    assert run_manifest(path, out, repaired).failed == tuple((name, CHANGED) for name in lost)
+    assert not any((out / name / f"{name}.txt").exists() for name in lost)
+    (tmp_path / replaced).write_text(before)
+    ran(out)
+    assert run(path, out).failed == () and set(lost) <= set(ran(out))
 
 
 def test_an_interrupted_run_says_what_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
