@@ -119,6 +119,6 @@ def _field(
     if output.as_json:
         print_json({"verdict": found.verdict.line, "missed": list(found.verdict.missed), **to_json(found.rows)})
     elif not output.quiet:
-        print_table(field_table(found.rows, f"{repaired.name} beside {recorded.name}"))
+        print_table(field_table(found.rows, f"{repaired.name} beside {recorded.name}", found.doubts))
         print_line(found.verdict.line)
     return 1 if found.verdict.missed else 0

@@ -17,7 +17,7 @@ from hhsim.hand.model import SIDES, HandModel, Side
 from hhsim.linkage.file import names_a_linkage
 from hhsim.mesh.catalogue import names_a_body_file, names_a_file
 from hhsim.metrics.field.field_table import field_rows, field_table
-from hhsim.metrics.field.field_verdict import field_verdict
+from hhsim.metrics.field.field_verdict import doubts_of, field_verdict
 from hhsim.metrics.field.hands import FieldHands, FieldPair
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.moving_parts import MovingParts
@@ -26,7 +26,7 @@ from hhsim.recordings.fitted_hand import FITTED, fitted_hand, in_angles_of
 from hhsim.recordings.mano_model import read_mano_model
 from hhsim.recordings.object_poses import with_object_poses
 from hhsim.recordings.outliers import suspect_joints
-from hhsim.recordings.recording import Recording, note
+from hhsim.recordings.recording import Recording, note, unused_poses
 from hhsim.recordings.registry import Content, ReadOptions, format_of, read_recording, write_recording
 from hhsim.recordings.unit_detection import clean_units
 from hhsim.render.before_after import deepest_frames, draw_before_after
@@ -98,11 +98,12 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     given = {"hand": request.hand, "mano_model": request.mano_model, "usual_up": "z", **request.options}
     read = ReadOptions(**given)
     recording = in_our_units(request.recording, read)
+    bodies = bodies_of(request)
     made = prepared(
         request,
         read,
         recording,
-        bodies_of(request),
+        bodies,
         lambda recording, hand: _skin(request.recording, request.skin, recording, hand, read),
     )
     recording, recorded, touched, skin = made
@@ -139,7 +140,9 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     after = recorded.judged(joints, posture, None if after_skin is None else recorded.seen_skin(after_skin))
     progress("figures", 0, 1)
     rows = field_rows(FieldPair(before, after, force=force, volume_frames=VOLUME_FRAMES))
-    verdict = field_verdict(rows, request.max_correction)
+    # Bodies that go by poses of their own need none of the recording.
+    doubts = (*(() if bodies.drives else unused_poses(recording)), *doubts_of(rows))
+    verdict = field_verdict(rows, request.max_correction, doubts)
     frames = tuple(int(frame) for frame in recorded.frames[marked])
     figures = {f"{row.name}_{when}": getattr(row, when) for row in rows for when in ("before", "after")}
     figures["time_per_frame"] = took / len(recorded.frames)
@@ -149,9 +152,10 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         marked=frames,
         verdict=verdict.line,
         ok=not verdict.missed and not frames,
+        doubts=doubts,
         findings=tuple(finding.text for finding in recording.findings),
         paths=paths,
-        table=field_table(rows, f"{request.source.name} with {scene.name}"),
+        table=field_table(rows, f"{request.source.name} with {scene.name}", doubts),
     )
     if request.pictures:
         progress("picture", 0, 1)

@@ -50,6 +50,7 @@ class RowOutcome(Settings, frozen=True, kw_only=True):
     frames: int = 0
     marked: tuple[int, ...] = ()
     verdict: str = ""
+    doubts: tuple[str, ...] = ()
     findings: tuple[str, ...] = ()
     paths: dict[str, str] = field(default_factory=dict)  # names of files in the row's folder, by what they hold
 
@@ -114,6 +115,7 @@ class RowTask:
                 frames=int(done.frames),
                 marked=tuple(map(int, done.marked)),
                 verdict=done.verdict,
+                doubts=tuple(done.doubts),
                 findings=tuple(done.findings),
                 paths={name: Path(os.path.relpath(path, folder)).as_posix() for name, path in done.paths.items()},
             )

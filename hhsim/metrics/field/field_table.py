@@ -42,8 +42,8 @@ def field_rows(pair: FieldPair) -> tuple[FieldRow, ...]:
     return tuple(rows)
 
 
-def field_table(rows: Sequence[FieldRow], title: str = "") -> Table:
-    """Return rows as a table: figure, before, after, unit and parameters."""
+def field_table(rows: Sequence[FieldRow], title: str = "", doubts: Sequence[str] = ()) -> Table:
+    """Return rows as a table: figure, before, after, unit and parameters; doubts about the object stand above them."""
     columns = [
         words("figure", "figure.label"),
         number("before", lambda row: row.figure.shown(row.before)),
@@ -51,7 +51,10 @@ def field_table(rows: Sequence[FieldRow], title: str = "") -> Table:
         words("unit", "figure.unit"),
         words("parameters"),
     ]
-    return Table(columns, rows, title)
+    unknown = math.nan, math.nan
+    doubted = FieldMetric("object", "the object is in doubt", compute=lambda _: unknown)
+    first = [FieldRow(doubted, *unknown, doubt) for doubt in doubts]
+    return Table(columns, [*first, *rows], title)
 
 
 def to_json(rows: Sequence[FieldRow]) -> dict[str, dict[str, Any]]:
