@@ -62,11 +62,11 @@ class RepairOutcome:
     marked: tuple[int, ...]  # frames that stay as they were, or that the user should look at
     verdict: str  # judgement in words
     ok: bool  # True if every limit is met
-    # Sentences on the object, which may be in another place than it was; with one, a limit is missed.
-    doubts: tuple[str, ...] = ()
     findings: tuple[str, ...] = ()  # remarks of the reader and of the repair, a line each
     paths: Mapping[str, Path] = field(default_factory=dict)  # files that were written, by what they hold
     table: Table | None = None  # figures for people
+    # Sentences on the object, which may be in another place than it was; with one, a limit is missed.
+    doubts: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return the outcome as plain values, SI units."""

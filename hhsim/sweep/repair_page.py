@@ -105,9 +105,8 @@ def brief_table(rows: Sequence[RepairedRow]) -> Table:
 
     figures = [column(called, names) for called, names in BRIEF.items() if any(name in known for name in names)]
     counts = number("frames", "outcome.frames"), number("marked", lambda row: len(row.outcome.marked))
-    state = words("state", "outcome.state")
     return Table(
-        [words("name"), state, *counts, *figures, words("doubt", _doubt), words("reason", "outcome.reason")],
+        [words("name"), words("state", "outcome.state"), *counts, *figures, words("reason", "outcome.reason")],
         rows,
         "All recordings",
     )
