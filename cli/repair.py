@@ -221,13 +221,20 @@ def _many(
     manifest: Path, out: Path, jobs: int, scheduler: str, pictures: "Pictures", printing: options.Printing
 ) -> int:
     """Repair the recordings of a manifest; returns the exit code."""
-    from hhsim.repair.repair import repair_recording
+    from hhsim.repair.repair import illustrate_recording, repair_recording
     from hhsim.sweep.repair_batch import run_manifest
     from hhsim.sweep.repair_page import brief_table
 
     with progress(quiet=printing.quiet, lines=True) as report:
         found = run_manifest(
-            manifest, out, repair_recording, workers=jobs, scheduler=scheduler, pictures=pictures, progress=report
+            manifest,
+            out,
+            repair_recording,
+            illustrate_recording,
+            workers=jobs,
+            scheduler=scheduler,
+            pictures=pictures,
+            progress=report,
         )
     if printing.as_json:
         print_json({"recordings": found.table.records, "failed": dict(found.failed), "page": str(found.page)})

@@ -16,7 +16,7 @@ from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import SIDES, HandModel, Side
 from hhsim.linkage.file import names_a_linkage
 from hhsim.mesh.catalogue import names_a_body_file, names_a_file
-from hhsim.metrics.field.field_table import field_rows, field_table
+from hhsim.metrics.field.field_table import field_rows, field_table, known_rows
 from hhsim.metrics.field.field_verdict import doubts_of, field_verdict
 from hhsim.metrics.field.hands import FieldHands, FieldPair
 from hhsim.metrics.metrics import distance_of_hands
@@ -52,7 +52,7 @@ from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.scene.scene import Scene
 from hhsim.solver.known_methods import SUBMITTED, known_for_now
 from hhsim.solver.options import UNLIMITED, SolverOptions
-from hhsim.solver.scene_solver import seen_scene
+from hhsim.solver.scene_solver import seen_hand, seen_scene
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.score import submitted_method
 from hhsim.system.atomic_write import new_files, write_atomically
@@ -94,19 +94,8 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     """Repair a recording into a folder that holds no other files."""
     names = {"result": RESULT} | ({"report": REPORT, "picture": PICTURE} if request.pictures else {})
     paths = {"recording": request.out} | {what: request.beside(name) for what, name in names.items()}
-    # The recording's own world will do where it says nothing of an axis up.
-    given = {"hand": request.hand, "mano_model": request.mano_model, "usual_up": "z", **request.options}
-    read = ReadOptions(**given)
-    recording = in_our_units(request.recording, read)
-    bodies = bodies_of(request)
-    made = prepared(
-        request,
-        read,
-        recording,
-        bodies,
-        lambda recording, hand: _skin(request.recording, request.skin, recording, hand, read),
-    )
-    recording, recorded, touched, skin = made
+    read, bodies = _reading(request), bodies_of(request)
+    recording, recorded, touched, skin = _prepared(request, read, bodies)
     scene, hand, began = recorded.scene, recorded.hand, process_time()
     seen_skin = None if skin is None else recorded.seen_skin(skin)
     seen, marked = corrected(request.max_correction, recorded, touched, seen_skin, progress)
@@ -116,9 +105,7 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     if off is not None and off > ROUNDING:
         text = f"the format holds the corrected joints to {1e3 * off:.3f} mm; the figures are of what it holds"
         recording = recording.found(note(text))
-    # What is judged is what the file says: of joints themselves, without angles that fit them.
-    again = replace(read, fits_angles=recording.joints is None)
-    written = in_our_units(paths["recording"], again, request.recording)
+    written = _written(request, read, recording)
     after_skin = None
     if skin is not None:
         after_skin = _skin(paths["recording"], None, written, hand, read)
@@ -135,7 +122,7 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     if after_skin is not None:
         add_skin(paths["result"], after_skin.vertices[recorded.frames], after_skin.faces)
     force = np.linalg.norm(forces[0].sum(axis=2), axis=2)
-    before = recorded.judged(recorded.joints, seen.fitted, seen_skin)
+    before = recorded.judged(recorded.joints, recorded.haptic, seen_skin)
     joints, posture = recorded.seen_hand(written, seen.posture)
     after = recorded.judged(joints, posture, None if after_skin is None else recorded.seen_skin(after_skin))
     progress("figures", 0, 1)
@@ -155,13 +142,74 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         doubts=doubts,
         findings=tuple(finding.text for finding in recording.findings),
         paths=paths,
-        table=field_table(rows, f"{request.source.name} with {scene.name}", doubts),
+        table=field_table(rows, _title(request, recorded), doubts),
     )
     if request.pictures:
         progress("picture", 0, 1)
-        _draw(recorded, seen, before, after, paths["picture"])
-        write_atomically(paths["report"], repair_page(outcome, before, after, paths["picture"].read_bytes()).encode())
+        _draw_page(request, outcome, recorded, seen.posture, before, after)
     return outcome
+
+
+def illustrate_recording(request: RepairRequest, outcome: RepairOutcome) -> None:
+    """Write the page and the picture of a recording that is repaired already; its files stay as they are.
+
+    `outcome` is that of its repair, without a table; errors as of `repair_recording`.
+    """
+    read = _reading(request)
+    recording, recorded, _, skin = _prepared(request, read, bodies_of(request))
+    result = load_result(request.beside(RESULT))
+    shown = HandConfiguration(*(result[f"graphic/{name}"] for name in HandConfiguration._fields))
+    shown, after_skin = seen_hand(shown, recorded.moved), None
+    if skin is not None:
+        vertices = result.skin(slice(None))
+        after_skin = replace(
+            skin, vertices=vertices if recorded.moved is None else recorded.moved.seen_points(vertices)
+        )
+    before = recorded.judged(recorded.joints, recorded.haptic, None if skin is None else recorded.seen_skin(skin))
+    joints, posture = recorded.seen_hand(_written(request, read, recording), shown)
+    after = recorded.judged(joints, posture, after_skin)
+    rows = known_rows(outcome.figures, FieldPair(before, after, volume_frames=VOLUME_FRAMES))
+    table = field_table(rows, _title(request, recorded), outcome.doubts)
+    with new_files(request.beside(REPORT)) as folder:
+        moved = replace(request, out=folder / request.out.name)
+        _draw_page(moved, replace(outcome, table=table), recorded, shown, before, after)
+
+
+def _draw_page(
+    request: RepairRequest,
+    outcome: RepairOutcome,
+    recorded: RecordedScene,
+    posture: HandConfiguration,
+    before: FieldHands,
+    after: FieldHands,
+) -> None:
+    """Write the page of a repair and its picture; `posture` is our hand after it, as the object sees it."""
+    picture = request.beside(PICTURE)
+    _draw(recorded, posture, before, after, picture)
+    page = repair_page(outcome, before, after, picture.read_bytes())
+    write_atomically(request.beside(REPORT), page.encode())
+
+
+def _title(request: RepairRequest, recorded: RecordedScene) -> str:
+    return f"{request.source.name} with {recorded.scene.name}"
+
+
+def _reading(request: RepairRequest) -> ReadOptions:
+    # The recording's own world will do where it says nothing of an axis up.
+    given = {"hand": request.hand, "mano_model": request.mano_model, "usual_up": "z", **request.options}
+    return ReadOptions(**given)
+
+
+def _prepared(request: RepairRequest, read: ReadOptions, bodies: DeclaredBodies) -> "Prepared":
+    def skin(recording: Recording, hand: HandModel) -> Skin | None:
+        return _skin(request.recording, request.skin, recording, hand, read)
+
+    return prepared(request, read, in_our_units(request.recording, read), bodies, skin)
+
+
+def _written(request: RepairRequest, read: ReadOptions, recording: Recording) -> Recording:
+    """Return the repaired recording: what is judged is what the file says, without angles that fit its joints."""
+    return in_our_units(request.out, replace(read, fits_angles=recording.joints is None), request.recording)
 
 
 class Prepared(NamedTuple):
@@ -304,7 +352,9 @@ def _skin(path: Path, skin: Path | None, recording: Recording, hand: HandModel, 
     return mano_skin(model, *mano(content, read), recording.file_frame) if len(model.faces) else None
 
 
-def _draw(recorded: RecordedScene, seen: Correction, before: FieldHands, after: FieldHands, path: Path) -> None:
+def _draw(
+    recorded: RecordedScene, posture: HandConfiguration, before: FieldHands, after: FieldHands, path: Path
+) -> None:
     """Draw the skin, or our hand, in the deepest frames, as recorded and as repaired."""
     chosen = deepest_frames(np.nan_to_num(-before.distance))
     if before.skin is not None and after.skin is not None and before.faces is not None:
@@ -312,12 +362,14 @@ def _draw(recorded: RecordedScene, seen: Correction, before: FieldHands, after: 
     else:
         hand = recorded.hand
         pieces = piece_surfaces(hand)
-        hands = [[hand_surface(hand, posed.at(k), pieces) for k in chosen] for posed in (seen.fitted, seen.posture)]
+        hands = [[hand_surface(hand, posed.at(k), pieces) for k in chosen] for posed in (recorded.haptic, posture)]
         shown, faces = [np.stack([one.points for one in frames]) for frames in hands], hands[0][0].faces
     numbers, rows = recorded.frames[chosen].tolist(), range(len(chosen))
     time = recorded.scene.ticks.time[chosen]
     shapes = [recorded.mesh_at(frame) for frame in chosen]
-    draw_before_after(shapes, shown[0], shown[1], faces, path, rows, time, numbers)
+    # The table's depth: of a thin object the deepest vertex lies less deep than the cone that it is of.
+    depth = [np.maximum(-hands.distance[chosen], 0.0) for hands in (before, after)]
+    draw_before_after(shapes, shown[0], shown[1], faces, path, rows, time, numbers, depth)
 
 
 def _check_paths(request: RepairRequest, given: Path, *beside: str) -> None:

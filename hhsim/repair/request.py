@@ -79,5 +79,7 @@ class RepairOutcome:
         }
 
 
+Illustrate: TypeAlias = Callable[[RepairRequest, RepairOutcome], None]
+"""Function that writes the page and the picture of a recording that is repaired already."""
 Repair: TypeAlias = Callable[[RepairRequest], RepairOutcome]
 """Function that repairs one recording; it raises HhsimError with one line if it cannot."""

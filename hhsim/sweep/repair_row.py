@@ -3,6 +3,7 @@
 import faulthandler
 import hashlib
 import json
+import math
 import os
 import shutil
 import threading
@@ -15,7 +16,7 @@ from msgspec import field, structs
 from hhsim import __version__
 from hhsim.errors import HhsimError, InputError, TrajectoryError
 from hhsim.mesh.catalogue import names_a_file
-from hhsim.repair.request import PICTURE, Repair
+from hhsim.repair.request import PICTURE, REPORT, Illustrate, Repair, RepairOutcome
 from hhsim.sweep.engines import TaskEnd
 from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, file_digest, read_files
 from hhsim.sweep.plan import DIGITS, source_digest
@@ -62,6 +63,7 @@ class RowTask:
     row: PlannedRepair
     digest: str  # digest of the row, its name included
     repair: Repair  # function of a module that the process can import
+    illustrate: Illustrate  # another one
     attempt: str  # name of the run that it belongs to
     sources: str  # digest of the hhsim that planned it
 
@@ -78,6 +80,8 @@ class RowTask:
                 # A cluster runs again what a worker had done, or had begun, when it was lost.
                 if is_done(self.row, self.digest):
                     return TaskEnd(self.digest)
+                if done := finished(self.row, self.digest):
+                    return self._pictured(done)
                 if _begun(folder, self.attempt) is not None:
                     return TaskEnd(self.digest, "its worker was lost")
                 _empty(folder)
@@ -87,6 +91,25 @@ class RowTask:
             return TaskEnd(self.digest)
         except (HhsimError, OSError) as error:
             return TaskEnd(self.digest, _line(error))
+
+    def _pictured(self, done: RowOutcome) -> TaskEnd:
+        """Add what is missing of the page and the picture; nothing else in the folder is touched."""
+        request = self.row.request
+        known = {name: math.nan if value is None else value for name, value in done.figures.items()}
+        outcome = RepairOutcome(
+            known, done.frames, done.marked, done.verdict, done.state == "repaired", done.findings, doubts=done.doubts
+        )
+        for name in (REPORT, PICTURE):
+            request.beside(name).unlink(missing_ok=True)
+        with Path(os.devnull).open("w") as nowhere:
+            faulthandler.dump_traceback_later(self.row.time_limit, exit=True, file=nowhere)
+            try:
+                self.illustrate(request, outcome)
+            except Exception as error:
+                return TaskEnd(self.digest, _line(error))
+            finally:
+                faulthandler.cancel_dump_traceback_later()
+        return TaskEnd(self.digest)
 
     def _outcome(self, folder: Path) -> RowOutcome:
         try:
@@ -164,11 +187,17 @@ def read_outcome(row: PlannedRepair, digest: str) -> RowOutcome | None:
 
 def is_done(row: PlannedRepair, digest: str) -> bool:
     """Return True if a row has come to an end for good, with its pictures if it is to have them."""
-    found = read_outcome(row, digest)
-    if found is None or not found.is_final:
+    found = finished(row, digest)
+    if found is None:
         return False
     unpictured = row.request.pictures and found.state in ("repaired", "missed")
     return not unpictured or row.request.beside(PICTURE).is_file()
+
+
+def finished(row: PlannedRepair, digest: str) -> RowOutcome | None:
+    """Return the outcome of a row that has come to an end for good, be it without its pictures."""
+    found = read_outcome(row, digest)
+    return found if found is not None and found.is_final else None
 
 
 def write_outcome(folder: Path, outcome: RowOutcome) -> None:
