@@ -196,7 +196,8 @@ def _follow(recording: Path, thing: ObjectSettings, limits: RepairLimits, readin
     )
     marked = False
     with ExitStack() as files:
-        source = sys.stdin if str(recording) == "-" else files.enter_context(recording.open(encoding="utf-8"))
+        piped_in = str(recording) == "-"
+        source = sys.stdin if piped_in else files.enter_context(recording.open(encoding="utf-8", errors="replace"))
         target = sys.stdout if piped else None
         for frame, line in followed_lines(source, follower, reading.rate):
             # What ends before a first frame leaves no file.

@@ -80,10 +80,7 @@ def test_a_second_run_repeats_what_ended_by_accident_and_nothing_else(tmp_path: 
     first = run_manifest(
         path, out, fake_repairs.repaired, fake_repairs.illustrated, progress=lambda *step: told.append(step)
     )
-    assert told == [
-        *(("recordings", done, 5) for done in range(6)),
-        *(("pictures", done, 2) for done in range(3)),
-    ]
+    assert told == [*(("recordings", done, 5) for done in range(6)), *(("pictures", done, 2) for done in range(3))]
     assert len(ran(out)) == 5 + 2
     files = tree(out)
     told.clear()
