@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from hhsim.system.plain_json import plain_json
 from hhsim.system.progress import Progress, silent
+from hhsim.table.table import plain_text
 
 if TYPE_CHECKING:
     from hhsim.table.table import Table
@@ -44,7 +45,11 @@ def print_table(table: "Table", *, optional: Sequence[str] = ()) -> None:
 
 
 def print_line(text: str) -> None:
-    """Print a sentence to stdout; in a terminal it is folded at words."""
+    """Print a sentence to stdout; in a terminal it is folded at words.
+
+    It and its like are what prints words of users' files: whatever commands a terminal is spelled.
+    """
+    text = plain_text(text)
     if not sys.stdout.isatty():
         print(text)
         return
@@ -85,7 +90,12 @@ def announce_compilation(*, quiet: bool) -> None:
 def print_notes(notes: Sequence[str], *, prefix: str = "note") -> None:
     """Print remarks to stderr, a line each."""
     for note in notes:
-        print(f"hhsim: {prefix}: {note}", file=sys.stderr)
+        print_error(f"hhsim: {prefix}: {note}")
+
+
+def print_error(text: str) -> None:
+    """Print a line to stderr."""
+    print(plain_text(" ".join(text.splitlines())), file=sys.stderr, flush=True)
 
 
 @contextmanager
@@ -125,6 +135,7 @@ def progress(*, quiet: bool, lines: bool = False) -> Iterator[Progress]:
                 bar.reset(task, total=None, description=what, amount="")
 
         def report(what: str, done: int, total: int) -> None:
+            what = plain_text(what).replace("[", "\\[")
             # Text in brackets changes as the work goes on.
             label(what.partition(" (")[0])
             bar.update(task, description=what, completed=done, total=total, amount=f"{done:,} of {total:,}")
@@ -150,6 +161,6 @@ def _line_by_line() -> Progress:
             total_before, tenth_before, told = total, 0, now
         if tenth > tenth_before or now - told >= SILENCE:
             tenth_before, told = tenth, now
-            print(f"hhsim: {what}: {done:,} of {total:,}", file=sys.stderr, flush=True)
+            print_error(f"hhsim: {what}: {done:,} of {total:,}")
 
     return report
