@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import signal
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -63,6 +64,14 @@ def print_line(text: str) -> None:
 def print_json(document: Mapping[str, Any]) -> None:
     """Print a document to stdout, in ASCII for every encoding; what JSON cannot hold (NaN, infinities) becomes null."""
     print(json.dumps(plain_json(document), indent=2, allow_nan=False))
+
+
+def end_on_sigterm() -> None:
+    """Have SIGTERM end the command as an interrupt does: with its processes, and without half-written files."""
+    import click
+
+    before = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    click.get_current_context().call_on_close(lambda: signal.signal(signal.SIGTERM, before))
 
 
 def announce_compilation(*, quiet: bool) -> None:

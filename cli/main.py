@@ -65,7 +65,7 @@ COMPLETION_VARIABLE = "_HHSIM_COMPLETE"
 SHOW_AS_USUAL = warnings.showwarning
 NO_MEMORY = "can't start new thread", "failed to map segment", "returned NULL without setting"
 """Words of errors that Python and the system's loader raise where memory is short."""
-INTERRUPTED, TERMINATED = 130, 143
+INTERRUPTED = 130
 BROKEN_PIPE = 141
 MANY_OBJECTS = 10_000
 """New objects after which the collector looks for circles."""
@@ -103,8 +103,6 @@ def main() -> None:
     # Most of a command's objects stay: to look for circles whenever 700 more are there takes a twentieth of a replay.
     gc.set_threshold(MANY_OBJECTS)
     prepare_streams()
-    # As an interrupt does, it ends processes and takes half-written files away.
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
     warnings.showwarning = _show_warning
     wanted = os.environ.get(COMPLETION_VARIABLE)
     if wanted:

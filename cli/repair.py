@@ -11,7 +11,7 @@ from .arguments import options
 from .arguments.option_group import GroupedCommand, OptionGroup, option, typed_options
 from .arguments.options import FILE, JOBS, OUTPUT, UNITS, Number, file, metres, ranged
 from .arguments.recording_options import FileSettings, HandData
-from .console import print_json, print_line, print_notes, print_table, progress
+from .console import end_on_sigterm, print_json, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
     from hhsim.repair.request import Pictures, RepairOutcome
@@ -119,6 +119,7 @@ def command(
       hhsim repair manifest.toml --out repaired
       hhsim repair - --follow --rate 30 --object mug.stl --out free.jsonl
     """
+    end_on_sigterm()
     if limits.follow:
         return _follow(recording, thing, limits, reading, out)
     from hhsim.repair.repair import repair_recording
