@@ -219,7 +219,7 @@ def _tried(planned: PlannedCell, plan_folder: Path, sharing: int) -> TaskEnd:
             options = {**cell.options, "rate": rate / step}
             tried = replace(cell, repeat=1, ticks=min(planned.ticks, ticks), options=options)
             where = str(plan_folder.resolve()), scratch
-            return CellTask(tried, planned.digest, *where, False, False, source_digest()).run()
+            return CellTask(tried, tried.digest(plan_folder), *where, False, False, source_digest()).run()
 
         first = run(FEW)
         # The lesser of two runs: a disturbance of so few ticks would be extrapolated.
