@@ -14,7 +14,7 @@ from .arguments.length import read_length
 from .arguments.object_argument import MeshFile, complete_object
 from .arguments.option_group import GroupedCommand, OptionGroup, option, typed_options
 from .arguments.options import OUTPUT, UNITS, Output, file, seed
-from .console import print_json, print_notes, print_table, progress
+from .console import print_json, print_line, print_notes, print_table, progress
 from .robots.spheres import USUAL_LEAVES, RobotOptions, fit_columns, import_spheres, robot_spheres
 
 if TYPE_CHECKING:
@@ -257,24 +257,24 @@ def command(
         if fit is not None:
             print_table(Table(fit_columns(), [fit], "fit of the leaves"))
         for repair in mesh.repairs:
-            print(f"repaired: {repair}")
+            print_line(f"repaired: {repair}")
         for note in found.notes if found else ():
-            print(f"note: {note}")
+            print_line(f"note: {note}")
         if found is None or tree.covers:
             for fault in faults:
-                print(f"not proved: {fault}")
+                print_line(f"not proved: {fault}")
         if not faults:
             gap = tree.covers[-1].gap
             part = f"no part of the mesh is farther than {1e3 * gap:.3f} mm outside of the leaves"
-            print(f"proved and checked: {part if gap else 'each level covers the whole mesh'}")
+            print_line(f"proved and checked: {part if gap else 'each level covers the whole mesh'}")
         if build.max_error is not None:
-            print(f"the fewest spheres that were found within {1e3 * build.max_error:g} mm")
+            print_line(f"the fewest spheres that were found within {1e3 * build.max_error:g} mm")
         how = "read from the cache" if cached else f"built in {seconds:.1f} s"
         if source.path is not None:
             how = f"read from {source.path}"
-        print(f"{counted(tree.leaf_count, 'leaf')}, {how}, written to {path}")
+        print_line(f"{counted(tree.leaf_count, 'leaf')}, {how}, written to {path}")
         if plot is not None:
-            print(f"the picture is in {plot}")
+            print_line(f"the picture is in {plot}")
 
 
 def _of_level(tree: "SphereTree", level: int) -> dict[str, float | None]:

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import signal
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from hhsim.system.plain_json import plain_json
 from hhsim.system.progress import Progress, silent
+from hhsim.table.table import plain_text
 
 if TYPE_CHECKING:
     from hhsim.table.table import Table
@@ -44,7 +46,11 @@ def print_table(table: "Table", *, optional: Sequence[str] = ()) -> None:
 
 
 def print_line(text: str) -> None:
-    """Print a sentence to stdout; in a terminal it is folded at words."""
+    """Print a sentence to stdout; in a terminal it is folded at words.
+
+    It and its like are what prints words of users' files: whatever commands a terminal is spelled.
+    """
+    text = plain_text(text)
     if not sys.stdout.isatty():
         print(text)
         return
@@ -58,6 +64,14 @@ def print_line(text: str) -> None:
 def print_json(document: Mapping[str, Any]) -> None:
     """Print a document to stdout, in ASCII for every encoding; what JSON cannot hold (NaN, infinities) becomes null."""
     print(json.dumps(plain_json(document), indent=2, allow_nan=False))
+
+
+def end_on_sigterm() -> None:
+    """Have SIGTERM end the command as an interrupt does: with its processes, and without half-written files."""
+    import click
+
+    before = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    click.get_current_context().call_on_close(lambda: signal.signal(signal.SIGTERM, before))
 
 
 def announce_compilation(*, quiet: bool) -> None:
@@ -85,7 +99,12 @@ def announce_compilation(*, quiet: bool) -> None:
 def print_notes(notes: Sequence[str], *, prefix: str = "note") -> None:
     """Print remarks to stderr, a line each."""
     for note in notes:
-        print(f"hhsim: {prefix}: {note}", file=sys.stderr)
+        print_error(f"hhsim: {prefix}: {note}")
+
+
+def print_error(text: str) -> None:
+    """Print a line to stderr."""
+    print(plain_text(" ".join(text.splitlines())), file=sys.stderr, flush=True)
 
 
 @contextmanager
@@ -125,6 +144,7 @@ def progress(*, quiet: bool, lines: bool = False) -> Iterator[Progress]:
                 bar.reset(task, total=None, description=what, amount="")
 
         def report(what: str, done: int, total: int) -> None:
+            what = plain_text(what).replace("[", "\\[")
             # Text in brackets changes as the work goes on.
             label(what.partition(" (")[0])
             bar.update(task, description=what, completed=done, total=total, amount=f"{done:,} of {total:,}")
@@ -150,6 +170,6 @@ def _line_by_line() -> Progress:
             total_before, tenth_before, told = total, 0, now
         if tenth > tenth_before or now - told >= SILENCE:
             tenth_before, told = tenth, now
-            print(f"hhsim: {what}: {done:,} of {total:,}", file=sys.stderr, flush=True)
+            print_error(f"hhsim: {what}: {done:,} of {total:,}")
 
     return report

@@ -8,7 +8,7 @@ from hhsim.system.counted import counted
 
 from .arguments import options
 from .arguments.comma_list import read_names
-from .console import print_json, progress
+from .console import print_json, print_line, progress
 
 
 @click.command(cls=options.Command)
@@ -65,11 +65,11 @@ def command(
         if printing.as_json:
             print_json({"result": str(result), "recording": str(out), "format": form, "ticks": ticks})
         elif not printing.quiet:
-            print(f"{counted(ticks, 'tick')} as {form}: {out}")
+            print_line(f"{counted(ticks, 'tick')} as {form}: {out}")
         return
     with progress(quiet=printing.quiet) as report:
         written = export_ticks(loaded, out, columns, report)
     if printing.as_json:
         print_json({"result": str(result), "csv": str(out), "ticks": loaded.ticks, "columns": list(written)})
     elif not printing.quiet:
-        print(f"{counted(loaded.ticks, 'tick')}, {counted(len(written), 'column')}: {out}")
+        print_line(f"{counted(loaded.ticks, 'tick')}, {counted(len(written), 'column')}: {out}")

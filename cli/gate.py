@@ -13,7 +13,7 @@ from hhsim.table.table import Table
 from .arguments import options
 from .arguments.option_group import OptionGroup, option, shared
 from .arguments.options import FILE, file, output_file
-from .console import print_json, print_notes, print_table, progress
+from .console import print_json, print_line, print_notes, print_table, progress
 from .run_again import names_a_result
 
 if TYPE_CHECKING:
@@ -213,9 +213,9 @@ def _print(report: "GateReport", written: Path | None, output: GateOutput) -> No
             print_table(Table(COLUMNS, shown, report.source))
         told = [row for row in shown if row.verdict != REFUSED]
         for line in (*reasons(told), *not_judged(report), *report.notes):
-            print(f"note: {line}")
+            print_line(f"note: {line}")
         if not output.whole and (rest := left_out(report)):
-            print(f"{report.source}: {rest} (--all shows them)")
-        print(headline(report))
+            print_line(f"{report.source}: {rest} (--all shows them)")
+        print_line(headline(report))
         if written is not None:
-            print(f"the baseline is in {written}")
+            print_line(f"the baseline is in {written}")

@@ -12,7 +12,7 @@ from .arguments.comma_list import number_list
 from .arguments.option_group import GroupedCommand, OptionGroup, option
 from .arguments.options import FILE, OUTPUT, Number, Output, file, metres, output_file
 from .arguments.recording_options import FileSettings, HandData
-from .console import print_json, print_notes, print_table
+from .console import print_json, print_line, print_notes, print_table
 
 if TYPE_CHECKING:
     from hhsim.recordings.cleaning import CleaningOptions
@@ -207,16 +207,16 @@ def command(
         if cleaned.findings:
             print_table(Table(FINDING_COLUMNS, cleaned.findings, title))
         else:
-            print(f"{title}; nothing was found")
+            print_line(f"{title}; nothing was found")
         if recording.bones is not None:
             print_table(Table(FIT_COLUMNS, fit_rows(recording.bones), "a hand with the recorded bones"))
-        print(
+        print_line(
             f"{motion.sample_count:,} of {recording.sample_count:,} samples, {motion.duration:.3f} s at "
             f"{motion.mean_rate:.1f} Hz, longest step {1e3 * document['longest_step']:.1f} ms, "
             f"{cleaned.mended:,} mended"
         )
         if motion.checksums == "missing":
-            print(UNCHECKED)
-        print(f"written to {', '.join(written)}" + (f", drawn in {plot}" if plot else ""))
+            print_line(UNCHECKED)
+        print_line(f"written to {', '.join(written)}" + (f", drawn in {plot}" if plot else ""))
         if output_path.suffix.lower() == ".csv" and cleaned.trajectory.raw:
             print_notes(["raw channels are not part of a CSV file; --out FILE.h5 keeps them"])

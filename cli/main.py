@@ -14,7 +14,7 @@ import click
 from hhsim import __version__
 from hhsim.errors import HhsimError
 
-from .console import prepare_streams, print_notes
+from .console import prepare_streams, print_error, print_notes
 from .lazy_group import LazyGroup
 
 COMMANDS = {
@@ -195,7 +195,7 @@ def _with_notes(message: str, error: BaseException) -> str:
 def _report(message: str, code: int) -> int:
     """Report an error: one line on stderr and, with --json, one JSON document on stdout."""
     line = " ".join(message.split())
-    print(f"hhsim: {line}" if code == INTERRUPTED else f"hhsim: error: {line}", file=sys.stderr)
+    print_error(f"hhsim: {line}" if code == INTERRUPTED else f"hhsim: error: {line}")
     if "--json" in sys.argv:
         print(json.dumps({"error": line}), flush=True)
     return code

@@ -11,7 +11,7 @@ from .arguments import options
 from .arguments.option_group import GroupedCommand, OptionGroup, option, typed_options
 from .arguments.options import FILE, JOBS, OUTPUT, UNITS, Number, file, metres, ranged
 from .arguments.recording_options import FileSettings, HandData
-from .console import print_json, print_line, print_notes, print_table, progress
+from .console import end_on_sigterm, print_json, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
     from hhsim.repair.request import Pictures, RepairOutcome
@@ -119,6 +119,7 @@ def command(
       hhsim repair manifest.toml --out repaired
       hhsim repair - --follow --rate 30 --object mug.stl --out free.jsonl
     """
+    end_on_sigterm()
     if limits.follow:
         return _follow(recording, thing, limits, reading, out)
     from hhsim.repair.repair import repair_recording
@@ -196,7 +197,8 @@ def _follow(recording: Path, thing: ObjectSettings, limits: RepairLimits, readin
     )
     marked = False
     with ExitStack() as files:
-        source = sys.stdin if str(recording) == "-" else files.enter_context(recording.open(encoding="utf-8"))
+        piped_in = str(recording) == "-"
+        source = sys.stdin if piped_in else files.enter_context(recording.open(encoding="utf-8", errors="replace"))
         target = sys.stdout if piped else None
         for frame, line in followed_lines(source, follower, reading.rate):
             # What ends before a first frame leaves no file.
@@ -221,13 +223,20 @@ def _many(
     manifest: Path, out: Path, jobs: int, scheduler: str, pictures: "Pictures", printing: options.Printing
 ) -> int:
     """Repair the recordings of a manifest; returns the exit code."""
-    from hhsim.repair.repair import repair_recording
+    from hhsim.repair.repair import illustrate_recording, repair_recording
     from hhsim.sweep.repair_batch import run_manifest
     from hhsim.sweep.repair_page import brief_table
 
     with progress(quiet=printing.quiet, lines=True) as report:
         found = run_manifest(
-            manifest, out, repair_recording, workers=jobs, scheduler=scheduler, pictures=pictures, progress=report
+            manifest,
+            out,
+            repair_recording,
+            illustrate_recording,
+            workers=jobs,
+            scheduler=scheduler,
+            pictures=pictures,
+            progress=report,
         )
     if printing.as_json:
         print_json({"recordings": found.table.records, "failed": dict(found.failed), "page": str(found.page)})

@@ -9,7 +9,7 @@ import click
 from hhsim.system.counted import counted
 
 from .arguments import options
-from .console import print_json, progress
+from .console import print_json, print_line, progress
 
 DATE = re.compile(r"\d{4}-\d\d-\d\d-\d{6}-")
 """Date in the name of a result that hhsim named."""
@@ -69,8 +69,8 @@ def command(
         print_json({**report.to_json(), **files.to_json(), "seconds": time.perf_counter() - begin})
     elif not printing.quiet:
         for line in report.verdict_lines():
-            print(line)
-        print(f"the report is in {files.page}, with {counted(len(files.pictures), 'picture')} beside it")
+            print_line(line)
+        print_line(f"the report is in {files.page}, with {counted(len(files.pictures), 'picture')} beside it")
 
 
 def _write_figure(
@@ -89,4 +89,4 @@ def _write_figure(
     if printing.as_json:
         print_json({"figure": str(path), "width": 0.0254 * inches, "seconds": time.perf_counter() - begin})
     elif not printing.quiet:
-        print(f"{figure.title}, {25.4 * inches:g} mm wide, is in {path}")
+        print_line(f"{figure.title}, {25.4 * inches:g} mm wide, is in {path}")

@@ -9,7 +9,7 @@ from click.core import ParameterSource
 
 from hhsim.table.table import Table
 
-from .console import print_json, print_notes, print_table, progress
+from .console import print_json, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
     from hhsim.replay.repeat import RunAgain
@@ -67,5 +67,5 @@ def _print(again: "RunAgain") -> None:
         rows.append((array.name, array.word, *found, bound, array.units))
     print_table(Table.of_cells(columns, rows, title, numbers=numbers))
     for note in again.notes:
-        print(f"note: {note}")
-    print(again.sentence)
+        print_line(f"note: {note}")
+    print_line(again.sentence)

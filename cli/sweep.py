@@ -10,7 +10,7 @@ from hhsim.table.table import Table
 
 from .arguments import options
 from .arguments.option_group import OptionGroup, option
-from .console import print_json, print_line, print_notes, print_table, progress
+from .console import end_on_sigterm, print_json, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
     from hhsim.sweep.sweep import Estimate, SweepSummary
@@ -66,6 +66,7 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
     from hhsim.sweep.sweep import SweepOptions, estimate, run_sweep
     from hhsim.system.output_path import RESULTS
 
+    end_on_sigterm()
     chosen = SweepOptions(settings.jobs or 0, settings.scheduler, settings.retry_failed, not settings.summary_only)
     with progress(quiet=printing.quiet, lines=True) as report:
         report("reading the plan", 0, 1)

@@ -24,4 +24,4 @@ def changed(path: Path) -> Iterator[h5py.File]:
 
 def know_as_sound(path: Path) -> None:
     """Have this process take a file as read by a child: to fork a process that holds all tests takes long."""
-    hdf5_input._KNOWN[hdf5_input._state(path)] = ""
+    hdf5_input._KNOWN[hdf5_input.file_state(path)] = ""

@@ -16,7 +16,7 @@ from hhsim.table.table import Table, number, words
 from ..arguments.option_group import OptionGroup, option
 from ..arguments.options import Output
 from ..arguments.rerun_target import RERUN, RERUN_METAVAR, read_target
-from ..console import print_json, print_notes, print_table, progress
+from ..console import print_json, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
     from hhsim.linkage.robot import Robot
@@ -141,9 +141,9 @@ def robot_spheres(
         _print(found, seconds)
         if compared:
             print_table(Table(COMPARED, compared, f"{counted(len(built), 'link')}, as many spheres of each"))
-        print(f"{counted(sum(each.fit.spheres for each in found.links), 'sphere')}, written to {out}")
+        print_line(f"{counted(sum(each.fit.spheres for each in found.links), 'sphere')}, written to {out}")
         if plot is not None:
-            print(f"the picture is in {plot}")
+            print_line(f"the picture is in {plot}")
 
 
 def _judged(
@@ -234,13 +234,15 @@ def _print(found: "RobotSpheres", seconds: float) -> None:
     print_table(Table(columns, found.links, f"{found.robot.name}: {counted(len(found.links), 'link')}"))
     bare = [link.name for link in found.links if not link.proved]
     if bare:
-        print(f"not proved to be covered: {', '.join(bare)}")
+        print_line(f"not proved to be covered: {', '.join(bare)}")
     else:
-        print("proved: every triangle of every link lies in its spheres")
+        print_line("proved: every triangle of every link lies in its spheres")
     pairs = sum(map(len, found.ignored.values()))
-    print(f"{counted(pairs, 'pair')} of links adjacent or touching in every one of 10,000 poses")
+    print_line(f"{counted(pairs, 'pair')} of links adjacent or touching in every one of 10,000 poses")
     cached = sum(link.cached for link in found.links)
-    print(f"{seconds:.1f} s of CPU{f', {cached} of {len(found.links)} links read from the cache' if cached else ''}")
+    print_line(
+        f"{seconds:.1f} s of CPU{f', {cached} of {len(found.links)} links read from the cache' if cached else ''}"
+    )
 
 
 def _document(found: "RobotSpheres", seconds: float) -> dict[str, Any]:

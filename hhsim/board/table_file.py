@@ -16,7 +16,7 @@ from hhsim.replay.summary import digits_with
 from hhsim.system.counted import counted
 from hhsim.system.output_path import check_output_path, holds
 from hhsim.table.html import render
-from hhsim.table.table import Column, Table, number, shown, words
+from hhsim.table.table import Column, Table, markdown_text, number, shown, words
 
 MARK = "●"
 LEGEND = (
@@ -143,7 +143,9 @@ def content_of(path: Path, board: Board, standings: Sequence[Standing]) -> bytes
         return run_table(board).csv().encode()
     if kind == ".md":
         document = document_table(board, standings)
-        return "\n".join([document.markdown(), "", *(f"- {note}" for note in document.notes), ""]).encode()
+        return "\n".join(
+            [document.markdown(), "", *(f"- {markdown_text(note)}" for note in document.notes), ""]
+        ).encode()
     if kind == ".tex":
         return document_table(board, standings).latex().encode()
     return board_page(board, standings).encode()

@@ -141,7 +141,7 @@ def flat(node: Mapping[str, Any], above: str = "") -> list[tuple[str, Any]]:
     found: list[tuple[str, Any]] = []
     for key, value in node.items():
         name = f"{above}/{key}" if above else str(key)
-        found += flat(value, name) if isinstance(value, dict) and above.count("/") < 4 else [(name, value)]
+        found += flat(value, name) if isinstance(value, dict) else [(name, value)]
     return found
 
 

@@ -31,6 +31,7 @@ from hhsim.errors import TrajectoryError, named
 from hhsim.hand.quaternion import conjugate, quaternion, quaternion_from_matrix, quaternion_product
 from hhsim.motion.csv_table import Table, lacks_names, read_header, read_table
 from hhsim.motion.npz_arrays import read_npy, read_npz
+from hhsim.motion.pickled_data import MOST_DEPTH
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import ObjectMotion
 from hhsim.motion.validation import as_numbers
@@ -42,7 +43,7 @@ from hhsim.recordings.registry import Content, ReadOptions
 from hhsim.recordings.stated_fields import StatedFields
 from hhsim.recordings.unit_detection import CERTAINLY_FAR, FAR, LENGTH_UNITS, TIME_UNITS, time_column
 
-OBJECT_WORDS = {"object", "obj"}
+OBJECT_WORDS = {"object", "obj", "objects", "objs"}
 POSITIONS = {"t", "pos", "position", "positions", "trans", "transl", "translation", "translations", "location"}
 VECTORS = {"rotvec", "axisangle"}
 TURNS = {"q", "quat", "quaternion", "quaternions", "rot", "rotation", "rotations", "orient", "orientation"}
@@ -61,6 +62,8 @@ TURN_SHAPES = ((4,), (3,), (3, 3), (9,))
 POSE_SHAPES = ((4, 4), (3, 4), *((width,) for width in WIDTHS))
 """Shapes of a row of an orientation and of a pose."""
 
+_OF_OTHERS = ("cam", "hand", "wrist", "palm", "mano", "left", "right")
+"""Beginnings of words for what else has a pose below an object."""
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+")
 _COLUMN = re.compile(r"(?:(?P<kind>p|t|q)?(?P<axis>[wxyz])|m?(?P<place>[0-9]+))")
 
@@ -81,6 +84,7 @@ class _Name(NamedTuple):
     kind: str
     order: str | None
     metre: float | None
+    above: str = ""  # names above it, such as object/mug
 
 
 def _words(name: str, alone: bool) -> tuple[list[str], float | None] | None:
@@ -89,7 +93,7 @@ def _words(name: str, alone: bool) -> tuple[list[str], float | None] | None:
     place = next((k for k, word in enumerate(words) if word in OBJECT_WORDS), None)
     if place is None and not alone:
         return None
-    words = words if place is None else words[place + 1 :]
+    words = words if place is None else [word for word in words[place + 1 :] if word not in OBJECT_WORDS]
     metre = UNITS.get(words[-1]) if len(words) > 1 else None
     return (words if metre is None else words[:-1]), metre
 
@@ -104,6 +108,13 @@ def _bare(words: list[str]) -> list[str]:
 
 def _meaning(name: str, alone: bool) -> _Name | None:
     """Return the meaning of the name of an array or a key; None for another one."""
+    above, _, last = name.replace(".", "/").rpartition("/")
+    inner = _words(above, alone=False)
+    if inner is not None and not any(word.startswith(_OF_OTHERS) for word in inner[0]):
+        # Below an object, which may have a name of its own, the last part says it.
+        below = _meaning(last, alone=True)
+        if below is not None:
+            return below._replace(above=above)
     found = _words(name, alone)
     if found is None:
         return None
@@ -141,6 +152,12 @@ def poses_in(
         meaning, shape = _meaning(name, alone), np.shape(values)
         if meaning is not None and {shape, shape[1:]} & {*tails.get(meaning.kind, TURN_SHAPES)}:
             meanings[name] = meaning
+    # Of those at several depths the uppermost; of several objects none, since nobody knows which one is held.
+    for kind in {meaning.kind for meaning in meanings.values()}:
+        depth = {name: m.above.count("/") for name, m in meanings.items() if m.kind == kind}
+        top = {name for name, below in depth.items() if below == min(depth.values())}
+        one = len({meanings[name].above for name in top}) == 1
+        meanings = {name: m for name, m in meanings.items() if m.kind != kind or (one and name in top)}
     names = {meaning.kind.replace("vector", "turn"): name for name, meaning in reversed(meanings.items())}
     if not names:
         return None
@@ -308,7 +325,7 @@ def _leaves(node: Mapping[str, Any], above: str = "", depth: int = 0) -> Iterato
                 yield f"{name}_wxyz", np.array(vector(value, "wxyz"))
             elif (meaning := _meaning(name, True)) is not None and meaning.kind == "position":
                 yield name, np.array(vector(value))
-        elif isinstance(value, dict) and depth < 4:
+        elif isinstance(value, dict) and depth < MOST_DEPTH:
             yield from _leaves(value, name, depth + 1)
         elif isinstance(value, int | float) and not isinstance(value, bool):
             yield name, np.array(number(value))

@@ -10,6 +10,7 @@ Fingers bend to the palm's side, and the thumb stands on it: that tells a right 
 world from Unity's left-handed one, in which a hand is the mirror of the other.
 """
 
+import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -43,6 +44,27 @@ SHOWN_NAMES = 6
 """Most names of what is not used in one finding."""
 FINGER_ARM = 0.04
 """Usual distance from a joint to the fingertip [m]."""
+UNUSED_POSE = "unused pose"
+"""Kind of the finding that names what looks like the pose of an object and is not used."""
+POSE_WORDS = ("pos", "rot", "quat", "trans", "orient", "matri")
+"""Beginnings of words for a pose or a part of one."""
+OF_OTHERS = (
+    "cam",
+    "hand",
+    "wrist",
+    "palm",
+    "head",
+    "root",
+    "mano",
+    "body",
+    "view",
+    "proj",
+    "intr",
+    "extr",
+    "left",
+    "right",
+)
+"""Beginnings of words for what else has a pose."""
 SIDES: tuple[HandSide, HandSide] = ("right", "left")
 OTHER: dict[HandSide, HandSide] = {"right": "left", "left": "right", "": ""}
 """Other side of each."""
@@ -87,9 +109,34 @@ def unused(held: Mapping[str, Any], used: Collection[str | None] = ()) -> list[F
     left = [name for name in held if name not in used and not kind_of(name)]
     # What states that a reading is not one comes first.
     left.sort(key=lambda name: joint_name(name).part not in VALIDITY_WORDS)
-    names = [f"{name} {shape}" if (shape := np.shape(held[name])) else name for name in left]
-    more = f" and {len(names) - SHOWN_NAMES} more" if len(names) > SHOWN_NAMES else ""
-    return [note(f"not used: {', '.join(names[:SHOWN_NAMES])}{more}")] if names else []
+    poses = [name for name in left if looks_like_pose(name, np.shape(held[name]))]
+    others = [name for name in left if name not in poses]
+    said = ("note", "not used", others), (UNUSED_POSE, "not used, though it looks like the pose of an object", poses)
+    found = []
+    for kind, what, some in said:
+        names = [f"{name} {shape}" if (shape := np.shape(held[name])) else name for name in some]
+        more = f" and {len(names) - SHOWN_NAMES} more" if len(names) > SHOWN_NAMES else ""
+        found += [Finding(kind, f"{what}: {', '.join(names[:SHOWN_NAMES])}{more}")] if names else []
+    return found
+
+
+def unused_poses(recording: "Recording") -> tuple[str, ...]:
+    """Return the remarks on what looks like the pose of an object that has none otherwise."""
+    if recording.object_motion is not None:
+        return ()
+    return tuple(finding.text for finding in recording.findings if finding.kind == UNUSED_POSE)
+
+
+def looks_like_pose(name: str, shape: tuple[int, ...]) -> bool:
+    """Return True if a value of this name and shape, () if unknown, may be an object's pose or a part of one."""
+    words = [word.lower() for word in re.findall("[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)]
+    says_pose = any(word.startswith(POSE_WORDS) for word in words)
+    if any(word.startswith("obj") for word in words):
+        return says_pose and (not shape or shape[-1] in (3, 4, 6, 7, 9, 12, 16))
+    is_pose = not {shape, shape[1:]}.isdisjoint(((4, 4), (3, 4))) or (
+        says_pose and shape[1:] == (7,) and words[1:] != []
+    )
+    return is_pose and not any(word.startswith(OF_OTHERS) for word in words)
 
 
 def readings(key: str, given: ArrayLike, shape: tuple[int, ...]) -> FloatArray:

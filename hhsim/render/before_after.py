@@ -59,6 +59,7 @@ def draw_before_after(
     frames: Sequence[int] = (),
     time: FloatArray | None = None,
     numbers: Sequence[int] = (),
+    depth: Sequence[FloatArray] = (),
 ) -> None:
     """Draw frames of a hand before and after, a row each: both whole, then both from close by at the deepest point.
 
@@ -70,6 +71,8 @@ def draw_before_after(
         frames: Frames in the order of the rows; without any, those of `deepest_frames`.
         time: Time of each frame [s], shape (T,), for the titles.
         numbers: Numbers of the frames for the titles, if the arrays hold only some of a recording.
+        depth: Depth of the hand before and after at each frame [m], each (T,), for the titles; that of the deepest
+            vertex without it, which in a thin object is less than that of a cone.
 
     Raises:
         InputError: Arrays that do not fit together.
@@ -105,8 +108,8 @@ def draw_before_after(
                 interpolation="nearest",
             )
             _scale(axes, camera)
-            depth = max(0.0, -float(distance[side].min()))
-            what = f"{('before', 'after')[side]}: {1e3 * depth:.1f} mm in"
+            inside = float(depth[side][at]) if depth else max(0.0, -float(distance[side].min()))
+            what = f"{('before', 'after')[side]}: {1e3 * inside:.1f} mm in"
             axes.set_title((f"{when}, " if column == 0 else "") + what, fontsize=9, loc="left", x=0.02, y=1.0, pad=3)
     save_figure(figure, path)
 

@@ -16,8 +16,8 @@ from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import SIDES, HandModel, Side
 from hhsim.linkage.file import names_a_linkage
 from hhsim.mesh.catalogue import names_a_body_file, names_a_file
-from hhsim.metrics.field.field_table import field_rows, field_table
-from hhsim.metrics.field.field_verdict import field_verdict
+from hhsim.metrics.field.field_table import field_rows, field_table, known_rows
+from hhsim.metrics.field.field_verdict import doubts_of, field_verdict
 from hhsim.metrics.field.hands import FieldHands, FieldPair
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.moving_parts import MovingParts
@@ -26,7 +26,7 @@ from hhsim.recordings.fitted_hand import FITTED, fitted_hand, in_angles_of
 from hhsim.recordings.mano_model import read_mano_model
 from hhsim.recordings.object_poses import with_object_poses
 from hhsim.recordings.outliers import suspect_joints
-from hhsim.recordings.recording import Recording, note
+from hhsim.recordings.recording import Recording, note, unused_poses
 from hhsim.recordings.registry import Content, ReadOptions, format_of, read_recording, write_recording
 from hhsim.recordings.unit_detection import clean_units
 from hhsim.render.before_after import deepest_frames, draw_before_after
@@ -52,11 +52,11 @@ from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.scene.scene import Scene
 from hhsim.solver.known_methods import SUBMITTED, known_for_now
 from hhsim.solver.options import UNLIMITED, SolverOptions
-from hhsim.solver.scene_solver import seen_scene
+from hhsim.solver.scene_solver import seen_hand, seen_scene
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.score import submitted_method
-from hhsim.system.atomic_write import new_files, write_atomically
-from hhsim.system.input_file import read_input
+from hhsim.system.atomic_write import new_files, undo_killed, write_atomically
+from hhsim.system.input_file import file_state
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import contact_surface, encloses
@@ -94,18 +94,8 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     """Repair a recording into a folder that holds no other files."""
     names = {"result": RESULT} | ({"report": REPORT, "picture": PICTURE} if request.pictures else {})
     paths = {"recording": request.out} | {what: request.beside(name) for what, name in names.items()}
-    # The recording's own world will do where it says nothing of an axis up.
-    given = {"hand": request.hand, "mano_model": request.mano_model, "usual_up": "z", **request.options}
-    read = ReadOptions(**given)
-    recording = in_our_units(request.recording, read)
-    made = prepared(
-        request,
-        read,
-        recording,
-        bodies_of(request),
-        lambda recording, hand: _skin(request.recording, request.skin, recording, hand, read),
-    )
-    recording, recorded, touched, skin = made
+    read, bodies = _reading(request), bodies_of(request)
+    recording, recorded, touched, skin = _prepared(request, read, bodies)
     scene, hand, began = recorded.scene, recorded.hand, process_time()
     seen_skin = None if skin is None else recorded.seen_skin(skin)
     seen, marked = corrected(request.max_correction, recorded, touched, seen_skin, progress)
@@ -115,9 +105,7 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     if off is not None and off > ROUNDING:
         text = f"the format holds the corrected joints to {1e3 * off:.3f} mm; the figures are of what it holds"
         recording = recording.found(note(text))
-    # What is judged is what the file says: of joints themselves, without angles that fit them.
-    again = replace(read, fits_angles=recording.joints is None)
-    written = in_our_units(paths["recording"], again, request.recording)
+    written = _written(request, read, recording)
     after_skin = None
     if skin is not None:
         after_skin = _skin(paths["recording"], None, written, hand, read)
@@ -134,12 +122,14 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     if after_skin is not None:
         add_skin(paths["result"], after_skin.vertices[recorded.frames], after_skin.faces)
     force = np.linalg.norm(forces[0].sum(axis=2), axis=2)
-    before = recorded.judged(recorded.joints, seen.fitted, seen_skin)
+    before = recorded.judged(recorded.joints, recorded.haptic, seen_skin)
     joints, posture = recorded.seen_hand(written, seen.posture)
     after = recorded.judged(joints, posture, None if after_skin is None else recorded.seen_skin(after_skin))
     progress("figures", 0, 1)
     rows = field_rows(FieldPair(before, after, force=force, volume_frames=VOLUME_FRAMES))
-    verdict = field_verdict(rows, request.max_correction)
+    # Bodies that go by poses of their own need none of the recording.
+    doubts = (*(() if bodies.drives else unused_poses(recording)), *doubts_of(rows))
+    verdict = field_verdict(rows, request.max_correction, doubts)
     frames = tuple(int(frame) for frame in recorded.frames[marked])
     figures = {f"{row.name}_{when}": getattr(row, when) for row in rows for when in ("before", "after")}
     figures["time_per_frame"] = took / len(recorded.frames)
@@ -149,15 +139,77 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         marked=frames,
         verdict=verdict.line,
         ok=not verdict.missed and not frames,
+        doubts=doubts,
         findings=tuple(finding.text for finding in recording.findings),
         paths=paths,
-        table=field_table(rows, f"{request.source.name} with {scene.name}"),
+        table=field_table(rows, _title(request, recorded), doubts),
     )
     if request.pictures:
         progress("picture", 0, 1)
-        _draw(recorded, seen, before, after, paths["picture"])
-        write_atomically(paths["report"], repair_page(outcome, before, after, paths["picture"].read_bytes()).encode())
+        _draw_page(request, outcome, recorded, seen.posture, before, after)
     return outcome
+
+
+def illustrate_recording(request: RepairRequest, outcome: RepairOutcome) -> None:
+    """Write the page and the picture of a recording that is repaired already; its files stay as they are.
+
+    `outcome` is that of its repair, without a table; errors as of `repair_recording`.
+    """
+    read = _reading(request)
+    recording, recorded, _, skin = _prepared(request, read, bodies_of(request))
+    result = load_result(request.beside(RESULT))
+    shown = HandConfiguration(*(result[f"graphic/{name}"] for name in HandConfiguration._fields))
+    shown, after_skin = seen_hand(shown, recorded.moved), None
+    if skin is not None:
+        vertices = result.skin(slice(None))
+        after_skin = replace(
+            skin, vertices=vertices if recorded.moved is None else recorded.moved.seen_points(vertices)
+        )
+    before = recorded.judged(recorded.joints, recorded.haptic, None if skin is None else recorded.seen_skin(skin))
+    joints, posture = recorded.seen_hand(_written(request, read, recording), shown)
+    after = recorded.judged(joints, posture, after_skin)
+    rows = known_rows(outcome.figures, FieldPair(before, after, volume_frames=VOLUME_FRAMES))
+    table = field_table(rows, _title(request, recorded), outcome.doubts)
+    with new_files(request.beside(REPORT)) as folder:
+        moved = replace(request, out=folder / request.out.name)
+        _draw_page(moved, replace(outcome, table=table), recorded, shown, before, after)
+
+
+def _draw_page(
+    request: RepairRequest,
+    outcome: RepairOutcome,
+    recorded: RecordedScene,
+    posture: HandConfiguration,
+    before: FieldHands,
+    after: FieldHands,
+) -> None:
+    """Write the page of a repair and its picture; `posture` is our hand after it, as the object sees it."""
+    picture = request.beside(PICTURE)
+    _draw(recorded, posture, before, after, picture)
+    page = repair_page(outcome, before, after, picture.read_bytes())
+    write_atomically(request.beside(REPORT), page.encode())
+
+
+def _title(request: RepairRequest, recorded: RecordedScene) -> str:
+    return f"{request.source.name} with {recorded.scene.name}"
+
+
+def _reading(request: RepairRequest) -> ReadOptions:
+    # The recording's own world will do where it says nothing of an axis up.
+    given = {"hand": request.hand, "mano_model": request.mano_model, "usual_up": "z", **request.options}
+    return ReadOptions(**given)
+
+
+def _prepared(request: RepairRequest, read: ReadOptions, bodies: DeclaredBodies) -> "Prepared":
+    def skin(recording: Recording, hand: HandModel) -> Skin | None:
+        return _skin(request.recording, request.skin, recording, hand, read)
+
+    return prepared(request, read, in_our_units(request.recording, read), bodies, skin)
+
+
+def _written(request: RepairRequest, read: ReadOptions, recording: Recording) -> Recording:
+    """Return the repaired recording: what is judged is what the file says, without angles that fit its joints."""
+    return in_our_units(request.out, replace(read, fits_angles=recording.joints is None), request.recording)
 
 
 class Prepared(NamedTuple):
@@ -238,18 +290,21 @@ def corrected(
 def bodies_of(request: RepairRequest) -> DeclaredBodies:
     """Return the bodies of a request with their trees; InputError for some that are free, MeshError for an open one.
 
-    A mesh file, by its content, and a name of the catalogue are loaded once in a process.
+    A mesh file, as it is, and a name of the catalogue are loaded once in a process.
     """
     word, path = request.object, Path(request.object)
     if names_a_linkage(word) or (names_a_file(word) and names_a_body_file(word)):
         # What else such a file names is not looked at.
         return _load(word, request.unit, request.size)
-    return _loaded_bodies(word, read_input(path) if path.is_file() else b"", request.unit, request.size)
+    return _loaded_bodies(word, file_state(path) if path.is_file() else None, request.unit, request.size)
 
 
 @lru_cache(maxsize=LOADED)
-def _loaded_bodies(word: str, content: bytes, unit: str | None, size: float | None) -> DeclaredBodies:
-    return _load(word, unit, size)
+def _loaded_bodies(word: str, state: tuple[object, ...] | None, unit: str | None, size: float | None) -> DeclaredBodies:
+    found = _load(word, unit, size)
+    if state is not None and file_state(Path(word)) != state:
+        raise InputError(f"{word} changed while it was read; the same command reads it anew")
+    return found
 
 
 def _load(word: str, unit: str | None, size: float | None) -> DeclaredBodies:
@@ -297,7 +352,9 @@ def _skin(path: Path, skin: Path | None, recording: Recording, hand: HandModel, 
     return mano_skin(model, *mano(content, read), recording.file_frame) if len(model.faces) else None
 
 
-def _draw(recorded: RecordedScene, seen: Correction, before: FieldHands, after: FieldHands, path: Path) -> None:
+def _draw(
+    recorded: RecordedScene, posture: HandConfiguration, before: FieldHands, after: FieldHands, path: Path
+) -> None:
     """Draw the skin, or our hand, in the deepest frames, as recorded and as repaired."""
     chosen = deepest_frames(np.nan_to_num(-before.distance))
     if before.skin is not None and after.skin is not None and before.faces is not None:
@@ -305,12 +362,14 @@ def _draw(recorded: RecordedScene, seen: Correction, before: FieldHands, after: 
     else:
         hand = recorded.hand
         pieces = piece_surfaces(hand)
-        hands = [[hand_surface(hand, posed.at(k), pieces) for k in chosen] for posed in (seen.fitted, seen.posture)]
+        hands = [[hand_surface(hand, posed.at(k), pieces) for k in chosen] for posed in (recorded.haptic, posture)]
         shown, faces = [np.stack([one.points for one in frames]) for frames in hands], hands[0][0].faces
     numbers, rows = recorded.frames[chosen].tolist(), range(len(chosen))
     time = recorded.scene.ticks.time[chosen]
     shapes = [recorded.mesh_at(frame) for frame in chosen]
-    draw_before_after(shapes, shown[0], shown[1], faces, path, rows, time, numbers)
+    # The table's depth: of a thin object the deepest vertex lies less deep than the cone that it is of.
+    depth = [np.maximum(-hands.distance[chosen], 0.0) for hands in (before, after)]
+    draw_before_after(shapes, shown[0], shown[1], faces, path, rows, time, numbers, depth)
 
 
 def _check_paths(request: RepairRequest, given: Path, *beside: str) -> None:
@@ -318,6 +377,7 @@ def _check_paths(request: RepairRequest, given: Path, *beside: str) -> None:
     out = request.out
     if out.suffix.lower() != given.suffix.lower():
         raise InputError(f"{out}: the repaired recording has the format of the given one; expected {given.suffix}")
+    undo_killed(out)
     for path in (out, *map(request.beside, beside)):
         check_output_path(path)
 

@@ -65,14 +65,21 @@ class RepairOutcome:
     findings: tuple[str, ...] = ()  # remarks of the reader and of the repair, a line each
     paths: Mapping[str, Path] = field(default_factory=dict)  # files that were written, by what they hold
     table: Table | None = None  # figures for people
+    # Sentences on the object, which may be in another place than it was; with one, a limit is missed.
+    doubts: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return the outcome as plain values, SI units."""
         return {
-            **{name: getattr(self, name) for name in ("verdict", "ok", "frames", "marked", "figures", "findings")},
+            **{
+                name: getattr(self, name)
+                for name in ("verdict", "ok", "doubts", "frames", "marked", "figures", "findings")
+            },
             **{name: str(path) for name, path in self.paths.items()},
         }
 
 
+Illustrate: TypeAlias = Callable[[RepairRequest, RepairOutcome], None]
+"""Function that writes the page and the picture of a recording that is repaired already."""
 Repair: TypeAlias = Callable[[RepairRequest], RepairOutcome]
 """Function that repairs one recording; it raises HhsimError with one line if it cannot."""

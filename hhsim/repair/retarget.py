@@ -27,6 +27,7 @@ from hhsim.repair.robot_hand import RobotHand
 from hhsim.result.reader import Result
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
+from hhsim.table.table import csv_text
 from hhsim.trees.contact_surface import encloses
 
 BASE_WEIGHT = 0.05
@@ -259,7 +260,9 @@ def motion_bytes(found: RobotMotion, suffix: str) -> bytes:
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     root = [*(f"root_{axis} [m]" for axis in "xyz"), *(f"root_q{part}" for part in "wxyz")]
-    table.writerow(["time [s]", *found.joints, *root, *(f"{finger}_error [m]" for finger in found.fingers)])
+    table.writerow(
+        ["time [s]", *map(csv_text, found.joints), *root, *(f"{finger}_error [m]" for finger in found.fingers)]
+    )
     columns = found.time[:, None], motion.angles, motion.position, motion.orientation, motion.error
     # As Python's numbers: they are written with as many digits as give the same number back.
     table.writerows(np.concatenate(columns, axis=1).tolist())

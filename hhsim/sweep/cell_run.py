@@ -20,7 +20,8 @@ from hhsim.scene.motion_catalogue import trajectory_names
 from hhsim.scene.scene import Scene
 from hhsim.sweep.engines import TaskEnd
 from hhsim.sweep.folder import PARTIAL, write_row
-from hhsim.sweep.plan import OF_THE_SCENE, Cell, file_digest, source_digest
+from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, read_files
+from hhsim.sweep.plan import OF_THE_SCENE, Cell, source_digest
 from hhsim.system import environment as info
 from hhsim.system.own_core import on_own_core
 
@@ -56,6 +57,8 @@ class CellTask:
             with ONE_AT_A_TIME:
                 ticks, seconds = _run(self)
                 return TaskEnd(self.digest, ticks=ticks, seconds=seconds)
+        except LostFileError as error:
+            return TaskEnd(self.digest, str(error), is_final=False)
         except (HhsimError, OSError, MemoryError) as error:
             return TaskEnd(self.digest, " ".join(str(error).split()) or type(error).__name__)
         except Exception as error:
@@ -69,10 +72,12 @@ def _run(task: CellTask) -> tuple[int, float]:
     partial = folder / f".{task.digest}-{uuid.uuid4().hex[:8]}{PARTIAL}"
     is_new = not _scene.cache_info().misses
     plan_folder = Path(task.plan_folder)
-    files = [word for word in (cell.object.word, cell.motion.word) if (plan_folder / word).is_file()]
+    files = cell_files(cell, plan_folder)
+    if cell.digest(plan_folder) != task.digest:
+        raise LostFileError(CHANGED)
     of_scene = {name: value for name, value in cell.options.items() if name in (*OF_THE_SCENE, "fingers")}
     what = [cell.object, cell.motion, cell.surface == "mesh", of_scene, cell.seed, cell.ticks]
-    scene = _scene(_SceneKey(repr([what, [file_digest(plan_folder / word) for word in files]]), cell), plan_folder)
+    scene = _scene(_SceneKey(repr(what), files, cell), plan_folder)
     if is_new:
         # Most of that time the process loaded code, which says nothing of the cells after this one.
         began = time.perf_counter()
@@ -117,6 +122,7 @@ class _SceneKey:
     """Parts that a scene depends on, and a cell with it."""
 
     says: str
+    files: tuple[ReadFile, ...]
     cell: Cell = field(compare=False)
 
 
@@ -124,9 +130,19 @@ class _SceneKey:
 @lru_cache(2)
 def _scene(key: _SceneKey, plan_folder: Path) -> Scene:
     cell = key.cell
-    loaded = load_cell(cell, plan_folder)
-    bodies, _ = loaded.grown()
-    return described_scene(cell.words(), bodies, loaded.hands, loaded.motions, cell.solver_options().fingers).scene
+    try:
+        loaded = load_cell(cell, plan_folder)
+        bodies, _ = loaded.grown()
+        return described_scene(cell.words(), bodies, loaded.hands, loaded.motions, cell.solver_options().fingers).scene
+    finally:
+        # What is raised here is not kept as the scene of these files.
+        if cell_files(cell, plan_folder) != key.files:
+            raise LostFileError(CHANGED)
+
+
+def cell_files(cell: Cell, plan_folder: Path) -> tuple[ReadFile, ...]:
+    """Return the files that a cell reads, as they are now; InputError if one cannot be read."""
+    return tuple(read for word in cell.files for read in read_files(plan_folder / word))
 
 
 def load_cell(cell: Cell, plan_folder: Path) -> LoadedWords:

@@ -18,6 +18,7 @@ from hhsim.sweep.plan import Cell, PlannedCell, SweepPlan
 from hhsim.system import environment as info
 from hhsim.system import posix
 from hhsim.system.atomic_write import write_atomically
+from hhsim.system.checksummed_file import seal_holds
 from hhsim.system.input_file import read_input_text
 from hhsim.system.plain_json import plain_json
 
@@ -55,7 +56,7 @@ class SweepFolder:
         """Return True if a cell is done as often as planned, with its result if wanted; rename it in its row."""
         path, row = self.row_path(planned), self.row(planned)
         result = row.get("result")
-        if not row or (result and not (self.cells / result).is_file()) or (with_result and not result):
+        if not row or (result and not _is_whole(self.cells / result)) or (with_result and not result):
             return False
         if row.get("repeated", {}).get("runs", 1) < planned.cell.repeat:
             return False
@@ -66,9 +67,10 @@ class SweepFolder:
     def row(self, planned: PlannedCell) -> dict[str, Any]:
         """Return the row of a cell that was run, however often; {} for any other."""
         try:
-            return read_row(self.row_path(planned))
+            found = read_row(self.row_path(planned))
         except InputError:
             return {}
+        return found if found.get("digest") == planned.digest else {}
 
     def row_path(self, planned: PlannedCell) -> Path:
         """Return the path of a cell's row."""
@@ -97,6 +99,13 @@ class SweepFolder:
         for pattern in (f".*{PARTIAL}", ".*.tmp"):
             for left in self.cells.glob(pattern):
                 left.unlink(missing_ok=True)
+
+
+def _is_whole(result: Path) -> bool:
+    try:
+        return bool(seal_holds(result))
+    except OSError:
+        return False
 
 
 @contextlib.contextmanager

@@ -6,10 +6,8 @@ cell is one combination: one replay, its parts, its name, and its digest.
 
 import hashlib
 import json
-import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from glob import glob
@@ -33,8 +31,8 @@ from hhsim.scene.script import Script
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import SURFACES
+from hhsim.sweep.input_files import file_digest
 from hhsim.system.counted import counted
-from hhsim.system.input_file import read_input
 from hhsim.system.settings_file import Settings, Version, a_list, between, parse_settings, read_toml_text, typed
 
 DIGITS = 20
@@ -99,6 +97,14 @@ class Cell:
         """Options that the plan states, as name=value."""
         return " ".join(f"{name}={value}" for name, value in self.options.items())
 
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Files that it reads, relative to the plan's folder."""
+        shape = [self.object.word] if names_a_file(self.object.word) else []
+        motion = [self.motion.word] if self.motion.word not in trajectory_names() else []
+        hand = [self.options["hand_file"]] if self.options.get("hand_file") is not None else []
+        return (*shape, *motion, *hand)
+
     def solver_options(self) -> SolverOptions:
         """Return the solver's options; raise InputError for those that the method refuses, or out of range."""
         given = {name: value for name, value in self.options.items() if name in OF_THE_SOLVER}
@@ -115,15 +121,16 @@ class Cell:
         """Return a digest of inputs (by the plan's folder), options and hhsim's sources; InputError if unreadable."""
         shape = self.object
         hand = self.options.get("hand_file")
+        files = {word: file_digest(folder / word) for word in self.files}
         # Of those of the scene only what is not a default: stating one makes no other cell.
         usual = {**USUAL_SCENE, "level": usual_level(shape.word), "hand_file": hand}
         scene = {name: value for name, value in self.options.items() if name in OF_THE_SCENE}
         told = {name: value for name, value in scene.items() if name not in usual or value != usual[name]}
         stated = {
-            "object": [_content(folder, shape.word, names_a_file(shape.word)), shape.unit, shape.size_mm],
+            "object": [files.get(shape.word, shape.word), shape.unit, shape.size_mm],
             "thickness_mm": [shape.thickness_mm, shape.solid],
-            "motion": _content(folder, self.motion.word, self.motion.word not in trajectory_names()),
-            "hand": None if hand is None else _content(folder, hand, True),
+            "motion": files.get(self.motion.word, self.motion.word),
+            "hand": None if hand is None else files[hand],
             "method": [self.method, find_method(self.method).source],
             "surface": self.surface,
             "options": {**self.solver_options().to_json(), **told},
@@ -146,31 +153,6 @@ def source_digest() -> str:
     for name, path in sorted((f"{path.parent.name}/{path.name}", path) for path in set(parts)):
         digest.update(name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()
-
-
-def file_digest(path: Path) -> str:
-    """Return a digest of a file, and of the recording that a demonstration names; InputError if it cannot be read."""
-    try:
-        state = path.stat()
-        found, recording = _read_digest(path, state.st_mtime_ns, state.st_size)
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
-    return found if recording is None else found + file_digest(path.parent / recording)
-
-
-# A plan asks for the same file once a cell.
-@cache
-def _read_digest(path: Path, changed: int, size: int) -> tuple[str, str | None]:
-    content = read_input(path)
-    recording = None
-    if path.suffix.lower() == ".toml":
-        with suppress(tomllib.TOMLDecodeError, UnicodeDecodeError):
-            recording = tomllib.loads(content.decode()).get("recording")
-    return hashlib.sha256(content).hexdigest(), recording if isinstance(recording, str) else None
-
-
-def _content(folder: Path, word: str, is_file: bool) -> str:
-    return file_digest(folder / word) if is_file else word
 
 
 class _PlanTable(Settings, frozen=True, kw_only=True):

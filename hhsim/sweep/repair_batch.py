@@ -7,13 +7,13 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from hhsim.repair.request import Pictures, Repair
+from hhsim.repair.request import Illustrate, Pictures, Repair
 from hhsim.sweep.engines import require_dask, run_tasks
 from hhsim.sweep.folder import check_own, has_format, locked
 from hhsim.sweep.plan import source_digest
 from hhsim.sweep.repair_manifest import load_manifest
 from hhsim.sweep.repair_page import RepairedRow, repair_page, repair_table, worst_rows
-from hhsim.sweep.repair_row import RowOutcome, RowTask, is_done, keep_lost, read_outcome, row_digest
+from hhsim.sweep.repair_row import RowOutcome, RowTask, finished, is_done, keep_lost, read_outcome, row_digest
 from hhsim.system.atomic_write import write_atomically, write_together
 from hhsim.system.own_core import physical_cores
 from hhsim.system.plain_json import plain_json
@@ -37,6 +37,7 @@ def run_manifest(
     path: Path,
     out: Path,
     repair: Repair,
+    illustrate: Illustrate,
     *,
     workers: int = 0,
     scheduler: str = "",
@@ -49,10 +50,10 @@ def run_manifest(
 
     Args:
         repair: Function that the workers can import.
+        illustrate: Function that makes the pictures of a row that is repaired; the workers can import it, too.
         workers: Processes of this machine; 0 for one per physical core.
         scheduler: Address of a Dask cluster, or `hhsim.sweep.engines.LOCAL`; "" for processes.
-        pictures: Rows that have a page and pictures of their own: the `worst` ten, which are repaired once more for
-            them, `all` or `none`.
+        pictures: Rows that have a page and pictures of their own: the `worst` ten, `all` or `none`.
 
     Raises:
         InputError: A fault of the manifest, no Dask, or no scheduler.
@@ -62,13 +63,14 @@ def run_manifest(
         require_dask()
     check_own(out, has_format(out / MARK, FORMAT), "repairs")
     text, rows = load_manifest(path, out)
-    attempt, sources = uuid.uuid4().hex, source_digest()
+    attempt, sources, undrawn = uuid.uuid4().hex, source_digest(), dict[str, str]()
     planned = {row_digest(row): row for row in rows}
 
     def run(stage: str, digests: Iterable[str], pictured: bool) -> list[RepairedRow]:
         """Run the rows of these digests that are not done yet, and return all rows with their outcomes."""
         tasks = {
-            digest: RowTask(planned[digest].pictured(pictured), digest, repair, attempt, sources) for digest in digests
+            digest: RowTask(planned[digest].pictured(pictured), digest, repair, illustrate, attempt, sources)
+            for digest in digests
         }
         left = [task for digest, task in tasks.items() if not is_done(task.row, digest)]
         done = len(tasks) - len(left)
@@ -77,7 +79,9 @@ def run_manifest(
             with closing(run_tasks(left, scheduler, workers or max(1, len(physical_cores())))) as ends:
                 for end in ends:
                     done += 1
-                    if end.reason:
+                    if end.reason and finished(planned[end.digest], end.digest):
+                        undrawn[end.digest] = f"without its pictures: {end.reason}"
+                    elif end.reason:
                         keep_lost(tasks[end.digest], end.reason)
                     progress(stage, done, len(tasks))
         except KeyboardInterrupt as interrupt:
@@ -109,5 +113,6 @@ def run_manifest(
                 out / "report.html": repair_page(ended, table, path.name).encode(),
             }
         )
-    failed = tuple((row.name, row.outcome.reason) for row in ended if row.outcome.state != "repaired")
+    reasons = {row.name: row.outcome.reason or undrawn.get(row.outcome.digest, "") for row in ended}
+    failed = tuple((name, reason) for name, reason in reasons.items() if reason)
     return BatchOutcome(table, failed, out / "report.html")

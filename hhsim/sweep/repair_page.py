@@ -84,6 +84,7 @@ def repair_table(rows: Sequence[RepairedRow]) -> Table:
             words("object", lambda row: row.planned.request.object.replace("\\", "/").rpartition("/")[2]),
             number("frames", "outcome.frames"),
             number("marked", lambda row: len(row.outcome.marked)),
+            words("doubt", _doubt),
             *(_column(name, name) for name in _figure_names(rows)),
             words("reason", "outcome.reason"),
         ],
@@ -132,6 +133,10 @@ def repair_page(rows: Sequence[RepairedRow], table: Table, manifest: str) -> str
         pictures=[(row, png) for row in worst_rows(rows) if (png := _picture(row))],
         table=replace(table, columns=kept),
     )
+
+
+def _doubt(row: RepairedRow) -> str:
+    return "; ".join(row.outcome.doubts)
 
 
 def _figure_names(rows: Sequence[RepairedRow]) -> list[str]:

@@ -3,6 +3,7 @@
 import faulthandler
 import hashlib
 import json
+import math
 import os
 import shutil
 import threading
@@ -15,9 +16,10 @@ from msgspec import field, structs
 from hhsim import __version__
 from hhsim.errors import HhsimError, InputError, TrajectoryError
 from hhsim.mesh.catalogue import names_a_file
-from hhsim.repair.request import PICTURE, Repair
+from hhsim.repair.request import PICTURE, REPORT, Illustrate, Repair, RepairOutcome
 from hhsim.sweep.engines import TaskEnd
-from hhsim.sweep.plan import DIGITS, file_digest, source_digest
+from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, file_digest, read_files
+from hhsim.sweep.plan import DIGITS, source_digest
 from hhsim.sweep.repair_manifest import PlannedRepair
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import read_input_text
@@ -49,6 +51,7 @@ class RowOutcome(Settings, frozen=True, kw_only=True):
     frames: int = 0
     marked: tuple[int, ...] = ()
     verdict: str = ""
+    doubts: tuple[str, ...] = ()
     findings: tuple[str, ...] = ()
     paths: dict[str, str] = field(default_factory=dict)  # names of files in the row's folder, by what they hold
 
@@ -60,6 +63,7 @@ class RowTask:
     row: PlannedRepair
     digest: str  # digest of the row, its name included
     repair: Repair  # function of a module that the process can import
+    illustrate: Illustrate  # another one
     attempt: str  # name of the run that it belongs to
     sources: str  # digest of the hhsim that planned it
 
@@ -76,6 +80,8 @@ class RowTask:
                 # A cluster runs again what a worker had done, or had begun, when it was lost.
                 if is_done(self.row, self.digest):
                     return TaskEnd(self.digest)
+                if done := finished(self.row, self.digest):
+                    return self._pictured(done)
                 if _begun(folder, self.attempt) is not None:
                     return TaskEnd(self.digest, "its worker was lost")
                 _empty(folder)
@@ -86,6 +92,25 @@ class RowTask:
         except (HhsimError, OSError) as error:
             return TaskEnd(self.digest, _line(error))
 
+    def _pictured(self, done: RowOutcome) -> TaskEnd:
+        """Add what is missing of the page and the picture; nothing else in the folder is touched."""
+        request = self.row.request
+        known = {name: math.nan if value is None else value for name, value in done.figures.items()}
+        outcome = RepairOutcome(
+            known, done.frames, done.marked, done.verdict, done.state == "repaired", done.findings, doubts=done.doubts
+        )
+        for name in (REPORT, PICTURE):
+            request.beside(name).unlink(missing_ok=True)
+        with Path(os.devnull).open("w") as nowhere:
+            faulthandler.dump_traceback_later(self.row.time_limit, exit=True, file=nowhere)
+            try:
+                self.illustrate(request, outcome)
+            except Exception as error:
+                return TaskEnd(self.digest, _line(error))
+            finally:
+                faulthandler.cancel_dump_traceback_later()
+        return TaskEnd(self.digest)
+
     def _outcome(self, folder: Path) -> RowOutcome:
         try:
             with (folder / MARK).open("w", encoding="utf-8") as mark:
@@ -93,7 +118,14 @@ class RowTask:
                 # Its thread waits for no lock of Python, which compiled code may hold.
                 faulthandler.dump_traceback_later(self.row.time_limit, exit=True, file=mark)
                 try:
-                    done = self.repair(self.row.request)
+                    files = row_files(self.row)
+                    if row_digest(self.row) != self.digest:
+                        raise LostFileError(CHANGED)
+                    try:
+                        done = self.repair(self.row.request)
+                    finally:
+                        if row_files(self.row) != files:
+                            raise LostFileError(CHANGED)
                 finally:
                     faulthandler.cancel_dump_traceback_later()
             if not self.row.request.out.is_file():
@@ -106,9 +138,12 @@ class RowTask:
                 frames=int(done.frames),
                 marked=tuple(map(int, done.marked)),
                 verdict=done.verdict,
+                doubts=tuple(done.doubts),
                 findings=tuple(done.findings),
                 paths={name: Path(os.path.relpath(path, folder)).as_posix() for name, path in done.paths.items()},
             )
+        except LostFileError as error:
+            outcome = RowOutcome(digest=self.digest, state="failed", reason=_line(error), is_final=False)
         except TrajectoryError as error:
             outcome = RowOutcome(digest=self.digest, state="refused", reason=_line(error))
         except InputError as error:
@@ -117,6 +152,14 @@ class RowTask:
             outcome = RowOutcome(digest=self.digest, state="failed", reason=_line(error), is_final=False)
         _empty(folder, but=MARK)
         return outcome
+
+
+def row_files(row: PlannedRepair) -> tuple[ReadFile, ...]:
+    """Return the files that a row reads, as they are now; InputError if one cannot be read."""
+    request = row.request
+    shape = [Path(request.object)] if names_a_file(request.object) else []
+    given = [value for name, value in (*vars(request).items(), *request.options.items()) if name != "out"]
+    return tuple(read for value in (*given, *shape) if isinstance(value, Path) for read in read_files(value))
 
 
 def row_digest(row: PlannedRepair) -> str:
@@ -144,11 +187,17 @@ def read_outcome(row: PlannedRepair, digest: str) -> RowOutcome | None:
 
 def is_done(row: PlannedRepair, digest: str) -> bool:
     """Return True if a row has come to an end for good, with its pictures if it is to have them."""
-    found = read_outcome(row, digest)
-    if found is None or not found.is_final:
+    found = finished(row, digest)
+    if found is None:
         return False
     unpictured = row.request.pictures and found.state in ("repaired", "missed")
     return not unpictured or row.request.beside(PICTURE).is_file()
+
+
+def finished(row: PlannedRepair, digest: str) -> RowOutcome | None:
+    """Return the outcome of a row that has come to an end for good, be it without its pictures."""
+    found = read_outcome(row, digest)
+    return found if found is not None and found.is_final else None
 
 
 def write_outcome(folder: Path, outcome: RowOutcome) -> None:

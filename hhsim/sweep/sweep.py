@@ -71,7 +71,7 @@ def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progr
         if not options.retry_failed:
             left = [planned for planned in left if not folder.failure(planned)]
         began = perf_counter()
-        done, ticks = 0, 0
+        done, ticks, lost = 0, 0, dict[str, str]()
         if left:
             prepare(plan, left, progress)
             # More processes than cores cannot have one each; a cluster's workers wait for one.
@@ -97,7 +97,9 @@ def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progr
                 with closing(_engine(tasks, options)) as ends:
                     for number, end in enumerate(ends):
                         planned = waiting.pop(end.digest)
-                        if end.reason:
+                        if end.reason and not end.is_final:
+                            lost[end.digest] = end.reason
+                        elif end.reason:
                             folder.keep_failure(planned, end.reason)
                         else:
                             folder.forget_failure(planned)
@@ -117,7 +119,8 @@ def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progr
                 interrupt.add_note(f"{count} cells are done, and the same command goes on")
                 raise
         seconds = perf_counter() - began
-        reasons = [(cell.cell, folder.failure(cell)) for cell in plan.cells if cell.digest not in before]
+        missing = [cell for cell in plan.cells if cell.digest not in before]
+        reasons = [(cell.cell, lost.get(cell.digest) or folder.failure(cell)) for cell in missing]
         failed = tuple((cell, reason) for cell, reason in reasons if reason)
     return SweepSummary(len(plan.cells), done, len(before), failed, ticks, seconds)
 
@@ -216,7 +219,7 @@ def _tried(planned: PlannedCell, plan_folder: Path, sharing: int) -> TaskEnd:
             options = {**cell.options, "rate": rate / step}
             tried = replace(cell, repeat=1, ticks=min(planned.ticks, ticks), options=options)
             where = str(plan_folder.resolve()), scratch
-            return CellTask(tried, planned.digest, *where, False, False, source_digest()).run()
+            return CellTask(tried, tried.digest(plan_folder), *where, False, False, source_digest()).run()
 
         first = run(FEW)
         # The lesser of two runs: a disturbance of so few ticks would be extrapolated.

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from hhsim.errors import DamagedFileError
 from hhsim.system.checksummed_file import SIZE, seal_holds
 from hhsim.system.child_reader import read_in_child
-from hhsim.system.input_file import check_ordinary, most_unpacked
+from hhsim.system.input_file import check_ordinary, file_state, most_unpacked
 
 DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError, OverflowError)
 """Errors of h5py for a file with wrong bytes."""
@@ -36,7 +36,7 @@ BEYOND = 1e30
 
 _SETTLED_NS = 100_000_000
 """Age of a change [ns] below which the file may change again within one tick of its time stamp."""
-_KNOWN: dict[tuple[Path, int, int, int], str] = {}
+_KNOWN: dict[tuple[Path, int, int, int, int], str] = {}
 """Fault of each file that was checked; "" for none."""
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -66,11 +66,11 @@ def open_hdf5(path: Path, shipped: bool = False) -> h5py.File:
         raise
     except OSError as error:
         raise DamagedFileError(f"cannot be read: {error.strerror}") from None
-    state = _state(path)
+    state = file_state(path)
     fault = _KNOWN.get(state)
     if fault is None:
         fault = "" if shipped and seal_holds(path) else _fault(path)
-        if time.time_ns() - state[2] > _SETTLED_NS and _state(path) == state:
+        if time.time_ns() - state[2] > _SETTLED_NS and file_state(path) == state:
             _KNOWN[state] = fault
     if fault:
         raise DamagedFileError(fault)
@@ -95,12 +95,6 @@ def hdf5_format(path: Path) -> str:
     except (DamagedFileError, *DAMAGE):
         return ""
     return found if isinstance(found, str) else ""
-
-
-def _state(path: Path) -> tuple[Path, int, int, int]:
-    """Return what identifies a file's content: path, size, time of the last change [ns] and inode."""
-    found = path.stat()
-    return path.resolve(), found.st_size, found.st_mtime_ns, found.st_ino
 
 
 def _fault(path: Path) -> str:

@@ -56,6 +56,12 @@ def _check(path: Path, state: os.stat_result, most: int) -> None:
         raise OSError(errno.EFBIG, f"{state.st_size:,} bytes, more than such a file has", str(path))
 
 
+def file_state(path: Path) -> tuple[Path, int, int, int, int]:
+    """Return what identifies a file's content: path, size, times of change [ns], the second unforgeable, and inode."""
+    found = path.stat()
+    return path.resolve(), found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino
+
+
 def open_input(path: Path, most: int = sys.maxsize) -> io.BufferedReader:
     """Open an ordinary file for reading; raise OSError as `check_ordinary`, or if it cannot be opened."""
     check_ordinary(path, most)

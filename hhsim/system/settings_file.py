@@ -29,6 +29,9 @@ MOST = 1.7e308
 """Greatest number if only the least one is bounded: msgspec has no infinite bound."""
 MOST_SHOWN = 60
 """Length of a wrong value in messages."""
+MOST_PARTS = 64
+"""Largest number of parts of a dotted key."""
+_LONG_KEY = re.compile(rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{MOST_PARTS}}}""")
 _PLACED = re.compile(r"(?P<what>.*?)(?: - at (?P<key>`key` in )?`\$(?P<path>[^`]*)`)?", re.DOTALL)
 _STEP = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")
 
@@ -123,6 +126,10 @@ def read_toml_text(path: Path, what: str, error: type[InputError] = InputError) 
 
 def parse_toml(text: str, where: str, error: type[InputError] = InputError) -> dict[str, Any]:
     """Return the table of a TOML document; raise InputError for no TOML."""
+    # The time of the parser grows with the square of a key's parts.
+    if found := _LONG_KEY.search(text):
+        line = 1 + text.count("\n", 0, found.start())
+        raise error(f"{where}: line {line}: a key of more than {MOST_PARTS} parts with dots between; expected a few")
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as reason:

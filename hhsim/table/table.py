@@ -19,6 +19,8 @@ UNITS = {
 """Units that people read: the unit of files for such a value, and the size of the one in the other."""
 BARE = ("", "1")
 """Units that no heading names."""
+FORMULAS = tuple("=+-@\t\r")
+"""Letters that begin a formula in a spreadsheet."""
 LETTERS = str.maketrans(
     {
         **{letter: f"\\{letter}" for letter in "{}$&#_%"},
@@ -38,6 +40,15 @@ LETTERS = str.maketrans(
     }
 )
 """LaTeX of the letters that it would not print as they are."""
+
+
+CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\udc80-\udc9f]")
+"""Letters that command a terminal or turn the order of others; a tab and a line's end are none."""
+
+
+def plain_text(text: str) -> str:
+    """Return text from anywhere as a terminal may show it: what commands it is spelled, such as \\x1b."""
+    return CONTROL.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
 def stored_unit(unit: str) -> str:
@@ -169,7 +180,7 @@ class Table:
         """Return it as CSV: stored units in the headings, missing values empty, numbers that come back bit for bit."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow([column.stored_heading for column in self.columns])
+        writer.writerow([csv_text(column.stored_heading) for column in self.columns])
         writer.writerows([_spelled(column.value(row)) for column in self.columns] for row in self.rows)
         return text.getvalue()
 
@@ -190,8 +201,11 @@ class Table:
 
 def markdown_text(text: str) -> str:
     """Return text that Markdown shows as it is."""
-    kept = text.replace("&", "&amp;").replace("<", "&lt;").replace("|", "\\|").replace("\n", " ")
-    return kept.replace("_", "\\_").replace("*", "\\*").replace("`", "'")
+    kept = plain_text(text).replace("&", "&amp;").replace("\\", "&#92;").replace("<", "&lt;").replace("|", "\\|")
+    kept = kept.replace("\n", " ")
+    kept = kept.replace("_", "\\_").replace("*", "\\*").replace("`", "'")
+    # Brackets before a parenthesis are a link; those of a unit stay as they are.
+    return re.sub(r"\[(?=[^]]*\]\()", r"\\[", kept)
 
 
 def _latex_cell(text: str) -> str:
@@ -205,4 +219,13 @@ def _spelled(value: Any) -> str:
         return ""
     if isinstance(value, bool):
         return str(int(value))
-    return repr(value) if isinstance(value, float) else str(value)
+    return repr(value) if isinstance(value, float) else csv_text(str(value))
+
+
+def csv_text(text: str) -> str:
+    """Return a cell of CSV that a spreadsheet shows as it is: one that would be a formula begins with an apostrophe."""
+    try:
+        float(text)
+    except ValueError:
+        return f"'{text}" if text[:1] in FORMULAS and len(text) > 1 else text
+    return text

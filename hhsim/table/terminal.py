@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hhsim.table.table import Table
+from hhsim.table.table import Table, plain_text
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -53,9 +53,11 @@ def terminal_text(table: Table, *, in_terminal: bool, optional: Sequence[str] = 
     from rich.text import Text
 
     console = Console(highlight=False, width=None if in_terminal else PIPE_WIDTH)
-    title, rows = Text(table.title, style="bold") if table.title else None, table.cells
+    title = Text(plain_text(table.title), style="bold") if table.title else None
+    rows = [[plain_text(cell) for cell in cells] for cells in table.cells]
     columns = [
-        LaidColumn(column.heading, [row[i] for row in rows], column.is_number) for i, column in enumerate(table.columns)
+        LaidColumn(plain_text(column.heading), [row[i] for row in rows], column.is_number)
+        for i, column in enumerate(table.columns)
     ]
     for thin in optional if in_terminal else ():
         if not fits(columns, console.width):

@@ -96,3 +96,12 @@ def test_two_hands_and_a_free_body_are_scored_and_other_blocks_are_refused(run: 
         refused = run("score", "wrong.csv", "--out", "r3.h5")
         assert refused.code == 2 and len(refused.err.strip().splitlines()) == 1 and told in refused.err, refused.err
         assert not (tmp_path / "r3.h5").exists()
+
+
+@pytest.mark.parametrize("option", [("--out", "x.h5"), ("--scene", "."), ("--surface", "mesh")])
+def test_what_is_of_a_scene_is_refused_beside_a_recorded_one(run: Run, tmp_path: Path, option: tuple[str, str]) -> None:
+    for name in ("one.npz", "other.npz"):
+        (tmp_path / name).write_bytes(b"")
+    answer = run("score", "one.npz", "--recorded", "other.npz", "--object", "cube", *option)
+    assert answer.code == 2 and f"{option[0]} is for poses of a scene" in answer.err
+    assert not (tmp_path / "x.h5").exists()

@@ -21,7 +21,7 @@ from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.joint_names import WEBXR_JOINTS
 from hhsim.recordings.object_poses import read_object_poses, with_object_poses
-from hhsim.recordings.recording import Finding, Recording
+from hhsim.recordings.recording import Finding, Recording, unused_poses
 from hhsim.recordings.registry import ReadOptions
 from hhsim.system.settings_file import parse_settings
 
@@ -395,6 +395,35 @@ def test_wrong_rows_and_units_in_a_recording_are_refused() -> None:
     assert_pose(read_as("keypoints", data, world_up="y", pose_unit="mm").object_motion, FRAME_PLACE, FRAME_TURN)
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        "object/object_pose",
+        "object.obj_pose",
+        "a/b/c/d/e/object/pose",
+        "object/mug/pose",
+        "scene/objects/mug/transform",
+    ],
+)
+def test_a_pose_is_found_at_any_depth(name: str) -> None:
+    recording = read_as("keypoints", arrays_npz(keypoints=POINTS, t=TIME, **{name: MATRIX}), world_up="y")
+    assert_pose(recording.object_motion, FRAME_PLACE, FRAME_TURN)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [("mug/T",), ("T_world_mug",), ("mug_pose",), ("object/mug/pose", "object/bowl/pose"), ("object/root_pose",)],
+)
+def test_what_looks_like_a_pose_and_is_not_used_is_a_doubt(names: tuple[str, ...]) -> None:
+    """Poses of two objects are such, too: nobody knows which one the hand holds."""
+    others: dict[str, Any] = {"camera/pose": MATRIX, "wrist_pose": MATRIX, "object/name": "mug", "bounds": PLACE}
+    arrays = others | dict.fromkeys(names, MATRIX)
+    recording = read_as("keypoints", arrays_npz(keypoints=POINTS, t=TIME, **arrays), world_up="y")
+    (doubt,) = unused_poses(recording)
+    assert all(name in doubt for name in names) and not any(name in doubt for name in others)
+    assert recording.object_motion is None
+
+
 def test_arrays_that_are_no_pose_are_named_and_do_not_stop_the_import() -> None:
     two = np.stack([MATRIX, MATRIX], axis=1)
     for arrays, left in (
@@ -402,7 +431,7 @@ def test_arrays_that_are_no_pose_are_named_and_do_not_stop_the_import() -> None:
         ({"object_pose": two}, "object_pose (40, 2, 4, 4)"),
     ):
         recording = read_as("keypoints", arrays_npz(keypoints=POINTS, t=TIME, **arrays), world_up="y")
-        assert recording.object_motion is None and f"not used: {left}" in words(recording)
+        assert recording.object_motion is None and f"the pose of an object: {left}" in words(recording)
 
 
 def test_rows_of_zeros_are_missing(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import io
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -76,10 +77,44 @@ def test_frames_that_are_piped_come_out_repaired(run: Run, tmp_path: Path, monke
     assert refused.code == 2 and "--palm is for a whole recording" in refused.err
 
 
+def test_a_lost_hand_or_object_comes_back_as_it_was_marked_and_the_others_go_on() -> None:
+    given = [json.loads(line) for line in lines()[:20]]
+    given[3]["joints"] = None
+    given[5]["joints"][4] = None
+    given[7]["object_position"] = None
+    follower = Follower(BODIES, latency=LATENCY, hand="right", max_correction=LIMIT)
+    made = [json.loads(line) for _, line in followed_lines(map(json.dumps, given), follower)]
+    assert [frame["frame"] for frame in made if frame["marked"]] == [3, 5, 7]
+    assert [frame["frame"] for frame in made] == list(range(20))
+    assert made[3]["joints"] is None and made[5]["joints"][4] == [None] * 3
+    assert made[5]["joints"][3] == given[5]["joints"][3] and made[7]["joints"] == given[7]["joints"]
+
+
+@pytest.mark.parametrize("end", ["[" * 100_000, '{"joints": [[0.1, ', "stop", "again"])
+def test_what_is_in_the_delay_comes_out_whatever_ends_the_stream(end: str) -> None:
+    """A torn line, an interrupt, or a stamp that is there twice, where the repair fails."""
+
+    def stream() -> Iterator[str]:
+        yield from lines()[:12]
+        if end == "stop":
+            raise KeyboardInterrupt
+        yield lines()[11] if end == "again" else end
+
+    made: list[FollowedFrame] = []
+    follower = Follower(BODIES, latency=LATENCY, hand="right", max_correction=LIMIT)
+    with pytest.raises((InputError, KeyboardInterrupt)):
+        made.extend(frame for frame, _ in followed_lines(stream(), follower))
+    assert [frame.frame for frame in made] == list(range(12 + (end == "again")))
+    assert all(frame.marked for frame in made) is (end == "again")
+
+
 @pytest.mark.parametrize(
     ("line", "said"),
     [
         ("{", "line 1: no JSON"),
+        ("[" * 100_000, "line 1: no JSON"),
+        ('{"joints": [[1e999]], "t": "now"}', "line 1: joints has shape"),
+        (json.dumps({"joints": SEEN[0].tolist(), "t": float("nan")}), "line 1: the stamp nan"),
         ("3", "line 1: no joints"),
         ('{"joints": [[0, 0, 0]], "t": 0}', r"line 1: joints has shape \(1, 3\)"),
         (json.dumps(SEEN[0].tolist()), "line 1: no stamp; expected 'time'"),

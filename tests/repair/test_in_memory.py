@@ -1,5 +1,6 @@
 """Repair in memory: the arrays are those of the file that the command writes."""
 
+import pydoc
 import sys
 from pathlib import Path
 
@@ -76,3 +77,8 @@ def test_what_does_not_fit_is_told_in_one_line(given: dict[str, object], said: s
     with pytest.raises(HhsimError, match=said) as caught:
         repair(words.pop("joints"), "sphere", hand="right", **words)
     assert "\n" not in str(caught.value)
+
+
+def test_help_of_the_package_is_that_of_its_function() -> None:
+    text = pydoc.plain(pydoc.render_doc(hhsim.repair))
+    assert "object_position: Where the object's frame is" in text and "max_correction=0.015" in text

@@ -152,6 +152,18 @@ def test_angles_are_repaired_by_our_hand(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("no_picture")
+def test_a_hand_far_from_the_object_and_an_unused_pose_are_the_first_lines_and_no_pass(tmp_path: Path) -> None:
+    joints = model_joints(*grasp()) + [0.4, 0.0, 0.0]
+    path = tmp_path / "grasp.npz"
+    path.write_bytes(arrays_npz(keypoints=joints, t=np.arange(len(joints)) / RATE, **{"mug/T": np.eye(4)}))
+    outcome = repair_recording(RepairRequest(path, "sphere", tmp_path / "free.npz", hand="right", options=OPTIONS))
+    assert outcome.table is not None and not outcome.ok
+    first, second, third = (row[-1] for row in outcome.table.cells[:3])
+    assert "mug/T (4, 4)" in first and "never comes within 5 mm" in second and third == "21 joint centres"
+    assert outcome.doubts == (first, second) and first in outcome.verdict
+
+
+@pytest.mark.usefixtures("no_picture")
 def test_the_command_prints_the_table_and_names_its_files(run: Run, tmp_path: Path) -> None:
     recorded(tmp_path)
     words = ("--object", "sphere", "--hand", "right", "--length-unit", "m", "--max-correction", "30")

@@ -9,7 +9,8 @@ from sweep_plans import PLAN, write_plan
 from hhsim.errors import InputError
 from hhsim.motion.trajectory import UNCHECKED
 from hhsim.solver.known_methods import find_method
-from hhsim.sweep.plan import SweepPlan, file_digest, load_plan
+from hhsim.sweep.input_files import file_digest
+from hhsim.sweep.plan import SweepPlan, load_plan
 
 WIDE = """
 version = 1

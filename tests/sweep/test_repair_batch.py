@@ -16,10 +16,11 @@ import pytest
 from fake_repairs import run, tree, write_manifest
 
 from hhsim.errors import OutputError
-from hhsim.repair.request import PICTURE, REPORT, RepairOutcome, RepairRequest
+from hhsim.repair.request import PICTURE, RepairOutcome, RepairRequest
 from hhsim.sweep import engines
 from hhsim.sweep import repair_batch as module
 from hhsim.sweep.folder import locked
+from hhsim.sweep.input_files import CHANGED
 from hhsim.sweep.repair_batch import run_manifest
 from hhsim.sweep.repair_row import RowTask
 
@@ -76,13 +77,18 @@ def test_every_row_ends_whatever_others_do_and_any_number_of_processes_writes_th
 def test_a_second_run_repeats_what_ended_by_accident_and_nothing_else(tmp_path: Path) -> None:
     path, out = write_manifest(tmp_path, "raise 1", "refuse 1", "miss 1", "copy 1", "mesh 1"), tmp_path / "out"
     told: list[tuple[str, int, int]] = []
-    first = run_manifest(path, out, fake_repairs.repaired, progress=lambda *step: told.append(step))
-    assert told == [("recordings", done, 5) for done in range(6)]
-    assert len(ran(out)) == 5
+    first = run_manifest(
+        path, out, fake_repairs.repaired, fake_repairs.illustrated, progress=lambda *step: told.append(step)
+    )
+    assert told == [*(("recordings", done, 5) for done in range(6)), *(("pictures", done, 2) for done in range(3))]
+    assert len(ran(out)) == 5 + 2
     files = tree(out)
     told.clear()
     assert (
-        run_manifest(path, out, fake_repairs.repaired, progress=lambda *step: told.append(step)).failed == first.failed
+        run_manifest(
+            path, out, fake_repairs.repaired, fake_repairs.illustrated, progress=lambda *step: told.append(step)
+        ).failed
+        == first.failed
     )
     assert (ran(out), told) == (["r0"], [("recordings", 4, 5), ("recordings", 5, 5)])
     assert tree(out) == files
@@ -92,6 +98,29 @@ def test_a_second_run_repeats_what_ended_by_accident_and_nothing_else(tmp_path: 
 def test_a_file_that_cannot_be_read_fails_its_row_alone(tmp_path: Path) -> None:
     path = write_manifest(tmp_path, "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n", "copy 1")
     assert [name for name, _ in run(path, tmp_path / "out").failed] == ["r0"]
+
+
+@pytest.mark.usefixtures("in_this_process")
+@pytest.mark.parametrize("replaced", ["r0.txt", "r1.txt", "thing.obj"])
+def test_a_row_whose_file_is_replaced_keeps_nothing_and_is_run_anew(tmp_path: Path, replaced: str) -> None:
+    """The file is another one after the first row was begun, and is put back for the second run."""
+    path = write_manifest(tmp_path, "copy 9", "copy 8")
+    path.write_text(path.read_text().replace('"cube"', '"thing.obj"'))
+    (tmp_path / "thing.obj").write_text("v 0 0 0")
+    before = (tmp_path / replaced).read_text()
+
+    def repaired(request: RepairRequest) -> RepairOutcome:
+        outcome = fake_repairs.repaired(request)
+        (tmp_path / replaced).write_text("copy 4")
+        return outcome
+
+    out = tmp_path / "out"
+    lost = {"r0.txt": ["r0"], "r1.txt": ["r1"], "thing.obj": ["r0", "r1"]}[replaced]
+    assert run_manifest(path, out, repaired, fake_repairs.illustrated).failed == tuple((name, CHANGED) for name in lost)
+    assert not any((out / name / f"{name}.txt").exists() for name in lost)
+    (tmp_path / replaced).write_text(before)
+    ran(out)
+    assert run(path, out).failed == () and set(lost) <= set(ran(out))
 
 
 def test_an_interrupted_run_says_what_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -192,24 +221,26 @@ def test_killed_and_resumed_it_has_the_same_files(tmp_path: Path, kills: int) ->
 
 
 @pytest.mark.usefixtures("in_this_process")
-def test_the_worst_rows_alone_have_pictures_unless_all_are_asked_for(tmp_path: Path) -> None:
-    def repaired(request: RepairRequest) -> RepairOutcome:
-        outcome = fake_repairs.repaired(request)
-        for name in (PICTURE, REPORT) if not request.pictures else ():
-            request.beside(name).unlink()
-        return outcome
-
-    def pictured(out: Path) -> set[str]:
-        return {path.parent.name for path in out.glob(f"*/*{PICTURE}")}
+def test_pictures_are_made_of_the_worst_rows_from_what_is_there_unless_all_are_asked_for(tmp_path: Path) -> None:
+    def pictured(out: Path) -> list[str]:
+        return sorted(path.parent.name for path in out.glob(f"*/*{PICTURE}"))
 
     path, out = write_manifest(tmp_path, *(f"copy {1 + number}" for number in range(12)), "refuse 1"), tmp_path / "out"
-    run_manifest(path, out, repaired, pictures="none")
+    run_manifest(path, out, fake_repairs.repaired, fake_repairs.illustrated, pictures="none")
     assert len(ran(out)) == 13 and not pictured(out)
-    bare = tree(out)
-    run_manifest(path, out, repaired)
-    assert ran(out) == sorted(pictured(out)) == sorted(f"r{number}" for number in range(2, 12))
-    assert {name: data for name, data in tree(out).items() if name in bare and name != "report.html"} == {
-        name: data for name, data in bare.items() if name != "report.html"
-    }
-    run_manifest(path, out, repaired, pictures="all")
-    assert ran(out) == ["r0", "r1"]
+    bare = {name: of for name, of in tree(out).items() if name != "report.html"}
+    times = {name: (out / name).stat().st_mtime_ns for name in bare if "/" in name}
+    run(path, out)
+    assert pictured(out) == sorted(f"r{number}" for number in range(2, 12))
+    assert ran(out) == [f"{name}-picture" for name in pictured(out)]
+    assert bare.items() <= tree(out).items()
+    assert times == {name: (out / name).stat().st_mtime_ns for name in times}
+    run_manifest(path, out, fake_repairs.repaired, fake_repairs.illustrated, pictures="all")
+    assert ran(out) == ["r0-picture", "r1-picture"]
+
+
+@pytest.mark.usefixtures("in_this_process")
+def test_a_picture_that_fails_takes_nothing_away(tmp_path: Path) -> None:
+    path, out = write_manifest(tmp_path, "undrawn 9", "copy 8"), tmp_path / "out"
+    assert run(path, out).failed == (("r0", "without its pictures: KeyError: 'paint'"),)
+    assert (out / "r0" / "r0.txt").read_text() == "undrawn 9" and states(out)["r0"] == ("repaired", "")

@@ -11,11 +11,13 @@ from sweep_plans import PLAN, without_times, write_plan
 
 from hhsim.board.entry import collect
 from hhsim.errors import OutputError
+from hhsim.mesh.shapes import box
 from hhsim.result.reader import load_result
 from hhsim.sweep import sweep as module
 from hhsim.sweep.cell_run import CellTask
 from hhsim.sweep.engines import CRASHED, TaskEnd
 from hhsim.sweep.folder import SweepFolder
+from hhsim.sweep.input_files import CHANGED
 from hhsim.sweep.plan import load_plan, source_digest
 from hhsim.sweep.sweep import SweepOptions, SweepSummary, estimate, run_sweep
 
@@ -87,6 +89,11 @@ def test_what_is_done_is_not_done_again(tmp_path: Path, in_this_process: list[st
     (out / "cells" / f"{digests[1]}.json").unlink()
     assert swept(path, out).run == 2
     assert not list((out / "cells").glob(".*"))
+    # Nor is a result whole of which a bit is another one.
+    flipped = bytearray((out / "cells" / f"{digests[0]}.h5").read_bytes())
+    flipped[len(flipped) // 2] ^= 1
+    (out / "cells" / f"{digests[0]}.h5").write_bytes(flipped)
+    assert swept(path, out).run == 1
     # Another plan in the same folder runs what is new in it, and its names count.
     wider = PLAN.replace("[options.usual]", "[options.coarse]").replace('"penalty"', '"penalty", "progressive"')
     third = swept(write_plan(tmp_path, wider), out, keep_results=False)
@@ -115,6 +122,40 @@ def test_a_failure_is_kept_and_tried_again_when_asked(
     assert swept(path, out, retry_failed=True).failed
     assert len(in_this_process) == 3
     assert not list((out / "cells").glob(".*"))
+
+
+@pytest.mark.parametrize("name", ["thing.obj", "short.toml", "hand.toml", "part.obj"])
+def test_a_file_that_is_replaced_is_kept_under_no_digest_but_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """The first cell runs before the file is replaced; with the old file back the other cells are run."""
+    corners, faces = box([0.05, 0.05, 0.06])
+    lines = [*(f"v {x} {y} {z}" for x, y, z in corners), *(f"f {a} {b} {c}" for a, b, c in faces + 1)]
+    for file in ("thing.obj", "part.obj"):
+        (tmp_path / file).write_text("\n".join(lines))
+    (tmp_path / "hand.toml").write_text("hand_length = 0.19\n")
+    (tmp_path / "bodies.toml").write_text('[[body]]\nname = "part"\nmesh = "part.obj"\nfixed = true\n')
+    shape = "bodies.toml" if name == "part.obj" else "thing.obj"
+    text = PLAN.replace("cylinder", shape).replace("level = 2", 'level = 2\nhand_file = "hand.toml"')
+    text = text.replace("[opt", "ticks = 9\n[opt")
+    path, out, before = write_plan(tmp_path, text), tmp_path / "out", (tmp_path / name).read_text()
+    replaced = [True]
+
+    def here(tasks: Sequence[CellTask], options: SweepOptions) -> Any:
+        for task in tasks:
+            yield task.run()
+            if replaced[0]:
+                (tmp_path / name).write_text(before + "\n# another")
+
+    monkeypatch.setattr(module, "_engine", here)
+    first = swept(path, out)
+    assert (first.run, [reason for _, reason in first.failed]) == (1, [CHANGED])
+    (kept,) = rows(out)
+    replaced[0] = False
+    (tmp_path / name).write_text(before)
+    second = swept(path, out)
+    assert (second.run, second.done_before, second.failed) == (1, 1, ())
+    assert kept in rows(out) and len(rows(out)) == 2
 
 
 def test_another_hhsim_or_a_folder_that_is_not_seen_fails_the_cell(tmp_path: Path) -> None:

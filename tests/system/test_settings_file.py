@@ -9,7 +9,16 @@ import pytest
 from msgspec import Meta, inspect
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.system.settings_file import Settings, Version, a_list, between, check_fields, one_of, parse_settings
+from hhsim.system.settings_file import (
+    Settings,
+    Version,
+    a_list,
+    between,
+    check_fields,
+    one_of,
+    parse_settings,
+    parse_toml,
+)
 
 FINGERS = ("thumb", "index")
 READERS = (
@@ -97,6 +106,13 @@ def nested(kind: Any) -> Iterator[Any]:
 
 def vars_of(kind: Any) -> list[Any]:
     return [getattr(kind, name) for name in getattr(kind, "__struct_fields__", ())]
+
+
+@pytest.mark.parametrize("key", ["a" + ".a" * 20_000 + " = 1", "[" + "a . " * 99 + "b]", "'a'.\"b\"." * 99 + "c = 1"])
+def test_a_key_of_many_parts_is_refused_before_it_is_parsed(key: str) -> None:
+    with pytest.raises(InputError, match="line 2: a key of more than 64 parts"):
+        parse_toml(f"# a key\n{key}", "plan.toml")
+    assert parse_toml("a" + ".a" * 63 + " = 1", "plan.toml").keys() == {"a"}
 
 
 def test_no_field_is_of_a_kind_that_the_library_reads_beyond_its_memory_for() -> None:

@@ -9,7 +9,19 @@ import numpy as np
 import pytest
 
 from hhsim.metrics.run.registry import run_metrics
-from hhsim.table.table import UNITS, Column, Table, number, shown, stored_unit, unit_size, words
+from hhsim.table.table import (
+    UNITS,
+    Column,
+    Table,
+    markdown_text,
+    number,
+    plain_text,
+    shown,
+    stored_unit,
+    unit_size,
+    words,
+)
+from hhsim.table.terminal import terminal_text
 
 
 @pytest.mark.parametrize(
@@ -51,6 +63,36 @@ def test_numbers_of_a_csv_file_come_back_bit_for_bit() -> None:
     assert (first["name"], float(first["value"]), first["flag"]) == ('a, "b"', 0.1 + 0.2, "1")
     assert second == {"name": "", "value": "", "flag": ""}
     assert table.records[0] == rows[0]
+
+
+@pytest.mark.parametrize("command", ["\x1b[2J", "\x1b]0;owned\x07", "\x9b31m", "\x7f", "\u202e", "\udc9b"])
+def test_what_commands_a_terminal_is_spelled(command: str) -> None:
+    table = Table.of_cells([f"na{command}me"], [[f"a{command}b"]], f"title{command}")
+    for text in (plain_text(f"a{command}"), terminal_text(table, in_terminal=False), table.markdown()):
+        assert command[0] not in text and ascii(command[0])[1:-1] in text.replace("&#92;", "\\")
+    assert plain_text("a\tb\n\u00b5m \udcff") == "a\tb\n\u00b5m \udcff"
+
+
+@pytest.mark.parametrize(
+    ("cell", "written"),
+    [
+        ('=HYPERLINK("x")', '\'=HYPERLINK("x")'),
+        ("@SUM(A1)", "'@SUM(A1)"),
+        ("-2+3", "'-2+3"),
+        ("-2.5", "-2.5"),
+        ("-", "-"),
+        (-1.5, "-1.5"),
+        ("a=b", "a=b"),
+    ],
+)
+def test_no_cell_of_a_csv_file_is_a_formula(cell: Any, written: str) -> None:
+    heading, row = csv.reader(io.StringIO(Table.of_cells([str(cell)], [[cell]]).csv()))
+    assert heading == row == [written]
+
+
+def test_markdown_has_no_link_and_no_tag_of_a_file() -> None:
+    text = markdown_text("<b>[x](javascript:1) ![y](http://z) a\\|b [mm]")
+    assert text == "&lt;b>\\[x](javascript:1) !\\[y](http://z) a&#92;\\|b [mm]"
 
 
 def test_a_table_of_markdown_aligns_numbers_and_escapes_the_rest() -> None:

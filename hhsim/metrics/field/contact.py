@@ -12,8 +12,8 @@ from hhsim.metrics.run_metric import each_with
 
 THRESHOLDS = (0.005, 0.002)
 """Largest distance of a contact from the object's surface [m]."""
-KEPT = "contacts_kept_5mm"
-"""Name of the figure that the verdict judges."""
+KEPT, TOUCHING = "contacts_kept_5mm", "frames_in_contact_5mm"
+"""Names of the figures that the verdict judges."""
 
 
 def frames_in_contact(hands: FieldHands, threshold: float) -> float:

@@ -1,13 +1,15 @@
 """Table of the field: a recorded hand and its repair, before and after."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from hhsim.metrics.field.hands import FieldMetric, FieldPair
 from hhsim.metrics.field.registry import field_metrics
 from hhsim.table.table import Table, number, words
+
+WHEN = ("before", "after")
 
 
 @dataclass(frozen=True)
@@ -33,17 +35,23 @@ class FieldRow:
 
 def field_rows(pair: FieldPair) -> tuple[FieldRow, ...]:
     """Compute every figure that is defined for one of the two hands, in the order of the table."""
+    computed = {metric.name: metric.compute(pair) for metric in field_metrics().values()}
+    return known_rows({f"{name}_{when}": of for name, both in computed.items() for when, of in zip(WHEN, both)}, pair)
+
+
+def known_rows(figures: Mapping[str, float], pair: FieldPair) -> tuple[FieldRow, ...]:
+    """Return the rows of figures that are known, by their names with _before and _after."""
     rows = []
     for metric in field_metrics().values():
-        before, after = metric.compute(pair)
+        before, after = (figures.get(f"{metric.name}_{when}", math.nan) for when in WHEN)
         if not (math.isnan(before) and math.isnan(after)):
             stated = metric.parameters if isinstance(metric.parameters, str) else metric.parameters(pair)
             rows.append(FieldRow(metric, before, after, stated))
     return tuple(rows)
 
 
-def field_table(rows: Sequence[FieldRow], title: str = "") -> Table:
-    """Return rows as a table: figure, before, after, unit and parameters."""
+def field_table(rows: Sequence[FieldRow], title: str = "", doubts: Sequence[str] = ()) -> Table:
+    """Return rows as a table: figure, before, after, unit and parameters; doubts about the object stand above them."""
     columns = [
         words("figure", "figure.label"),
         number("before", lambda row: row.figure.shown(row.before)),
@@ -51,7 +59,10 @@ def field_table(rows: Sequence[FieldRow], title: str = "") -> Table:
         words("unit", "figure.unit"),
         words("parameters"),
     ]
-    return Table(columns, rows, title)
+    unknown = math.nan, math.nan
+    doubted = FieldMetric("object", "the object is in doubt", compute=lambda _: unknown)
+    first = [FieldRow(doubted, *unknown, doubt) for doubt in doubts]
+    return Table(columns, [*first, *rows], title)
 
 
 def to_json(rows: Sequence[FieldRow]) -> dict[str, dict[str, Any]]:

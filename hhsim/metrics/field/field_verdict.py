@@ -4,13 +4,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hhsim.metrics.field.contact import KEPT
+from hhsim.metrics.field.contact import KEPT, TOUCHING
 from hhsim.metrics.field.correction import INSIDE, LARGEST
 from hhsim.metrics.field.field_table import FieldRow
 from hhsim.metrics.field.smoothness import RATIO
 
 OK, MISSED, EMPTY = "within limits", "limits missed", "no frames"
 """Words of verdicts."""
+DOUBT = "object"
+"""Name of the missed limit where the object may be in another place."""
 LEAST_KEPT = 95.0
 """Smallest share of contacts within 5 mm that are kept [%]."""
 MOST_ACCELERATION = 1.1
@@ -27,14 +29,24 @@ class FieldVerdict:
     line: str
 
 
-def field_verdict(rows: Sequence[FieldRow], max_correction: float) -> FieldVerdict:
-    """Judge the table of a repair, whose joints may move by `max_correction` [m]; undefined figures are not judged."""
+def doubts_of(rows: Sequence[FieldRow]) -> tuple[str, ...]:
+    """Return a sentence if the hand is never near the object, so that there was nothing to repair."""
+    if any(row.name == TOUCHING and row.before == 0.0 for row in rows):
+        return ("the hand never comes within 5 mm of the object: is the object where it was?",)
+    return ()
+
+
+def field_verdict(rows: Sequence[FieldRow], max_correction: float, doubts: Sequence[str] = ()) -> FieldVerdict:
+    """Judge the table of a repair, whose joints may move by `max_correction` [m]; undefined figures are not judged.
+
+    With doubts, such as those of `doubts_of`, a limit is missed: what the figures are of may be another scene.
+    """
     limits = dict.fromkeys(DEPTHS, (INSIDE, "most"))
     limits |= {LARGEST: (max_correction, "most"), KEPT: (LEAST_KEPT, "least"), RATIO: (MOST_ACCELERATION, "most")}
     judged = [row for row in rows if row.name in limits and not math.isnan(row.after)]
     if not any(row.name in DEPTHS for row in judged):
         return FieldVerdict(EMPTY, (), f"{EMPTY}: no frame has all of its joints in both recordings")
-    missed, said = [], []
+    missed, said = [DOUBT for _ in doubts[:1]], [*doubts]
     for row in judged:
         limit, side = limits[row.name]
         if row.after > limit if side == "most" else row.after < limit:

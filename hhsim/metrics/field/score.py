@@ -11,13 +11,13 @@ from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.field_table import FieldRow, field_rows
-from hhsim.metrics.field.field_verdict import FieldVerdict, field_verdict
+from hhsim.metrics.field.field_verdict import FieldVerdict, doubts_of, field_verdict
 from hhsim.metrics.field.hands import FieldHands, FieldPair
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.recordings.fitted_hand import fitted_hand
 from hhsim.recordings.frames import in_palm, turned
 from hhsim.recordings.object_poses import with_object_poses
-from hhsim.recordings.recording import Recording
+from hhsim.recordings.recording import Recording, unused_poses
 from hhsim.recordings.registry import ReadOptions, read_recording
 from hhsim.recordings.unit_detection import clean_units
 
@@ -31,6 +31,7 @@ class FieldScore:
 
     rows: tuple[FieldRow, ...]
     verdict: FieldVerdict
+    doubts: tuple[str, ...]  # sentences on the object, which may be in another place than it was
 
 
 def field_score(
@@ -78,7 +79,8 @@ def field_score(
         before = with_object_poses(before, poses, options or ReadOptions())
     hands = _judged_pair(before, after, mesh, before.object_motion if motion is None else motion)
     rows = field_rows(FieldPair(*hands, displacement_frames=displacement_frames))
-    return FieldScore(rows, field_verdict(rows, max_correction))
+    doubts = doubts_of(rows) if motion is not None else (*unused_poses(before), *doubts_of(rows))
+    return FieldScore(rows, field_verdict(rows, max_correction, doubts), doubts)
 
 
 def _judged_pair(

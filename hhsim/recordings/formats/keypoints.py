@@ -248,9 +248,13 @@ def _points_key(content: Content, options: ReadOptions) -> str:
         return options.array
     fitting = [key for key, value in arrays.items() if _is_points(value, content)]
     named = [key for key in fitting if key in NAMES] or fitting
+    if options.hand and len(named) > 1:
+        named = [key for key in named if joint_name(key).side == options.hand] or named
     if len(named) != 1:
         if named:
-            raise TrajectoryError(f"{len(named)} arrays of joints, {', '.join(named)}; say which one: --array NAME")
+            sided = " or --hand right|left" if {joint_name(key).side for key in named} >= {"right", "left"} else ""
+            listed = ", ".join(named)
+            raise TrajectoryError(f"{len(named)} arrays of joints, {listed}; say which one: --array NAME{sided}")
         large = sorted(arrays.items(), key=lambda each: -np.ndim(each[1]))
         held = ", ".join(f"{key} {np.shape(value)}" for key, value in large[:MOST_LISTED])
         more = f" and {len(large) - MOST_LISTED} more" if len(large) > MOST_LISTED else ""

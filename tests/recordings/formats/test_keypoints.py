@@ -336,3 +336,11 @@ def test_a_pickled_dictionary_comes_back_corrected_and_runs_nothing(protocol: in
     with pytest.raises(TrajectoryError, match=r"take\.pkl: holds .*, which is not data, so it is not loaded"):
         read_recording(path, options)
     assert not planted.exists()
+
+
+def test_each_hand_of_two_arrays_is_read_by_its_side() -> None:
+    data = arrays_npz(right_joints=POINTS, left_joints=POINTS * [-1.0, 1.0, 1.0])
+    for side in ("right", "left"):
+        assert read_as("keypoints", data, hand=side, rate=30.0).hand == side
+    with pytest.raises(TrajectoryError, match=r"--array NAME or --hand right\|left"):
+        read_as("keypoints", data, rate=30.0)
