@@ -210,6 +210,35 @@ def _ears(loop: IntArray, flat: FloatArray, forward: bool) -> IntArray:
     return triangles[:, ::-1] if forward else triangles
 
 
+def polygon_triangles(vertices: FloatArray, corners: IntArray, sizes: IntArray) -> IntArray:
+    """Cut polygons into triangles, shape (F, 3), in their order and wound alike, `size` − 2 of each.
+
+    A polygon becomes a fan about its first corner where that folds nowhere, else it is cut into ears. The corners
+    (sum of sizes,) of all polygons (P,) are indices of vertices (V, 3), one polygon after the other.
+    """
+    begin = np.cumsum(sizes) - sizes
+    found, owner = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
+    for size in np.unique(sizes[sizes >= 3]):
+        which = np.flatnonzero(sizes == size)
+        rings = corners[begin[which][:, None] + np.arange(size)]
+        first = np.broadcast_to(rings[:, :1], (len(which), size - 2))
+        fans = np.stack([first, rings[:, 1:-1], rings[:, 2:]], axis=2)
+        if size > 3:
+            a, b, c = (vertices[fans[:, :, k]] for k in range(3))
+            normal = np.cross(b - a, c - a)
+            whole = normal.sum(axis=1, keepdims=True)
+            for polygon in np.flatnonzero(((normal * whole).sum(axis=2) < 0.0).any(axis=1)):
+                offset = vertices[rings[polygon]] - vertices[rings[polygon]].mean(axis=0)
+                across = np.linalg.svd(whole[polygon])[2][1:]
+                forward = float(np.linalg.det(np.concatenate([across, whole[polygon]]))) > 0.0
+                ears = _ears(rings[polygon], offset @ across.T, forward)[:, ::-1]
+                if len(ears) == size - 2:
+                    fans[polygon] = ears
+        found.append(fans.reshape(-1, 3))
+        owner.append(np.repeat(which, size - 2))
+    return np.concatenate(found)[np.argsort(np.concatenate(owner), kind="stable")]
+
+
 def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
     """Area of each face [m²], shape (F,)."""
     a, b, c = vertices[faces].transpose(1, 0, 2)

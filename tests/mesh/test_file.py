@@ -135,8 +135,8 @@ def test_an_archive_is_read_whole_or_not_at_all(tmp_path: Path) -> None:
 
 
 def test_a_reader_that_never_ends_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "mesh.obj").write_text(OBJ)
+    (tmp_path / "mesh.ply").write_bytes(ply_bytes(cube().vertices, cube().faces))
     monkeypatch.setattr(mesh_file, "read_in_child", partial(read_in_child, seconds=0))
     monkeypatch.setattr(trimesh, "load_scene", lambda *_, **__: any(iter(int, 1)))
-    with pytest.raises(MeshError, match=r"mesh\.obj: cannot be read as \.obj: .* does not end within 1 s"):
-        read_triangles(tmp_path / "mesh.obj")
+    with pytest.raises(MeshError, match=r"mesh\.ply: cannot be read as \.ply: .* does not end within 1 s"):
+        read_triangles(tmp_path / "mesh.ply")
