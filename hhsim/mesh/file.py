@@ -168,12 +168,14 @@ def _of_ply(mesh: Any, content: bytes) -> Triangles:
     name = next((name for name in names if name in ("vertex_index", "vertex_indices")), next(iter(names)))
     rings = data[name] if isinstance(data, dict) else data[name]["f1"]
     stated = re.search(rb"element\s+face\s+(\d+)", content)
-    if stated is None or len(rings) != int(stated[1]) or any(len(ring) < 3 for ring in rings):
+    is_even = isinstance(rings, np.ndarray) and rings.ndim == 2
+    sizes = np.full(len(rings), rings.shape[1]) if is_even else np.array([len(ring) for ring in rings])
+    if stated is None or len(rings) != int(stated[1]) or sizes.min() < 3:
         raise MeshError(f"{len(rings):,} faces are there, or some have no three corners: is the file cut?")
     place = raw["vertex"]["data"]
     vertices = np.stack([np.ravel(place[axis]) for axis in "xyz"], axis=1).astype(np.float64)
-    corners = np.concatenate([np.ravel(ring) for ring in rings]).astype(np.int64)
-    return Triangles(vertices, polygon_triangles(vertices, corners, np.array([len(ring) for ring in rings])))
+    corners = np.ravel(rings) if is_even else np.concatenate([np.ravel(ring) for ring in rings])
+    return Triangles(vertices, polygon_triangles(vertices, corners.astype(np.int64), sizes))
 
 
 def _files(path: Path, kind: str) -> Iterator[tuple[str, bytes, str, Any]]:
