@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hhsim.errors import InputError
+from hhsim.errors import InputError, named
 from hhsim.system.counted import counted
 from hhsim.table.table import Table, number, words
 
@@ -152,6 +152,7 @@ def _judged(
     """Measure the spheres of a file on the links of the same names, and note what has no counterpart."""
     from hhsim.robots.formats.registry import read_spheres
     from hhsim.robots.link_spheres import judge_link
+    from hhsim.trees.fit import doubt
 
     given = read_spheres(source)
     both = [name for name in meshes if name in given]
@@ -163,7 +164,15 @@ def _judged(
     ):
         if names:
             notes.append(f"{', '.join(names)}: {what}")
-    return {name: judge_link(robot.link(name), meshes[name], given[name], seed) for name in both}
+    found = {name: judge_link(robot.link(name), meshes[name], given[name], seed) for name in both}
+    for name, link in found.items():
+        with named(source):
+            in_doubt = doubt(link.mesh, link.fit.protrusion_max)
+        if link.fit.surface_coverage == 0.0:
+            off = f"its spheres are {1e3 * link.fit.surface_gap_mean:.4g} mm off in the mean"
+            in_doubt = f"{off}: are they in another unit, or of another robot?"
+        notes += [f"{name}: {in_doubt}"] if in_doubt else []
+    return found
 
 
 def _in_all(name: str, links: "Mapping[str, LinkSpheres]") -> dict[str, Any]:

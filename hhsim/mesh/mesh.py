@@ -80,6 +80,11 @@ class Mesh:
         """Edge lengths of the axis-aligned box [m], shape (3,)."""
         return np.asarray(self.bounds[1] - self.bounds[0], dtype=np.float64)
 
+    @property
+    def diagonal(self) -> float:
+        """Length of the diagonal of that box [m]. Spheres that cover the mesh well stick out by less, however few."""
+        return float(np.linalg.norm(self.extent))
+
     @cached_property
     def volume(self) -> float:
         """Enclosed volume [m³]; negative when the triangles are wound inside out."""

@@ -3,16 +3,12 @@
 It shares nothing with the builder: the proofs are followed by code of their own, the depths are measured again.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from hhsim.kernels.cover import check_certificate
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.signed_bvh import heights, signed_bvh
-
-if TYPE_CHECKING:
-    from hhsim.trees.sphere_tree import LevelCover
+from hhsim.trees.sphere_tree import MOST_BOUND, LevelCover
 
 _ROUNDING = 1e-14
 _DEPTH_ROUNDING = 1e-9
@@ -27,7 +23,7 @@ _WRONG = {
 }
 
 
-def faults(mesh: Mesh, covers: "tuple[LevelCover, ...]") -> tuple[str, ...]:
+def faults(mesh: Mesh, covers: tuple[LevelCover, ...]) -> tuple[str, ...]:
     """Return the faults of the covers of levels 0 and on for a mesh, a plain sentence each; empty if there are none."""
     if not any(cover.proved for cover in covers):
         return ("the tree holds no proof that it covers the mesh",)
@@ -43,7 +39,11 @@ def faults(mesh: Mesh, covers: "tuple[LevelCover, ...]") -> tuple[str, ...]:
             what, face, code = check_certificate.check_proof(corner, cover.center, grown, _ROUNDING * size, cover.proof)
             if what != check_certificate.HOLDS:
                 found.append(f"level {level}: the proof {_WRONG[what]}, face {face}, code {code}")
-        short = cover.depth + heights(bvh, cover.center)
+        height = heights(bvh, cover.center)
+        out = float((cover.radius + height).max())
+        if out > MOST_BOUND * mesh.diagonal:
+            found.append(f"level {level}: a sphere may stick {out:.3g} m out of a mesh {mesh.diagonal:.3g} m across")
+        short = cover.depth + height
         if not short.max() <= _DEPTH_ROUNDING * size:
             sphere = int(np.argmax(short))
             found.append(f"level {level}: the centre of sphere {sphere} is {short[sphere]:.3g} m less deep than stated")

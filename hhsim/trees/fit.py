@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhsim.arrays import FloatArray
+from hhsim.errors import InputError
 from hhsim.kernels.cover.sampled_error import union_distance
 from hhsim.kernels.mesh.bvh import MeshBvh
 from hhsim.mesh.mesh import LEAST_FILLED, Mesh
@@ -38,6 +39,24 @@ class Fit:
     protrusion_max: float
     volume_ratio: float | None  # volume of all spheres to that of the mesh, or of its box where it has none
     bound: float  # proved upper bound of the protrusion: the largest of (radius − depth of the centre)
+
+
+WIDE = 0.6
+"""Protrusion, as a share of the diagonal of the mesh's box, from which on spheres are in doubt: one alone has half."""
+
+
+def doubt(mesh: Mesh, protrusion: float) -> str:
+    """Return why spheres that stick out so far [m] may be of another unit or mesh, "" if they are not in doubt.
+
+    Raises InputError where they stick out by more than the mesh is wide.
+    """
+    if protrusion <= WIDE * mesh.diagonal:
+        return ""
+    out = f"its spheres stick out by {1e3 * protrusion:.4g} mm, and {mesh.name} is {1e3 * mesh.diagonal:.4g} mm across"
+    sentence = f"{out}: are they in another unit, or of another mesh?"
+    if protrusion > mesh.diagonal:
+        raise InputError(sentence)
+    return sentence
 
 
 def measure_fit(mesh: Mesh, center: FloatArray, radius: FloatArray, seed: int = 0) -> Fit:

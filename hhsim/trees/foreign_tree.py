@@ -26,6 +26,7 @@ from hhsim.system.input_file import read_input_text
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.error import measure_levels, protrusion_bound, prove_cover, sample_mesh
 from hhsim.trees.file import load_tree
+from hhsim.trees.fit import doubt
 from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
 
 Frame = Literal["auto", "mesh", "centred"]
@@ -111,6 +112,10 @@ def judge_tree(
     bvh = signed_bvh(mesh)
     unproved = prove_cover(mesh.vertices, mesh.faces, tree.leaf_center, tree.leaf_radius)[0].size
     errors = measure_levels(mesh.vertices, mesh.faces, bvh, tree, seed, progress)
+    with named(source):
+        in_doubt = doubt(mesh, errors[-1].protrusion_max)
+    if in_doubt:
+        notes.append(in_doubt)
     if unproved:
         share = f"{unproved:,} of {len(mesh.faces):,}"
         notes.append(
