@@ -167,10 +167,7 @@ def _judged(
     found = {name: judge_link(robot.link(name), meshes[name], given[name], seed) for name in both}
     for name, link in found.items():
         with named(source):
-            in_doubt = doubt(link.mesh, link.fit.protrusion_max)
-        if link.fit.surface_coverage == 0.0:
-            off = f"its spheres are {1e3 * link.fit.surface_gap_mean:.4g} mm off in the mean"
-            in_doubt = f"{off}: are they in another unit, or of another robot?"
+            in_doubt = doubt(link.mesh, link.fit.protrusion_max, link.fit.surface_gap_mean)
         notes += [f"{name}: {in_doubt}"] if in_doubt else []
     return found
 

@@ -81,9 +81,9 @@ class Mesh:
         return np.asarray(self.bounds[1] - self.bounds[0], dtype=np.float64)
 
     @property
-    def diagonal(self) -> float:
-        """Length of the diagonal of that box [m]. Spheres that cover the mesh well stick out by less, however few."""
-        return float(np.linalg.norm(self.extent))
+    def most_protrusion(self) -> float:
+        """Diagonal of that box, and 1 % for rounding [m]: the ball around the box sticks out by no more."""
+        return 1.01 * float(np.linalg.norm(self.extent))
 
     @cached_property
     def volume(self) -> float:

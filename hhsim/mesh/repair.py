@@ -105,8 +105,10 @@ def closed_surface(vertices: FloatArray, faces: IntArray, name: str, unit_length
     _close_holes(surface)
     _require_closed(surface)
     turn_outward(surface)
-    _unfold(surface)
+    may_fold = _unfold(surface)
     resolve_overlaps(surface)
+    if may_fold:
+        _require_unfolded(surface)
     surface.vertices, surface.faces = topology.used_vertices(surface.vertices, surface.faces)
     return surface
 
@@ -266,18 +268,22 @@ def _require_closed(surface: MeshInRepair) -> None:
     raise surface.error(f"not watertight: {what or 'neighbours wound against each other'}; no safe repair")
 
 
-def _unfold(surface: MeshInRepair) -> None:
-    """Cut flat polygons that fold over themselves anew; MeshError where triangles fold otherwise."""
+def _unfold(surface: MeshInRepair) -> bool:
+    """Cut flat polygons that fold over themselves anew; return True where triangles may fold otherwise."""
     surface.faces, cut, may_fold = topology.unfolded(surface.vertices, surface.faces)
     if cut:
         surface.repairs.append(f"cut {counted(cut, 'flat polygon')} anew, whose triangles were folded over each other")
-    if may_fold:
-        bvh = build_mesh_bvh(surface.vertices, surface.faces, signed=False, by_winding=True)
-        folded = ~parting_faces(bvh, surface.vertices, surface.faces)
-        area = topology.face_areas(surface.vertices, surface.faces)
-        if area[folded].sum() > CROSSING_SHARE * area.sum():
-            count = counted(int(folded.sum()), "triangle")
-            raise surface.error(f"folded over itself: {count} with no inside behind; no safe repair")
+    return may_fold
+
+
+def _require_unfolded(surface: MeshInRepair) -> None:
+    """Raise MeshError where the triangles that have no inside behind them are more than a few."""
+    bvh = build_mesh_bvh(surface.vertices, surface.faces, signed=False, by_winding=True)
+    folded = ~parting_faces(bvh, surface.vertices, surface.faces)
+    area = topology.face_areas(surface.vertices, surface.faces)
+    if area[folded].sum() > CROSSING_SHARE * area.sum():
+        count = counted(int(folded.sum()), "triangle")
+        raise surface.error(f"folded over itself: {count} with no inside behind; no safe repair")
 
 
 def parting_faces(bvh: MeshBvh, vertices: FloatArray, faces: IntArray) -> BoolArray:

@@ -18,7 +18,7 @@ from hhsim.trees.error import measure_levels, prove_cover
 from hhsim.trees.fewest_spheres import fewest_spheres
 from hhsim.trees.hierarchy import cover_hierarchy
 from hhsim.trees.options import FEW, MOST_LEAVES, TreeOptions, needed_level
-from hhsim.trees.sphere_tree import MOST_BOUND, LevelCover, SphereTree
+from hhsim.trees.sphere_tree import LevelCover, SphereTree
 from hhsim.trees.surface_cover import cover_of, in_own_frame
 
 GROWTH = 1e-6
@@ -136,8 +136,8 @@ class _Builder:
         if unproved.size:
             raise MeshError(f"{unproved.size} faces could not be covered, first face {unproved[0]}")
         cover = LevelCover(center, radius, -heights(bvh, center), 0.0, proof)
-        if cover.bound > MOST_BOUND * mesh.diagonal:
-            out = f"{1e3 * cover.bound:.4g} mm out of a mesh {1e3 * mesh.diagonal:.4g} mm across"
+        if cover.bound > mesh.most_protrusion:
+            out = f"{1e3 * cover.bound:.4g} mm out of a mesh {1e3 * mesh.most_protrusion:.4g} mm across"
             raise MeshError(f"a sphere may stick {out}: no cover; is the mesh folded, or does it cross itself?")
         if self.options.cover != "balanced":
             return cover

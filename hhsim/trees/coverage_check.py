@@ -3,12 +3,16 @@
 It shares nothing with the builder: the proofs are followed by code of their own, the depths are measured again.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from hhsim.kernels.cover import check_certificate
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.signed_bvh import heights, signed_bvh
-from hhsim.trees.sphere_tree import MOST_BOUND, LevelCover
+
+if TYPE_CHECKING:
+    from hhsim.trees.sphere_tree import LevelCover
 
 _ROUNDING = 1e-14
 _DEPTH_ROUNDING = 1e-9
@@ -23,7 +27,7 @@ _WRONG = {
 }
 
 
-def faults(mesh: Mesh, covers: tuple[LevelCover, ...]) -> tuple[str, ...]:
+def faults(mesh: Mesh, covers: "tuple[LevelCover, ...]") -> tuple[str, ...]:
     """Return the faults of the covers of levels 0 and on for a mesh, a plain sentence each; empty if there are none."""
     if not any(cover.proved for cover in covers):
         return ("the tree holds no proof that it covers the mesh",)
@@ -41,8 +45,10 @@ def faults(mesh: Mesh, covers: tuple[LevelCover, ...]) -> tuple[str, ...]:
                 found.append(f"level {level}: the proof {_WRONG[what]}, face {face}, code {code}")
         height = heights(bvh, cover.center)
         out = float((cover.radius + height).max())
-        if out > MOST_BOUND * mesh.diagonal:
-            found.append(f"level {level}: a sphere may stick {out:.3g} m out of a mesh {mesh.diagonal:.3g} m across")
+        if out > mesh.most_protrusion:
+            found.append(
+                f"level {level}: a sphere may stick {out:.3g} m out of a mesh {mesh.most_protrusion:.3g} m across"
+            )
         short = cover.depth + height
         if not short.max() <= _DEPTH_ROUNDING * size:
             sphere = int(np.argmax(short))

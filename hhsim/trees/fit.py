@@ -42,19 +42,27 @@ class Fit:
 
 
 WIDE = 0.6
-"""Protrusion, as a share of the diagonal of the mesh's box, from which on spheres are in doubt: one alone has half."""
+"""Protrusion, as a share of the most that there is, from which on spheres are in doubt: one around a box has half."""
 
 
-def doubt(mesh: Mesh, protrusion: float) -> str:
-    """Return why spheres that stick out so far [m] may be of another unit or mesh, "" if they are not in doubt.
+OFF_PLACE = 0.1
+"""Mean distance of a mesh from spheres, as a share of its longest extent, from which on they are in doubt."""
 
-    Raises InputError where they stick out by more than the mesh is wide.
+
+def doubt(mesh: Mesh, protrusion: float, gap: float) -> str:
+    """Return why spheres may be of another unit or mesh that stick out so far [m], and are so far off in the mean [m].
+
+    That is "" if they are not in doubt. Raises InputError where they stick out by more than the mesh is wide.
     """
-    if protrusion <= WIDE * mesh.diagonal:
+    if gap > OFF_PLACE * float(mesh.extent.max()):
+        off = f"its spheres are {1e3 * gap:.4g} mm off {mesh.name} in the mean"
+        return f"{off}: are they in another unit or frame, or of another mesh?"
+    if protrusion <= WIDE * mesh.most_protrusion:
         return ""
-    out = f"its spheres stick out by {1e3 * protrusion:.4g} mm, and {mesh.name} is {1e3 * mesh.diagonal:.4g} mm across"
-    sentence = f"{out}: are they in another unit, or of another mesh?"
-    if protrusion > mesh.diagonal:
+    out, across = (f"{1e3 * length:.4g} mm" for length in (protrusion, mesh.most_protrusion))
+    sizes = f"its spheres stick out by {out}, and {mesh.name} is {across} across"
+    sentence = f"{sizes}: are they in another unit, or of another mesh?"
+    if protrusion > mesh.most_protrusion:
         raise InputError(sentence)
     return sentence
 

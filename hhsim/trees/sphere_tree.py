@@ -17,10 +17,6 @@ ENCLOSING_TOLERANCE = 1e-9
 """Accepted excess of a leaf over an ancestor, relative to the root's radius [-]: rounding, not geometry."""
 
 
-MOST_BOUND = 1.01
-"""Largest bound of a cover, in diagonals of the mesh's box: the ball around the box has less, whatever is in it."""
-
-
 @dataclass(frozen=True)
 class LevelError:
     """Error of the spheres of one level."""
