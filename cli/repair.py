@@ -225,7 +225,7 @@ def _many(
     from hhsim.sweep.repair_batch import run_manifest
     from hhsim.sweep.repair_page import brief_table
 
-    with progress(quiet=printing.quiet, lines=True) as report:
+    with progress(quiet=printing.quiet) as report:
         found = run_manifest(
             manifest, out, repair_recording, workers=jobs, scheduler=scheduler, pictures=pictures, progress=report
         )

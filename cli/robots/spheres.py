@@ -104,10 +104,11 @@ def robot_spheres(
     if robot_options.compare and source is None:
         raise click.UsageError("--compare is for --from FILE")
     start, compared = time.process_time(), []
-    robot = read_robot(path)
-    meshes = link_meshes(robot, path, robot_options.link or "")
-    notes = [f"{mesh.name}: {note}" for mesh in meshes.values() for note in (*mesh.repairs, *mesh.warnings)]
     with progress(quiet=output.quiet) as report:
+        report("read", 0, 1)
+        robot = read_robot(path)
+        meshes = link_meshes(robot, path, robot_options.link or "")
+        notes = [f"{mesh.name}: {note}" for mesh in meshes.values() for note in (*mesh.repairs, *mesh.warnings)]
         if source is not None:
             built = _judged(robot, meshes, source, seed, notes)
             if robot_options.compare:
@@ -119,7 +120,7 @@ def robot_spheres(
         else:
             each = options or TreeOptions(leaves=USUAL_LEAVES, seed=seed)
             built = build_links(robot, meshes, dict.fromkeys(meshes, each), threads, report)
-    ignored = self_collision_ignore(robot, {name: each.spheres for name, each in built.items()}, seed)
+        ignored = self_collision_ignore(robot, {name: each.spheres for name, each in built.items()}, seed)
     found = RobotSpheres(robot, path, tuple(built.values()), ignored)
     write_atomically(out, format_.write(found))
     if plot is not None:
