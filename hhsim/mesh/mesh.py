@@ -80,11 +80,6 @@ class Mesh:
         """Edge lengths of the axis-aligned box [m], shape (3,)."""
         return np.asarray(self.bounds[1] - self.bounds[0], dtype=np.float64)
 
-    @property
-    def most_protrusion(self) -> float:
-        """Diagonal of that box, and 1 % for rounding [m]: the ball around the box sticks out by no more."""
-        return 1.01 * float(np.linalg.norm(self.extent))
-
     @cached_property
     def volume(self) -> float:
         """Enclosed volume [m³]; negative when the triangles are wound inside out."""
@@ -117,6 +112,11 @@ class Mesh:
 
         shell = self.shell and self.shell._replace(vertices=moved(self.shell.vertices))
         return replace(self, vertices=moved(self.vertices), shell=shell)
+
+
+def most_protrusion(mesh: Mesh) -> float:
+    """Return the diagonal of a mesh's box, and 1 % for rounding [m]: the ball around the box sticks out by no more."""
+    return 1.01 * float(np.linalg.norm(mesh.extent))
 
 
 def require_usable_arrays(vertices: FloatArray, faces: IntArray, name: str) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
 from hhsim.kernels.mesh.bvh import MeshBvh
-from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.mesh import Mesh, most_protrusion
 from hhsim.mesh.signed_bvh import heights, signed_bvh
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers
@@ -136,8 +136,8 @@ class _Builder:
         if unproved.size:
             raise MeshError(f"{unproved.size} faces could not be covered, first face {unproved[0]}")
         cover = LevelCover(center, radius, -heights(bvh, center), 0.0, proof)
-        if cover.bound > mesh.most_protrusion:
-            out = f"{1e3 * cover.bound:.4g} mm out of a mesh {1e3 * mesh.most_protrusion:.4g} mm across"
+        if cover.bound > most_protrusion(mesh):
+            out = f"{1e3 * cover.bound:.4g} mm out of a mesh {1e3 * most_protrusion(mesh):.4g} mm across"
             raise MeshError(f"a sphere may stick {out}: no cover; is the mesh folded, or does it cross itself?")
         if self.options.cover != "balanced":
             return cover

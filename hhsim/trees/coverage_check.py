@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhsim.kernels.cover import check_certificate
-from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.mesh import Mesh, most_protrusion
 from hhsim.mesh.signed_bvh import heights, signed_bvh
 
 if TYPE_CHECKING:
@@ -45,9 +45,9 @@ def faults(mesh: Mesh, covers: "tuple[LevelCover, ...]") -> tuple[str, ...]:
                 found.append(f"level {level}: the proof {_WRONG[what]}, face {face}, code {code}")
         height = heights(bvh, cover.center)
         out = float((cover.radius + height).max())
-        if out > mesh.most_protrusion:
+        if out > most_protrusion(mesh):
             found.append(
-                f"level {level}: a sphere may stick {out:.3g} m out of a mesh {mesh.most_protrusion:.3g} m across"
+                f"level {level}: a sphere may stick {out:.3g} m out of a mesh {most_protrusion(mesh):.3g} m across"
             )
         short = cover.depth + height
         if not short.max() <= _DEPTH_ROUNDING * size:

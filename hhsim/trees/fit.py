@@ -12,7 +12,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.kernels.cover.sampled_error import union_distance
 from hhsim.kernels.mesh.bvh import MeshBvh
-from hhsim.mesh.mesh import LEAST_FILLED, Mesh
+from hhsim.mesh.mesh import LEAST_FILLED, Mesh, most_protrusion
 from hhsim.mesh.signed_bvh import heights, signed_bvh
 from hhsim.trees.error import MESH_SAMPLES, protrusion_bound, sample_mesh
 
@@ -57,12 +57,12 @@ def doubt(mesh: Mesh, protrusion: float, gap: float) -> str:
     if gap > OFF_PLACE * float(mesh.extent.max()):
         off = f"its spheres are {1e3 * gap:.4g} mm off {mesh.name} in the mean"
         return f"{off}: are they in another unit or frame, or of another mesh?"
-    if protrusion <= WIDE * mesh.most_protrusion:
+    if protrusion <= WIDE * most_protrusion(mesh):
         return ""
-    out, across = (f"{1e3 * length:.4g} mm" for length in (protrusion, mesh.most_protrusion))
+    out, across = (f"{1e3 * length:.4g} mm" for length in (protrusion, most_protrusion(mesh)))
     sizes = f"its spheres stick out by {out}, and {mesh.name} is {across} across"
     sentence = f"{sizes}: are they in another unit, or of another mesh?"
-    if protrusion > mesh.most_protrusion:
+    if protrusion > most_protrusion(mesh):
         raise InputError(sentence)
     return sentence
 
