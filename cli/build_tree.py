@@ -188,19 +188,20 @@ def command(
         return
     # A link of a file of spheres is none of a mesh.
     of_object = link if source.path is None or names_a_linkage(object_) else ""
-    mesh, usual_level = mesh_file.read(object_, solid=mesh_file.solid or None, link=of_object)
-    options = build.options(usual_level, seed)
-    fineness = f"{1e6 * build.max_error:.0f}um" if build.max_error else options.leaves or options.level
-    path = output.path(f"{mesh.name}-tree-{source.path.stem if source.path else fineness}")
-    if path.suffix not in (".h5", ".sph"):
-        raise click.UsageError(f"--out {path}: a sphere tree is a .h5 or a .sph file")
-    check_output_path(path, "sphere tree", load_sph if path.suffix == ".sph" else load_tree)
-    if plot is not None:
-        check_picture(plot)
-    cached = source.path is None and cache_path(mesh, options).exists()
-    found = None
-    start = time.perf_counter()
     with progress(quiet=output.quiet) as report:
+        report("read", 0, 1)
+        mesh, usual_level = mesh_file.read(object_, solid=mesh_file.solid or None, link=of_object)
+        options = build.options(usual_level, seed)
+        fineness = f"{1e6 * build.max_error:.0f}um" if build.max_error else options.leaves or options.level
+        path = output.path(f"{mesh.name}-tree-{source.path.stem if source.path else fineness}")
+        if path.suffix not in (".h5", ".sph"):
+            raise click.UsageError(f"--out {path}: a sphere tree is a .h5 or a .sph file")
+        check_output_path(path, "sphere tree", load_sph if path.suffix == ".sph" else load_tree)
+        if plot is not None:
+            check_picture(plot)
+        cached = source.path is None and cache_path(mesh, options).exists()
+        found = None
+        start = time.perf_counter()
         if source.path is None:
             tree = kept_sphere_tree(mesh, options, report, build.threads or usual_threads())
         else:
@@ -210,15 +211,15 @@ def command(
             else:
                 found = import_tree(source.path, mesh, unit, source.frame or "auto", seed, report)
             tree = found.tree
-    seconds = time.perf_counter() - start
-    if path.suffix == ".sph":
-        save_sph(tree, path)
-    else:
-        save_tree(tree, path)
-    if plot is not None:
-        draw_tree(plot, mesh, tree)
-    faults = tree.check(mesh)
-    fit = measure_fit(mesh, tree.leaf_center, tree.leaf_radius, seed) if found else None
+        seconds = time.perf_counter() - start
+        if path.suffix == ".sph":
+            save_sph(tree, path)
+        else:
+            save_tree(tree, path)
+        if plot is not None:
+            draw_tree(plot, mesh, tree)
+        faults = tree.check(mesh)
+        fit = measure_fit(mesh, tree.leaf_center, tree.leaf_radius, seed) if found else None
     print_notes(mesh.warnings, prefix="warning")
     if output.as_json:
         print_json(

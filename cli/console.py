@@ -5,9 +5,10 @@ import json
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 from hhsim.system.plain_json import plain_json
@@ -17,8 +18,8 @@ from hhsim.table.table import plain_text
 if TYPE_CHECKING:
     from hhsim.table.table import Table
 
-SILENCE = 30.0
-"""Longest time without a line of progress where there is no bar [s]."""
+SILENCE = 10.0
+"""Time between two lines of progress where there is no bar [s]."""
 BAR = "hhsim.bar"
 """Key of the bar's label in a command's context."""
 
@@ -108,10 +109,14 @@ def print_error(text: str) -> None:
 
 
 @contextmanager
-def progress(*, quiet: bool, lines: bool = False) -> Iterator[Progress]:
-    """Show a bar on stderr while work reports, unless quiet; where that is no terminal, a few lines if `lines`."""
-    if quiet or not sys.stderr.isatty():
-        yield _line_by_line() if lines and not quiet else silent
+def progress(*, quiet: bool) -> Iterator[Progress]:
+    """Show a bar on stderr while work reports, unless quiet; where that is no terminal, a line every ten seconds."""
+    if quiet:
+        yield silent
+        return
+    if not sys.stderr.isatty():
+        with _line_by_line() as report:
+            yield report
         return
     import click
     from rich.console import Console
@@ -159,17 +164,25 @@ def progress(*, quiet: bool, lines: bool = False) -> Iterator[Progress]:
                 del context.meta[BAR]
 
 
-def _line_by_line() -> Progress:
-    """Return what prints a line for each tenth of the work, and after half a minute without one."""
-    total_before, tenth_before, told = -1, 0, 0.0
+@contextmanager
+def _line_by_line() -> Iterator[Progress]:
+    """Print what is being done, how much of it is, and the seconds so far, as often as `SILENCE` says."""
+    now, begin, ended = "getting ready", time.monotonic(), threading.Event()
 
     def report(what: str, done: int, total: int) -> None:
-        nonlocal total_before, tenth_before, told
-        now, tenth = time.monotonic(), 10 * done // max(1, total)
-        if total != total_before:
-            total_before, tenth_before, told = total, 0, now
-        if tenth > tenth_before or now - told >= SILENCE:
-            tenth_before, told = tenth, now
-            print_error(f"hhsim: {what}: {done:,} of {total:,}")
+        nonlocal now
+        now = f"{what}: {done:,} of {total:,}"
 
-    return report
+    def tell() -> None:
+        # Work reports when it likes, and kernels of minutes not at all: a thread has the clock.
+        with suppress(OSError, ValueError):
+            while not ended.wait(SILENCE):
+                print_error(f"hhsim: {now}, {time.monotonic() - begin:,.0f} s")
+
+    thread = threading.Thread(target=tell, daemon=True)
+    thread.start()
+    try:
+        yield report
+    finally:
+        ended.set()
+        thread.join()

@@ -41,7 +41,7 @@ class ObjectSettings(OptionGroup, heading="Object"):
         metavar="OBJECT|MESH",
         help="Name of the catalogue (hhsim objects), or a mesh, URDF or MJCF file; of hhsim repair also a TOML.",
     )
-    unit: str | None = option(type=UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
+    unit: str | None = option(type=UNITS, help="Length unit of a mesh file. Default: the one that it states, or m.")
     size: float | None = ranged("size", "MM", "Scale a mesh file to this longest extent [mm], whatever its unit.", 1e-3)
     object_poses: Path | None = file(
         "FILE", "Poses of the object, a row a frame or with stamps (docs/repair.md). Default: those of the recording."
@@ -227,7 +227,7 @@ def _many(
     from hhsim.sweep.repair_batch import run_manifest
     from hhsim.sweep.repair_page import brief_table
 
-    with progress(quiet=printing.quiet, lines=True) as report:
+    with progress(quiet=printing.quiet) as report:
         found = run_manifest(
             manifest,
             out,

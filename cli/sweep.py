@@ -68,7 +68,7 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
 
     end_on_sigterm()
     chosen = SweepOptions(settings.jobs or 0, settings.scheduler, settings.retry_failed, not settings.summary_only)
-    with progress(quiet=printing.quiet, lines=True) as report:
+    with progress(quiet=printing.quiet) as report:
         report("reading the plan", 0, 1)
         read = load_plan(plan)
         folder = SweepFolder(settings.out or RESULTS / read.name)

@@ -36,7 +36,7 @@ SLOW, PIXELS = 1.0, 640
     help="Show only every K-th tick; the plots keep the worst of those between, except for forces.",
 )
 @click.option("--spheres", is_flag=True, help="Show the spheres of the object's tree in place of its mesh.")
-@click.option("--unit", type=options.UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
+@click.option("--unit", type=options.UNITS, help="Length unit of a mesh file. Default: the one that it states, or m.")
 @click.option("--video", type=options.OUTPUT, metavar="FILE.gif|.webp|.mp4", help="Make a film of a result.")
 @click.option(
     "--slow",
@@ -97,7 +97,7 @@ def command(
         if kinds == ["result"] and load_result(files[0]).name:
             document |= _view_result(files[0], target, every, printing, spheres=spheres)
         else:
-            document |= _view_files(files, target, every, unit or "m", printing, spheres=spheres)
+            document |= _view_files(files, target, every, unit, printing, spheres=spheres)
     if printing.as_json:
         print_json({**document, "seconds": time.perf_counter() - begin})
 
@@ -132,7 +132,13 @@ def _view_result(
 
 
 def _view_files(
-    paths: tuple[Path, ...], target: "RerunTarget", every: int, unit: str, printing: options.Printing, *, spheres: bool
+    paths: tuple[Path, ...],
+    target: "RerunTarget",
+    every: int,
+    unit: str | None,
+    printing: options.Printing,
+    *,
+    spheres: bool,
 ) -> dict[str, object]:
     from hhsim.view.gallery import view_files
 

@@ -18,10 +18,12 @@ import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from hhsim.cli.console import progress  # type: ignore[import-not-found]
 from hhsim.kernels import shipped
 from hhsim.kernels.callee import CALLEE_PREFIX
 from hhsim.kernels.kernel_files import SUFFIX
 from hhsim.kernels.target import BUILT_FOR, CHOICE, named_target
+from hhsim.system.progress import Progress, silent
 from tools.import_graph import REPOSITORY
 
 PLATFORM = "manylinux_2_17"
@@ -53,8 +55,8 @@ TWO_GLOVES = "--device left=sim,right=sim"
 """Options of a session with a simulated glove on each hand."""
 
 
-def compile_all(cache: Path) -> str:
-    """Compile every kernel that ships into a cache; return the target's text."""
+def compile_all(cache: Path, report: Progress = silent) -> str:
+    """Compile every kernel that ships into a cache, and report the commands that are done; return the target's text."""
     known = {name: value for name, value in os.environ.items() if name not in ("NUMBA_BOUNDSCHECK", CHOICE)}
     environment = known | {"HHSIM_CACHE_DIR": str(cache)}
 
@@ -67,6 +69,7 @@ def compile_all(cache: Path) -> str:
         for command in commands:
             run("-c", MAIN, *shlex.split(command))
 
+    report("kernels of the tests", 0, 1)
     run("tests/compile_kernels.py")
     with tempfile.TemporaryDirectory() as place, ThreadPoolExecutor(len(os.sched_getaffinity(0))) as side_by_side:
         chains: list[tuple[str, ...]] = []
@@ -80,7 +83,8 @@ def compile_all(cache: Path) -> str:
         chains.append((f"scene cube pinch --out {place}/scene", f"score {submission} --out {place}/score.h5"))
         chains.append((f"repair examples/grab.csv --object rock --max-correction 20 --out {place}/repaired.csv",))
         chains.append((f"build-tree examples/mug.stl --unit mm --level 3 --out {place}/mug.h5",))
-        list(side_by_side.map(lambda chain: in_turn(*chain), chains))
+        for done, _ in enumerate(side_by_side.map(lambda chain: in_turn(*chain), chains)):
+            report("kernels of the commands", done + 1, len(chains))
         in_turn(f"compare {place}/0.h5 {place}/1.h5")
     return run("-c", "from hhsim.kernels.target import TARGET; print(TARGET)")
 
@@ -100,14 +104,14 @@ def pack(cache: Path, folder: Path, target: str) -> None:
     (folder / BUILT_FOR).write_text(f"{target}\n", encoding="utf-8")
 
 
-def build(folder: Path) -> Path:
-    """Build the wheel into a folder; return its path."""
+def build(folder: Path, report: Progress = silent) -> Path:
+    """Build the wheel into a folder, and report what is compiled; return its path."""
     with tempfile.TemporaryDirectory() as name:
         source, cache = Path(name) / "source", Path(name) / "cache"
         cache.mkdir(mode=0o700)
         if named_target() is None:
             raise SystemExit("kernels can be shipped from a machine whose processor runs the named target alone")
-        target = compile_all(cache)
+        target = compile_all(cache, report)
         shutil.copytree(REPOSITORY, source, ignore=shutil.ignore_patterns(*LEFT_OUT))
         pack(cache, source / shipped.FOLDER.relative_to(REPOSITORY), target)
         tags = {"--build-option": [f"--python-tag=cp{sys.version_info.major}{sys.version_info.minor}"]}
@@ -123,7 +127,8 @@ def main() -> None:
     parser.add_argument("folder", nargs="?", type=Path, default=REPOSITORY / "dist")
     folder: Path = parser.parse_args().folder
     folder.mkdir(parents=True, exist_ok=True)
-    path = build(folder)
+    with progress(quiet=False) as report:
+        path = build(folder, report)
     print(f"{path.name}: {1e-6 * path.stat().st_size:.1f} MB")
 
 

@@ -1,6 +1,5 @@
 """Argument OBJECT, a name of the catalogue, a mesh file, a URDF or an MJCF, and the options of a mesh file."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -24,7 +23,7 @@ def complete_object(context: click.Context, parameter: click.Parameter, incomple
 class MeshSize(OptionGroup, heading="Mesh file"):
     """Size of a mesh file's object: its unit, None for metres, or its longest extent [mm]."""
 
-    unit: str | None = option(type=UNITS, help="Length unit of a mesh file, which does not state it. Default: m.")
+    unit: str | None = option(type=UNITS, help="Length unit of a mesh file. Default: the one that it states, or m.")
     size: float | None = ranged("size", "MM", "Scale a mesh file to this longest extent [mm], whatever its unit.", 1e-3)
 
     def read(self, object_: str, *, solid: bool | None = True, link: str = "") -> tuple["Mesh", int]:
@@ -50,11 +49,8 @@ class MeshFile(MeshSize):
         """Return the length [m] of the mesh's unit, for a file of its sphere tree."""
         from hhsim.linkage.file import names_a_linkage
         from hhsim.mesh.catalogue import names_a_file
-        from hhsim.mesh.file import read_triangles
-        from hhsim.mesh.mesh import METRES_PER_UNIT, Mesh
+        from hhsim.mesh.mesh import unit_length_of
 
         if not names_a_file(object_) or names_a_linkage(object_):
             return 1.0
-        if self.size is None:
-            return METRES_PER_UNIT[self.unit or "m"]
-        return 1e-3 * self.size / float(Mesh(*read_triangles(Path(object_))).extent.max())
+        return unit_length_of(object_, self.unit, metres(self.size))

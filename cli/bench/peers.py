@@ -56,7 +56,7 @@ def command(settings: PeersSettings, plot: Path | None, output: options.Output) 
     run = quick_or_whole(PeersOptions, QUICK, settings)
     table = SuiteTable(output, "peers", COLUMNS, run)
     picture = table.picture = picture_beside(table.path, plot)
-    with progress(quiet=output.quiet, lines=True) as report:
+    with progress(quiet=output.quiet) as report:
         runs = measure(run, report)
     rows = table_rows(runs)
     notes = [*installed(run)[1], *remarks(runs)]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hhsim.errors import InputError
+from hhsim.errors import InputError, named
 from hhsim.system.counted import counted
 from hhsim.table.table import Table, number, words
 
@@ -104,10 +104,11 @@ def robot_spheres(
     if robot_options.compare and source is None:
         raise click.UsageError("--compare is for --from FILE")
     start, compared = time.process_time(), []
-    robot = read_robot(path)
-    meshes = link_meshes(robot, path, robot_options.link or "")
-    notes = [f"{mesh.name}: {note}" for mesh in meshes.values() for note in (*mesh.repairs, *mesh.warnings)]
     with progress(quiet=output.quiet) as report:
+        report("read", 0, 1)
+        robot = read_robot(path)
+        meshes = link_meshes(robot, path, robot_options.link or "")
+        notes = [f"{mesh.name}: {note}" for mesh in meshes.values() for note in (*mesh.repairs, *mesh.warnings)]
         if source is not None:
             built = _judged(robot, meshes, source, seed, notes)
             if robot_options.compare:
@@ -119,7 +120,7 @@ def robot_spheres(
         else:
             each = options or TreeOptions(leaves=USUAL_LEAVES, seed=seed)
             built = build_links(robot, meshes, dict.fromkeys(meshes, each), threads, report)
-    ignored = self_collision_ignore(robot, {name: each.spheres for name, each in built.items()}, seed)
+        ignored = self_collision_ignore(robot, {name: each.spheres for name, each in built.items()}, seed)
     found = RobotSpheres(robot, path, tuple(built.values()), ignored)
     write_atomically(out, format_.write(found))
     if plot is not None:
@@ -152,6 +153,7 @@ def _judged(
     """Measure the spheres of a file on the links of the same names, and note what has no counterpart."""
     from hhsim.robots.formats.registry import read_spheres
     from hhsim.robots.link_spheres import judge_link
+    from hhsim.trees.fit import doubt
 
     given = read_spheres(source)
     both = [name for name in meshes if name in given]
@@ -163,7 +165,12 @@ def _judged(
     ):
         if names:
             notes.append(f"{', '.join(names)}: {what}")
-    return {name: judge_link(robot.link(name), meshes[name], given[name], seed) for name in both}
+    found = {name: judge_link(robot.link(name), meshes[name], given[name], seed) for name in both}
+    for name, link in found.items():
+        with named(source):
+            in_doubt = doubt(link.mesh, link.fit.protrusion_max, link.fit.surface_gap_mean)
+        notes += [f"{name}: {in_doubt}"] if in_doubt else []
+    return found
 
 
 def _in_all(name: str, links: "Mapping[str, LinkSpheres]") -> dict[str, Any]:

@@ -23,7 +23,7 @@ def resolve_object(
 
     Args:
         name_or_path: A word with a suffix or a folder is a file.
-        unit, size, thickness: Of a mesh file [-, m, m], as for `hhsim.mesh.mesh.load_mesh`; a unit of None is m.
+        unit, size, thickness: Of a mesh file [-, m, m], as for `hhsim.mesh.mesh.load_mesh`.
         solid: As for `load_mesh`; sheets of a thickness are solids.
         link: Link of a URDF or MJCF file, in its own frame; one without a name is the only one, in the file's.
 
@@ -61,7 +61,7 @@ def resolve_object(
     if unit is not None and size is not None:
         raise InputError("unit and size exclude each other: size scales whatever the unit is")
     solid = True if thickness is not None else solid
-    return load_mesh(word, unit or "m", size, thickness=thickness, solid=solid), MESH_LEVEL
+    return load_mesh(word, unit, size, thickness=thickness, solid=solid), MESH_LEVEL
 
 
 def solid_for(surface: str, asked: bool = False) -> bool | None:

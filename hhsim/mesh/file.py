@@ -1,24 +1,26 @@
-"""Mesh files: any format that trimesh reads, as plain arrays in the file's own unit; and exact binary PLY."""
+"""Mesh files: OBJ, OFF, STL, any other format that trimesh reads, as plain arrays; and exact binary PLY."""
 
 import bz2
 import gzip
-import json
+import re
 import warnings
 import zipfile
+from codecs import BOM_UTF8
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import DamagedFileError, InputError, MeshError
+from hhsim.mesh.polygon_formats import READERS, Triangles
+from hhsim.mesh.scene_formats import STATED
+from hhsim.mesh.topology import polygon_triangles
 from hhsim.system.child_reader import read_in_child
 from hhsim.system.input_file import check_ordinary, media_kind_of, most_unpacked, open_input
 
-ENCODING_GUESSER = "charset_normalizer"
-"""Package that trimesh asks for the encoding of a text that is not UTF-8."""
 ARCHIVES = ("zip", "tar.bz2", "tar.gz", "bz2")
 """Kinds of files that hold mesh files, one that ends as another one before it."""
 INSTEAD = {
@@ -27,18 +29,35 @@ INSTEAD = {
     "xacro": "a robot with macros of xacro; expand it: xacro FILE > FILE.urdf",
 }
 """What a file that holds no mesh that is read is, and what to do."""
+PACKAGES = {"dae": "pycollada", "zae": "pycollada"}
+"""Kinds of files that trimesh reads with a package that does not come with hhsim."""
 MEMORY_OF_A_BYTE = 10
 """Memory that reading a byte of a mesh's text takes [byte], or a little more."""
+COARSEST = 1e-3
+"""Largest resolution that numbers far from the origin may leave, as a share of the mesh's longest extent."""
+
+
+class MeshOfFile(NamedTuple):
+    """Triangles of a mesh file, unmerged; the parts of a scene are joined in its frame."""
+
+    vertices: FloatArray  # in the unit of the file, shape (V, 3)
+    faces: IntArray  # corner indices, shape (F, 3)
+    metre: float | None = None  # length of the unit that the file states [m]; None if it states none
+    warnings: tuple[str, ...] = ()  # suspicions, a sentence each
 
 
 def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
-    """Read vertices (V, 3) in the file's unit and faces (F, 3), unmerged; the parts of a scene are joined in its frame.
+    """Read vertices (V, 3) and faces (F, 3) as `read_mesh`, in metres where the file states its unit, else in that."""
+    found = read_mesh(path)
+    return found.vertices * (found.metre or 1.0), found.faces
 
-    Raises InputError for no such file, or a folder; MeshError for a format that trimesh does not read, a broken file,
-    or one without triangles.
+
+def read_mesh(path: Path) -> MeshOfFile:
+    """Read a mesh file.
+
+    Raises InputError for no such file, or a folder; MeshError for an unknown format, a broken file, one without
+    triangles or of which triangles are lost, or numbers so far from the origin that they do not hold the shape.
     """
-    import trimesh
-
     if not path.exists():
         raise InputError(f"{path}: no such file; expected a mesh")
     if path.is_dir():
@@ -49,68 +68,141 @@ def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
         raise InputError(f"{path}: {error.strerror}; expected a mesh") from None
     name = path.name.lower()
     kind = next((each for each in ARCHIVES if name.endswith(f".{each}")), path.suffix.lower().removeprefix("."))
-    known = sorted(trimesh.available_formats())
-    if kind not in known:
-        media = media_kind_of(path)
-        if media:
-            raise MeshError(f"{path}: {media}; expected a mesh: {', '.join(known)}")
-        if kind in INSTEAD:
-            raise MeshError(f"{path}: {INSTEAD[kind]}")
-        what = f"unknown mesh format '.{kind}'" if kind else "no suffix that says which mesh format it is"
-        raise MeshError(f"{path}: {what}; known: {', '.join(known)}")
+    if kind not in READERS:
+        _require_known(path, kind)
     size = _unpacked_size(path)
     try:
         # The readers raise whatever their parser trips over: IndexError, KeyError, struct.error and more.
         refusal = f"cannot be read as .{kind}: damaged, too large, or of another kind"
-        return read_in_child(lambda: _triangles(path, kind), refusal, size)
+        found = read_in_child(lambda: _joined(path, kind), refusal, size)
     except DamagedFileError as error:
         raise MeshError(f"{path}: {error}") from None
+    _require_resolution(found.vertices, str(path))
+    return found
 
 
-def _triangles(path: Path, kind: str) -> tuple[FloatArray, IntArray]:
-    """Read vertices and faces, and import the rest of what the format needs; errors as of `read_triangles`."""
+def _require_known(path: Path, kind: str) -> None:
+    """Raise MeshError for a kind of file that trimesh, which is imported, does not read."""
     import trimesh
 
+    formats = trimesh.available_formats()
+    if kind in formats:
+        return
+    if kind in INSTEAD:
+        raise MeshError(f"{path}: {INSTEAD[kind]}")
+    if kind in PACKAGES:
+        raise MeshError(f"{path}: .{kind} is read with the package {PACKAGES[kind]}: pip install {PACKAGES[kind]}")
+    known = ", ".join(sorted(formats))
+    media = media_kind_of(path)
+    if media:
+        raise MeshError(f"{path}: {media}; expected a mesh: {known}")
+    what = f"unknown mesh format '.{kind}'" if kind else "no suffix that says which mesh format it is"
+    raise MeshError(f"{path}: {what}; known: {known}")
+
+
+def _require_resolution(vertices: FloatArray, name: str) -> None:
+    """Raise MeshError where the numbers' type does not hold the shape so far from the origin."""
+    if not np.isfinite(vertices).all():
+        return
+    farthest, extent = float(np.abs(vertices).max()), float(np.ptp(vertices, axis=0).max())
+    # Most formats of 3-D hold numbers of 32 bits.
+    with np.errstate(over="ignore"):
+        is_single = np.array_equal(vertices, vertices.astype(np.float32))
+    left = float(np.spacing(np.float32(farthest)) if is_single else np.spacing(farthest))
+    if left > COARSEST * extent > 0.0 or (extent == 0.0 and left > COARSEST):
+        far = f"its numbers, up to {farthest:.7g}, hold steps of {left:.2g} alone, and the mesh is {extent:.3g} long"
+        raise MeshError(f"{name}: {far}: move it to the origin, in the program that made it")
+
+
+def _joined(path: Path, kind: str) -> MeshOfFile:
+    """Read all meshes of a file, and import the rest of what the format needs; errors as of `read_mesh`."""
+    found, metres = list[Triangles](), set[float | None]()
+    for name, content, each, resolver in _files(path, kind):
+        try:
+            parts, metre = _parts(content, each, resolver)
+        except MeshError as error:
+            raise MeshError(f"{name}: {error}") from error
+        found += parts
+        metres.add(metre)
+    if not found:
+        raise MeshError(f"{path}: no triangles; expected a surface mesh")
+    if len(metres) > 1:
+        raise MeshError(f"{path}: it holds meshes of several units; expected those of one")
+    starts = np.cumsum([0] + [len(part.vertices) for part in found[:-1]])
+    return MeshOfFile(
+        np.concatenate([part.vertices for part in found]),
+        np.concatenate([part.faces + start for part, start in zip(found, starts)]),
+        metres.pop(),
+        tuple(warning for part in found for warning in part.warnings),
+    )
+
+
+def _parts(content: bytes, kind: str, resolver: Any) -> tuple[list[Triangles], float | None]:
+    """Return the meshes in the content of a file that have triangles, and the length of its unit [m]; None for none.
+
+    The number of triangles is held against what the file states.
+    """
+    if kind in READERS:
+        try:
+            read = READERS[kind](content)
+        except (MeshError, ValueError) as error:
+            raise MeshError(f"cannot be read as .{kind}: {error}") from error
+        return [read] if len(read.faces) else [], None
+    import trimesh
+
+    stated = STATED[kind](content) if kind in STATED else None
     try:
         # What numpy warns of inside the readers (NaN in a normal, say) is found by the checks that follow.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            found = [
-                part
-                for file, each, resolver in _files(path, kind)
-                for part in trimesh.load_scene(file, file_type=each, process=False, resolver=resolver).dump()
-            ]
-            parts = [part for part in found if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+            file = BytesIO(content.removeprefix(BOM_UTF8))
+            scene = trimesh.load_scene(file, file_type=kind, process=False, resolver=resolver)
+            meshes = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     except ImportError as error:
-        if error.name == ENCODING_GUESSER:
-            # A damaged binary STL lands here: what is no whole one, trimesh takes for text.
-            raise MeshError(f"{path}: cannot be read as .{kind}, so it is damaged, or of another kind") from error
-        raise MeshError(f"{path}: cannot be read as .{kind} without the package {error.name or error}") from error
-    if not parts:
-        raise MeshError(f"{path}: no triangles; expected a surface mesh")
-    starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
-    vertices = np.concatenate([np.asarray(part.vertices, dtype=np.float64) for part in parts])
-    faces = np.concatenate([np.asarray(part.faces, dtype=np.int64) + start for part, start in zip(parts, starts)])
-    return vertices, faces
+        raise MeshError(f"cannot be read as .{kind} without the package {error.name or error}") from error
+    if kind == "ply":
+        return [_of_ply(mesh, content) for mesh in meshes], None
+    lost = 0 if stated is None else stated.triangles - sum(len(mesh.faces) for mesh in meshes)
+    if stated is not None and lost:
+        what = f"{stated.triangles - lost:,} triangles of the {stated.triangles:,} that it states were read"
+        raise MeshError(f"{what}: save it anew, as plain triangles")
+    parts = [Triangles(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)) for mesh in meshes]
+    return parts, None if stated is None else stated.metre
 
 
-def _files(path: Path, kind: str) -> Iterator[tuple[Any, str, Any]]:
-    """Yield the mesh files in a file, with kind and resolver: itself, or those of an archive."""
-    import trimesh
+def _of_ply(mesh: Any, content: bytes) -> Triangles:
+    """Return the mesh of a PLY, whose polygons are cut anew, since trimesh makes a fan of each."""
+    raw = mesh.metadata["_ply_raw"]
+    data = raw["face"]["data"]
+    names = data if isinstance(data, dict) else data.dtype.names
+    name = next((name for name in names if name in ("vertex_index", "vertex_indices")), next(iter(names)))
+    rings = data[name] if isinstance(data, dict) else data[name]["f1"]
+    stated = re.search(rb"element\s+face\s+(\d+)", content)
+    is_even = isinstance(rings, np.ndarray) and rings.ndim == 2
+    sizes = np.full(len(rings), rings.shape[1]) if is_even else np.array([len(ring) for ring in rings])
+    if stated is None or len(rings) != int(stated[1]) or sizes.min() < 3:
+        raise MeshError(f"{len(rings):,} faces are there, or some have no three corners: is the file cut?")
+    place = raw["vertex"]["data"]
+    vertices = np.stack([np.ravel(place[axis]) for axis in "xyz"], axis=1).astype(np.float64)
+    corners = np.ravel(rings) if is_even else np.concatenate([np.ravel(ring) for ring in rings])
+    return Triangles(vertices, polygon_triangles(vertices, corners.astype(np.int64), sizes))
 
+
+def _files(path: Path, kind: str) -> Iterator[tuple[str, bytes, str, Any]]:
+    """Yield the mesh files in a file, with name, content, kind and resolver: itself, or those of an archive."""
     with open_input(path) as file:
         if kind not in ARCHIVES:
-            _require_tree_of_nodes(file, kind, str(path))
-            yield file, kind, _ordinary_files_beside(path)
+            yield str(path), file.read(), kind, _ordinary_files_beside(path)
             return
+        import trimesh
+
         alone = {path.stem: BytesIO(bz2.decompress(file.read()))} if kind == "bz2" else {}
         members: dict[str, Any] = alone or trimesh.util.decompress(file, kind.partition(".")[0])
         for name, member in members.items():
             each = Path(name).suffix.lower().removeprefix(".")
             # A Mac puts notes of its own into archives, under the names of the files.
             if each in trimesh.available_formats() and each not in ARCHIVES and "__MACOSX" not in name:
-                _require_tree_of_nodes(member, each, f"{path}: {name}")
-                yield member, each, trimesh.resolvers.ZipResolver(members)
+                yield f"{path}: {name}", member.read(), each, trimesh.resolvers.ZipResolver(members)
 
 
 def _unpacked_size(path: Path) -> int:
@@ -133,27 +225,6 @@ def _unpacked_size(path: Path) -> int:
     if size > packed and size > most:
         raise MeshError(f"{path}: {size:,} bytes or more in an archive of {packed:,}; expected a mesh")
     return size
-
-
-def _require_tree_of_nodes(file: Any, kind: str, name: str) -> None:
-    """Raise MeshError for a glTF document with a node under two others, or under itself; the file is at its beginning.
-
-    Its readers leave such a node out, or take it for the root.
-    """
-    if kind not in ("glb", "gltf"):
-        return
-    head = file.read(20) if kind == "glb" else b""
-    nodes = json.loads(file.read(int.from_bytes(head[12:16], "little") if head else -1)).get("nodes", [])
-    file.seek(0)
-    below = [node.get("children", []) for node in nodes]
-    children = [child for each in below for child in each]
-    reached = sorted(set(range(len(nodes))) - set(children))
-    # Each node is the child of one other at most, so this ends.
-    if len(set(children)) == len(children):
-        for node in reached:
-            reached += below[node]
-    if len(reached) != len(nodes):
-        raise MeshError(f"{name}: its nodes go in a circle, or one has two parents; expected a tree of nodes")
 
 
 def _ordinary_files_beside(path: Path) -> Any:

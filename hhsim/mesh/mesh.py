@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
-from hhsim.mesh.file import read_triangles
+from hhsim.mesh.file import read_mesh
 from hhsim.mesh.shell import Shell
 from hhsim.mesh.topology import is_closed, merged_vertices
 from hhsim.ranges import check_range
@@ -114,6 +114,11 @@ class Mesh:
         return replace(self, vertices=moved(self.vertices), shell=shell)
 
 
+def most_protrusion(mesh: Mesh) -> float:
+    """Return the diagonal of a mesh's box, and 1 % for rounding [m]: the ball around the box sticks out by no more."""
+    return 1.01 * float(np.linalg.norm(mesh.extent))
+
+
 def require_usable_arrays(vertices: FloatArray, faces: IntArray, name: str) -> None:
     """Raise a MeshError unless these are finite (V, 3) vertices and at least one (F, 3) triangle of valid indices."""
     if vertices.ndim != 2 or vertices.shape[1] != 3:
@@ -133,9 +138,17 @@ def require_usable_arrays(vertices: FloatArray, faces: IntArray, name: str) -> N
         raise MeshError(f"{name}: {count} name a vertex that does not exist, {where}")
 
 
+def unit_length_of(path: str | Path, unit: str | None = None, size: float | None = None) -> float:
+    """Return the length [m] of a mesh file's unit: the one given, that which gives it its size [m], or its own."""
+    if unit is not None:
+        return METRES_PER_UNIT[unit]
+    found = read_mesh(Path(path))
+    return found.metre or 1.0 if size is None else size / float(Mesh(found.vertices, found.faces).extent.max())
+
+
 def load_mesh(
     path: str | Path,
-    unit: str = "m",
+    unit: str | None = None,
     size: float | None = None,
     thickness: float | None = None,
     solid: bool | None = True,
@@ -147,7 +160,7 @@ def load_mesh(
 
     Args:
         path: Any format that trimesh reads (.obj .stl .ply .off .glb …); the parts of a scene are joined.
-        unit: Length unit of the file: m, cm, mm or inch.
+        unit: Length unit of the file: m, cm, mm or inch. None for the one that the file states, or else m.
         size: Longest extent of the mesh [m]; replaces `unit`.
         thickness: Makes a sheet this thick [m] of each open part, instead of closing it.
         solid: False takes the triangles as they are, closed or not, and turns those whose turning alone gives them an
@@ -159,30 +172,34 @@ def load_mesh(
         MeshError: Unreadable, empty, not finite, of absurd size, or without an inside where it is to be solid.
     """
     path = Path(path)
-    if unit not in METRES_PER_UNIT:
+    if unit is not None and unit not in METRES_PER_UNIT:
         raise InputError(f"unknown unit '{unit}': known: {', '.join(METRES_PER_UNIT)}")
     if size is not None:
         check_range("size", size)
     if thickness is not None:
         check_range("thickness", thickness)
-    vertices, faces = read_triangles(path)
+    vertices, faces, stated, warnings = read_mesh(path)
     require_usable_arrays(vertices, faces, str(path))
     mesh = Mesh(vertices, faces, name=path.stem, source=str(path))
     longest = float(mesh.extent.max())
     if longest == 0.0:
         raise MeshError(f"{path}: all vertices lie in one point; expected a surface mesh")
-    unit_length = METRES_PER_UNIT[unit] if size is None else size / longest
+    unit_length = (METRES_PER_UNIT[unit] if unit else stated or 1.0) if size is None else size / longest
     if not SMALLEST_NUMBER <= longest <= LARGEST_NUMBER:
         expected = f"expected {SMALLEST_NUMBER:g} to {LARGEST_NUMBER:g}; is a vertex damaged?"
         raise MeshError(f"{path}: longest extent {longest:.3g} in the file: {expected}")
-    hint = "is --size wrong?" if size is not None else size_hint(longest * unit_length, unit)
+    hint = "is --size wrong?" if size is not None else size_hint(longest * unit_length, unit_length)
     mesh = with_inside(mesh, unit_length, hint, None if thickness is None else thickness / unit_length, solid)
     longest = float(mesh.extent.max())
     if size is None and not SMALLEST_USUAL_EXTENT <= longest <= LARGEST_USUAL_EXTENT:
         shown = f"{longest:.3g} m" if longest > 1.0 else f"{1000.0 * longest:.3g} mm"
-        warnings = (f"longest extent {shown}: {size_hint(longest, unit)}", *mesh.warnings)
-        mesh = replace(mesh, warnings=warnings)
-    return mesh
+        warnings = (f"longest extent {shown}: {size_hint(longest, unit_length)}", *warnings)
+    repairs = mesh.repairs
+    if stated is not None and stated != 1.0 and unit_length == stated:
+        repairs = (f"lengths taken in {_unit_name(stated)}, as the file states", *repairs)
+    elif stated is not None and unit is not None and unit_length != stated:
+        warnings = (f"the file states {_unit_name(stated)}, but --unit {unit} is given", *warnings)
+    return replace(mesh, repairs=repairs, warnings=(*warnings, *mesh.warnings))
 
 
 def with_inside(
@@ -220,11 +237,16 @@ def with_inside(
     return mesh.scaled(unit_length)
 
 
-def size_hint(longest: float, unit: str) -> str:
-    """Return a hint at the right unit of a file whose mesh is so long [m] in the given one."""
+def _unit_name(metre: float) -> str:
+    """Return the name of the unit of this length [m], such as "millimetres"."""
+    return next((UNIT_NAMES[unit] for unit, length in METRES_PER_UNIT.items() if length == metre), f"{metre:g} m")
+
+
+def size_hint(longest: float, unit_length: float) -> str:
+    """Return a hint at the right unit of a file whose mesh is so long [m] in a unit of that length [m]."""
     for other, name in UNIT_NAMES.items():
-        extent = longest * METRES_PER_UNIT[other] / METRES_PER_UNIT[unit]
-        if other != unit and SMALLEST_USUAL_EXTENT <= extent <= LARGEST_USUAL_EXTENT:
+        extent = longest * METRES_PER_UNIT[other] / unit_length
+        if METRES_PER_UNIT[other] != unit_length and SMALLEST_USUAL_EXTENT <= extent <= LARGEST_USUAL_EXTENT:
             return f"is the file in {name}? pass --unit {other}"
     return "if that is wrong, pass --size with the right one"
 

@@ -24,6 +24,7 @@ from hhsim.mesh.repair import (
     MeshInRepair,
     closed_surface,
     joined_parts,
+    parting_faces,
     turn_outward,
 )
 from hhsim.mesh.shell import Shell
@@ -70,6 +71,11 @@ def own_triangles(
     except MeshError:
         repairs = list[str]()
         solid, enclosing, is_sheet, is_sound = _solid_parts(MeshInRepair(vertices, faces, name, unit_length), repairs)
+        if len(enclosing) and any(topology.unfolded(solid, enclosing)[1:]):
+            is_sound = False
+            bvh = build_mesh_bvh(solid, enclosing, signed=False, by_winding=True)
+            folded = np.append(~parting_faces(bvh, solid, enclosing), False)
+            is_sheet |= folded[places_in(vertices, faces, solid, enclosing)]
     else:
         solid, enclosing, is_sound = surface.vertices, surface.faces, True
         is_sheet = places_in(vertices, faces, solid, enclosing) < 0

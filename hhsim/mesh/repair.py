@@ -10,7 +10,7 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals
 from hhsim.kernels.mesh.winding_number import fast_winding_numbers, winding_numbers
 from hhsim.mesh import topology
 from hhsim.system.counted import counted
@@ -42,8 +42,14 @@ WINDING_WORK = 3.0e7
 FEWEST_SAMPLES = 600
 """Fewer triangles are tested at more than one place each."""
 
+FOLD_SAMPLES = 20_000
+"""Number of points at which it is tested whether triangles that may be folded have an inside behind them."""
+
 CAVITY_POINTS = 50
 """Approximate number of points at which a part wound inward has to lie within the others to be a cavity."""
+
+BESIDE = 1e-5
+"""Distance from a triangle at which its two sides are evaluated, as a share of the longest extent."""
 
 SAMPLE_OFFSET = 1e-4
 """Distance of the test points from the surface, as a share of the longest extent."""
@@ -99,7 +105,10 @@ def closed_surface(vertices: FloatArray, faces: IntArray, name: str, unit_length
     _close_holes(surface)
     _require_closed(surface)
     turn_outward(surface)
+    may_fold = _unfold(surface)
     resolve_overlaps(surface)
+    if may_fold:
+        _require_unfolded(surface)
     surface.vertices, surface.faces = topology.used_vertices(surface.vertices, surface.faces)
     return surface
 
@@ -257,6 +266,35 @@ def _require_closed(surface: MeshInRepair) -> None:
     faults = [f"{counted(fanned, 'edge')} shared by more than two triangles"] if fanned else []
     what = " and ".join(faults + ([counted(open_edges, "open edge")] if open_edges else []))
     raise surface.error(f"not watertight: {what or 'neighbours wound against each other'}; no safe repair")
+
+
+def _unfold(surface: MeshInRepair) -> bool:
+    """Cut flat polygons that fold over themselves anew; return True where triangles may fold otherwise."""
+    surface.faces, cut, may_fold = topology.unfolded(surface.vertices, surface.faces)
+    if cut:
+        surface.repairs.append(f"cut {counted(cut, 'flat polygon')} anew, whose triangles were folded over each other")
+    return may_fold
+
+
+def _require_unfolded(surface: MeshInRepair) -> None:
+    """Raise MeshError where the triangles that have no inside behind them are more than a few."""
+    bvh = build_mesh_bvh(surface.vertices, surface.faces, signed=False, by_winding=True)
+    folded = ~parting_faces(bvh, surface.vertices, surface.faces)
+    area = topology.face_areas(surface.vertices, surface.faces)
+    if area[folded].sum() > CROSSING_SHARE * area.sum():
+        count = counted(int(folded.sum()), "triangle")
+        raise surface.error(f"folded over itself: {count} with no inside behind; no safe repair")
+
+
+def parting_faces(bvh: MeshBvh, vertices: FloatArray, faces: IntArray) -> BoolArray:
+    """Mark the faces, shape (F,), with the inside of a surface behind them and the outside before them, by winding."""
+    point, face, _ = topology.face_samples(vertices, faces, FOLD_SAMPLES, np.random.default_rng(0))
+    away = BESIDE * float(np.ptp(vertices[faces].reshape(-1, 3), axis=0).max()) * face_normals(vertices, faces)[face]
+    winding = np.empty((2, len(point)))
+    for side, out in zip((point + away, point - away), winding):
+        fast_winding_numbers(bvh, bvh.moments, side, out)
+    folded = (winding[0] > 0.5) | (winding[1] < 0.5)
+    return np.asarray(np.bincount(face, weights=folded, minlength=len(faces)) == 0.0)
 
 
 def winding_faults(vertices: FloatArray, faces: IntArray) -> tuple[int, int, float, float]:

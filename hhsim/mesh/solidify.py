@@ -15,14 +15,11 @@ from hhsim.kernels.mesh.inside_field import SolidField, count_hits
 from hhsim.kernels.mesh.winding_number import fast_winding_numbers, winding_moments
 from hhsim.mesh import topology
 from hhsim.mesh.isosurface import border_distances, is_inside, simplified, solid_mesh
-from hhsim.mesh.repair import CAP_AREA, MeshInRepair, closed_surface, merge_and_clean, percent
+from hhsim.mesh.repair import BESIDE, CAP_AREA, MeshInRepair, closed_surface, merge_and_clean, percent
 from hhsim.system.counted import counted
 
 TOLERANCE = 5e-4
 """Wanted distance of the new mesh from the triangles of the file, as a share of the longest extent."""
-
-BESIDE = 1e-5
-"""Distance from a triangle at which its two sides are evaluated, as a share of the longest extent."""
 
 SAMPLES = 60_000
 """Number of points that measure a surface."""

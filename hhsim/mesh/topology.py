@@ -6,6 +6,11 @@ import numpy as np
 
 from hhsim.arrays import AnyArray, BoolArray, FloatArray, IntArray
 
+FLAT = 1.0 - 1e-6
+"""Cosine of the angle between the normals of two triangles from which on they lie in a plane."""
+SHARP = 0.99
+"""Negative cosine of the angle between the normals of two neighbours from which on one may be folded over the other."""
+
 
 def distinct_rows(rows: AnyArray) -> tuple[IntArray, IntArray]:
     """Find equal rows of a table without NaN, shape (N, M); as `numpy.unique` along an axis, in a third of its time.
@@ -208,6 +213,71 @@ def _ears(loop: IntArray, flat: FloatArray, forward: bool) -> IntArray:
     order = np.arange(len(loop)) if forward else np.arange(len(loop))[::-1]
     triangles = loop[order][np.asarray(triangulate([np.ascontiguousarray(flat[order])]), dtype=np.int64)]
     return triangles[:, ::-1] if forward else triangles
+
+
+def polygon_triangles(vertices: FloatArray, corners: IntArray, sizes: IntArray) -> IntArray:
+    """Cut polygons into triangles, shape (F, 3), in their order and wound alike, `size` − 2 of each.
+
+    A polygon becomes a fan about its first corner where that folds nowhere, else it is cut into ears. The corners
+    (sum of sizes,) of all polygons (P,) are indices of vertices (V, 3), one polygon after the other.
+    """
+    begin = np.cumsum(sizes) - sizes
+    found, owner = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
+    for size in np.unique(sizes[sizes >= 3]):
+        which = np.flatnonzero(sizes == size)
+        rings = corners[begin[which][:, None] + np.arange(size)]
+        first = np.broadcast_to(rings[:, :1], (len(which), size - 2))
+        fans = np.stack([first, rings[:, 1:-1], rings[:, 2:]], axis=2)
+        if size > 3:
+            a, b, c = (vertices[fans[:, :, k]] for k in range(3))
+            normal = np.cross(b - a, c - a)
+            whole = normal.sum(axis=1, keepdims=True)
+            for polygon in np.flatnonzero(((normal * whole).sum(axis=2) < 0.0).any(axis=1)):
+                cut = _cut(vertices, [rings[polygon]], whole[polygon])
+                if len(cut) == size - 2:
+                    fans[polygon] = cut
+        found.append(fans.reshape(-1, 3))
+        owner.append(np.repeat(which, size - 2))
+    return np.concatenate(found)[np.argsort(np.concatenate(owner), kind="stable")]
+
+
+def unfolded(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, int, bool]:
+    """Cut flat polygons anew whose triangles fold over each other, as a fan about a corner of a concave one does.
+
+    Returns the faces, as many or fewer, the number of polygons, and True if others fold, or nearly, over a neighbour.
+    """
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    area = np.cross(b - a, c - a)
+    size = np.linalg.norm(area, axis=1)
+    normal = area / np.maximum(size, np.finfo(np.float64).tiny)[:, None]
+    first, second, _ = _neighbours(faces)
+    along = (normal[first] * normal[second]).sum(axis=1)
+    flat, folds = np.abs(along) > FLAT, np.flatnonzero(along < -FLAT)
+    patch = _components(len(faces), first[flat], second[flat]) if len(folds) else np.zeros(len(faces), np.int64)
+    kept, new = np.ones(len(faces), np.bool_), list[IntArray]()
+    for each in np.unique(patch[first[folds]]):
+        own = patch == each
+        whole, loops = area[own].sum(axis=0), boundary_loops(faces[own])
+        if not loops or not np.linalg.norm(whole) > (1.0 - FLAT) * size[own].sum():
+            continue
+        cut = _cut(vertices, loops, whole)
+        # Of a polygon that crosses itself the parts have more area than the whole.
+        a, b, c = vertices[cut].transpose(1, 0, 2)
+        if np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() < (2.0 - FLAT) * np.linalg.norm(whole):
+            kept &= ~own
+            new.append(cut)
+    return np.concatenate([faces[kept], *new]), len(new), bool((along[kept[first]] < -SHARP).any())
+
+
+def _cut(vertices: FloatArray, loops: list[IntArray], area: FloatArray) -> IntArray:
+    """Triangles between the own vertices of loops around a polygon and its holes, wound alike; `area` is its vector."""
+    from manifold3d import triangulate
+
+    across = np.linalg.svd(area.reshape(1, 3))[2][1:]
+    if np.linalg.det(np.concatenate([across, area.reshape(1, 3)])) < 0.0:
+        across = across[::-1]
+    flat = [np.ascontiguousarray((vertices[loop] - vertices[loops[0][0]]) @ across.T) for loop in loops]
+    return np.concatenate(loops)[np.asarray(triangulate(flat), dtype=np.int64).reshape(-1, 3)]
 
 
 def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:

@@ -20,8 +20,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.linkage.file import names_a_linkage
 from hhsim.linkage.object_mesh import solid_for
 from hhsim.mesh.catalogue import names_a_file, object_description
-from hhsim.mesh.file import read_triangles
-from hhsim.mesh.mesh import METRES_PER_UNIT, Mesh
+from hhsim.mesh.mesh import Mesh, unit_length_of
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.motion.trajectory import ResampleMode, Trajectory
 from hhsim.ranges import RANGES
@@ -179,9 +178,7 @@ class LoadedWords:
         words = self.words
         if not names_a_file(words.object) or names_a_linkage(words.object):
             return 1.0
-        if words.size_mm is None:
-            return METRES_PER_UNIT[words.unit or "m"]
-        return 1e-3 * words.size_mm / float(Mesh(*read_triangles(Path(words.object))).extent.max())
+        return unit_length_of(words.object, words.unit, None if words.size_mm is None else 1e-3 * words.size_mm)
 
 
 def load_words(words: SceneWords, *, surface: str = "spheres", motions: Sequence[Motion] | None = None) -> LoadedWords:

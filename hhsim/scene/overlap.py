@@ -31,7 +31,9 @@ class Solid:
 
     def __init__(self, mesh: Mesh) -> None:
         self.triangles, self.bounds = mesh.triangles, mesh.bounds
-        self.shell = build_mesh_bvh(mesh.vertices, mesh.faces) if encloses(mesh) else None
+        self.shell = None
+        if encloses(mesh):
+            self.shell = build_mesh_bvh(mesh.vertices, mesh.faces, by_winding=mesh.shell is not None)
         self.points = np.concatenate([mesh.vertices[np.unique(mesh.faces)], mesh.triangles.mean(axis=1)])
         self.depth = np.zeros(len(self.points))
         if self.shell is not None:

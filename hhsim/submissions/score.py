@@ -74,7 +74,7 @@ def _mesh_depth(shown: Scene, hand: HandModel, placed: PlacedHand) -> float:
         inside = ticks_looked_at(np.minimum(palm, finger.min(axis=1)) < 0.0)
         depths.append(0.0)
         if inside.size:
-            bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
+            bvh = build_mesh_bvh(mesh.vertices, mesh.faces, by_winding=mesh.shell is not None)
             depths.append(-float(mesh_clearance(bvh, hand_shape(hand), there.at(inside)).min()))
     return float(np.nanmax(depths)) if len(depths) > 1 else np.nan
 

@@ -10,7 +10,7 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
 from hhsim.kernels.mesh.bvh import MeshBvh
-from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.mesh import Mesh, most_protrusion
 from hhsim.mesh.signed_bvh import heights, signed_bvh
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers
@@ -125,9 +125,10 @@ class _Builder:
         """Prove that spheres cover the mesh; where rounding prevents it, with spheres larger by `GROWTH`.
 
         Of a balanced cover half of the bound is subtracted from all radii: the surface then lies at most so far out of
-        the spheres, and they at most so far out of it. MeshError if a face cannot be proved.
+        the spheres, and they at most so far out of it. MeshError if a face cannot be proved, or if a sphere may
+        stick out by more than the mesh is wide.
         """
-        _, vertices, faces, bvh = self.surface
+        mesh, vertices, faces, bvh = self.surface
         unproved, proof = prove_cover(vertices, faces, center, radius, self.workers)
         if unproved.size:
             radius = radius + GROWTH * float(np.ptp(vertices[faces].reshape(-1, 3), axis=0).max())
@@ -135,6 +136,9 @@ class _Builder:
         if unproved.size:
             raise MeshError(f"{unproved.size} faces could not be covered, first face {unproved[0]}")
         cover = LevelCover(center, radius, -heights(bvh, center), 0.0, proof)
+        if cover.bound > most_protrusion(mesh):
+            out = f"{1e3 * cover.bound:.4g} mm out of a mesh {1e3 * most_protrusion(mesh):.4g} mm across"
+            raise MeshError(f"a sphere may stick {out}: no cover; is the mesh folded, or does it cross itself?")
         if self.options.cover != "balanced":
             return cover
         half = 0.5 * max(cover.bound, 0.0)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhsim.kernels.cover import check_certificate
-from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.mesh import Mesh, most_protrusion
 from hhsim.mesh.signed_bvh import heights, signed_bvh
 
 if TYPE_CHECKING:
@@ -43,7 +43,13 @@ def faults(mesh: Mesh, covers: "tuple[LevelCover, ...]") -> tuple[str, ...]:
             what, face, code = check_certificate.check_proof(corner, cover.center, grown, _ROUNDING * size, cover.proof)
             if what != check_certificate.HOLDS:
                 found.append(f"level {level}: the proof {_WRONG[what]}, face {face}, code {code}")
-        short = cover.depth + heights(bvh, cover.center)
+        height = heights(bvh, cover.center)
+        out = float((cover.radius + height).max())
+        if out > most_protrusion(mesh):
+            found.append(
+                f"level {level}: a sphere may stick {out:.3g} m out of a mesh {most_protrusion(mesh):.3g} m across"
+            )
+        short = cover.depth + height
         if not short.max() <= _DEPTH_ROUNDING * size:
             sphere = int(np.argmax(short))
             found.append(f"level {level}: the centre of sphere {sphere} is {short[sphere]:.3g} m less deep than stated")

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhsim.arrays import FloatArray
+from hhsim.errors import InputError
 from hhsim.kernels.cover.sampled_error import union_distance
 from hhsim.kernels.mesh.bvh import MeshBvh
-from hhsim.mesh.mesh import LEAST_FILLED, Mesh
+from hhsim.mesh.mesh import LEAST_FILLED, Mesh, most_protrusion
 from hhsim.mesh.signed_bvh import heights, signed_bvh
 from hhsim.trees.error import MESH_SAMPLES, protrusion_bound, sample_mesh
 
@@ -38,6 +39,32 @@ class Fit:
     protrusion_max: float
     volume_ratio: float | None  # volume of all spheres to that of the mesh, or of its box where it has none
     bound: float  # proved upper bound of the protrusion: the largest of (radius − depth of the centre)
+
+
+WIDE = 0.6
+"""Protrusion, as a share of the most that there is, from which on spheres are in doubt: one around a box has half."""
+
+
+OFF_PLACE = 0.1
+"""Mean distance of a mesh from spheres, as a share of its longest extent, from which on they are in doubt."""
+
+
+def doubt(mesh: Mesh, protrusion: float, gap: float) -> str:
+    """Return why spheres may be of another unit or mesh that stick out so far [m], and are so far off in the mean [m].
+
+    That is "" if they are not in doubt. Raises InputError where they stick out by more than the mesh is wide.
+    """
+    if gap > OFF_PLACE * float(mesh.extent.max()):
+        off = f"its spheres are {1e3 * gap:.4g} mm off {mesh.name} in the mean"
+        return f"{off}: are they in another unit or frame, or of another mesh?"
+    if protrusion <= WIDE * most_protrusion(mesh):
+        return ""
+    out, across = (f"{1e3 * length:.4g} mm" for length in (protrusion, most_protrusion(mesh)))
+    sizes = f"its spheres stick out by {out}, and {mesh.name} is {across} across"
+    sentence = f"{sizes}: are they in another unit, or of another mesh?"
+    if protrusion > most_protrusion(mesh):
+        raise InputError(sentence)
+    return sentence
 
 
 def measure_fit(mesh: Mesh, center: FloatArray, radius: FloatArray, seed: int = 0) -> Fit:

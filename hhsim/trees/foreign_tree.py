@@ -26,6 +26,7 @@ from hhsim.system.input_file import read_input_text
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.error import measure_levels, protrusion_bound, prove_cover, sample_mesh
 from hhsim.trees.file import load_tree
+from hhsim.trees.fit import OFF_PLACE, doubt
 from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
 
 Frame = Literal["auto", "mesh", "centred"]
@@ -38,7 +39,6 @@ _SAMPLES = 4000
 _SAME = 1e-6
 """Frames that differ by less than this share of the mesh's extent are one; gaps too."""
 _OFF_SIZE = 5.0
-_OFF_PLACE = 0.1
 
 _MOST_SLOTS = 20_000_000
 _ROUNDING = 1e-9
@@ -105,12 +105,15 @@ def judge_tree(
     if not extent / _OFF_SIZE <= spheres <= extent * _OFF_SIZE:
         spans = f"its spheres span {1e3 * spheres:.4g} mm, but {mesh.name} {1e3 * extent:.4g} mm"
         raise InputError(f"{source}: {spans}: is it in another unit, or of another mesh?")
-    if gap > _OFF_PLACE * extent:
-        off = f"its spheres are {1e3 * gap:.4g} mm off {mesh.name} in the mean"
-        raise InputError(f"{source}: {off}: is it in another frame, or of another mesh?")
+    if gap > OFF_PLACE * extent:
+        raise InputError(f"{source}: {doubt(mesh, 0.0, gap)}")
     bvh = signed_bvh(mesh)
     unproved = prove_cover(mesh.vertices, mesh.faces, tree.leaf_center, tree.leaf_radius)[0].size
     errors = measure_levels(mesh.vertices, mesh.faces, bvh, tree, seed, progress)
+    with named(source):
+        in_doubt = doubt(mesh, errors[-1].protrusion_max, gap)
+    if in_doubt:
+        notes.append(in_doubt)
     if unproved:
         share = f"{unproved:,} of {len(mesh.faces):,}"
         notes.append(

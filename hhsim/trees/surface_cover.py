@@ -298,9 +298,9 @@ def _inner_sides(vertices: FloatArray, faces: IntArray, normal: FloatArray, shel
     if not len(shell.faces):
         return found
     place = places_in(vertices, faces, shell.vertices, shell.faces)
-    has = place >= 0
+    has = (place >= 0) & ~of_sheet
     found[has] = face_normals(shell.vertices, shell.faces)[place[has]]
-    left = np.flatnonzero(~has & ~of_sheet)
+    left = np.flatnonzero((place < 0) & ~of_sheet)
     middle, away = vertices[faces[left]].mean(axis=1), _BESIDE * normal[left]
     found[left[heights(bvh, middle + away) < heights(bvh, middle - away)]] *= -1.0
     return found

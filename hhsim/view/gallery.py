@@ -11,7 +11,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError, named
 from hhsim.hand.model import HandModel
-from hhsim.mesh.file import read_triangles
+from hhsim.mesh.file import read_mesh
 from hhsim.mesh.mesh import METRES_PER_UNIT, Mesh
 from hhsim.metrics.moving_parts import bodies_mesh
 from hhsim.motion.file import load_trajectory
@@ -68,7 +68,7 @@ def view_files(
     *,
     every: int = 1,
     spheres: bool = False,
-    unit: str = "m",
+    unit: str | None = None,
     progress: Progress = silent,
 ) -> list[Shown]:
     """Show results, trajectories, sphere trees and meshes side by side.
@@ -76,7 +76,7 @@ def view_files(
     Args:
         every: Show only every so-manieth tick of results.
         spheres: Show the leaf spheres of results in place of the object's mesh.
-        unit: Unit of meshes, one of `hhsim.mesh.mesh.METRES_PER_UNIT`.
+        unit: Unit of meshes, one of `hhsim.mesh.mesh.METRES_PER_UNIT`; None for what a file states, or metres.
 
     Raises:
         InputError: A file that is none of these or cannot be read, or a result without a tick; as `rerun_stream`.
@@ -104,7 +104,7 @@ class _Rooted:
         self._stream.send_columns(f"{self._root}/{path}", *what, **how)
 
 
-def _read(path: Path, root: str, unit: str) -> list[Shown]:
+def _read(path: Path, root: str, unit: str | None) -> list[Shown]:
     """Return what a file shows: each hand of a result, or the one body that it holds."""
     kind = file_kind(path)
     if kind != "result":
@@ -119,7 +119,7 @@ def _read(path: Path, root: str, unit: str) -> list[Shown]:
     return found
 
 
-def _read_other(path: Path, kind: Kind, root: str, unit: str) -> Shown:
+def _read_other(path: Path, kind: Kind, root: str, unit: str | None) -> Shown:
     if kind == "motion":
         try:
             motion = load_trajectory(path)
@@ -138,8 +138,8 @@ def _read_other(path: Path, kind: Kind, root: str, unit: str) -> Shown:
         wide = tree.leaf_radius[:, None]
         corners = np.concatenate([tree.leaf_center - wide, tree.leaf_center + wide])
         return Shown(path, kind, root, tree, _bounds(corners), 0)
-    vertices, faces = read_triangles(path)
-    mesh = Mesh(METRES_PER_UNIT[unit] * vertices, faces, path.stem, str(path))
+    vertices, faces, stated, _ = read_mesh(path)
+    mesh = Mesh((METRES_PER_UNIT[unit] if unit else stated or 1.0) * vertices, faces, path.stem, str(path))
     return Shown(path, kind, root, mesh, _bounds(mesh.vertices), 0)
 
 

@@ -210,7 +210,9 @@ def has_ticks(path: Path) -> bool:
 
 def test_progress_shows_on_a_terminal_only(run: Run, short: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     command = ("replay", "cube", short.name, "--level", "2", "--out", "run.h5", "--json")
-    assert run(*command).err == ""
+    with monkeypatch.context() as patched:
+        patched.setattr("hhsim.cli.console.SILENCE", 3600.0)
+        assert run(*command).err == ""
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
     answer = run(*command)

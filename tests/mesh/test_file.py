@@ -2,6 +2,7 @@
 
 import bz2
 import gzip
+import io
 import json
 import struct
 import tarfile
@@ -16,7 +17,10 @@ import trimesh
 
 from hhsim.errors import MeshError
 from hhsim.mesh import file as mesh_file
-from hhsim.mesh.file import read_own_ply, read_triangles
+from hhsim.mesh.file import read_mesh, read_own_ply, read_triangles
+from hhsim.mesh.polygon_formats import NO_END
+from hhsim.mesh.scene_formats import of_3mf, of_dae
+from hhsim.mesh.topology import face_areas, signed_volume
 from hhsim.system import input_file
 from hhsim.system.child_reader import read_in_child
 from hhsim.system.input_file import most_unpacked
@@ -134,6 +138,206 @@ def test_a_file_that_is_no_mesh_says_what_makes_one_of_it(name: str, said: str, 
         read_triangles(tmp_path / name)
 
 
+def two_cubes() -> trimesh.Scene:
+    """A scene that shows a cube of 70 mm twice, 0.25 m apart."""
+    shape, scene = trimesh.Trimesh(cube().vertices, cube().faces), trimesh.Scene()
+    for number in range(2):
+        scene.add_geometry(shape, node_name=f"n{number}", geom_name="cube", transform=shifted(0.25 * number))
+    return scene
+
+
+def shifted(x: float) -> Any:
+    return trimesh.transformations.translation_matrix([x, 0.0, 0.0])
+
+
+def exported(kind: str) -> bytes:
+    whole = two_cubes()
+    content = (whole if kind in ("3mf", "glb") else whole.to_geometry()).export(file_type=kind)
+    return content if isinstance(content, bytes) else content.encode()
+
+
+def relative(content: bytes) -> bytes:
+    """The same OBJ in two objects, whose faces count back from their own lines."""
+    lines = [line for line in content.decode().splitlines() if line[:2] in ("v ", "f ")]
+    corner, faces = lines[:16], [line.split()[1:] for line in lines[16:]]
+    text = list[str]()
+    for first in (0, 8):
+        text += ["o part", *corner[first : first + 8]]
+        mine = [face for face in faces if first < int(face[0].partition("/")[0]) <= first + 8]
+        text += ["f " + " ".join(str(int(word.partition("/")[0]) - first - 9) for word in face) for face in mine]
+    return "\n".join(text).encode()
+
+
+def end_taken(content: bytes) -> bytes:
+    """An ASCII STL of two solids without its last line."""
+    lines = content.decode().strip().splitlines()
+    return "\n".join([*lines[:85], "endsolid", "solid facet vertex", *lines[85:-1]]).encode()
+
+
+WHOLE = {
+    **{f"two.{kind}": exported(kind) for kind in ("obj", "off", "stl", "stl_ascii", "ply", "glb", "3mf")},
+    "relative.obj": relative(exported("obj")),
+    "marked.obj": b"\xef\xbb\xbf" + exported("obj"),
+    "marked.ply": b"\xef\xbb\xbf" + two_cubes().to_geometry().export(file_type="ply", encoding="ascii"),
+    "marked.off": b"\xef\xbb\xbf" + exported("off"),
+    "wide.obj": exported("obj").decode().encode("utf-16"),
+    "old.obj": exported("obj").replace(b"\n", b"\r"),
+    "end.stl": end_taken(exported("stl_ascii")),
+}
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_each_triangle_of_a_file_is_read(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(WHOLE[name])
+    found = read_mesh(path)
+    assert len(found.faces) == 24
+    np.testing.assert_allclose(
+        np.ptp(found.vertices[found.faces].reshape(-1, 3), axis=0), [0.32, 0.07, 0.07], atol=1e-6
+    )
+    assert found.warnings == ((NO_END,) if name == "end.stl" else ())
+    assert found.metre == {"glb": 1.0, "3mf": 1e-3}.get(path.suffix[1:])
+
+
+def without(kind: str, *, lines: int) -> bytes:
+    return b"\n".join(exported_text(kind).strip().split(b"\n")[:-lines]) + b"\n"
+
+
+def exported_text(kind: str) -> bytes:
+    if kind == "ply":
+        return bytes(two_cubes().to_geometry().export(file_type="ply", encoding="ascii"))
+    return exported(kind)
+
+
+def changed_glb(**primitive: Any) -> bytes:
+    whole = exported("glb")
+    end = 20 + struct.unpack("<I", whole[12:16])[0]
+    document = json.loads(whole[20:end])
+    document["meshes"][0]["primitives"][0] |= primitive
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    return (
+        struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(whole) - end, len(text), b"JSON") + text + whole[end:]
+    )
+
+
+LOST = {
+    "cut.off": (without("off", lines=3), "21 of 24 faces are there: is the file cut"),
+    "cut.ply": (without("ply", lines=3), "21 faces are there, or some"),
+    "cut.stl": (without("stl_ascii", lines=6), "24 facets and 70 vertices: is the file cut"),
+    "back.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf -1 -2 -4\n", "line 4 reads 'f -1 -2 -4', expected f with"),
+    "null.obj": (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "line 4 reads 'f 0 1 2', expected f with"),
+    "comma.obj": (b"v 0,1 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "could not convert string to float: '0,1'"),
+    "fan.glb": (changed_glb(mode=6), "12 triangles of the 46 that it states were read: save it anew"),
+}
+
+
+@pytest.mark.parametrize("name", LOST)
+def test_a_file_whose_triangles_would_be_lost_is_refused(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(LOST[name][0])
+    with pytest.raises(MeshError, match=rf"{name}: .*{LOST[name][1]}"):
+        read_triangles(path)
+
+
+def test_a_scene_of_too_many_nodes_is_refused_before_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trimesh, "load_scene", lambda *_, **__: pytest.fail("it is read"))
+    many = [{"mesh": 0}] * 100_000
+    with pytest.raises(MeshError, match="a scene of 100,000 nodes; expected at most 10,000"):
+        read_triangles(glb(tmp_path / "many.glb", many, list(range(len(many)))))
+
+
+DAE = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit name="u" meter="0.01"/></asset>
+<library_geometries><geometry id="g"><mesh>
+<triangles count="4"><input offset="0" semantic="VERTEX" source="#v"/><p>0 1 2 0 2 3 0 3 1 1 3 2</p></triangles>
+<polylist count="2"><vcount>4 3</vcount><p>0 1 2 3 0 1 2</p></polylist>
+<trifans><input offset="1"/><p>0 0 1 0 2 0 3 0</p></trifans></mesh></geometry></library_geometries>
+<library_controllers><controller id="c"><skin source="#g"/></controller></library_controllers>
+<library_nodes><node id="part"><instance_geometry url="#g"/></node></library_nodes>
+<library_visual_scenes><visual_scene id="other"><node><instance_geometry url="#g"/></node></visual_scene>
+<visual_scene id="s"><node><instance_node url="#part"/><node><instance_controller url="#c"/></node></node>
+</visual_scene></library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+
+
+def test_a_collada_states_its_unit_and_the_triangles_that_it_shows() -> None:
+    assert of_dae(DAE.encode()) == (2 * (4 + 3 + 2), 0.01)
+
+
+def test_a_3mf_states_its_unit_and_the_triangles_that_it_shows() -> None:
+    """Objects of one number in two files, one shown by a component of another, twice."""
+    head = '<model unit="{}" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02" xmlns:p="p">'
+    mesh = '<object id="1"><mesh><vertices/><triangles>{}</triangles></mesh></object>'
+    main = (
+        head.format("inch") + "<resources>" + mesh.format("<triangle/>" * 3) + '<object id="2"><components>'
+        '<component objectid="1"/><component objectid="1" p:path="/3D/part.model"/></components></object></resources>'
+        '<build><item objectid="2"/><item objectid="2"/></build></model>'
+    )
+    part = head.format("inch") + "<resources>" + mesh.format("<triangle/>" * 5) + "</resources></model>"
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        archive.writestr("3D/3dmodel.model", main)
+        archive.writestr("3D/part.model", part)
+    assert of_3mf(content.getvalue()) == (16, 0.0254)
+
+
+def test_without_pycollada_the_line_says_what_to_install(tmp_path: Path) -> None:
+    if "dae" in trimesh.available_formats():
+        pytest.skip("pycollada is installed")
+    (tmp_path / "part.dae").write_text(DAE)
+    with pytest.raises(MeshError, match=r"part\.dae: \.dae is read with the package pycollada: pip install pycollada"):
+        read_triangles(tmp_path / "part.dae")
+
+
+@pytest.mark.parametrize("kind", ["stl", "ply", "glb", "off"])
+def test_numbers_that_do_not_hold_the_shape_are_refused(kind: str, tmp_path: Path) -> None:
+    """Half a million metres away single numbers hold 31 mm; a text holds all."""
+    shape = trimesh.Trimesh(cube().vertices + [5e5, 0.0, 0.0], cube().faces)
+    path = tmp_path / f"far.{kind}"
+    shape.export(path)
+    if kind == "off":
+        assert len(read_triangles(path)[1]) == 12
+    else:
+        with pytest.raises(MeshError, match=r"far\..*: its numbers, up to 500000, hold steps of 0\.031 alone, and"):
+            read_triangles(path)
+
+
+U = [(0, 0), (9, 0), (9, 8), (6, 8), (6, 3), (3, 3), (3, 8), (0, 8)]
+
+
+@pytest.mark.parametrize("kind", ["obj", "off", "ply"])
+@pytest.mark.parametrize("first", range(8))
+def test_a_concave_polygon_is_cut_without_folds(kind: str, first: int, tmp_path: Path) -> None:
+    ring = U[first:] + U[:first]
+    points = [f"{x} {y} {z}" for z in (0, 2) for x, y in ring]
+    sides = [[n, (n + 1) % 8, 8 + (n + 1) % 8, 8 + n] for n in range(8)]
+    polygons = [list(range(8))[::-1], list(range(8, 16)), *sides]
+    rows = [f"{len(polygon)} {' '.join(map(str, polygon))}" for polygon in polygons]
+    head = {"off": "OFF\n16 10 0", "ply": PLY_HEAD}.get(kind, "")
+    if kind == "obj":
+        points = [f"v {point}" for point in points]
+        rows = ["f " + " ".join(str(corner + 1) for corner in polygon) for polygon in polygons]
+    path = tmp_path / f"u.{kind}"
+    path.write_text("\n".join([head, *points, *rows, ""]).lstrip())
+    vertices, faces = read_triangles(path)
+    assert len(faces) == 28
+    assert signed_volume(vertices, faces) == pytest.approx(114.0)
+    assert face_areas(vertices, faces).sum() == pytest.approx(202.0)
+
+
+PLY_HEAD = """ply
+format ascii 1.0
+element vertex 16
+property float x
+property float y
+property float z
+element face 10
+property list uchar int vertex_indices
+end_header"""
+
+
 @pytest.mark.parametrize("kind", ["zip", "bz2", "tar.gz"])
 def test_a_small_archive_of_much_is_refused_before_it_is_read(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -166,8 +370,8 @@ def test_an_archive_is_read_whole_or_not_at_all(tmp_path: Path) -> None:
 
 
 def test_a_reader_that_never_ends_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "mesh.obj").write_text(OBJ)
+    (tmp_path / "mesh.ply").write_bytes(ply_bytes(cube().vertices, cube().faces))
     monkeypatch.setattr(mesh_file, "read_in_child", partial(read_in_child, seconds=0))
     monkeypatch.setattr(trimesh, "load_scene", lambda *_, **__: any(iter(int, 1)))
-    with pytest.raises(MeshError, match=r"mesh\.obj: cannot be read as \.obj: .* does not end within 1 s"):
-        read_triangles(tmp_path / "mesh.obj")
+    with pytest.raises(MeshError, match=r"mesh\.ply: cannot be read as \.ply: .* does not end within 1 s"):
+        read_triangles(tmp_path / "mesh.ply")

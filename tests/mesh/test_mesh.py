@@ -17,7 +17,7 @@ from sampled import sampled
 from hhsim.errors import InputError, MeshError
 from hhsim.mesh import repair
 from hhsim.mesh.catalogue import load_object, object_names
-from hhsim.mesh.mesh import Mesh, load_mesh, mass_properties
+from hhsim.mesh.mesh import Mesh, load_mesh, mass_properties, unit_length_of
 from hhsim.trees.contact_surface import encloses
 from tools.shapes.generators import cube, sphere
 
@@ -145,6 +145,27 @@ def test_unknown_unit_and_impossible_size(tmp_path: Path) -> None:
     for size in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(InputError, match=r"expected 0\.001 to 20"):
             load_mesh(path, size=size)
+
+
+@pytest.mark.parametrize(
+    ("unit", "size", "extent", "told"),
+    [
+        (None, None, 0.07, "lengths taken in millimetres, as the file states"),
+        ("mm", None, 0.07, "lengths taken in millimetres, as the file states"),
+        ("cm", None, 0.7, "the file states millimetres, but --unit cm is given"),
+        (None, 0.2, 0.2, ""),
+    ],
+)
+def test_a_unit_that_a_file_states_counts(
+    unit: str | None, size: float | None, extent: float, told: str, tmp_path: Path
+) -> None:
+    path = save(tmp_path / "cube.3mf", cube().scaled(1000.0))
+    mesh = load_mesh(path, unit=unit, size=size)
+    assert mesh.extent == pytest.approx(extent)
+    said = [line for line in (*mesh.repairs, *mesh.warnings) if "state" in line]
+    assert said == ([told] if told else [])
+    assert unit_length_of(path, unit, size) == pytest.approx(extent / 70.0)
+    assert load_mesh(save(tmp_path / "cube.glb", cube())).repairs == (), "metres need no word"
 
 
 def obj(mesh: Mesh) -> str:

@@ -10,7 +10,9 @@ from hhsim.errors import MeshError
 from hhsim.kernels.cover.sampled_error import union_distance
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh, with_inside
+from hhsim.mesh.repair import closed_surface
 from hhsim.mesh.signed_bvh import heights, signed_bvh
+from hhsim.mesh.topology import face_areas
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.error import sample_mesh
 from hhsim.trees.options import TreeOptions
@@ -46,7 +48,22 @@ def kept(mesh: Mesh) -> Mesh:
     return with_inside(replace(mesh, source=mesh.name), solid=None)
 
 
+def fanned_bracket(turn: float = 0.0, bend: float = 0.0) -> Mesh:
+    """A U of 90 mm whose caps are fans about a corner, so that triangles fold over each other beside the solid."""
+    ring = np.array([(0, 0), (9, 0), (9, 8), (6, 8), (6, 3), (3, 3), (3, 8), (0, 8)]) * 0.01
+    points = np.concatenate([np.c_[ring, np.zeros(8)], np.c_[ring, np.full(8, 0.02)]])
+    points += bend * np.random.default_rng(3).normal(size=points.shape)
+    faces = [face for n in range(1, 7) for face in ((0, n + 1, n), (8, 8 + n, 9 + n))]
+    faces += [face for n in range(8) for m in [(n + 1) % 8] for face in ((n, m, 8 + m), (n, 8 + m, 8 + n))]
+    turned = trimesh.transformations.rotation_matrix(turn, [1, 2, 3])[:3, :3]
+    # As a binary STL has them.
+    return Mesh((points @ turned.T).astype(np.float32), np.array(faces), name="bracket")
+
+
 CASES = {
+    "folded caps": (fanned_bracket(), [0.015, 0.04, 0.01], True),
+    "folded caps, turned": (fanned_bracket(turn=1.0), fanned_bracket(turn=1.0).triangles[0].mean(axis=0), False),
+    "folded caps that are bent": (fanned_bracket(bend=1e-4), [0.015, 0.04, 0.01], True),
     "sheet": (mesh_of(SHEET), [0.05, 0.04, 0.02], False),
     "half a ball": (mesh_of(BALL, faces=BALL.faces[BALL.triangles_center[:, 2] > 0.0]), [0.0, 0.0, 0.005], False),
     "two boxes that cross, one inside out": (mesh_of(BOX, inside_out(at(BOX, 0.03, 0.02, 0.01))), [0.04, 0.0, 0], True),
@@ -85,6 +102,25 @@ def test_a_tree_covers_the_triangles_of_a_mesh_that_is_no_solid(name: str) -> No
     assert last.protrusion_max <= last.bound * (1.0 + 1e-9)
     # Spheres of a sheet stand in it: sixty-four of them are well below its size.
     assert last.bound < 0.2 * given.extent.max()
+
+
+def test_folded_flat_polygons_are_cut_anew_for_a_solid() -> None:
+    given = fanned_bracket(turn=0.4)
+    solid = with_inside(replace(given, source=given.name))
+    assert solid.volume == pytest.approx(given.volume, rel=1e-5) == pytest.approx(1.14e-4, rel=1e-4)
+    assert face_areas(solid.vertices, solid.faces).sum() == pytest.approx(2.02e-2, rel=1e-5)
+    assert solid.repairs == (
+        "cut 2 flat polygons anew, whose triangles were folded over each other",
+        *solid.repairs[1:],
+    )
+    tree = build_sphere_tree(solid, TreeOptions(level=2))
+    assert max(error.bound for error in tree.errors) < 0.08
+
+
+def test_folds_that_are_not_flat_make_no_solid_as_they_are() -> None:
+    given = fanned_bracket(bend=1e-4)
+    with pytest.raises(MeshError, match=r"crosses itself|folded over itself: \d+ triangles with no inside behind"):
+        closed_surface(given.vertices, given.faces, "bracket")
 
 
 def test_a_solid_is_as_it_was_repaired_before() -> None:

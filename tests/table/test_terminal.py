@@ -63,6 +63,23 @@ def test_no_color_is_heeded(word: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "ticks" in terminal.getvalue() and bool(coloured) == (word == "")
 
 
+def test_a_pipe_gets_a_line_of_progress_from_time_to_time(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(console, "SILENCE", 0.01)
+    with console.progress(quiet=True) as report:
+        report("ticks", 1, 2)
+    with console.progress(quiet=False) as report:
+        # The first line is there before anything is reported.
+        while not (text := capsys.readouterr().err):
+            pass
+        report("ticks", 1_000, 2_000)
+        while "ticks" not in (later := capsys.readouterr().err):
+            pass
+    assert re.fullmatch(r"(hhsim: getting ready, 0 s\n)+", text)
+    assert "hhsim: ticks: 1,000 of 2,000, 0 s\n" in later
+
+
 def test_a_pipe_has_no_width(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setenv("COLUMNS", "30")
     console.print_table(Table.of_cells(COLUMNS, ROWS, numbers=("hhsim",)))

@@ -203,6 +203,12 @@ def test_rounding_in_the_way_of_a_proof_makes_the_balls_a_little_larger(monkeypa
         less(1e-6)
 
 
+def test_spheres_that_stick_out_by_more_than_the_mesh_is_wide_are_no_cover(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tree_builder, "cover_of", lambda *_: (np.array([[3.0, 0.0, 0.0]]), np.array([3.2])))
+    with pytest.raises(MeshError, match=r"shape: a sphere may stick 6150 mm out of a mesh 174.9 mm across: no cover"):
+        build_sphere_tree(mesh_of(SHAPES["box"]), TreeOptions(level=1))
+
+
 def test_meshes_without_an_inside_are_refused() -> None:
     shape = SHAPES["box"]
     inside_out = Mesh(np.asarray(shape.vertices), np.asarray(shape.faces)[:, ::-1], name="turned")

@@ -65,6 +65,13 @@ def test_a_smaller_ball_is_found() -> None:
     assert faults_of(replace(cover, radius=radius))
 
 
+def test_a_ball_wider_than_the_mesh_is_found() -> None:
+    far = built().covers[0]
+    center, radius = far.center + 3.0, far.radius + 6.0
+    (fault,) = faults_of(replace(far, center=center, radius=radius, depth=far.depth - 9.0))
+    assert fault.startswith("level 0: a sphere may stick 1") and fault.endswith(" m out of a mesh 0.151 m across")
+
+
 def test_a_moved_corner_of_the_mesh_is_found() -> None:
     vertices = MESH.vertices.copy()
     vertices[5] *= 1.3

@@ -1,5 +1,6 @@
 """Trees of other programs: their frame, unit and faults, as the toolkit leaves them, and the errors they have."""
 
+import re
 from functools import cache
 from pathlib import Path
 
@@ -113,11 +114,24 @@ def test_where_both_frames_leave_no_gap_the_one_that_sticks_out_less(tmp_path: P
         assert "the spheres protrude by" in found.notes[0]
 
 
+@pytest.mark.parametrize(("size", "told"), [(1.0, ""), (2.54, "note"), (3.5, "refused")])
+def test_spheres_that_stick_out_far_are_told_or_refused(tmp_path: Path, size: float, told: str) -> None:
+    around = MESH.transformed(np.eye(3), -AWAY)
+    save_sph(built().transformed(np.eye(3), -AWAY).scaled(size), tmp_path / "box.sph")
+    doubt = r"its spheres stick out by \d+(\.\d+)? mm, and box is 124.5 mm across: are they in another unit"
+    if told == "refused":
+        with pytest.raises(InputError, match=f"box.sph: {doubt}"):
+            import_tree(tmp_path / "box.sph", around)
+    else:
+        found = import_tree(tmp_path / "box.sph", around).notes
+        assert bool(re.search(doubt, "".join(found))) == (told == "note")
+
+
 def test_a_frame_can_be_forced_and_a_wrong_one_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "box.sph"
     toolkit_file(path, built(), shift=AWAY)
     assert import_tree(path, MESH, frame="centred").frame == "centred"
-    with pytest.raises(InputError, match="is it in another frame"):
+    with pytest.raises(InputError, match="are they in another unit or frame, or of another mesh"):
         import_tree(path, MESH, frame="mesh")
     with pytest.raises(InputError, match=r"span 0\.1.* mm, but box 100 mm: is it in another unit"):
         import_tree(path, MESH, unit_length=1e-3)

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,8 +43,21 @@ def test_a_robot_is_built_written_drawn_and_judged(
     one = run("build-tree", "box.obj", "--size", "300", "--from", "arm.xrdf", "--link", "base", "--json")
     assert one.code == 0, one.err
     assert json.loads(one.out)["fit"]["spheres"] == 4
+    assert "in another unit" not in judged.err + one.err
+    large = run("build-tree", "arm.urdf", "--from", "arm.yml", "--as", "json", "--out", "large.json")
+    assert large.code == 0, large.err
+    spheres = json.loads((tmp_path / "large.json").read_text())
+    for factor, code, told in ((1000.0, 2, "large.json: its spheres stick out by"), (1e-3, 0, "base: its spheres are")):
+        scaled = {link: scaled_spheres(each["spheres"], factor) for link, each in spheres.items()}
+        (tmp_path / "large.json").write_text(json.dumps({k: {**spheres[k], "spheres": v} for k, v in scaled.items()}))
+        answer = run("build-tree", "arm.urdf", "--from", "large.json", "--as", "json", "--out", "x.json")
+        assert answer.code == code and told in answer.err and "are they in another unit" in answer.err
     several = run("build-tree", "box.obj", "--size", "300", "--from", "arm.xrdf")
     assert several.code == 2 and "expected the name of one (--link)" in several.err
+
+
+def scaled_spheres(spheres: list[dict[str, Any]], factor: float) -> list[dict[str, Any]]:
+    return [{"origin": [factor * x for x in each["origin"]], "radius": factor * each["radius"]} for each in spheres]
 
 
 @pytest.mark.soak
