@@ -10,7 +10,7 @@ import numpy as np
 
 from hhsim.bench.paper.bench import PaperRuns
 from hhsim.bench.paper.run import INDEX, SceneRun
-from hhsim.bench.paper.scene import CASES, held_ticks
+from hhsim.bench.paper.scene import CASES
 from hhsim.errors import OutputError
 from hhsim.hand.fingers import FINGERS, PHALANX_NAMES
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
@@ -59,8 +59,11 @@ def check_folder(folder: Path) -> None:
     check_picture(folder / "fig11.png")
 
 
-def draw_all(folder: Path, runs: PaperRuns, progress: Progress = silent) -> list[Path]:
-    """Draw every figure that the runs have scenes for: fig11 to fig15, each of `KINDS`; errors as `save_figure`."""
+def draw_all(folder: Path, runs: PaperRuns, progress: Progress = silent, note: str = "") -> list[Path]:
+    """Draw every figure that the runs have scenes for: fig11 to fig15, each of `KINDS`, with a note on the runs.
+
+    Errors as `save_figure`.
+    """
     jobs: list[tuple[str, Callable[[], Figure]]] = []
     # The hands that are shown are the baseline's beside the default method's, or else the last one's.
     methods = list(dict.fromkeys(run.options.method for run in runs.scenes))
@@ -80,6 +83,7 @@ def draw_all(folder: Path, runs: PaperRuns, progress: Progress = silent) -> list
     for number, (name, job) in enumerate(jobs):
         progress("pictures", number, len(jobs))
         drawn = job()
+        drawn.text(0.998, 0.998, note, fontsize=9, ha="right", va="top", color=BUDGET_COLOR)
         for kind in KINDS:
             save_figure(drawn, folder / f"{name}{kind}", colors=PALETTE)
             written.append(folder / f"{name}{kind}")
@@ -129,9 +133,9 @@ def _forces_over_time(number: str, runs: Sequence[SceneRun]) -> "Figure":
     longest = [1e6 * run.tick_cpu.max() for run in runs]
     for axes, run, most in zip(times, runs, longest):
         axes.plot(1e6 * run.tick_cpu, color="0.25", linewidth=0.6)
-        axes.set_ylim(0.0, 1.08 * float(max(longest)))
         text = f"longest {most:.0f} µs\nthe paper: {STATED[number]}"
         axes.text(0.99, 0.97, text, transform=axes.transAxes, ha="right", va="top", fontsize=9, color=BUDGET_COLOR)
+    times[0].set_ylim(0.0, 1.08 * float(max(longest)))
     times[0].set_ylabel("time of a tick, CPU [µs]")
     return figure
 
@@ -158,9 +162,10 @@ def _curves_figure(number: str, runs: Sequence[SceneRun]) -> "tuple[Figure, Sequ
     figure.text(0.06, 1.0 - 0.25 / height, runs[-1].scenario.name, fontsize=14)
     figure.text(0.99, 1.0 - 0.25 / height, said, fontsize=10, color="0.4", ha="right")
     inside = {"left": 0.06, "right": 0.98, "bottom": 0.55 / height, "top": 5.8 / height}
-    grid = figure.add_gridspec(2, len(runs), hspace=0.12, wspace=0.12, **inside)
-    forces = [figure.add_subplot(grid[0, k]) for k in range(len(runs))]
-    times = [figure.add_subplot(grid[1, k]) for k in range(len(runs))]
+    # One scale for all methods: a force that jumps in one is seen to be smooth in another.
+    forces, times = figure.add_gridspec(2, len(runs), hspace=0.12, wspace=0.12, **inside).subplots(
+        sharey="row", squeeze=False
+    )
     for top, bottom, run in zip(forces, times, runs):
         tidy(top)
         tidy(bottom)
@@ -174,7 +179,7 @@ def _curves_figure(number: str, runs: Sequence[SceneRun]) -> "tuple[Figure, Sequ
             middle = 0.5 * (phase.first_tick + phase.last_tick)
             for axes in (top, bottom):
                 if phase.name in ("hold", "slide"):
-                    axes.axvspan(phase.first_tick, phase.last_tick, color="0.94" if count else "#eef4fa", zorder=0)
+                    axes.axvspan(phase.first_tick, phase.last_tick, color="0.92" if count else "#dbe9fa", zorder=0)
                 axes.set_xlim(0, len(run.depth))
             name = f"hold {count}" if count else "slide" if phase.name == "slide" else ""
             if name:
@@ -183,7 +188,7 @@ def _curves_figure(number: str, runs: Sequence[SceneRun]) -> "tuple[Figure, Sequ
 
 
 def _cases(runs: PaperRuns, methods: Sequence[str]) -> "Figure":
-    """Draw Fig. 15: detection, response and total by case, with the number of contacts, object by object."""
+    """Draw Fig. 15: detection, response and total by case, with the number of candidate pairs, object by object."""
     played = [name for name in object_names() if runs.of(methods[0], "15", object_name=name)]
     figure = new_figure(2.9 * len(played) + 0.6, 2.7 * len(methods) + 0.7)
     panels = figure.subplots(len(methods), len(played), squeeze=False, sharex=True, sharey=True)
@@ -202,10 +207,8 @@ def _cases(runs: PaperRuns, methods: Sequence[str]) -> "Figure":
             for part, color in TIME_COLORS.items():
                 axes.plot(cases, values[part], color=color, marker="o", markersize=4, linewidth=1.6, label=part)
             for case, total in zip(cases, values["total"]):
-                contacts = same[case].candidates[held_ticks(same[case].stage)].mean()
-                axes.annotate(
-                    f"{contacts:.0f}", (case, total), (0, 6), textcoords="offset points", ha="center", fontsize=9
-                )
+                pairs = f"{same[case].contacts:.0f}"
+                axes.annotate(pairs, (case, total), (0, 6), textcoords="offset points", ha="center", fontsize=9)
     for axes, name in zip(panels[0], played):
         axes.set_title(name, fontsize=12)
     for row, method in zip(panels, methods):
@@ -215,8 +218,9 @@ def _cases(runs: PaperRuns, methods: Sequence[str]) -> "Figure":
     count = len(runs.of(methods[0], "15")[0].stage.motions)
     named = ", ".join(f"{case}: {CASES[case]}" for case in CASES)
     said = (
-        f"{named}. One thread, mean of {count} instances; the numbers are contacts in the hold. "
-        "The paper: ≈ 1,000 µs for 131 contacts (TF, bunny) and for ≈ 250 (WH)"
+        f"{named}. One thread, mean of {count} instances; the numbers are candidate pairs in the same ticks, within "
+        "Δr = 0.5 mm for paper, as in the paper, and 1 mm for the others. The paper: almost 1,000 µs for 131 contacts "
+        "(TF, bunny, threads)"
     )
     width, height = (float(size) for size in figure.get_size_inches())
     lines = textwrap.wrap(said, int((width - 0.2) / LETTER))

@@ -65,25 +65,29 @@ def bench_trade_off(suite: str, rows: Sequence[Row]) -> ReportFigure | None:
     return drawn_figure(f"bench-{suite}", TITLES[suite], CAPTIONS[suite], alt, drawing)
 
 
-def draw_trade_off(path: Path, suite: str, rows: Sequence[Row], peers: Sequence[Row] = ()) -> None:
-    """Write the picture of a table; engines of `peers`, rows of a table of `hhsim bench peers`, are drawn in grey.
+def draw_trade_off(path: Path, suite: str, rows: Sequence[Row], peers: Sequence[Row] = (), note: str = "") -> None:
+    """Write the picture of a table, with a note on the run in its legend.
+
+    Engines of `peers`, rows of a table of `hhsim bench peers`, are drawn in grey.
 
     Errors as `check_picture` and `save_figure`.
     """
     check_picture(path)
-    drawing, _ = _drawing(suite, rows, peers)
+    drawing, _ = _drawing(suite, rows, peers, note)
     with new_figure(WIDTH, drawing.height(WIDTH, False)) as figure:
         drawing.draw(figure, False)
         save_figure(figure, path)
 
 
-def _drawing(suite: str, rows: Sequence[Row], peers: Sequence[Row] = ()) -> tuple[Drawing, int]:
+def _drawing(suite: str, rows: Sequence[Row], peers: Sequence[Row] = (), note: str = "") -> tuple[Drawing, int]:
     """Return the drawing of a table, and the number of its marks."""
     panels, legend = _of_trees(rows) if suite == "trees" else _of_ticks(rows, peers)
     known = [mark for panel in panels for mark in panel.marks if mark.known]
     named = any(mark.name for mark in known)
     if named:
         legend["other programs"] = GREY, "x"
+    if note:
+        legend[note] = LIMIT, ""
     return trade_off_drawing(panels, legend, NAMED_PANEL if named and suite in TRADE_OFFS else PANEL), len(known)
 
 
