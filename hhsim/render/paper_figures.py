@@ -12,16 +12,26 @@ from hhsim.bench.paper.bench import PaperRuns
 from hhsim.bench.paper.run import INDEX, SceneRun
 from hhsim.bench.paper.scene import CASES
 from hhsim.errors import OutputError
-from hhsim.hand.fingers import FINGERS, PHALANX_NAMES
+from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
 from hhsim.kernels.tick.step import DURATION_DETECT
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.brute_force_distance import round_cone_contact
 from hhsim.render.figure import new_figure, save_figure, tidy
-from hhsim.render.hand_picture import GHOST, PieceForce, View, arrow_layers, arrow_surfaces, behind, label, viewpoint
+from hhsim.render.hand_picture import (
+    GHOST,
+    PieceForce,
+    View,
+    arrow_layers,
+    arrow_surfaces,
+    behind,
+    label,
+    viewpoint,
+    with_hidden,
+)
 from hhsim.render.rasterizer import blend, frame, look_from, shade
-from hhsim.render.triangle_soup import STONE, hand_surface, joined, mesh_surface, painted
+from hhsim.render.triangle_soup import PIECES, STONE, hand_surface, joined, mesh_surface, painted
 from hhsim.scene.contact_goals import TOUCHING
 from hhsim.system.output_path import check_picture
 from hhsim.system.progress import Progress, silent
@@ -158,7 +168,7 @@ def _curves_figure(number: str, runs: Sequence[SceneRun]) -> "tuple[Figure, Sequ
             place = figure.add_axes((0.06 + k * share, low, share, size / 100 / height))
             draw_scene(place, run, mesh, view, size, k, _forces(number, run, k))
             place.set_title(moment.name, fontsize=10, color="0.3", pad=1)
-    said = f"skin: graphic hand; blue: haptic hand; red: {ARROWS[number]}"
+    said = f"skin: graphic hand; blue: haptic hand; red: {ARROWS[number]}, hollow behind another part of the hand"
     figure.text(0.06, 1.0 - 0.25 / height, runs[-1].scenario.name, fontsize=14)
     figure.text(0.99, 1.0 - 0.25 / height, said, fontsize=10, color="0.4", ha="right")
     inside = {"left": 0.06, "right": 0.98, "bottom": 0.55 / height, "top": 5.8 / height}
@@ -242,7 +252,8 @@ def _forces(number: str, run: SceneRun, moment: int) -> list[PieceForce]:
     shown = run.shown[moment]
     joints = run.stage.hand.joints(*shown.graphic)
     middles = 0.5 * (joints[INDEX, :-1] + joints[INDEX, 1:])
-    tips, phalanges = zip(FINGERS, joints[:, -1], shown.fingertip), zip(PHALANX_NAMES, middles, shown.index_finger)
+    index = PIECES[INDEX * PHALANX_COUNT :]
+    tips, phalanges = zip(FINGERS, joints[:, -1], shown.fingertip), zip(index, middles, shown.index_finger)
     return [PieceForce(*one) for one in (tips if number == "12" else phalanges) if one[2].any()]
 
 
@@ -252,13 +263,14 @@ def draw_scene(
     """Draw the hands, the object's mesh, its own frame, and forces at a moment of a run, in `size` rows and columns."""
     shown = run.shown[moment]
     graphic, haptic = (hand_surface(run.stage.hand, pose) for pose in (shown.graphic, shown.haptic))
-    body, arrows = mesh_surface(mesh, STONE), arrow_surfaces(forces)
-    camera = frame(joined([graphic, body, *arrows]).points, look_from(view.towards), (size, size))
+    body = mesh_surface(mesh, STONE)
+    camera = frame(joined([graphic, body, *arrow_surfaces(forces)]).points, look_from(view.towards), (size, size))
     hand, ghost = shade(graphic, camera), shade(painted(haptic, GHOST), camera)
     layers = [(hand, 1.0), (shade(body, camera), 1.0), (behind(ghost, hand), GLASS)]
-    axes.imshow(blend([*layers, *arrow_layers(arrows, camera)]), interpolation="none")
+    marked = with_hidden(forces, hand, camera)
+    axes.imshow(blend([*layers, *arrow_layers(marked, camera)]), interpolation="none")
     axes.set_axis_off()
-    label(axes, forces, camera, 8.0)
+    label(axes, marked, camera, 8.0)
 
 
 def best_view(run: SceneRun, mesh: Mesh, moment: int = 0, forces: Sequence[PieceForce] = ()) -> View:
