@@ -25,8 +25,8 @@ SHOWN_UNITS = {"s": ("µs", 1), "m": ("µm", 3), "%": ("%", 3), "1": ("", 0)}
 
 
 UNJUDGED = (
-    "index force and named touches have no bar here: scenes are placed on the paper's tree levels, and medians are of the "
-    "holds of all objects"
+    "index force and named touches have no bar here: scenes are placed on the paper's tree levels, and medians are of "
+    "the holds of all objects"
 )
 
 
