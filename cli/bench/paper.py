@@ -140,7 +140,7 @@ def _print_cases(played: list[dict[str, Any]]) -> None:
     columns = (
         *map(words, ("object", "case", "method")),
         number("instances"),
-        number("contacts", "contacts_mean"),
+        number("pairs", "contacts_mean"),
         number("detection", "detection", "µs", 1),
         number("response", "response", "µs", 1),
         number("total, CPU", "cpu_mean", "µs", 1),

@@ -156,7 +156,7 @@ def _complex_objects(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
                 f"case_p99_{case}", "15", f"p99 tick, {CASES[case]}", method, "s", math.nan,
                 "means only", percentile(worst, 99.0), COMPLEX_P99,
                 f"worst object: {worst.scenario.object_name}; {instances} instances, {min(contacts):.0f} to "
-                f"{max(contacts):.0f} contacts; mean of all {1e6 * _pooled_mean(played):.1f} µs",
+                f"{max(contacts):.0f} pairs; mean of all {1e6 * _pooled_mean(played):.1f} µs",
             )  # fmt: skip
     for found in runs.at_contacts:
         if found.run.options.method == method:
