@@ -215,7 +215,7 @@ def command(
             f"{motion.mean_rate:.1f} Hz, longest step {1e3 * document['longest_step']:.1f} ms, "
             f"{cleaned.mended:,} mended"
         )
-        if motion.checksums == "missing":
+        if motion.may_hide_damage:
             print_line(UNCHECKED)
         print_line(f"written to {', '.join(written)}" + (f", drawn in {plot}" if plot else ""))
         if output_path.suffix.lower() == ".csv" and cleaned.trajectory.raw:

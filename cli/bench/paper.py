@@ -15,13 +15,19 @@ from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT
 from ..console import print_json, print_line, print_table, progress
-from .suite import SuiteTable, quick_or_whole
+from .suite import SuiteTable, quick_note, quick_or_whole
 
 if TYPE_CHECKING:
     from hhsim.bench.paper.table import PaperRow
 
 SHOWN_UNITS = {"s": ("µs", 1), "m": ("µm", 3), "%": ("%", 3), "1": ("", 0)}
 """Unit and digits that are printed, by the stored unit of a figure."""
+
+
+UNJUDGED = (
+    "index force and named touches have no bar here: scenes are placed on the paper's tree levels, and medians are of "
+    "the holds of all objects"
+)
 
 
 class PaperSettings(OptionGroup):
@@ -83,7 +89,7 @@ def command(settings: PaperSettings, plot: Path | None, output: options.Output) 
         if plot is not None:
             from hhsim.render.paper_figures import draw_all
 
-            pictures = draw_all(plot, runs, report)
+            pictures = draw_all(plot, runs, report, quick_note(settings))
     failed = missed(rows)
     if output.as_json:
         written = {"scenes_table": str(scenes), "pictures": [str(picture) for picture in pictures]}
@@ -97,6 +103,8 @@ def command(settings: PaperSettings, plot: Path | None, output: options.Output) 
             print(f"missed: {row.label}, {row.method}: {_shown(row.ours, row.unit)}, bar {_shown(row.bar, row.unit)}")
         if not failed:
             print("every bar is kept by the methods that promise to")
+            if not run.whole:
+                print_line(UNJUDGED)
         print(f"the tables are in {table.path}, {scenes} and .csv files beside them")
         if pictures:
             print(f"{counted(len(pictures), 'picture')} written to {plot}")
@@ -132,7 +140,7 @@ def _print_cases(played: list[dict[str, Any]]) -> None:
     columns = (
         *map(words, ("object", "case", "method")),
         number("instances"),
-        number("contacts", "contacts_mean"),
+        number("pairs", "contacts_mean"),
         number("detection", "detection", "µs", 1),
         number("response", "response", "µs", 1),
         number("total, CPU", "cpu_mean", "µs", 1),

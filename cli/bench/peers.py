@@ -11,7 +11,7 @@ from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT
 from ..console import print_notes, print_table, progress
-from .suite import SuiteTable, quick_or_whole
+from .suite import SuiteTable, quick_note, quick_or_whole
 
 
 class PeersSettings(OptionGroup):
@@ -61,7 +61,7 @@ def command(settings: PeersSettings, plot: Path | None, output: options.Output) 
     rows = table_rows(runs)
     notes = [*installed(run)[1], *remarks(runs)]
     table.write(rows)
-    draw_trade_off(picture, "peers", rows)
+    draw_trade_off(picture, "peers", rows, note=quick_note(settings))
     if table.is_for_people(rows=rows, won_by_others=won_by_others(rows), notes=notes):
         for name in run.objects:
             summed = [row for row in rows if (row["object"], row["motion"]) == (name, ALL)]

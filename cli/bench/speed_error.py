@@ -13,7 +13,7 @@ from ..arguments.comma_list import counts, names
 from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
 from ..arguments.options import COUNT
 from ..console import print_notes, print_table, progress
-from .suite import SuiteTable, quick_or_whole
+from .suite import SuiteTable, quick_note, quick_or_whole
 
 Row = Mapping[str, Any]
 
@@ -81,7 +81,7 @@ def command(configurations: Configurations, plot: Path | None, peers: Path | Non
     rows = table_rows(runs)
     notes = remarks(runs)
     table.write(rows)
-    draw_trade_off(picture, "speed-error", rows, others)
+    draw_trade_off(picture, "speed-error", rows, others, quick_note(configurations))
     summed, solvers = chosen(rows, object=ALL, motion=ALL), chosen(rows, object=ALL, motion=ALL, stretch=True)
     by_object = [row for row in chosen(rows, motion=ALL) if row["object"] != ALL]
     if table.is_for_people(configurations=summed, by_object=by_object, qp_solvers=solvers, notes=notes):

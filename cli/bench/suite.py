@@ -47,6 +47,11 @@ def quick_or_whole(options: Any, quick: dict[str, Any], settings: OptionGroup) -
     return options(**{**(quick if named.pop("quick") else {}), **named})
 
 
+def quick_note(settings: OptionGroup) -> str:
+    """Return what a picture of a suite says of a run with --quick; "" for a whole one."""
+    return "quick run" if settings.given()["quick"] else ""
+
+
 class SuiteTable:
     """Table of a suite at the output's path, with a picture, if any, set later; OutputError if it cannot be written.
 

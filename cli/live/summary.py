@@ -52,7 +52,8 @@ def summary_rows(outcome: "SessionOutcome") -> list[Row]:
         ("commands sent, not taken", f"{counters.commands:,}, {counters.commands_refused:,}", ""),
     ]
     if outcome.watchdog_restarts or outcome.watchdog_releases:
-        rows.append(("watchdog: restarts, releases", f"{outcome.watchdog_restarts}, {outcome.watchdog_releases}", ""))
+        label = "watchdog: restarted, commands to free the fingers"
+        rows.append((label, f"{outcome.watchdog_restarts}, {outcome.watchdog_releases}", ""))
     if outcome.record is not None:
         rows.append(("ticks recorded, lost", f"{outcome.recorded:,}, {outcome.record_lost:,}", ""))
         handless = outcome.ticks - outcome.recorded - outcome.record_lost

@@ -107,7 +107,7 @@ def entry_of_result(result: Result) -> Entry:
         machine=json.dumps(result.machine, sort_keys=True),
         hhsim=_hhsim(result.hhsim_version, result.git_revision, result.git_dirty),
         created=result.created_utc,
-        verdict=verdict(result, stored_rows(result.summary, result.rate)).word,
+        verdict=verdict(result, stored_rows(result.summary)).word,
         **_figures(result.summary, result.repeated),
         source=str(result.path),
     )

@@ -11,10 +11,6 @@ from typing import Any, TypeVar
 from hhsim.metrics.run_ticks import RunTicks
 from hhsim.table.table import shown, stored_unit, unit_size
 
-PAPER_RATE = 1000.0
-"""Rate of the paper's haptic loop [Hz]."""
-
-
 F = TypeVar("F", bound="Figure")
 
 
@@ -69,7 +65,7 @@ class RunMetric(Figure):
     own_run: str = ""  # reason why it does not follow from the ticks, or ""
     # relative difference of a time between equal runs; infinite where single ticks decide; 0 for exact figures
     noise: float = 0.0
-    per_tick: bool = False  # True for a change from tick to tick: the paper's figure is then for ticks of 1 ms
+    per_tick: bool = False  # True for a change from tick to tick
     judged: Judged | None = None  # judgement by the gate; None for none
     moving_hold: Figure | None = None  # display where the hold's input moves, as a live hand's does
     moving_hold_only: bool = False  # True if it is shown only there

@@ -1,4 +1,4 @@
-"""Figures of a live session: its times, and its faults: an early end, malformed packets, freed fingers."""
+"""Figures of a live session: its times, and its faults: an early end, malformed packets, fingers freed for safety."""
 
 import signal
 from dataclasses import dataclass
@@ -40,8 +40,8 @@ IN_ORDER = frozenset(("duration", "stopped", "SIGINT"))
 """Reasons of an orderly end: the duration, or the user."""
 SIGNALS = frozenset(number.name for number in signal.Signals)
 """Reasons of an end by another process: orderly where no duration was asked for."""
-FREED_BY_FAULT = ~(Safety.STOPPING | Safety.DRY_RUN | Safety.NO_INPUT_YET)
-"""Reasons of free fingers that nobody asked for."""
+FREED_FOR_SAFETY = ~(Safety.STOPPING | Safety.DRY_RUN | Safety.NO_INPUT_YET)
+"""Reasons of free fingers that nobody asked for: faults of the log, and its warnings, such as late input."""
 
 
 class SessionLog(NamedTuple):
@@ -79,7 +79,7 @@ class FaultCounts(NamedTuple):
     faults: float  # logged faults; an early end is one at least
     malformed: float  # malformed packets of the glove, and all packets
     frames: float
-    freed: float  # ticks with fingers freed by a fault, and all ticks
+    freed: float  # ticks with fingers freed for safety, by a fault or a warning, and all ticks
     ticks: float
 
     @property
@@ -88,7 +88,7 @@ class FaultCounts(NamedTuple):
         _, faults, malformed, frames, freed, ticks = ("—" if np.isnan(count) else f"{count:,.0f}" for count in self)
         return (
             f"faults: {faults}{' (ended early)' if self.early else ''}; malformed packets: {malformed} of {frames}; "
-            f"ticks with fingers freed by a fault: {freed} of {ticks}"
+            f"ticks with fingers freed for safety: {freed} of {ticks}"
         )
 
     @property
@@ -110,7 +110,7 @@ SESSION_FAULTS = (
     SessionFault(name="ended_early", label="ended early or was killed (1: yes)", limit=0.0),
     SessionFault(name="faults", label="faults, an early end included", limit=0.0),
     SessionFault(name="malformed_share", label="malformed packets, of all of the glove's", limit=0.1, **_IN_PERCENT),
-    SessionFault(name="freed_share", label="ticks with fingers freed by a fault", limit=1.0, **_IN_PERCENT),
+    SessionFault(name="freed_share", label="ticks with fingers freed for safety", limit=1.0, **_IN_PERCENT),
 )
 """Figures in the order of a table, and of `FaultCounts.figures`."""
 
@@ -128,7 +128,7 @@ def recorded_faults(session: Result) -> FaultCounts:
         faults=max(early, float(len(session_log(session).faults))),
         malformed=malformed,
         frames=frames,
-        freed=float(np.sum(session["live/tick/safety"] & int(FREED_BY_FAULT) > 0)),
+        freed=float(np.sum(session["live/tick/safety"] & int(FREED_FOR_SAFETY) > 0)),
         ticks=float(session.ticks),
     )
 

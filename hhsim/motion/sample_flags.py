@@ -55,6 +55,8 @@ MENDED = (
     | SampleFlag.LIMITED
 )
 """Flags of samples whose numbers, or place in time, were changed."""
+DAMAGED = SampleFlag.PALM_OUTLIER | SampleFlag.FINGERS_OUTLIER | SampleFlag.JUMP | SampleFlag.SUSPECT
+"""Flags of samples with numbers that a hand hardly makes."""
 
 
 def marked(flags: NDArray[np.uint32], flag: SampleFlag) -> BoolArray:

@@ -16,6 +16,7 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_matrix
 from hhsim.motion import resample
+from hhsim.motion.sample_flags import DAMAGED, marked
 from hhsim.motion.validation import as_numbers, check_finite, check_increasing, check_magnitude, continuous_orientation
 from hhsim.system.counted import counted
 
@@ -24,8 +25,8 @@ Checksums = Literal["", "held", "missing"]
 ResampleMode = Literal["interpolate", "hold"]
 _Motion = TypeVar("_Motion", "TickInput", "Trajectory")
 
-UNCHECKED = "not every number of the recording has a checksum: damage may pass as motion"
-"""Warning for a recording whose `checksums` are missing."""
+UNCHECKED = "some numbers are damaged, and not every one has a checksum: more damage may pass as motion"
+"""Warning for a recording that `may_hide_damage`."""
 MAX_ANGLE = 2.0 * np.pi
 """Largest joint angle, a full turn [rad]; beyond, the recording is in degrees."""
 MAX_POSITION = 100.0
@@ -248,6 +249,11 @@ class Trajectory:
             raise TrajectoryError(f"hand is '{self.hand}'; expected right, left, or nothing")
         if self.flags is not None:
             object.__setattr__(self, "flags", _checked_flags(self.flags, count))
+
+    @property
+    def may_hide_damage(self) -> bool:
+        """True if damage was found in some samples, and no checksums prove the others."""
+        return self.checksums == "missing" and self.flags is not None and bool(marked(self.flags, DAMAGED).any())
 
     def _checked_object_motion(self, time: FloatArray) -> ObjectMotion | None:
         """Return the object's motion if it moves; its first pose becomes the constant one."""

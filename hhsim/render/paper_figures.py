@@ -10,18 +10,28 @@ import numpy as np
 
 from hhsim.bench.paper.bench import PaperRuns
 from hhsim.bench.paper.run import INDEX, SceneRun
-from hhsim.bench.paper.scene import CASES, held_ticks
+from hhsim.bench.paper.scene import CASES
 from hhsim.errors import OutputError
-from hhsim.hand.fingers import FINGERS, PHALANX_NAMES
+from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
 from hhsim.kernels.tick.step import DURATION_DETECT
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.brute_force_distance import round_cone_contact
 from hhsim.render.figure import new_figure, save_figure, tidy
-from hhsim.render.hand_picture import GHOST, PieceForce, View, arrow_layers, arrow_surfaces, behind, label, viewpoint
+from hhsim.render.hand_picture import (
+    GHOST,
+    PieceForce,
+    View,
+    arrow_layers,
+    arrow_surfaces,
+    behind,
+    label,
+    viewpoint,
+    with_hidden,
+)
 from hhsim.render.rasterizer import blend, frame, look_from, shade
-from hhsim.render.triangle_soup import STONE, hand_surface, joined, mesh_surface, painted
+from hhsim.render.triangle_soup import PIECES, STONE, hand_surface, joined, mesh_surface, painted
 from hhsim.scene.contact_goals import TOUCHING
 from hhsim.system.output_path import check_picture
 from hhsim.system.progress import Progress, silent
@@ -59,8 +69,11 @@ def check_folder(folder: Path) -> None:
     check_picture(folder / "fig11.png")
 
 
-def draw_all(folder: Path, runs: PaperRuns, progress: Progress = silent) -> list[Path]:
-    """Draw every figure that the runs have scenes for: fig11 to fig15, each of `KINDS`; errors as `save_figure`."""
+def draw_all(folder: Path, runs: PaperRuns, progress: Progress = silent, note: str = "") -> list[Path]:
+    """Draw every figure that the runs have scenes for: fig11 to fig15, each of `KINDS`, with a note on the runs.
+
+    Errors as `save_figure`.
+    """
     jobs: list[tuple[str, Callable[[], Figure]]] = []
     # The hands that are shown are the baseline's beside the default method's, or else the last one's.
     methods = list(dict.fromkeys(run.options.method for run in runs.scenes))
@@ -80,6 +93,7 @@ def draw_all(folder: Path, runs: PaperRuns, progress: Progress = silent) -> list
     for number, (name, job) in enumerate(jobs):
         progress("pictures", number, len(jobs))
         drawn = job()
+        drawn.text(0.998, 0.998, note, fontsize=9, ha="right", va="top", color=BUDGET_COLOR)
         for kind in KINDS:
             save_figure(drawn, folder / f"{name}{kind}", colors=PALETTE)
             written.append(folder / f"{name}{kind}")
@@ -129,9 +143,9 @@ def _forces_over_time(number: str, runs: Sequence[SceneRun]) -> "Figure":
     longest = [1e6 * run.tick_cpu.max() for run in runs]
     for axes, run, most in zip(times, runs, longest):
         axes.plot(1e6 * run.tick_cpu, color="0.25", linewidth=0.6)
-        axes.set_ylim(0.0, 1.08 * float(max(longest)))
         text = f"longest {most:.0f} µs\nthe paper: {STATED[number]}"
         axes.text(0.99, 0.97, text, transform=axes.transAxes, ha="right", va="top", fontsize=9, color=BUDGET_COLOR)
+    times[0].set_ylim(0.0, 1.08 * float(max(longest)))
     times[0].set_ylabel("time of a tick, CPU [µs]")
     return figure
 
@@ -154,13 +168,14 @@ def _curves_figure(number: str, runs: Sequence[SceneRun]) -> "tuple[Figure, Sequ
             place = figure.add_axes((0.06 + k * share, low, share, size / 100 / height))
             draw_scene(place, run, mesh, view, size, k, _forces(number, run, k))
             place.set_title(moment.name, fontsize=10, color="0.3", pad=1)
-    said = f"skin: graphic hand; blue: haptic hand; red: {ARROWS[number]}"
+    said = f"skin: graphic hand; blue: haptic hand; red: {ARROWS[number]}, hollow behind another part of the hand"
     figure.text(0.06, 1.0 - 0.25 / height, runs[-1].scenario.name, fontsize=14)
     figure.text(0.99, 1.0 - 0.25 / height, said, fontsize=10, color="0.4", ha="right")
     inside = {"left": 0.06, "right": 0.98, "bottom": 0.55 / height, "top": 5.8 / height}
-    grid = figure.add_gridspec(2, len(runs), hspace=0.12, wspace=0.12, **inside)
-    forces = [figure.add_subplot(grid[0, k]) for k in range(len(runs))]
-    times = [figure.add_subplot(grid[1, k]) for k in range(len(runs))]
+    # One scale for all methods: a force that jumps in one is seen to be smooth in another.
+    forces, times = figure.add_gridspec(2, len(runs), hspace=0.12, wspace=0.12, **inside).subplots(
+        sharey="row", squeeze=False
+    )
     for top, bottom, run in zip(forces, times, runs):
         tidy(top)
         tidy(bottom)
@@ -174,7 +189,7 @@ def _curves_figure(number: str, runs: Sequence[SceneRun]) -> "tuple[Figure, Sequ
             middle = 0.5 * (phase.first_tick + phase.last_tick)
             for axes in (top, bottom):
                 if phase.name in ("hold", "slide"):
-                    axes.axvspan(phase.first_tick, phase.last_tick, color="0.94" if count else "#eef4fa", zorder=0)
+                    axes.axvspan(phase.first_tick, phase.last_tick, color="0.92" if count else "#dbe9fa", zorder=0)
                 axes.set_xlim(0, len(run.depth))
             name = f"hold {count}" if count else "slide" if phase.name == "slide" else ""
             if name:
@@ -183,7 +198,7 @@ def _curves_figure(number: str, runs: Sequence[SceneRun]) -> "tuple[Figure, Sequ
 
 
 def _cases(runs: PaperRuns, methods: Sequence[str]) -> "Figure":
-    """Draw Fig. 15: detection, response and total by case, with the number of contacts, object by object."""
+    """Draw Fig. 15: detection, response and total by case, with the number of candidate pairs, object by object."""
     played = [name for name in object_names() if runs.of(methods[0], "15", object_name=name)]
     figure = new_figure(2.9 * len(played) + 0.6, 2.7 * len(methods) + 0.7)
     panels = figure.subplots(len(methods), len(played), squeeze=False, sharex=True, sharey=True)
@@ -202,10 +217,8 @@ def _cases(runs: PaperRuns, methods: Sequence[str]) -> "Figure":
             for part, color in TIME_COLORS.items():
                 axes.plot(cases, values[part], color=color, marker="o", markersize=4, linewidth=1.6, label=part)
             for case, total in zip(cases, values["total"]):
-                contacts = same[case].candidates[held_ticks(same[case].stage)].mean()
-                axes.annotate(
-                    f"{contacts:.0f}", (case, total), (0, 6), textcoords="offset points", ha="center", fontsize=9
-                )
+                pairs = f"{same[case].contacts:.0f}"
+                axes.annotate(pairs, (case, total), (0, 6), textcoords="offset points", ha="center", fontsize=9)
     for axes, name in zip(panels[0], played):
         axes.set_title(name, fontsize=12)
     for row, method in zip(panels, methods):
@@ -215,8 +228,9 @@ def _cases(runs: PaperRuns, methods: Sequence[str]) -> "Figure":
     count = len(runs.of(methods[0], "15")[0].stage.motions)
     named = ", ".join(f"{case}: {CASES[case]}" for case in CASES)
     said = (
-        f"{named}. One thread, mean of {count} instances; the numbers are contacts in the hold. "
-        "The paper: ≈ 1,000 µs for 131 contacts (TF, bunny) and for ≈ 250 (WH)"
+        f"{named}. One thread, mean of {count} instances; the numbers are candidate pairs in the same ticks, within "
+        "Δr = 0.5 mm for paper, as in the paper, and 1 mm for the others. The paper: almost 1,000 µs for 131 contacts "
+        "(TF, bunny, threads)"
     )
     width, height = (float(size) for size in figure.get_size_inches())
     lines = textwrap.wrap(said, int((width - 0.2) / LETTER))
@@ -238,7 +252,8 @@ def _forces(number: str, run: SceneRun, moment: int) -> list[PieceForce]:
     shown = run.shown[moment]
     joints = run.stage.hand.joints(*shown.graphic)
     middles = 0.5 * (joints[INDEX, :-1] + joints[INDEX, 1:])
-    tips, phalanges = zip(FINGERS, joints[:, -1], shown.fingertip), zip(PHALANX_NAMES, middles, shown.index_finger)
+    index = PIECES[INDEX * PHALANX_COUNT :]
+    tips, phalanges = zip(FINGERS, joints[:, -1], shown.fingertip), zip(index, middles, shown.index_finger)
     return [PieceForce(*one) for one in (tips if number == "12" else phalanges) if one[2].any()]
 
 
@@ -248,13 +263,14 @@ def draw_scene(
     """Draw the hands, the object's mesh, its own frame, and forces at a moment of a run, in `size` rows and columns."""
     shown = run.shown[moment]
     graphic, haptic = (hand_surface(run.stage.hand, pose) for pose in (shown.graphic, shown.haptic))
-    body, arrows = mesh_surface(mesh, STONE), arrow_surfaces(forces)
-    camera = frame(joined([graphic, body, *arrows]).points, look_from(view.towards), (size, size))
+    body = mesh_surface(mesh, STONE)
+    camera = frame(joined([graphic, body, *arrow_surfaces(forces)]).points, look_from(view.towards), (size, size))
     hand, ghost = shade(graphic, camera), shade(painted(haptic, GHOST), camera)
     layers = [(hand, 1.0), (shade(body, camera), 1.0), (behind(ghost, hand), GLASS)]
-    axes.imshow(blend([*layers, *arrow_layers(arrows, camera)]), interpolation="none")
+    marked = with_hidden(forces, hand, camera)
+    axes.imshow(blend([*layers, *arrow_layers(marked, camera)]), interpolation="none")
     axes.set_axis_off()
-    label(axes, forces, camera, 8.0)
+    label(axes, marked, camera, 8.0)
 
 
 def best_view(run: SceneRun, mesh: Mesh, moment: int = 0, forces: Sequence[PieceForce] = ()) -> View:

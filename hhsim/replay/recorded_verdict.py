@@ -79,8 +79,8 @@ def checked_figures(result: Result, ticks: RunTicks) -> CheckedFigures:
     if result.complete and result.live is None:
         stated = {name: float(result.summary[name]) for name in run_metrics() if name in result.summary}
     of_paper = of_the_paper(result.scene)
-    computed = {row.name: row for row in summary_rows({**stated, **own}, result.rate, of_paper=of_paper)}
-    rows = summary_rows({**own, **stated}, result.rate, of_paper=of_paper)
+    computed = {row.name: row for row in summary_rows({**stated, **own}, of_paper=of_paper)}
+    rows = summary_rows({**own, **stated}, of_paper=of_paper)
     wrong = [
         f"{row.label} {row.shown} where its ticks give {computed[row.name].shown} {row.unit}".rstrip()
         for row in rows

@@ -209,7 +209,7 @@ def summarise(
     own = figures_of_own_runs(model, surface, options, haptic, run) if still else {}
     figures = {name: value for name, value in {**tick_figures(run), **own}.items() if name in known}
     return ReplaySummary(
-        rows=summary_rows(figures, ticks.rate, of_paper=of_paper),
+        rows=summary_rows(figures, of_paper=of_paper),
         notes=(
             *_notes(seen, options, hands_apart, series["status"]),
             *surface.notes,

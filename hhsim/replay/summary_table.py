@@ -11,7 +11,7 @@ from typing import Any
 
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import judged_metrics, run_metrics
-from hhsim.metrics.run_metric import PAPER_RATE, Figure
+from hhsim.metrics.run_metric import Figure
 from hhsim.solver.method import METHODS, PROMISES
 from hhsim.table.table import Table, number, words
 
@@ -93,25 +93,26 @@ def hands_table(hands: Mapping[str, Sequence[SummaryRow]], promises: Collection[
     return Table([*columns, words("unit", "first.unit"), number("limit", lambda of: of.first.limit(promises))], rows)
 
 
-def summary_rows(figures: Mapping[str, float], rate: float, *, of_paper: bool = False) -> tuple[SummaryRow, ...]:
-    """Return the rows of figures by name, without those that are no run metric, at a tick rate [Hz].
+def summary_rows(figures: Mapping[str, float], *, of_paper: bool = False) -> tuple[SummaryRow, ...]:
+    """Return the rows of figures by name, without those that are no run metric.
 
-    `of_paper` is True if the scene is one of the paper's, whose figures then stand beside.
+    `of_paper` is True if the scene is one of the paper's, whose figures of the same quantities then stand beside.
     """
     trembling = TREMBLING in figures
     rows = []
     for name, metric in run_metrics().items():
         if name in figures and not (trembling and metric.moving_hold_only):
             figure = metric if trembling or metric.moving_hold is None else metric.moving_hold
-            paper = figure.paper if of_paper and not (metric.per_tick and rate != PAPER_RATE) else ""
+            # The paper's change from tick to tick is that of the index finger's force alone.
+            paper = figure.paper if of_paper and not metric.per_tick else ""
             rows.append(SummaryRow(figure, float(figures[name]), paper))
     return tuple(rows)
 
 
-def stored_rows(summary: Mapping[str, Any], rate: float) -> tuple[SummaryRow, ...]:
+def stored_rows(summary: Mapping[str, Any]) -> tuple[SummaryRow, ...]:
     """Return the rows of a result's summary, as its replay printed them."""
     found = {name: float(summary[name]) for name in run_metrics() if name in summary}
-    return summary_rows(found, rate)
+    return summary_rows(found)
 
 
 def whole_table(rows: Sequence[SummaryRow]) -> tuple[SummaryRow, ...]:

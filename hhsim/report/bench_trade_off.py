@@ -42,9 +42,10 @@ TITLES = {
 CAPTIONS = {
     **dict.fromkeys(
         TRADE_OFFS,
-        "Median CPU time of a tick in contact. Off the true mesh: the larger of the deepest penetration and the "
-        "farthest contact point, over all motions. A hollow mark is one linearisation; a line joins those that none "
-        "beats. Grey: other engines, whose ratios carry over to another machine, and not their times. Red: 1 ms.",
+        "Mark: median CPU time of a tick in contact; the line from it ends at p99. Off the true mesh: the larger of "
+        "the deepest penetration and the farthest contact point, over all motions. A hollow mark is one linearisation; "
+        "steps join those that none beats. Grey: other engines, whose ratios carry over to another machine, and not "
+        "their times. Red: 1 ms.",
     ),
     "trees": "Error: the larger of how far the leaf spheres reach out of the mesh and how far the mesh lies outside of "
     "them. Other programs: as measured in November 2026 on one core of a 2-core machine.",
@@ -65,25 +66,29 @@ def bench_trade_off(suite: str, rows: Sequence[Row]) -> ReportFigure | None:
     return drawn_figure(f"bench-{suite}", TITLES[suite], CAPTIONS[suite], alt, drawing)
 
 
-def draw_trade_off(path: Path, suite: str, rows: Sequence[Row], peers: Sequence[Row] = ()) -> None:
-    """Write the picture of a table; engines of `peers`, rows of a table of `hhsim bench peers`, are drawn in grey.
+def draw_trade_off(path: Path, suite: str, rows: Sequence[Row], peers: Sequence[Row] = (), note: str = "") -> None:
+    """Write the picture of a table, with a note on the run in its legend.
+
+    Engines of `peers`, rows of a table of `hhsim bench peers`, are drawn in grey.
 
     Errors as `check_picture` and `save_figure`.
     """
     check_picture(path)
-    drawing, _ = _drawing(suite, rows, peers)
+    drawing, _ = _drawing(suite, rows, peers, note)
     with new_figure(WIDTH, drawing.height(WIDTH, False)) as figure:
         drawing.draw(figure, False)
         save_figure(figure, path)
 
 
-def _drawing(suite: str, rows: Sequence[Row], peers: Sequence[Row] = ()) -> tuple[Drawing, int]:
+def _drawing(suite: str, rows: Sequence[Row], peers: Sequence[Row] = (), note: str = "") -> tuple[Drawing, int]:
     """Return the drawing of a table, and the number of its marks."""
     panels, legend = _of_trees(rows) if suite == "trees" else _of_ticks(rows, peers)
     known = [mark for panel in panels for mark in panel.marks if mark.known]
     named = any(mark.name for mark in known)
     if named:
         legend["other programs"] = GREY, "x"
+    if note:
+        legend[note] = LIMIT, ""
     return trade_off_drawing(panels, legend, NAMED_PANEL if named and suite in TRADE_OFFS else PANEL), len(known)
 
 
@@ -123,11 +128,12 @@ def _of_ticks(rows: Sequence[Row], peers: Sequence[Row]) -> Panels:
     colors = {name: run_style(number)[0] for number, name in enumerate(dict.fromkeys(row["method"] for row in ours))}
 
     def mark(row: Row, error: str, frontier: str) -> Mark:
-        time, off, best = _number(row["tick_cpu_p50"]), 1e3 * _number(row.get(error)), bool(row.get(frontier))
+        time, until = _number(row["tick_cpu_p50"]), _number(row.get("tick_cpu_p99"))
+        off, best = 1e3 * _number(row.get(error)), bool(row.get(frontier))
         if row["method"] not in colors:
-            return Mark(time, off, GREY, "x", best=best, name=row["method"])
+            return Mark(time, off, GREY, "x", until, best=best, name=row["method"])
         filled = row.get("linearisations") != 1
-        return Mark(time, off, colors[row["method"]], _touched(row)[1], filled=filled, best=best)
+        return Mark(time, off, colors[row["method"]], _touched(row)[1], until, filled=filled, best=best)
 
     def panel(title: str, name: str, error: str, frontier: str) -> TradeOff:
         chosen = (row for row in (*summed, *others) if row["object"] == name)

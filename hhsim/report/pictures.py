@@ -45,7 +45,10 @@ MARGIN = 0.06
 DOT = "#212126"
 BAR = 0.02
 """Length of the bar that shows the scale [m]."""
-HANDS = "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces; the object is see-through."
+HANDS = (
+    "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces, hollow behind the hand; the object is "
+    "see-through."
+)
 CUT = "The object is larger than the picture, and cut at its edge."
 WorstKind = Literal["slowest", "deepest", "force-step", "lag"]
 
@@ -70,7 +73,7 @@ def overview_picture(result: Result) -> ReportFigure:
     shot = _shot(result, tick, None)
     camera = _camera(shot, OVERVIEW)
     panels = {
-        "what the user sees": blend([(shade(joined([shot.moment.graphic, shot.body]), camera), 1.0)]),
+        "what the user sees": (blend([(shade(joined([shot.moment.graphic, shot.body]), camera), 1.0)]), None),
         "why: the user's own hand (blue), forces": _see_through(shot, camera),
     }
 
@@ -78,18 +81,19 @@ def overview_picture(result: Result) -> ReportFigure:
         width, height = (float(side) for side in figure.get_size_inches())
         size = 1.0 if narrow else 0.5
         panel = size * width * OVERVIEW[1] / OVERVIEW[0]
-        for place, (title, picture) in enumerate(panels.items()):
+        for place, (title, (picture, at)) in enumerate(panels.items()):
             across, down = (0, place) if narrow else (place, 0)
             bottom = height - (down + 1) * (HEADING + panel)
             axes = figure.add_axes((across * size, bottom / height, size, panel / height))
-            _show(axes, picture, shot.moment, camera, why=place == 1)
+            _show(axes, picture, at, camera)
             axes.set_title(title, fontweight="bold", loc="left", x=0.02, pad=4)
 
     time = float(result.at(tick, ["time"])["time"])
     caption = (
         f"Tick {tick:,}, at {time:.3f} s: {result.phase_at(tick) or 'no phase'}. First the graphic hand, which stays "
         "outside. Then the haptic hand, where the user's is, in blue; the object is see-through, dots are contacts, "
-        "and the red arrows are the contact forces, longer by the square root of their size."
+        "and the red arrows are the contact forces, longer by the square root of their size. A hollow one is "
+        "behind another part of the hand, and has its finger's name."
     ) + (f" {CUT}" if shot.cut else "")
 
     def height(width: float, narrow: bool) -> float:
@@ -142,7 +146,7 @@ def hand_picture(
     with new_figure(*PICTURE) as figure:
         camera = _camera(shot, PICTURE)
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        _show(axes, _see_through(shot, camera), shot.moment, camera, why=True, size=SMALL_TEXT)
+        _show(axes, *_see_through(shot, camera), camera, size=SMALL_TEXT)
         png = png_bytes(figure)
     caption = f"{HANDS} {CUT}" if shot.cut else HANDS
     size = round(PICTURE[0] * DPI), round(PICTURE[1] * DPI)
@@ -169,15 +173,16 @@ def _camera(shot: Shot, size: tuple[float, float]) -> Camera:
     return frame(points, look_from(shot.view.towards), shape, MARGIN)
 
 
-def _see_through(shot: Shot, camera: Camera) -> FloatArray:
-    return seen_through(*shot.moment.hands, shot.body, shot.moment.forces, camera)
+def _see_through(shot: Shot, camera: Camera) -> tuple[FloatArray, Moment]:
+    picture, marked = seen_through(*shot.moment.hands, shot.body, shot.moment.forces, camera)
+    return picture, replace(shot.moment, forces=marked)
 
 
-def _show(axes: "Axes", picture: FloatArray, shown: Moment, camera: Camera, why: bool, size: float = TEXT) -> None:
-    """Show a picture with the bar of its scale, and with contacts and the sizes of forces where `why` is set."""
+def _show(axes: "Axes", picture: FloatArray, shown: Moment | None, camera: Camera, size: float = TEXT) -> None:
+    """Show a picture with the bar of its scale, and with contacts and the sizes of forces if a moment is given."""
     axes.imshow(picture, interpolation="antialiased", aspect="auto")
     axes.set_axis_off()
-    if why:
+    if shown is not None:
         seen = (shown.contacts.point - camera.center) @ camera.rotation.T * (camera.shape[0] / camera.height)
         x, y = 0.5 * camera.shape[1] + seen[:, 0], 0.5 * camera.shape[0] - seen[:, 1]
         axes.scatter(x, y, s=9.0, facecolor=DOT, edgecolor="white", linewidth=0.5, zorder=3)

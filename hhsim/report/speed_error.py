@@ -121,7 +121,7 @@ def _caption(points: Sequence[SpeedError]) -> str:
         "Red: 1 ms."
     )
     if any(point.of_paper for point in points):
-        text += " Grey: the paper's mean times, for its own machine."
+        text += " Grey: the paper's mean times for simple objects, on its own machine."
     missing = [point.label for point in points if not np.isfinite(point.p50)]
     return text + (f" Not in contact, so without a point: {', '.join(missing)}." if missing else "")
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
-from hhsim.metrics.run_metric import PAPER_RATE
 from hhsim.metrics.run_ticks import HOLD, FreeRun, result_free_run
 from hhsim.metrics.session_faults import broken_off, session_log
 from hhsim.render.figure import halo
@@ -19,7 +18,6 @@ from hhsim.report.pictures import WorstTick, worst_ticks
 from hhsim.report.run import BLOCK_TICKS
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK
-from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.system.counted import counted
 from hhsim.view.plots import force_values
 
@@ -35,8 +33,6 @@ STRETCHES = 700
 """Number of stretches of the axis in a band."""
 PHASE_COLORS = {HOLD: "#e6eef6", "slide": "#fbefdd", "carry": "#fbefdd"}
 """Colours of the phases that the paper's figures shade; the others stay white."""
-PAPER_VARIATION = 0.18
-"""One-tick change of the force in a hold that the paper states, at 1 kHz [%]."""
 MARK_LETTERS = 6
 """Letters of a mark's word, with the gap to its line."""
 MOST_MARKS = 10
@@ -230,13 +226,6 @@ def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
     axes.minorticks_off()
     largest = max((float(np.nanmax(run.result["force_variation_rate"], initial=1.0)) for run in runs), default=1.0)
     axes.set_ylim(0.0, max(3.0, 2.0 * min(largest, 1e6)))
-    if any(run.result.scene.get("rate") == PAPER_RATE and of_the_paper(run.result.scene) for run in runs):
-        axes.axhline(PAPER_VARIATION, color=style.SOFT, linewidth=0.9, linestyle=(0, (4, 3)))
-        axes.annotate(
-            f"the paper: {PAPER_VARIATION} %", (0.0, PAPER_VARIATION), (3.0, 2.0),
-            xycoords=("axes fraction", "data"), textcoords="offset points", va="bottom", color=style.SOFT,
-            **halo(2.5),
-        )  # fmt: skip
 
 
 def _draw_stiffness(axes: "Axes", runs: Sequence[Run]) -> None:

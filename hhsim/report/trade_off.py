@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 MARKS = ("o", "s", "D", "^", "v", "P", "X")
 """Markers, one more than colours: no two results of a page share both."""
-PAPER_RANGE = (310e-6, 1000e-6)
-"""Mean times of a tick that the paper states, simple objects to 250 contacts, on a 6-core 3.7 GHz machine [s]."""
+PAPER_RANGE = (310e-6, 480e-6)
+"""Mean times of a tick that the paper states, for the five simple objects of its Fig. 11, on its own machine [s]."""
 ROUNDING = 1e-6
 """Smaller errors, in the unit of their axis, are drawn as 0."""
 TIME_LABEL = 0.44
@@ -61,7 +61,7 @@ class TradeOff:
     title: str
     marks: Sequence[Mark]
     least: float  # a tenth of the lowest decade that is shown, in the unit of the errors
-    # Error that the paper states, drawn over its range of times; NaN for its times alone, None for neither.
+    # Error that the paper states, drawn over its mean times for simple objects; NaN for these alone, None for neither.
     paper: float | None = None
     axis: str = "CPU time of a tick in contact"  # label of the axis below
     budget: float | None = style.BUDGET  # limit of a time, drawn as a line [s]; None for none

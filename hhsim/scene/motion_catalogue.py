@@ -186,7 +186,7 @@ def import_remarks(motion: Any, word: str) -> list[str]:
     remark = "the recording was imported on the way in: hhsim import tells what it was taken for"
     if mended:
         remark = f"{mended:,} of {motion.sample_count:,} samples were mended on the way in: hhsim import tells what"
-    return [remark, UNCHECKED] if motion.checksums == "missing" else [remark]
+    return [remark, UNCHECKED] if motion.may_hide_damage else [remark]
 
 
 def read_imported(path: Path, hand: HandSide = "", reading: Reading | None = None) -> "Recording":

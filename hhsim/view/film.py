@@ -19,7 +19,7 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.metrics.metrics import FORCE_FLOOR
-from hhsim.render.hand_picture import arrow_surfaces, transparent
+from hhsim.render.hand_picture import transparent
 from hhsim.render.rasterizer import OVERSAMPLING, composed, frame, look_from, shade
 from hhsim.render.triangle_soup import STONE, Surface, joined, mesh_surface, moved, near_hands, piece_surfaces
 from hhsim.result.reader import Result
@@ -142,7 +142,7 @@ def video_frames(result: Result, ticks: IntArray, width: int, other: Result | No
         if moves:
             stone = shade(_at_tick(bodies, result, tick), camera)
         now = at(tick)
-        layers = transparent(*now.hands, stone, arrow_surfaces(now.forces), camera)
+        layers, _ = transparent(*now.hands, stone, now.forces, camera)
         yield _written_on(composed(layers), results, tick, width)
 
 

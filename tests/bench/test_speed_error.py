@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.text import Text
 
 from hhsim.bench.run_errors import RunErrors
 from hhsim.bench.speed_error import (
@@ -24,6 +25,7 @@ from hhsim.bench.speed_error import (
 from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, frontier, remarks, table_rows, tick_times
 from hhsim.errors import HhsimError
 from hhsim.kernels.tick.block import TickRecord
+from hhsim.report import bench_trade_off
 from hhsim.report.bench_trade_off import draw_trade_off
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
@@ -200,11 +202,21 @@ def test_a_run_that_fails_is_told_and_wins_nothing(monkeypatch: pytest.MonkeyPat
     assert line.startswith("3 of 4 runs could not be done; the first: coupled, level 1, cube, touch: the graphic hand")
 
 
-def test_the_picture_is_drawn_for_any_table(small: list[Run], tmp_path: Path) -> None:
+def test_the_picture_is_drawn_for_any_table(small: list[Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import matplotlib.image
 
     rows = table_rows(small)
-    draw_trade_off(tmp_path / "small.png", "speed-error", rows)
+    saved = bench_trade_off.save_figure
+    drawn: list[Any] = []
+    monkeypatch.setattr(
+        bench_trade_off, "save_figure", lambda figure, path: (drawn.append(figure), saved(figure, path))
+    )
+    draw_trade_off(tmp_path / "small.png", "speed-error", rows, note="quick run")
+    assert "quick run" in [text.get_text() for text in drawn[0].findobj(Text)]
+    # A mark for the median, a line from it to p99.
+    row = next(row for row in chosen(rows, object=ALL, motion=ALL) if row["tracking_frontier"])
+    ends = [line.get_xdata() for line in drawn[0].axes[-1].get_lines()]
+    assert any(list(end) == [row["tick_cpu_p50"], row["tick_cpu_p99"]] for end in ends)
     assert matplotlib.image.imread(tmp_path / "small.png").shape[1] == 2800
     for row in rows:
         row["mesh_error"] = np.nan

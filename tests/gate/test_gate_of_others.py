@@ -235,7 +235,7 @@ REGRESSIONS: dict[str, tuple[Callable[[Path], object], str]] = {
     "malformed": (session(malformed), "session, malformed packets, of all of the glove's: over the limit"),
     "freed": (
         session(at("freed", "hands/right/live/tick/safety", SOME, lambda x: int(Safety.STALE_INPUT))),
-        "session, ticks with fingers freed by a fault: over the limit",
+        "session, ticks with fingers freed for safety: over the limit",
     ),
     "deeper poses": (deeper_poses, "submission, in the mesh, max: over the limit"),
 }

@@ -68,7 +68,7 @@ def test_an_end_that_was_not_in_order_is_a_fault(
         "freed_share": 100.0 * FREED / len(ticks),
     }
     assert f"faults: {faults}{' (ended early)' if early else ''}; malformed packets: 3 of 50;" in counts.line
-    assert f"freed by a fault: {FREED} of {len(ticks)}" in counts.line
+    assert f"freed for safety: {FREED} of {len(ticks)}" in counts.line
     assert (first_mishap(session), bool(broken_off(session))) == (mishap, bool(early))
 
 

@@ -18,7 +18,7 @@ def names(rows: tuple[SummaryRow, ...]) -> list[str]:
 
 
 def test_the_short_table_has_the_lines_that_matter() -> None:
-    assert names(short_table(summary_rows(EVERY, 1000.0))) == [
+    assert names(short_table(summary_rows(EVERY))) == [
         *("input_depth_max", "penetration_max", "contact_error_max", "force_contact_mean", "force_contact_step"),
         *("force_variation_tremor", "correction_joint_mean"),
         *("tick_cpu_p50", "tick_cpu_p99", "stuck_ticks", "lag_ticks"),
@@ -28,19 +28,19 @@ def test_the_short_table_has_the_lines_that_matter() -> None:
 def test_a_recording_has_its_variation_in_contact_in_that_place() -> None:
     undefined = {name: math.nan for name in EVERY if "hold" in name}
     figures = {name: value for name, value in (EVERY | undefined).items() if "tremor" not in name}
-    short = names(short_table(summary_rows(figures, 1000.0)))
+    short = names(short_table(summary_rows(figures)))
     assert "force_variation_contact" in short and not any("hold" in name for name in short)
     live_hold = figures | {"force_variation_hold": 0.3}
-    assert "force_variation_hold" in names(short_table(summary_rows(live_hold, 1000.0)))
+    assert "force_variation_hold" in names(short_table(summary_rows(live_hold)))
 
 
 def test_what_is_over_its_limit_is_in_the_short_table() -> None:
-    assert "force_ripple_hold" in names(short_table(summary_rows(EVERY, 1000.0), ["force_ripple_hold"]))
+    assert "force_ripple_hold" in names(short_table(summary_rows(EVERY), ["force_ripple_hold"]))
 
 
 def test_the_largest_lag_stands_where_there_is_lag_or_a_stuck_hand_has_way_left() -> None:
-    without, with_lag = (summary_rows(EVERY | {"lag_max": most}, 1000.0) for most in (0.0, 0.03))
-    stuck = summary_rows(EVERY | {"lag_ticks": 0.0, "stuck_ticks": 2.0, "lag_max": 0.1}, 1000.0)
+    without, with_lag = (summary_rows(EVERY | {"lag_max": most}) for most in (0.0, 0.03))
+    stuck = summary_rows(EVERY | {"lag_ticks": 0.0, "stuck_ticks": 2.0, "lag_max": 0.1})
     for table in (short_table, whole_table):
         assert "lag_max" not in names(table(without))
         assert "lag_max" in names(table(with_lag))
@@ -48,15 +48,17 @@ def test_the_largest_lag_stands_where_there_is_lag_or_a_stuck_hand_has_way_left(
     assert names(whole_table(with_lag)) == names(with_lag)
 
 
-def test_the_papers_figures_stand_beside_its_scenes_alone() -> None:
-    assert any(row.paper for row in summary_rows(EVERY, 1000.0, of_paper=True))
-    assert not any(row.paper for row in summary_rows(EVERY, 1000.0))
+def test_the_papers_figures_stand_beside_its_scenes_alone_and_beside_the_same_quantities() -> None:
+    # Its variation is of the index finger's force, its times are means and limits.
+    beside = {row.name for row in summary_rows(EVERY, of_paper=True) if row.paper}
+    assert beside == {"penetration_max", "tick_cpu_max"}
+    assert not any(row.paper for row in summary_rows(EVERY))
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_limit_is_shown_in_the_unit_of_its_figure_or_not_promised(method: str) -> None:
     free = dict.fromkeys(run_metrics(), 1.0)
-    shown = {row.name: row.limit(METHODS[method].promises) for row in summary_rows(free, 1000.0)}
+    shown = {row.name: row.limit(METHODS[method].promises) for row in summary_rows(free)}
     assert shown["tracking_palm"] == "20" and shown["force_contact_mean"] == ""
     assert shown["penetration_max"] == ("1" if METHODS[method].never_penetrates else "not promised")
     assert {name for name, text in shown.items() if text not in ("", "not promised")} == {

@@ -37,7 +37,7 @@ FREE = {"touching_max": 0.0, "force_contact_max": math.nan}
     ],
 )
 def test_the_word(figures: dict[str, float], more: dict[str, Any], word: str) -> None:
-    found = run_verdict(summary_rows(SOUND | figures, 1000.0), PROMISES, 100, **more)
+    found = run_verdict(summary_rows(SOUND | figures), PROMISES, 100, **more)
     assert found.word == word
     assert found.line.startswith(word)
     assert bool(found.missed) == (word == MISSED)
@@ -48,7 +48,7 @@ def test_no_tick_is_no_verdict() -> None:
 
 
 def test_where_nothing_touches_it_says_what_to_try() -> None:
-    near, far = (run_verdict(summary_rows(SOUND | FREE | {"candidates_max": n}, 1e3), PROMISES, 9) for n in (4.0, 0.0))
+    near, far = (run_verdict(summary_rows(SOUND | FREE | {"candidates_max": n}), PROMISES, 9) for n in (4.0, 0.0))
     assert "The hand never touches the object" in near.line and "--place-object auto" in near.line
     assert "The hand never comes near the object" in far.line and "--size" in far.line
 
@@ -56,12 +56,12 @@ def test_where_nothing_touches_it_says_what_to_try() -> None:
 @pytest.mark.parametrize(("method", "missed"), [("coupled", 2), ("progressive", 1), ("paper", 0), ("penalty", 0)])
 def test_a_method_is_held_to_what_it_promises(method: str, missed: int) -> None:
     figures = SOUND | {"tracking_excess": 76.5, "penetration_max": 1e-4}
-    assert len(run_verdict(summary_rows(figures, 1000.0), METHODS[method].promises, 100).missed) == missed
+    assert len(run_verdict(summary_rows(figures), METHODS[method].promises, 100).missed) == missed
 
 
 @pytest.mark.parametrize(("depth", "word"), [(0.9e-6, OK), (1.1e-6, NOT_JUDGED), (8e-4, NOT_JUDGED)])
 def test_a_depth_that_nobody_promised_is_not_within_limits(depth: float, word: str) -> None:
-    found = run_verdict(summary_rows(SOUND | {"penetration_max": depth}, 1000.0), (), 100)
+    found = run_verdict(summary_rows(SOUND | {"penetration_max": depth}), (), 100)
     assert found.word == word and found.line.startswith(word)
     assert not found.missed
 
@@ -76,7 +76,7 @@ def test_what_a_method_promises_is_in_its_file() -> None:
 
 @pytest.mark.parametrize(("stuck", "mostly"), [(0.0, False), (3.0, False), (50.0, False), (51.0, True), (100.0, True)])
 def test_a_run_of_which_most_ticks_are_stuck_says_so(stuck: float, mostly: bool) -> None:
-    found = run_verdict(summary_rows(SOUND | FREE | {"stuck_ticks": stuck}, 1000.0), PROMISES, 100)
+    found = run_verdict(summary_rows(SOUND | FREE | {"stuck_ticks": stuck}), PROMISES, 100)
     assert found.mostly_stuck == mostly
     assert ("More than half of the ticks are stuck" in found.line) == mostly
     assert not mostly or found.word == MISSED

@@ -121,7 +121,7 @@ def test_a_run_that_was_cut_short_has_its_table_from_its_ticks(coupled: Path, tm
         for name in list(file["summary/right"].attrs):
             del file["summary/right"].attrs[name]
 
-    whole = {row.name: row for row in stored_rows(load_result(coupled).summary, 1000.0)}
+    whole = {row.name: row for row in stored_rows(load_result(coupled).summary)}
     short = load_result(changed(coupled, tmp_path, cut))
     rows = {row.name: row for row in checked_figures(short, read_ticks(short)).rows}
     # These are of runs of their own.

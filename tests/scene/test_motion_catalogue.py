@@ -19,7 +19,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.mesh.catalogue import object_names
 from hhsim.motion.file import save_trajectory
-from hhsim.motion.sample_flags import SampleFlag
+from hhsim.motion.sample_flags import DAMAGED, SampleFlag
 from hhsim.motion.trajectory import UNCHECKED, Trajectory
 from hhsim.recordings.cleaning import clean_recording
 from hhsim.scene.closure_search import plan_finger_closure
@@ -107,10 +107,15 @@ def test_a_recording_that_was_imported_on_the_way_in_is_said_to_be(tmp_path: Pat
         "300 of 300 samples were mended on the way in: hhsim import tells what"
     ]
     assert import_remarks(touched, "take.h5") == []
-    # Text has no checksums.
+    # Text has no checksums, which matters where damage is found.
     path = tmp_path / "quest.csv"
     path.write_text(openxr_csv(joint_sample()))
-    assert import_remarks(resolve_trajectory(path), str(path))[1:] == [UNCHECKED]
+    unchecked = resolve_trajectory(path)
+    assert unchecked.checksums == "missing" and import_remarks(unchecked, str(path))[1:] == []
+    for flag in SampleFlag:
+        found = replace(unchecked, flags=np.full(unchecked.sample_count, flag.value, dtype=np.uint32))
+        assert (UNCHECKED in import_remarks(found, str(path))) == (flag in DAMAGED)
+        assert UNCHECKED not in import_remarks(replace(found, checksums="held"), str(path))
 
 
 def test_an_option_that_a_recording_lacks_is_one_of_the_import(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ from joint_samples import joint_sample, openxr_csv
 from sweep_plans import PLAN, write_plan
 
 from hhsim.errors import InputError
-from hhsim.motion.trajectory import UNCHECKED
 from hhsim.solver.known_methods import find_method
 from hhsim.sweep.input_files import file_digest
 from hhsim.sweep.plan import SweepPlan, load_plan
@@ -62,9 +61,8 @@ def test_sets_of_options_that_come_to_the_same_are_computed_once_under_both_name
 
 def test_what_a_recording_was_imported_as_is_said(tmp_path: Path) -> None:
     (tmp_path / "quest.csv").write_text(openxr_csv(joint_sample()))
-    remark, unchecked = plan(tmp_path, PLAN.replace("short.toml", "quest.csv")).notes
+    (remark,) = plan(tmp_path, PLAN.replace("short.toml", "quest.csv")).notes
     assert remark.startswith("quest: ") and "on the way in: hhsim import tells what" in remark
-    assert unchecked == f"quest: {UNCHECKED}"
 
 
 def test_a_digest_is_of_what_is_in_the_files_and_not_of_names(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 CONTACTS = {"TF": 131.0, "WH": 250.0}
-"""Numbers of contacts with the bunny for which the paper states a time, by case of Fig. 15."""
+"""Numbers of contacts that the paper names, by case of Fig. 15: of two fingers on the bunny, of a whole hand."""
 QUICK: dict[str, Any] = {"level": 3, "instances": 3, "repetitions": 1}
 """Options for every row from coarse spheres, few instances, once: a test of it."""
 
@@ -75,7 +75,7 @@ class ContactRun:
 
 @dataclass(frozen=True, eq=False)
 class PaperRuns:
-    """Runs by scene, then by method; and those of the scenes for which the paper states a number of contacts."""
+    """Runs by scene, then by method; and those with the numbers of contacts that the paper names."""
 
     scenes: tuple[SceneRun, ...]
     at_contacts: tuple[ContactRun, ...]

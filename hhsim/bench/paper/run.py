@@ -141,6 +141,11 @@ class SceneRun:
         return self.contact & (self.tick_wall <= 1.5 * self.tick_cpu + 5e-6)
 
     @property
+    def contacts(self) -> float:
+        """Mean number of candidate pairs of the ticks in contact, those that have the times; NaN without one."""
+        return float(self.candidates[self.contact].mean()) if self.contact.any() else math.nan
+
+    @property
     def missed(self) -> list[tuple[Touch, float]]:
         """Demanded touches that did not happen, and their distances [m]."""
         return [(touch, distance) for touch, distance in self.touches if not distance < TOUCHING]

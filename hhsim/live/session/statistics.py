@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES
 from hhsim.live.shared_memory import RingReader, SharedRing
-from hhsim.metrics.session_faults import FREED_BY_FAULT
+from hhsim.metrics.session_faults import FREED_FOR_SAFETY
 from hhsim.result.safety import Safety, free_counts
 from hhsim.system.log_histogram import LogHistogram
 
@@ -31,7 +31,7 @@ class LiveTally:
         self.missed = 0  # periods without a tick, before the counted ticks
         # Ticks that used a sample for the first time, and samples that a newer one replaced before one could use them.
         self.new_samples = self.superseded = 0
-        # Ticks: the last two are those with a stiffness above 0, and those whose fingers a fault freed.
+        # Ticks: the last two are those with a stiffness above 0, and those with fingers freed for safety.
         self.stuck = self.lagging = self.in_contact = self.stiff = self.freed = 0
         self.candidates_max, self.force_max = 0, 0.0
         self.free_for = dict.fromkeys(Safety, 0)  # ticks whose fingers were kept free, by reason
@@ -97,7 +97,7 @@ class LiveTally:
         self.stiff += int(np.sum((ticks["command_stiffness"] > 0.0).any(axis=1)))
         for why in Safety:
             self.free_for[why] += int(np.sum(ticks["safety"] & int(why) > 0))
-        self.freed += int(np.sum(ticks["safety"] & int(FREED_BY_FAULT) > 0))
+        self.freed += int(np.sum(ticks["safety"] & int(FREED_FOR_SAFETY) > 0))
         steps = np.diff(ticks["input_seq"], prepend=self._sample)
         self.new_samples += int(np.sum(steps > 0))
         self.superseded += int(np.sum(steps[steps > 1] - 1))

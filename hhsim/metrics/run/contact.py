@@ -33,7 +33,7 @@ def _jump(share: float) -> Callable[[RunTicks], float]:
 
 METRICS = (
     RunMetric(
-        "candidates_max", "candidate pairs, most", paper="whole hand: ≈ 250", less_is_better=False,
+        "candidates_max", "candidate pairs, most", less_is_better=False,
         needs=("contacts/candidates",), compute=lambda run: run["contacts/candidates"].max(initial=0),
     ),
     RunMetric(

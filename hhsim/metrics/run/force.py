@@ -63,22 +63,22 @@ METRICS = (
     RunMetric(
         "force_variation_hold", "force variation in the hold, frozen input", digits=6, unit="%", needs=(VARIATION,),
         compute=lambda run: _variation(run).mean, per_tick=True, judged=Judged(rounding=1e-6),
-        moving_hold=Figure("force_variation_hold", "force variation in the hold, mean", 4, "%", paper="0.18"),
+        moving_hold=Figure("force_variation_hold", "force variation in the hold, mean", 4, "%"),
         short="variation",
     ),
     RunMetric(
-        "force_variation_hold_std", "force variation in the hold, std", digits=4, unit="%", paper="0.32",
+        "force_variation_hold_std", "force variation in the hold, std", digits=4, unit="%", 
         needs=(VARIATION,), compute=lambda run: _variation(run).std, per_tick=True,
         # Of a frozen hold the spread says nothing that its mean does not.
         moving_hold_only=True,
     ),
     RunMetric(
-        TREMBLING, "force variation in the hold, trembling hand, mean", digits=4, unit="%", paper="0.18",
+        TREMBLING, "force variation in the hold, trembling hand, mean", digits=4, unit="%",
         needs=(TOTAL,), own_run=ANOTHER_RUN, per_tick=True, judged=Judged(rounding=1e-6, limit=0.5), short="variation",
     ),
     RunMetric(
         "force_variation_tremor_std", "force variation in the hold, trembling hand, std", digits=4, unit="%",
-        paper="0.32", needs=(TOTAL,), own_run=ANOTHER_RUN, per_tick=True,
+         needs=(TOTAL,), own_run=ANOTHER_RUN, per_tick=True,
     ),
     RunMetric(
         "force_ripple_hold", "force ripple in the hold, 50 to 400 Hz", digits=5, unit="N", needs=(TOTAL,),

@@ -85,6 +85,30 @@ def test_rows_are_what_the_runs_say(runs: PaperRuns) -> None:
     assert row(runs, "variation_glove_size").ours == pytest.approx(float(np.median(variations)))
 
 
+def test_a_multiple_stands_beside_the_same_quantity_alone(runs: PaperRuns) -> None:
+    rows = {one.name: one for one in paper_rows(runs, OPTIONS) if one.method == "coupled"}
+    # The paper's contacts are of another margin and several threads; its hand does not tremble.
+    for name in ("contacts_131", "contacts_250", "variation_trembling_size"):
+        assert math.isnan(rows[name].ratio) and rows[name].paper_text
+    assert rows["variation_glove_size"].paper == 0.18
+    for run in runs.of("coupled", "15"):
+        assert run.contacts == run.candidates[run.contact].mean()
+
+
+def test_forces_of_all_methods_have_one_scale_and_a_picture_has_its_note(
+    runs: PaperRuns, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Any] = []
+    monkeypatch.setattr(paper_figures, "TILE", 40)
+    monkeypatch.setattr(paper_figures, "draw_scene", lambda *_: None)
+    monkeypatch.setattr(paper_figures, "save_figure", lambda figure, *_, **__: drawn.append(figure))
+    some = [run for run in runs.scenes if run.scenario.motion == "ear-to-ear"]
+    paper_figures.draw_all(tmp_path, PaperRuns(tuple(some), ()), note="quick run")
+    forces = [axes for axes in drawn[0].axes if axes.get_title(loc="left") in OPTIONS.methods]
+    assert len(forces) == 2 and len({axes.get_ylim() for axes in forces}) == 1
+    assert "quick run" in [text.get_text() for text in drawn[0].texts]
+
+
 @pytest.mark.soak
 def test_pictures_show_paper_beside_coupled_and_forces_in_red(
     runs: PaperRuns, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -212,3 +236,4 @@ def test_the_command_writes_tables_and_pictures_and_says_what_it_missed(
     again = run("bench", "paper", *arguments, "--out", "paper.h5")
     assert "mean tick, hexagonal-prism" in again.out and "0.48 ms" in again.out
     assert ("missed: " in again.out) == (again.code == 1)
+    assert ("index force and named touches have no bar here" in again.out) == (again.code == 0)
