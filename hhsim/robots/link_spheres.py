@@ -154,7 +154,8 @@ def build_links(
     for name, each in options.items():
         mesh = meshes[name]
         frame = canonical_frame(mesh.vertices[np.unique(mesh.faces)])
-        corners = hashlib.sha256(frame.into(mesh.vertices)[mesh.faces].tobytes()).hexdigest()
+        # Adding zero takes the sign off a zero.
+        corners = hashlib.sha256((frame.into(mesh.vertices)[mesh.faces] + 0.0).tobytes()).hexdigest()
         key = name if robot.link(name).balls is not None else (corners, f"{frame.size:.9g}", each)
         groups.setdefault(key, []).append((name, frame))
     # The largest first, so that no thread ends long after the others.
