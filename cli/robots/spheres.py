@@ -57,7 +57,7 @@ class RobotOptions(OptionGroup, heading="Robot"):
     visual: bool = option(is_flag=True, help="A link in which nothing collides gets spheres for what is seen of it.")
     ignore: str | None = option(
         type=click.Choice(list(IGNORED)),
-        help="Pairs of links that the planner is to ignore: adjacent ones and those that touch in every pose (always), "
+        help="Pairs of links for the planner to ignore: adjacent ones and those that touch in every pose (always), "
         "those that touch in the start pose too (default), or adjacent ones alone. Default: always.",
     )
     compare: bool = option(
@@ -79,8 +79,8 @@ class RobotOptions(OptionGroup, heading="Robot"):
         if not names_a_linkage(object_):
             if named:
                 raise click.UsageError(
-                    "--as, --total, --visual, --ignore, --compare and --rerun are for a robot, a URDF or MJCF file, and "
-                    f"{object_} is none"
+                    "--as, --total, --visual, --ignore, --compare and --rerun are for a robot, a URDF or MJCF file, "
+                    f"and {object_} is none"
                 )
             return False
         named = named or (out is not None and format_of(out) not in ("", "h5"))

@@ -222,7 +222,10 @@ def test_what_an_included_file_brings_is_refused_too(tmp_path: Path) -> None:
         _read(tmp_path, BODY.format(HINGE), "", "<include file='more.xml'/>")
 
 
-FOLLOWS = '<body name="{0}" pos="0.1 0 0"><joint name="{0}" axis="0 0 1" ref="{1}"/><geom size="0.01" pos="0.05 0 0"/>{2}</body>'
+FOLLOWS = (
+    '<body name="{0}" pos="0.1 0 0"><joint name="{0}" axis="0 0 1" ref="{1}"/>'
+    '<geom size="0.01" pos="0.05 0 0"/>{2}</body>'
+)
 
 
 def test_a_robots_joint_follows_another_by_an_equality_and_other_equalities_are_noted(tmp_path: Path) -> None:
