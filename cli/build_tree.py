@@ -81,7 +81,9 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
     """File in place of a tree that is built."""
 
     path: Path | None = file(
-        "FILE", "Build nothing: measure the spheres of a .sph, .h5, .urdf, .yml, .xrdf or .json file.", "--from"
+        "FILE",
+        "Build nothing: measure the spheres of a .sph, .h5, .urdf, .srdf, .yml, .xrdf, .xml or .json file.",
+        "--from",
     )
     frame: Literal["auto", "mesh", "centred"] | None = option(
         type=click.Choice(["auto", "mesh", "centred"]),
@@ -95,7 +97,9 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
     @property
     def holds_links(self) -> bool:
         """True for a file that has spheres of links by their names."""
-        return self.path is not None and self.path.suffix.lower() in (".urdf", ".yml", ".yaml", ".xrdf", ".json")
+        from hhsim.robots.formats.registry import format_of
+
+        return self.path is not None and format_of(self.path) not in ("", "h5")
 
     def check(self) -> None:
         """Raise UsageError for options of `--from` without it, and for options of a build beside it."""

@@ -1,7 +1,7 @@
 """`hhsim build-tree ROBOT`: spheres for every link of a URDF or MJCF, and `--from` with spheres of links."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from statistics import median
@@ -23,12 +23,21 @@ if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
     from hhsim.robots.link_spheres import LinkSpheres
     from hhsim.robots.robot_spheres import RobotSpheres
+    from hhsim.robots.touching_pairs import Touching
     from hhsim.trees.foreign_tree import ImportedTree
     from hhsim.trees.options import TreeOptions
     from hhsim.view.sink import RerunTarget
 
 USUAL_LEAVES = 16
 """Spheres of a link where nothing says how many."""
+IGNORED = {
+    "always": "adjacent or touching in every one of 10,000 poses",
+    "default": "adjacent or touching in the start pose or in every one of 10,000 poses",
+    "adjacent": "adjacent",
+}
+"""Pairs of links that a planner is to ignore, by --ignore."""
+MOST_TOLD = 6
+"""Most pairs of links that a note names."""
 
 
 class RobotOptions(OptionGroup, heading="Robot"):
@@ -45,6 +54,12 @@ class RobotOptions(OptionGroup, heading="Robot"):
         type=click.Choice(["h5", "urdf", "curobo", "json", "mjcf", "srdf", "xrdf"]),
         help="Format of the spheres. Default: that of --out's ending, or h5.",
     )
+    visual: bool = option(is_flag=True, help="A link in which nothing collides gets spheres for what is seen of it.")
+    ignore: str | None = option(
+        type=click.Choice(list(IGNORED)),
+        help="Pairs of links for the planner to ignore: adjacent ones and those that touch in every pose (always), "
+        "those that touch in the start pose too (default), or adjacent ones alone. Default: always.",
+    )
     compare: bool = option(
         is_flag=True, help="Beside --from: build as many spheres of each link, and print both. The file's are written."
     )
@@ -60,11 +75,12 @@ class RobotOptions(OptionGroup, heading="Robot"):
         from hhsim.linkage.file import names_a_linkage, read_robot
         from hhsim.robots.formats.registry import format_of
 
-        named = self.compare or (self.kind, self.total, self.rerun) != (None, None, None)
+        named = self.compare or self.visual or (self.kind, self.total, self.ignore, self.rerun) != (None,) * 4
         if not names_a_linkage(object_):
             if named:
                 raise click.UsageError(
-                    f"--as, --total, --compare and --rerun are for a robot, a URDF or MJCF file, and {object_} is none"
+                    "--as, --total, --visual, --ignore, --compare and --rerun are for a robot, a URDF or MJCF file, "
+                    f"and {object_} is none"
                 )
             return False
         named = named or (out is not None and format_of(out) not in ("", "h5"))
@@ -86,7 +102,7 @@ def robot_spheres(
     from hhsim.robots.formats.registry import FORMATS, format_of
     from hhsim.robots.link_spheres import build_in_all, build_links, link_meshes
     from hhsim.robots.robot_spheres import RobotSpheres
-    from hhsim.robots.touching_pairs import self_collision_ignore
+    from hhsim.robots.touching_pairs import touching_pairs
     from hhsim.system.atomic_write import write_atomically
     from hhsim.system.output_path import check_output_path, check_picture, holds
     from hhsim.trees.options import TreeOptions
@@ -106,9 +122,10 @@ def robot_spheres(
     start, compared = time.process_time(), []
     with progress(quiet=output.quiet) as report:
         report("read", 0, 1)
-        robot = read_robot(path)
+        robot = read_robot(path, robot_options.visual)
         meshes = link_meshes(robot, path, robot_options.link or "")
-        notes = [f"{mesh.name}: {note}" for mesh in meshes.values() for note in (*mesh.repairs, *mesh.warnings)]
+        notes = list(robot.notes)
+        notes += [f"{mesh.name}: {note}" for mesh in meshes.values() for note in (*mesh.repairs, *mesh.warnings)]
         if source is not None:
             built = _judged(robot, meshes, source, seed, notes)
             if robot_options.compare:
@@ -120,7 +137,10 @@ def robot_spheres(
         else:
             each = options or TreeOptions(leaves=USUAL_LEAVES, seed=seed)
             built = build_links(robot, meshes, dict.fromkeys(meshes, each), threads, report)
-        ignored = self_collision_ignore(robot, {name: each.spheres for name, each in built.items()}, seed)
+        spheres = {name: each.spheres for name, each in built.items()}
+        ignore = robot_options.ignore or "always"
+        ignored, touching = touching_pairs(robot, spheres, seed, ignore)
+        notes += _told(touching)
     found = RobotSpheres(robot, path, tuple(built.values()), ignored)
     write_atomically(out, format_.write(found))
     if plot is not None:
@@ -137,9 +157,10 @@ def robot_spheres(
         print_json(
             _document(found, seconds)
             | {"as": name, "path": str(out), "plot": plot and str(plot), "notes": notes, "compared": compared}
+            | {"touching": [pair._asdict() for pair in touching]}
         )
     elif not output.quiet:
-        _print(found, seconds)
+        _print(found, seconds, ignore)
         if compared:
             print_table(Table(COMPARED, compared, f"{counted(len(built), 'link')}, as many spheres of each"))
         print_line(f"{counted(sum(each.fit.spheres for each in found.links), 'sphere')}, written to {out}")
@@ -171,6 +192,21 @@ def _judged(
             in_doubt = doubt(link.mesh, link.fit.protrusion_max, link.fit.surface_gap_mean)
         notes += [f"{name}: {in_doubt}"] if in_doubt else []
     return found
+
+
+def _told(touching: "Sequence[Touching]") -> Iterator[str]:
+    """Return what a planner that compares these pairs would find."""
+    start = [f"{pair.one} and {pair.other} by {1e3 * pair.depth:.1f} mm" for pair in touching if pair.depth > 0.0]
+    often = [f"{pair.one} and {pair.other} in {100.0 * pair.share:.0f} %" for pair in touching if pair.depth <= 0.0]
+    if start:
+        yield f"spheres of links touch in the start pose: {_first(start)}; --ignore default lists them for the planner"
+    if often:
+        yield f"spheres of links touch in most poses: {_first(often)}; fewer do with more spheres"
+
+
+def _first(texts: list[str]) -> str:
+    more = len(texts) - MOST_TOLD
+    return ", ".join(texts[:MOST_TOLD]) + (f" and {counted(more, 'more pair')}" if more > 0 else "")
 
 
 def _in_all(name: str, links: "Mapping[str, LinkSpheres]") -> dict[str, Any]:
@@ -236,7 +272,7 @@ def fit_columns(of: str = "") -> tuple[Any, ...]:
     )
 
 
-def _print(found: "RobotSpheres", seconds: float) -> None:
+def _print(found: "RobotSpheres", seconds: float, kind: str) -> None:
     columns = (words("link", "name"), *fit_columns("fit"), number("CPU", "cpu_seconds", "s", 2))
     print_table(Table(columns, found.links, f"{found.robot.name}: {counted(len(found.links), 'link')}"))
     bare = [link.name for link in found.links if not link.proved]
@@ -245,7 +281,7 @@ def _print(found: "RobotSpheres", seconds: float) -> None:
     else:
         print_line("proved: every triangle of every link lies in its spheres")
     pairs = sum(map(len, found.ignored.values()))
-    print_line(f"{counted(pairs, 'pair')} of links adjacent or touching in every one of 10,000 poses")
+    print_line(f"{counted(pairs, 'pair')} of links {IGNORED[kind]}")
     cached = sum(link.cached for link in found.links)
     print_line(
         f"{seconds:.1f} s of CPU{f', {cached} of {len(found.links)} links read from the cache' if cached else ''}"
@@ -268,6 +304,6 @@ def _document(found: "RobotSpheres", seconds: float) -> dict[str, Any]:
         ],
         "spheres": sum(link.fit.spheres for link in found.links),
         "collision_spheres": {name: each.tolist() for name, each in found.spheres.items()},
-        "self_collision_ignore": found.ignored,
+        "self_collision_ignore": {one: list(others) for one, others in found.ignored.items()},
         "cpu_seconds": seconds,
     }

@@ -6,6 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 from hhsim.errors import DamagedFileError, InputError, named
 from hhsim.linkage.linkage import Linkage
@@ -79,11 +80,20 @@ def _read(path: Path, what: str, _changed: int) -> Any:
         raise InputError(str(error)) from None
 
 
-def _root(path: Path) -> ElementTree.Element:
+def read_xml(path: Path) -> ElementTree.Element:
+    """Return the first element of a file; prefixes stay in the names, bound or not. InputError if it is no XML."""
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    parser.CharacterDataHandler = builder.data
     try:
-        root = ElementTree.fromstring(read_input(path, MOST_BYTES))
-    except (OSError, ElementTree.ParseError) as error:
+        parser.Parse(read_input(path, MOST_BYTES), True)
+    except (OSError, expat.ExpatError) as error:
         raise InputError(f"no XML: {error}; expected a URDF or an MJCF file") from None
+    return builder.close()
+
+
+def _root(path: Path) -> ElementTree.Element:
+    root = read_xml(path)
     if root.tag not in ("robot", "mujoco"):
         raise InputError(f"its first element is <{root.tag}>; expected <robot> (URDF) or <mujoco> (MJCF)")
     return root

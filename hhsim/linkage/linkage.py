@@ -222,13 +222,13 @@ def required_limits(limits: tuple[float, float], type_: JointType) -> tuple[floa
     return least, most
 
 
-def required_inertial(mass: float, center: FloatArray, inertia: FloatArray) -> Inertial | None:
+def required_inertial(mass: float, center: FloatArray, inertia: FloatArray, most: float = LARGEST) -> Inertial | None:
     """Return mass, centre and inertia; None for a mass of 0, without an inertia where it is none of a solid.
 
-    Raises InputError for a negative mass, or what is no number.
+    Raises InputError for a negative mass, one above `most` [kg], or what is no number.
     """
-    if not 0.0 <= mass <= LARGEST:
-        raise InputError(f"its mass is {mass:g} kg; expected 0 to {LARGEST:g}")
+    if not 0.0 <= mass <= most:
+        raise InputError(f"its mass is {mass:g} kg; expected 0 to {most:g}")
     if not (np.abs(center) <= LARGEST).all() or not np.isfinite(inertia).all():
         raise InputError("its centre of mass or its inertia is no number, or too large; expected m and kg·m²")
     if mass == 0.0:
@@ -248,7 +248,7 @@ def required_shape(vertices: FloatArray) -> None:
         )
 
 
-def require_tree(links: Sequence[Link], joints: Sequence[LinkJoint], one_root: bool = True) -> None:
+def require_tree(links: Sequence[Link], joints: Sequence[LinkJoint]) -> None:
     """Raise InputError for names given twice, joints of links that there are not, circles, several roots, no links."""
     names = [link.name for link in links]
     if not names:
@@ -279,7 +279,7 @@ def require_tree(links: Sequence[Link], joints: Sequence[LinkJoint], one_root: b
                 circle = " on ".join(chain[chain.index(chain[-1]) :])
                 raise InputError(f"joints in a circle: {circle}; expected one link that hangs on no other")
     roots = [name for name in names if name not in bearers]
-    if one_root and len(roots) > 1:
+    if len(roots) > 1:
         raise InputError(f"links {', '.join(roots[:4])} hang on no joint; expected one such link")
 
 

@@ -1,5 +1,6 @@
 """MJCF (mujoco.readthedocs.io): bodies and joints of a `<mujoco>`, as MuJoCo compiles them."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 from xml.etree.ElementTree import Element
@@ -18,6 +19,7 @@ from hhsim.linkage.linkage import (
     Link,
     Linkage,
     LinkJoint,
+    Mimic,
     merged_linkage,
     required_axis,
     required_inertial,
@@ -81,6 +83,7 @@ class _Model:
     def __init__(self, model: Any, mujoco: Any, round_factor: float) -> None:
         self.round_factor = round_factor
         self.model, self.kinds, self.joint_kinds = model, mujoco.mjtGeom, mujoco.mjtJoint
+        self.equalities = mujoco.mjtEq
         self.names = [model.body(body).name or f"body{body}" for body in range(model.nbody)]
         self.notes: list[str] = []
         self.table: float | None = None
@@ -104,13 +107,39 @@ class _Model:
     def robot(self, name: str, looks: bool) -> Robot:
         if self.model.ngeom > MOST_GEOMS:
             raise InputError(f"{self.model.ngeom:,} geoms; expected {MOST_GEOMS:,} at most")
-        links, joints = [Link(self.names[0])], []
+        links, joints, seen = [Link(self.names[0])], [], []
         for body in range(1, self.model.nbody):
             moving = self.moving_joints(body)
             links += [Link(joint.child) for joint in moving[:-1]]
             links.append(self.robot_link(body, looks))
             joints += moving
-        return robot_of(name, links, joints)
+            if not links[-1].shapes and self.model.body_geomnum[body]:
+                seen.append(links[-1].name)
+        mimics = self.mimics()
+        joints = [replace(joint, mimic=mimics.get(joint.name)) for joint in joints]
+        return robot_of(name, links, joints, self.notes, seen)
+
+    def mimics(self) -> dict[str, Mimic]:
+        """Return what joints follow by equalities of two joints; notes say which equalities are left out."""
+        model, found = self.model, dict[str, Mimic]()
+        for row in range(model.neq):
+            one, other = int(model.eq_obj1id[row]), int(model.eq_obj2id[row])
+            offset, factor, *curved = model.eq_data[row, :5].tolist()
+            kind = self.equalities(int(model.eq_type[row]))
+            if not model.eq_active0[row]:
+                continue
+            if kind == self.equalities.mjEQ_JOINT and other >= 0 and not any(curved):
+                follower, chain = self._joint(one), [self._joint(other)]
+                while chain[-1] in found:
+                    chain.append(found[chain[-1]].leader)
+                if follower not in (*found, *chain):
+                    # Both values count from those of the file's scene.
+                    start, leads = (float(model.qpos0[model.jnt_qposadr[joint]]) for joint in (one, other))
+                    found[follower] = Mimic(chain[0], factor, start + offset - factor * leads)
+                    continue
+            name, word = model.eq(row).name or f"number {row}", kind.name.removeprefix("mjEQ_").lower()
+            self.notes.append(f"equality '{name}' ({word}) is left out: kept is what makes a joint follow another one")
+        return found
 
     def robot_link(self, body: int, looks: bool) -> Link:
         model = self.model
@@ -126,7 +155,7 @@ class _Model:
             ]
             shapes = tuple(self.shape(geom) for geom in geoms)
             round_ = np.array(balls) if balls and len(balls) == len(geoms) else None
-            return Link(self.names[body], shapes, self.inertial(body), balls=round_)
+            return Link(self.names[body], shapes, self.inertial(body, np.inf), balls=round_)
 
     @property
     def endless(self) -> tuple[Any, ...]:
@@ -215,11 +244,11 @@ class _Model:
         vertices = np.array(model.mesh_vert[first : first + count], np.float64)
         return vertices, np.array(model.mesh_face[start : start + faces], np.int64)
 
-    def inertial(self, body: int) -> Inertial | None:
+    def inertial(self, body: int, most: float = LARGEST) -> Inertial | None:
         model = self.model
         turn = rotation_matrix(model.body_iquat[body])
         inertia = matmul(turn * model.body_inertia[body], turn.T)
-        return required_inertial(float(model.body_mass[body]), np.array(model.body_ipos[body]), inertia)
+        return required_inertial(float(model.body_mass[body]), np.array(model.body_ipos[body]), inertia, most)
 
     def joint(self, body: int) -> LinkJoint:
         model, name = self.model, self.names[body]

@@ -1,6 +1,6 @@
 """A robot: every link of a URDF or MJCF by its own name, with what collides, and every joint, of whatever type."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from hhsim.errors import InputError
@@ -14,6 +14,7 @@ class Robot:
     name: str
     links: tuple[Link, ...]  # some have no shapes
     joints: tuple[LinkJoint, ...]
+    notes: tuple[str, ...] = ()  # what was left out, one plain sentence each
 
     @property
     def solid(self) -> tuple[Link, ...]:
@@ -33,9 +34,14 @@ class Robot:
         raise InputError(f"no link '{name}'; it has {', '.join(link.name for link in self.solid)}")
 
 
-def robot_of(name: str, links: Sequence[Link], joints: Sequence[LinkJoint]) -> Robot:
-    """Return the robot of links and joints; InputError where they are no trees, or no joint leads a mimic."""
-    require_tree(links, joints, one_root=False)
+def robot_of(
+    name: str, links: Sequence[Link], joints: Sequence[LinkJoint], notes: Iterable[str] = (), seen: Sequence[str] = ()
+) -> Robot:
+    """Return the robot of links and joints; InputError where they are no tree, or no joint leads a mimic.
+
+    `seen` are links that only look: they have no shapes, and a note names them.
+    """
+    require_tree(links, joints)
     known = {joint.name: joint for joint in joints}
     for joint in joints:
         chain = [joint]
@@ -46,4 +52,6 @@ def robot_of(name: str, links: Sequence[Link], joints: Sequence[LinkJoint]) -> R
                 raise InputError(f"joint '{joint.name}': it mimics itself; expected a joint that moves by itself")
             chain.append(known[follows.leader])
     order = parents_first(links, {joint.child: joint for joint in joints})
-    return Robot(name, tuple(order), tuple(joints))
+    if seen:
+        notes = [*notes, f"{', '.join(seen)}: nothing there collides, so without spheres; --visual takes what is seen"]
+    return Robot(name, tuple(order), tuple(joints), tuple(notes))

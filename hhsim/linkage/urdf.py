@@ -51,13 +51,15 @@ def read_urdf(root: Element, path: Path) -> Linkage:
 def read_urdf_robot(root: Element, path: Path, looks: bool) -> Robot:
     """Return every link and joint of the `<robot>` of a file by its name, with what collides; errors as `read_urdf`.
 
-    Triangles of round shapes enclose them. With `looks`, a link that states no `<collision>` is as it looks.
+    Triangles of round shapes enclose them. With `looks`, a link that states no `<collision>` is as it looks. A mass
+    that cannot be is left out, with a note: spheres need none.
     """
-    meshes = _Meshes(path, ENCLOSING)
+    meshes, notes, elements = _Meshes(path, ENCLOSING), list[str](), root.findall("link")
     _require_plain(root)
-    links = [_link(element, meshes, looks) for element in root.findall("link")]
+    links = [_link(element, meshes, looks, notes) for element in elements]
     joints = [_joint(element, [], of_scene=False) for element in root.findall("joint")]
-    return robot_of(root.get("name") or path.stem, links, joints)
+    seen = [link.name for link, each in zip(links, elements) if not link.shapes and each.find("visual") is not None]
+    return robot_of(root.get("name") or path.stem, links, joints, notes, seen)
 
 
 class _Meshes:
@@ -74,7 +76,8 @@ class _Meshes:
 
 
 def _require_plain(root: Element) -> None:
-    if any("}" in element.tag and "xacro" in element.tag for element in root.iter() if isinstance(element.tag, str)):
+    prefixes = {key.removeprefix("xmlns:") for key, value in root.attrib.items() if "xacro" in value} | {"xacro"}
+    if any(element.tag.partition(":")[0] in prefixes for element in root.iter() if ":" in element.tag):
         raise InputError("it has macros of xacro; expected a URDF: xacro FILE > FILE.urdf")
 
 
@@ -93,7 +96,8 @@ def mesh_file(name: str, path: Path) -> Path:
     return next((found for found in tries if found.is_file()), path.parent / plain)
 
 
-def _link(element: Element, meshes: _Meshes, looks: bool = True) -> Link:
+def _link(element: Element, meshes: _Meshes, looks: bool = True, notes: list[str] | None = None) -> Link:
+    """Return a link; one of a robot takes any mass, and `notes` say which is left out."""
     name = _name(element)
     with named(f"link '{name}'"):
         # What touches is what collides; a link that states no such shape is as it looks.
@@ -103,7 +107,14 @@ def _link(element: Element, meshes: _Meshes, looks: bool = True) -> Link:
         value = None if friction is None else _numbers(friction, "value", 1)[0]
         if value is not None and not 0.0 <= value <= LARGEST:
             raise InputError(f'<lateral_friction value="{value:g}">; expected 0 or more')
-        inertial = element.find("inertial")
+        inertial = None
+        try:
+            inertial = _inertial(element.find("inertial"), LARGEST if notes is None else math.inf)
+        except InputError as error:
+            if notes is None:
+                raise
+            fault = str(error).partition(";")[0]
+            notes.append(f"link '{name}': {fault}: the mass is left out, since spheres need none")
         spheres = [(_origin(each), each.find("geometry/sphere")) for each in shown]
         balls = [
             [*place.position.tolist(), _sizes(sphere, "radius", 1)[0]]
@@ -111,7 +122,7 @@ def _link(element: Element, meshes: _Meshes, looks: bool = True) -> Link:
             if sphere is not None
         ]
         round_ = np.array(balls) if balls and len(balls) == len(shown) else None
-        return Link(name, shapes, None if inertial is None else _inertial(inertial), value, balls=round_)
+        return Link(name, shapes, inertial, value, balls=round_)
 
 
 def _shape(element: Element, meshes: _Meshes) -> Triangles:
@@ -150,7 +161,9 @@ def _triangles(shape: Element, meshes: _Meshes) -> Triangles:
     return vertices * factors, faces[:, ::-1] if np.prod(np.broadcast_to(factors, 3)) < 0.0 else faces
 
 
-def _inertial(element: Element) -> Inertial | None:
+def _inertial(element: Element | None, most: float) -> Inertial | None:
+    if element is None:
+        return None
     mass, inertia = element.find("mass"), element.find("inertia")
     value = 0.0 if mass is None else float(_numbers(mass, "value", 1)[0])
     frame = _origin(element)
@@ -159,7 +172,7 @@ def _inertial(element: Element) -> Inertial | None:
         for i, j, key in ((0, 0, "ixx"), (0, 1, "ixy"), (0, 2, "ixz"), (1, 1, "iyy"), (1, 2, "iyz"), (2, 2, "izz")):
             moments[i, j] = moments[j, i] = _numbers(inertia, key, 1, "0")[0]
     turned = matmul(matmul(frame.rotation, moments), frame.rotation.T)
-    return required_inertial(value, frame.position, turned)
+    return required_inertial(value, frame.position, turned, most)
 
 
 def _joint(element: Element, notes: list[str], of_scene: bool = True) -> LinkJoint:

@@ -7,13 +7,16 @@ from hhsim.kernels.cover.inscribed_sphere import depths_at
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
 from hhsim.kernels.mesh.winding_number import WindingMoments
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.topology import part_labels
 
 
 def signed_bvh(mesh: Mesh) -> MeshBvh:
     """Build the hierarchy over a mesh [m], or its shell, that tells how deep a point lies inside."""
     shell = mesh.shell
     if shell is None:
-        return build_mesh_bvh(mesh.vertices, mesh.faces)
+        # Where parts touch, the closest face of a point in one of them may be the other's, which it is outside of.
+        has_parts = bool(part_labels(mesh.faces).any())
+        return build_mesh_bvh(mesh.vertices, mesh.faces, signed=not has_parts, by_winding=has_parts)
     if not len(shell.faces):
         return _sheets(mesh.vertices, shell.sheets)
     solid = build_mesh_bvh(shell.vertices, shell.faces, signed=False, by_winding=True)

@@ -242,10 +242,10 @@ class RunTicks:
         What a free body makes the hand do is no jump: its own way at the hand's joints is taken off. Ticks in which a
         part moves as recorded are left out: it may squeeze the hand out faster than it moves.
         """
-        if self.user is None and self.hand is None:
-            return np.full(1, np.nan)
         shown, user, both = self.columns[PLACED[0]], self.user, self.touch[1:] & self.touch[:-1]
         if user is None:
+            if self.hand is None:
+                return np.full(1, np.nan)
             haptic = (self.columns[f"haptic/{name}"] for name in HandConfiguration._fields)
             user = forward_kinematics(self.hand, *haptic).joints
         pushed = np.zeros(self.ticks - 1)

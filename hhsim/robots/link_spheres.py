@@ -1,5 +1,6 @@
 """Spheres of every link of a robot: each link's collision geometry as a mesh, its tree, and how that fits."""
 
+import hashlib
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ from hhsim.linkage.robot import Robot
 from hhsim.mesh.mesh import Mesh, with_inside
 from hhsim.mesh.shapes import Triangles, ellipsoid
 from hhsim.mesh.topology import merged_vertices
+from hhsim.reproducible import matmul
 from hhsim.robots.share_out import best_shares, share_out
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers
@@ -23,7 +25,7 @@ from hhsim.trees.fit import Fit, measure_fit
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.options import TreeOptions, needed_level
 from hhsim.trees.sphere_tree import SphereTree
-from hhsim.trees.surface_cover import greedy_bound
+from hhsim.trees.surface_cover import CanonicalFrame, canonical_frame, greedy_bound
 
 MOST_TRIANGLES = 500_000
 """Most triangles of a link: more take minutes, and no planner's collision mesh has them."""
@@ -57,7 +59,8 @@ def link_meshes(robot: Robot, path: Path, name: str = "") -> dict[str, Mesh]:
     with named(path):
         if not robot.solid:
             raise InputError(
-                "no link has collision geometry; expected <collision> elements (URDF) or geoms that collide (MJCF)"
+                "no link has collision geometry; expected <collision> elements (URDF) or geoms that collide (MJCF), or "
+                "--visual for what is seen"
             )
         links = [robot.link(name)] if name else robot.solid
         return {link.name: _surface(link.triangles, link.name, str(path)) for link in links}
@@ -128,22 +131,53 @@ def build_links(
     threads: int = 1,
     progress: Progress = silent,
 ) -> dict[str, LinkSpheres]:
-    """Build the spheres of the links that have options, several at once; errors name the link."""
+    """Build the spheres of the links that have options, several at once; errors name the link.
+
+    Links of one mesh, wherever it is in them, have the same spheres, which are built once.
+    """
     done = 0
 
-    def build(name: str) -> LinkSpheres:
+    def build(alike: list[tuple[str, CanonicalFrame]]) -> list[LinkSpheres]:
         nonlocal done
-        with named(f"link '{name}'"):
-            found = build_link(robot.link(name), meshes[name], options[name])
-        done += 1
-        progress("links", done, len(options))
+        found: list[LinkSpheres] = []
+        for name, frame in alike:
+            moved = _moved(found[0], alike[0][1], meshes[name], frame) if found else None
+            if moved is None:
+                with named(f"link '{name}'"):
+                    moved = build_link(robot.link(name), meshes[name], options[name])
+            found.append(moved)
+            done += 1
+            progress("links", done, len(options))
         return found
 
+    groups: dict[object, list[tuple[str, CanonicalFrame]]] = {}
+    for name, each in options.items():
+        mesh = meshes[name]
+        frame = canonical_frame(mesh.vertices[np.unique(mesh.faces)])
+        # Adding zero takes the sign off a zero.
+        corners = hashlib.sha256((frame.into(mesh.vertices)[mesh.faces] + 0.0).tobytes()).hexdigest()
+        key = name if robot.link(name).balls is not None else (corners, f"{frame.size:.9g}", each)
+        groups.setdefault(key, []).append((name, frame))
     # The largest first, so that no thread ends long after the others.
-    order = sorted(options, key=lambda name: -len(meshes[name].faces))
+    order = sorted(groups.values(), key=lambda alike: -len(meshes[alike[0][0]].faces))
     with Workers(threads) as workers:
-        found = dict(zip(order, workers.each(build, [(name,) for name in order])))
+        built = workers.each(build, [(alike,) for alike in order])
+    found = {each.name: each for links in built for each in links}
     return {name: found[name] for name in options}
+
+
+def _moved(built: LinkSpheres, frame: CanonicalFrame, mesh: Mesh, place: CanonicalFrame) -> LinkSpheres | None:
+    """Return the spheres of a link for one of the same mesh at another place, by the canonical frames of both.
+
+    None if the proof does not hold there, by rounding.
+    """
+    start = time.thread_time()
+    rotation = matmul(place.rotation.T, frame.rotation)
+    tree = built.tree.transformed(rotation, place.origin - matmul(rotation, frame.origin))
+    if tree.check(mesh):
+        return None
+    tree = replace(tree, mesh_sha256=mesh.sha256)
+    return replace(built, name=mesh.name, mesh=mesh, tree=tree, cpu_seconds=time.thread_time() - start)
 
 
 def build_in_all(

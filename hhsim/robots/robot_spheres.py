@@ -6,6 +6,7 @@ from pathlib import Path
 from hhsim.arrays import FloatArray
 from hhsim.linkage.robot import Robot
 from hhsim.robots.link_spheres import LinkSpheres
+from hhsim.robots.touching_pairs import Ignored
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,7 +16,7 @@ class RobotSpheres:
     robot: Robot
     source: Path  # the URDF or MJCF
     links: tuple[LinkSpheres, ...]
-    ignored: dict[str, list[str]]  # as of `hhsim.robots.touching_pairs.self_collision_ignore`
+    ignored: Ignored
 
     @property
     def spheres(self) -> dict[str, FloatArray]:

@@ -1,45 +1,66 @@
-"""Pairs of a robot's links whose spheres touch whatever the joints do: what a planner has to ignore."""
+"""Pairs of a robot's links whose spheres touch: what a planner has to ignore, and what it then still finds."""
 
 from collections.abc import Mapping
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.linkage.robot import Robot
-from hhsim.robots.poses import Poses, drawn_poses
+from hhsim.robots.poses import Poses, drawn_poses, start_poses
 
 POSES = 10_000
+KINDS = ("always", "default", "adjacent")
+"""What is ignored: adjacent links and those that touch in every pose; those of the start pose too; adjacent ones."""
+OFTEN = 0.5
 _FEW, _MOST_DISTANCES = 100, 2_000_000
 
+Ignored = dict[str, dict[str, str]]
+"""For links those further down the file that need not be compared, and why, in the words of an SRDF."""
 
-def self_collision_ignore(robot: Robot, spheres: Mapping[str, FloatArray], seed: int = 0) -> dict[str, list[str]]:
-    """Return for links those further down the file that need not be compared: adjacent ones, and what always touches.
+
+class Touching(NamedTuple):
+    """Two links that are compared although their spheres touch in the start pose, or in most poses."""
+
+    one: str
+    other: str
+    depth: float  # largest depth of a sphere in another one in the start pose [m]; negative where all are apart
+    share: float  # share of some drawn poses in which they touch
+
+
+def touching_pairs(
+    robot: Robot, spheres: Mapping[str, FloatArray], seed: int = 0, kind: str = "always"
+) -> tuple[Ignored, tuple[Touching, ...]]:
+    """Return the pairs of links that a planner is to ignore, and those that are left and touch nevertheless.
 
     Adjacent are links that a joint connects, or joints in a row with nothing but links without spheres between them.
-    Always is in each of `POSES` poses, drawn evenly within the limits of the joints. Links that hang on different roots
-    have no place to each other.
+    Always is in each of `POSES` poses, drawn evenly within the limits of the joints, and default in the start pose.
 
     Args:
         robot: Links and joints.
         spheres: Centres and radii [m], shape (n, 4), of links by their name.
         seed: Seed of the poses.
+        kind: One of `KINDS`.
     """
-    pairs = adjacent_links(robot, spheres)
+    adjacent, start = adjacent_links(robot, spheres), start_poses(robot)
     poses = drawn_poses(robot, POSES, np.random.default_rng(seed))
-    ignored: dict[str, list[str]] = {}
-    names = [link.name for link in robot.links if link.name in spheres]
-    above = {joint.child: joint.parent for joint in robot.joints}
-    root: dict[str, str] = {}
-    for link in robot.links:
-        root[link.name] = root.get(above.get(link.name, ""), link.name)
-    for one, other in combinations(names, 2):
-        is_adjacent = frozenset((one, other)) in pairs
-        if is_adjacent or (
-            root[one] == root[other] and _always_touch((poses[one], spheres[one]), (poses[other], spheres[other]))
-        ):
-            ignored.setdefault(one, []).append(other)
-    return ignored
+    ignored: Ignored = {}
+    left = []
+    for one, other in combinations([link.name for link in robot.links if link.name in spheres], 2):
+        if frozenset((one, other)) in adjacent:
+            ignored.setdefault(one, {})[other] = "Adjacent"
+            continue
+        drawn = (poses[one], spheres[one]), (poses[other], spheres[other])
+        depth = float(_depths((start[one], spheres[one]), (start[other], spheres[other]), slice(None))[0])
+        share = float((_depths(*drawn, slice(0, _FEW)) >= 0.0).mean())
+        if kind != "adjacent" and share == 1.0 and _always_touch(*drawn):
+            ignored.setdefault(one, {})[other] = "Always"
+        elif kind == "default" and depth >= 0.0:
+            ignored.setdefault(one, {})[other] = "Default"
+        elif depth > 0.0 or share > OFTEN:
+            left.append(Touching(one, other, depth, share))
+    return ignored, tuple(sorted(left, key=lambda pair: -pair.depth))
 
 
 def adjacent_links(robot: Robot, spheres: Mapping[str, FloatArray]) -> set[frozenset[str]]:
@@ -56,16 +77,16 @@ def adjacent_links(robot: Robot, spheres: Mapping[str, FloatArray]) -> set[froze
 
 
 def _always_touch(one: tuple[Poses, FloatArray], other: tuple[Poses, FloatArray]) -> bool:
-    """Return True if links, given by poses and spheres, touch in each pose; most pairs are settled by a few poses."""
+    """Return True if links, given by poses and spheres, touch in each pose."""
+    step = max(1, _MOST_DISTANCES // (len(one[1]) * len(other[1])))
+    parts = (slice(begin, begin + step) for begin in range(0, len(one[0][1]), step))
+    return all((_depths(one, other, part) >= 0.0).all() for part in parts)
+
+
+def _depths(one: tuple[Poses, FloatArray], other: tuple[Poses, FloatArray], part: slice) -> FloatArray:
+    """Return the largest depth of a sphere of a link in one of another link [m] in some poses, negative apart."""
     ((turn, place), spheres), ((other_turn, other_place), other_spheres) = one, other
-    step = max(1, _MOST_DISTANCES // (len(spheres) * len(other_spheres)))
-    begin, count = 0, min(_FEW, step)
-    while begin < len(place):
-        part = slice(begin, begin + count)
-        first = spheres[:, :3] @ turn[part].transpose(0, 2, 1) + place[part, None]
-        second = other_spheres[:, :3] @ other_turn[part].transpose(0, 2, 1) + other_place[part, None]
-        apart = np.linalg.norm(first[:, :, None] - second[:, None], axis=3) - spheres[:, 3, None] - other_spheres[:, 3]
-        if (apart.min(axis=(1, 2)) > 0.0).any():
-            return False
-        begin, count = begin + count, step
-    return True
+    first = spheres[:, :3] @ turn[part].transpose(0, 2, 1) + place[part, None]
+    second = other_spheres[:, :3] @ other_turn[part].transpose(0, 2, 1) + other_place[part, None]
+    apart = np.linalg.norm(first[:, :, None] - second[:, None], axis=3) - spheres[:, 3, None] - other_spheres[:, 3]
+    return np.asarray(-apart.min(axis=(1, 2)))

@@ -38,11 +38,13 @@ class _Descent(NamedTuple):
 
 
 _DESCENT = _Descent(40, 15, 0.05, 1e-3, 8.0, 300.0, exchanged=4)
-"""Descent from each start."""
+"""Descent from the best starts."""
+_FIRST, _GO_ON = _DESCENT._replace(cycles=8), 3
+"""Short descent from each start, which tells the best; one of so many goes on, and two at least."""
 _POLISHES = _Descent(1, 30, 0.15, 1e-2, 60.0, 300.0), _Descent(1, 30, 0.05, 3e-3, 60.0, 1000.0)
 """Descents with new points, in turn, from the best ends; lengths are shares of the largest cost."""
-_TURNS = 40
-"""Number of these descents."""
+_TURNS, _PATIENCE = 40, 6
+"""Most of these descents, and how many of them may bring nothing one after another."""
 _ACTIVE = 0.7
 """Cost of the points that count then, as a share of the largest; steps are too short for the others to matter."""
 _DEAR = 0.98
@@ -164,7 +166,7 @@ class _Search:
     def polish(self, center: FloatArray) -> tuple[float, FloatArray]:
         """Move spheres until no place between the points costs more than they do; return the cost and the centres."""
         points, center = self.points, center.copy()
-        least, best = np.inf, center.copy()
+        least, best, stalled = np.inf, center.copy(), 0
         piece, cost = np.empty((len(self.micro.corner), 9)), np.empty(len(self.micro.corner))
         for turn in range(_TURNS):
             now = self.owners(points, center, self.depth(center))[1]
@@ -174,8 +176,11 @@ class _Search:
             how = how._replace(longest=how.longest * most, shortest=how.shortest * most)
             known = self.descend(np.ascontiguousarray(points[:, now > _ACTIVE * most]), how, center)
             worst = find_dearest(self.micro.corner, center, self.depth(center), _DOUBT, known, piece, cost)
+            stalled = 0 if worst < least * (1.0 - _DOUBT) else stalled + 1
             if worst < least:
                 least, best = worst, center.copy()
+            if stalled == _PATIENCE:
+                break
             if worst > known * (1.0 + _DOUBT):
                 new = piece[cost > _DEAR * known].reshape(-1, 3)
                 points = np.ascontiguousarray(np.concatenate([points, new.T], axis=1))
@@ -241,7 +246,13 @@ def fewest_spheres(
     workers = workers or Workers()
     search = _Search(mesh, spheres, minimise)
     starts = search.starts()
-    costs = workers.each(lambda center: search.descend(search.points, _DESCENT, center), ((one,) for one in starts))
+
+    def descend(how: _Descent) -> list[float]:
+        return workers.each(lambda center: search.descend(search.points, how, center), ((one,) for one in starts))
+
+    best = np.argsort(descend(_FIRST), kind="stable")
+    starts = [starts[i] for i in best[: max(2, len(starts) // _GO_ON)]]
+    costs = descend(_DESCENT)
     progress("cover", 1, 3)
     # So that no cover is worse than the greedy one.
     greedy = mesh.frame.into(cover_of(mesh, spheres)[0])

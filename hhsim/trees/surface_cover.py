@@ -12,7 +12,7 @@ from hhsim.kernels.cover import greedy_cover as kernel
 from hhsim.kernels.cover.micro_triangle import MicroTriangles, cut_mesh, edges_for, halve
 from hhsim.kernels.cover.sphere_descent import move_spheres
 from hhsim.kernels.kd_tree import subtrees
-from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals
+from hhsim.kernels.mesh.bvh import MeshBvh, face_normals
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.own_triangles import places_in
 from hhsim.mesh.shell import Shell
@@ -274,11 +274,9 @@ def in_own_frame(mesh: Mesh) -> MeshInFrame:
     frame = canonical_frame(vertices[np.unique(faces)])
     inside = frame.into(vertices)
     normal = face_normals(inside, faces)
-    if mesh.shell is None:
-        bvh = build_mesh_bvh(inside, faces)
-    else:
-        shell = mesh.shell._replace(vertices=frame.into(mesh.shell.vertices))
-        bvh = signed_bvh(replace(mesh, vertices=inside, shell=shell))
+    shell = mesh.shell and mesh.shell._replace(vertices=frame.into(mesh.shell.vertices))
+    bvh = signed_bvh(replace(mesh, vertices=inside, shell=shell))
+    if shell is not None:
         normal = _inner_sides(inside, faces, normal, shell, bvh)
     return MeshInFrame(
         np.ascontiguousarray(inside[faces]).reshape(-1, 9), normal, bvh, frame, float(np.abs(corner).max())

@@ -191,7 +191,8 @@ def _jumps(judge: JudgedTicks) -> Claim:
         )
     run = replace(ticks_alone(judge.result), hand=None, user=judge.wanted_posed.joints)
     found = np.array([run_figure(name, run) for name in JUMPS])
-    off = difference([as_number(judge.result.summary.get(name, np.inf)) for name in JUMPS], found)
+    stated = np.array([as_number(judge.result.summary.get(name, np.inf)) for name in JUMPS])
+    off = difference(stated, found)
     return judged(name, says, off, LENGTH, "m", WHY_LENGTH)
 
 

@@ -10,8 +10,9 @@ from sampled import sampled
 
 from hhsim.errors import InputError
 from hhsim.linkage import file as linkage_file
-from hhsim.linkage.file import read_linkage
-from hhsim.linkage.linkage import Linkage
+from hhsim.linkage.file import read_linkage, read_robot
+from hhsim.linkage.linkage import Linkage, Mimic
+from hhsim.robots.poses import link_poses
 from hhsim.system.child_reader import read_in_child
 
 mujoco = pytest.importorskip("mujoco", reason="pip install 'hhsim[mjcf]' brings MuJoCo")
@@ -219,3 +220,48 @@ def test_what_an_included_file_brings_is_refused_too(tmp_path: Path) -> None:
         InputError, match="a file that it includes has a <tendon>; expected joints that move by themselves"
     ):
         _read(tmp_path, BODY.format(HINGE), "", "<include file='more.xml'/>")
+
+
+FOLLOWS = (
+    '<body name="{0}" pos="0.1 0 0"><joint name="{0}" axis="0 0 1" ref="{1}"/>'
+    '<geom size="0.01" pos="0.05 0 0"/>{2}</body>'
+)
+
+
+def test_a_robots_joint_follows_another_by_an_equality_and_other_equalities_are_noted(tmp_path: Path) -> None:
+    bodies = FOLLOWS.format("x", 0.2, FOLLOWS.format("y", -0.3, FOLLOWS.format("z", 0.0, "")))
+    ties = (
+        '<joint joint1="y" joint2="x" polycoef="0.1 -0.5 0 0 0"/><joint joint1="z" joint2="y"/>'
+        '<joint joint1="y" joint2="x" active="false"/><joint name="back" joint1="x" joint2="z"/>'
+        '<joint name="held" joint1="x"/><joint name="bent" joint1="x" joint2="z" polycoef="0 1 1 0 0"/>'
+        '<weld name="tied" body1="x" body2="z"/>'
+    )
+    path = tmp_path / "robot.xml"
+    compiler = '<compiler angle="radian"/>'
+    path.write_text(f"<mujoco>{compiler}<worldbody>{bodies}</worldbody><equality>{ties}</equality></mujoco>")
+    robot = read_robot(path)
+    mimics = {each.name: each.mimic for each in robot.joints}
+    assert mimics["x"] is None and mimics["z"] == Mimic("y", 1.0, pytest.approx(0.3))
+    assert [note.split()[1:3] for note in robot.notes] == [
+        [f"'{name}'", f"({kind})"]
+        for name, kind in (("back", "joint"), ("held", "joint"), ("bent", "joint"), ("tied", "weld"))
+    ]
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    x = 0.9
+    y = -0.3 + 0.1 - 0.5 * (x - 0.2)
+    data.qpos[:] = x, y, y + 0.3
+    mujoco.mj_forward(model, data)
+    poses = link_poses(robot, {name: np.array([value]) for name, value in zip("xyz", (x, 7.0, 8.0))}, None)
+    for name in "xyz":
+        np.testing.assert_allclose(poses[name][1][0], data.body(name).xpos, atol=1e-12)
+
+
+def test_of_a_robot_a_body_that_only_looks_is_noted_and_any_mass_is_taken(tmp_path: Path) -> None:
+    seen = '<geom type="box" size="0.1 0.1 0.1" contype="0" conaffinity="0" mass="2000"/>'
+    path = tmp_path / "robot.xml"
+    path.write_text(f"<mujoco><worldbody>{BODY.format(HINGE)}<body name='seen'>{seen}</body></worldbody></mujoco>")
+    robot = read_robot(path)
+    assert robot.notes == ("seen: nothing there collides, so without spheres; --visual takes what is seen",)
+    found = read_robot(path, looks=True).link("seen").inertial
+    assert found is not None and found.mass == pytest.approx(2000.0)

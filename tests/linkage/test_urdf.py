@@ -12,7 +12,7 @@ from sampled import sampled
 
 from hhsim.errors import InputError
 from hhsim.linkage import file as linkage_file
-from hhsim.linkage.file import names_a_linkage, read_linkage
+from hhsim.linkage.file import names_a_linkage, read_linkage, read_robot
 from hhsim.linkage.linkage import Linkage
 from hhsim.mesh.shapes import ENCLOSING, capsule, cylinder
 from hhsim.scene.scene import open_scene
@@ -331,9 +331,10 @@ REFUSED = {
         r'joint \'b_joint\': <origin xyz="1e9 0 0">; expected numbers within',
     ),
     "xacro": (
-        '<robot xmlns:xacro="http://x/xacro" name="r"><xacro:macro/></robot>',
+        '<robot xmlns:x="http://x/xacro" name="r"><x:macro/></robot>',
         "macros of xacro; expected a URDF: xacro FILE > FILE.urdf",
     ),
+    "xacro unbound": ('<robot name="r"><xacro:macro/></robot>', "macros of xacro; expected a URDF"),
     "many links": (urdf(*(link(f"l{k}") for k in range(1001))), "1,001 links; expected 1,000 at most"),
 }
 
@@ -373,3 +374,35 @@ def test_entities_without_end_are_refused(tmp_path: Path) -> None:
 def test_a_linkage_is_known_by_its_suffix() -> None:
     assert names_a_linkage("a/b.urdf") and names_a_linkage("B.XML") and names_a_linkage("c.mjcf")
     assert not names_a_linkage("cube") and not names_a_linkage("a.stl") and not names_a_linkage("laptop.toml")
+
+
+MASS = '<inertial><mass value="{}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+
+
+@pytest.mark.parametrize(("mass", "kept"), [("1572.9", 1572.9), ("-1", None), ("nan", None), ("heavy", None)])
+def test_a_robot_has_any_mass_and_what_is_none_is_noted(tmp_path: Path, mass: str, kept: float | None) -> None:
+    (tmp_path / "arm.urdf").write_text(urdf(A, link("b", BOX.format("1 1 1") + MASS.format(mass)), joint("a", "b")))
+    robot = read_robot(tmp_path / "arm.urdf")
+    inertial = robot.link("b").inertial
+    assert (inertial and inertial.mass) == kept
+    assert [note.partition(":")[0] for note in robot.notes] == ([] if kept else ["link 'b'"])
+
+
+def test_elements_of_unbound_prefixes_are_left_out(tmp_path: Path) -> None:
+    more = '<vendor:acceleration value="2"><child link="c"/></vendor:acceleration>'
+    (tmp_path / "arm.urdf").write_text(urdf(A, B, joint("a", "b", more=more), "<vendor:link name='c'/>"))
+    robot = read_robot(tmp_path / "arm.urdf")
+    assert [each.name for each in robot.links] == ["a", "b"] and robot.joints[0].child == "b"
+
+
+def test_a_robot_has_one_root_and_says_what_only_looks(tmp_path: Path) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(urdf(A, link("b", BOX.format("1 1 1").replace("collision", "visual")), joint("a", "b")))
+    robot = read_robot(path)
+    assert [each.name for each in robot.solid] == ["a"]
+    assert robot.notes == ("b: nothing there collides, so without spheres; --visual takes what is seen",)
+    seen = read_robot(path, looks=True)
+    assert [each.name for each in seen.solid] == ["a", "b"] and seen.notes == ()
+    path.write_text(urdf(A, B, link("c"), joint("a", "b")))
+    with pytest.raises(InputError, match=r"arm\.urdf: links a, c hang on no joint; expected one such link"):
+        read_robot(path)

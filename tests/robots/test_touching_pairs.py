@@ -10,7 +10,7 @@ from robot_files import expected_tips, write_robot
 
 from hhsim.linkage.file import read_robot
 from hhsim.robots.poses import drawn_poses, link_poses
-from hhsim.robots.touching_pairs import adjacent_links, self_collision_ignore
+from hhsim.robots.touching_pairs import adjacent_links, touching_pairs
 
 
 def test_fingertips_are_where_the_closed_form_has_them_and_a_mimic_follows(tmp_path: Path) -> None:
@@ -60,7 +60,7 @@ def test_pairs_that_touch_in_every_pose_are_ignored_beside_adjacent_ones(tmp_pat
     robot = read_robot(write_arm(tmp_path))
     rng = np.random.default_rng(3)
     spheres = {one.name: np.column_stack([rng.normal(0, 0.03, (3, 3)), [0.05, 0.06, 0.07]]) for one in robot.solid}
-    found = self_collision_ignore(robot, spheres, seed=5)
+    found, _ = touching_pairs(robot, spheres, seed=5)
     pairs = {frozenset((one, other)) for one, others in found.items() for other in others}
     adjacent = adjacent_links(robot, spheres)
     assert frozenset(("lower", "ball")) in adjacent, "a frame without shapes is between them"
@@ -80,9 +80,25 @@ def test_pairs_that_touch_in_every_pose_are_ignored_beside_adjacent_ones(tmp_pat
     assert pairs == expected and len(expected) > len(adjacent)
 
 
-def test_links_on_different_roots_are_compared_wherever_they_are(tmp_path: Path) -> None:
-    path = tmp_path / "two.urdf"
-    path.write_text(urdf(link("a"), link("b"), link("c"), joint("a", "b", "fixed")))
-    robot = read_robot(path)
-    found = self_collision_ignore(robot, {name: np.array([[0.0, 0.0, 0.0, 0.1]]) for name in "abc"})
-    assert found == {"a": ["b"]}
+@pytest.mark.parametrize(
+    ("kind", "reason", "left"), [("always", "Always", ["c"]), ("default", "Always", []), ("adjacent", None, ["b", "c"])]
+)
+def test_links_that_touch_are_ignored_by_kind_or_told(
+    tmp_path: Path, kind: str, reason: str | None, left: list[str]
+) -> None:
+    # On a hub of no shape: b spins in reach of a, c leaves it, and d only passes by.
+    path = tmp_path / "hub.urdf"
+    slide = joint("b", "c", "prismatic", axis="1 0 0", limit='lower="0" upper="10"')
+    passing = joint("c", "d", "prismatic", axis="0 1 0", limit='lower="0.5" upper="9"')
+    names = "a", "h", "b", "c", "d"
+    path.write_text(
+        urdf(*map(link, names), joint("a", "h", "continuous"), joint("h", "b", "continuous"), slide, passing)
+    )
+    ball = np.array([[0.0, 0.0, 0.0, 0.1]])
+    spheres = {"a": ball, "h": ball + [9.0, 0, 0, 0], "b": ball, "c": ball - [0.05, 0, 0, 0], "d": ball}
+    found, touching = touching_pairs(read_robot(path), spheres, kind=kind)
+    assert found["a"].get("b") == reason and found["a"]["h"] == found["b"]["c"] == "Adjacent"
+    assert found["a"].get("c") == ("Default" if kind == "default" else None)
+    assert [pair.other for pair in touching if pair.one == "a"] == left
+    if left:
+        assert touching[-1].depth == pytest.approx(0.15) and 0.0 < touching[-1].share < 0.2

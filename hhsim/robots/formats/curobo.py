@@ -12,6 +12,7 @@ from hhsim.errors import InputError
 from hhsim.robots.formats.registry import RobotFormat, Spheres
 from hhsim.robots.numbers import checked_spheres, digits, row, word
 from hhsim.robots.robot_spheres import RobotSpheres
+from hhsim.robots.touching_pairs import Ignored
 from hhsim.system.input_file import read_input_text
 
 ACCELERATION, JERK = 15.0, 500.0
@@ -73,9 +74,9 @@ def spheres_lines(spheres: Mapping[str, FloatArray], indent: str) -> list[str]:
     return lines
 
 
-def ignore_lines(ignored: Mapping[str, Sequence[str]], indent: str) -> list[str]:
+def ignore_lines(ignored: Ignored, indent: str) -> list[str]:
     """Return the lines of a mapping from links to links that are not compared with them."""
-    return [f"{indent}{word(name)}: {_flow(others)}" for name, others in ignored.items()]
+    return [f"{indent}{word(name)}: {_flow(list(others))}" for name, others in ignored.items()]
 
 
 def _flow(names: Sequence[str]) -> str:

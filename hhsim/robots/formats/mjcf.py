@@ -1,13 +1,16 @@
 """MJCF of MuJoCo: bodies and joints of the robot, its masses where they are known, and spheres for geoms."""
 
+from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from hhsim.errors import InputError
 from hhsim.hand.quaternion import quaternion_from_matrix
+from hhsim.linkage.file import read_robot
 from hhsim.linkage.linkage import WORLD, Inertial, LinkJoint
 from hhsim.reproducible import matmul
-from hhsim.robots.formats.registry import RobotFormat
+from hhsim.robots.formats.registry import RobotFormat, Spheres
 from hhsim.robots.numbers import digits, row
 from hhsim.robots.robot_spheres import RobotSpheres
 
@@ -98,4 +101,14 @@ def _inertial(inertial: Inertial) -> str:
     return f'<inertial pos="{row(center)}" mass="{digits(inertial.mass)}" fullinertia="{row(moments)}"/>'
 
 
-FORMAT = RobotFormat((".xml", ".mjcf"), b"<mujoco", write_mjcf)
+def read_mjcf_spheres(path: Path) -> Spheres:
+    """Read the spheres of each body; a body with other geoms that collide too is an InputError."""
+    found = {}
+    for link in read_robot(path).solid:
+        if link.balls is None:
+            raise InputError(f"body '{link.name}' has other shapes than spheres; expected spheres alone")
+        found[link.name] = link.balls
+    return found
+
+
+FORMAT = RobotFormat((".xml", ".mjcf"), b"<mujoco", write_mjcf, read_mjcf_spheres)

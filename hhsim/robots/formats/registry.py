@@ -20,7 +20,7 @@ class RobotFormat:
     suffixes: tuple[str, ...]  # the first one is that of a file that is named by hhsim
     mark: bytes  # stands in every such file
     write: Callable[[RobotSpheres], bytes]  # InputError where the format cannot hold the robot
-    read: Callable[[Path], Spheres] | None = None  # InputError names what is wrong; None for one that is not read
+    read: Callable[[Path], Spheres]  # InputError names what is wrong
 
 
 FORMATS = Registry[RobotFormat]("hhsim.robots.formats", "FORMAT", "format of a robot's spheres", first=("h5", "urdf"))
@@ -34,16 +34,15 @@ def format_of(path: Path) -> str:
 def read_spheres(path: Path) -> Spheres:
     """Read the spheres of each link from a file of any format; InputError for one that has none."""
     name = format_of(path)
-    read = FORMATS[name].read if name else None
-    if read is None:
-        known = [suffix for each in FORMATS.values() if each.read is not None for suffix in each.suffixes]
+    if not name:
+        known = [suffix for each in FORMATS.values() for suffix in each.suffixes]
         raise InputError(f"{path}: expected spheres of links, a file that ends in {', '.join(known)}")
     try:
-        found = read(path)
+        found = FORMATS[name].read(path)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}; expected spheres of links") from None
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
     if not found:
         raise InputError(f"{path}: no link has spheres")
     return found

@@ -12,6 +12,7 @@ from robot_arms import write_arm
 
 from hhsim.cli.build_tree import command
 from hhsim.robots.formats.registry import FORMATS
+from hhsim.robots.link_spheres import build_link
 
 
 @pytest.mark.quick("2")
@@ -150,10 +151,7 @@ def write_many(path: Path, strips: int) -> None:
         (["arm.urdf", "--as", "urdf", "--out", "a.yml"], "--out a.yml: expected a file that ends in .urdf (--as urdf)"),
         (["arm.urdf", "--link", "palm", "--as", "h5"], "arm.urdf: no link 'palm'; it has base, turret"),
         (["arm.urdf", "--from", "other.yml"], "other.yml: spheres of hull; expected some of base, turret"),
-        (
-            ["cube", "--as", "urdf"],
-            "--as, --total, --compare and --rerun are for a robot, a URDF or MJCF file, and cube is none",
-        ),
+        (["cube", "--ignore", "default"], "--rerun are for a robot, a URDF or MJCF file, and cube is none"),
         (["arm.urdf", "--out", "arm.urdf"], "arm.urdf is an input of this command"),
     ],
 )
@@ -190,3 +188,63 @@ def test_a_link_of_a_robot_that_no_scene_can_have_is_built_by_its_name(run: Run,
     answer = run("build-tree", "arm.urdf", "--link", "left", "--level", "1", "--out", "left.h5", "--json")
     assert answer.code == 0, answer.err
     assert json.loads(answer.out)["object"] == "left"
+
+
+def test_what_only_looks_is_noted_and_taken_on_request(run: Run, tmp_path: Path) -> None:
+    seen = '<visual><geometry><box size="0.1 0.06 0.02"/></geometry></visual>'
+    (tmp_path / "arm.urdf").write_text(
+        urdf(
+            link("a"),
+            link("b", seen),
+            link("c", seen + seen.replace("<geom", '<origin xyz="1 0 0"/><geom', 1)),
+            joint("a", "b"),
+            joint("b", "c"),
+        )
+    )
+    answer = run("build-tree", "arm.urdf", "--leaves", "2", "--as", "urdf", "--out", "spheres.urdf")
+    assert answer.code == 0 and "note: b, c: nothing there collides" in answer.err
+    answer = run(
+        "build-tree", "arm.urdf", "--visual", "--leaves", "2", "--as", "urdf", "--out", "spheres.urdf", "--json"
+    )
+    assert answer.code == 0 and json.loads(answer.out)["notes"] == []
+    text = (tmp_path / "spheres.urdf").read_text()
+    assert text.count("<visual>") == 3 and text.count("<collision>") == 6
+    judged = run(
+        "build-tree", "arm.urdf", "--visual", "--from", "spheres.urdf", "--as", "srdf", "--out", "s.srdf", "--json"
+    )
+    assert [each["spheres"] for each in json.loads(judged.out)["links"]] == [2, 2, 2]
+    again = run("build-tree", "arm.urdf", "--visual", "--from", "s.srdf", "--json")
+    assert json.loads(again.out)["collision_spheres"] == json.loads(judged.out)["collision_spheres"]
+
+
+@pytest.mark.parametrize("kind", ["always", "default"])
+def test_spheres_that_touch_in_the_start_pose_are_told_or_listed(run: Run, tmp_path: Path, kind: str) -> None:
+    turns = joint("a", "b", origin='xyz="0.1 0 0"'), joint("b", "c", origin='xyz="-0.15 0 0"')
+    (tmp_path / "arm.urdf").write_text(urdf(link("a"), link("b"), link("c"), *turns))
+    answer = run(
+        "build-tree", "arm.urdf", "--leaves", "1", "--ignore", kind, "--as", "srdf", "--out", "arm.srdf", "--json"
+    )
+    assert answer.code == 0, answer.err
+    found = json.loads(answer.out)
+    told = [note for note in found["notes"] if "touch in the start pose: a and c by" in note]
+    assert len(told) == len(found["touching"]) == (kind == "always")
+    assert ('link1="a" link2="c" reason="Default"' in (tmp_path / "arm.srdf").read_text()) is (kind == "default")
+    assert found["self_collision_ignore"]["a"] == (["b", "c"] if kind == "default" else ["b"])
+
+
+def test_a_mesh_of_several_links_is_built_once(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_box(tmp_path / "box.obj", (0.1, 0.06, 0.02))
+    mesh = '<collision><origin xyz="{}" rpy="{}"/><geometry><mesh filename="box.obj"/></geometry></collision>'
+    places = ("0 0 0", "0 0 0"), ("0.1 0.2 0.3", "0.4 0.5 0.6"), ("0.1 0 0", "3.14159 0 0")
+    links = [link(name, mesh.format(*place)) for name, place in zip("abc", places)]
+    (tmp_path / "arm.urdf").write_text(urdf(*links, joint("a", "b"), joint("b", "c")))
+    calls = []
+    monkeypatch.setattr(
+        "hhsim.robots.link_spheres.build_link", lambda *given: calls.append(given) or build_link(*given)
+    )
+    answer = run("build-tree", "arm.urdf", "--leaves", "3", "--as", "h5", "--out", "arm.h5", "--json")
+    assert answer.code == 0 and len(calls) == 1
+    links = json.loads(answer.out)["links"]
+    assert [each["proved"] for each in links] == [True] * 3 and len({each["bound"] for each in links}) == 1
+    judged = json.loads(run("build-tree", "arm.urdf", "--from", "arm.h5", "--as", "json", "--json").out)["links"]
+    assert all(each["proved"] and each["bound"] == pytest.approx(links[0]["bound"]) for each in judged)
