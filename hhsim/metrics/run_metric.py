@@ -65,7 +65,6 @@ class RunMetric(Figure):
     own_run: str = ""  # reason why it does not follow from the ticks, or ""
     # relative difference of a time between equal runs; infinite where single ticks decide; 0 for exact figures
     noise: float = 0.0
-    per_tick: bool = False  # True for a change from tick to tick
     judged: Judged | None = None  # judgement by the gate; None for none
     moving_hold: Figure | None = None  # display where the hold's input moves, as a live hand's does
     moving_hold_only: bool = False  # True if it is shown only there

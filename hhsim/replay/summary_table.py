@@ -104,7 +104,7 @@ def summary_rows(figures: Mapping[str, float], *, of_paper: bool = False) -> tup
         if name in figures and not (trembling and metric.moving_hold_only):
             figure = metric if trembling or metric.moving_hold is None else metric.moving_hold
             # The paper's change from tick to tick is that of the index finger's force alone.
-            paper = figure.paper if of_paper and not metric.per_tick else ""
+            paper = figure.paper if of_paper else ""
             rows.append(SummaryRow(figure, float(figures[name]), paper))
     return tuple(rows)
 

@@ -1,7 +1,7 @@
 """Rows of the paper's evaluation: the paper's figures, each method's, and our own bars."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -237,6 +237,10 @@ def _deepest(runs: Sequence[SceneRun]) -> float:
     return max(float(run.depth.max(initial=0.0)) for run in runs)
 
 
+def _step(name: str) -> Callable[[SceneRun], float]:
+    return lambda run: run.steps[name]
+
+
 SCENE_COLUMNS = (
     Column("figure", "of the paper", of="scenario.figure"),
     Column("object", "object of the catalogue", of="scenario.object_name"),
@@ -279,7 +283,7 @@ SCENE_COLUMNS = (
         "index_variation_trembling", "index force in the hold, glove's sensors and trembling palm, mean", "%",
         lambda run: _index_variation(run, "trembling"),
     ),
-    *(metric_column(name, of=f"steps.{name}") for name in STEPS),
+    *(metric_column(name, of=_step(name)) for name in STEPS),
     Column("touches", "demanded touches", of=lambda run: len(run.touches)),
     Column("touches_missed", "demanded touches that did not happen", of=lambda run: len(run.missed)),
     metric_column("stuck_ticks", of=lambda run: int(run_figure("stuck_ticks", run.ticks))),

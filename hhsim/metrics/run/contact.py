@@ -62,11 +62,11 @@ METRICS = (
     ),
     RunMetric(
         "posture_jump_max", "largest jump of a shown joint in contact", digits=3, unit="mm", needs=JUMPS,
-        compute=_jump(1.0), per_tick=True, judged=Judged(rounding=1e-9, limit=JUMP), short="jump",
+        compute=_jump(1.0), judged=Judged(rounding=1e-9, limit=JUMP), short="jump",
     ),
     RunMetric(
         "posture_jump_p999", "jump of a shown joint in contact, p99.9", digits=3, unit="mm", needs=JUMPS,
-        compute=_jump(0.999), per_tick=True, judged=Judged(rounding=1e-9),
+        compute=_jump(0.999), judged=Judged(rounding=1e-9),
     ),
     RunMetric(
         "self_depth_graphic", "shown hand in itself, max", digits=2, unit="mm",

@@ -45,16 +45,16 @@ METRICS = (
     ),
     RunMetric(
         "force_contact_step", "largest force step in contact", digits=3, unit="N", needs=(TOTAL, TOUCHING),
-        compute=_step, per_tick=True, judged=Judged(rounding=1e-9), short="force step",
+        compute=_step, judged=Judged(rounding=1e-9), short="force step",
     ),
     RunMetric(
         "force_contact_step_share", "largest force step in contact, of the mean", digits=1, unit="%",
-        needs=(TOTAL, TOUCHING), compute=_step_share, per_tick=True, judged=Judged(rounding=1e-6, limit=FELT),
+        needs=(TOTAL, TOUCHING), compute=_step_share, judged=Judged(rounding=1e-6, limit=FELT),
     ),
     RunMetric(
         "force_variation_contact", "force variation in contact, mean", digits=4, unit="%",
         needs=(VARIATION, TOTAL, TOUCHING), compute=lambda run: statistics(run[VARIATION], run.touch).mean,
-        per_tick=True, judged=Judged(rounding=1e-6), short="variation",
+        judged=Judged(rounding=1e-6), short="variation",
     ),
     RunMetric(
         "force_hold_mean", "force in the hold, mean", digits=2, unit="N", less_is_better=False, needs=(TOTAL,),
@@ -62,23 +62,23 @@ METRICS = (
     ),
     RunMetric(
         "force_variation_hold", "force variation in the hold, frozen input", digits=6, unit="%", needs=(VARIATION,),
-        compute=lambda run: _variation(run).mean, per_tick=True, judged=Judged(rounding=1e-6),
+        compute=lambda run: _variation(run).mean, judged=Judged(rounding=1e-6),
         moving_hold=Figure("force_variation_hold", "force variation in the hold, mean", 4, "%"),
         short="variation",
     ),
     RunMetric(
-        "force_variation_hold_std", "force variation in the hold, std", digits=4, unit="%", 
-        needs=(VARIATION,), compute=lambda run: _variation(run).std, per_tick=True,
+        "force_variation_hold_std", "force variation in the hold, std", digits=4, unit="%",
+        needs=(VARIATION,), compute=lambda run: _variation(run).std,
         # Of a frozen hold the spread says nothing that its mean does not.
         moving_hold_only=True,
     ),
     RunMetric(
         TREMBLING, "force variation in the hold, trembling hand, mean", digits=4, unit="%",
-        needs=(TOTAL,), own_run=ANOTHER_RUN, per_tick=True, judged=Judged(rounding=1e-6, limit=0.5), short="variation",
+        needs=(TOTAL,), own_run=ANOTHER_RUN, judged=Judged(rounding=1e-6, limit=0.5), short="variation",
     ),
     RunMetric(
         "force_variation_tremor_std", "force variation in the hold, trembling hand, std", digits=4, unit="%",
-         needs=(TOTAL,), own_run=ANOTHER_RUN, per_tick=True,
+        needs=(TOTAL,), own_run=ANOTHER_RUN,
     ),
     RunMetric(
         "force_ripple_hold", "force ripple in the hold, 50 to 400 Hz", digits=5, unit="N", needs=(TOTAL,),
