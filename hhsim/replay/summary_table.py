@@ -103,7 +103,6 @@ def summary_rows(figures: Mapping[str, float], *, of_paper: bool = False) -> tup
     for name, metric in run_metrics().items():
         if name in figures and not (trembling and metric.moving_hold_only):
             figure = metric if trembling or metric.moving_hold is None else metric.moving_hold
-            # The paper's change from tick to tick is that of the index finger's force alone.
             paper = figure.paper if of_paper else ""
             rows.append(SummaryRow(figure, float(figures[name]), paper))
     return tuple(rows)
