@@ -32,7 +32,6 @@ from hhsim.system.settings_file import Count, Names, a_list, between, check_fiel
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
-from hhsim.verify.coal_distance import require_coal
 
 DEFAULT_LEVEL = 4
 NO_LEVEL = 0
@@ -181,9 +180,8 @@ def backend_configurations(options: SpeedErrorOptions) -> list[Configuration]:
 def measure(options: SpeedErrorOptions, progress: Progress = silent) -> list[Run]:
     """Return the runs, scene by scene, configuration by configuration.
 
-    TrajectoryError for a motion that cannot be done on an object, InputError without coal, which measures the errors.
+    TrajectoryError for a motion that cannot be done on an object.
     """
-    require_coal()
     hand = HandModel.default()
     whole, part = configurations(options), backend_configurations(options)
     for method in options.methods or ():

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from coal_clearance import bodies_clearance
+from referee_clearance import bodies_clearance
 from free_scenes import TIP, body_of, box, far_hand, gripped, tongs, tongs_at
 
 from hhsim.errors import InputError

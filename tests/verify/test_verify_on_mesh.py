@@ -28,8 +28,6 @@ from hhsim.verify.force_checks import force_claims
 from hhsim.verify.tick_data import JudgedTicks
 from hhsim.verify.verify import verify
 
-pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
-
 
 @pytest.fixture(scope="module")
 def on_mesh(tmp_path_factory: pytest.TempPathFactory) -> Result:
@@ -107,7 +105,6 @@ def test_an_honest_result_on_the_mesh_holds_in_every_claim(on_mesh: Result) -> N
         "non-penetration",
         "touching pairs",
         "candidates",
-        "distance by coal",
         "mesh",
         "stationarity",
     ):
