@@ -34,7 +34,7 @@ WHY = words("what is claimed; why so much is let pass", lambda claim: "; ".join(
     type=options.COUNT,
     default=None,
     metavar="K",
-    help="Ask the collision library at every K-th tick and at stated maxima. Default: 1 below 10,000 ticks, else 50.",
+    help="Measure the true mesh at every K-th tick and at stated maxima. Default: 1 below 10,000 ticks, else 50.",
 )
 @click.option("--why", is_flag=True, help="Show what each claim says, and the reason of its tolerance.")
 @click.option(
@@ -46,8 +46,8 @@ def command(result: Path, every: int | None, again: bool, why: bool, printing: o
 
     RESULT is a file that hhsim replay or hhsim live wrote; of two hands, each is checked. Joints, depths, forces,
     optimality, times and the summary are computed anew from the stored hands; of a session also its periods, its
-    latency and what the fingers were told. The true mesh is asked through the collision library coal, which
-    pip install 'hhsim[verify]' brings. The exit code is 1 where a claim is false.
+    latency and what the fingers were told. Where the collision library coal is installed, it gives a second opinion on
+    the nearest distances. The exit code is 1 where a claim is false.
 
     \b
     Examples:

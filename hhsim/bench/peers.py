@@ -2,7 +2,8 @@
 
 Every method has a hand whose phalanges are capsules, which all engines know. The haptic input of a scene is made once.
 The runs take turns, each repetition in the opposite order of the one before; of each tick the median of the repetitions
-counts; long runs are made once. Errors are those of the first repetition, against the true mesh. The table has every run, and every method over its motions and objects.
+counts; long runs are made once. Errors are those of the first repetition, against the true mesh. The table has every
+run, and every method over its motions and objects.
 """
 
 from collections import defaultdict

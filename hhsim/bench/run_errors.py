@@ -53,9 +53,7 @@ class MeshErrors:
     mesh_depth_p95: float = figure(
         "95th percentile of the penetration of the true mesh, at `samples` ticks", "m", mean, NAN
     )
-    contact_error_mean: float = figure(
-        "mean distance of contact points from the true mesh, all ticks", "m", mean, NAN
-    )
+    contact_error_mean: float = figure("mean distance of contact points from the true mesh, all ticks", "m", mean, NAN)
     contact_error_max: float = figure(
         "largest distance of contact points from the true mesh, all ticks", "m", worst, NAN
     )

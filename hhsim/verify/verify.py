@@ -150,7 +150,7 @@ def chosen_ticks(result: Result, every: int) -> IntArray:
 def _mesh_claim(judge: JudgedTicks, claims: list[Claim], report: Progress) -> tuple[Claim, float]:
     """Judge the graphic hand against the true mesh; return the claim and the maximum depth [m]."""
     name, says = "mesh", "the graphic hand stays out of the true mesh"
-    why = "the bounds of the referee's own distance"
+    why = "rounding, and the nanometre that the cover lets pass"
     try:
         referees = [HandReferee(body.mesh, open_too=judge.on_mesh) for body in judge.bodies]
     except MeshError as error:

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 import trimesh
 from body_tables import body, body_file, joint
-from referee_clearance import referee_clearance
 from conftest import Run
 from drawings_alone import leave_pictures_white
 from joint_samples import arrays_npz
 from leap_document import leap_hand
+from referee_clearance import referee_clearance
 from repair_scenes import HAND, held
 from skin_samples import skin_sample
 
@@ -379,7 +379,10 @@ def test_missing_frames_leave_the_others_beside_their_own_parts() -> None:
     for frame in (0, 2, 3, 4, 5):
         meshes = [Mesh(shell.vertices, shell.faces) for shell in shells(parts, frame)]
         nearest = [
-            min(referee_clearance(HAND, mesh, forward_kinematics(HAND, *hands.part(frame, frame + 1))) for mesh in meshes)
+            min(
+                referee_clearance(HAND, mesh, forward_kinematics(HAND, *hands.part(frame, frame + 1)))
+                for mesh in meshes
+            )
             for hands in (frames, free, found.posture)
         ]
         assert nearest[0] < -1e-3

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from referee_clearance import referee_clearance
 from conftest import Run
 from drawings_alone import leave_pictures_white
 from joint_samples import arrays_npz
+from referee_clearance import referee_clearance
 from report_reader import read_page
 
 from hhsim.errors import HhsimError, MeshError, OutputError, TrajectoryError

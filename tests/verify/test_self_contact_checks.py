@@ -18,7 +18,6 @@ from hhsim.result.reader import Result
 from hhsim.verify.claim import HOLDS
 from hhsim.verify.verify import verify
 
-
 pytestmark = pytest.mark.slow
 
 LAST = 119

@@ -78,7 +78,7 @@ def test_an_honest_result_holds_in_every_claim(honest: Result) -> None:
     claims = {claim.name: claim for claim in found.claims}
     assert claims["depth"].worst <= 1e-9
     assert claims["kinematics"].checked == honest.ticks
-    assert claims["force balance"].checked == claims["mesh"].checked == honest.ticks
+    assert claims["force balance"].checked == honest.ticks and claims["mesh"].checked > 100
     assert claims["distance by coal"].checked > 100 or not has_coal()
     assert all(claim.why for claim in found.claims if claim.verdict == HOLDS and claim.name != "complete")
 
