@@ -38,6 +38,7 @@ LINES = (
     Line("objects"),
     Line("trajectories"),
     Line("methods"),
+    Line("examples mine"),
     Line("replay sphere short.toml --out a.h5"),
     Line("replay sphere short.toml --method penalty --out b.h5"),
     Line("replay a.h5"),

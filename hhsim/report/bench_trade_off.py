@@ -59,7 +59,7 @@ CAPTIONS = {
         "Mark: median CPU time of a tick in contact; the line from it ends at p99. Off the true mesh: the larger of "
         "the deepest penetration and the farthest contact point, over all motions. A hollow mark is one linearisation; "
         "steps join those that none beats. Grey: other engines, whose ratios carry over to another machine, and not "
-        "their times. Red: 1 ms.",
+        "their times. Shaded: mean times that the paper states, on its own machine. Red: 1 ms.",
     ),
     "trees": "Error: the larger of how far the leaf spheres reach out of the mesh and how far the mesh lies outside of "
     "them. Other programs: as measured in November 2026 on one core of a 2-core machine.",

@@ -132,17 +132,15 @@ class HandReferee:
         """
         found = np.empty((len(placed.joints), BODIES))
         palm_radius = np.asarray(shape.palm_radius)
-        radii = [np.append(shape.phalanx_radius[:, some], palm_radius) for some in (slice(3), slice(1, 4))]
+        parts = slice(3), slice(1, 4)
+        first, last = (np.append(shape.phalanx_radius[:, some], palm_radius) for some in parts)
         for start in range(0, len(found), HANDS):
             joints, position, orientation = placed.at(slice(start, start + HANDS))
             turned = rotations(orientation)[0].as_matrix()
             palm = np.einsum("tij,pj->tpi", turned, shape.palm_center) + position[:, None]
-            ends = [
-                np.concatenate([joints[:, :, some].reshape(-1, PALM, 3), palm], axis=1).reshape(-1, 3)
-                for some in (slice(3), slice(1, 4))
-            ]
-            cones = self.round_cones(*ends, *(np.tile(radius, len(joints)) for radius in radii), limit)
-            cones = cones.reshape(len(joints), -1)
+            a, b = (np.concatenate([joints[:, :, some].reshape(-1, PALM, 3), palm], axis=1) for some in parts)
+            sizes = np.tile(first, len(joints)), np.tile(last, len(joints))
+            cones = self.round_cones(a.reshape(-1, 3), b.reshape(-1, 3), *sizes, limit).reshape(len(joints), -1)
             found[start : start + HANDS, :PALM] = cones[:, :PALM]
             found[start : start + HANDS, PALM] = cones[:, PALM:].min(axis=1)
         return found
