@@ -87,7 +87,12 @@ class Verification:
 
 @np.errstate(all="ignore")
 def verify(
-    result: Result, *, every: int | None = None, again: bool = False, progress: Progress | None = None
+    result: Result,
+    *,
+    every: int | None = None,
+    again: bool = False,
+    trust: bool = False,
+    progress: Progress | None = None,
 ) -> Verification:
     """Judge a result of a replay or a session; values that are not finite fail.
 
@@ -96,6 +101,7 @@ def verify(
         every: Sampling interval of the claims in `SAMPLED` [ticks]; None: 1 below `LONG` ticks, else `SAMPLED_EVERY`.
             The ticks that the file itself names as worst are judged besides.
         again: Make the motion and run the ticks once more, too.
+        trust: Import and run the code of a method that the file names for that, `package.module:Class`.
         progress: Called with a label, the work done and the total work.
 
     Raises:
@@ -123,7 +129,7 @@ def verify(
     if result.body.is_free:
         claims += [free_hand_claim(JudgedTicks(result, numbers)), free_complementarity_claim(judge)]
     if again:
-        claims += again_claims(result, report)
+        claims += again_claims(result, report, trust)
     claims.append(unjudged_claim(result, claims))
     stationarity = next((claim.worst for claim in claims if claim.name == "stationarity"), float("nan"))
     return Verification(tuple(claims), result.ticks, len(sampled), every, judge.sphere_penetration, depth, stationarity)
