@@ -14,8 +14,8 @@ import click
 from hhsim import __version__
 from hhsim.errors import HhsimError
 
+from .arguments.lazy_group import LazyGroup
 from .console import prepare_streams, print_error, print_notes
-from .lazy_group import LazyGroup
 
 COMMANDS = {
     "replay": "Replay a hand motion against an object, every tick measured.",
@@ -30,6 +30,7 @@ COMMANDS = {
     "verify": "Check every claim of a result with independent code.",
     "objects": "List the objects that come with hhsim.",
     "trajectories": "List the trajectories that come with hhsim.",
+    "examples": "Copy the examples that come with hhsim to a folder.",
     "methods": "List the methods, and test one from outside.",
     "scene": "Write a scene as files for other software to solve.",
     "score": "Measure the poses that other software made of a scene.",
@@ -49,8 +50,7 @@ KEYWORDS = {"import": "import_"}
 """Modules of commands whose name no module can have."""
 
 MEANT = {
-    "list": "hhsim objects and hhsim trajectories list what there is",
-    "ls": "hhsim objects and hhsim trajectories list what there is",
+    **dict.fromkeys(("list", "ls"), "hhsim objects and hhsim trajectories list what there is"),
     "version": "hhsim --version prints it, hhsim info all versions",
     "run": "did you mean replay?",
     "show": "did you mean view or report?",

@@ -20,7 +20,7 @@ from .arguments.option_group import GroupedCommand, option, shared
 from .arguments.options import COUNT, ranged
 from .arguments.recording_options import HandData, Sampling
 from .arguments.rerun_target import RERUN, RERUN_METAVAR, read_target
-from .arguments.solver_options import Linearising, SolverChoice, isolate
+from .arguments.solver_options import Linearising, SolverChoice, isolate, trust
 from .arguments.tree_choice import TreeOrFile
 from .console import print_json, print_line, print_notes, print_table, progress
 from .run_again import names_a_result, run_again
@@ -174,6 +174,7 @@ class ReplayOutput(options.Output):
         metavar="N",
         help="Run the ticks N times, and print and store mean and standard deviation of their times.",
     )
+    trust: bool = shared(trust)
 
 
 @click.command(cls=GroupedCommand)
@@ -234,7 +235,8 @@ def command(
       hhsim replay cube pinch --rerun spawn
     """
     if names_a_result(object_):
-        return run_again(click.get_current_context(), Path(object_), as_json=output.as_json, quiet=output.quiet)
+        how = {"as_json": output.as_json, "quiet": output.quiet, "trust": output.trust}
+        return run_again(click.get_current_context(), Path(object_), **how)
     from hhsim.replay.replay import replay_scene, replay_two_hands
     from hhsim.replay.summary import repeated_document, repeated_times
     from hhsim.result.reader import check_result_path

@@ -14,7 +14,7 @@ from .console import print_json, print_line, print_notes, print_table, progress
 if TYPE_CHECKING:
     from hhsim.replay.repeat import RunAgain
 
-TAKEN = ("object_", "as_json", "quiet")
+TAKEN = ("object_", "as_json", "quiet", "trust")
 """Parameters of `hhsim replay` that a second run may have."""
 
 
@@ -25,7 +25,7 @@ def names_a_result(name: str | Path) -> bool:
     return Path(name).suffix.lower() in SUFFIXES
 
 
-def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool) -> int:
+def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool, trust: bool) -> int:
     """Run the ticks of a result again and print the comparison; return 1 where something differs beyond rounding."""
     for parameter in context.command.params:
         name = parameter.name or ""
@@ -43,7 +43,7 @@ def run_again(context: click.Context, path: Path, *, as_json: bool, quiet: bool)
     from hhsim.result.reader import load_result
 
     with progress(quiet=quiet) as report:
-        again = run(load_result(path), progress=report)
+        again = run(load_result(path), trust=trust, progress=report)
     if as_json:
         print_json(again.to_json())
     elif not quiet:

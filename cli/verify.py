@@ -9,7 +9,7 @@ import click
 
 from hhsim.table.table import Table, number, words
 
-from .arguments import options
+from .arguments import options, solver_options
 from .console import print_json, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
@@ -34,20 +34,21 @@ WHY = words("what is claimed; why so much is let pass", lambda claim: "; ".join(
     type=options.COUNT,
     default=None,
     metavar="K",
-    help="Ask the collision library at every K-th tick and at stated maxima. Default: 1 below 10,000 ticks, else 50.",
+    help="Measure the true mesh at every K-th tick and at stated maxima. Default: 1 below 10,000 ticks, else 50.",
 )
 @click.option("--why", is_flag=True, help="Show what each claim says, and the reason of its tolerance.")
 @click.option(
     "--again", is_flag=True, help="Make the motion and run the ticks once more, and compare everything but the times."
 )
+@solver_options.trust
 @options.Printing.argument("printing")
-def command(result: Path, every: int | None, again: bool, why: bool, printing: options.Printing) -> int:
+def command(result: Path, every: int | None, again: bool, why: bool, trust: bool, printing: options.Printing) -> int:
     """Check every claim of a result with independent code.
 
     RESULT is a file that hhsim replay or hhsim live wrote; of two hands, each is checked. Joints, depths, forces,
     optimality, times and the summary are computed anew from the stored hands; of a session also its periods, its
-    latency and what the fingers were told. The true mesh is asked through the collision library coal, which
-    pip install 'hhsim[verify]' brings. The exit code is 1 where a claim is false.
+    latency and what the fingers were told. Where the collision library coal is installed, it gives a second opinion on
+    the nearest distances. The exit code is 1 where a claim is false.
 
     \b
     Examples:
@@ -62,7 +63,7 @@ def command(result: Path, every: int | None, again: bool, why: bool, printing: o
     begin = time.perf_counter()
     results = list(load_result(result).hands.values())
     with progress(quiet=printing.quiet) as report:
-        all_found = [verify(one, every=every, again=again, progress=report) for one in results]
+        all_found = [verify(one, every=every, again=again, trust=trust, progress=report) for one in results]
     if printing.as_json:
         documents = {one.name: found.to_json() for one, found in zip(results, all_found)}
         whole = {"result": str(result), **(documents[results[0].name] if len(results) == 1 else {"hands": documents})}

@@ -4,7 +4,7 @@
 #   examples/custom_object.sh            the files go to custom-object/ under the current folder
 #   examples/custom_object.sh FOLDER     or there
 #
-# The check asks the collision library coal: pip install 'hhsim[verify]'. To look: hhsim view custom-object/pawn.h5
+# To look: hhsim view custom-object/pawn.h5
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 hhsim=${HHSIM:-hhsim}

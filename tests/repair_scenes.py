@@ -1,11 +1,11 @@
-"""Recorded hands inside objects for the tests of the repair, and their clearance by coal."""
+"""Recorded hands inside objects for the tests of the repair, and their clearance by the referee."""
 
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 import trimesh
-from coal_clearance import coal_clearance
+from referee_clearance import referee_clearance
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
@@ -26,11 +26,11 @@ class Case(NamedTuple):
     surface: ContactSurface
     frames: HandConfiguration
 
-    def coal_clearance(self, posture: HandConfiguration) -> float:
-        return coal_clearance(self.hand, self.mesh, forward_kinematics(self.hand, *posture))
+    def referee_clearance(self, posture: HandConfiguration) -> float:
+        return referee_clearance(self.hand, self.mesh, forward_kinematics(self.hand, *posture))
 
-    def coal_clearance_of(self, placed: PlacedHand) -> float:
-        return coal_clearance(self.hand, self.mesh, placed)
+    def referee_clearance_of(self, placed: PlacedHand) -> float:
+        return referee_clearance(self.hand, self.mesh, placed)
 
 
 @cache

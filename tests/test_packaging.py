@@ -19,7 +19,7 @@ from built_wheel import build_wheel
 
 import hhsim
 
-DATA_FOLDERS = {"objects": "hhsim/objects", "trajectories": "hhsim/trajectories"}
+DATA_FOLDERS = {name: f"hhsim/{name}" for name in ("objects", "trajectories", "examples")}
 
 
 @pytest.fixture(scope="module")

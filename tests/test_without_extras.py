@@ -38,6 +38,7 @@ LINES = (
     Line("objects"),
     Line("trajectories"),
     Line("methods"),
+    Line("examples mine"),
     Line("replay sphere short.toml --out a.h5"),
     Line("replay sphere short.toml --method penalty --out b.h5"),
     Line("replay a.h5"),
@@ -46,7 +47,7 @@ LINES = (
     Line("report a.h5 --out a.html"),
     Line("view a.h5 --rerun a.rrd --every 10"),
     Line("view a.h5 --video a.gif --slow 1 --pixels 160"),
-    Line("verify a.h5", "verify"),
+    Line("verify a.h5"),
     Line("scene sphere short.toml --out scene"),
     Line("score scene/example-submission.csv --out scored.h5"),
     Line("retarget a.h5 --robot robot.urdf --out robot.npz", "retarget"),
@@ -59,7 +60,8 @@ LINES = (
     Line("build-tree cube --level 2 --out tree.h5"),
     Line("live glove sphere --device sim --duration 2 --out live.h5"),
     Line("doctor --duration 0.5", codes=(0, 1)),
-    Line("bench peers --quick", "verify"),
+    Line("bench peers --quick --method coupled"),
+    Line("bench speed-error --motion pinch --level 2 --repetitions 1"),
     *(Line(f"replay sphere short.toml --method {name}", name.partition("-")[0]) for name in ENGINES),
 )
 

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import click
 
+from hhsim.cli.arguments.lazy_group import LazyGroup  # type: ignore[import-not-found]
+
 # cli/ installs as hhsim.cli, where mypy does not look for it.
 from hhsim.cli.arguments.option_group import help_sections  # type: ignore[import-not-found]
-from hhsim.cli.lazy_group import LazyGroup  # type: ignore[import-not-found]
 from hhsim.cli.main import hhsim  # type: ignore[import-not-found]
 
 WIDTH = 120

@@ -49,6 +49,9 @@ def _read_fingers(context: click.Context, parameter: click.Parameter, value: str
     return tuple(name for name in FINGERS if name in names)
 
 
+trust = click.option(
+    "--trust", is_flag=True, help="Import and run the code of a method that RESULT names as package.module:Class."
+)
 isolate = click.option(
     "--isolate",
     is_flag=True,

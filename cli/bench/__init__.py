@@ -1,6 +1,6 @@
 """`hhsim bench`: one subcommand a suite, imported when it is run."""
 
-from ..lazy_group import LazyGroup, show_help
+from ..arguments.lazy_group import LazyGroup, show_help
 
 SUITES = {
     "paper": "The paper's whole evaluation, Figs. 11 to 15: its figures beside ours, in one run.",

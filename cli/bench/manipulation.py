@@ -12,7 +12,7 @@ from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option
 from ..arguments.options import Command, Output
 from ..console import print_notes, print_table, progress
-from .suite import SuiteTable, quick_or_whole
+from .suite import SuiteTable, suite_options
 
 Row = Mapping[str, Any]
 
@@ -44,7 +44,7 @@ def command(settings: ManipulationSettings, output: Output) -> int:
     """
     from hhsim.bench.manipulation.answers import COLUMNS, QUICK, ManipulationOptions, measure, missed, remarks
 
-    run = quick_or_whole(ManipulationOptions, QUICK, settings)
+    run = suite_options(ManipulationOptions, "quick", QUICK, settings)
     table = SuiteTable(output, "manipulation", COLUMNS, run)
     with progress(quiet=output.quiet) as report:
         rows = measure(run, report)

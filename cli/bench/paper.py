@@ -15,7 +15,7 @@ from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT
 from ..console import print_json, print_line, print_table, progress
-from .suite import SuiteTable, quick_note, quick_or_whole
+from .suite import SuiteTable, quick_note, suite_options
 
 if TYPE_CHECKING:
     from hhsim.bench.paper.table import PaperRow
@@ -72,7 +72,7 @@ def command(settings: PaperSettings, plot: Path | None, output: options.Output) 
     from hhsim.bench.paper.table import ROW_COLUMNS, SCENE_COLUMNS, missed, paper_rows
     from hhsim.bench.table import check_table_path, table_document, write_table
 
-    run = quick_or_whole(PaperOptions, QUICK, settings)
+    run = suite_options(PaperOptions, "quick", QUICK, settings)
     table = SuiteTable(output, "paper", ROW_COLUMNS, asdict(run))
     scenes = table.path.with_name(f"{table.path.stem}-scenes{table.path.suffix}")
     check_table_path(scenes)

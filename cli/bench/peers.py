@@ -11,7 +11,7 @@ from ..arguments.comma_list import names
 from ..arguments.option_group import OptionGroup, option, shared
 from ..arguments.options import COUNT
 from ..console import print_notes, print_table, progress
-from .suite import SuiteTable, quick_note, quick_or_whole
+from .suite import SuiteTable, quick_note, suite_options
 
 
 class PeersSettings(OptionGroup):
@@ -38,7 +38,7 @@ def command(settings: PeersSettings, plot: Path | None, output: options.Output) 
     """Measure other physics engines beside our methods, on the same scenes, in one run.
 
     MuJoCo and Drake, each tuned, are optional extras: hhsim methods says which are installed, and what is not is left
-    out. All have the same hand, its phalanges capsules. Errors are measured against the true mesh, by coal: the deepest
+    out. All have the same hand, its phalanges capsules. Errors are measured against the true mesh: the deepest
     penetration, and how far off the mesh a body is that is pushed. The table goes to an HDF5 and a CSV file, with a
     picture beside them.
 
@@ -53,7 +53,7 @@ def command(settings: PeersSettings, plot: Path | None, output: options.Output) 
     from hhsim.report.bench_trade_off import draw_trade_off
     from hhsim.system.output_path import picture_beside
 
-    run = quick_or_whole(PeersOptions, QUICK, settings)
+    run = suite_options(PeersOptions, "quick", QUICK, settings)
     table = SuiteTable(output, "peers", COLUMNS, run)
     picture = table.picture = picture_beside(table.path, plot)
     with progress(quiet=output.quiet) as report:

@@ -13,7 +13,7 @@ from ..arguments.comma_list import counts, names
 from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
 from ..arguments.options import COUNT
 from ..console import print_notes, print_table, progress
-from .suite import SuiteTable, quick_note, quick_or_whole
+from .suite import SuiteTable, suite_options
 
 Row = Mapping[str, Any]
 
@@ -21,22 +21,27 @@ Row = Mapping[str, Any]
 class Configurations(OptionGroup, heading="Configurations"):
     """Configurations and scenes, each with each."""
 
-    objects: tuple[str, ...] | None = names("--object", "Objects. Default: bunny,teapot,cube.")
-    motions: tuple[str, ...] | None = names("--motion", "Motions. Default: grasp,pinch,whole-hand,slide.")
+    objects: tuple[str, ...] | None = names("--object", "Objects. With --full: bunny,teapot,cube. Default: bunny.")
+    motions: tuple[str, ...] | None = names(
+        "--motion", "Motions. With --full: grasp,pinch,whole-hand,slide. Default: grasp,slide."
+    )
     methods: tuple[str, ...] | None = names("--method", "Methods. Default: all.")
     surfaces: tuple[str, ...] | None = names(
         "--surface", "What of the object the hand touches; paper and penalty take spheres alone. Default: spheres,mesh."
     )
-    levels: tuple[int, ...] | None = counts("--level", "Levels of the sphere tree. Default: 2,3,4,5.", 5)
+    levels: tuple[int, ...] | None = counts(
+        "--level", "Levels of the sphere tree. With --full: 2,3,4,5. Default: 2,3,4.", 5
+    )
     linearisations: tuple[int, ...] | None = counts(
         "--linearisations",
-        "Most linearisations in a tick. Default: 1,2,3,12; of method paper 1,2,3; of penalty 12.",
+        "Most linearisations in a tick. With --full: 1,2,3,12; of method paper 1,2,3; of penalty 12. Default: the "
+        "method's own.",
         1_000_000,
     )
     backends: tuple[str, ...] | None = names(
-        "--qp", "QP solvers beside ours, on a stretch of each object's first motion. Default: all that are installed."
+        "--qp", "QP solvers beside ours, on a stretch of each object's first motion. With --full: all installed ones."
     )
-    quick: bool = option(is_flag=True, help="About a minute: the bunny, grasp and slide, levels 3 to 5, our QP solver.")
+    full: bool = option(is_flag=True, help="Three objects, four motions, all linearisations and QP solvers.")
     repetitions: int = option(type=COUNT, default=3, metavar="N", help="Repetitions of every run.")
     rate: float = shared(options.rate)
     seed: int = shared(options.seed)
@@ -56,23 +61,25 @@ def command(configurations: Configurations, plot: Path | None, peers: Path | Non
     """Measure what a tick costs against how far off it is, for every way to solve the hand.
 
     Methods, surfaces, tree levels, linearisations and QP solvers take turns on the same motions. Errors are measured
-    against the true mesh, by coal, and against the converged optimum on it. A configuration is on the frontier if no
-    other is both faster and better. The table goes to an HDF5 and a CSV file, with a picture beside them.
+    against the true mesh, by code apart from the solver, and against the converged optimum on it. A configuration is on
+    the frontier if no other is both faster and better. The table goes to an HDF5 and a CSV file, with a picture beside
+    them.
 
     \b
     Examples:
-      hhsim bench speed-error --quick
+      hhsim bench speed-error
+      hhsim bench speed-error --full
       hhsim bench speed-error --object cup --motion grasp --level 4,5 --qp daqp
       hhsim bench speed-error --surface mesh --method coupled --linearisations 12
       hhsim bench speed-error --out tradeoff.h5 --plot tradeoff.png
     """
-    from hhsim.bench.speed_error import QUICK, SpeedErrorOptions, measure
+    from hhsim.bench.speed_error import FULL, SpeedErrorOptions, measure
     from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, remarks, table_rows, touched
     from hhsim.bench.table import rows_of
     from hhsim.report.bench_trade_off import draw_trade_off
     from hhsim.system.output_path import picture_beside
 
-    run = quick_or_whole(SpeedErrorOptions, QUICK, configurations)
+    run = suite_options(SpeedErrorOptions, "full", FULL, configurations)
     table = SuiteTable(output, "speed-error", COLUMNS, run)
     picture = table.picture = picture_beside(table.path, plot)
     others = [] if peers is None else rows_of(peers, "peers")
@@ -81,13 +88,16 @@ def command(configurations: Configurations, plot: Path | None, peers: Path | Non
     rows = table_rows(runs)
     notes = remarks(runs)
     table.write(rows)
-    draw_trade_off(picture, "speed-error", rows, others, quick_note(configurations))
+    draw_trade_off(picture, "speed-error", rows, others)
     summed, solvers = chosen(rows, object=ALL, motion=ALL), chosen(rows, object=ALL, motion=ALL, stretch=True)
     by_object = [row for row in chosen(rows, motion=ALL) if row["object"] != ALL]
     if table.is_for_people(configurations=summed, by_object=by_object, qp_solvers=solvers, notes=notes):
         where = f"{', '.join(run.objects)}: {', '.join(run.motions)}"
-        _print(f"Nothing is both faster and better ({where})", [r for r in summed if _frontier(r)], SHOWN)
-        _print("Methods as they come, and on the mesh", [row for row in summed if _as_it_comes(row)], SHOWN)
+        if run.every_linearisation:
+            _print(f"Nothing is both faster and better ({where})", [r for r in summed if _frontier(r)], SHOWN)
+            _print("Methods as they come, and on the mesh", [row for row in summed if _as_it_comes(row)], SHOWN)
+        else:
+            _print(f"Methods and what they touch ({where})", summed, SHOWN)
         if solvers:
             how = f"{solvers[0]['method']}, {touched(solvers[0]['surface'], solvers[0]['level'])}"
             title = f"QP solvers, {how}, on a stretch; all but ours are driven from Python"

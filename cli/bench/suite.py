@@ -41,10 +41,13 @@ class Solvers(OptionGroup, heading="Solver"):
         ]
 
 
-def quick_or_whole(options: Any, quick: dict[str, Any], settings: OptionGroup) -> Any:
-    """Return the options of a suite of this class: with --quick its `quick` ones, but for those given."""
+def suite_options(options: Any, flag: str, preset: dict[str, Any], settings: OptionGroup) -> Any:
+    """Return the options of a suite of this class: where the flag is given those of its `preset`, but for those given.
+
+    The flag is `quick` or `full`.
+    """
     named = settings.given()
-    return options(**{**(quick if named.pop("quick") else {}), **named})
+    return options(**{**(preset if named.pop(flag) else {}), **named})
 
 
 def quick_note(settings: OptionGroup) -> str:

@@ -39,7 +39,7 @@ def command(settings: TreesSettings, size: float, time_limits: bool, plot: Path 
     """Build sphere trees and hold them against those of other programs: error, spheres, CPU time.
 
     All objects get one longest extent; cube, prism, cylinder and cup are the shapes that other programs were measured
-    on, which stand in the same table. Errors are measured by coal, apart from the builders, and come out the same in
+    on, which stand in the same table. Errors are measured by code apart from the builders, and come out the same in
     every run. The exit code is 1 where a tree protrudes farther than its limit, has a gap or no proof.
 
     \b

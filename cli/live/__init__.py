@@ -1,6 +1,6 @@
 """`hhsim live`: one subcommand a kind of device, imported when it is run."""
 
-from ..lazy_group import LazyGroup, show_help
+from ..arguments.lazy_group import LazyGroup, show_help
 
 COMMANDS = {"glove": "A data glove in the loop: its hand against an object, forces back to its fingers."}
 """Commands with one line each."""

@@ -5,8 +5,8 @@ import click
 from hhsim.table.table import Table, words
 
 from ..arguments import options
+from ..arguments.lazy_group import LazyGroup
 from ..console import print_json, print_line, print_table
-from ..lazy_group import LazyGroup
 
 COMMANDS = {"check": "Tell what is wrong with a method from outside."}
 """Subcommands, each with its one line."""

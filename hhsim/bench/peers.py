@@ -2,8 +2,8 @@
 
 Every method has a hand whose phalanges are capsules, which all engines know. The haptic input of a scene is made once.
 The runs take turns, each repetition in the opposite order of the one before; of each tick the median of the repetitions
-counts; long runs are made once. Errors are those of the first repetition, against the true mesh, by coal. The table has
-every run, and every method over its motions and objects.
+counts; long runs are made once. Errors are those of the first repetition, against the true mesh. The table has every
+run, and every method over its motions and objects.
 """
 
 from collections import defaultdict
@@ -50,7 +50,7 @@ from hhsim.system.settings_file import Count, Names, check_fields
 from hhsim.table.table import Column
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
-from hhsim.verify.coal_distance import HandReferee, require_coal
+from hhsim.verify.mesh_distance import HandReferee
 
 OURS: tuple[tuple[str, str], ...] = (("coupled", "mesh"), ("coupled", "spheres"), ("penalty", "spheres"))
 """Our methods, and the surfaces that they touch."""
@@ -105,9 +105,9 @@ class Peer:
 class PeerErrors:
     """Errors of one run; NaN where undefined."""
 
-    mesh_depth_max: float = figure("deepest penetration of the true mesh by coal, at `samples` ticks", "m", worst)
+    mesh_depth_max: float = figure("deepest penetration of the true mesh, at `samples` ticks", "m", worst)
     mesh_depth_p95: float = figure(
-        "95th percentile of the penetration of the true mesh by coal, at `samples` ticks", "m", worst
+        "95th percentile of the penetration of the true mesh, at `samples` ticks", "m", worst
     )
     contact_error_mean: float = figure("distance from the true mesh of bodies that are pushed, mean", "m", mean)
     contact_error_max: float = figure("distance from the true mesh of bodies that are pushed, largest", "m", worst)
@@ -172,8 +172,7 @@ def installed(options: PeersOptions) -> tuple[list[Peer], list[str]]:
 
 
 def measure(options: PeersOptions, progress: Progress = silent) -> list[PeerRun]:
-    """Return the runs of all that is installed, scene by scene, method by method; InputError without coal."""
-    require_coal()
+    """Return the runs of all that is installed, scene by scene, method by method."""
     peers, notes = installed(options)
     if not peers:
         raise InputError("; ".join(notes))
@@ -317,8 +316,7 @@ def remarks(runs: Sequence[PeerRun]) -> list[str]:
         "every method has the same hand, its phalanges capsules; no contact has friction",
         "times are CPU times of ticks with the haptic hand within 1 mm of the mesh, the median of the repetitions; "
         "compare them within this run, not between machines",
-        "a body's distance from the mesh is coal's; off the mesh is a body that the method says is pushed by 0.01 N "
-        "and more",
+        "off the mesh is a body that the method says is pushed by 0.01 N and more",
         *failure_remark(runs, lambda run: str(run.peer.method)),
     ]
 

@@ -1,14 +1,13 @@
 """Errors of one run of a method: penetration, distance from the true mesh and from the optimum, force variation.
 
 All figures come from the recorded poses and forces, none from the solver's tolerances. Contact points are searched on
-the surface of the run; their distances from the true mesh, and the hand's depth in it, are measured by the independent
-library coal (`hhsim.verify.coal_distance`), which shares no code with the solver. The best pose is the optimum on the
-triangles of the mesh.
+the surface of the run; their distances from the true mesh, and the hand's depth in it, are measured by the referee
+(`hhsim.verify.mesh_distance`), which shares no code with the solver. The best pose is the optimum on the triangles of
+the mesh.
 """
 
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any, TypeVar
 
@@ -16,7 +15,7 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.bench.table import figure, mean, metric, worst
-from hhsim.errors import HhsimError, InputError, MeshError, check_known
+from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
@@ -36,7 +35,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import best_hands, reference_excess
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress
-from hhsim.verify.coal_distance import HandReferee, coal_model, nearest_on, require_coal
+from hhsim.verify.mesh_distance import HandReferee
 
 MOST_HANDS = 400
 """Hands of a run whose depth is measured, 6 to 18 ms each: all that differ in a grasp, two in five in a slide."""
@@ -50,15 +49,13 @@ Run = TypeVar("Run")
 class MeshErrors:
     """Distances of a run from the true mesh; NaN where undefined."""
 
-    mesh_depth_max: float = figure("deepest penetration of the true mesh by coal, at `samples` ticks", "m", worst, NAN)
+    mesh_depth_max: float = figure("deepest penetration of the true mesh, at `samples` ticks", "m", worst, NAN)
     mesh_depth_p95: float = figure(
-        "95th percentile of the penetration of the true mesh by coal, at `samples` ticks", "m", mean, NAN
+        "95th percentile of the penetration of the true mesh, at `samples` ticks", "m", mean, NAN
     )
-    contact_error_mean: float = figure(
-        "mean distance of contact points from the true mesh by coal, all ticks", "m", mean, NAN
-    )
+    contact_error_mean: float = figure("mean distance of contact points from the true mesh, all ticks", "m", mean, NAN)
     contact_error_max: float = figure(
-        "largest distance of contact points from the true mesh by coal, all ticks", "m", worst, NAN
+        "largest distance of contact points from the true mesh, all ticks", "m", worst, NAN
     )
     contact_points: int = figure(
         "contact points whose distance from the true mesh was measured, those of one place once", "", sum, 0
@@ -67,23 +64,19 @@ class MeshErrors:
 
 
 class MeshReferee:
-    """Measures runs against one mesh [m], world; InputError without coal.
+    """Measures runs against one mesh [m], world.
 
     The depth of at most `most_hands` of a run is measured; identical ones count once.
     """
 
     def __init__(self, mesh: Mesh, most_hands: int = MOST_HANDS) -> None:
-        require_coal()
         self.most_hands = most_hands
-        self._model = coal_model(mesh.vertices, mesh.faces)
-        self._depths: HandReferee | None = None
-        with suppress(MeshError):
-            self._depths = HandReferee(mesh)
+        self._hands = HandReferee(mesh, open_too=True)
 
     @property
     def closed(self) -> bool:
         """True if the mesh is watertight; otherwise a depth in it is undefined."""
-        return self._depths is not None
+        return self._hands.surface.closed
 
     def errors(
         self, surface: Any, shape: HandShape, placed: PlacedHand, touch: float, contact: IntArray, also: IntArray
@@ -98,7 +91,7 @@ class MeshReferee:
         found = find_contact_points(surface, shape, placed, touch, chosen=contact)
         # A hand at rest touches at the same points over and over.
         points, times = np.unique(np.round(found.point, SAME), axis=0, return_counts=True)
-        away = nearest_on(self._model, points)[0]
+        away = self._hands.surface.nearest(points)[0]
         depth = self._depth(shape, placed, np.union1d(contact, also), also)
         return MeshErrors(
             mesh_depth_max=worst(depth),
@@ -111,7 +104,7 @@ class MeshReferee:
 
     def _depth(self, shape: HandShape, placed: PlacedHand, ticks: IntArray, also: IntArray) -> FloatArray:
         """Depth [m] at the measured ticks; empty for a mesh that is not closed."""
-        if self._depths is None:
+        if not self.closed:
             return np.zeros(0)
         some = placed.at(ticks)
         poses = np.concatenate([values.reshape(len(ticks), -1) for values in some], axis=1)
@@ -121,7 +114,7 @@ class MeshReferee:
         measured = np.unique(hand[sampled(np.sort(first), self.most_hands, besides)])
         depth = np.full(len(first), np.nan)
         # 0 - x and not -x: a free hand has depth 0, not minus 0.
-        depth[measured] = 0.0 - self._depths.clearances(shape, some.at(first[measured]), 0.0).min(axis=1)
+        depth[measured] = 0.0 - self._hands.clearances(shape, some.at(first[measured]), 0.0).min(axis=1)
         return np.asarray(depth[hand][np.isin(hand, measured)])
 
 

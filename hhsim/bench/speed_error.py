@@ -32,47 +32,48 @@ from hhsim.system.settings_file import Count, Names, a_list, between, check_fiel
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
-from hhsim.verify.coal_distance import require_coal
 
 DEFAULT_LEVEL = 4
 NO_LEVEL = 0
 """Level of a configuration that touches the mesh itself."""
-USUAL: tuple[int, ...] = (1, 2, 3, 12)
+EVERY: tuple[int, ...] = (1, 2, 3, 12)
 LINEARISATIONS: dict[str, tuple[int, ...]] = {"paper": (1, 2, 3), "penalty": (12,)}
-"""Limits of the linearisations in a tick, by method, if not `USUAL`: `paper` makes all of them; `penalty` linearises
+"""Limits of the linearisations in a tick, by method, if not `EVERY`: `paper` makes all of them; `penalty` linearises
 once, and the number bounds the rounds of its step."""
 STRETCH = (100, 50)
 """Ticks before and after the start of the first hold that QP solvers are compared on: other solvers are driven from
 Python, at milliseconds a tick."""
-QUICK: dict[str, Any] = {
-    "objects": ("bunny",),
-    "motions": ("grasp", "slide"),
-    "levels": (3, 4, 5),
-    "backends": (),
-    "hands": 40,
+FULL: dict[str, Any] = {
+    "objects": ("bunny", "teapot", "cube"),
+    "motions": ("grasp", "pinch", "whole-hand", "slide"),
+    "levels": (2, 3, 4, 5),
+    "every_linearisation": True,
+    "backends": None,
+    "hands": runs.MOST_HANDS,
 }
-"""Options that take about a minute."""
+"""Options of the whole comparison."""
 
 
 @dataclass(frozen=True)
 class SpeedErrorOptions:
     """Options of the suite."""
 
-    objects: Names = ("bunny", "teapot", "cube")
-    motions: Names = ("grasp", "pinch", "whole-hand", "slide")  # scripts of the catalogue that touch the object
+    objects: Names = ("bunny",)
+    motions: Names = ("grasp", "slide")  # scripts of the catalogue that touch the object
     methods: Names | None = None  # None for all that take one of the surfaces
     # Among spheres, of each level, and mesh; a method that takes no mesh has spheres alone.
     surfaces: Names = ("spheres", "mesh")
     # Of the sphere tree.
-    levels: Annotated[tuple[Annotated[int, between(1, MOST_LEVEL)], ...], a_list("2, 3")] = (2, 3, 4, 5)
-    # Limits in a tick; None for those of `LINEARISATIONS`.
+    levels: Annotated[tuple[Annotated[int, between(1, MOST_LEVEL)], ...], a_list("2, 3")] = (2, 3, 4)
+    # Limits in a tick; None for the method's own, or those of `LINEARISATIONS`.
     linearisations: Annotated[tuple[Count, ...], a_list("1, 12")] | None = None
-    backends: tuple[str, ...] | None = None  # QP solvers besides our own; None for all that are installed
+    every_linearisation: bool = False  # True for those of `LINEARISATIONS`
+    backends: tuple[str, ...] | None = ()  # QP solvers besides our own; None for all that are installed
     repetitions: Count = 3  # of every run
     rate: float = 1000.0  # tick rate [Hz]
     seed: int = 0  # of the tremor
     # Limit of the hands of a run whose depth in the mesh is measured; identical ones count once.
-    hands: int = runs.MOST_HANDS
+    hands: int = 100
 
     def __post_init__(self) -> None:
         """Fill in what is installed; raise InputError for unknown names, empty lists and numbers out of range."""
@@ -85,7 +86,8 @@ class SpeedErrorOptions:
         object.__setattr__(self, "backends", tuple(name for name in backends if name != ACTIVE_SET))
         runs.check_scenes(self.objects, self.motions)
         check_known("method", self.methods or (), list(METHODS))
-        check_known("QP solver", self.backends or (), available_backends())
+        if self.backends:
+            check_known("QP solver", self.backends, available_backends())
         for method in self.methods or ():
             if not self.surfaces_of(method):
                 # The solver raises its own error for this pair.
@@ -95,6 +97,11 @@ class SpeedErrorOptions:
         """Return the surfaces that a method takes."""
         refuses = METHODS[method].refuses_surfaces
         return tuple(name for name in self.surfaces if name == "spheres" or not refuses)
+
+    def linearisations_of(self, method: str) -> tuple[int, ...]:
+        """Return the limits of the linearisations in a tick that a method is run with."""
+        usual = LINEARISATIONS.get(method, EVERY) if self.every_linearisation else (usual_linearisations(method),)
+        return self.linearisations or usual
 
 
 @dataclass(frozen=True)
@@ -160,7 +167,7 @@ def configurations(options: SpeedErrorOptions) -> list[Configuration]:
         for method in options.methods or ()
         for surface in options.surfaces_of(method)
         for level in (options.levels if surface == "spheres" else (NO_LEVEL,))
-        for most in options.linearisations or LINEARISATIONS.get(method, USUAL)
+        for most in options.linearisations_of(method)
     ]
 
 
@@ -181,9 +188,8 @@ def backend_configurations(options: SpeedErrorOptions) -> list[Configuration]:
 def measure(options: SpeedErrorOptions, progress: Progress = silent) -> list[Run]:
     """Return the runs, scene by scene, configuration by configuration.
 
-    TrajectoryError for a motion that cannot be done on an object, InputError without coal, which measures the errors.
+    TrajectoryError for a motion that cannot be done on an object.
     """
-    require_coal()
     hand = HandModel.default()
     whole, part = configurations(options), backend_configurations(options)
     for method in options.methods or ():

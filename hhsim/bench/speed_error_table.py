@@ -100,8 +100,8 @@ def remarks(runs: Sequence[Run]) -> list[str]:
     points = sum(errors.contact_points for _, errors in measured)
     samples = sum(errors.samples for _, errors in measured)
     found = [
-        f"distances from the true mesh are coal's: of all {points:,} contact points, those of one place once, and of "
-        f"the hand at {samples:,} ticks, of {ticks:,} in contact; how deep it is in what it touches is that of every "
+        f"distances from the true mesh are of all {points:,} contact points, those of one place once, and of the "
+        f"hand at {samples:,} ticks, of {ticks:,} in contact; how deep it is in what it touches is that of every "
         "tick",
         "the best pose is that of least coupling energy outside the mesh itself, whatever a configuration touches",
         "times are of the ticks with the haptic hand within 1 mm of the object, the median of the repetitions; compare "

@@ -1,7 +1,7 @@
 """Our sphere trees beside those of other programs: error against spheres against CPU time.
 
-Each tree is measured by code that shares nothing with the builder, `hhsim.verify.tree_checks`, which needs coal. Errors
-are the same in every run; times are not.
+Each tree is measured by code that shares nothing with the builder, `hhsim.verify.tree_checks`. Errors are the
+same in every run; times are not.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,7 +21,6 @@ from hhsim.table.table import Column
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
 from hhsim.trees.published_results import BARS, EXTENT, LEAST_GAP, REFERENCES
-from hhsim.verify.coal_distance import require_coal
 from hhsim.verify.tree_checks import referee
 
 Row = dict[str, Any]
@@ -41,7 +40,7 @@ class TreesOptions:
     objects: tuple[str, ...] = ("bunny", "teapot", "cube", "hexagonal-prism", "cylinder", "cup")
     spheres: tuple[Annotated[int, between(1, MOST_SPHERES)], ...] = (64, 512, 4096)  # limits of the leaves of the trees
     size: float = EXTENT  # longest extent of the objects [m]
-    seed: int = 0  # of the samples that coal measures at
+    seed: int = 0  # of the samples
     points: int = 200_000  # number of samples of the mesh, and of the spheres
 
     def __post_init__(self) -> None:
@@ -83,9 +82,8 @@ def comparison_object(name: str, size: float) -> Mesh:
 def measure(options: TreesOptions, progress: Progress = silent) -> list[Row]:
     """Build and measure every tree; return rows in the order of objects and sizes, references last of each object.
 
-    HhsimError for an object that the builder cannot do, or without coal.
+    HhsimError for an object that the builder cannot do.
     """
-    require_coal()
     # Compiles or loads every kernel, so that no tree is timed with it.
     build_sphere_tree(comparison_object("cube", EXTENT), TreeOptions(leaves=BRANCHING**2))
     rows: list[Row] = []

@@ -5,6 +5,7 @@ from typing import Any
 
 from hhsim.errors import HhsimError
 from hhsim.mesh.catalogue import usual_level
+from hhsim.solver.known_methods import names_code
 from hhsim.solver.options import SolverOptions, Stiffness
 
 OF_THE_SCENE = ("level", "max_error", "rate", "samples", "seed", "ticks", "tremor_mm_deg", "hand_file")
@@ -27,7 +28,8 @@ def unusual_options(scene: Mapping[str, Any]) -> dict[str, Any]:
 def _usual_solver(solver: Mapping[str, Any], rate: float) -> dict[str, Any]:
     try:
         method, surface = str(solver.get("method", "coupled")), str(solver.get("surface", "spheres"))
-        options = SolverOptions(method=method, surface=surface)
+        # A class from outside has the usual defaults: to read a result imports no code that it names.
+        options = SolverOptions(method="coupled" if names_code(method) else method, surface=surface)
     except HhsimError:
         # The method is not installed here, or unknown: the defaults of the others.
         options = SolverOptions()

@@ -14,7 +14,7 @@ from typing import Any
 
 from numba.core.caching import FunctionCache
 
-from hhsim.kernels.kernel_files import KernelFiles
+from hhsim.kernels.kernel_files import DIGEST, KernelFiles
 from hhsim.kernels.target import BUILT_FOR, CHOICE, COMPILED, TARGET, is_named
 
 FOLDER = COMPILED
@@ -67,7 +67,7 @@ class _ShippedFiles(KernelFiles):
         content = checked(Path(self._data_path(name)))
         if content is None:
             raise FileNotFoundError(name)
-        return pickle.loads(content)
+        return pickle.loads(content[DIGEST:])
 
 
 class ShippedCache(FunctionCache):  # type: ignore[misc]

@@ -18,6 +18,7 @@ from hhsim.result.reader import CHUNK_TICKS, Result
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import METHODS
 from hhsim.solver.one_tick import OneTick
+from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SceneSolver, seen_hand
 from hhsim.system import environment as info
 from hhsim.system.deferred_sigint import interruptible_between
@@ -66,7 +67,7 @@ class ArrayComparison:
     def add(self, stored: AnyArray, computed: AnyArray, at: AnyArray | None = None) -> None:
         """Compare the next rows; `at` is the tick of each where a row is not a tick."""
         again = np.ascontiguousarray(computed, dtype=self.column.dtype)
-        stored, rows = np.ascontiguousarray(stored), len(stored)
+        stored, rows = np.ascontiguousarray(stored, dtype=self.column.dtype), len(stored)
         if stored.tobytes() != again.tobytes():
             bits = stored.reshape(rows, -1).view(np.uint8) != again.reshape(rows, -1).view(np.uint8)
             differ = np.flatnonzero(bits.any(axis=1))
@@ -163,22 +164,23 @@ class RunAgain:
         }
 
 
-def run_again(result: Result, *, progress: Progress | None = None) -> RunAgain:
+def run_again(result: Result, *, trust: bool = False, progress: Progress | None = None) -> RunAgain:
     """Run all ticks of a result again, complete or not, as the scene and with the options that it holds.
 
     Of a result of two hands, as `Result.hands` has them, one's arrays are compared, of the result as a whole both's.
-    `progress` is called with the stage, how much is done and how much there is. Raises InputError for a body, a tree
-    or a hand that is not the run's, and for a result without ticks.
+    `trust` imports and runs the code of a method that the file names as `package.module:Class`. `progress` is called
+    with the stage, how much is done and how much there is. Raises InputError for a body, a tree or a hand that is not
+    the run's, for a result without ticks, and for such a method without `trust`.
     """
     shown = [result] if result.name else list(result.hands.values())
     for hand in shown:
         require_whole(hand)
         if hand.ticks == 0:
             raise InputError(f"{hand.label} holds no ticks: there is nothing to run again")
-    return _run(shown, list(result.hands.values()), progress or silent)
+    return _run(shown, list(result.hands.values()), stored_options(result, trust), progress or silent)
 
 
-def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> RunAgain:
+def _run(shown: Sequence[Result], hands: Sequence[Result], options: SolverOptions, report: Progress) -> RunAgain:
     """Run the ticks of hands in one scene, and compare those of the shown ones."""
     result = hands[0]
     runnable = [_runnable(one) for one in hands]
@@ -196,7 +198,7 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], report: Progress) -> 
     # first block's ticks alone, since all might not fit in memory.
     needs_no_poses = [body.kind for body in result.bodies.values()] in (["fixed"], ["free"])
     scene = result_scene(hands, CHUNK_TICKS if needs_no_poses else None)
-    with SceneSolver(scene, stored_options(result)) as solver, interruptible_between() as check_interrupt:
+    with SceneSolver(scene, options) as solver, interruptible_between() as check_interrupt:
         rows = [HandRows(solver, hand, list(result.bodies)) for hand in range(len(hands))]
         every = zip(result.blocks([array.name for array in of_bodies]), *(one.blocks(names) for one in hands))
         # A session's ticks were solved one by one: where the pairs of one did not fit, the loop went on.

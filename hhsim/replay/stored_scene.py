@@ -36,6 +36,7 @@ from hhsim.result.writer import BodyPart
 from hhsim.scene.body import Body, BodyMotion, Driven, Fixed, HalfSpace, Joint
 from hhsim.scene.scene import TABLE, Hand, Scene, all_pairs
 from hhsim.solver.free_object import LAW, FreeObject
+from hhsim.solver.known_methods import names_code
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SeenScene
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
@@ -270,8 +271,13 @@ def stored_hand(result: Result) -> HandModel:
     return result_hand(result)
 
 
-def stored_options(result: Result) -> SolverOptions:
-    """Return the solver's options; InputError if hhsim has no such options."""
+def stored_options(result: Result, trust: bool = False) -> SolverOptions:
+    """Return the solver's options; InputError if hhsim has no such options, or without `trust` of code it names."""
+    if names_code(result.method) and not trust:
+        raise InputError(
+            f"{result.path} names a method by its code, {result.method}, which would be imported and run: --trust, if "
+            "you trust the file"
+        )
     try:
         return SolverOptions.from_json(result.scene["solver"])
     except (KeyError, InputError) as error:

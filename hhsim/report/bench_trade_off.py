@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,20 @@ from hhsim.bench.speed_error_table import ALL
 from hhsim.bench.table import BenchTable
 from hhsim.bench.trees import largest_error
 from hhsim.render.figure import save_figure
-from hhsim.report.figure import BLUE, INK, LIMIT, Drawing, ReportFigure, drawn_figure, new_figure, run_style, time_text
+from hhsim.report.figure import (
+    BLUE,
+    INK,
+    LEGEND_LINE,
+    LETTER,
+    LIMIT,
+    SOFT,
+    Drawing,
+    ReportFigure,
+    drawn_figure,
+    new_figure,
+    run_style,
+    time_text,
+)
 from hhsim.report.trade_off import Mark, TradeOff, trade_off_drawing
 from hhsim.system.counted import counted
 from hhsim.system.output_path import check_picture
@@ -26,8 +40,8 @@ TRADE_OFF_COLUMNS = {"speed-error": "mesh_error", "peers": "mesh_error", "trees"
 """Column of the error, by the suites that have a picture of this kind."""
 MOST_PANELS, MOST_OBJECTS = 4, 6
 """Most panels of such a suite, and most objects of `trees`."""
-WIDTH = 14.0
-"""Width of the picture beside a table [inches]."""
+WIDTH, ACROSS = 14.0, 2
+"""Width of the picture of trees beside their table [inches]; panels beside one another in that of ticks."""
 PANEL, NAMED_PANEL = (3.4, 2.0), (6.5, 2.8)
 """Least width and height of a panel, without and with names beside its marks [inches]."""
 GREY = "#6e7781"
@@ -59,7 +73,7 @@ def has_trade_off(found: BenchTable) -> bool:
 
 def bench_trade_off(suite: str, rows: Sequence[Row]) -> ReportFigure | None:
     """Draw the rows of a table of one of `TITLES`; None if no row has both a cost and an error."""
-    drawing, marks = _drawing(suite, rows)
+    drawing, marks, _ = _drawing(suite, rows)
     if not marks:
         return None
     alt = f"{TITLES[suite]}: {counted(marks, 'point')}."
@@ -74,14 +88,18 @@ def draw_trade_off(path: Path, suite: str, rows: Sequence[Row], peers: Sequence[
     Errors as `check_picture` and `save_figure`.
     """
     check_picture(path)
-    drawing, _ = _drawing(suite, rows, peers, note)
-    with new_figure(WIDTH, drawing.height(WIDTH, False)) as figure:
+    drawing, _, least = _drawing(suite, rows, peers, note)
+    width = ACROSS * least if suite in TRADE_OFFS else WIDTH
+    caption = wrap(CAPTIONS[suite], int(width / LETTER))
+    height = drawing.height(width, False) + LEGEND_LINE * len(caption)
+    with new_figure(width, height) as figure:
         drawing.draw(figure, False)
+        figure.text(0.0, 0.0, "\n".join(caption), color=SOFT, va="bottom", linespacing=1.2)
         save_figure(figure, path)
 
 
-def _drawing(suite: str, rows: Sequence[Row], peers: Sequence[Row] = (), note: str = "") -> tuple[Drawing, int]:
-    """Return the drawing of a table, and the number of its marks."""
+def _drawing(suite: str, rows: Sequence[Row], peers: Sequence[Row] = (), note: str = "") -> tuple[Drawing, int, float]:
+    """Return the drawing of a table, the number of its marks, and the least width of a panel [inches]."""
     panels, legend = _of_trees(rows) if suite == "trees" else _of_ticks(rows, peers)
     known = [mark for panel in panels for mark in panel.marks if mark.known]
     named = any(mark.name for mark in known)
@@ -89,7 +107,8 @@ def _drawing(suite: str, rows: Sequence[Row], peers: Sequence[Row] = (), note: s
         legend["other programs"] = GREY, "x"
     if note:
         legend[note] = LIMIT, ""
-    return trade_off_drawing(panels, legend, NAMED_PANEL if named and suite in TRADE_OFFS else PANEL), len(known)
+    size = NAMED_PANEL if named and suite in TRADE_OFFS else PANEL
+    return trade_off_drawing(panels, legend, size), len(known), size[0]
 
 
 def _of_trees(rows: Sequence[Row]) -> Panels:
@@ -144,7 +163,8 @@ def _of_ticks(rows: Sequence[Row], peers: Sequence[Row]) -> Panels:
     panels = [panel(f"{name}: off the true mesh [mm]", name, "mesh_error", frontier) for name in names]
     panels = panels[: MOST_PANELS - of_pose]
     if of_pose:
-        panels.append(panel("all objects: off the best pose [mm]", ALL, "off_optimum_mean", "tracking_frontier"))
+        of_all = names[0] if len(names) == 1 else "all objects"
+        panels.append(panel(f"{of_all}: off the best pose [mm]", ALL, "off_optimum_mean", "tracking_frontier"))
     legend = {method: (color, "o") for method, color in colors.items()}
     legend |= {label: (INK, shape) for label, shape in sorted(map(_touched, ours))}
     return panels, legend

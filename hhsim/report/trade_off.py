@@ -104,7 +104,16 @@ def _draw_panel(axes: "Axes", panel: TradeOff) -> None:
     known = [(mark, height) for mark, height in zip(panel.marks, heights) if mark.known]
     for mark, height in known:
         face = mark.color if mark.filled else "white"
-        axes.plot(mark.cost, height, mark.shape, color=mark.color, markerfacecolor=face, markersize=6.0, zorder=4)
+        axes.plot(
+            mark.cost,
+            height,
+            mark.shape,
+            color=mark.color,
+            markerfacecolor=face,
+            markersize=6.0,
+            zorder=4,
+            clip_on=False,
+        )
         if mark.until is not None:
             axes.plot([mark.cost, mark.until], [height, height], color=mark.color, linewidth=1.2)
             axes.plot(mark.until, height, "|", color=mark.color, markersize=7.0)
@@ -119,7 +128,9 @@ def _draw_panel(axes: "Axes", panel: TradeOff) -> None:
     # An energy may be below the optimum; a depth is not below 0.
     least = "≤ 0" if any(error < 0.0 for error in errors) else "0"
     zeros = {zero: least} if has_zero else {}
-    axes.set_yticks([*zeros, *powers], [*zeros.values(), *(f"{power:,.10g}" for power in powers)])
+    axes.set_yticks(
+        [*zeros, *powers], [*zeros.values(), *(f"{power:,.{max(0, -round(np.log10(power)))}f}" for power in powers)]
+    )
     axes.minorticks_off()
     _place_names([
         axes.annotate(

@@ -8,7 +8,7 @@ from typing import Any
 
 from hhsim.errors import InputError
 from hhsim.solver.method import FORCES, METHODS, RUNS, TIMES, UNITS, Engine, Method
-from hhsim.solver.method_names import ISOLATED, facts_of, isolated_name, outside_class, source_of
+from hhsim.solver.method_names import ISOLATED, declared_methods, facts_of, isolated_name, outside_class, source_of
 
 SUBMITTED = "submission:"
 """Prefix of the method of a submission's poses in its result; see `hhsim.submissions.score`."""
@@ -39,6 +39,12 @@ def find_method(name: str) -> Method:
         return replace(found, source=found.source or source_of(found.engine))
     facts = facts_of(found)
     return _method(facts, partial(_engine, name, found, facts["forces"]))
+
+
+def names_code(name: str) -> bool:
+    """Return True for `package.module:Class`, which `find_method` imports: code that the name's author chose."""
+    plain = name.removeprefix(ISOLATED)
+    return ":" in plain and not plain.startswith(SUBMITTED) and plain not in declared_methods()
 
 
 @contextmanager

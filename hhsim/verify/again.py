@@ -36,12 +36,15 @@ SAME_FIGURE = 1e-6
 _TICKS = "the input run once more gives the same ticks, bit for bit, but for the times"
 
 
-def again_claims(result: Result, progress: Progress) -> list[Claim]:
-    """Judge the motion, the ticks and the figures of a replay or a session by a second run."""
+def again_claims(result: Result, progress: Progress, trust: bool = False) -> list[Claim]:
+    """Judge the motion, the ticks and the figures of a replay or a session by a second run.
+
+    `trust` as of `run_again`.
+    """
     claims = [_motion(result)]
     try:
-        hand, options = stored_hand(result), stored_options(result)
-        again = run_again(result, progress=progress)
+        hand, options = stored_hand(result), stored_options(result, trust)
+        again = run_again(result, trust=trust, progress=progress)
     except HhsimError as error:
         return [*claims, Claim("again: ticks", _TICKS, NOT_JUDGED, note=str(error))]
     claims.append(_ticks(again))

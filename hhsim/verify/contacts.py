@@ -27,6 +27,8 @@ FARTHEST = 1e9
 FEW, HALVINGS = 7, 56
 """Bisection steps after which distant pairs are left out, and all of them: as many as a double has digits."""
 TINY = 1e-30
+NO_AREA = 1e-12
+"""Ratio of a triangle's height to its longest side below which it is a line."""
 SAMPLES = 5
 """Points of each axis whose distances tell which pairs can be near."""
 WORTH_A_LOOK = 1e-3
@@ -85,6 +87,10 @@ class Places(NamedTuple):
             rows.append(np.repeat(np.arange(len(points)), [len(some) for some in found]))
             pieces.append(members[np.fromiter(itertools.chain.from_iterable(found), np.int64, len(rows[-1]))])
         return np.concatenate(rows), np.concatenate(pieces)
+
+    def nearest(self, points: FloatArray) -> IntArray:
+        """Return for each point [m], world, (N, 3), the piece of each tree whose centre is nearest, shape (N, C)."""
+        return np.stack([members[tree.query(_clipped(points))[1]] for tree, members, _ in self.trees], axis=1)
 
     def counts(self, points: FloatArray, reach: float) -> IntArray:
         """Count the pieces whose balls may be within `reach` [m] of each point [m], world, (N, 3); shape (N,)."""
@@ -174,7 +180,7 @@ def axis_places(
     # The normal of a cone leans by its slope; where one end's ball holds the other's it is the nearest.
     lean = slope / np.sqrt(np.maximum(1.0 - slope**2, TINY))
     along += lean * np.linalg.norm(away - along[:, None] * unit, axis=1)
-    share = np.where(length > 0.0, np.clip(along / size, 0.0, 1.0), 0.0)
+    share = np.where(length > 0.0, np.clip(along / size, 0.0, 1.0), drop > 0.0)
     return a + share[:, None] * axis, radius_a + share * drop
 
 
@@ -268,8 +274,8 @@ def ready_triangles(corners: FloatArray) -> ReadyTriangles:
     square = (side * side).sum(axis=1)
     normal = np.cross(side[0], -side[2], axis=0)
     length = np.sqrt((normal * normal).sum(axis=0))
-    solid = length > 0.0
-    normal /= np.where(solid, length, 1.0)
+    solid = length > NO_AREA * square.max(axis=0)
+    normal = np.where(solid, normal, 0.0) / np.where(solid, length, 1.0)
     inward = np.cross(normal[None], side, axis=1)
     return ReadyTriangles(start, side, 1.0 / np.where(square > 0.0, square, 1.0), inward, normal, solid)
 
@@ -278,6 +284,58 @@ def triangle_places(triangles: FloatArray) -> Places:
     """Sort triangles by their places; corners [m], world, shape (F, 3, 3)."""
     middle = triangles.mean(axis=1)
     return ball_places(middle, np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1))
+
+
+def cones_near_triangles(
+    a: FloatArray,
+    b: FloatArray,
+    radius_a: FloatArray,
+    radius_b: FloatArray,
+    thick: FloatArray,
+    triangles: ReadyTriangles,
+    places: Places,
+    near: float | FloatArray,
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+    """Find the round cones and triangles that are no more than `near` [m] apart.
+
+    Args:
+        a: One end of each axis [m], shape (N, 3).
+        b: The other end.
+        radius_a: Radius at `a` [m], shape (N,).
+        radius_b: Radius at `b`.
+        thick: The larger radius [m]; -inf leaves a cone out.
+        triangles: All triangles.
+        places: Where they are.
+        near: A number, or one for each cone, shape (N,).
+
+    Returns:
+        Of each pair the indices of cone and triangle, the share of the axis where the cone is nearest, and the signed
+        distance [m]. An axis that passes through the triangle has the distance minus the cone's radius there.
+    """
+    near = np.broadcast_to(near, thick.shape)
+    row, face = near_rows(a, b, thick + near, places, 0.0)
+    row, face = _not_apart(a, b, thick + near, triangles, row, face)
+    share = distance = np.zeros(0)
+    for halvings in (FEW, HALVINGS):
+        axis, drop = (b - a)[row], (radius_b - radius_a)[row]
+        long = np.asarray(axis.any(axis=1))
+        some_drop, ready = drop[long], triangles.at(face[long])
+        start, along = np.ascontiguousarray(a[row][long].T), np.ascontiguousarray(axis[long].T)
+
+        def falls(share: FloatArray, of: Any = (ready, start, along, some_drop)) -> BoolArray:
+            away = away_from_triangles(of[0], of[1] + share * of[2])
+            return np.asarray((away * of[2]).sum(axis=0) < of[3] * np.sqrt((away * away).sum(axis=0)))
+
+        # Of an axis without length the larger ball is nearest.
+        share = np.where(drop > 0.0, 1.0, 0.0)
+        share[long] = lowest_places(len(some_drop), falls, halvings)
+        place, size = a[row] + share[:, None] * axis, radius_a[row] + share * drop
+        distance = np.linalg.norm(away_from_triangles(triangles.at(face), place.T), axis=0) - size
+        # The nearest place is within one last interval, and the distance falls by no more on the way there.
+        last = 0.5**halvings * (np.linalg.norm(axis, axis=1) + np.abs(drop))
+        kept = np.flatnonzero(distance <= near[row] + last)
+        row, face, share, distance = row[kept], face[kept], share[kept], distance[kept]
+    return row, face, share, distance
 
 
 def near_triangle_pairs(
@@ -291,25 +349,9 @@ def near_triangle_pairs(
 
     def search(some: Posed) -> Pairs:
         a, b, radius_a, radius_b, thick = _searched(hand, some, places, fingers, near)
-        row, face = near_rows(a, b, thick, places, near)
-        row, face = _not_apart(a, b, thick + near, triangles, row, face)
-        for halvings in (FEW, HALVINGS):
-            axis, drop = (b - a)[row], (radius_b - radius_a)[row]
-            long = np.asarray(axis.any(axis=1))
-            some_drop, ready = drop[long], triangles.at(face[long])
-            start, along = np.ascontiguousarray(a[row][long].T), np.ascontiguousarray(axis[long].T)
-
-            def falls(share: FloatArray, of: Any = (ready, start, along, some_drop)) -> BoolArray:
-                away = away_from_triangles(of[0], of[1] + share * of[2])
-                return np.asarray((away * of[2]).sum(axis=0) < of[3] * np.sqrt((away * away).sum(axis=0)))
-
-            share = np.zeros(len(row))
-            share[long] = lowest_places(len(some_drop), falls, halvings)
-            place, size = a[row] + share[:, None] * axis, radius_a[row] + share * drop
-            distance = np.linalg.norm(away_from_triangles(triangles.at(face), place.T), axis=0) - size
-            # The nearest place is within one last interval, and the distance falls by no more on the way there.
-            kept = np.flatnonzero(distance <= near + 0.5**halvings * (np.linalg.norm(axis, axis=1) + np.abs(drop)))
-            row, face, share, axis, drop, long = row[kept], face[kept], share[kept], axis[kept], drop[kept], long[kept]
+        row, face, share, _ = cones_near_triangles(a, b, radius_a, radius_b, thick, triangles, places, near)
+        axis, drop = (b - a)[row], (radius_b - radius_a)[row]
+        long = np.asarray(axis.any(axis=1))
         ends = [np.flatnonzero(long & (share != end)) for end in (0.0, 1.0)]
         rows = np.concatenate([np.arange(len(row)), *ends])
         at = np.concatenate([share, *(np.full(len(found), end) for end, found in enumerate(ends))])

@@ -7,10 +7,11 @@ from hhsim.metrics.mesh_penetration import ticks_looked_at
 from hhsim.result.schema import BETWEEN_COLUMNS
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_CLAIMED, NOT_JUDGED, Claim, all_true, as_number, difference, judged
-from hhsim.verify.coal_distance import EXACT, TrueSurface, coal_distance, nearest_on, sphere_shapes, triangle_shapes
+from hhsim.verify.coal_distance import EXACT, coal_distance, has_coal, sphere_shapes, triangle_shapes
 from hhsim.verify.contacts import PALM, meetings, meetings_of_two, parts_that_may_meet, round_cones
 from hhsim.verify.file_checks import follows
 from hhsim.verify.kinematics import configurations, own_hand, pose
+from hhsim.verify.mesh_distance import TrueSurface
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LENGTH, NO_PLACE, WHY_LENGTH, JudgedTicks
 
 RESTS = 0.25
@@ -94,6 +95,9 @@ def _candidates(judge: JudgedTicks) -> list[Claim]:
 
 
 def _by_library(judge: JudgedTicks) -> Claim:
+    name, says = "distance by coal", "the nearest pair is as far apart as the collision library has it"
+    if not has_coal():
+        return Claim(name, says, NOT_JUDGED, note="a second opinion by coal: pip install 'hhsim[verify]'")
     shapes = [triangle_shapes(of.mesh) if judge.on_mesh else sphere_shapes(of.center, of.radius) for of in judge.bodies]
     starts, cones = [of.first for of in judge.bodies], round_cones(judge.hand, judge.chosen_posed)
     hand, pairs, posed, off, ticks = judge.hand, judge.pairs, judge.chosen_posed, [], []
@@ -110,9 +114,9 @@ def _by_library(judge: JudgedTicks) -> Claim:
         found = coal_distance(a, b, first, last, *shapes[which](leaf - starts[which]))
         off.append(abs(found - float(pairs.distance[n])))
         ticks.append(int(judge.chosen[i]))
-    says, note = "the nearest pair is as far apart as the collision library has it", "" if off else "nothing is near"
+    note = "" if off else "nothing is near"
     why = "a nanometre, and the library's bounds"
-    return judged("distance by coal", says, off, LENGTH + EXACT, "m", why, ticks=ticks, note=note)
+    return judged(name, says, off, LENGTH + EXACT, "m", why, ticks=ticks, note=note)
 
 
 def contact_error_claim(judge: JudgedTicks) -> Claim:
@@ -130,7 +134,7 @@ def contact_error_claim(judge: JudgedTicks) -> Claim:
         # Equal contact points of a hand at rest are measured once.
         seen = np.round(body.seen_points(touching.point[of], touching.tick[of]), 12)
         points, place = np.unique(seen, axis=0, return_inverse=True)
-        away[of] = nearest_on(TrueSurface(body.mesh, open_too=True).model, points)[0][place.ravel()]
+        away[of] = TrueSurface(body.mesh, open_too=True).nearest(points)[0][place.ravel()]
     stated = as_number(result.summary[CONTACT_ERROR])
     over = np.maximum(0.0, away - stated) if np.isfinite(stated) else away
     if len(judge.asked) == len(judge.chosen) == result.ticks and np.isfinite(stated):

@@ -1,7 +1,7 @@
 """Gap and protrusion of a sphere tree, measured without the builder's code.
 
-Distances to the mesh are coal's, the spheres near a point come from scipy's k-d tree. The figures are lower bounds from
-samples; each search refines its worst samples on their triangle or sphere.
+The spheres and triangles near a point come from scipy's k-d trees. The figures are lower bounds from samples; each
+search refines its worst samples on their triangle or sphere.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,7 +12,7 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.sphere_tree import SphereTree
-from hhsim.verify.coal_distance import TrueSurface
+from hhsim.verify.mesh_distance import TrueSurface
 
 MESH_POINTS = 200_000
 SPHERE_POINTS = 200_000
@@ -59,7 +59,6 @@ def referee(
         seed: Seed of the points.
 
     Raises:
-        InputError: coal is not installed.
         MeshError: The mesh is not watertight: there is no outside to measure in.
     """
     surface = TrueSurface(mesh)

@@ -1,6 +1,6 @@
 """Referee of result files: judges every claim by code that shares no geometry with the solver.
 
-Kinematics use scipy's rotations, distances bisection and coal, forces least squares and clarabel.
+Kinematics use scipy's rotations, distances closed forms and bisection, forces least squares and clarabel.
 """
 
 from collections import Counter
@@ -19,13 +19,13 @@ from hhsim.system.progress import Progress
 from hhsim.verify.again import again_claims
 from hhsim.verify.body_checks import body_claims
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim
-from hhsim.verify.coal_distance import CLOSE, HandReferee, require_coal
 from hhsim.verify.coverage import unjudged_claim
 from hhsim.verify.depth_checks import contact_error_claim, depth_claims, hands_apart_claims, self_contact_claims
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.force_checks import force_claims
 from hhsim.verify.free_object_checks import free_claims, free_complementarity_claim, free_hand_claim
 from hhsim.verify.judged_body import seen_by_referee
+from hhsim.verify.mesh_distance import CLOSE, HandReferee
 from hhsim.verify.metric_checks import input_hand_claims, metric_claims, motion_claim
 from hhsim.verify.origin_checks import origin_claims
 from hhsim.verify.posture_checks import posture_claims
@@ -37,9 +37,9 @@ MESH_LIMIT = 1e-6
 MESH_TICKS = 200
 """Ticks between two progress reports of the distances to the mesh."""
 LONG, SAMPLED_EVERY = 10_000, 50
-"""Ticks from which on a run is sampled by the library claims, and the sampling interval."""
+"""Ticks from which on a run is sampled by the claims in `SAMPLED`, and the sampling interval."""
 SAMPLED = ("candidates", "distance by coal", "mesh", "contacts off the mesh")
-"""Claims judged at sampled ticks of a long run, because a library, or pairs far from contact, are slow."""
+"""Claims judged at sampled ticks of a long run, because they are slow."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -87,7 +87,12 @@ class Verification:
 
 @np.errstate(all="ignore")
 def verify(
-    result: Result, *, every: int | None = None, again: bool = False, progress: Progress | None = None
+    result: Result,
+    *,
+    every: int | None = None,
+    again: bool = False,
+    trust: bool = False,
+    progress: Progress | None = None,
 ) -> Verification:
     """Judge a result of a replay or a session; values that are not finite fail.
 
@@ -96,12 +101,12 @@ def verify(
         every: Sampling interval of the claims in `SAMPLED` [ticks]; None: 1 below `LONG` ticks, else `SAMPLED_EVERY`.
             The ticks that the file itself names as worst are judged besides.
         again: Make the motion and run the ticks once more, too.
+        trust: Import and run the code of a method that the file names for that, `package.module:Class`.
         progress: Called with a label, the work done and the total work.
 
     Raises:
-        InputError: No ticks, or coal is not installed.
+        InputError: No ticks.
     """
-    require_coal()
     if result.ticks == 0:
         raise InputError(f"{result.path} has no ticks: there is nothing to verify")
     report = progress or (lambda what, done, total: None)
@@ -124,7 +129,7 @@ def verify(
     if result.body.is_free:
         claims += [free_hand_claim(JudgedTicks(result, numbers)), free_complementarity_claim(judge)]
     if again:
-        claims += again_claims(result, report)
+        claims += again_claims(result, report, trust)
     claims.append(unjudged_claim(result, claims))
     stationarity = next((claim.worst for claim in claims if claim.name == "stationarity"), float("nan"))
     return Verification(tuple(claims), result.ticks, len(sampled), every, judge.sphere_penetration, depth, stationarity)
@@ -149,9 +154,9 @@ def chosen_ticks(result: Result, every: int) -> IntArray:
 
 
 def _mesh_claim(judge: JudgedTicks, claims: list[Claim], report: Progress) -> tuple[Claim, float]:
-    """Judge the graphic hand against the true mesh by coal; return the claim and the maximum depth [m]."""
+    """Judge the graphic hand against the true mesh; return the claim and the maximum depth [m]."""
     name, says = "mesh", "the graphic hand stays out of the true mesh"
-    why = "the bounds of the referee's own distance"
+    why = "rounding, and the nanometre that the cover lets pass"
     try:
         referees = [HandReferee(body.mesh, open_too=judge.on_mesh) for body in judge.bodies]
     except MeshError as error:

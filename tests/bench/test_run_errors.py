@@ -24,8 +24,6 @@ from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.options import TreeOptions
 
-pytest.importorskip("coal", reason="the true mesh is measured with coal: pip install 'hhsim[verify]'")
-
 OPTIONS = SolverOptions()
 ON_MESH = SolverOptions(surface="mesh")
 MESH = load_object("cube").mesh

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from matplotlib.text import Text
 
 from hhsim.bench.run_errors import RunErrors
 from hhsim.bench.speed_error import (
+    DEFAULT_LEVEL,
+    EVERY,
+    FULL,
     LINEARISATIONS,
     NO_LEVEL,
-    USUAL,
     Configuration,
     Run,
     SpeedErrorOptions,
@@ -25,8 +26,8 @@ from hhsim.bench.speed_error import (
 from hhsim.bench.speed_error_table import ALL, COLUMNS, chosen, frontier, remarks, table_rows, tick_times
 from hhsim.errors import HhsimError
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.report import bench_trade_off
-from hhsim.report.bench_trade_off import draw_trade_off
+from hhsim.report.bench_trade_off import bench_trade_off, draw_trade_off
+from hhsim.report.figure import new_figure
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
@@ -53,12 +54,27 @@ def test_every_method_is_run_with_every_level_and_number_once() -> None:
     options = replace(SMALL, methods=tuple(METHODS), levels=(3, 4), linearisations=(1, 2, 12))
     found = configurations(options)
     assert len(found) == len(set(found)) == 6 * len(METHODS)
-    usually = configurations(replace(options, linearisations=None))
+    usually = configurations(replace(options, linearisations=None, every_linearisation=True))
     for method in METHODS:
-        assert len([c for c in usually if c.method == method]) == 2 * len(LINEARISATIONS.get(method, USUAL))
+        assert len([c for c in usually if c.method == method]) == 2 * len(LINEARISATIONS.get(method, EVERY))
         assert sum(c.is_default for c in usually if c.method == method) == 1
         (usual,) = [c for c in found if c.method == method and c.is_default]
         assert usual.solver_options() == SolverOptions(method=method)
+
+
+def test_without_options_one_object_is_run_by_every_method_on_all_it_takes() -> None:
+    options = SpeedErrorOptions()
+    assert len(options.objects) == 1 and options.backends == ()
+    assert set(options.levels) <= set(range(1, DEFAULT_LEVEL + 1)), "the trees that ship: no command builds one first"
+    found = configurations(options)
+    assert {c.method for c in found} == set(METHODS)
+    for method in METHODS:
+        one = [(c.surface, c.level, c.linearisations) for c in found if c.method == method]
+        usual = SolverOptions(method=method).linearisations
+        on_mesh = [] if METHODS[method].refuses_surfaces else [("mesh", NO_LEVEL, usual)]
+        assert one == [*(("spheres", level, usual) for level in (2, 3, 4)), *on_mesh]
+    full = SpeedErrorOptions(**FULL)
+    assert {*found} < {*configurations(full)} and len(configurations(full)) == 56
 
 
 def test_every_configuration_runs_on_every_scene(small: list[Run]) -> None:
@@ -206,18 +222,15 @@ def test_the_picture_is_drawn_for_any_table(small: list[Run], tmp_path: Path, mo
     import matplotlib.image
 
     rows = table_rows(small)
-    saved = bench_trade_off.save_figure
-    drawn: list[Any] = []
-    monkeypatch.setattr(
-        bench_trade_off, "save_figure", lambda figure, path: (drawn.append(figure), saved(figure, path))
-    )
-    draw_trade_off(tmp_path / "small.png", "speed-error", rows, note="quick run")
-    assert "quick run" in [text.get_text() for text in drawn[0].findobj(Text)]
-    # A mark for the median, a line from it to p99.
-    row = next(row for row in chosen(rows, object=ALL, motion=ALL) if row["tracking_frontier"])
-    ends = [line.get_xdata() for line in drawn[0].axes[-1].get_lines()]
-    assert any(list(end) == [row["tick_cpu_p50"], row["tick_cpu_p99"]] for end in ends)
-    assert matplotlib.image.imread(tmp_path / "small.png").shape[1] == 2800
+    draw_trade_off(tmp_path / "small.png", "speed-error", rows)
+    assert matplotlib.image.imread(tmp_path / "small.png").shape[1] == 1360
+    drawn = bench_trade_off("speed-error", rows)
+    assert drawn is not None and drawn.drawing is not None
+    with new_figure(7.0, drawn.drawing.height(7.0, False)) as figure:
+        drawn.drawing.draw(figure, False)
+        lines = [line.get_xdata() for axes in figure.axes for line in axes.get_lines()]
+    for row in chosen(rows, object="cube", motion=ALL):
+        assert any(np.array_equal(line, [row["tick_cpu_p50"], row["tick_cpu_p99"]]) for line in lines)
     for row in rows:
         row["mesh_error"] = np.nan
         row["off_optimum_mean"] = 0.0

@@ -203,6 +203,18 @@ def test_a_catalogue_tells_people_and_machines_the_same(run: Run, command: str) 
     assert len(items) >= 10 and all(item["title"] in line for item, line in zip(items, lines))
 
 
+def test_the_examples_are_copied_to_a_new_folder_as_they_are(run: Run, repository: Path, tmp_path: Path) -> None:
+    answer = run("examples", "mine")
+    assert (answer.code, answer.err) == (0, "") and "mine/README.md says what each shows" in answer.out
+    copied = {path.relative_to(tmp_path / "mine"): path for path in (tmp_path / "mine").rglob("*") if path.is_file()}
+    tracked = {path for path in (repository / "examples").rglob("*") if path.is_file() and "__" not in str(path)}
+    assert {repository / "examples" / name for name in copied} == tracked
+    assert all(path.read_bytes() == (repository / "examples" / name).read_bytes() for name, path in copied.items())
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+    answer = run("examples", "mine")
+    assert answer.code == 2 and "mine exists, so nothing is written there: name a new folder" in answer.err
+
+
 def test_a_tree_is_built_measured_and_written(run: Run, tmp_path: Path) -> None:
 
     document = run("build-tree", "cube", "--level", "2", "--out", "cube.h5", "--json").document()

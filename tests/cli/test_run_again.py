@@ -6,6 +6,7 @@ from pathlib import Path
 import h5py
 import pytest
 from conftest import Run
+from file_faults import forge_scene
 from sealed_change import changed
 from short_grasp import short_grasp_text
 
@@ -66,6 +67,50 @@ def test_what_another_machine_rounds_otherwise_is_within_rounding_and_exits_0(ru
     array = document["arrays"]["graphic/position"]
     assert (document["word"], document["identical"]) == ("within rounding", False)
     assert array["first_tick_beyond_rounding"] is None
+
+
+@pytest.mark.parametrize("kind", ["i4", "f4"])
+def test_an_array_of_another_type_is_compared_by_its_numbers(run: Run, result: Path, kind: str) -> None:
+    with changed(result) as file:
+        ticks = file["hands/right/tick"]
+        attributes, values = dict(ticks["lag"].attrs), ticks["lag"][:].astype(kind)
+        del ticks["lag"]
+        ticks.create_dataset("lag", data=values).attrs.update(attributes)
+    document = run("replay", "run.h5", "--json").document()
+    assert document["word"] == "identical" and document["arrays"]["lag"]["identical"]
+    with changed(result) as file:
+        file["hands/right/tick/lag"][41] = 3
+    assert run("replay", "run.h5", "--json").document(1)["arrays"]["lag"]["first_tick"] == 41
+
+
+STRANGER = """
+from pathlib import Path
+Path("ran").touch()
+class Follower:
+    def __init__(self, scene): pass
+    def begin(self, pose): pass
+    def tick(self, haptic): return haptic
+"""
+
+
+@pytest.mark.parametrize("isolated", ["", "isolated:"])
+def test_code_that_a_result_names_is_imported_with_trust_alone(
+    run: Run, result: Path, tmp_path: Path, isolated: str
+) -> None:
+    (tmp_path / "stranger.py").write_text(STRANGER)
+    with changed(result) as file:
+        forge_scene(file, lambda scene: scene["solver"].update(method=f"{isolated}stranger:Follower"))
+    answer = run("replay", "run.h5")
+    assert (answer.code, answer.out, len(answer.err.splitlines())) == (2, "", 1)
+    assert "run.h5 names a method by its code" in answer.err and "--trust, if you trust the file" in answer.err
+    verified = run("verify", "run.h5", "--again", "--every", "100", "--json").document()
+    (again,) = (claim for claim in verified["claims"] if claim["name"] == "again: ticks")
+    assert again["verdict"] == "not judged" and "--trust" in again["note"]
+    for words in (("report", "run.h5", "--out", "run.html"), ("compare", "run.h5", "run.h5")):
+        assert run(*words).code == 0
+    assert not (tmp_path / "ran").exists()
+    assert "200 ticks run again" in run("replay", "run.h5", "--trust").out
+    assert (tmp_path / "ran").exists()
 
 
 def test_ticks_that_cannot_be_run_exit_1(run: Run, result: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -182,6 +182,25 @@ def test_two_that_compile_at_once_never_share_a_file(tmp_path: Path) -> None:
     assert len(list(tmp_path.glob("*.nbc"))) == 2
 
 
+@pytest.mark.parametrize("fault", ["flipped", "flipped in the digest", "cut", "empty"])
+def test_a_damaged_file_is_compiled_anew(tmp_path: Path, fault: str) -> None:
+    script = (
+        "import numpy as np; from hhsim.kernels.rotation import quaternion_to_matrix as kernel\n"
+        "from hhsim.kernels.kernel_cache import compiled_kernels\n"
+        "matrix = np.empty((3, 3)); kernel(np.array([1.0, 0.0, 0.0, 0.0]), matrix)\n"
+        "print(compiled_kernels(), matrix.trace())"
+    )
+    kept = {"PYTHONPATH": str(PACKAGE.parent), "NUMBA_DISABLE_JIT": "0"}
+    assert output(tmp_path, script, **kept) == "1 3.0\n"
+    (path,) = tmp_path.rglob("*.nbc")
+    whole = path.read_bytes()
+    damaged = bytearray(whole)
+    damaged[5 if "digest" in fault else len(whole) // 2] ^= 1
+    path.write_bytes({"cut": whole[: len(whole) // 2], "empty": b""}.get(fault, bytes(damaged)))
+    assert output(tmp_path, script, **kept) == "1 3.0\n"
+    assert output(tmp_path, script, **kept) == "0 3.0\n"
+
+
 @pytest.mark.soak
 def test_checked_and_unchecked_kernels_are_kept_apart(tmp_path: Path) -> None:
     script = "import hhsim.kernels.kernel_cache as cache; print(cache.module_cache('hhsim.kernels.tick.block').name)"

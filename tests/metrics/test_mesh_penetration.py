@@ -134,7 +134,6 @@ def test_what_touches_the_spheres_is_no_farther_from_the_mesh_than_the_bound(gra
 
 def judged(grasp: Result, folder: Path, figure: float, every: int = 1) -> Claim:
     """Verdict on another figure than the file's."""
-    pytest.importorskip("coal")
     path = Path(shutil.copy(grasp.path, folder / "forged.h5"))
     with changed(path) as file:
         file["summary/right"].attrs["contact_error_max"] = figure

@@ -1,4 +1,4 @@
-"""Repaired frames against coal, in scenes, in a ring, in a sheet, in a block, and at random."""
+"""Repaired frames against the referee, in scenes, in a ring, in a sheet, in a block, and at random."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -43,22 +43,22 @@ SCENES = [("cup", "handle"), ("cup", "grasp"), ("bunny", "grasp"), ("teapot", "g
 
 
 @pytest.mark.parametrize(("name", "script"), sampled(SCENES, lambda place, _: place == 0))
-def test_no_repaired_frame_penetrates_by_coal(name: str, script: str) -> None:
+def test_no_repaired_frame_penetrates(name: str, script: str) -> None:
     case = scene_case(name, script)
     found = repaired(case)
     assert (found.depth_before > 0.005).any()
     deepest = int(found.depth_before.argmax())
-    assert case.coal_clearance(case.frames.part(deepest, deepest + 1)) < -0.004
+    assert case.referee_clearance(case.frames.part(deepest, deepest + 1)) < -0.004
     assert not found.marked.any()
     assert not found.depth.any()
-    assert case.coal_clearance(found.posture.at(np.flatnonzero(found.correction > 0.0)[::6])) >= 0.0
+    assert case.referee_clearance(found.posture.at(np.flatnonzero(found.correction > 0.0)[::6])) >= 0.0
 
 
 REAL = ["claw_hammer.obj", "blue_cup.obj", "ycb_banana.obj", "object_sim_toruslarge.stl", "quadknot.obj"]
 
 
 @pytest.mark.parametrize("file", sampled(REAL, lambda place, _: place == 4))
-def test_no_repaired_frame_penetrates_a_real_mesh_by_coal(shared_data: Path, file: str) -> None:
+def test_no_repaired_frame_penetrates_a_real_mesh(shared_data: Path, file: str) -> None:
     if not (shared_data / "meshes" / file).exists():
         pytest.skip(f"no mesh {file} in {shared_data / 'meshes'}")
     mesh = load_mesh(shared_data / "meshes" / file, size=0.15)
@@ -72,7 +72,7 @@ def test_no_repaired_frame_penetrates_a_real_mesh_by_coal(shared_data: Path, fil
     assert (found.depth_before > 0.002).sum() >= 3
     assert not found.depth.any()
     np.testing.assert_array_equal(found.marked, found.correction > 0.1)
-    assert case.coal_clearance(found.posture) >= 0.0
+    assert case.referee_clearance(found.posture) >= 0.0
 
 
 def test_the_same_frames_give_the_same_bytes_and_free_ones_stay() -> None:
@@ -101,7 +101,7 @@ def test_a_palm_that_a_block_holds_up_rises_by_its_depth() -> None:
     assert not found.marked.any()
     assert (found.correction < 0.006).all()
     assert (found.correction > 0.001).all()
-    assert case.coal_clearance(found.posture) >= 0.0
+    assert case.referee_clearance(found.posture) >= 0.0
 
 
 def test_a_finger_in_a_ring_stays_in_it() -> None:
@@ -111,7 +111,7 @@ def test_a_finger_in_a_ring_stays_in_it() -> None:
     # Freed from outside, the finger would be a ring's radius away.
     assert (found.correction < 0.004).all()
     assert not found.marked.any()
-    assert case.coal_clearance(found.posture) >= 0.0
+    assert case.referee_clearance(found.posture) >= 0.0
 
 
 def test_a_restart_frees_a_hand_on_the_side_that_both_passes_miss() -> None:
@@ -126,7 +126,7 @@ def test_a_restart_frees_a_hand_on_the_side_that_both_passes_miss() -> None:
     assert not found.marked.any()
     assert (found.correction < 0.004).all()
     assert (HandJudge(HAND, case.surface).points(found.posture)[below, :, 2] < 0.0).all()
-    assert case.coal_clearance(found.posture) >= 0.0
+    assert case.referee_clearance(found.posture) >= 0.0
 
 
 def test_fingers_that_are_recorded_through_a_sheet_all_come_to_one_side() -> None:
@@ -154,7 +154,7 @@ def test_frames_without_a_hand_are_marked_and_come_back_as_they_were() -> None:
     found = repaired(case._replace(frames=lost))
     np.testing.assert_array_equal(found.marked, np.arange(5) == 2)
     np.testing.assert_array_equal(np.isnan(found.depth), np.arange(5) == 2)
-    assert case.coal_clearance(found.posture.at(np.array([0, 1, 3, 4]))) >= 0.0
+    assert case.referee_clearance(found.posture.at(np.array([0, 1, 3, 4]))) >= 0.0
 
 
 def test_no_frames_give_none() -> None:
@@ -165,7 +165,7 @@ def test_no_frames_give_none() -> None:
 @settings(max_examples=24)
 @given(st.integers(0, 2**32), st.sampled_from(["ball", "box", "ring", "cup"]))
 @pytest.mark.soak
-def test_what_is_not_marked_is_free_by_coal(seed: int, name: str) -> None:
+def test_what_is_not_marked_is_free(seed: int, name: str) -> None:
     random = np.random.default_rng(seed)
     shapes = {
         "ball": lambda: trimesh.creation.icosphere(2, random.uniform(0.01, 0.05)),
@@ -180,6 +180,6 @@ def test_what_is_not_marked_is_free_by_coal(seed: int, name: str) -> None:
         case = shape_case(shapes[name](), frames)
     found = repaired(case, 0.05)
     for t in range(2):
-        clearance = case.coal_clearance(found.posture.part(t, t + 1))
+        clearance = case.referee_clearance(found.posture.part(t, t + 1))
         assert (clearance >= 0.0) or found.marked[t]
         assert (found.depth[t] == 0.0) == (clearance >= 0.0)

@@ -1,6 +1,6 @@
 """Repair beside a body whose parts move as recorded: every part, in every frame, where it is in that frame.
 
-The referee is coal, with a lid that is turned about its hinge in closed form.
+The judge is the referee, with a lid that is turned about its hinge in closed form.
 """
 
 import json
@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 import trimesh
 from body_tables import body, body_file, joint
-from coal_clearance import coal_clearance
 from conftest import Run
 from drawings_alone import leave_pictures_white
 from joint_samples import arrays_npz
 from leap_document import leap_hand
+from referee_clearance import referee_clearance
 from repair_scenes import HAND, held
 from skin_samples import skin_sample
 
@@ -51,7 +51,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
-from hhsim.verify.coal_distance import HandReferee
+from hhsim.verify.mesh_distance import HandReferee
 
 HANDS = HAND, HandModel.default("left")
 TICKS = np.array([*range(0, 450, 50), 900, 1300, 1600, 1800, 1900, 2000, 2100, 2200, 2300])
@@ -379,7 +379,10 @@ def test_missing_frames_leave_the_others_beside_their_own_parts() -> None:
     for frame in (0, 2, 3, 4, 5):
         meshes = [Mesh(shell.vertices, shell.faces) for shell in shells(parts, frame)]
         nearest = [
-            min(coal_clearance(HAND, mesh, forward_kinematics(HAND, *hands.part(frame, frame + 1))) for mesh in meshes)
+            min(
+                referee_clearance(HAND, mesh, forward_kinematics(HAND, *hands.part(frame, frame + 1)))
+                for mesh in meshes
+            )
             for hands in (frames, free, found.posture)
         ]
         assert nearest[0] < -1e-3

@@ -1,4 +1,4 @@
-"""Written hands: bones against our kinematics, derivatives against differences, and clearances by coal."""
+"""Written hands: bones against our kinematics, derivatives against differences, and clearances by the referee."""
 
 from typing import NamedTuple
 
@@ -95,7 +95,7 @@ def corrected(case: Case, joints: FloatArray, tip_on_surface: bool = False, limi
 
 
 @pytest.mark.parametrize("size", [0.0, pytest.param(1e-3, marks=pytest.mark.soak), 3e-3])
-def test_no_written_hand_penetrates_by_coal(size: float) -> None:
+def test_no_written_hand_penetrates(size: float) -> None:
     case = scene_case("cup", "handle", 66)
     joints = residual(keypoints(case.hand, case.frames), size)
     found = corrected(case, joints)
@@ -111,7 +111,7 @@ def test_no_written_hand_penetrates_by_coal(size: float) -> None:
     np.testing.assert_array_equal(found.correction.rotation[~changed], np.tile(np.eye(3), ((~changed).sum(), 16, 1, 1)))
     written = WrittenHand(joints, case.hand, case.frames, tip_on_surface=False).placed(found.correction.posture)
     np.testing.assert_allclose(written.joints.reshape(-1, 20, 3), found.correction.joints[:, 1:], atol=1e-9)
-    assert case.coal_clearance_of(written.at(np.flatnonzero(changed)[::4])) >= 0.0
+    assert case.referee_clearance_of(written.at(np.flatnonzero(changed)[::4])) >= 0.0
     shift = found.correction.posture.position - case.frames.position
     again = moved_joints(joints, case.frames.position, shift, found.correction.rotation)
     np.testing.assert_allclose(found.correction.joints, again, atol=1e-12)
@@ -172,7 +172,7 @@ def test_missing_joints_and_hands_stay_missing() -> None:
 
 @settings(max_examples=24)
 @given(st.integers(0, 2**32), st.sampled_from(["ball", "box", "ring"]))
-def test_a_projection_ends_outside_by_coal(seed: int, name: str) -> None:
+def test_a_projection_ends_outside(seed: int, name: str) -> None:
     random = np.random.default_rng(seed)
     shapes = {
         "ball": lambda: trimesh.creation.icosphere(2, random.uniform(0.01, 0.05)),
@@ -189,10 +189,10 @@ def test_a_projection_ends_outside_by_coal(seed: int, name: str) -> None:
     assert inside or not change_between(frames, free).any()
     # The shift that frees a hand where the programs do not is at most 5 cm: beyond, the hand stays as it was.
     if projection.clearance(free)[0] >= 0.0:
-        assert case.coal_clearance_of(written.placed(free)) >= 0.0
+        assert case.referee_clearance_of(written.placed(free)) >= 0.0
     else:
         assert not change_between(frames, free).any()
-        assert case.coal_clearance_of(written.placed(frames)) < -0.005
+        assert case.referee_clearance_of(written.placed(frames)) < -0.005
 
 
 def test_the_projection_of_a_shallow_hand_moves_little_more_than_its_depth() -> None:

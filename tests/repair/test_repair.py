@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from coal_clearance import coal_clearance
 from conftest import Run
 from drawings_alone import leave_pictures_white
 from joint_samples import arrays_npz
+from referee_clearance import referee_clearance
 from report_reader import read_page
 
 from hhsim.errors import HhsimError, MeshError, OutputError, TrajectoryError
@@ -88,11 +88,11 @@ def test_the_same_file_comes_out_without_penetration(freed: tuple[RepairRequest,
         assert all(before[name].tobytes() == after[name].tobytes() for name in before.files if name != "keypoints")
         moved = np.abs(after["keypoints"] - before["keypoints"]).max(axis=(1, 2))
     assert moved[0] < UNCHANGED and moved.max() > 0.002
-    # The result's hands by coal, apart from the kernels.
+    # The result's hands by the referee, apart from the kernels.
     result = load_result(request.beside(RESULT))
     hand = result_hand(result)
     posture = HandConfiguration(*(result[f"graphic/{name}"] for name in HandConfiguration._fields))
-    assert coal_clearance(hand, load_object("sphere").mesh, forward_kinematics(hand, *posture)) > -1e-3
+    assert referee_clearance(hand, load_object("sphere").mesh, forward_kinematics(hand, *posture)) > -1e-3
     page = read_page(request.beside(REPORT).read_text())
     assert not page.all("script") and len(page.all("img")) == 2
     assert request.beside(PICTURE).read_bytes().startswith(b"\x89PNG")
@@ -147,7 +147,7 @@ def test_angles_are_repaired_by_our_hand(tmp_path: Path) -> None:
     again = read_recording(out, ReadOptions(hand="right"))
     hand, mesh = HandModel.default(), load_object("sphere").mesh
     posture = HandConfiguration(again.position, again.orientation, again.flexion, again.abduction)
-    assert coal_clearance(hand, mesh, forward_kinematics(hand, *posture)) > -1e-6
+    assert referee_clearance(hand, mesh, forward_kinematics(hand, *posture)) > -1e-6
     assert np.abs(again.flexion[0] - frames.flexion[0]).max() < 10.0 * UNCHANGED
 
 

@@ -18,13 +18,14 @@ from hhsim.metrics.field.hands import Bodies
 from hhsim.repair.skin import moved_skin
 from hhsim.repair.skin_depth import DOF, PushedOut, SkinFrame, push_out, skin_depth
 from hhsim.solver.options import Stiffness
-from hhsim.verify.coal_distance import TrueSurface, coal_model
+from hhsim.verify.coal_distance import coal_model
+from hhsim.verify.mesh_distance import TrueSurface
 
 ALL = np.ones(12, dtype=bool)
 
 
 class SkinJudgement(NamedTuple):
-    """Skin of one frame and an object, as the library coal sees them.
+    """Skin of one frame and an object, as the referee and the library coal see them.
 
     Attributes:
         depth: Of the deepest vertex inside the object [m], 0 if there is none.
@@ -41,7 +42,9 @@ def judge_skin(surface: TrueSurface, vertices: FloatArray, faces: IntArray) -> S
 
     request, answer = coal.CollisionRequest(), coal.CollisionResult()
     skin, still = coal_model(vertices, faces), coal.Transform3s()
-    coal.collide(surface.model, still, skin, still, request, answer)
+    corners = surface.corners.reshape(-1, 3)
+    model = coal_model(corners, np.arange(len(corners)).reshape(-1, 3))
+    coal.collide(model, still, skin, still, request, answer)
     depth = max(0.0, -float(surface.signed_distance(vertices).min()))
     return SkinJudgement(depth, bool(answer.isCollision()))
 

@@ -24,7 +24,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.trees.contact_surface import contact_surface, jointed_surface
 from hhsim.trees.triangle_tree import triangle_tree
-from hhsim.verify.coal_distance import HandReferee
+from hhsim.verify.mesh_distance import HandReferee
 
 RADIUS, WALL = 0.008, 0.08
 """Radius of a finger in a book, and the distance of a wall from the book's hinge [m]."""

@@ -24,7 +24,7 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
-from hhsim.verify.coal_distance import CLOSE, HandReferee
+from hhsim.verify.mesh_distance import CLOSE, HandReferee
 
 RIGHT, LEFT = HandModel.default("right"), HandModel.default("left")
 FAR = [50.0, 50.0, 50.0]

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from coal_clearance import bodies_clearance
 from coulomb_program import last_program, solve_coulomb
 from cut_scene import placed_meshes
 from free_scenes import all_ticks, body_of, solver_of
 from numpy.typing import ArrayLike
+from referee_clearance import bodies_clearance
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError

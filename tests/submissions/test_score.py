@@ -106,7 +106,6 @@ def test_what_is_not_given_has_no_row_and_no_claim_is_false(scene: Scene, as_cla
     assert labels[:3] == ["penetration_max", "mesh_depth_max", "contact_error_max"]
     assert {"off_best_mean", "off_best_max"} < set(labels)
     assert result.scene["submission"]["suspicions"] == []
-    pytest.importorskip("coal")
     assert not [claim.name for claim in verify(result, every=20).claims if claim.failed]
 
 

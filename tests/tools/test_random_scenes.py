@@ -23,9 +23,9 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.triangle_tree import triangle_tree
-from hhsim.verify.coal_distance import HandReferee
 from hhsim.verify.free_object_checks import gyrated
 from hhsim.verify.kinematics import pose
+from hhsim.verify.mesh_distance import HandReferee
 from tools.convex_solids import Solid, box, random_solid, separation
 from tools.random_scenes import STILL, draw, main, played, random_turn
 from tools.scene_judge import Moved, Recorded, hand_distance, judge, own_hand_of

@@ -1,8 +1,10 @@
-"""Distances by coal against closed forms and hhsim's own kernels: hands, inside ones too, triangles without area."""
+"""The referee's distances against closed forms, brute force, hhsim's kernels and, where it is installed, coal."""
 
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import example, given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
@@ -11,13 +13,13 @@ from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import RESOLUTION, mesh_clearance
-from hhsim.verify.coal_distance import HandReferee, coal_distance, triangle_shapes
-from hhsim.verify.contacts import PALM
-
-pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
+from hhsim.verify.coal_distance import EXACT, coal_distance, has_coal, sphere_shapes, triangle_shapes
+from hhsim.verify.contacts import PALM, axis_places
+from hhsim.verify.mesh_distance import HandReferee, TrueSurface
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
 MESH = Mesh(np.asarray(BOX.vertices), np.asarray(BOX.faces), name="box")
+Points = NDArray[np.float64]
 HAND = HandModel.default()
 FAR = 0.02
 
@@ -29,9 +31,14 @@ def over(height: float) -> PlacedHand:
     )
 
 
-def box_distance(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def box_distance(points: Points) -> Points:
     beyond = np.abs(points) - [0.05, 0.03, 0.02]
     return np.asarray(np.linalg.norm(np.maximum(beyond, 0.0), axis=1))
+
+
+def one_cone(referee: HandReferee, a: Points, b: Points, radius_a: float, radius_b: float, limit: float) -> float:
+    (found,) = referee.round_cones(a[None], b[None], np.array([radius_a]), np.array([radius_b]), limit)
+    return float(found)
 
 
 def test_a_round_cone_over_a_box_by_brute_force_on_its_axis() -> None:
@@ -47,21 +54,36 @@ def test_a_round_cone_over_a_box_by_brute_force_on_its_axis() -> None:
         if away.min() < 1e-4:
             continue
         expected = float((away - (1.0 - share) * radius_a - share * radius_b).min())
-        found = referee.round_cone(a, b, radius_a, radius_b, 1.0)
+        found = one_cone(referee, a, b, radius_a, radius_b, 1.0)
         # The samples miss the minimum by up to half their distance, times the slope there.
-        assert expected - 5e-6 <= found <= expected + 1e-8
-        assert referee.round_cone(a, b, radius_a, radius_b, expected - 1e-3) == expected - 1e-3
+        assert expected - 5e-6 <= found <= expected + 1e-12
+        assert one_cone(referee, a, b, radius_a, radius_b, expected - 1e-3) == expected - 1e-3
         judged += 1
     assert judged > 30
 
 
 def test_an_axis_that_is_inside_is_in_by_its_radius() -> None:
-    referee = HandReferee(MESH)
-    inside = referee.round_cone(np.array([-0.01, 0.0, 0.0]), np.array([0.01, 0.0, 0.0]), 0.004, 0.003, FAR)
-    through = referee.round_cone(np.array([-0.01, 0.0, 0.0]), np.array([0.01, 0.0, 0.1]), 0.004, 0.003, FAR)
-    assert inside == through == -0.004
-    deep = referee.round_cone(np.array([-0.01, 0.0, 0.0]), np.array([0.01, 0.0, 0.0]), 0.004, 0.003, 0.0)
+    referee, a = HandReferee(MESH), np.array([-0.01, 0.0, 0.0])
+    assert one_cone(referee, a, np.array([0.01, 0.0, 0.0]), 0.004, 0.003, FAR) == -0.004
+    through = one_cone(referee, a, np.array([0.01, 0.0, 0.1]), 0.004, 0.003, FAR)
+    assert through == pytest.approx(-0.0038), "its radius where it passes through the top, a fifth along"
+    deep = one_cone(referee, a, np.array([0.01, 0.0, 0.0]), 0.004, 0.003, 0.0)
     assert deep == -0.004, "farther from the surface than the limit, and inside"
+    # A ball is as deep as its centre is, and its radius.
+    assert one_cone(referee, a, a, 0.004, 0.004, FAR) == pytest.approx(-0.024)
+
+
+def test_a_needle_in_a_mesh_leaves_it_its_inside() -> None:
+    corner = len(MESH.vertices)
+    first, *others = MESH.faces
+    u, v, w = first
+    # A third corner between the others, by a triangle without area.
+    vertices = np.vstack([MESH.vertices, 0.5 * (MESH.vertices[u] + MESH.vertices[v])])
+    mesh = Mesh(vertices, np.array([*others, (u, corner, w), (corner, v, w), (u, v, corner)]))
+    points = np.random.default_rng(1).uniform(-0.06, 0.06, (500, 3))
+    for open_too in (False, True):
+        found = TrueSurface(mesh, open_too=open_too).signed_distance(points)
+        np.testing.assert_allclose(found, TrueSurface(MESH).signed_distance(points), atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["bunny", "cube"])
@@ -98,17 +120,70 @@ def test_a_triangle_without_area_is_as_far_as_its_line(name: str) -> None:
         a, b, point = random.uniform(-0.02, 0.02, (3, 3))
         c = a + share * (b - a) + beside * np.cross(b - a, [0.6, 0.0, 0.8]) / np.linalg.norm(b - a)
         mesh = Mesh(np.array([a, b, c]), np.array([[0, 1, 2]]))
-        found = coal_distance(point, point, 0.002, 0.002, *triangle_shapes(mesh)(0))
         first, last = (a + bound * (b - a) for bound in (min(share, 0.0), max(share, 1.0)))
-        assert found == pytest.approx(_from_segment(point, first, last) - 0.002, abs=3e-9)
+        expected = pytest.approx(from_segment(point, first, last) - 0.002, abs=3e-9)
+        assert one_cone(HandReferee(mesh, open_too=True), point, point, 0.002, 0.002, np.inf) == expected
+        if has_coal():
+            assert coal_distance(point, point, 0.002, 0.002, *triangle_shapes(mesh)(0)) == expected
 
 
 def test_a_triangle_that_is_a_point_is_as_far_as_that() -> None:
     mesh = Mesh(np.full((3, 3), 0.01), np.array([[0, 1, 2]]))
-    found = coal_distance(np.zeros(3), np.zeros(3), 0.002, 0.002, *triangle_shapes(mesh)(0))
-    assert found == pytest.approx(0.01 * np.sqrt(3.0) - 0.002, abs=1e-12)
+    expected = pytest.approx(0.01 * np.sqrt(3.0) - 0.002, abs=1e-12)
+    assert one_cone(HandReferee(mesh, open_too=True), np.zeros(3), np.zeros(3), 0.002, 0.002, np.inf) == expected
+    if has_coal():
+        assert coal_distance(np.zeros(3), np.zeros(3), 0.002, 0.002, *triangle_shapes(mesh)(0)) == expected
 
 
-def _from_segment(point: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+lengths = st.floats(-0.05, 0.05).map(lambda x: round(x, 4))
+places = st.tuples(lengths, lengths, lengths).map(np.array)
+radii = st.floats(0.0, 0.012).map(lambda x: round(x, 4))
+
+
+@given(st.tuples(places, places, places), places, places, radii, radii)
+@example((np.zeros(3), np.ones(3), np.array([1.0, 0.0, 0.0])), *2 * [np.array([0.0, 0.0, 1.0])], 0.002, 0.008)
+def test_a_round_cone_is_as_far_from_a_triangle_as_its_balls(
+    corners: tuple[Points, Points, Points], a: Points, b: Points, radius_a: float, radius_b: float
+) -> None:
+    mesh = Mesh(np.array(corners), np.array([[0, 1, 2]]))
+    referee = HandReferee(mesh, open_too=True)
+    found = one_cone(referee, a, b, radius_a, radius_b, np.inf)
+    share = np.linspace(0.0, 1.0, 201)[:, None]
+    balls = trimesh.triangles.closest_point(np.tile(mesh.triangles, (201, 1, 1)), a + share * (b - a))
+    least = (
+        np.linalg.norm(balls - a - share * (b - a), axis=1) - (radius_a + share * (radius_b - radius_a))[:, 0]
+    ).min()
+    between = 0.5 / 200 * (np.linalg.norm(b - a) + abs(radius_b - radius_a))
+    assert least - between - 1e-9 <= found <= least + 1e-9
+    if has_coal():
+        assert found == pytest.approx(coal_distance(a, b, radius_a, radius_b, *triangle_shapes(mesh)(0)), abs=2 * EXACT)
+
+
+@given(places, radii, places, places, radii, radii)
+@pytest.mark.skipif(not has_coal(), reason="coal is not installed: pip install 'hhsim[verify]'")
+def test_a_round_cone_is_as_far_from_a_sphere_as_coal_has_it(
+    center: Points, radius: float, a: Points, b: Points, radius_a: float, radius_b: float
+) -> None:
+    ends = a[None], b[None], np.array([radius_a]), np.array([radius_b]), center[None]
+    place, size = axis_places(*ends)
+    found = float(np.linalg.norm(place - center) - size[0] - radius)
+    shape = sphere_shapes(center[None], np.array([radius]))(0)
+    assert found == pytest.approx(coal_distance(a, b, radius_a, radius_b, *shape), abs=2 * EXACT)
+
+
+@pytest.mark.parametrize("name", ["bunny", "teapot"])
+def test_points_are_as_far_from_a_mesh_as_from_its_nearest_triangle(name: str) -> None:
+    mesh, random = load_object(name).mesh, np.random.default_rng(3)
+    points = random.uniform(*(1.5 * mesh.bounds), (40, 3))
+    distance, nearest, face = TrueSurface(mesh).nearest(points)
+    for point, found, at, number in zip(points, distance, nearest, face):
+        corners = mesh.triangles
+        on_each = trimesh.triangles.closest_point(corners, np.tile(point, (len(corners), 1)))
+        assert found == pytest.approx(np.linalg.norm(on_each - point, axis=1).min(), abs=1e-12)
+        assert np.linalg.norm(point - at) == pytest.approx(found, abs=1e-15)
+        np.testing.assert_allclose(on_each[number], at, atol=1e-12)
+
+
+def from_segment(point: Points, a: Points, b: Points) -> float:
     share = np.clip((point - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
     return float(np.linalg.norm(point - a - share * (b - a)))

@@ -12,8 +12,6 @@ from hhsim.result.reader import Result
 from hhsim.verify.kinematics import configurations, own_hand, pose, rotations, turn_between
 from hhsim.verify.verify import verify
 
-pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
-
 HOLD = 180
 """A tick of the hold."""
 

@@ -18,8 +18,6 @@ from hhsim.result.reader import Result
 from hhsim.verify.claim import HOLDS
 from hhsim.verify.verify import verify
 
-pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
-
 pytestmark = pytest.mark.slow
 
 LAST = 119

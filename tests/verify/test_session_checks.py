@@ -39,8 +39,6 @@ from hhsim.verify.claim import HOLDS, NOT_JUDGED
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.verify import verify
 
-pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
-
 PERIOD = 1_000_000
 CLOSING = [Moment(FREE + (FIST - FREE) * i / 80) for i in range(80)]
 HOLDING = [Moment(FIST)] * 60

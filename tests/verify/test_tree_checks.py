@@ -17,7 +17,7 @@ from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify import tree_checks
-from hhsim.verify.coal_distance import TrueSurface
+from hhsim.verify.mesh_distance import TrueSurface
 from hhsim.verify.tree_checks import Verdict, referee
 from tools.tree_checks import sticking_out
 

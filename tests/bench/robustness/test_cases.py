@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from coal_clearance import coal_clearance
+from referee_clearance import referee_clearance
 from sampled import sampled
 from sphere_scenes import brute_pairs, record_clearance
 
@@ -77,10 +77,10 @@ def assert_passed(case: HardCase, outcomes: Sequence[Outcome], most_pairs: float
 
 
 def some_ticks(outcome: Outcome, count: int = 2) -> float:
-    """Worst penetration [m] of a few ticks, by coal."""
+    """Worst penetration [m] of a few ticks, by the referee."""
     assert outcome.run.mesh is not None
     ticks = np.linspace(0, len(outcome.ticks.status) - 1, count).astype(int)
-    return max(0.0, -coal_clearance(outcome.run.hand, outcome.run.mesh, placed_of(outcome.ticks).at(ticks)))
+    return max(0.0, -referee_clearance(outcome.run.hand, outcome.run.mesh, placed_of(outcome.ticks).at(ticks)))
 
 
 @pytest.mark.parametrize(

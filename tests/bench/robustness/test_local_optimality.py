@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from coal_clearance import coal_clearance
+from referee_clearance import referee_clearance
 from sampled import sampled
 from sphere_scenes import bumpy_ball
 
@@ -114,7 +114,7 @@ def resting(mesh: Mesh, start: HandConfiguration, way: tuple[float, float, float
     hand, gap = start, np.inf
     # Coal's distances are good to 10 nm.
     while gap > 2e-8:
-        gap = coal_clearance(HAND, mesh, forward_kinematics(HAND, *hand)) - CLEAR
+        gap = referee_clearance(HAND, mesh, forward_kinematics(HAND, *hand)) - CLEAR
         assert gap > -2e-8
         hand = hand._replace(position=hand.position + max(gap, 0.0) * np.array(way))
     return hand, pieces_of("mesh", mesh, None)

@@ -70,7 +70,6 @@ def test_the_session_runs_again_to_the_same_bits(session: Ran) -> None:
 
 
 def test_the_referee_finds_no_false_claim_in_it(session: Ran) -> None:
-    pytest.importorskip("coal", reason="the referee measures with coal: pip install 'hhsim[verify]'")
     found = verify(session[0], every=50)
     assert [claim for claim in found.claims if claim.failed] == []
     # The clock was the true one: what a tick read and when it ended is known of almost all of them.

@@ -39,7 +39,7 @@ class LazyGroup(click.Group):
         """Import the command."""
         if cmd_name not in self.lines:
             return None
-        found: click.Command = importlib.import_module(f".{self.module(cmd_name)}", __package__).command
+        found: click.Command = importlib.import_module(f"..{self.module(cmd_name)}", __package__).command
         return found
 
     def resolve_command(

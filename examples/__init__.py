@@ -1,0 +1,1 @@
+"""Examples, copied by `hhsim examples`; README.md says what each shows."""
