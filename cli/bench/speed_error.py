@@ -138,7 +138,7 @@ SHOWN = (
     number("contacts off", "contact_error_max", "µm", 1),
     number("pose off", "off_optimum_mean", "mm", 3),
     number("trembling force", "force_variation_tremor", "%", 3),
-    number("force step", "force_step", "%"),
+    number("force step", "force_contact_step_share", "%", 1),
     number("jump", "posture_jump_max", "mm", 2),
     number("lag", "lag_ticks"),
     number("stuck", "stuck_ticks"),

@@ -21,6 +21,7 @@ from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_s
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import WORK_TOUCHING
 from hhsim.mesh.catalogue import object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics import metrics
@@ -37,6 +38,8 @@ from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress
 from hhsim.verify.mesh_distance import HandReferee
 
+STEPS = ("posture_jump_max", "posture_jump_p999", "force_contact_step", "force_contact_step_share")
+"""Figures of the paper's criterion that nothing jumps between two adjacent ticks (Section V, 2)."""
 MOST_HANDS = 400
 """Hands of a run whose depth is measured, 6 to 18 ms each: all that differ in a grasp, two in five in a slide."""
 SAME = 12
@@ -155,9 +158,10 @@ class RunErrors(MeshErrors):
     force_variation_tremor: float = metric(mean)
     force_ripple: float = metric(worst, of="force_ripple_hold")
     force_step: float = metric(worst)
-    posture_jump_max: float = figure(
-        "farthest that the graphic hand moved in a tick beyond the haptic hand", "m", worst
-    )
+    posture_jump_max: float = metric(worst)
+    posture_jump_p999: float = metric(worst)
+    force_contact_step: float = metric(worst)
+    force_contact_step_share: float = metric(worst)
     stuck_ticks: int = metric(sum)
     lag_ticks: int = metric(sum)
     lag_max: float = metric(worst)
@@ -263,20 +267,22 @@ def run_errors(
     looked = np.flatnonzero(scene.contact[window] | (clearance < 2.0 * options.touch))
     mesh = scene.referee.errors(surface, hand_shape(scene.hand), placed, options.touch, looked, deepest)
     off = np.linalg.norm(placed.ends - scene.optimum.at(window).ends, axis=2).max(axis=1)[contact]
-    jump = metrics.posture_jump(scene.haptic_placed.at(window).points, placed.points)
     whole, closed = ticks == len(scene.contact), scene.referee.closed
     run = RunTicks(
         columns={
             "status": record.status,
             "lag": record.lag,
             "penetration_depth": np.maximum(0.0, -clearance),
+            "contacts/touching": record.work[:, WORK_TOUCHING],
             "force/total": record.total,
+            "graphic/joints": record.joints,
             "force_variation_rate": metrics.force_variation_rate(record.total),
         },
         ticks=ticks,
         phases=scene.haptic.phases if whole else (),
         rate=scene.haptic.rate,
         fingers=len(options.fingers),
+        user=scene.haptic_placed.at(window).joints,
     )
     held = whole and bool(scene.holds)
     return RunErrors(
@@ -293,7 +299,7 @@ def run_errors(
         ),
         force_ripple=run_figure("force_ripple_hold", run),
         force_step=run_figure("force_step", run),
-        posture_jump_max=metrics.statistics(jump).max,
+        **{name: run_figure(name, run) for name in STEPS},
         stuck_ticks=int(run_figure("stuck_ticks", run)),
         lag_ticks=int(run_figure("lag_ticks", run)),
         lag_max=run_figure("lag_max", run),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hhsim.arrays import AnyArray, BoolArray, FloatArray
 from hhsim.bench.paper.scene import RATE, Scenario, Stage, held_ticks, hold_distances, ticks_of
-from hhsim.bench.run_errors import digest_of, hand_clearance, placed_of
+from hhsim.bench.run_errors import STEPS, digest_of, hand_clearance, placed_of
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
@@ -41,8 +41,6 @@ NOISES: dict[str, tuple[Disturbance, float | None]] = {
     "trembling": (replace(TREMOR, sensor_counts=GLOVE.sensor_counts, sensor_noise=GLOVE.sensor_noise), GLOVE_RATE),
 }
 """Noises of a repeated hold: sensors of the glove alone, and with tremor of the palm."""
-STEPS = ("posture_jump_max", "posture_jump_p999", "force_contact_step", "force_contact_step_share")
-"""Figures of the paper's criterion that nothing jumps between two adjacent ticks (Section V, 2)."""
 BISECTIONS = 10
 """Bisections of the margin that gives a number of contacts."""
 CARRIES = 0.25

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hhsim.bench.paper.bench import PaperOptions, PaperRuns, percentile
-from hhsim.bench.paper.run import NOISES, STEPS, SceneRun
+from hhsim.bench.paper.run import NOISES, SceneRun
 from hhsim.bench.paper.scene import CASES, SLIDING, held_ticks
+from hhsim.bench.run_errors import STEPS
 from hhsim.bench.table import mean, metric_column
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.mesh.catalogue import object_names
