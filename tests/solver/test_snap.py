@@ -82,7 +82,9 @@ def test_only_a_method_that_seeks_the_nearest_pose_is_bounded() -> None:
 def test_a_step_keeps_within_its_room(snap_step: float, fraction: float, longest: float, room: float) -> None:
     progress = np.zeros(1, tick_state_dtype()["progress"]).view(np.recarray)[0]
     progress.room = room
-    kept = keep_room(tick_options(SolverOptions(), HAND)._replace(snap_step=snap_step), fraction, longest, progress)
+    kept = keep_room(
+        tick_options(SolverOptions(), HAND)._replace(snap_step=snap_step), fraction, longest, True, progress
+    )
     most = max(room, LEAST_ROOM * snap_step)
     assert 0.0 <= kept <= fraction
     assert kept * longest <= most * (1.0 + 1e-12)
@@ -99,7 +101,8 @@ def test_each_force_goes_towards_its_own_as_far_as_the_hand_may_go(seed: int) ->
     before, own, wrench = random.normal(size=(5, 3, 3)), random.normal(size=(5, 3, 3)), random.normal(size=6)
     state.forces.before[:], state.forces.phalanx[:], state.forces.palm_wrench[:] = before, own, wrench
     ease_forces(state)
-    way = np.linalg.norm(own - before, axis=2, keepdims=True)
+    # Of each finger.
+    way = np.linalg.norm((own - before).sum(axis=1), axis=1)[:, None, None]
     share = np.minimum(1.0, 1000.0 * most / way)
     np.testing.assert_allclose(state.forces.phalanx, before + share * (own - before), atol=1e-12)
     assert state.progress.snaps == (share < 1.0).any()

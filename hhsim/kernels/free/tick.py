@@ -175,7 +175,8 @@ def _advance(method: Free, hand: HandArrays, surface: SurfaceCode, full_motion: 
             clamp_to_limits(mover_of(method, p), states[p].pose, f, states[p].step.delta[:])
     fraction, longest = allowed_share(method)
     for h in range(hand_count(problem) if is_still(problem) else 0):
-        fraction = keep_room(options, fraction, world.longest[h], states[h].progress)
+        rows = states[h].contacts.start[FINGER_COUNT + 1] + states[h].self_contact.count + world.meeting.count
+        fraction = keep_room(options, fraction, world.longest[h], as_bool(rows > 0), states[h].progress)
     _move_all(method, fraction, state)
     least = np.inf
     for p in range(pairs):
@@ -220,7 +221,6 @@ def _advance(method: Free, hand: HandArrays, surface: SurfaceCode, full_motion: 
         progress.failed_steps += 1
         for p in range(pairs):
             states[p].progress.failed_steps = progress.failed_steps
-            states[p].progress.snaps = False
             states[p].progress.lag = max(full_motion, longest)
         if progress.failed_steps > MOST_FAILED_STEPS:
             done = not _retry(method)
@@ -301,7 +301,7 @@ def _finish_tick(method: Free, hand: HandArrays, surface: SurfaceCode, state: Re
             find_surface_contacts(*shown, options.touch, each.contacts)
         detected = monotonic_ns()
         turn_loads(bodies[0], each.active)
-        snaps = each.progress.snaps or each.progress.snapped
+        snaps = each.progress.snaps or each.progress.snapped > 0
         hand_forces(options, as_bool(still and snaps), each)
         if each.progress.snaps:
             world.status[h] |= STATUS_SNAP

@@ -184,19 +184,25 @@ def ease_forces(state: Record) -> None:
     """Bring the forces of a hand that snaps, or did in the last tick, from those of the last tick towards their own.
 
     A contact that gives way loses its force at once, while what holds the hand back bears the springs in its place. So
-    the force on a phalanx goes no farther than k_t times the way that the hand may go in the tick, and the total is the
-    coupling's, as at rest: the palm has the difference. The hand snaps as long as a force has not arrived.
+    the force on a finger goes no farther than k_t times the way that the hand may go in the tick, and the total is the
+    coupling's, as at rest: the palm has the difference. The hand snaps as long as a force has not arrived. A finger's
+    force is the sum of its phalanges': two of them share what touches their joint, in any way.
     """
     progress, forces = state.progress, state.forces
     most = state.stiffness[0] * progress.bound
     for f in range(FINGER_COUNT):
-        for k in range(PHALANX_COUNT):
-            now, before = forces.phalanx[f, k], forces.before[f, k]
-            change = math.sqrt((now[0] - before[0]) ** 2 + (now[1] - before[1]) ** 2 + (now[2] - before[2]) ** 2)
-            if change > most:
-                progress.snaps = True
+        now, before, square = forces.phalanx[f], forces.before[f], 0.0
+        for i in range(3):
+            change = 0.0
+            for k in range(PHALANX_COUNT):
+                change += now[k, i] - before[k, i]
+            square += change * change
+        if square > most * most:
+            progress.snaps = True
+            share = most / math.sqrt(square)
+            for k in range(PHALANX_COUNT):
                 for i in range(3):
-                    now[i] = before[i] + most / change * (now[i] - before[i])
+                    now[k, i] = before[k, i] + share * (now[k, i] - before[k, i])
     if progress.snaps:
         for i in range(3):
             forces.total[i] = forces.palm_wrench[i]

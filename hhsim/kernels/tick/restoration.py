@@ -90,12 +90,14 @@ def ease_program(method: Any, hand: HandArrays, surface: SurfaceCode, state: Rec
 
 @jit
 def only_restores(options: TickOptions, state: Record, done: int) -> bool:
-    """Return whether the tick's next step, its last after `done` linearisations, only leaves the object.
+    """Return whether the tick's next step, after `done` linearisations, only leaves the object.
 
+    A hand that snaps has gone as far as it may, and one that is inside without an accepted step has but one step left.
     Where an axis lies along an edge its nearest place runs along it as it turns, and each step towards the user brings
     as much penetration as it mends. So a tick whose trust radius is reduced for that, and whose pose is inside, ends
     with a step of the target 0. Without it a hand that is faster than its few linearisations is left behind.
     """
     progress = state.progress
     is_last = done == options.linearisations - 1
-    return is_last and state.trust.radius < options.margin and progress.failed_steps > 0 and not progress.is_accepted
+    is_lost = is_last and state.trust.radius < options.margin and not progress.is_accepted
+    return progress.failed_steps > 0 and (is_lost or progress.snaps)

@@ -108,7 +108,8 @@ PROGRESS = np.dtype(
         ("bound", np.float64),  # distance that the hand may go in this tick [m]
         ("room", np.float64),  # what is left of it [m]
         ("snaps", np.bool_),  # a step would have gone farther, and was cut short there; or a force has yet to follow
-        ("snapped", np.bool_),  # the hand did so in the last tick
+        ("snapped", np.int64),  # ticks in a row, up to the last one, in which the hand did so
+        ("behind", np.float64),  # distance that it then had still to go [m]
         ("motion", np.float64, (BODY_COUNT,)),  # motion bound of each body in the last step [m]
     ],
     align=True,

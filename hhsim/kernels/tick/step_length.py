@@ -12,6 +12,11 @@ CLEAR = 0.8
 """Share of the offset that a hand must be away from the object to go a part of a step."""
 LEAST_SHARE = 0.05
 """Least share of a step that such a hand goes; below it the target is brought nearer."""
+FALLS = 25.0
+"""Ticks in a row after which a hand that snaps may go twice as far as in the first: a short snap is slow, a long one
+ends."""
+IN_THE_AIR = 0.1
+"""Share of the way left that a hand goes in a tick which has snapped and comes free."""
 LEAST_ROOM = 0.25
 """Least room of a step, as a share of the snap step."""
 
@@ -48,14 +53,25 @@ def allowed_fraction(hand: HandArrays, options: TickOptions, state: Record) -> t
 
 
 @jit_inline
-def keep_room(options: TickOptions, fraction: float, longest: float, progress: Record) -> float:
+def snap_way(options: TickOptions, snapped: int) -> float:
+    """Return how far beyond the user's own motion a hand may go [m] which snapped in so many ticks before."""
+    return options.snap_step * (1.0 + (snapped / FALLS) ** 2)
+
+
+@jit_inline
+def keep_room(options: TickOptions, fraction: float, longest: float, hindered: bool, progress: Record) -> float:
     """Return the share of a step, `longest` [m] as a whole, that the hand has room for in this tick, and take it off.
 
     The nearest pose can move on by millimetres for a breath of the user's hand: a contact that held it gives way. The
-    hand then follows at most as far as the user's own has gone, and a snap step more. A step from inside the object may
-    go a little farther, to leave it.
+    hand then follows at most as far as the user's own has gone, and `snap_way` more. A step from inside the object may
+    go a little farther, to leave it. A hand that is not `hindered` by any row has no bound, but where it snapped in the
+    last tick: then it comes nearer to the user's by a share of the way left.
     """
+    if not hindered and progress.snapped == 0:
+        return fraction
     room = max(progress.room, LEAST_ROOM * options.snap_step)
+    if not hindered:
+        room += IN_THE_AIR * progress.behind
     if fraction * longest > room:
         progress.snaps = True
         fraction = room / longest

@@ -65,7 +65,7 @@ from hhsim.kernels.tick.state import (
     WORK_UNITS,
 )
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, copy_active, store_active, store_meeting
-from hhsim.kernels.tick.step_length import WHOLE_TARGET, allowed_fraction, clip_target, keep_room
+from hhsim.kernels.tick.step_length import WHOLE_TARGET, allowed_fraction, clip_target, keep_room, snap_way
 
 REACH_GROWTH = 4.0
 """Growth of the reach after a step that it has cut short."""
@@ -116,11 +116,14 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     judge_last_tick(state)
     state.work[:] = 0
     progress.path = 0.0
-    # What the last tick's work did not suffice for is the user's own motion, too.
-    asked = state.input.motion + progress.carried + (0.0 if progress.snaps else progress.lag)
-    progress.bound = options.snap_step + asked
+    progress.snapped = progress.snapped + 1 if progress.snaps else 0
+    progress.bound = snap_way(options, progress.snapped) + state.input.motion + progress.carried
+    progress.behind = progress.lag if progress.snaps else 0.0
+    if progress.lag > progress.behind:
+        # What the last tick's work did not suffice for is the user's own motion, too.
+        progress.bound += max(progress.lag, progress.room)
     progress.room = progress.bound
-    progress.snapped, progress.snaps = progress.snaps, False
+    progress.snaps = False
     progress.lag = 0.0
 
 
@@ -242,7 +245,8 @@ def advance_hand(method: Any, hand: HandArrays, surface: SurfaceCode, full_motio
         clamp_to_limits(hand, state.pose, f, step.delta[:])
     clearance = least_distance(state)
     fraction, longest = allowed_fraction(hand, options, state)
-    fraction = keep_room(options, fraction, longest, progress)
+    hindered = as_bool(state.contacts.start[FINGER_COUNT + 1] + state.self_contact.count > 0)
+    fraction = keep_room(options, fraction, longest, hindered, progress)
     move(state.pose, step.delta, state.problem.abduction_step, fraction)
     # Twice the step: where contacts change, the next one may be longer, and cut short by the reach, make that grow.
     foreseen = REACH_FLOOR * max(options.step_tolerance, longest)
@@ -255,7 +259,6 @@ def advance_hand(method: Any, hand: HandArrays, surface: SurfaceCode, full_motio
     elif forget_prediction(hand, surface, options, state):
         done = progress.pairs_overflow
     else:
-        progress.snaps = False
         if progress.failed_steps == 0:
             progress.lag = max(full_motion, longest)
             keep_first_step(options, fraction, clearance, -least_distance(state), state)
@@ -275,6 +278,7 @@ def advance_hand(method: Any, hand: HandArrays, surface: SurfaceCode, full_motio
 def tick_status(cut_short: bool, made_part: bool, state: Record) -> int:
     """Return the tick's status bits; `cut_short` by the work budget, `made_part` of a step at its end."""
     progress, status = state.progress, 0
+    progress.snaps = progress.snaps and progress.is_accepted
     progress.idle_ticks = 0 if progress.is_accepted else progress.idle_ticks + 1
     if not progress.is_accepted:
         # A tick whose budget ended before it found a step is on its way: the next one goes on. But not for ever.
@@ -319,7 +323,7 @@ def finish_hand(method: Any, hand: HandArrays, surface: SurfaceCode, state: Reco
         find_surface_contacts(surface, hand, state.pose, state.candidates, options.touch, state.contacts)
     elif status & STATUS_LAG or palm_yielded(state):
         settle_forces(hand, surface, options, state, qp)
-    hand_forces(options, as_bool(progress.snaps or progress.snapped), state)
+    hand_forces(options, as_bool(progress.snaps or progress.snapped > 0), state)
     if progress.snaps:
         status |= STATUS_SNAP
     end_work(state)
