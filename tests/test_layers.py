@@ -26,7 +26,7 @@ from tools.import_graph import (
 
 MOST_MODULES = 25
 """Of one package: more is a drawer."""
-MOST_LINES = {"replay": 50_790, "build_tree": 15_370}
+MOST_LINES = {"replay": 50_800, "build_tree": 15_375}
 """Lines that a command can import, of some 100,000; who lowers what it imports lowers these."""
 ROOMS = tuple(
     f"hhsim.{name}"
