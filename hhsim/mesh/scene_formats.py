@@ -37,7 +37,9 @@ def of_gltf(content: bytes) -> Stated:
         shown += nodes[node].get("children", [])
 
     def triangles(primitive: dict[str, Any]) -> int:
-        corners = accessors[primitive.get("indices", primitive["attributes"].get("POSITION"))]["count"]
+        if "POSITION" not in primitive["attributes"]:
+            return 0
+        corners = accessors[primitive.get("indices", primitive["attributes"]["POSITION"])]["count"]
         mode = primitive.get("mode", 4)
         return int(corners // 3 if mode == 4 else max(corners - 2, 0) if mode > 4 else 0)
 

@@ -11,10 +11,11 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
 from hhsim.kernels.mesh.bvh import MeshBvh
 from hhsim.mesh.mesh import Mesh, most_protrusion
+from hhsim.mesh.shell import Shell
 from hhsim.mesh.signed_bvh import heights, signed_bvh
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers
-from hhsim.trees.error import measure_levels, prove_cover
+from hhsim.trees.error import measure_levels, protrusion_bound, prove_cover
 from hhsim.trees.fewest_spheres import fewest_spheres
 from hhsim.trees.hierarchy import cover_hierarchy
 from hhsim.trees.options import FEW, MOST_LEAVES, TreeOptions, needed_level
@@ -114,10 +115,17 @@ class _Builder:
             total = max(self.total, self.done + size)
             self.progress(stage, cycles * self.done + done * size, cycles * total)
 
-        if searched:
-            center, radius = fewest_spheres(self.ready, size, self.options.minimise, report, self.workers)
-        else:
-            center, radius = cover_of(self.ready, size, report, self.workers)
+        def spheres() -> tuple[FloatArray, FloatArray]:
+            if searched:
+                return fewest_spheres(self.ready, size, self.options.minimise, report, self.workers)
+            return cover_of(self.ready, size, report, self.workers)
+
+        mesh, _, faces, bvh = self.surface
+        center, radius = spheres()
+        if mesh.shell is None and protrusion_bound(bvh, center, radius) > most_protrusion(mesh):
+            # Triangles as thin as rounding turn the sign of a distance beside them, but not that of a winding number.
+            self.ready = in_own_frame(replace(mesh, shell=Shell(mesh.vertices, faces, np.empty((0, 3), np.int64))))
+            center, radius = spheres()
         self.done += size
         return self.proved(center, radius)
 

@@ -39,7 +39,6 @@ def test_a_sweep_from_dry_run_to_board(run: Run, planned: Path, tmp_path: Path) 
     assert answer.code == 1, answer.err
     assert "4 cells: 2 done now, 2 failed" in answer.out
     assert re.search(r"cylinder, short, paper, deep +level=3 linearisations=9 +no way", answer.out)
-    assert "hhsim: cells: 4 of 4" in answer.err.splitlines()
     assert "hhsim board results/small shows them" in answer.out
     document = json.loads(run("sweep", str(planned), "--json").out)
     assert (document["done_now"], document["done_before"], len(document["failed"])) == (0, 2, 2)

@@ -203,6 +203,28 @@ def test_rounding_in_the_way_of_a_proof_makes_the_balls_a_little_larger(monkeypa
         less(1e-6)
 
 
+def box_with_needles(seed: int) -> Mesh:
+    """A box in single numbers, some of whose edges have points so near to their ends that rounding turns triangles."""
+    rng, box = np.random.default_rng(seed), trimesh.creation.box((0.1, 0.06, 0.02))
+    points, faces = np.asarray(box.vertices), np.asarray(box.faces).tolist()
+    for _ in range(20):
+        a, b = rng.permutation(faces[rng.integers(len(faces))])[:2]
+        new, share = len(points), rng.choice([1e-7, 1e-5])
+        points = np.concatenate([points, [(1.0 - share) * points[a] + share * points[b]]])
+        for face in [face for face in faces if a in face and b in face]:
+            faces.remove(face)
+            faces += [[new if corner == end else corner for corner in face] for end in (a, b)]
+    turned = trimesh.transformations.random_rotation_matrix(rng.random(3))[:3, :3]
+    return Mesh((points @ turned.T).astype(np.float32), np.array(faces), name="needles")
+
+
+@pytest.mark.parametrize("seed", [8, 11])
+def test_triangles_as_thin_as_rounding_make_no_sphere_of_metres(seed: int) -> None:
+    tree = build_sphere_tree(box_with_needles(seed), TreeOptions(level=1))
+    assert tree.check(box_with_needles(seed)) == ()
+    assert tree.errors[-1].bound < 0.016
+
+
 def test_spheres_that_stick_out_by_more_than_the_mesh_is_wide_are_no_cover(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tree_builder, "cover_of", lambda *_: (np.array([[3.0, 0.0, 0.0]]), np.array([3.2])))
     with pytest.raises(MeshError, match=r"shape: a sphere may stick 6150 mm out of a mesh 174.9 mm across: no cover"):
