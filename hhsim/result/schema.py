@@ -188,7 +188,8 @@ TICK_COLUMNS: tuple[Column, ...] = (
     Column("input_seq", (), "<i8", "1", "number of the input sample that the tick used, from 0", "input_seq"),
     Column(
         *("status", (), "<i4", "1"),
-        "0 settled; flags: 1 stuck, 2 lag, 4 input held, 8 began inside, 16 full, 32 abduction held, 64 no place",
+        "0 settled; flags: 1 stuck, 2 lag, 4 input held, 8 began inside, 16 full, 32 abduction held, 64 no place, "
+        "128 snap",
         "status",
     ),
     Column("lag", (), "<f8", "m", "distance that the hand still had to go when the tick's budget ended", "lag"),

@@ -96,7 +96,7 @@ class SolverOptions:
     offset: float = 5e-7  # clearance that contacts keep, so that second-order errors of small steps do not penetrate
     step_tolerance: float = 1e-4  # a shorter step ends the tick
     # Speed beyond the user's own [m/s] with which the hand of `coupled` follows a nearest pose that has moved on.
-    snap_speed: float = 0.1
+    snap_speed: float = 0.15
     tolerance: float = 1e-8  # accepted violation of a program's row, as a share of the margin
     touch: float = BY_SURFACE  # pairs nearer than this count as touching. Default: 10 µm; 1 µm with surface `mesh`.
     # Threads that share the fingers' programs of a tick of `progressive`, up to one for each finger. The bytes do not

@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from planted_faults import at, planted
 
 from hhsim.hand.model import HandModel
+from hhsim.kernels.hand.pose import farthest_joint, move, update_kinematics
 from hhsim.kernels.tick.force import ease_forces
 from hhsim.kernels.tick.state import STATUS_SNAP, tick_state_dtype
-from hhsim.kernels.tick.step_length import LEAST_ROOM, keep_room
+from hhsim.kernels.tick.step_length import LEAST_STEP, keep_bound
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.replay.replay import replay_scene
@@ -22,7 +23,7 @@ from hhsim.solver.workspace import tick_options
 from hhsim.verify.verify import verify
 
 HAND = HandModel.default()
-SNAP_STEP = 1e-4
+SNAP_STEP = 1.5e-4
 """Way beyond the user's own in a tick of 1 ms by default [m]."""
 
 
@@ -37,7 +38,7 @@ def grasp(tmp_path_factory: pytest.TempPathFactory) -> Result:
 def test_a_hand_that_snaps_makes_no_jump(grasp: Result) -> None:
     run = result_ticks(grasp)
     assert run_figure("snap_ticks", run) > 10, "the scene hardly provokes"
-    # The bound is for the hand's surface, which goes a little farther than its joints.
+    # A step from inside the object may go a little farther.
     assert run_figure("posture_jump_max", run) <= 1.3 * SNAP_STEP
     assert run_figure("force_contact_step_share", run) < 7.0
     assert run_figure("penetration_max", run) == 0.0
@@ -78,18 +79,27 @@ def test_only_a_method_that_seeks_the_nearest_pose_is_bounded() -> None:
     assert tick_options(SolverOptions(method="progressive"), HAND).snap_step == np.inf
 
 
-@given(st.floats(1e-6, 1e-2), st.floats(0.0, 1.0), st.floats(0.0, 0.1), st.floats(-1e-3, 1e-2))
-def test_a_step_keeps_within_its_room(snap_step: float, fraction: float, longest: float, room: float) -> None:
-    progress = np.zeros(1, tick_state_dtype()["progress"]).view(np.recarray)[0]
-    progress.room = room
-    kept = keep_room(
-        tick_options(SolverOptions(), HAND)._replace(snap_step=snap_step), fraction, longest, True, progress
-    )
-    most = max(room, LEAST_ROOM * snap_step)
-    assert 0.0 <= kept <= fraction
-    assert kept * longest <= most * (1.0 + 1e-12)
-    assert progress.snaps == (fraction * longest > most)
-    assert progress.room == pytest.approx(room - kept * longest, abs=1e-15)
+@given(st.integers(0, 2**32 - 1))
+def test_a_step_ends_where_a_joint_has_gone_as_far_as_it_may(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    state, arrays = np.zeros(1, tick_state_dtype()).view(np.recarray)[0], HAND.arrays()
+    for pose in (state.pose, state.trial):
+        pose.orientation[0] = 1.0
+    state.pose.flexion[:], state.contacts.start[-1] = random.uniform(0.0, 1.0, (5, 3)), 1
+    update_kinematics(arrays, state.pose)
+    progress = state.progress
+    progress.start[:] = state.pose.joints + random.normal(0.0, 1e-4, (5, 4, 3))
+    progress.bound = random.exponential(1e-3)
+    state.step.delta[:] = random.normal(0.0, 3e-3, 21)
+    gone, share = farthest_joint(state.pose.joints, progress.start), random.uniform(0.1, 1.0)
+    kept = keep_bound(arrays, tick_options(SolverOptions(), HAND), share, 1.0, state)
+    move(state.pose, state.step.delta, state.problem.abduction_step, kept)
+    update_kinematics(arrays, state.pose)
+    most, there = max(progress.bound, gone + LEAST_STEP * SNAP_STEP), farthest_joint(state.pose.joints, progress.start)
+    assert there <= most + 1e-6
+    assert progress.snaps == (kept < share)
+    if kept < share:
+        assert there >= 0.5 * most
 
 
 @given(st.integers(0, 2**32 - 1))

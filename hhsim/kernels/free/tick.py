@@ -56,7 +56,7 @@ from hhsim.kernels.tick.restoration import TRUST_DECAY, take_back
 from hhsim.kernels.tick.settled_forces import ON_THE_WAY
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_LAG, STATUS_SNAP, WORK_TOUCHING
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM, copy_active
-from hhsim.kernels.tick.step_length import keep_room
+from hhsim.kernels.tick.step_length import keep_bound
 from hhsim.kernels.tick.tick import MOST_FAILED_STEPS, accept, begin_tick, converge, tick_status, update_reach
 
 
@@ -175,8 +175,7 @@ def _advance(method: Free, hand: HandArrays, surface: SurfaceCode, full_motion: 
             clamp_to_limits(mover_of(method, p), states[p].pose, f, states[p].step.delta[:])
     fraction, longest = allowed_share(method)
     for h in range(hand_count(problem) if is_still(problem) else 0):
-        rows = states[h].contacts.start[FINGER_COUNT + 1] + states[h].self_contact.count + world.meeting.count
-        fraction = keep_room(options, fraction, world.longest[h], as_bool(rows > 0), states[h].progress)
+        fraction = keep_bound(method.movers[h], options, fraction, world.longest[h], states[h])
     _move_all(method, fraction, state)
     least = np.inf
     for p in range(pairs):

@@ -77,7 +77,6 @@ def predict_pose(method: Any, hand: HandArrays, surface: SurfaceCode, state: Rec
     move(state.pose, state.step.delta, state.problem.abduction_step, 1.0)
     progress.differs_from_safe = True
     progress.path += longest
-    progress.room -= longest
     state.trust.reach = min(state.trust.reach, max(REACH_FLOOR * options.step_tolerance, UNFORESEEN * longest))
     evaluate_pose(hand, surface, options, state)
 
@@ -88,7 +87,7 @@ def forget_prediction(hand: HandArrays, surface: SurfaceCode, options: TickOptio
     if not state.prediction.is_predicted:
         return False
     state.prediction.is_predicted = False
-    state.progress.room, state.progress.snaps = state.progress.bound, False
+    state.progress.snaps = False
     take_back(state)
     evaluate_pose(hand, surface, options, state)
     return True

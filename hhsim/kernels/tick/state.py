@@ -106,7 +106,7 @@ PROGRESS = np.dtype(
         ("lag", np.float64),  # distance still to go [m]
         ("carried", np.float64),  # what bodies move past the hand in this tick as recorded [m]
         ("bound", np.float64),  # distance that the hand may go in this tick [m]
-        ("room", np.float64),  # what is left of it [m]
+        ("start", np.float64, JOINTS),  # the hand's joints where it began [m]
         ("snaps", np.bool_),  # a step would have gone farther, and was cut short there; or a force has yet to follow
         ("snapped", np.int64),  # ticks in a row, up to the last one, in which the hand did so
         ("behind", np.float64),  # distance that it then had still to go [m]
@@ -158,6 +158,7 @@ def tick_state_dtype(candidates: "np.dtype[Any] | None" = None) -> "np.dtype[Any
             ("pose", HAND_POSE),  # the graphic hand
             ("safe", HAND_POSE),  # the last configuration without penetration
             ("haptic", HAND_POSE),  # the haptic hand: the last good input
+            ("trial", HAND_POSE),  # the graphic hand at the end of a step that may be cut short
             ("contacts", CONTACTS),
             ("problem", PROBLEM),  # the program
             ("step", STEP),  # the step that solves it

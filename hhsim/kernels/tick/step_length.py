@@ -3,7 +3,8 @@
 from hhsim.kernels.contact.linearise import build_rows
 from hhsim.kernels.contact.own_parts import clear_own_fraction
 from hhsim.kernels.contact.self_pairs import scale_rows
-from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, HandArrays, motion_bounds
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays, motion_bounds
+from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, move, update_kinematics
 from hhsim.kernels.jit import Record, jit, jit_inline
 from hhsim.kernels.tick.evaluation import least_distance
 from hhsim.kernels.tick.options import TickOptions
@@ -12,13 +13,13 @@ CLEAR = 0.8
 """Share of the offset that a hand must be away from the object to go a part of a step."""
 LEAST_SHARE = 0.05
 """Least share of a step that such a hand goes; below it the target is brought nearer."""
-FALLS = 25.0
-"""Ticks in a row after which a hand that snaps may go twice as far as in the first: a short snap is slow, a long one
-ends."""
+FALLS = 32.0
+"""Ticks in a row after which a hand that snaps goes twice as far in a tick as in the first; after two times as many it
+goes five times as far. Short snaps are slow, and long ones end."""
 IN_THE_AIR = 0.1
 """Share of the way left that a hand goes in a tick which has snapped and comes free."""
-LEAST_ROOM = 0.25
-"""Least room of a step, as a share of the snap step."""
+LEAST_STEP = 0.25
+"""Way of a step that a hand at its bound still has, as a share of the snap step."""
 
 WHOLE_TARGET = -1.0
 """Stands for the motion of the whole step where the program has the true target."""
@@ -53,30 +54,55 @@ def allowed_fraction(hand: HandArrays, options: TickOptions, state: Record) -> t
 
 
 @jit_inline
-def snap_way(options: TickOptions, snapped: int) -> float:
-    """Return how far beyond the user's own motion a hand may go [m] which snapped in so many ticks before."""
-    return options.snap_step * (1.0 + (snapped / FALLS) ** 2)
+def set_bound(options: TickOptions, state: Record) -> None:
+    """Set how far the hand may go in this tick, from where it stands: as far as the user's has gone, and a snap step.
+
+    The step grows where the hand has snapped for long. What the work of the last tick did not suffice
+    for is the user's own motion, too.
+    """
+    progress = state.progress
+    left = progress.bound - farthest_joint(state.pose.joints, progress.start) if progress.lag > 0.0 else 0.0
+    progress.snapped = progress.snapped + 1 if progress.snaps else 0
+    progress.behind = progress.lag if progress.snaps else 0.0
+    growth = progress.snapped / FALLS
+    progress.bound = options.snap_step * (1.0 + growth * growth) + state.input.motion + progress.carried
+    if progress.lag > progress.behind:
+        progress.bound += max(progress.lag, left)
+    progress.snaps = False
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT + 1):
+            for i in range(3):
+                progress.start[f, k, i] = state.pose.joints[f, k, i]
 
 
 @jit_inline
-def keep_room(options: TickOptions, fraction: float, longest: float, hindered: bool, progress: Record) -> float:
-    """Return the share of a step, `longest` [m] as a whole, that the hand has room for in this tick, and take it off.
+def keep_bound(hand: HandArrays, options: TickOptions, fraction: float, longest: float, state: Record) -> float:
+    """Return the share of a step, `longest` [m] as a whole, after which no joint is beyond the bound of this tick.
 
     The nearest pose can move on by millimetres for a breath of the user's hand: a contact that held it gives way. The
-    hand then follows at most as far as the user's own has gone, and `snap_way` more. A step from inside the object may
-    go a little farther, to leave it. A hand that is not `hindered` by any row has no bound, but where it snapped in the
-    last tick: then it comes nearer to the user's by a share of the way left.
+    joints then follow as far as `set_bound` says. A step from inside the object may go a little farther, to leave it.
+    A hand without rows has no bound, but where it snapped in the last tick: then it comes nearer to the user's by a
+    share of the way left.
     """
+    progress, least = state.progress, LEAST_STEP * options.snap_step
+    hindered = state.contacts.start[FINGER_COUNT + 1] + state.self_contact.count > 0
     if not hindered and progress.snapped == 0:
         return fraction
-    room = max(progress.room, LEAST_ROOM * options.snap_step)
-    if not hindered:
-        room += IN_THE_AIR * progress.behind
-    if fraction * longest > room:
-        progress.snaps = True
-        fraction = room / longest
-    progress.room -= fraction * longest
-    return fraction
+    bound = progress.bound if hindered else progress.bound + IN_THE_AIR * progress.behind
+    gone = farthest_joint(state.pose.joints, progress.start)
+    bound = max(bound, gone + least)
+    if gone + fraction * longest <= bound:
+        return fraction
+    trial = state.trial
+    copy_configuration(state.pose, trial)
+    move(trial, state.step.delta, state.problem.abduction_step, fraction)
+    update_kinematics(hand, trial)
+    there = farthest_joint(trial.joints, progress.start)
+    if there <= bound:
+        return fraction
+    progress.snaps = True
+    # A distance is a convex function of the share: below this chord.
+    return fraction * (bound - gone) / (there - gone)
 
 
 @jit

@@ -65,7 +65,7 @@ from hhsim.kernels.tick.state import (
     WORK_UNITS,
 )
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, copy_active, store_active, store_meeting
-from hhsim.kernels.tick.step_length import WHOLE_TARGET, allowed_fraction, clip_target, keep_room, snap_way
+from hhsim.kernels.tick.step_length import WHOLE_TARGET, allowed_fraction, clip_target, keep_bound, set_bound
 
 REACH_GROWTH = 4.0
 """Growth of the reach after a step that it has cut short."""
@@ -116,14 +116,7 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     judge_last_tick(state)
     state.work[:] = 0
     progress.path = 0.0
-    progress.snapped = progress.snapped + 1 if progress.snaps else 0
-    progress.bound = snap_way(options, progress.snapped) + state.input.motion + progress.carried
-    progress.behind = progress.lag if progress.snaps else 0.0
-    if progress.lag > progress.behind:
-        # What the last tick's work did not suffice for is the user's own motion, too.
-        progress.bound += max(progress.lag, progress.room)
-    progress.room = progress.bound
-    progress.snaps = False
+    set_bound(options, state)
     progress.lag = 0.0
 
 
@@ -245,8 +238,7 @@ def advance_hand(method: Any, hand: HandArrays, surface: SurfaceCode, full_motio
         clamp_to_limits(hand, state.pose, f, step.delta[:])
     clearance = least_distance(state)
     fraction, longest = allowed_fraction(hand, options, state)
-    hindered = as_bool(state.contacts.start[FINGER_COUNT + 1] + state.self_contact.count > 0)
-    fraction = keep_room(options, fraction, longest, hindered, progress)
+    fraction = keep_bound(hand, options, fraction, longest, state)
     move(state.pose, step.delta, state.problem.abduction_step, fraction)
     # Twice the step: where contacts change, the next one may be longer, and cut short by the reach, make that grow.
     foreseen = REACH_FLOOR * max(options.step_tolerance, longest)
