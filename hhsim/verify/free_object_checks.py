@@ -181,15 +181,11 @@ def _euler(motion: FreeBody) -> tuple[FloatArray, FloatArray, IntArray]:
     # Step and moments are rotation vectors in the body's axes where its program begins: at the tick's start or, of
     # several programs, next to its end.
     apart = np.full((2, len(spin)), np.inf)
-    # The last of several programs began anywhere between: the axes are as uncertain as the object turns.
-    turned = np.linalg.norm(motion.turn, axis=1)
-    turned[np.asarray(motion.result["work/linearisations"]) <= 1] = 0.0
     for at, frame in enumerate((motion.turned[:-1].inv(), motion.turned[1:].inv())):
         beyond = (frame * motion.turned[1:]).as_rotvec() - (frame * goal).as_rotvec()
         apart[at] = np.linalg.norm(heavier * rate**2 * beyond @ motion.inertia.T - frame.apply(wrench[:, 3:]), axis=1)
-    length = float(np.ptp(motion.vertices, axis=0).max())
     kept = motion.whole[motion.follows[motion.whole]]
-    limit = FORCE * length * motion.size + turned * np.linalg.norm(wrench[:, 3:], axis=1)
+    limit = FORCE * motion.extent * motion.size + motion.turned_in_programs * np.linalg.norm(wrench[:, 3:], axis=1)
     return apart.min(axis=0)[kept], limit[kept], kept
 
 

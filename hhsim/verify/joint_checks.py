@@ -91,7 +91,7 @@ def held_claim(body: FreeBody) -> Claim:
     off /= LENGTH
     if hinge:
         speed = body.spin @ axis
-        inertia, pushed, size = _about(body, axis, value, speed)
+        inertia, pushed, size = _about(body, axis, speed)
         does = "turns about its hinge, within its limits, as moments"
     else:
         speed, inertia, size = body.velocity @ axis, body.mass, FORCE * body.size
@@ -105,9 +105,7 @@ def held_claim(body: FreeBody) -> Claim:
     return judged("hinge" if hinge else "slider", says, off, 1.0, "1", WHY_JOINT, ticks=body.ticks)
 
 
-def _about(
-    body: FreeBody, axis: FloatArray, angle: FloatArray, spin: FloatArray
-) -> tuple[float, FloatArray, FloatArray]:
+def _about(body: FreeBody, axis: FloatArray, spin: FloatArray) -> tuple[float, FloatArray, FloatArray]:
     """Moment of inertia about a hinge [kg·m²], moments on it [N·m] and their tolerance, (T,) each."""
     from scipy.spatial.transform import Rotation
 
@@ -118,9 +116,8 @@ def _about(
     middle = Rotation.from_rotvec(np.outer(0.5 * body.period * spin[:-1], axis)).apply(arm[:-1])
     pushed = (wrench[:, 3:] + np.cross(arm[:-1], wrench[:, :3]) + mass * np.cross(middle, body.gravity)) @ axis
     size = FORCE * (body.size + np.abs(wrench[:, 3:]).sum(axis=1)) * (1.0 + length)
-    # Of several programs in a tick the last one began anywhere between its ends; the speed changes meanwhile.
-    turned = np.where(np.asarray(body.result["work/linearisations"]) > 1, np.abs(np.diff(angle)), 0.0)
-    turned += np.abs(np.diff(spin)) * body.period
+    # The forces are in the directions of the last program's begin; the speed changes meanwhile.
+    turned = body.turned_in_programs + np.abs(np.diff(spin)) * body.period
     size += turned * length * (np.abs(wrench[:, :3]).sum(axis=1) + mass * np.linalg.norm(body.gravity))
     return float(axis @ body.inertia @ axis + mass * length**2), pushed, size
 
