@@ -202,7 +202,8 @@ def _eq_14(judge: JudgedTicks) -> Claim:
         unclear |= judge.miscounted
         closed = judge.options["frustum_ends"] == "spheres"
         spheres = leaves(judge.result.body)
-        other = forces.on_another_part(judge.hand, judge.chosen_posed, judge.touching, *spheres, closed)
+        moved = judge.moved[judge.chosen]
+        other = forces.on_another_part(judge.hand, judge.chosen_posed, judge.touching, *spheres, closed, moved)
         unclear[judge.touching.tick[other]] = True
     chosen = np.flatnonzero(~unclear & (judge.status[judge.chosen] & CAPACITY_EXCEEDED == 0))
     wanted = judge.wanted_posed.at(judge.chosen)
