@@ -129,13 +129,7 @@ def proxy_forces(pairs: Pairs, graphic: Posed, haptic: Posed, turn: FloatArray, 
 
 
 def on_another_part(
-    hand: OwnHand,
-    posed: Posed,
-    pairs: Pairs,
-    center: FloatArray,
-    radius: FloatArray,
-    closed: bool,
-    moved: FloatArray,
+    hand: OwnHand, posed: Posed, pairs: Pairs, center: FloatArray, radius: FloatArray, closed: bool, moved: FloatArray
 ) -> BoolArray:
     """True for pairs that method `paper` may have on another feature than the nearest point's, shape (N,).
 

@@ -14,7 +14,7 @@ from hhsim.result.schema import BETWEEN_COLUMNS
 from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import follows
 from hhsim.verify.kinematics import rotations
-from hhsim.verify.tick_data import LAG, STUCK, JudgedTicks
+from hhsim.verify.tick_data import LAG, STUCK, JudgedTicks, left_out
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -110,6 +110,11 @@ class FreeBody:
     def whole(self) -> IntArray:
         """Ticks that neither lag nor are stuck; in others the object makes only a fraction of its program's step."""
         return np.asarray(np.flatnonzero(self.of_hands("status", LAG | STUCK) == 0))
+
+    @property
+    def left_out(self) -> str:
+        """The other ticks in words."""
+        return left_out(self.of_hands("status", LAG | STUCK), LAG | STUCK)
 
     @property
     def size(self) -> FloatArray:

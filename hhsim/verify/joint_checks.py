@@ -102,7 +102,8 @@ def held_claim(body: FreeBody) -> Claim:
     wrong = _beyond_friction(joint, value[1:], speed[1:], own) / size
     off[body.whole] = np.maximum(off, wrong)[body.whole]
     says = f"{body.name} only {does}, weight and friction have it"
-    return judged("hinge" if hinge else "slider", says, off, 1.0, "1", WHY_JOINT, ticks=body.ticks)
+    name, note = "hinge" if hinge else "slider", body.left_out and f"forces: {body.left_out}"
+    return judged(name, says, off, 1.0, "1", WHY_JOINT, ticks=body.ticks, note=note)
 
 
 def _about(body: FreeBody, axis: FloatArray, spin: FloatArray) -> tuple[float, FloatArray, FloatArray]:
@@ -126,7 +127,8 @@ def pair_claim(body: FreeBody, bearer: FreeBody) -> Claim:
     """Judge the motion of a free body beside the one that bears its joint: about or along the axis, within limits."""
     _, off = _beside(body, bearer)
     says = f"{body.name} only turns or moves beside {bearer.name} as its joint lets it, within its limits"
-    return judged("joint", says, off[body.whole], JOINED, "m, rad", "twice that of a program", ticks=body.whole)
+    why, ticks = "twice that of a program", body.whole
+    return judged("joint", says, off[ticks], JOINED, "m, rad", why, ticks=ticks, note=body.left_out)
 
 
 def _beyond_friction(joint: Mapping[str, Any], value: FloatArray, speed: FloatArray, own: FloatArray) -> FloatArray:
