@@ -3,6 +3,7 @@
 A recorded baseline holds the figures of a suite's scenes, as a JSON file that a project commits.
 """
 
+import hashlib
 import json
 import math
 import re
@@ -99,14 +100,25 @@ def write_baseline(path: Path, scenes: Mapping[str, RecordedScene]) -> None:
     }
     # Rounded, so that last bits make no differences in a history.
     rounded = plain_json(document, lambda value: float(f"{value:.{DIGITS}g}"))
+    for scene in rounded["scenes"].values():
+        scene["checksum"] = _checksum(scene)
     text = json.dumps(rounded, indent=1, ensure_ascii=False)
     # A list of numbers is a line: a changed number is then a changed line, and no page of them.
     text = re.sub(r"\[[-+.,\de\s]+\]", lambda found: " ".join(found[0].split()), text)
     write_atomically(path, f"{text}\n".encode())
 
 
+def _checksum(scene: Mapping[str, Any]) -> str:
+    """Compute the checksum of a scene as the file holds it; scenes of two files may be merged, each with its own."""
+    content = {name: value for name, value in scene.items() if name != "checksum"}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
 def load_baseline(path: Path) -> Baseline:
-    """Read a baseline; InputError if there is no such file, no baseline, another version, or a field is missing."""
+    """Read a baseline; InputError if there is no such file, no baseline, another version, or other values than written.
+
+    A value that was changed, emptied or is no number would weaken the gate without a word.
+    """
     try:
         document = json.loads(read_input_text(path))
     except FileNotFoundError:
@@ -116,7 +128,11 @@ def load_baseline(path: Path) -> Baseline:
     except json.JSONDecodeError as error:
         raise InputError(f"the baseline {path} is no JSON: {error}") from error
     try:
-        return structs.replace(typed(document, Baseline, f"the baseline {path}"), source=str(path))
+        found = structs.replace(typed(document, Baseline, f"the baseline {path}"), source=str(path))
+        for name, scene in document["scenes"].items():
+            if scene.get("checksum") != _checksum(scene):
+                raise InputError(f"the baseline {path}: scene {name} is not as it was recorded: its checksum differs")
+        return found
     except InputError as error:
         raise InputError(f"{error}; record it anew with hhsim gate --write-baseline FILE") from None
 
@@ -245,8 +261,21 @@ def gate_result(
     rows = _judged(name, head, before, limits if timed else without_times(limits), slack)
     if unlike:
         rows.insert(0, inputs_row(name, unlike, NOT_COMPARABLE))
-    stopped = f"the run of {result.path} was stopped: only its first {result.ticks:,} ticks are judged"
-    return GateReport(str(result.path), source, tuple(rows), () if result.complete else (stopped,))
+    # How a session ended has limits of its own; a base of as many ticks shows that no more are wanted.
+    if result.live is None and (cut := _cut_short(result, wanted=before is not None)):
+        rows.insert(0, verdicts.failed_run(name, cut))
+    return GateReport(str(result.path), source, tuple(rows))
+
+
+def _cut_short(result: Result, wanted: bool) -> str:
+    """Return why a result is not a whole run; "" for one that is, or whose --ticks are `wanted`."""
+    if not result.complete:
+        return f"the run was stopped: it has only the first {result.ticks:,} ticks"
+    if result.summary.get("ticks") != result.ticks:
+        return f"its summary is not of its {result.ticks:,} ticks"
+    if not wanted and result.scene.get("ticks") == result.ticks:
+        return f"only the first {result.ticks:,} ticks were run (--ticks): a base of as many makes it comparable"
+    return ""
 
 
 def _judged(
@@ -258,10 +287,14 @@ def _judged(
     motion_may_change: bool = False,
 ) -> list[GateRow]:
     """Rows of a run but its time; figures of a base with other inputs are left out."""
+    unsound = [] if not head.unsound else [verdicts.failed_run(name, head.unsound)]
+    if base is not None and base.unsound:
+        unsound.append(inputs_row(name, f"base: {base.unsound}", NOT_COMPARABLE))
+        base = None
     inputs = [] if base is None else [verdicts.judge_inputs(name, head, base, motion_may_change)]
     alike = None if base is None or differences(base.inputs, head.inputs) else base
     bits = [] if alike is None else verdicts.judge_bits(name, head, alike)
-    return [*inputs, *bits, *verdicts.judge_figures(name, head, alike, limits, slack)]
+    return [*unsound, *inputs, *bits, *verdicts.judge_figures(name, head, alike, limits, slack)]
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from hhsim.metrics.run_ticks import PLACED, RunTicks, result_ticks, touched_obje
 from hhsim.metrics.session_faults import SESSION_FAULTS, SESSION_TIMES
 from hhsim.replay.summary_table import default_limits, stored_promises
 from hhsim.result.reader import Result
-from hhsim.result.schema import TICK_COLUMNS
+from hhsim.result.schema import CONTACT_COLUMNS, TICK_COLUMNS
 from hhsim.solver.method import EVERYTHING, WORK
 from hhsim.submissions.score import MESH_DEPTH, OFF_BEST, OFF_BEST_MAX
 
@@ -41,8 +41,8 @@ COUNTERS: dict[str, tuple[str, Figure]] = {
 UNITS_OF_WORK = "work/units"
 """Dataset of the only counter of a method from outside."""
 
-NEVER_UNDEFINED = ("force/total", "graphic/position")
-"""Datasets that a sound run has in every tick."""
+UNDEFINED_AT_TIMES = ("haptic/", "penetration_finger", "force_variation_", "table_distance")
+"""Begins of the names of datasets that may hold what is no number; a sound run has none elsewhere."""
 
 OF_SESSIONS = frozenset(figure.name for figure in (*SESSION_TIMES, *SESSION_FAULTS))
 """Figures of recorded sessions only."""
@@ -110,14 +110,15 @@ class RunFigures:
     stopped: str = ""  # reason and time of a session's end before its duration; "" for none
     digest: str = ""  # of poses and forces, `hhsim.gate.input_hash.tick_digest`; "" where a baseline has none
     shown: ShownPoses = field(default_factory=dict)  # poses and forces of all ticks, or those that a baseline keeps
+    unsound: str = ""  # datasets that hold what is no number, in words; "" for none
 
 
 def run_figures(result: Result) -> RunFigures:
     """Compute a result's figures from its ticks; InputError for an invalid tree, or a dataset not in its schema."""
     inputs, digest, shown = run_inputs(result), tick_digest(result), shown_poses(result)
-    result = result.seen_from_object
+    unsound, result = _not_finite(result), result.seen_from_object
     gives = {what for what in EVERYTHING if result.gives(what)}
-    known = {column.name for column in TICK_COLUMNS if column.known_by in ("", *gives)}
+    known = _known_columns(result)
     # The number of near pairs follows from the pose; it is work only for hhsim's methods.
     own = known if WORK in gives else known.intersection((UNITS_OF_WORK,))
     counters = {name: int(np.sum(result[dataset])) for name, (dataset, _) in COUNTERS.items() if dataset in own}
@@ -129,13 +130,7 @@ def run_figures(result: Result) -> RunFigures:
     told |= PART_DEPTHS.keys()
     stored = {name: float(result.summary.get(name, np.nan)) for name in told if name not in computed}
     found = stored | {name: value for name, value in computed.items() if name in told}
-    lost = {name for name in NEVER_UNDEFINED if name in known and not np.isfinite(result[name]).all()}
-    # A force or a pose that is not finite is an error, not a missing one.
-    errors = {
-        name: np.inf if np.isnan(found[name]) and lost.intersection(metric.needs) else found[name]
-        for name, metric in judged.items()
-        if name in found
-    }
+    errors = {name: found[name] for name in judged if name in found}
     others = {name: value for name, value in found.items() if name not in judged}
     others |= {name: float(value) for name, value in result.score.items() if name in OF_SUBMISSIONS}
     ended = ("", "")
@@ -146,7 +141,28 @@ def run_figures(result: Result) -> RunFigures:
     suspicions = tuple(map(str, result.scene.get("submission", {}).get("suspicions", ())))
     promises = stored_promises(result.scene)
     of_run = inputs, errors, counters, cpu_p50(result), others, stuck, promises, suspicions, *ended
-    return RunFigures(*of_run, digest=digest, shown=shown)
+    return RunFigures(*of_run, digest=digest, shown=shown, unsound=unsound)
+
+
+def _known_columns(result: Result) -> set[str]:
+    """Names of the hand's datasets that the method gives."""
+    return {column.name for column in TICK_COLUMNS if not column.known_by or result.gives(column.known_by)}
+
+
+def _not_finite(result: Result) -> str:
+    """Return in words which datasets hold what is no number, though a run's are finite; "" for none."""
+    tables: dict[str, Mapping[str, AnyArray]] = {"": {name: result[name] for name in _known_columns(result)}}
+    for body in result.bodies.values():
+        tables[f"{body.group}/"] = {name: body[name] for name in body.columns}
+    if result.body.is_free:
+        tables["contact/"] = {column.name: result[f"contact/{column.name}"] for column in CONTACT_COLUMNS}
+    wrong = [
+        f"{group}{name}"
+        for group, columns in tables.items()
+        for name, values in columns.items()
+        if not name.startswith(UNDEFINED_AT_TIMES) and not np.isfinite(values).all()
+    ]
+    return f"not finite: {', '.join(sorted(wrong))}" if wrong else ""
 
 
 def cpu_p50(result: Result) -> float:

@@ -40,8 +40,7 @@ SAMPLES = 10_000
 """Number of random points on the mesh, uniform by area, besides vertices and edge midpoints."""
 COVER = 1e-9
 """Tolerance of a point outside all leaves [m]."""
-KNOWN_STATUS = STATUS_STUCK | STATUS_LAG | STATUS_INPUT_INVALID | STATUS_CAPACITY_EXCEEDED | STATUS_ABDUCTION_HELD
-KNOWN_STATUS |= STATUS_SNAP
+KNOWN_STATUS = STATUS_STUCK | STATUS_LAG | STATUS_INPUT_INVALID | STATUS_ABDUCTION_HELD | STATUS_SNAP
 """Flags that any tick may have."""
 LARGEST, LEAST_SQUARE = 1e6, 1e-12
 """Limits of a usable hand: sum of its absolute values [m, rad], and squared length of its quaternion."""
@@ -54,20 +53,43 @@ DURATIONS = ("detect", "palm", "fingers", "force", "total")
 
 def file_claims(result: Result) -> list[Claim]:
     """Judge the claims that need no geometry but the tree's."""
-    status, ticks = np.asarray(result["status"]), np.arange(result.ticks)
-    # A hand begins inside once; it is left no place by bodies that move as they are told.
-    rare = np.where(ticks == 0, STATUS_START_INSIDE, 0)
-    rare |= STATUS_NO_PLACE if any(body.kind == "driven" for body in result.bodies.values()) else 0
-    wrong = status & ~(KNOWN_STATUS | rare) != 0
     return [
         *(judge(result) for judge in (_complete, _checksums, _time, _input)),
         columns_claim(result),
         *_phases(result),
-        all_true("status", "statuses are made of flags that their ticks can have", wrong, ticks=ticks),
+        _status(result),
         _durations(result),
         *_work(result),
         *(judge(result) for judge in (_tree_order, _tree_encloses, cover)),
     ]
+
+
+def spent(result: Result) -> BoolArray:
+    """True for ticks that may end on the way: their work is spent, the arrays are full, or the abduction is held."""
+    options, hands = result.scene["solver"], [result, *([] if result.other is None else [result.other])]
+    found = np.zeros(result.ticks, bool)
+    for hand in hands:
+        found |= np.asarray(hand["work/linearisations"]) >= options["linearisations"]
+        found |= np.asarray(hand["work/units"]) >= options["budget"]
+        found |= np.asarray(hand["status"]) & (STATUS_CAPACITY_EXCEEDED | STATUS_ABDUCTION_HELD) > 0
+    return found
+
+
+def _status(result: Result) -> Claim:
+    """Judge whether flags are due: each of them keeps its tick from other claims."""
+    status, ticks = np.asarray(result["status"]), np.arange(result.ticks)
+    # A hand begins inside once; it is left no place by bodies that move as they are told. Full arrays end a replay.
+    may = np.where(ticks == 0, STATUS_START_INSIDE, 0) | KNOWN_STATUS
+    may |= STATUS_NO_PLACE if any(body.kind == "driven" for body in result.bodies.values()) else 0
+    may |= STATUS_CAPACITY_EXCEEDED if result.live is not None else 0
+    wrong = status & ~may != 0
+    if result.gives("work") and never_penetrates(result.scene["solver"]["method"]):
+        wrong |= (status & STATUS_LAG > 0) & ~spent(result)
+        # Only a program without solution holds the abduction; an unfinished tick leaves that to the next.
+        rows = np.asarray(result["work/rows"])
+        wrong |= (status & STATUS_ABDUCTION_HELD > 0) & (np.maximum(rows, np.append(0, rows[:-1])) == 0)
+    says = "flags are due: their ticks can have them, and no tick lags before its work is spent"
+    return all_true("status", says, wrong, ticks=ticks)
 
 
 def follows(result: Result) -> NDArray[np.bool_]:

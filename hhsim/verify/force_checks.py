@@ -12,7 +12,7 @@ from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import leaves
 from hhsim.verify.kinematics import euler_change, turn_between
-from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_PLACE, SNAP, STUCK, JudgedTicks
+from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_PLACE, SNAP, STUCK, JudgedTicks, left_out
 
 FORCE = 1e-6
 """Relative tolerance of forces, and absolute one [N]: a ten-thousandth of the least force that has a rate."""
@@ -25,6 +25,7 @@ LEAN = 0.03
 the forces of a tick on its way follow such a normal, at rest both agree."""
 WHY_SLACK = "a millionth, and how far normals turn in the tick's last step, after which the program is not solved again"
 NAME, SAYS = "forces", "contact forces follow from the configuration"
+SAYS_APART = "what does not touch bears no force"
 
 
 def force_claims(judge: JudgedTicks) -> list[Claim]:
@@ -88,28 +89,35 @@ def force_slack(judge: JudgedTicks, size: FloatArray, ticks: IntArray) -> FloatA
     return FORCE * (1.0 + size) + TURN * size * judge.last_step[ticks] / judge.rolling
 
 
-def _judgeable(judge: JudgedTicks, without: int) -> IntArray:
-    """Places in `chosen` of the ticks without some status flags."""
-    return np.flatnonzero(judge.status[judge.chosen] & (without | CAPACITY_EXCEEDED | NO_PLACE | SNAP) == 0)
+OTHERWISE = CAPACITY_EXCEEDED | NO_PLACE | SNAP
+"""Flags of ticks whose forces are no program's, or of one that was not at an end."""
+
+
+def _judgeable(judge: JudgedTicks, without: int) -> tuple[IntArray, str]:
+    """Return the places in `chosen` of the ticks without some status flags, and in words which are left out."""
+    status = judge.status[judge.chosen]
+    return np.flatnonzero(status & without == 0), left_out(status, without)
 
 
 def _stationarity(judge: JudgedTicks, moment_at: Callable[[int], forces.Moment]) -> Claim:
-    chosen = _judgeable(judge, STUCK | LAG)
+    chosen, note = _judgeable(judge, STUCK | LAG | OTHERWISE)
     off = np.array([forces.balance(moment_at(int(i)), judge.scale) for i in chosen])
     size = np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1)
     tolerance = force_slack(judge, size, judge.chosen)[chosen]
     says = "a settled tick is at the optimum: w = Jᵀλ + μ, λ ≥ 0 at what touches"
-    return judged("stationarity", says, off, tolerance, "N", WHY_SLACK, ticks=judge.chosen[chosen])
+    return judged("stationarity", says, off, tolerance, "N", WHY_SLACK, ticks=judge.chosen[chosen], note=note)
 
 
 def _palm_balance(judge: JudgedTicks) -> Claim:
-    settled = np.flatnonzero(judge.status & (STUCK | LAG | CAPACITY_EXCEEDED | NO_PLACE) == 0)
+    flags = STUCK | LAG | CAPACITY_EXCEEDED | NO_PLACE
+    settled, note = np.flatnonzero(judge.status & flags == 0), left_out(judge.status, flags)
     total = np.asarray(judge.result["force/total"])[settled]
     size = np.linalg.norm(total, axis=1)
     off = np.linalg.norm(judge.pull[settled, :3] - total, axis=1)
     says = "contact forces add up to the pull on the palm, with what holds back a hand that snaps"
     tolerance = force_slack(judge, np.linalg.norm(judge.pull * judge.scale, axis=1)[settled], settled)
-    return judged("palm balance", says, off, np.maximum(tolerance, FORCE * (1.0 + size)), "N", WHY_SLACK, ticks=settled)
+    tolerance = np.maximum(tolerance, FORCE * (1.0 + size))
+    return judged("palm balance", says, off, tolerance, "N", WHY_SLACK, ticks=settled, note=note)
 
 
 def _snaps(judge: JudgedTicks) -> list[Claim]:
@@ -131,25 +139,27 @@ def _snaps(judge: JudgedTicks) -> list[Claim]:
 
 
 def _complementarity(judge: JudgedTicks) -> Claim:
-    chosen = _judgeable(judge, STUCK)
+    chosen, note = _judgeable(judge, STUCK | OTHERWISE)
     nearest = judge.near.nearest[chosen]
     if judge.self_contact:
         nearest = np.minimum(nearest, judge.meetings.nearest(len(judge.chosen))[chosen])
     nearest = np.minimum(nearest, judge.against_other_hand.nearest(len(judge.chosen))[chosen])
-    return bears_where_near(judge, chosen, nearest, judge.bearing_within[chosen], "what does not touch bears no force")
+    return bears_where_near(judge, chosen, nearest, judge.bearing_within[chosen], SAYS_APART, note)
 
 
-def bears_where_near(judge: JudgedTicks, places: IntArray, nearest: FloatArray, within: FloatArray, says: str) -> Claim:
+def bears_where_near(
+    judge: JudgedTicks, places: IntArray, nearest: FloatArray, within: FloatArray, says: str, note: str
+) -> Claim:
     """Judge how far from everything (n, 16) [m] bodies are that bear a force, at some chosen ticks."""
     bears = np.linalg.norm(judge.stored_forces(judge.chosen[places]), axis=2) > FORCE
     gap, within = np.where(bears, np.maximum(nearest, 0.0), 0.0), np.broadcast_to(within + LENGTH, bears.shape)
     worst = np.arange(len(places)), (gap / within).argmax(axis=1)
     why = "what the last step of a tick leaves between what bears more than a micronewton"
-    return judged("complementarity", says, gap[worst], within[worst], "m", why, ticks=judge.chosen[places])
+    return judged("complementarity", says, gap[worst], within[worst], "m", why, ticks=judge.chosen[places], note=note)
 
 
 def _balance(judge: JudgedTicks, moment_at: Callable[[int], forces.Moment]) -> Claim:
-    chosen = _judgeable(judge, STUCK)
+    chosen, note = _judgeable(judge, STUCK | OTHERWISE)
     stored = judge.stored_forces(judge.chosen).reshape(len(judge.chosen), -1)
     size, lags = np.linalg.norm(stored, axis=1), judge.status[judge.chosen] & LAG > 0
     # Normals of all contacts turn, and what they leave adds up.
@@ -177,7 +187,7 @@ def _balance(judge: JudgedTicks, moment_at: Callable[[int], forces.Moment]) -> C
             pull = forces.on_its_way(at, judge.diagonal, offset)
             off[n] = min(off[n], forces.explained(at, judge.scale, force, pull, False))
     says = "forces push along the normals of what touches, and balance the coupling"
-    return judged("force balance", says, off, slack[chosen], "N", WHY_SLACK, ticks=judge.chosen[chosen])
+    return judged("force balance", says, off, slack[chosen], "N", WHY_SLACK, ticks=judge.chosen[chosen], note=note)
 
 
 def _stuck_forces(judge: JudgedTicks) -> list[Claim]:
@@ -202,7 +212,8 @@ def _eq_14(judge: JudgedTicks) -> Claim:
         unclear |= judge.miscounted
         closed = judge.options["frustum_ends"] == "spheres"
         spheres = leaves(judge.result.body)
-        other = forces.on_another_part(judge.hand, judge.chosen_posed, judge.touching, *spheres, closed)
+        moved = judge.moved[judge.chosen]
+        other = forces.on_another_part(judge.hand, judge.chosen_posed, judge.touching, *spheres, closed, moved)
         unclear[judge.touching.tick[other]] = True
     chosen = np.flatnonzero(~unclear & (judge.status[judge.chosen] & CAPACITY_EXCEEDED == 0))
     wanted = judge.wanted_posed.at(judge.chosen)

@@ -129,14 +129,15 @@ def proxy_forces(pairs: Pairs, graphic: Posed, haptic: Posed, turn: FloatArray, 
 
 
 def on_another_part(
-    hand: OwnHand, posed: Posed, pairs: Pairs, center: FloatArray, radius: FloatArray, closed: bool
+    hand: OwnHand, posed: Posed, pairs: Pairs, center: FloatArray, radius: FloatArray, closed: bool, moved: FloatArray
 ) -> BoolArray:
     """True for pairs that method `paper` may have on another feature than the nearest point's, shape (N,).
 
     Its phalanx is a cone frustum with a sphere at its thin end, and the foot of a leaf's centre decides between the
-    two. That is the nearest feature while the two only touch; with deep penetration feature and normal may differ. The
-    sphere at a finger's first joint belongs to the palm. Leaf spheres [m], world, have shapes (L, 3) and (L,); if
-    `closed`, spheres close both ends of every frustum, not the fingertip's alone.
+    two, as the tick before left the hand, which has `moved` since [m], (n,) by tick. That is the nearest feature while
+    the two only touch; with deep penetration feature and normal may differ. The sphere at a finger's first joint
+    belongs to the palm. Leaf spheres [m], world, have shapes (L, 3) and (L,); if `closed`, spheres close both ends of
+    every frustum, not the fingertip's alone.
     """
     found = np.zeros(len(pairs.body), bool)
     of_phalanx = np.flatnonzero(pairs.body != PALM)
@@ -157,10 +158,11 @@ def on_another_part(
     lowest = np.where(closed | (phalanx == 2), -reach * sine, -reach)
     highest = bottom - reach * sine if closed else bottom + reach
     on_frustum = (foot >= lowest) & (foot <= highest)
+    was_elsewhere = np.minimum(np.abs(foot - lowest), np.abs(foot - highest)) <= moved[tick]
 
     first_joint = np.linalg.norm(center[leaf] - a, axis=1) - reach - radius_a
     of_palm = (phalanx == 0) & (first_joint <= pairs.distance.max(initial=0.0))
-    found[of_phalanx] = at_thick_end | of_palm | (on_frustum == at_thin_end)
+    found[of_phalanx] = at_thick_end | of_palm | was_elsewhere | (on_frustum == at_thin_end)
     return found
 
 

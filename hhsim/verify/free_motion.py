@@ -14,7 +14,7 @@ from hhsim.result.schema import BETWEEN_COLUMNS
 from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import follows
 from hhsim.verify.kinematics import rotations
-from hhsim.verify.tick_data import LAG, STUCK, JudgedTicks
+from hhsim.verify.tick_data import LAG, STUCK, JudgedTicks, left_out
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -85,16 +85,36 @@ class FreeBody:
         return np.asarray((self.turned[1:] * self.turned[:-1].inv()).as_rotvec())
 
     @property
+    def extent(self) -> float:
+        """Largest extent of its mesh along an axis [m]."""
+        return float(np.ptp(self.vertices, axis=0).max())
+
+    @property
     def travel(self) -> FloatArray:
         """Bound on the travel of its farthest points from tick to tick [m], shape (T,)."""
-        extent = float(np.ptp(self.vertices, axis=0).max())
         way = np.linalg.norm(np.diff(self.center, axis=0), axis=1)
-        return np.asarray(way + extent * np.linalg.norm(self.turn, axis=1))
+        return np.asarray(way + self.extent * np.linalg.norm(self.turn, axis=1))
+
+    @property
+    def turned_in_programs(self) -> FloatArray:
+        """Bound on the turn between a tick's ends and where its last program began [rad], shape (T,).
+
+        The only program of a tick begins where the tick does. The last of several begins between its ends or, since it
+        may take back what others made, beyond them by its own step, which ends a tick.
+        """
+        step = float(self.result.scene["solver"]["step_tolerance"]) / self.extent
+        several = self.of_hands("work/linearisations") > 1
+        return np.where(several, np.linalg.norm(self.turn, axis=1) + step, 0.0)
 
     @cached_property
     def whole(self) -> IntArray:
         """Ticks that neither lag nor are stuck; in others the object makes only a fraction of its program's step."""
         return np.asarray(np.flatnonzero(self.of_hands("status", LAG | STUCK) == 0))
+
+    @property
+    def left_out(self) -> str:
+        """The other ticks in words."""
+        return left_out(self.of_hands("status", LAG | STUCK), LAG | STUCK)
 
     @property
     def size(self) -> FloatArray:

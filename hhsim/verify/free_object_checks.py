@@ -23,7 +23,7 @@ from hhsim.verify.free_motion import FreeBody, FreeMotion
 from hhsim.verify.joint_checks import driven_claim, held_claim, pair_claim
 from hhsim.verify.judged_body import JudgedBody
 from hhsim.verify.kinematics import Posed, configurations, own_hand, phalanx_axes, pose, rotations, turn_between
-from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, START_INSIDE, STUCK, JudgedTicks
+from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, START_INSIDE, STUCK, JudgedTicks, left_out
 
 if TYPE_CHECKING:
     pass
@@ -77,13 +77,19 @@ def free_claims(result: Result) -> list[Claim]:
     return claims
 
 
-def _of_each(name: str, says: str, unit: str, why: str, bodies: Sequence[FreeBody], figures: Any) -> list[Claim]:
-    """Judge deviations, tolerances and ticks of each body: the claim is that of the worst one; none for no body."""
-    found = [judged(name, says, off, limit, unit, why, ticks=ticks) for off, limit, ticks in figures]
+def _of_each(
+    name: str, says: str, unit: str, why: str, bodies: Sequence[FreeBody], figures: Any, whole: bool = False
+) -> list[Claim]:
+    """Judge deviations, tolerances and ticks of each body: the claim is that of the worst one; none for no body.
+
+    `whole` says that they are of the ticks alone in which the bodies make all of their programs' step.
+    """
+    note = bodies[0].left_out if whole and bodies else ""
+    found = [judged(name, says, off, limit, unit, why, ticks=ticks, note=note) for off, limit, ticks in figures]
     if len(found) < 2:
         return found
     worst = max(range(len(found)), key=lambda i: (found[i].failed, found[i].worst / found[i].tolerance))
-    note = f"the worst is that of {bodies[worst].name}"
+    note = f"the worst is that of {bodies[worst].name}" + (note and f"; {note}")
     return [replace(found[worst], checked=sum(claim.checked for claim in found), note=note)]
 
 
@@ -149,8 +155,8 @@ def _velocities(bodies: Sequence[FreeBody]) -> list[Claim]:
         turn.append((np.linalg.norm(body.turn / body.period - body.spin[1:], axis=1)[kept], 1e-9, kept))
     says = "the object's {} is that of its poses"
     return [
-        *_of_each("object velocity", says.format("velocity"), "m/s", why, bodies, travel),
-        *_of_each("object angular", says.format("angular velocity"), "rad/s", why, bodies, turn),
+        *_of_each("object velocity", says.format("velocity"), "m/s", why, bodies, travel, whole=True),
+        *_of_each("object angular", says.format("angular velocity"), "rad/s", why, bodies, turn, whole=True),
     ]
 
 
@@ -166,7 +172,7 @@ def _balance(bodies: Sequence[FreeBody]) -> list[Claim]:
     why = "a millionth of the forces at the object's length; of several programs in a tick the object's turn of the "
     why += "moment, since nobody knows which of the axes between they had"
     free = [body for body in bodies if not body.fixed]
-    return [*claims, *_of_each("Euler", says, "N·m", why, free, map(_euler, free))]
+    return [*claims, *_of_each("Euler", says, "N·m", why, free, map(_euler, free), whole=True)]
 
 
 def _euler(motion: FreeBody) -> tuple[FloatArray, FloatArray, IntArray]:
@@ -181,15 +187,11 @@ def _euler(motion: FreeBody) -> tuple[FloatArray, FloatArray, IntArray]:
     # Step and moments are rotation vectors in the body's axes where its program begins: at the tick's start or, of
     # several programs, next to its end.
     apart = np.full((2, len(spin)), np.inf)
-    # The last of several programs began anywhere between: the axes are as uncertain as the object turns.
-    turned = np.linalg.norm(motion.turn, axis=1)
-    turned[np.asarray(motion.result["work/linearisations"]) <= 1] = 0.0
     for at, frame in enumerate((motion.turned[:-1].inv(), motion.turned[1:].inv())):
         beyond = (frame * motion.turned[1:]).as_rotvec() - (frame * goal).as_rotvec()
         apart[at] = np.linalg.norm(heavier * rate**2 * beyond @ motion.inertia.T - frame.apply(wrench[:, 3:]), axis=1)
-    length = float(np.ptp(motion.vertices, axis=0).max())
     kept = motion.whole[motion.follows[motion.whole]]
-    limit = FORCE * length * motion.size + turned * np.linalg.norm(wrench[:, 3:], axis=1)
+    limit = FORCE * motion.extent * motion.size + motion.turned_in_programs * np.linalg.norm(wrench[:, 3:], axis=1)
     return apart.min(axis=0)[kept], limit[kept], kept
 
 
@@ -401,7 +403,8 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
     says += "and by joints at their limits"
     result, motion = judge.result, FreeMotion(judge.result)
     others = [FreeBody(result, body) for body in list(result.bodies.values())[1:]]
-    settled = judge.status[judge.chosen] & (STUCK | LAG | CAPACITY_EXCEEDED) == 0
+    status, flags = judge.status[judge.chosen], STUCK | LAG | CAPACITY_EXCEEDED
+    settled = status & flags == 0
     places, ticks = np.flatnonzero(settled), judge.chosen[settled]
     size = np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1)
     stored = judge.stored_forces(ticks).reshape(len(ticks), 3 * (PALM + 1))
@@ -432,7 +435,7 @@ def free_hand_claim(judge: JudgedTicks) -> Claim:
         wanted = np.concatenate([judge.pull[tick] - borne, stored[n] - on_bodies, wrench[n]])
         off[n] = residual((np.concatenate(may) * scale).T, wanted * scale)
     tolerance = _hand_slack(judge, [motion, *others], size, places)
-    return judged(name, says, off, tolerance, "N", WHY_SLACK, ticks=ticks)
+    return judged(name, says, off, tolerance, "N", WHY_SLACK, ticks=ticks, note=left_out(status, flags))
 
 
 def _hand_slack(judge: JudgedTicks, bodies: Sequence[FreeBody], size: FloatArray, places: IntArray) -> FloatArray:
@@ -525,7 +528,8 @@ def free_complementarity_claim(judge: JudgedTicks) -> Claim:
     # Distances beyond the margin are unknown.
     nearest, met = np.minimum(judge.near.nearest, judge.margin), judge.against_other_hand
     np.minimum.at(nearest, (met.tick, met.body), met.distance)
-    return bears_where_near(judge, places, nearest[places] - floats[ticks], within, says)
+    note = left_out(judge.status[judge.chosen], STUCK)
+    return bears_where_near(judge, places, nearest[places] - floats[ticks], within, says, note)
 
 
 def _table(motion: FreeMotion, bodies: Sequence[FreeBody]) -> Claim:

@@ -91,7 +91,7 @@ def held_claim(body: FreeBody) -> Claim:
     off /= LENGTH
     if hinge:
         speed = body.spin @ axis
-        inertia, pushed, size = _about(body, axis, value, speed)
+        inertia, pushed, size = _about(body, axis, speed)
         does = "turns about its hinge, within its limits, as moments"
     else:
         speed, inertia, size = body.velocity @ axis, body.mass, FORCE * body.size
@@ -102,12 +102,11 @@ def held_claim(body: FreeBody) -> Claim:
     wrong = _beyond_friction(joint, value[1:], speed[1:], own) / size
     off[body.whole] = np.maximum(off, wrong)[body.whole]
     says = f"{body.name} only {does}, weight and friction have it"
-    return judged("hinge" if hinge else "slider", says, off, 1.0, "1", WHY_JOINT, ticks=body.ticks)
+    name, note = "hinge" if hinge else "slider", body.left_out and f"forces: {body.left_out}"
+    return judged(name, says, off, 1.0, "1", WHY_JOINT, ticks=body.ticks, note=note)
 
 
-def _about(
-    body: FreeBody, axis: FloatArray, angle: FloatArray, spin: FloatArray
-) -> tuple[float, FloatArray, FloatArray]:
+def _about(body: FreeBody, axis: FloatArray, spin: FloatArray) -> tuple[float, FloatArray, FloatArray]:
     """Moment of inertia about a hinge [kg·m²], moments on it [N·m] and their tolerance, (T,) each."""
     from scipy.spatial.transform import Rotation
 
@@ -118,9 +117,8 @@ def _about(
     middle = Rotation.from_rotvec(np.outer(0.5 * body.period * spin[:-1], axis)).apply(arm[:-1])
     pushed = (wrench[:, 3:] + np.cross(arm[:-1], wrench[:, :3]) + mass * np.cross(middle, body.gravity)) @ axis
     size = FORCE * (body.size + np.abs(wrench[:, 3:]).sum(axis=1)) * (1.0 + length)
-    # Of several programs in a tick the last one began anywhere between its ends; the speed changes meanwhile.
-    turned = np.where(np.asarray(body.result["work/linearisations"]) > 1, np.abs(np.diff(angle)), 0.0)
-    turned += np.abs(np.diff(spin)) * body.period
+    # The forces are in the directions of the last program's begin; the speed changes meanwhile.
+    turned = body.turned_in_programs + np.abs(np.diff(spin)) * body.period
     size += turned * length * (np.abs(wrench[:, :3]).sum(axis=1) + mass * np.linalg.norm(body.gravity))
     return float(axis @ body.inertia @ axis + mass * length**2), pushed, size
 
@@ -129,7 +127,8 @@ def pair_claim(body: FreeBody, bearer: FreeBody) -> Claim:
     """Judge the motion of a free body beside the one that bears its joint: about or along the axis, within limits."""
     _, off = _beside(body, bearer)
     says = f"{body.name} only turns or moves beside {bearer.name} as its joint lets it, within its limits"
-    return judged("joint", says, off[body.whole], JOINED, "m, rad", "twice that of a program", ticks=body.whole)
+    why, ticks = "twice that of a program", body.whole
+    return judged("joint", says, off[ticks], JOINED, "m, rad", why, ticks=ticks, note=body.left_out)
 
 
 def _beyond_friction(joint: Mapping[str, Any], value: FloatArray, speed: FloatArray, own: FloatArray) -> FloatArray:

@@ -75,10 +75,8 @@ def metric_claims(result: Result) -> list[Claim]:
 
 
 def _summary_claims(result: Result) -> list[Claim]:
-    # Without the hand, whose kernels are not the referee's.
-    figures = tick_figures(replace(ticks_alone(result), hand=None))
-    own = {"ticks": float(result.ticks)}
-    own |= {name: value for name, value in figures.items() if name not in ELSEWHERE}
+    # Those elsewhere take the hand's kernels, which are not the referee's.
+    own = {"ticks": float(result.ticks), **tick_figures(ticks_alone(result), but=ELSEWHERE)}
     stored = {name: as_number(value) for name, value in result.summary.items()}
     known = {name: value for name, value in own.items() if name in stored}
     size = [np.nan_to_num(np.abs(value)) + ROUNDING.get(name, 0.0) / SAME for name, value in known.items()]

@@ -5,10 +5,10 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_CLAIMED, Claim, judged
+from hhsim.verify.file_checks import spent
 from hhsim.verify.kinematics import turn_between
 from hhsim.verify.tick_data import (
     ABDUCTION_HELD,
-    CAPACITY_EXCEEDED,
     LAG,
     LENGTH,
     NO_PLACE,
@@ -17,6 +17,7 @@ from hhsim.verify.tick_data import (
     UNSETTLED,
     WHY_LENGTH,
     JudgedTicks,
+    left_out,
 )
 
 ANGLE = 1e-9
@@ -56,10 +57,17 @@ def _of_the_solver(judge: JudgedTicks, beyond: FloatArray) -> list[Claim]:
 
 
 def _abduction(judge: JudgedTicks) -> Claim:
-    settled = judge.status & (UNSETTLED | ABDUCTION_HELD) == 0
-    spread = np.abs(judge.shown.abduction - judge.wanted.abduction).max(axis=1)[settled]
-    says = "settled ticks show the user's abduction"
-    return judged("abduction", says, spread, ANGLE, "rad", WHY_ANGLE, ticks=judge.numbers[settled])
+    kept = np.flatnonzero(judge.status & UNSETTLED == 0)
+    off = np.abs(judge.shown.abduction - judge.wanted.abduction)
+    # Each step goes towards the user's, but a tick may begin with the step of the one before.
+    last = np.abs(np.diff(judge.shown.abduction, axis=0, prepend=judge.shown.abduction[:1]))
+    before = np.abs(np.roll(judge.shown.abduction, 1, axis=0) - judge.wanted.abduction) + np.roll(last, 1, axis=0)
+    held = judge.status & ABDUCTION_HELD > 0
+    off = np.where(held[:, None], np.maximum(0.0, off - before), off).max(axis=1)[kept]
+    says = "settled ticks show the user's abduction; where it is held, it goes no farther from it"
+    note = f"held in {counted(int(held.sum()), 'tick')}" if held.any() else ""
+    note = "; ".join(filter(None, (note, left_out(judge.status, UNSETTLED))))
+    return judged("abduction", says, off, ANGLE, "rad", WHY_ANGLE, ticks=judge.numbers[kept], note=note)
 
 
 def _lag(judge: JudgedTicks) -> Claim:
@@ -81,16 +89,11 @@ def _of_others(judge: JudgedTicks) -> BoolArray:
     """True for ticks that may lag by the first hand's flag though that hand is done beside the first body, shape (T,).
 
     Of several bodies it has the flag also where a body, or a hand beside another body, has distance still to go; the
-    file has the distance of the hand beside the first body. But no tick ends on the way before its work is spent or
-    the arrays are full; one whose program has no solution holds the abduction first.
+    file has the distance of the hand beside the first body.
     """
     result, status = judge.result, judge.status
-    first = result.name == next(iter(result.hands))
-    spent = np.asarray(result["work/linearisations"]) >= judge.options["linearisations"]
-    spent |= np.asarray(result["work/units"]) >= judge.options["budget"]
-    spent |= status & (CAPACITY_EXCEEDED | ABDUCTION_HELD) > 0
-    several = first and result.body.is_free and len(result.bodies) > 1
-    return np.asarray(several & spent & (status & (STUCK | NO_PLACE) == 0))
+    several = result.name == next(iter(result.hands)) and result.body.is_free and len(result.bodies) > 1
+    return np.asarray(several & spent(result) & (status & (STUCK | NO_PLACE) == 0))
 
 
 def _free(judge: JudgedTicks) -> list[Claim]:
@@ -106,7 +109,8 @@ def _free(judge: JudgedTicks) -> list[Claim]:
     )
     off = np.maximum(off, np.abs(at.flexion - bend).max(axis=(1, 2)))[settled]
     says = "a settled tick without a contact shows the user's hand"
-    return [judged("free hand", says, off, ANGLE, "m, rad", WHY_ANGLE, ticks=judge.numbers[settled])]
+    note = left_out(judge.status[clear], UNSETTLED)
+    return [judged("free hand", says, off, ANGLE, "m, rad", WHY_ANGLE, ticks=judge.numbers[settled], note=note)]
 
 
 def _stuck(judge: JudgedTicks) -> list[Claim]:

@@ -34,6 +34,17 @@ from hhsim.verify.kinematics import configurations, own_hand, pose, turn_between
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 STUCK, LAG, INPUT_INVALID, START_INSIDE, CAPACITY_EXCEEDED, ABDUCTION_HELD, NO_PLACE, SNAP = 1, 2, 4, 8, 16, 32, 64, 128
 """Flags of a tick's status."""
+FLAGS = {
+    STUCK: "stuck",
+    LAG: "with lag",
+    INPUT_INVALID: "of held input",
+    START_INSIDE: "begun inside",
+    CAPACITY_EXCEEDED: "full",
+    ABDUCTION_HELD: "of held abduction",
+    NO_PLACE: "without a place",
+    SNAP: "that snap",
+}
+"""What ticks with a flag are called."""
 UNSETTLED = STUCK | LAG | INPUT_INVALID | START_INSIDE | CAPACITY_EXCEEDED | NO_PLACE | SNAP
 LENGTH = 1e-9
 """Tolerance of lengths [m]: a thousandth of the smallest that any table shows."""
@@ -54,6 +65,13 @@ QUIET = 1_000_000_000
 """Time in which the log does not repeat a line [ns]."""
 LOOP_DIED = "the loop failed or was killed"
 """Reason of the end of a session whose loop was not brought to its end."""
+
+
+def left_out(status: IntArray, flags: int) -> str:
+    """Name the ticks that some flags keep from a claim, by their statuses (T,); "" for none."""
+    counts = {word: np.count_nonzero(status & flag) for flag, word in FLAGS.items() if flag & flags}
+    told = ", ".join(f"{count:,} {word}" for word, count in counts.items() if count)
+    return f"left out: {told}" if told else ""
 
 
 def other_hand(result: Result) -> Result | None:

@@ -30,7 +30,7 @@ from hhsim.verify.metric_checks import input_hand_claims, metric_claims, motion_
 from hhsim.verify.origin_checks import origin_claims
 from hhsim.verify.posture_checks import posture_claims
 from hhsim.verify.session_checks import session_claims
-from hhsim.verify.tick_data import JudgedTicks
+from hhsim.verify.tick_data import NO_PLACE, JudgedTicks, left_out
 
 MESH_LIMIT = 1e-6
 """Distances to the mesh are computed up to this value [m]."""
@@ -184,6 +184,6 @@ def _mesh_claim(judge: JudgedTicks, claims: list[Claim], report: Progress) -> tu
     verdict = NOT_CLAIMED if not promised else FAILS if depth > CLOSE else HOLDS
     note = "" if promised else "neither the method nor the tree promises it"
     assumed = [text for text in judge.result.scene.get("object_repairs") or [] if text.startswith(ASSUMED_SOLID)]
-    note = "; ".join([*([note] if note else []), *assumed])
+    note = "; ".join(filter(None, (note, left_out(judge.status[judge.chosen], NO_PLACE), *assumed)))
     tick = int(judge.chosen[worst]) if depth > 0.0 else None
     return Claim(name, says, verdict, depth, CLOSE, "m", tick, checked, why, note), depth

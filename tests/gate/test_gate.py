@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import h5py
 import numpy as np
 import pytest
 from file_faults import forge_scene
@@ -117,8 +118,19 @@ def test_an_error_in_a_single_tick_is_caught(result: Path, dataset: str, value: 
     with changed(result) as file:
         file[f"hands/right/tick/{dataset}"][77] = value
     report = gate_result(load_result(result), TINY, None)
-    assert (missed(report), report.exit_code) == ([name], 1)
-    assert not math.isnan(value) or report.missed[0].reason == "not finite"
+    assert missed(report)[-1:] == [name] and report.exit_code == 1
+    assert not math.isnan(value) or report.missed[0].reason == f"not finite: {dataset}"
+
+
+@pytest.mark.parametrize("dataset", ["lag", "penetration_palm", "force/phalanx", "force/palm_wrench", "graphic/joints"])
+def test_a_dataset_that_holds_no_number_is_missed_and_is_no_base(result: Path, stored: Path, dataset: str) -> None:
+    with changed(result) as file:
+        file[f"hands/right/tick/{dataset}"][...] = math.nan
+    report = gate_result(load_result(result), TINY, load_result(stored))
+    assert report.exit_code == 1
+    assert report.missed[0].name == "run" and report.missed[0].reason == f"not finite: {dataset}"
+    report = gate_result(load_result(stored), TINY, load_result(result))
+    assert report.exit_code == 3 and f"base: not finite: {dataset}" in report.rows[0].reason
 
 
 def sunk(stored: Path, name: str, more: float, last: int = 200) -> Path:
@@ -180,12 +192,40 @@ def test_a_suite_that_names_no_slack_has_half_a_percent(repository: Path) -> Non
     assert "`slack`, 0.5 % by default" in (repository / "docs" / "gate.md").read_text(encoding="utf-8")
 
 
-def test_a_run_that_was_stopped_is_judged_and_said_to_be(result: Path) -> None:
-    assert gate_result(load_result(result), TINY, None).notes == ()
+def _truncate(file: h5py.File) -> None:
+    for group in ("tick", "hands/right/tick"):
+        of_ticks = [name for name, item in _datasets(file[group]) if len(item) == 200]
+        for name in of_ticks:
+            rows, stated = file[group][name][:60], dict(file[group][name].attrs)
+            del file[group][name]
+            file[group].create_dataset(name, data=rows).attrs.update(stated)
+
+
+def _datasets(group: h5py.Group) -> list[tuple[str, h5py.Dataset]]:
+    found: list[tuple[str, h5py.Dataset]] = []
+    group.visititems(lambda name, item: found.append((name, item)) if isinstance(item, h5py.Dataset) else None)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda file: file.attrs.update(complete=0), "the run was stopped: it has only the first 200 ticks"),
+        (lambda file: forge_scene(file, lambda scene: scene.update(ticks=200)), "only the first 200 ticks were run"),
+        (_truncate, "its summary is not of its 60 ticks"),
+    ],
+)
+def test_a_run_that_is_not_whole_is_missed(
+    result: Path, stored: Path, change: Callable[[h5py.File], object], reason: str
+) -> None:
     with changed(result) as file:
-        file.attrs["complete"] = 0
-    (note,) = gate_result(load_result(result), TINY, None).notes
-    assert "was stopped: only its first 200 ticks" in note
+        change(file)
+    report = gate_result(load_result(result), TINY, None)
+    assert report.exit_code == 1
+    assert [(row.name, row.reason.startswith(reason)) for row in report.missed] == [("run", True)]
+    # Beside a base of as many ticks, the first ones are what was wanted.
+    wanted = "ticks were run" in reason
+    assert (gate_result(load_result(result), TINY, load_result(stored)).exit_code == 0) == wanted
 
 
 def test_one_pair_test_more_than_the_slack_is_a_miss(result: Path, figures: RunFigures) -> None:
@@ -219,6 +259,33 @@ def test_a_baseline_comes_back_as_it_was_written(figures: RunFigures, tmp_path: 
     assert scene.figures.errors == pytest.approx(figures.errors, nan_ok=True)
     write_baseline(path, {"a": RecordedScene.of(scene.figures)})
     assert "machine" not in json.loads(path.read_text())
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda scene: scene.update(errors={}),
+        lambda scene: scene["errors"].update(penetration_max=math.nan),
+        lambda scene: scene["errors"].update(penetration_max=1e300),
+        lambda scene: scene.update(counters={}),
+        lambda scene: scene["counters"].update(work_units=2 * scene["counters"]["work_units"]),
+        lambda scene: scene["inputs"]["motion"].clear(),
+        lambda scene: scene.update(shown={}),
+        lambda scene: scene.pop("checksum"),
+    ],
+)
+def test_a_baseline_that_is_not_as_it_was_recorded_is_refused(
+    figures: RunFigures, tmp_path: Path, change: Callable[[dict[str, Any]], object]
+) -> None:
+    path = tmp_path / "baseline.json"
+    write_baseline(path, {"tiny": RecordedScene.of(figures)})
+    document = json.loads(path.read_text())
+    path.write_text(json.dumps(document, indent=4))
+    load_baseline(path)
+    change(document["scenes"]["tiny"])
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"scene tiny is not as it was recorded.*record it anew with hhsim gate"):
+        load_baseline(path)
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"format": "hhsim-gate-baseline"}', '{"format": "x"}'])
@@ -341,8 +408,7 @@ def test_a_force_that_is_no_number_is_not_taken_for_one_that_is_not_there(result
     with changed(result) as file:
         file["hands/right/tick/force/total"][77] = math.nan
     report = gate_result(load_result(result), default_suite(), None)
-    assert {"force_step"} <= set(missed(report)) and report.exit_code == 1
-    assert any(row.reason == "not finite" for row in report.missed)
+    assert report.exit_code == 1 and report.missed[0].reason == "not finite: force/total"
 
 
 def row(verdict: str, passed: bool = True, kind: str = "counter") -> GateRow:

@@ -11,6 +11,7 @@ from unittest.mock import patch
 import h5py
 import numpy as np
 import pytest
+from conftest import Run
 from file_faults import Fault, at, attribute, with_name
 from planted_faults import failing, planted
 from sampled import first_of_each, sampled
@@ -82,6 +83,24 @@ def test_an_honest_result_passes_and_names_what_nothing_judges(
     of_file = items(list(load_result(made(scene)).hands.values())[-1])
     assert {item for item in of_file if not judges(item) & made_claims} == named(found)
     assert {"@machine", "scene.motion_source"} <= named(found)
+
+
+STRANGERS = {
+    "jf-slider-s": ("--surface", "spheres", "--level", "2", "--ticks", "150"),
+    "jf-hinge-limits": ("--surface", "mesh", "--ticks", "580"),
+}
+"""Hands that spread their fingers in contact, and a leaf at its limit whose last program takes a turn back."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", STRANGERS)
+def test_an_honest_run_of_a_stranger_passes(run: Run, shared_data: Path, tmp_path: Path, name: str) -> None:
+    folder, out = shared_data / "field" / "inputs" / "honest", str(tmp_path / "run.h5")
+    if not folder.is_dir():
+        pytest.skip(f"no {folder}")
+    inputs = (str(folder / f"{name}.toml"), str(folder / f"{name}.motion.h5"), "--place-object", "recorded")
+    assert run("replay", *inputs, *STRANGERS[name], "--out", out, "--quiet").code in (0, None)
+    assert not failing(verified(load_result(Path(out))))
 
 
 # Faults, each in a scene; what is named is given as the item, with its point or its @.

@@ -61,8 +61,11 @@ RADIUS = 0.004
 """Of the object's spheres [m]."""
 
 
-def around(depth: float, phalanx: int) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Where along an index phalanx 20 mm long, 10 mm thick to 6 mm, spheres are on another part, and their places."""
+def around(depth: float, phalanx: int, moved: float = 0.0) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Where along an index phalanx 20 mm long, 10 mm thick to 6 mm, spheres are on another part, and their places.
+
+    The phalanx has `moved` in the tick [m].
+    """
     joints = np.full((1, 5, 4, 3), 9.0)
     joints[0, 1, phalanx], joints[0, 1, phalanx + 1] = [0.0, 0.0, 0.0], [0.0, 0.02, 0.0]
     sizes = np.full((5, 4), 0.006)
@@ -78,12 +81,20 @@ def around(depth: float, phalanx: int) -> tuple[NDArray[np.bool_], NDArray[np.fl
     body = np.full(n, 3 + phalanx)
     pairs = Pairs(np.zeros(n, np.int64), body, np.arange(n), np.full(n, -depth), zero, zero)
     posed = Posed(joints, np.empty(0), np.empty(0), np.empty(0))
-    return on_another_part(hand, posed, pairs, center, np.full(n, RADIUS), True), share
+    return on_another_part(hand, posed, pairs, center, np.full(n, RADIUS), True, np.array([moved])), share
 
 
 @pytest.mark.parametrize("phalanx", [1, 2])
 def test_what_only_touches_is_on_the_nearest_part(phalanx: int) -> None:
     assert not around(0.0, phalanx)[0].any()
+
+
+@pytest.mark.parametrize("phalanx", [1, 2])
+def test_what_the_tick_began_with_on_another_part_may_be_on_that(phalanx: int) -> None:
+    """The pairs of a tick are those of its beginning, and which part each is on: a slow tick changes it at an end."""
+    other, share = around(0.0, phalanx, 1e-3)
+    length = 0.02 * (1.0 - 0.2**2)
+    np.testing.assert_array_equal(other, np.minimum(share, 1.0 - share) * length <= 1e-3)
 
 
 @pytest.mark.parametrize("phalanx", [1, 2])

@@ -34,12 +34,12 @@ def known_figures(gives: Collection[str]) -> set[str]:
     }
 
 
-def tick_figures(run: RunTicks) -> dict[str, float]:
-    """Compute every figure that follows from the ticks, by name; SI units, or % where it is defined so."""
+def tick_figures(run: RunTicks, but: Collection[str] = ()) -> dict[str, float]:
+    """Compute every figure that follows from the ticks, `but` some, by name; SI units, or % where it is defined so."""
     return {
         name: float(metric.compute(run))
         for name, metric in run_metrics().items()
-        if metric.compute is not None and not (metric.free_only and run.free is None)
+        if metric.compute is not None and name not in but and not (metric.free_only and run.free is None)
     }
 
 
