@@ -30,9 +30,9 @@ def energy_gains(run: RunTicks) -> FloatArray:
     shown hand g, it is K(t) - K(t-1) + P(t) - P(t-1) + U(h(t), g(t)) - U(h(t), g(t-1)), less three terms. Both U have
     the user's hand of t, so the work of its motion is left out; so is what another hand or body does to the object.
     Where the hand does not touch the object nothing passes between them: the greater of both gains counts, and what
-    the springs lose does not hide what the object gains. Subtracted are the work of finger abduction, which has no spring, by the contacts' moments about its axes; the
-    clearance ε, by which a contact may push bodies apart in a tick, times the normal forces; and the rounding of poses:
-    `ROUNDING` times m |v| / Δt, m g and the springs' force.
+    the springs lose does not hide what the object gains. Subtracted are the work of finger abduction, which has no
+    spring, by the contacts' moments about its axes; the clearance ε, by which a contact may push bodies apart in a
+    tick, times the normal forces; and the rounding of poses: `ROUNDING` times m |v| / Δt, m g and the springs' force.
     """
     free = run.free
     assert free is not None
