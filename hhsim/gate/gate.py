@@ -273,7 +273,7 @@ def _cut_short(result: Result, wanted: bool) -> str:
         return f"the run was stopped: it has only the first {result.ticks:,} ticks"
     if result.summary.get("ticks") != result.ticks:
         return f"its summary is not of its {result.ticks:,} ticks"
-    if not wanted and result.scene.get("ticks") == result.ticks:
+    if not wanted and "ticks" in result.scene:
         return f"only the first {result.ticks:,} ticks were run (--ticks): a base of as many makes it comparable"
     return ""
 

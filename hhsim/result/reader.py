@@ -435,8 +435,8 @@ def load_result(path: str | Path) -> Result:
             hands[name] = replace(
                 whole,
                 name=name,
-                scene=_Stated({**common, **_mapping(group.attrs["scene"])}, path),
-                summary={**whole.summary, **_attributes(summary[name])},
+                scene=_Stated(_once([*common.items(), *_mapping(group.attrs["scene"]).items()]), path),
+                summary=_once([*whole.summary.items(), *_attributes(summary[name]).items()]),
                 static={f"hand/{column}": array for column, array in static.items()},
                 live=_Stated(_attributes(group[schema.LIVE]), path) if schema.LIVE in group else None,
                 _loaded={},
@@ -557,11 +557,20 @@ def _finite_numbers(dataset: h5py.Dataset, rows: slice | EllipsisType = ...) -> 
 def _mapping(written: str) -> dict[str, Any]:
     """Return a JSON object; raise DamagedFileError for anything else."""
     try:
-        found = json.loads(written)
-    except json.JSONDecodeError:
+        found = json.loads(written, object_pairs_hook=_once)
+    except ValueError:  # A number of thousands of digits is one, too.
         found = None
     if not isinstance(found, dict):
         raise DamagedFileError(f"damaged: expected a JSON object, found '{written[:20]}'")
+    return found
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return labels by name; raise DamagedFileError for one that another of its name would hide."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        twice = next(name for name, _ in pairs if sum(name == other for other, _ in pairs) > 1)
+        raise DamagedFileError(f"damaged: '{twice}' is stated twice")
     return found
 
 

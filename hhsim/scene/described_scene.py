@@ -254,6 +254,7 @@ def described_scene(
     placed = _placed_scene(words, bodies, hands, motions, fingers)
     # Cut last: where the object is placed does not depend on how much of the motion is run.
     scene = placed.scene if words.ticks is None else placed.scene.first(words.ticks)
+    is_cut = scene.ticks.tick_count < placed.scene.ticks.tick_count
     as_given = ("object", "trajectory", "unit", "size_mm", "thickness_mm", "max_error", "tree", "samples", "hand_file")
     description = {
         **scene.description,
@@ -265,7 +266,7 @@ def described_scene(
         "place_object": placed.place,
         "placement": placed.to_json(),
         **({"solid": True} if words.solid else {}),
-        **({} if words.ticks is None else {"ticks": words.ticks}),
+        **({"ticks": scene.ticks.tick_count} if is_cut else {}),
         **({} if words.reading is None else {"reading": words.reading}),
         # Files of objects that stand still by themselves do not mention it.
         **({"object_pose": "fixed"} if words.object_pose == "fixed" else {}),

@@ -109,6 +109,7 @@ a body body.NAME. Nothing judges the items of the first line, whatever else they
 """
 READ_AT_LOADING = ("@format", "@schema_version", "bodies@names", "contact@names", "@scene", "hand@scene")
 """Items without which, or with other values, a file is refused, or whose labels are items of their own."""
+PHASES = ("name", "first_tick", "last_tick")
 SCENE, PROPERTIES = "scene", "properties"
 
 
@@ -161,22 +162,35 @@ def unjudged_claim(result: Result, claims: Sequence[Claim]) -> Claim:
 
 
 def columns_claim(result: Result) -> Claim:
-    """Judge units and description of each dataset of the file."""
-    known = {f"hands/{result.name}/{column.name}": column for column in schema.HAND_STATIC}
-    known |= {f"hands/{result.name}/tick/{column.name}": column for column in schema.hand_columns()}
-    known |= {f"hands/{result.name}/{schema.LIVE_TICK}/{column.name}": column for column in schema.LIVE_TICK_COLUMNS}
+    """Judge that each dataset of the file is a known one, with the unit and the description of its name."""
+    known: dict[str, schema.Column | None] = dict.fromkeys(f"phase/{name}" for name in PHASES)
+    for side in SIDES:
+        groups = {
+            "": schema.HAND_STATIC,
+            "tick/": schema.hand_columns(),
+            "skin/": schema.SKIN_COLUMNS,
+            f"{schema.LIVE_TICK}/": schema.LIVE_TICK_COLUMNS,
+            f"{schema.LIVE_SAMPLE}/": schema.sample_columns(0),
+            f"{schema.LIVE_EVENT}/": schema.EVENT_COLUMNS,
+        }
+        known |= {f"hands/{side}/{of}{one.name}": one for of, columns in groups.items() for one in columns}
     for body in result.bodies:
         known |= {f"bodies/{body}/{column.name}": column for column in schema.BODY_STATIC}
         known |= {f"bodies/{body}/tick/{column.name}": column for column in schema.BODY_COLUMNS}
     known |= {f"contact/{column.name}": column for column in schema.CONTACT_COLUMNS}
     known |= {f"tick/{column.name}": column for column in (schema.TIME, *schema.BETWEEN_COLUMNS)}
+    known |= {f"{schema.FRAME}/{column.name}": None for column in schema.POSE_COLUMNS}
     with open_hdf5(result.path) as file:
+        found: dict[str, h5py.Dataset] = {}
+        file.visititems(lambda path, item: found.update({path: item} if isinstance(item, h5py.Dataset) else {}))
         wrong = {
-            path: (item.attrs.get("units"), item.attrs.get("long_name")) != (column.units, column.long_name)
-            for path, column in known.items()
-            if isinstance(item := file.get(path), h5py.Dataset)
+            path: path not in known
+            or (
+                (column := known[path]) is not None
+                and (item.attrs.get("units"), item.attrs.get("long_name")) != (column.units, column.long_name)
+            )
+            for path, item in found.items()
         }
     note = ", ".join(path for path, differs in wrong.items() if differs)
-    return all_true(
-        "columns", "each dataset has the unit and the description of its name", [*wrong.values()], note=note
-    )
+    says = "each dataset is a known one, with the unit and the description of its name"
+    return all_true("columns", says, [*wrong.values()], note=note)

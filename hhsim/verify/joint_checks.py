@@ -117,9 +117,10 @@ def _about(body: FreeBody, axis: FloatArray, spin: FloatArray) -> tuple[float, F
     middle = Rotation.from_rotvec(np.outer(0.5 * body.period * spin[:-1], axis)).apply(arm[:-1])
     pushed = (wrench[:, 3:] + np.cross(arm[:-1], wrench[:, :3]) + mass * np.cross(middle, body.gravity)) @ axis
     size = FORCE * (body.size + np.abs(wrench[:, 3:]).sum(axis=1)) * (1.0 + length)
-    # The forces are in the directions of the last program's begin; the speed changes meanwhile.
-    turned = body.turned_in_programs + np.abs(np.diff(spin)) * body.period
-    size += turned * length * (np.abs(wrench[:, :3]).sum(axis=1) + mass * np.linalg.norm(body.gravity))
+    # The forces are in the directions of the last program's begin; the speed, by which weight turns, changes meanwhile.
+    turned, faster = body.turned_in_programs, np.abs(np.diff(spin)) * body.period
+    force, weight = np.abs(wrench[:, :3]).sum(axis=1), mass * np.linalg.norm(body.gravity)
+    size += length * ((turned + faster) * force + faster * weight)
     return float(axis @ body.inertia @ axis + mass * length**2), pushed, size
 
 

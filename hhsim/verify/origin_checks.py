@@ -176,7 +176,7 @@ def _described(result: Result) -> Claim:
         "hand.side": (scene["hand"]["side"], result.name),
         "bodies": ([body.name for body in result.bodies.values() if not _is_of_kind(body)], []),
         **_apart(result),
-        "ticks": (not result.complete or result.ticks <= int(scene.get("ticks") or result.ticks), True),
+        **({"ticks": (scene["ticks"], result.ticks)} if result.complete and "ticks" in scene else {}),
     }
     wrong = {name: pair for name, pair in stated.items() if pair[0] != pair[1]}
     note = "; ".join(f"{name} is stated as {given}, there are {own}" for name, (given, own) in wrong.items())

@@ -448,6 +448,12 @@ SPOILED: dict[str, tuple[Callable[[Path], object], str]] = {
     "no ticks": (forged(lambda file: file.__delitem__("hands/right/tick")), "lacks the dataset input_seq"),
     "shape": (forged(other_shape), r"force/total has shape \(50, 4\), expected \(any, 3\)"),
     "no scene": (forged(lambda file: file.attrs.__delitem__("scene")), "is damaged or no result file"),
+    "shadowed": (
+        forged(attribute("", "hands/right", "scene", lambda _: '{"seed": 1}')),
+        "damaged: 'seed' is stated twice",
+    ),
+    "repeated": (forged(attribute("", "/", "scene", lambda _: '{"seed": 1, "seed": 2}')), "'seed' is stated twice"),
+    "endless": (forged(attribute("", "/", "scene", lambda _: '{"seed": 1' + "0" * 5000 + "}")), "JSON object"),
     "word": (forged(in_words), "friction of a body is 'rough'; expected a number"),
     "gone": (lambda path: path.unlink(), "no such file; expected a result"),
     "folder": (folder_in_its_place, "is a folder"),

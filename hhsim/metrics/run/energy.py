@@ -29,9 +29,10 @@ def energy_gains(run: RunTicks) -> FloatArray:
     With the object's kinetic and potential energy K and P and the energy U of the springs between user's hand h and
     shown hand g, it is K(t) - K(t-1) + P(t) - P(t-1) + U(h(t), g(t)) - U(h(t), g(t-1)), less three terms. Both U have
     the user's hand of t, so the work of its motion is left out; so is what another hand or body does to the object.
-    Subtracted are the work of finger abduction, which has no spring, by the contacts' moments about its axes; the
-    clearance ε, by which a contact may push bodies apart in a tick, times the normal forces; and the rounding of poses:
-    `ROUNDING` times m |v| / Δt, m g and the springs' force.
+    Where the hand does not touch the object nothing passes between them: the greater of both gains counts, and what
+    the springs lose does not hide what the object gains. Subtracted are the work of finger abduction, which has no
+    spring, by the contacts' moments about its axes; the clearance ε, by which a contact may push bodies apart in a
+    tick, times the normal forces; and the rounding of poses: `ROUNDING` times m |v| / Δt, m g and the springs' force.
     """
     free = run.free
     assert free is not None
@@ -45,12 +46,15 @@ def energy_gains(run: RunTicks) -> FloatArray:
     kinetic += 0.5 * np.einsum("ti,ij,tj->t", spin, np.array(free.properties["inertia"]), spin)
     before, after = slice(0, -1), slice(1, None)
     stretched, springs = (tracking_energy(user.at(after), shown.at(part), free.stiffness) for part in (before, after))
-    gained = np.diff(kinetic) - mass * np.diff(free.center, axis=0) @ gravity + springs - stretched
+    by_others, late = _by_others(free), (run["status"][1:] & (STATUS_LAG | STATUS_STUCK)) != 0
+    of_object, of_springs = np.diff(kinetic) - mass * np.diff(free.center, axis=0) @ gravity, springs - stretched
+    touches = np.bincount(free.contacts["tick"][free.of_hand], minlength=run.ticks)[1:] > 0
+    of_object -= by_others
+    gained = np.where(touches, of_object + of_springs, np.maximum(of_object, of_springs))
     load = np.bincount(free.contacts["tick"], free.contacts["normal_force"], run.ticks)
     force = run.rate * np.sqrt(2.0 * mass * np.maximum(kinetic[before], kinetic[after]))
     force += mass * np.linalg.norm(gravity) + np.sqrt(2.0 * free.stiffness.max() * np.maximum(stretched, springs))
-    by_others, late = _by_others(free), (run["status"][1:] & (STATUS_LAG | STATUS_STUCK)) != 0
-    gained -= free.offset * load[1:] + ROUNDING * force + _by_spread(run, shown)[1:] + by_others
+    gained -= free.offset * load[1:] + ROUNDING * force + _by_spread(run, shown)[1:]
     gained[_pushed_by_others(run)[1:] | (late & (by_others != 0.0))] = np.nan
     if run.breaks is not None:
         gained[run.breaks[1:]] = np.nan

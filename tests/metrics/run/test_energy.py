@@ -110,10 +110,23 @@ def test_the_users_work_by_spreading_a_finger_is_no_gain() -> None:
     assert (energy_gains(run) - energy_gains(pushed()))[1] == pytest.approx(0.1 * moment, rel=1e-6)
 
 
+def test_what_the_springs_lose_hides_no_gain_of_an_object_that_the_hand_does_not_touch() -> None:
+    along = [1.0, 0.0, 0.0]
+    follows = {"graphic/position": np.outer([0.0, 0.01, 0.02] - WAY, along)}
+    gains = energy_gains(pushed(**follows))
+    # The last tick has no contact: the hand goes to its user's, and the object rises by 3 mm.
+    assert gains[2] == pytest.approx(MASS * 9.81 * 3e-3, abs=1e-9)
+    touched = {"contact/tick": np.array([2]), "force/total": np.outer([0.0, 0.0, -PUSH], along)}
+    gains = energy_gains(pushed(**follows, **touched))
+    assert gains[2] == pytest.approx(MASS * 9.81 * 3e-3 + 500.0 * (0.03**2 - 0.04**2) - OFFSET * PUSH, abs=1e-9)
+
+
 def test_a_planted_gain_is_found_and_misses_the_limit() -> None:
-    honest = pushed(**{"object/position": np.zeros((3, 3)), "haptic/position": np.outer(USER, [1.0, 0.0, 0.0])})
+    still = {"object/position": np.zeros((3, 3)), "contact/tick": np.array([2])}
+    still["force/total"] = np.outer([0.0, 0.0, -PUSH], [1.0, 0.0, 0.0])
+    honest = pushed(**still, **{"haptic/position": np.outer(USER, [1.0, 0.0, 0.0])})
     speed = np.outer([0.0, 0.3, 0.3 + 1e-6], [1.0, 0.0, 0.0])
-    planted = replace(honest, free=pushed(**{"object/velocity": speed, "object/position": np.zeros((3, 3))}).free)
+    planted = replace(honest, free=pushed(**still, **{"object/velocity": speed}).free)
     gained = run_figure("energy_gained", planted) - run_figure("energy_gained", honest)
     assert gained == pytest.approx(0.5 * MASS * ((0.3 + 1e-6) ** 2 - 0.09), rel=1e-3)
 
