@@ -262,8 +262,8 @@ def require_apart(names: Sequence[str], meshes: Sequence[Mesh], joined: Containe
         most, depth = MOST_JOINED_OVERLAP if hinged else MOST_OVERLAP, overlap(solid, its)
         if depth > most:
             raise InputError(
-                f"body '{other}' begins {1e3 * depth:.3g} mm inside body '{one}'; expected at most "
-                f"{1e3 * most:g} mm of bodies that {'share a joint' if hinged else 'share no joint'}"
+                f"body '{other}' begins in body '{one}': a shift of {1e3 * depth:.3g} mm or more takes them apart; "
+                f"expected at most {1e3 * most:g} mm of bodies that {'share a joint' if hinged else 'share no joint'}"
             )
 
 

@@ -75,7 +75,7 @@ def test_what_is_free_need_not_come_first_and_places_are_those_of_its_bearer(tmp
     [
         ('name = "wall"', 'name = "left"', "a body has the name 'left', which is a hand's"),
         ("mass = 0.05", "mass = 0.05\ndensity = 900.0", "both mass and density"),
-        ("[0.2, 0.0, 0.05]", "[0.05, 0.0, 0.05]", r"begins .* mm inside"),
+        ("[0.2, 0.0, 0.05]", "[0.05, 0.0, 0.05]", r"begins in body .* mm or more"),
         ("mass = 0.05", "mass = -1.0", "mass"),
         ("fixed = true", "glued = true", "glued"),
         ("mass = 0.05", HINGE + "joint.limits = [0.1, 1.0]", "start has the value 0, beyond the limits; expected 0.1"),

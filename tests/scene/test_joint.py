@@ -43,11 +43,14 @@ joint.limits = [0.0, 0.1]
 joint.motion = [[0.0, 0.0], [1.0, 0.05]]
 """
 FAULTS = {
-    "overlap": (BOOK.format(height=0.007), "body 'front' begins 3 mm inside body 'back'; expected at most 1 mm"),
+    "overlap": (
+        BOOK.format(height=0.007),
+        "body 'front' begins in body 'back': a shift of 3 mm or more takes them apart; expected at most 1 mm",
+    ),
     "crossing": (
         # No corner of one is in the other.
         BOOK.format(height=0.0).replace("[0.1, 0.1, 0.01]", "[0.3, 0.01, 0.01]", 1),
-        "begins 10 mm inside body",
+        "a shift of 10 mm or more",
     ),
     "no shape": (BOOK.format(height=0.01).replace("box = [0.1, 0.1, 0.01]\n", "", 1), "no mesh and no box"),
     "two shapes": (BOOK.format(height=0.01).replace("box =", 'mesh = "cube"\nbox =', 1), "both a mesh and a box"),

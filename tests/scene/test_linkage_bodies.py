@@ -85,7 +85,7 @@ def test_values_beyond_the_limits_are_taken_the_other_way_round_or_refused(tmp_p
 
 
 def test_links_that_begin_inside_each_other_are_told(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"laptop\.urdf: body 'lid' begins .* mm inside body 'base'"):
+    with pytest.raises(InputError, match=r"laptop\.urdf: body 'lid' begins in body 'base'"):
         load_object(_laptop(tmp_path, origin='xyz="0 -0.1 0"'))
 
 

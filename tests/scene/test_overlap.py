@@ -134,7 +134,9 @@ def test_scenes_whose_bodies_are_in_each_other_are_refused(
 ) -> None:
     path = tmp_path / f"{name}.toml"
     path.write_text((shared_data / "field" / "overlap" / path.name).read_text().replace("[[thing]]", "[[body]]"))
-    with pytest.raises(InputError, match=rf"body 'b' begins {depth:g} mm inside body 'a'; expected at most 0.1 mm"):
+    with pytest.raises(
+        InputError, match=rf"body 'b' begins in body 'a': a shift of {depth:g} mm .*; expected at most 0.1 mm"
+    ):
         load_bodies(path)
 
 
