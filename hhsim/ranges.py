@@ -1,6 +1,5 @@
 """Ranges of the numbers of a run, the same for options, files and the library's functions."""
 
-import math
 from numbers import Integral, Real
 from typing import Any, NamedTuple
 
@@ -45,7 +44,7 @@ RANGES = {
     "skin": Range(1e-9, 100.0, "m"),
     "offset": Range(1e-12, 100.0, "m"),
     "step_tolerance": Range(1e-12, 100.0, "m"),
-    "snap_speed": Range(1e-6, math.inf, "m/s"),
+    "snap_speed": Range(1e-6, 1e6, "m/s"),
     "touch": Range(1e-12, 100.0, "m"),
     "period": Range(1e-6, 1e3, "s"),
     "response": Range(1e-9, 1e3, "s"),

@@ -243,6 +243,8 @@ class RunTicks:
         part moves as recorded are left out: it may squeeze the hand out faster than it moves.
         """
         shown, user, both = self.columns[PLACED[0]], self.user, self.touch[1:] & self.touch[:-1]
+        if self.ticks == 0:
+            return np.empty(0)
         if user is None:
             if self.hand is None:
                 return np.full(1, np.nan)

@@ -21,6 +21,8 @@ TOUCH = 1e-5
 
 UNLIMITED = 2**62
 """Budget of work units that no tick uses up."""
+UNBOUNDED = 1e6
+"""Speed of a snap [m/s] that bounds no hand."""
 BUDGET_SHARE = 0.15
 """Default budget in work units of 1 to 3 ns, as a share of a tick's period in nanoseconds. The current linearisation is
 finished, list updates included: that may take a tick to 0.6 of its period."""

@@ -14,7 +14,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.metrics.metrics import tracking_energy, tracking_excess
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import BY_SURFACE, UNLIMITED, SolverOptions
+from hhsim.solver.options import BY_SURFACE, UNBOUNDED, UNLIMITED, SolverOptions
 
 REFERENCE_LINEARISATIONS = 400
 REFERENCE_STEP_TOLERANCE = 1e-8
@@ -40,7 +40,7 @@ def _converged(options: SolverOptions, **changed: Any) -> SolverOptions:
         linearisations=REFERENCE_LINEARISATIONS,
         budget=UNLIMITED,
         step_tolerance=REFERENCE_STEP_TOLERANCE,
-        snap_speed=np.inf,
+        snap_speed=UNBOUNDED,
         **changed,
     )
 

@@ -10,7 +10,7 @@ from hhsim.system.counted import counted
 from hhsim.verify import forces
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.contacts import PALM
-from hhsim.verify.file_checks import leaves
+from hhsim.verify.file_checks import follows, leaves
 from hhsim.verify.kinematics import euler_change, turn_between
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_PLACE, SNAP, STUCK, JudgedTicks, left_out
 
@@ -122,10 +122,10 @@ def _palm_balance(judge: JudgedTicks) -> Claim:
 
 def _snaps(judge: JudgedTicks) -> list[Claim]:
     """Judge ticks that snap: a way is left, or a force has yet to follow; no force goes farther than the hand may."""
-    snaps = np.flatnonzero(judge.status & SNAP > 0)
+    snaps = np.flatnonzero((judge.status & SNAP > 0) & follows(judge.result))
     if snaps.size == 0:
         return []
-    before, lag = np.maximum(snaps - 1, 0), np.asarray(judge.result["lag"])
+    before, lag = snaps - 1, np.asarray(judge.result["lag"])
     idle = (lag[snaps] <= 0.0) & (judge.status[before] & SNAP == 0)
     step, asked = judge.stored_forces(snaps) - judge.stored_forces(before), judge.wanted_posed.joints
     way = np.linalg.norm(asked[snaps] - asked[before], axis=3).max(axis=(1, 2))

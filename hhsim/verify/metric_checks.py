@@ -188,9 +188,8 @@ def _jumps(judge: JudgedTicks) -> Claim:
             name, says, NOT_JUDGED, unit="m", note="beside several bodies the referee does not tell which move"
         )
     run = replace(ticks_alone(judge.result), hand=None, user=judge.wanted_posed.joints)
-    found = np.array([run_figure(name, run) for name in JUMPS])
-    stated = np.array([as_number(judge.result.summary.get(name, np.inf)) for name in JUMPS])
-    off = difference(stated, found)
+    stated = {name: as_number(value) for name, value in judge.result.summary.items() if name in JUMPS}
+    off = difference(np.array([*stated.values()]), np.array([run_figure(name, run) for name in stated]))
     return judged(name, says, off, LENGTH, "m", WHY_LENGTH)
 
 

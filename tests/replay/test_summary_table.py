@@ -8,7 +8,7 @@ from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary_table import SummaryRow, default_limits, short_table, summary_rows, whole_table
 from hhsim.solver.method import METHODS
 
-SELDOM = ("self_depth_haptic", "self_depth_graphic", "no_place_ticks")
+SELDOM = ("self_depth_haptic", "self_depth_graphic", "no_place_ticks", "snap_ticks")
 FIXED = [name for name, metric in run_metrics().items() if not metric.free_only and name not in SELDOM]
 EVERY = dict.fromkeys(FIXED, 1.0) | {"lag_ticks": 0.0, "lag_max": 0.0, "force_variation_hold": 0.0}
 
@@ -19,8 +19,8 @@ def names(rows: tuple[SummaryRow, ...]) -> list[str]:
 
 def test_the_short_table_has_the_lines_that_matter() -> None:
     assert names(short_table(summary_rows(EVERY))) == [
-        *("input_depth_max", "penetration_max", "contact_error_max", "force_contact_mean", "force_contact_step"),
-        *("force_variation_tremor", "correction_joint_mean"),
+        *("input_depth_max", "penetration_max", "contact_error_max", "posture_jump_max"),
+        *("force_contact_mean", "force_contact_step", "force_variation_tremor", "correction_joint_mean"),
         *("tick_cpu_p50", "tick_cpu_p99", "stuck_ticks", "lag_ticks"),
     ]
 

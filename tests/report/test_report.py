@@ -41,7 +41,10 @@ PIXEL = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
 )
 Change = Callable[[h5py.File], object]
-LIMITED = ("force_step", "tracking_excess", "force_variation_hold", "force_ripple_hold", "contact_error_max")
+LIMITED = (
+    *("force_step", "tracking_excess", "force_variation_hold", "force_ripple_hold", "contact_error_max"),
+    *("posture_jump_max", "force_contact_step_share"),
+)
 """Figures of a short run that miss their limits."""
 
 

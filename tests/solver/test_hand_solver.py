@@ -101,7 +101,7 @@ def test_abduction_sweeps_a_finger_against_the_ball_but_not_into_it(method: str)
     clearance = assert_sound(RIGHT, tree, record)
     assert (clearance.min(axis=1) < 1e-5).sum() > 100
     free = (clearance[:, 6:9].min(axis=1) > 2e-3) & (record.lag == 0.0)
-    assert free.sum() > 1000
+    assert free.sum() > 900
     np.testing.assert_allclose(record.abduction[free, 2], spread[free, 2], atol=1e-9)
 
 

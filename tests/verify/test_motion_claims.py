@@ -22,7 +22,7 @@ from hhsim.verify.again import again_claims
 from hhsim.verify.body_checks import body_claims
 from hhsim.verify.claim import FAILS, HOLDS, NOT_JUDGED, Claim
 from hhsim.verify.file_checks import file_claims
-from hhsim.verify.metric_checks import CORRECTION, DEPTH, input_hand_claims, motion_claim
+from hhsim.verify.metric_checks import CORRECTION, DEPTH, JUMPS, input_hand_claims, motion_claim
 from hhsim.verify.tick_data import JudgedTicks
 
 AIR = 155
@@ -157,7 +157,7 @@ def verdicts(result: Result, **figures: float) -> dict[str, str]:
 
 def test_an_honest_file_holds(result: Result) -> None:
     assert result.summary[DEPTH] > 5e-3
-    assert verdicts(result) == {"input depth": HOLDS, "correction": HOLDS}
+    assert verdicts(result) == {"input depth": HOLDS, "correction": HOLDS, "jumps": HOLDS}
 
 
 @pytest.mark.parametrize("off", [-1e-5, 1e-5, 1e-3, np.inf, np.nan])
@@ -171,14 +171,21 @@ def test_beside_moving_parts_the_deepest_part_counts(tmp_path: Path) -> None:
     result = result_of(cut(scene, slice(2050, 2200)), tmp_path / "parts.h5")
     assert len(result.bodies) == 2 and np.ptp(result.bodies["lid"]["joint"]) > 0.05
     assert result.summary[DEPTH] > 1e-3
-    assert verdicts(result) == {"input depth": HOLDS, "correction": HOLDS}
+    assert verdicts(result) == {"input depth": HOLDS, "correction": HOLDS, "jumps": NOT_JUDGED}
     for name, found in ((DEPTH, "input depth"), (CORRECTION[2], "correction")):
         assert verdicts(result, **{name: float(result.summary[name]) + 1e-5})[found] == FAILS
 
 
 @pytest.mark.parametrize("name", CORRECTION)
 def test_a_correction_that_is_another_is_found(result: Result, name: str) -> None:
-    assert verdicts(result, **{name: float(result.summary[name]) + 1e-8}) == {"input depth": HOLDS, "correction": FAILS}
+    found = verdicts(result, **{name: float(result.summary[name]) + 1e-8})
+    assert found == {"input depth": HOLDS, "correction": FAILS, "jumps": HOLDS}
+
+
+@pytest.mark.parametrize("name", JUMPS)
+def test_a_jump_that_is_another_is_found(result: Result, name: str) -> None:
+    found = verdicts(result, **{name: float(result.summary[name]) + 1e-8})
+    assert found == {"input depth": HOLDS, "correction": HOLDS, "jumps": FAILS}
 
 
 def test_in_a_mesh_the_referee_has_no_depth_of_its_own(result: Result) -> None:

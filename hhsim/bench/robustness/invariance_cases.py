@@ -14,7 +14,7 @@ from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.analytic_motion import random_targets, still
-from hhsim.solver.options import UNLIMITED, SolverOptions, Stiffness
+from hhsim.solver.options import UNBOUNDED, UNLIMITED, SolverOptions, Stiffness
 from hhsim.trees.sphere_tree import SphereTree
 
 Adapt = Callable[[SolverOptions], SolverOptions]
@@ -154,7 +154,7 @@ def to_convergence(options: SolverOptions) -> SolverOptions:
     """Return options with which each tick arrives: differences are then due to the rows, and not to where it ends."""
     if options.method not in ("coupled", "progressive"):
         return options
-    return replace(options, step_tolerance=1e-7, linearisations=60, budget=UNLIMITED, snap_speed=np.inf)
+    return replace(options, step_tolerance=1e-7, linearisations=60, budget=UNLIMITED, snap_speed=UNBOUNDED)
 
 
 # The seed at hand, and the one that judges take: these are trees of 32,000 spheres.

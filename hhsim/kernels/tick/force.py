@@ -166,9 +166,13 @@ def hand_forces(options: TickOptions, snaps: bool, state: Record) -> None:
         proxy_forces(options, state)
     else:
         multiplier_forces(state.active, state.forces)
-    finish_forces(options, state)
-    if snaps and options.force_model == FORCE_KKT:
+    eases = snaps and options.force_model == FORCE_KKT
+    if eases:
         ease_forces(state)
+    finish_forces(options, state)
+    if eases and state.progress.snaps:
+        for i in range(3):
+            state.forces.total[i] = state.forces.palm_wrench[i]
 
 
 @jit_inline
@@ -184,9 +188,9 @@ def ease_forces(state: Record) -> None:
     """Bring the forces of a hand that snaps, or did in the last tick, from those of the last tick towards their own.
 
     A contact that gives way loses its force at once, while what holds the hand back bears the springs in its place. So
-    the force on a finger goes no farther than k_t times the way that the hand may go in the tick, and the total is the
-    coupling's, as at rest: the palm has the difference. The hand snaps as long as a force has not arrived. A finger's
-    force is the sum of its phalanges': two of them share what touches their joint, in any way.
+    the force on a finger goes no farther than k_t times the way that the hand may go in the tick; the total is then the
+    coupling's, as at rest, and the palm has the difference. The hand snaps as long as a force has not arrived. The
+    force on a finger is the sum of those on its phalanges, which share what touches their joint in any way.
     """
     progress, forces = state.progress, state.forces
     most = state.stiffness[0] * progress.bound
@@ -203,6 +207,3 @@ def ease_forces(state: Record) -> None:
             for k in range(PHALANX_COUNT):
                 for i in range(3):
                     now[k, i] = before[k, i] + share * (now[k, i] - before[k, i])
-    if progress.snaps:
-        for i in range(3):
-            forces.total[i] = forces.palm_wrench[i]

@@ -32,7 +32,7 @@ METRICS = (
     _flagged("snap_ticks", "ticks that snap", STATUS_SNAP, short="snaps", unless_zero=True),
     _flagged("no_place_ticks", "ticks without a place", STATUS_NO_PLACE, short="no place", unless_zero=True),
     RunMetric(
-        "lag_max", "lag, max", digits=2, unit="mm", unless_zero=True, needs=("lag",),
+        "lag_max", "lag, max", digits=2, unit="mm", unless_zero=True, needs=("lag", "status"),
         # A hand that snaps has a way left, and no lag.
         compute=lambda run: run["lag"][run["status"] & STATUS_SNAP == 0].max(initial=0.0), judged=Judged(rounding=1e-9),
     ),

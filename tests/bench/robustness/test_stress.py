@@ -1,6 +1,7 @@
 """The suite `stress`: its figures are those of the ticks, a planted fault is missed by no count, kept and shrunk."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_TOUCHING
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import UNBOUNDED, SolverOptions
 from hhsim.table.table import Table
 
 pytestmark = pytest.mark.slow
@@ -91,7 +92,7 @@ def test_the_figures_are_those_of_the_ticks(method: str) -> None:
     clearance = record_clearance(HAND, BALL, record)
     assert clearance.min() > -1e-6
     assert figures.penetration == max(0.0, -clearance.min())
-    assert figures.lagging == (record.status & STATUS_LAG > 0).sum() > 100
+    assert figures.lagging == (record.status & STATUS_LAG > 0).sum() > 50
     assert figures.touching == (record.work[:, WORK_TOUCHING] > 0).sum() > 500
     assert figures.ticks == figures.cpu.count == TICKS
     size = np.linalg.norm(record.total, axis=1)
@@ -114,6 +115,8 @@ def test_the_figures_are_those_of_the_ticks(method: str) -> None:
 def test_planted_faults_are_counted_kept_and_shrunk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stress, "HandSolver", Planted)
     wanted = case(keep=tmp_path / "kept")
+    # A hand that snaps takes many ticks to where a fault is planted.
+    wanted = replace(wanted, solver=replace(wanted.solver, snap_speed=UNBOUNDED))
     figures = run_case(wanted)
     record = wanted.new_solver().run(*wanted.targets().take(TICKS))
     deep = -record_clearance(HAND, BALL, record)

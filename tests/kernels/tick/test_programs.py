@@ -22,7 +22,7 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.mesh.features import mesh_features
 from hhsim.solver.backend_programs import coupled_problem, finger_problem, palm_problem
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import UNLIMITED, SolverOptions, Stiffness
+from hhsim.solver.options import UNBOUNDED, UNLIMITED, SolverOptions, Stiffness
 from hhsim.solver.qp import QpProblem, solve
 
 HAND = HandModel.default("right")
@@ -33,9 +33,10 @@ TICKS = 480
 def harvest(method: str, motion: HandConfiguration, every: int) -> Any:
     """A solver standing before every `every`-th tick of a motion at which pairs are near, its first program prepared.
 
-    Without a budget, so that the programs are the same whatever work is said to cost.
+    Without a budget, so that the programs are the same whatever work is said to cost, and without bound.
     """
-    solver = HandSolver(HAND, TREE.arrays(), SolverOptions(method=method, budget=UNLIMITED))
+    options = SolverOptions(method=method, budget=UNLIMITED, snap_speed=UNBOUNDED)
+    solver = HandSolver(HAND, TREE.arrays(), options)
     ticks = len(motion.position)
     for first in range(0, ticks, every):
         solver.run(*motion.part(first, first + every))
