@@ -23,6 +23,8 @@ levers of moments and both bodies of a contact."""
 LEAN = 0.03
 """Sine of the largest angle between a mesh contact's normal and the line to the nearest point (1.7°, docs/methods.md);
 the forces of a tick on its way follow such a normal, at rest both agree."""
+FALLS = 32.0
+"""Ticks in a row after which a hand that snaps may go twice as far in a tick."""
 WHY_SLACK = "a millionth, and how far normals turn in the tick's last step, after which the program is not solved again"
 NAME, SAYS = "forces", "contact forces follow from the configuration"
 SAYS_APART = "what does not touch bears no force"
@@ -132,7 +134,9 @@ def _snaps(judge: JudgedTicks) -> list[Claim]:
     way += np.where(judge.status[before] & LAG, lag[before], 0.0)
     # What parts that move as recorded push is not known here.
     way += np.inf if len(judge.result.bodies) > 1 else 0.0
-    most = judge.diagonal[0] * (judge.options["snap_speed"] * judge.options["period"] + way)
+    settled = np.maximum.accumulate(np.where(judge.status & SNAP, -1, np.arange(judge.result.ticks)))
+    growth = 1.0 + ((before - settled[before]) / FALLS) ** 2
+    most = judge.diagonal[0] * (growth * judge.options["snap_speed"] * judge.options["period"] + way)
     off = np.where(idle, np.inf, np.linalg.norm(step[:, :PALM], axis=2).max(axis=1) - most)
     says = "a hand that snaps has a way left, or forces that follow as fast as the hand may go"
     return [judged("snaps", says, np.maximum(off, 0.0), FORCE * (1.0 + most), "N", WHY_FORCE, ticks=snaps)]
