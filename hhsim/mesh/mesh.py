@@ -15,7 +15,7 @@ from hhsim.mesh.file import read_mesh
 from hhsim.mesh.shell import Shell
 from hhsim.mesh.topology import is_closed, merged_vertices
 from hhsim.ranges import check_range
-from hhsim.reproducible import dot, matmul
+from hhsim.reproducible import dot, matmul, norm
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254}
 """Units that `load_mesh` takes, and their length [m]."""
@@ -116,7 +116,7 @@ class Mesh:
 
 def most_protrusion(mesh: Mesh) -> float:
     """Return the diagonal of a mesh's box, and 1 % for rounding [m]: the ball around the box sticks out by no more."""
-    return 1.01 * float(np.linalg.norm(mesh.extent))
+    return 1.01 * float(norm(mesh.extent))
 
 
 def require_usable_arrays(vertices: FloatArray, faces: IntArray, name: str) -> None:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from hhsim.reproducible import across, matmul, norm
 
 FLAT = 1.0 - 1e-6
 """Cosine of the angle between the normals of two triangles from which on they lie in a plane."""
@@ -258,12 +259,12 @@ def unfolded(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, int, bool
     for each in np.unique(patch[first[folds]]):
         own = patch == each
         whole, loops = area[own].sum(axis=0), boundary_loops(faces[own])
-        if not loops or not np.linalg.norm(whole) > (1.0 - FLAT) * size[own].sum():
+        if not loops or not norm(whole) > (1.0 - FLAT) * size[own].sum():
             continue
         cut = _cut(vertices, loops, whole)
         # Of a polygon that crosses itself the parts have more area than the whole.
         a, b, c = vertices[cut].transpose(1, 0, 2)
-        if np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() < (2.0 - FLAT) * np.linalg.norm(whole):
+        if np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() < (2.0 - FLAT) * norm(whole):
             kept &= ~own
             new.append(cut)
     return np.concatenate([faces[kept], *new]), len(new), bool((along[kept[first]] < -SHARP).any())
@@ -273,10 +274,8 @@ def _cut(vertices: FloatArray, loops: list[IntArray], area: FloatArray) -> IntAr
     """Triangles between the own vertices of loops around a polygon and its holes, wound alike; `area` is its vector."""
     from manifold3d import triangulate
 
-    across = np.linalg.svd(area.reshape(1, 3))[2][1:]
-    if np.linalg.det(np.concatenate([across, area.reshape(1, 3)])) < 0.0:
-        across = across[::-1]
-    flat = [np.ascontiguousarray((vertices[loop] - vertices[loops[0][0]]) @ across.T) for loop in loops]
+    plane = across(area / norm(area))
+    flat = [matmul(vertices[loop] - vertices[loops[0][0]], plane.T) for loop in loops]
     return np.concatenate(loops)[np.asarray(triangulate(flat), dtype=np.int64).reshape(-1, 3)]
 
 

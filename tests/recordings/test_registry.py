@@ -17,7 +17,6 @@ from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings import formats
 from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.dexmo_regression import CHANNELS
-from hhsim.recordings.other_files import why_not_read
 from hhsim.recordings.registry import (
     Content,
     ReadOptions,
@@ -26,6 +25,7 @@ from hhsim.recordings.registry import (
     read_recording,
     recording_formats,
     recording_suffixes,
+    why_not_read,
 )
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.system.settings_file import parse_settings

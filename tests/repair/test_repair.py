@@ -233,7 +233,7 @@ def test_a_full_disk_leaves_nothing_and_names_the_file(tmp_path: Path, monkeypat
     path, seen = recorded(tmp_path), list[Path]()
 
     def full(scene: Any, touched: Any, posture: Any, path: Path, **others: Any) -> None:
-        seen.extend(path.parent.iterdir())
+        seen.extend(path.parent.glob("[!.]*"))
         error = OutputError(f"cannot write {path}: No space left on device")
         error.add_note(f"the 512 ticks so far are in {path} (complete = 0)")
         raise error

@@ -89,7 +89,7 @@ def test_the_table_shows_units_and_json_stores_si() -> None:
 def test_every_unit_is_si_or_known_and_the_page_has_every_figure(repository: Path) -> None:
     metrics = field_metrics()
     assert {metric.unit for metric in metrics.values()} <= UNITS.keys() | {"N", "%", "m/s²", "m/s³"}
-    page = (repository / "docs" / "metrics.md").read_text()
+    page = (repository / "docs" / "lab" / "repair.md").read_text()
     assert [name for name in metrics if f"`{name}`" not in page] == []
 
 
