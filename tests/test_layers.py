@@ -26,7 +26,7 @@ from tools.import_graph import (
 
 MOST_MODULES = 25
 """Of one package: more is a drawer."""
-MOST_LINES = {"replay": 51_100, "build_tree": 15_900}
+MOST_LINES = {"replay": 51_700, "build_tree": 15_950}
 """Lines that a command can import, of some 100,000; who lowers what it imports lowers these."""
 ROOMS = tuple(
     f"hhsim.{name}"
