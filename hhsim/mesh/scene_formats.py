@@ -18,7 +18,7 @@ METRES_OF_3MF = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch":
 
 
 class Stated(NamedTuple):
-    """What a file states."""
+    """Unit of a file and number of its triangles, as the file states them."""
 
     triangles: int  # number of triangles of the scene that is shown, each as often as it is shown
     metre: float  # length of its unit [m]
