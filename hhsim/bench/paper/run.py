@@ -16,7 +16,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_TOUCHING
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_SNAP, WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.metrics.metrics import component_variation_rate, force_variation_rate
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks
@@ -41,6 +41,8 @@ NOISES: dict[str, tuple[Disturbance, float | None]] = {
     "trembling": (replace(TREMOR, sensor_counts=GLOVE.sensor_counts, sensor_noise=GLOVE.sensor_noise), GLOVE_RATE),
 }
 """Noises of a repeated hold: sensors of the glove alone, and with tremor of the palm."""
+UNTOLD = "posture_jump_untold"
+"""Largest posture jump of the ticks that neither are nor follow one whose status tells a snap or a lag."""
 BISECTIONS = 10
 """Bisections of the margin that gives a number of contacts."""
 CARRIES = 0.25
@@ -94,7 +96,7 @@ class SceneRun:
     contact: BoolArray  # ticks with candidate pairs while fingers close, hold or slide, shape (T,)
     depth: FloatArray  # penetration of the object's spheres at each tick [m], shape (T,)
     touches: list[tuple[Touch, float]]  # demanded touches and their distances [m], at every hold of every motion
-    steps: dict[str, float]  # figures of STEPS: how far hand and force go in a tick
+    steps: dict[str, float]  # figures of STEPS and UNTOLD: how far hand and force go in a tick
     # Of the index finger's force in the first hold, by the names of NOISES; none for instances.
     variation: dict[str, Variation]
     cpu: list[Times] = field(default_factory=list)  # times of every tick [s], shape (T,), an array a repetition
@@ -243,7 +245,7 @@ def _run(stage: Stage, options: SolverOptions) -> list[TickRecord]:
 
 
 def _steps(stage: Stage, options: SolverOptions, record: TickRecord) -> dict[str, float]:
-    """Return the largest steps of shown hand and force from tick to tick, by the names of STEPS."""
+    """Return the largest steps of shown hand and force from tick to tick, by the names of STEPS, and UNTOLD's."""
     columns: dict[str, AnyArray] = {
         "contacts/touching": record.work[:, WORK_TOUCHING],
         "force/total": record.total,
@@ -253,7 +255,10 @@ def _steps(stage: Stage, options: SolverOptions, record: TickRecord) -> dict[str
     begins = np.zeros(len(record.total), bool)
     begins[np.cumsum([0, *map(len, user)])[:-1]] = True
     run = RunTicks(columns, len(begins), (), RATE, len(options.fingers), breaks=begins, user=np.concatenate(user))
-    return {name: run_figure(name, run) for name in STEPS}
+    told = (record.status & (STATUS_SNAP | STATUS_LAG)) != 0
+    told[1:] |= told[:-1]
+    untold = run_figure("posture_jump_max", replace(run, breaks=begins | told))
+    return {name: run_figure(name, run) for name in STEPS} | {UNTOLD: untold}
 
 
 def _shown(stage: Stage, record: TickRecord) -> list[Moment]:

@@ -10,8 +10,8 @@ from hhsim.metrics.run_ticks import RunTicks
 
 TOTAL, VARIATION, TOUCHING = "force/total", "force_variation_rate", "contacts/touching"
 FELT = 20.0
-"""Largest step of the force [% of its mean]: twice what a hand notices, 7 to 10 % (Jones 1989; Pang, Tan & Durlach
-1991), since a user who closes the hand fast makes steps, too."""
+"""Largest step of the force [% of its mean]: three times what a hand notices, 7 % (Pang, Tan & Durlach 1991), since a
+user who closes the hand fast makes steps, too."""
 TREMBLING = "force_variation_tremor"
 """Figure of the hold repeated with a trembling hand; only for a hold with frozen input."""
 ANOTHER_RUN = "is of a run of its own, which the file does not hold"
