@@ -34,7 +34,6 @@ COMMANDS = {
     "methods": "List the methods, and test one from outside.",
     "scene": "Write a scene as files for other software to solve.",
     "score": "Measure the poses that other software made of a scene.",
-    "retarget": "Write joint angles of a robot's hand for a result.",
     "import": "Make a trajectory of a recording of a hand.",
     "bench": "Measure the methods against each other: speed, error, stress.",
     "gate": "Judge a change for CI: errors, work and time, yes or no.",

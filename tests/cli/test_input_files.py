@@ -110,7 +110,6 @@ COMMANDS = (
     "view FILE.stl",
     "report FILE.h5 --out page.html",
     "report result.h5 --out FILE.html",
-    "retarget FILE.h5 --robot robot.urdf",
     "gate FILE.h5",
     "gate FILE.toml",
     "gate result.h5 --baseline FILE.h5",
