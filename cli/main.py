@@ -21,7 +21,6 @@ COMMANDS = {
     "replay": "Replay a hand motion against an object, every tick measured.",
     "repair": "Repair a recording of a hand: the same, without penetration.",
     "sweep": "Replay all that a plan names, each with each, and resume.",
-    "board": "Set results of sweeps and machines side by side, in one table.",
     "live": "Put a glove in the loop at 1 kHz, safely, and record it.",
     "compare": "Set the figures of two results side by side.",
     "export": "Write the ticks of a result, or its hand as a recording.",

@@ -54,7 +54,6 @@ LINES = (
     Line("repair grab.csv --object sphere --out repaired.csv", codes=(0, 1)),
     Line("sweep plan.toml"),
     Line("sweep plan.toml --scheduler local --out other", "sweep"),
-    Line("board results/small --out b.html --out b.csv --out b.md"),
     Line("gate a.h5"),
     Line("build-tree cube --level 2 --out tree.h5"),
     Line("live glove sphere --device sim --duration 2 --out live.h5"),

@@ -76,8 +76,8 @@ ALIKE = "--out --json --quiet --seed --unit --thickness --budget --fingers --sam
 def test_what_means_the_same_is_explained_alike(name: str) -> None:
     found = {path: option for path in COMMANDS for option in options_of(path) if option.opts[0] == name}
     if name == "--out":
-        # A report is a page and its pictures, scenes, sweeps and repairs are folders, and a board is any files.
-        for other in ("report", "scene", "sweep", "board", "repair"):
+        # A report is a page and its pictures, and scenes, sweeps and repairs are folders.
+        for other in ("report", "scene", "sweep", "repair"):
             found.pop(f"hhsim {other}")
     assert len(found) > 1
     assert len({(option.help, option.metavar, tuple(option.opts)) for option in found.values()}) == 1
