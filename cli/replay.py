@@ -20,7 +20,7 @@ from .arguments.option_group import GroupedCommand, option, shared
 from .arguments.options import COUNT, ranged
 from .arguments.recording_options import HandData, Sampling
 from .arguments.rerun_target import RERUN, RERUN_METAVAR, read_target
-from .arguments.solver_options import Linearising, SolverChoice, isolate, trust
+from .arguments.solver_options import Linearising, SolverChoice, trust
 from .arguments.tree_choice import TreeOrFile
 from .console import print_json, print_line, print_notes, print_table, progress
 from .run_again import names_a_result, run_again
@@ -50,7 +50,6 @@ def complete_trajectory(context: click.Context, parameter: click.Parameter, inco
 class SolverSettings(Linearising, SolverChoice):
     """Options of the solver; `stiffness` is k_t [N/m], k_r and k_θ [N·m/rad]."""
 
-    isolate: bool = shared(isolate)
     qp: str = option(
         metavar="NAME",
         default="active-set",
@@ -91,7 +90,6 @@ class SolverSettings(Linearising, SolverChoice):
         """Return the options; UsageError, HhsimError for another method's, no such solver or engine, a bad number."""
         from hhsim.errors import InputError, UnknownNameError
         from hhsim.solver.known_methods import find_method
-        from hhsim.solver.method_names import isolated_name
         from hhsim.solver.options import SolverOptions, Stiffness
         from hhsim.solver.qp import ACTIVE_SET, available_backends
 
@@ -103,11 +101,9 @@ class SolverSettings(Linearising, SolverChoice):
         changed = {**self.given(), "margin": options.metres(self.margin), "self_contact": self.self_contact == "on"}
         changed |= {"stiffness": Stiffness(**stiffness) if stiffness else None}
         changed.pop("penalty_stiffness", None)
-        if changed.pop("isolate"):
-            changed["method"] = isolated_name(self.method)
         if self.qp != ACTIVE_SET and self.qp not in available_backends():
             raise UnknownNameError("QP solver", self.qp, available_backends())
-        if missing := find_method(changed["method"]).missing:
+        if missing := find_method(self.method).missing:
             raise InputError(f"method {self.method} {missing}")
         return SolverOptions(**{name: value for name, value in changed.items() if value is not None})
 

@@ -13,9 +13,13 @@ from .arguments.option_group import OptionGroup, option
 from .console import end_on_sigterm, print_json, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hhsim.sweep.cell_table import CellRow
     from hhsim.sweep.sweep import Estimate, SweepSummary
 
 MOST_FAILURES = 20
+MOST_ROWS = 60
 
 
 class SweepSettings(OptionGroup):
@@ -52,7 +56,8 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
     PLAN is a TOML file of objects, motions, methods, surfaces and sets of options (docs/results.md). Each cell is what
     hhsim replay makes of the same words, in a file of its own that appears in one step: whatever ends a sweep, the same
     command goes on with what is not done yet. What a cell depends on is in its name, so that one whose inputs, options
-    or hhsim change is run anew. hhsim board shows the results as one table. The exit code is 1 where cells failed.
+    or hhsim change is run anew. At the end a table has a row for each cell, and FOLDER/table.csv has all figures of
+    each. The exit code is 1 where cells failed.
 
     \b
     Examples:
@@ -61,9 +66,11 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
       hhsim sweep plan.toml --retry-failed
       hhsim sweep plan.toml --scheduler tcp://10.0.0.1:8786 --out /shared/first
     """
+    from hhsim.sweep.cell_table import TABLE, cell_rows, figure_table
     from hhsim.sweep.folder import SweepFolder
     from hhsim.sweep.plan import load_plan
     from hhsim.sweep.sweep import SweepOptions, estimate, run_sweep
+    from hhsim.system.atomic_write import write_atomically
     from hhsim.system.output_path import RESULTS
 
     end_on_sigterm()
@@ -78,6 +85,8 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
             found = estimate(read, folder, report)
         else:
             ended = run_sweep(read, folder, chosen, report)
+            rows = cell_rows(read, folder)
+            write_atomically(folder.path / TABLE, figure_table(rows).csv().encode())
     if settings.dry_run:
         _print_estimate(found, chosen.workers, as_json=printing.as_json)
         return 0
@@ -93,11 +102,12 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
                 ],
                 "ticks": ended.ticks,
                 "seconds": ended.seconds,
+                "rows": figure_table(rows).records,
                 "notes": list(read.notes),
             }
         )
     elif not printing.quiet:
-        _print(ended, folder.path)
+        _print(ended, rows, folder.path)
     if printing.quiet and ended.failed:
         shown = [f"{cell.label}: {why}" for cell, why in ended.failed[:MOST_FAILURES]]
         print_notes([f"{counted(len(ended.failed), 'cell')} failed", *shown], prefix="missed")
@@ -118,9 +128,17 @@ def _print_estimate(found: "Estimate", workers: int, *, as_json: bool) -> None:
         print_line(f"{found.ticks:,} ticks: about {about}, by cells that ran on this machine: {found.by}")
 
 
-def _print(ended: "SweepSummary", folder: Path) -> None:
+def _print(ended: "SweepSummary", rows: "Sequence[CellRow]", folder: Path) -> None:
+    from hhsim.sweep.cell_table import FAILED, TABLE, shown_table
     from hhsim.sweep.folder import lasting
 
+    done = [row for row in rows if row.verdict != FAILED]
+    if done:
+        table = shown_table(done[:MOST_ROWS])
+        print_table(table, optional=("stuck", "over optimum [%]", "force [N]", "p99 [µs]", "surface"))
+        for note in table.notes:
+            print_line(note)
+        print()
     before = f", {ended.done_before:,} before" if ended.done_before else ""
     print_line(f"{counted(ended.cells, 'cell')}: {ended.run:,} done now{before}, {len(ended.failed):,} failed")
     if ended.run:
@@ -132,4 +150,5 @@ def _print(ended: "SweepSummary", folder: Path) -> None:
         print_table(Table.of_cells(("cell", "options", "failed since"), shown))
         more = len(ended.failed) - MOST_FAILURES
         print_line(f"{f'{more:,} more failed; ' if more > 0 else ''}--retry-failed runs them again")
-    print_line(f"hhsim board {folder} shows them as one table")
+    more = f"{len(done) - MOST_ROWS:,} more rows, and " if len(done) > MOST_ROWS else ""
+    print_line(f"{more}all figures of each cell are in {folder / TABLE}")

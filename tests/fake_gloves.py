@@ -47,7 +47,7 @@ class FakeGlove:
         arguments: More of the command line.
 
     Attributes:
-        where: What it says of where it can be reached: a port, or the path of a serial line.
+        where: What it says of where it can be reached: a port.
     """
 
     where: str

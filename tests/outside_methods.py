@@ -1,8 +1,6 @@
 """Methods from outside, right and wrong, that tests name as `outside_methods:Class`."""
 
-import ctypes
 import itertools
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -64,7 +62,6 @@ Modest = answering(lambda haptic: TickAnswer(haptic, native_ns=123))
 Boasts = answering(lambda haptic: TickAnswer(haptic, native_ns=10**15))
 Owes = answering(lambda haptic: TickAnswer(haptic, native_ns=-(10**18)))
 Leaves = answering(lambda haptic: sys.exit(0))
-Exits = answering(lambda haptic: os._exit(0))
 Grows = answering(lambda haptic: np.ones(2**44))
 
 
@@ -118,16 +115,11 @@ class Interrupts(Follow):
 
 
 class Talks(Follow):
-    """Prints in three ways, and goes elsewhere."""
-
     def begin(self, pose: HandConfiguration) -> None:
         self.answer(pose)
 
     def answer(self, haptic: HandConfiguration) -> HandConfiguration:
         print("printed")
-        os.write(1, b"written\n")
-        ctypes.CDLL(None).puts(b"by C")
-        os.chdir("/")
         return haptic
 
 
@@ -148,22 +140,6 @@ class Rewrites(Follow):
         for array in (scene.mesh.vertices, scene.hand.length):
             array.flags.writeable = True
             array[...] = 7.0
-
-
-class Dies(Follow):
-    """Its process ends in its third tick by a fault of the memory."""
-
-    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
-        if self.ticks == 3:
-            ctypes.string_at(0)
-        return haptic
-
-
-class NeverEnds(Follow):
-    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
-        while self.ticks == 2:
-            pass
-        return haptic
 
 
 class Lazy(Follow):

@@ -30,7 +30,7 @@ MOST_LINES = {"replay": 51_700, "build_tree": 15_950}
 """Lines that a command can import, of some 100,000; who lowers what it imports lowers these."""
 ROOMS = tuple(
     f"hhsim.{name}"
-    for name in ("bench", "board", "engines", "gate", "live", "repair", "report", "submissions", "sweep", "verify")
+    for name in ("bench", "engines", "gate", "live", "repair", "report", "submissions", "sweep", "verify")
 )
 """Packages of other commands, which neither of these imports."""
 

@@ -50,12 +50,10 @@ LINES = (
     Line("verify a.h5"),
     Line("scene sphere short.toml --out scene"),
     Line("score scene/example-submission.csv --out scored.h5"),
-    Line("retarget a.h5 --robot robot.urdf --out robot.npz", "retarget"),
     Line("import grab.csv --out grab.h5 --plot grab.png"),
     Line("repair grab.csv --object sphere --out repaired.csv", codes=(0, 1)),
     Line("sweep plan.toml"),
     Line("sweep plan.toml --scheduler local --out other", "sweep"),
-    Line("board results/small --out b.html --out b.csv --out b.md"),
     Line("gate a.h5"),
     Line("build-tree cube --level 2 --out tree.h5"),
     Line("live glove sphere --device sim --duration 2 --out live.h5"),
@@ -68,7 +66,7 @@ LINES = (
 
 def test_every_command_and_every_engine_is_among_the_lines() -> None:
     assert {line.words.split()[0] for line in LINES} == COMMANDS.keys()
-    assert len(ENGINES) > 8
+    assert len(ENGINES) > 5
 
 
 @pytest.mark.soak
@@ -77,7 +75,6 @@ def test_every_command_works_or_says_what_it_needs(repository: Path, tmp_path: P
     work = tmp_path / "work"
     work.mkdir()
     write_plan(work)
-    (work / "robot.urdf").write_text("<robot/>")
     (work / "grab.csv").write_bytes((repository / "examples" / "grab.csv").read_bytes())
     wrong = [f"hhsim {line.words}: {told}" for line in LINES if (told := what_is_wrong(hhsim, line, work))]
     assert not wrong, "\n".join(wrong)

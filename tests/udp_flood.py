@@ -52,19 +52,13 @@ def hand(seq: int, number: float) -> bytes:
     return packet(5, seq, [part for x, z in points for part in (0.0, 0.0, 0.0, 1.0, x, number, z, 0.01)])
 
 
-def encoders(seq: int, number: float) -> bytes:
-    """Of a DOGlove: no number, no session; its thumb's rotation, which is read and not used, tells which it is."""
-    return struct.pack("<16f", *[90.0, 270.0, 180.0, number], *[90.0, 270.0, 180.0] * 4)
-
-
-FORMS: dict[str, Callable[[int, float], bytes]] = {"joints": joints, "hand": hand, "encoders": encoders}
+FORMS: dict[str, Callable[[int, float], bytes]] = {"joints": joints, "hand": hand}
 
 
 def main(form: str, port: int, rate: float) -> None:
     make, target = FORMS[form], ("127.0.0.1", port)
     peer, stranger, impostor = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(3))
     stranger.bind(("127.0.0.2", 0))
-    stamped = form != "encoders"
     sent = dict.fromkeys(KINDS, 0)
     ending: list[int] = []
     signal.signal(signal.SIGTERM, lambda number, frame: ending.append(number))
@@ -74,8 +68,6 @@ def main(form: str, port: int, rate: float) -> None:
         now = time.monotonic() - start
         if now >= sent["samples"] / SLOW:
             seq = sent["samples"]
-            if not stamped:
-                peer.sendto(struct.pack("<5f", 182.2, 165.2, 150.29, 151.44, 145.9), ("127.0.0.1", port + 1))
             old, forged = make(seq, own_number(seq)), make(seq + 1000, IMPOSTOR)
             kind, link, data = "samples", peer, old
         elif now >= ALONE + turn / rate:
@@ -84,7 +76,7 @@ def main(form: str, port: int, rate: float) -> None:
                 ("ahead", impostor, forged),
                 ("given back", impostor, old),
                 ("no packet", peer, b"HHGL" + bytes(turn % 40)),
-                ("repeated", peer, old) if stamped else ("no packet", peer, b""),
+                ("repeated", peer, old),
             )[turn % 5]
             turn += 1
         else:

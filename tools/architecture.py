@@ -10,7 +10,7 @@ COMMAND_LINE = "cli"
 KERNELS = ("kernels", *(package.removeprefix("hhsim.") for package in PACKAGES if package.startswith("hhsim.kernels.")))
 LAYERS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("what a user types", (COMMAND_LINE,)),
-    ("many runs, other engines", ("repair", "board", "sweep", "engines")),
+    ("many runs, other engines", ("repair", "sweep", "engines")),
     ("shown, and with a glove", ("report", "live", "view", "render")),
     ("judged", ("gate", "verify", "bench", "submissions", "robots")),
     ("a run, tick by tick", ("replay", "scene", "solver", "metrics")),

@@ -76,7 +76,7 @@ class Line(Protocol):
 
     @property
     def where(self) -> str:
-        """Its port, or the path of the serial line."""
+        """Its port."""
 
     def open(self) -> None:
         """Open the connection again."""

@@ -32,7 +32,7 @@ PACKAGES = (
     *(f"hhsim.live{part}" for part in ("", ".link", ".devices", ".drivers", ".pose", ".ipc", ".loop", ".session")),
     "hhsim.report",
     "hhsim.repair",
-    *("hhsim.sweep", "hhsim.board", "hhsim.engines"),
+    *("hhsim.sweep", "hhsim.engines"),
 )
 """Every package of the library, lowest first: a module imports from its own package and from those before it."""
 

@@ -52,11 +52,6 @@ def _read_fingers(context: click.Context, parameter: click.Parameter, value: str
 trust = click.option(
     "--trust", is_flag=True, help="Import and run the code of a method that RESULT names as package.module:Class."
 )
-isolate = click.option(
-    "--isolate",
-    is_flag=True,
-    help="Run a method from outside in its own process; isolated: before its name says the same.",
-)
 
 
 class SolverChoice(OptionGroup, heading="Solver"):

@@ -5,7 +5,7 @@ from ..arguments.lazy_group import LazyGroup, show_help
 SUITES = {
     "paper": "The paper's whole evaluation, Figs. 11 to 15: its figures beside ours, in one run.",
     "speed-error": "Methods, tree levels, linearisations and QP solvers: what a tick costs against how far off it is.",
-    "peers": "MuJoCo and Drake beside our methods: the same hand, scenes and judge.",
+    "peers": "MuJoCo beside our methods: the same hand, scenes and judge.",
     "manipulation": "Free objects with friction: known answers, and a pinch beside MuJoCo.",
     "hard": "Every hard case, for every method: pass or fail, and the figure.",
     "stress": "Random targets on any object, as long as you like; a failing motion is kept, shrunk to a few ticks.",

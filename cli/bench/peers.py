@@ -35,17 +35,16 @@ class PeersSettings(OptionGroup):
 @options.picture
 @options.Output.argument("output")
 def command(settings: PeersSettings, plot: Path | None, output: options.Output) -> None:
-    """Measure other physics engines beside our methods, on the same scenes, in one run.
+    """Measure another physics engine beside our methods, on the same scenes, in one run.
 
-    MuJoCo and Drake, each tuned, are optional extras: hhsim methods says which are installed, and what is not is left
-    out. All have the same hand, its phalanges capsules. Errors are measured against the true mesh: the deepest
-    penetration, and how far off the mesh a body is that is pushed. The table goes to an HDF5 and a CSV file, with a
-    picture beside them.
+    MuJoCo, tuned, is an optional extra, and left out where it is not installed. All have the same hand, its phalanges
+    capsules. Errors are measured against the true mesh: the deepest penetration, and how far off the mesh a body is
+    that is pushed. The table goes to an HDF5 and a CSV file, with a picture beside them.
 
     \b
     Examples:
       hhsim bench peers --quick
-      hhsim bench peers --object bunny --motion grasp,slide --method coupled,mujoco,drake
+      hhsim bench peers --object bunny --motion grasp,slide --method coupled,mujoco
       hhsim bench peers --out peers.h5 --plot peers.png
     """
     from hhsim.bench.peers import COLUMNS, QUICK, PeersOptions, installed, measure, remarks, table_rows, won_by_others

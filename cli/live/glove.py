@@ -263,7 +263,6 @@ def command(
     Examples:
       hhsim live glove
       hhsim live glove cube --device dexmo --host 127.0.0.1 --calibration me.toml
-      hhsim live glove cup --device opengloves --serial /dev/ttyUSB0 --dry-run
       hhsim live glove bunny --device udp --pose udp --rerun spawn
       hhsim live glove cube --free --mass 0.1 --friction 0.8 --torsion 5
       hhsim live glove --device replay --trajectory session.h5 --duration 10

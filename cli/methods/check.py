@@ -4,15 +4,14 @@ import click
 
 from hhsim.table.table import Table, words
 
-from ..arguments import options, solver_options
+from ..arguments import options
 from ..console import announce_compilation, print_json, print_line, print_table
 
 
 @click.command(cls=options.Command)
 @click.argument("name")
-@solver_options.isolate
 @options.json
-def command(name: str, isolate: bool, as_json: bool) -> int:
+def command(name: str, as_json: bool) -> int:
     """Tell what is wrong with a method from outside.
 
     NAME is a name of hhsim methods, or package.module:Class. It grasps a ball twice, and its answers are checked:
@@ -24,10 +23,9 @@ def command(name: str, isolate: bool, as_json: bool) -> int:
       hhsim methods check penalty
     """
     from hhsim.replay.conformance import WRONG, check_method
-    from hhsim.solver.method_names import isolated_name
 
     announce_compilation(quiet=as_json)
-    findings = list(check_method(isolated_name(name) if isolate else name))
+    findings = list(check_method(name))
     wrong = sum(finding.verdict == WRONG for finding in findings)
     if as_json:
         print_json({"method": name, "passed": not wrong, "findings": [finding._asdict() for finding in findings]})

@@ -104,31 +104,6 @@ class RigidHand:
         c, s = math.cos(half), math.sin(half)
         return w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
 
-    def pull(
-        self,
-        target: HandConfiguration,
-        speed: "HandSpeed",
-        position: FloatArray,
-        orientation: FloatArray,
-        linear: FloatArray,
-        angular: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the coupling's force on the palm [N] and its torque about the palm's origin [N·m], world.
-
-        `target` and `speed` are the haptic hand's; the rest is of the graphic palm, world: [m], (w, x, y, z), [m/s],
-        [rad/s].
-        """
-        force = self.stiffness[0] * (target.position - position) + self.damping[0] * (speed.linear - linear)
-        turn = rotation_between(orientation, target.orientation)
-        return force, self.stiffness[1] * turn + self.damping[1] * (speed.angular - angular)
-
-    def bend(
-        self, target: HandConfiguration, speed: "HandSpeed", flexion: FloatArray, bending: FloatArray
-    ) -> FloatArray:
-        """Return the coupling's torques on the hinges [N·m], shape (15,), from their angles and speeds [rad, rad/s]."""
-        spring = self.stiffness[2] * (target.flexion.ravel() - flexion)
-        return spring + self.damping[2] * (speed.flexion.ravel() - bending)
-
 
 class HandSpeed(NamedTuple):
     """Speed of the palm [m/s, rad/s], world, shapes (3,), and of the flexion [rad/s], shape (5, 3)."""
@@ -155,8 +130,3 @@ def rotation_between(first: FloatArray, second: FloatArray) -> FloatArray:
     vector = np.empty(3)
     rotation_vector_between(as_argument(first), as_argument(second), vector)
     return vector
-
-
-def earlier(now: HandConfiguration, speed: HandSpeed, time: float) -> HandConfiguration:
-    """Return the haptic hand some time [s] ago, its rotation unchanged: for forces applied as a step begins."""
-    return now._replace(position=now.position - time * speed.linear, flexion=now.flexion - time * speed.flexion)

@@ -12,7 +12,7 @@ from hhsim.errors import InputError, UnknownNameError, check_known
 from hhsim.gate.metrics import COUNTERS, OF_SESSIONS, OF_SUBMISSIONS, OUTSIDE_DEFAULTS, SESSION_DEFAULTS, limitable
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.solver.method import METHODS
-from hhsim.solver.method_names import ISOLATED, method_names
+from hhsim.solver.method_names import method_names
 from hhsim.system.settings_file import Settings, Version, between, parse_settings, read_toml_text
 
 SUITE_FILE = "hhsim-gate.toml"
@@ -100,10 +100,9 @@ class GateScene(_Judged, frozen=True, kw_only=True, rename={"slack": "counters",
         for kind, names in ONLY_OF.items():
             for name in names.intersection(self.limits) if kind != self.kind else ():
                 raise InputError(f"limits: only a {kind} has {name}, and this is no scene with the key {kind}")
-        method = self.method.removeprefix(ISOLATED)
         # A method from outside is imported by its own run, where its module lies.
-        if ":" not in method and method not in method_names():
-            raise InputError(f"{UnknownNameError('method', method, method_names())}, or package.module:Class")
+        if ":" not in self.method and self.method not in method_names():
+            raise InputError(f"{UnknownNameError('method', self.method, method_names())}, or package.module:Class")
         if (self.hand is not None) != (BOTH in self.arguments):
             raise InputError(f'hand is of a run of two, whose arguments have "{BOTH}": which of them is judged')
         for item in self.arguments:

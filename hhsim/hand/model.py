@@ -242,8 +242,7 @@ class HandModel:
         if robot := re.match(r"\s*<(?:.*<)?(robot|mujoco)\b", text, re.DOTALL):
             what = "URDF" if robot[1] == "robot" else "MJCF"
             raise InputError(
-                f"{path}: a {what}, which is of a robot's hand; expected the sizes of a person's hand (TOML); "
-                f"hhsim retarget RESULT --robot {path} is for it"
+                f"{path}: a {what}, which is of a robot's hand; expected the sizes of a person's hand (TOML)"
             )
         return cls.of_text(text, str(path), side)
 

@@ -1,7 +1,7 @@
 """Interface of a glove to the loop: samples in, finger commands out.
 
-Most gloves with force feedback take a position limit: Dexmo's set point, the curl of OpenGloves and
-XR_MNDX_force_feedback_curl are all the bend at which a finger is stopped. `Capability` says what a glove takes.
+Most gloves with force feedback take a position limit: Dexmo's set point and
+XR_MNDX_force_feedback_curl are both the bend at which a finger is stopped. `Capability` says what a glove takes.
 """
 
 from abc import ABC, abstractmethod

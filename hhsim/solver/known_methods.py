@@ -1,6 +1,6 @@
 """Records of all methods by name, see `hhsim.solver.method_names`."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -8,7 +8,7 @@ from typing import Any
 
 from hhsim.errors import InputError
 from hhsim.solver.method import FORCES, METHODS, RUNS, TIMES, UNITS, Engine, Method
-from hhsim.solver.method_names import ISOLATED, declared_methods, facts_of, isolated_name, outside_class, source_of
+from hhsim.solver.method_names import declared_methods, facts_of, outside_class, source_of
 
 SUBMITTED = "submission:"
 """Prefix of the method of a submission's poses in its result; see `hhsim.submissions.score`."""
@@ -16,7 +16,7 @@ _known_for_now: dict[str, Method] = {}
 
 
 def find_method(name: str) -> Method:
-    """Return the method of a name of `method_names`, or `package.module:Class`; `ISOLATED` may precede an outside one.
+    """Return the method of a name of `method_names`, or `package.module:Class`.
 
     Raises UnknownNameError for no such method, InputError for one that cannot be imported, or is no method.
     """
@@ -27,24 +27,25 @@ def find_method(name: str) -> Method:
     if name.startswith(SUBMITTED):
         summary = "poses that were computed elsewhere"
         return Method(summary, partial(_no_engine, name), gives=frozenset(), compiled=False)
-    if name.startswith(ISOLATED):
-        from hhsim.solver.isolated_method import isolated_engine, isolated_facts
-
-        plain = name.removeprefix(ISOLATED)
-        isolated_name(plain)
-        facts = isolated_facts(plain)
-        return _method(facts, partial(isolated_engine, plain, facts["forces"]))
     found = outside_class(name)
     if isinstance(found, Method):
         return replace(found, source=found.source or source_of(found.engine))
     facts = facts_of(found)
-    return _method(facts, partial(_engine, name, found, facts["forces"]))
+    return Method(
+        summary=facts["summary"],
+        engine=partial(_engine, name, found, facts["forces"]),
+        never_penetrates=facts["never_penetrates"],
+        follows_input=True,
+        gives=frozenset((TIMES, RUNS, *([FORCES] if facts["forces"] else []), *([UNITS] if facts["work"] else []))),
+        compiled=False,
+        missing=facts["missing"],
+        source=facts["source"],
+    )
 
 
 def names_code(name: str) -> bool:
     """Return True for `package.module:Class`, which `find_method` imports: code that the name's author chose."""
-    plain = name.removeprefix(ISOLATED)
-    return ":" in plain and not plain.startswith(SUBMITTED) and plain not in declared_methods()
+    return ":" in name and not name.startswith(SUBMITTED) and name not in declared_methods()
 
 
 @contextmanager
@@ -59,19 +60,6 @@ def known_for_now(name: str, method: Method) -> Iterator[None]:
 
 def _no_engine(name: str, workspace: Any) -> Engine:
     raise InputError(f"'{name}' is poses computed elsewhere: hhsim score measures their file anew")
-
-
-def _method(facts: Mapping[str, Any], engine: Callable[[Any], Engine]) -> Method:
-    return Method(
-        summary=facts["summary"],
-        engine=engine,
-        never_penetrates=facts["never_penetrates"],
-        follows_input=True,
-        gives=frozenset((TIMES, RUNS, *([FORCES] if facts["forces"] else []), *([UNITS] if facts["work"] else []))),
-        compiled=False,
-        missing=facts["missing"],
-        source=facts["source"],
-    )
 
 
 def _engine(name: str, made: Callable[[Any], Any], forces: bool, workspace: Any) -> Engine:

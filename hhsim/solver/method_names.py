@@ -16,12 +16,9 @@ from typing import Any
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.registry import declared
 from hhsim.solver.method import METHODS, Method
-from hhsim.system.foreign_call import ForeignError, foreign_call
 
 GROUP = "hhsim.methods"
 """Group of the entry points."""
-ISOLATED = "isolated:"
-"""Prefix of the name of a method from outside that runs in a process of its own."""
 
 
 def declared_methods() -> dict[str, EntryPoint]:
@@ -61,18 +58,11 @@ def _named(name: str) -> Any:
 
 def _imported(name: str, load: Callable[[], Any]) -> Any:
     try:
-        return foreign_call(load).value
-    except ForeignError as error:
+        return load()
+    except (Exception, SystemExit) as error:
         # Whatever somebody else's module raises is told in one line.
         where = "package.module:Class, from the current folder or installed"
-        raise InputError(f"method '{name}' cannot be imported: {error} ({where})") from error.__cause__
-
-
-def isolated_name(name: str) -> str:
-    """Return the name by which a method from outside runs in a process of its own; InputError for hhsim's own."""
-    if name in METHODS:
-        raise InputError(f"method '{name}' is hhsim's own: only one from outside runs in a process of its own")
-    return name if name.startswith(ISOLATED) else ISOLATED + name
+        raise InputError(f"method '{name}' cannot be imported: {type(error).__name__}: {error} ({where})") from error
 
 
 def facts_of(made: Any) -> dict[str, Any]:

@@ -1,9 +1,12 @@
 """Methods from outside: a class that returns the graphic hand tick by tick, see docs/outside-methods.md."""
 
 import copy
+import sys
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from numbers import Integral, Real
+from time import perf_counter_ns, process_time_ns
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
@@ -14,7 +17,6 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.reproducible import norm
-from hhsim.system.foreign_call import ForeignError, Timed, foreign_call
 from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
@@ -61,6 +63,14 @@ class TickAnswer(NamedTuple):
         return f"TickAnswer({self.pose!r}, {forces})"
 
 
+class Timed(NamedTuple):
+    """Value that a call returned, and its wall and CPU time [ns]."""
+
+    value: Any
+    wall: int
+    cpu: int
+
+
 class OutsideMethod(Protocol):
     """A method from outside; made anew for every run.
 
@@ -79,20 +89,11 @@ class OutsideMethod(Protocol):
         """Return the graphic hand for the haptic hand of this tick."""
 
 
-class MethodRunner(Protocol):
-    """Runs the code of a method, in this process or another; `ticks` counts the answered ones."""
-
-    ticks: int
-
-    def begin(self, pose: HandConfiguration) -> None:
-        """Call `OutsideMethod.begin`."""
-
-    def tick(self, haptic: HandConfiguration) -> Timed:
-        """Call `OutsideMethod.tick`; the value is a `TickAnswer` as `checked_answer` makes it."""
-
-
 class MethodHere:
-    """Runs a method, made by `make` for a scene, in this process; InputError where it fails or answers with no hand."""
+    """Runs a method, made by `make` for a scene; `ticks` counts the answered ones.
+
+    Raises InputError where the method fails or answers with no hand.
+    """
 
     def __init__(
         self, name: str, make: Callable[[MethodScene], OutsideMethod], forces: bool, scene: MethodScene
@@ -101,11 +102,11 @@ class MethodHere:
         self.method = self._call("cannot be made", make, scene).value
 
     def begin(self, pose: HandConfiguration) -> None:
-        """See `MethodRunner.begin`."""
+        """Call `OutsideMethod.begin`."""
         self._call("fails in begin()", self.method.begin, pose)
 
     def tick(self, haptic: HandConfiguration) -> Timed:
-        """See `MethodRunner.tick`."""
+        """Call `OutsideMethod.tick`; the value is a `TickAnswer` as `checked_answer` makes it."""
         found = self._call("fails", self.method.tick, haptic)
         answer = checked_answer(self.name, self.ticks, found, self.forces)
         self.ticks += 1
@@ -113,12 +114,16 @@ class MethodHere:
 
     def _call(self, what: str, function: Callable[..., Any], *given: Any) -> Timed:
         try:
-            return foreign_call(function, *given)
-        except ForeignError as error:
-            if isinstance(error.__cause__, InputError):
-                raise error.__cause__ from None
+            # What it prints is no part of this program's output.
+            with redirect_stdout(sys.stderr):
+                cpu, wall = process_time_ns(), perf_counter_ns()
+                value = function(*given)
+                return Timed(value, perf_counter_ns() - wall, process_time_ns() - cpu)
+        except InputError:
+            raise
+        except (Exception, SystemExit) as error:
             where = f" (tick {self.ticks:,})" if what == "fails" else ""
-            raise InputError(f"method '{self.name}' {what}: {error}{where}") from error.__cause__
+            raise InputError(f"method '{self.name}' {what}: {type(error).__name__}: {error}{where}") from error
 
 
 def checked_answer(name: str, tick: int, found: Timed, forces: bool) -> TickAnswer:
@@ -167,7 +172,7 @@ def checked_answer(name: str, tick: int, found: Timed, forces: bool) -> TickAnsw
 class OutsideEngine:
     """Runs a method from outside, made by `run_by`, and computes from its hands what hhsim's own methods record."""
 
-    def __init__(self, run_by: Callable[[MethodScene], MethodRunner], forces: bool, workspace: "TickWorkspace") -> None:
+    def __init__(self, run_by: Callable[[MethodScene], MethodHere], forces: bool, workspace: "TickWorkspace") -> None:
         self.forces, self.workspace = forces, workspace
         # Views: to find a field of a record takes longer than to write it, and a tick has a dozen.
         states = workspace.states

@@ -9,7 +9,6 @@ import ctypes
 import faulthandler
 import gc
 import os
-import re
 import sys
 import tempfile
 import threading
@@ -94,15 +93,6 @@ def used_memory() -> tuple[float, float]:
     return most, most
 
 
-def process_cpu_ns(process: int) -> int:
-    """Return the CPU time of a process [ns] by the system's count; 0 where it has ended or nothing tells."""
-    if sys.platform == "linux":
-        with contextlib.suppress(OSError):
-            # Clock of a process, see clock_getcpuclockid(3).
-            return time.clock_gettime_ns((~process << 3) | 2)
-    return 0
-
-
 def thread_clock() -> int:
     """Return the number of the calling thread's CPU clock, for any thread to read; that of the reader elsewhere."""
     if sys.platform == "linux":
@@ -110,21 +100,6 @@ def thread_clock() -> int:
     if sys.platform == "win32":
         return 0
     return time.CLOCK_THREAD_CPUTIME_ID
-
-
-def limit_as_child(memory_share: float) -> None:
-    """End this process with its parent, and limit its memory to a share of what is free; Linux alone."""
-    if sys.platform == "linux":
-        import resource
-        import signal
-
-        # PR_SET_PDEATHSIG of prctl(2) is 1.
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL, 0, 0, 0)
-        available = re.search(r"MemAvailable: *([0-9]+) kB", Path("/proc/meminfo").read_text())
-        assert available is not None
-        most = int(memory_share * 1024 * int(available[1]))
-        resource.setrlimit(resource.RLIMIT_DATA, (most, most))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
 def memory_file() -> BinaryIO:

@@ -1,7 +1,6 @@
 """HTML pages from Jinja2 templates, which lie beside the modules that fill them; all text in them is escaped."""
 
 import base64
-import hashlib
 import re
 from functools import cache
 from pathlib import Path
@@ -40,7 +39,6 @@ def environment() -> "Environment":
     )  # fmt: skip
     made.filters["base64"] = _base64
     made.filters["png_size"] = lambda png: tuple(int.from_bytes(png[at : at + 4]) for at in (16, 20))
-    made.filters["sha256"] = lambda text: _base64(hashlib.sha256(text.encode()).digest())
     # A word of such a cell, as a checksum is, has to be broken to fit a page.
     made.tests["long"] = lambda cell: max(map(len, cell.split()), default=0) > LONGEST_WORD
     return made

@@ -110,16 +110,14 @@ COMMANDS = (
     "view FILE.stl",
     "report FILE.h5 --out page.html",
     "report result.h5 --out FILE.html",
-    "retarget FILE.h5 --robot robot.urdf",
     "gate FILE.h5",
     "gate FILE.toml",
     "gate result.h5 --baseline FILE.h5",
     "gate result.h5 --baseline FILE.json",
-    "board FILE.h5",
     "sweep plan.toml",
     "sweep FILE.toml",
 )
-LISTED = ("replay cube touch.toml", "board FILE.h5", "sweep plan.toml")
+LISTED = ("replay cube touch.toml", "sweep plan.toml")
 """Commands that look for it in a folder, or by its name in another file: of a pipe they say that no file is there."""
 SUFFIXES = ("h5", "csv", "toml", "npz", "stl", "sph", "json", "bvh", "parquet", "html", "bin")
 GLTF = (

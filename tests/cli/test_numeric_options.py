@@ -22,13 +22,10 @@ ABSURD = (
 WORDS = {
     *("--method", "--fingers", "--qp", "--object", "--motion", "--surface", "--case", "--columns", "--name"),
     *("--source", "--licence", "--format", "--object-track", "--array", "--profile", "--host", "--pose-host"),
-    *("--scheduler", "--serial", "--rerun", "--trajectory", "--palm-axes", "--robot", "--link"),
+    *("--scheduler", "--rerun", "--trajectory", "--palm-axes", "--robot", "--link"),
 }
 """Options whose texts hold no number."""
-READ_LATER = {
-    "--servo-zero": "the driver of a DOGlove reads it before it opens a port: tests/live/drivers/test_doglove.py",
-    "--width": "what draws the figure reads it, with its unit: tests/report/test_figure_file.py",
-}
+READ_LATER = {"--width": "what draws the figure reads it, with its unit: tests/report/test_figure_file.py"}
 SMALL = "a number from 0 on may be as small as it likes"
 OFF = "0 is none at all"
 TINY = {"--friction", "--table-friction", "--torsion", "--tremor"}

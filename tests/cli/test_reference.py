@@ -76,8 +76,8 @@ ALIKE = "--out --json --quiet --seed --unit --thickness --budget --fingers --sam
 def test_what_means_the_same_is_explained_alike(name: str) -> None:
     found = {path: option for path in COMMANDS for option in options_of(path) if option.opts[0] == name}
     if name == "--out":
-        # A report is a page and its pictures, scenes, sweeps and repairs are folders, and a board is any files.
-        for other in ("report", "scene", "sweep", "board", "repair"):
+        # A report is a page and its pictures, and scenes, sweeps and repairs are folders.
+        for other in ("report", "scene", "sweep", "repair"):
             found.pop(f"hhsim {other}")
     assert len(found) > 1
     assert len({(option.help, option.metavar, tuple(option.opts)) for option in found.values()}) == 1
@@ -120,9 +120,7 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
             values = value if isinstance(value, tuple) else (value,)
             yield f"hhsim bench {suite}", f"--{one or field}", ",".join(map(str, values))
     yield "hhsim gate", "--processes", f"as the suite says, else {default_suite().time.processes}"
-    served: list[Any] = [
-        (kind, configure(kind).options) for kind in ("dexmo", "doglove", "manus", "opengloves", "openxr", "udp")
-    ]
+    served: list[Any] = [(kind, configure(kind).options) for kind in ("dexmo", "manus", "openxr", "udp")]
     ports = ", ".join(f"{options.port} for {kind}" for kind, options in served)
     yield "hhsim live glove", "--port", ports
     yield "hhsim live glove", "--stiffness", f"{live_setup.OutputLimits().stiffness[0]:g}"

@@ -93,13 +93,10 @@ class Follower:
 """
 
 
-@pytest.mark.parametrize("isolated", ["", "isolated:"])
-def test_code_that_a_result_names_is_imported_with_trust_alone(
-    run: Run, result: Path, tmp_path: Path, isolated: str
-) -> None:
+def test_code_that_a_result_names_is_imported_with_trust_alone(run: Run, result: Path, tmp_path: Path) -> None:
     (tmp_path / "stranger.py").write_text(STRANGER)
     with changed(result) as file:
-        forge_scene(file, lambda scene: scene["solver"].update(method=f"{isolated}stranger:Follower"))
+        forge_scene(file, lambda scene: scene["solver"].update(method="stranger:Follower"))
     answer = run("replay", "run.h5")
     assert (answer.code, answer.out, len(answer.err.splitlines())) == (2, "", 1)
     assert "run.h5 names a method by its code" in answer.err and "--trust, if you trust the file" in answer.err

@@ -1,5 +1,6 @@
-"""`hhsim sweep` and `hhsim board` as users meet them."""
+"""`hhsim sweep` as users meet it."""
 
+import csv
 import json
 import re
 from collections.abc import Sequence
@@ -29,7 +30,7 @@ def planned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     )
 
 
-def test_a_sweep_from_dry_run_to_board(run: Run, planned: Path, tmp_path: Path) -> None:
+def test_a_sweep_from_dry_run_to_table(run: Run, planned: Path, tmp_path: Path) -> None:
     answer = run("sweep", str(planned), "--dry-run", "--jobs", "2")
     assert answer.code == 0, answer.err
     assert "4 cells: 0 done, 0 failed, 4 to run" in answer.out
@@ -39,33 +40,21 @@ def test_a_sweep_from_dry_run_to_board(run: Run, planned: Path, tmp_path: Path) 
     assert answer.code == 1, answer.err
     assert "4 cells: 2 done now, 2 failed" in answer.out
     assert re.search(r"cylinder, short, paper, deep +level=3 linearisations=9 +no way", answer.out)
-    assert "hhsim board results/small shows them" in answer.out
+    assert re.search(r"cylinder +short +coupled +spheres +deep: level=3 linearisations=9 +within limits ", answer.out)
+    assert "all figures of each cell are in results/small/table.csv" in answer.out and " ± " not in answer.out
+    table = list(csv.DictReader((tmp_path / "results/small/table.csv").read_text().splitlines()))
+    assert [row["verdict"] for row in table].count("failed") == 2 and {"no way", ""} == {row["reason"] for row in table}
     document = json.loads(run("sweep", str(planned), "--json").out)
     assert (document["done_now"], document["done_before"], len(document["failed"])) == (0, 2, 2)
+    done = [(row, told) for row, told in zip(document["rows"], table, strict=True) if row["verdict"] != "failed"]
+    assert all(float(told["tick_cpu_p50 [s]"]) == row["tick_cpu_p50"] > 0.0 for row, told in done) and len(done) == 2
     quiet = run("sweep", str(planned), "--quiet")
     assert quiet.out == "" and len(document["failed"][0]["options"]) in (1, 2)
     assert quiet.err.splitlines()[0] == "hhsim: missed: 2 cells failed"
     assert "hhsim: missed: cylinder, short, paper, deep: no way" in quiet.err.splitlines()[1:]
 
-    answer = run("board", "results/small", "--all", "--out", "b.csv", "--out", "b.html")
-    assert answer.code == 0, answer.err
-    assert " ± " not in answer.out
-    assert "linearisations=9" in answer.out and "failed: no way" in answer.out
-    assert (tmp_path / "b.csv").read_text().count("\n") == 5
-    assert "<table" in (tmp_path / "b.html").read_text()
-    board = json.loads(run("board", "results/small", "--json").out)
-    assert {row["verdict"] for row in board["runs"]} >= {"failed"} and len(board["standings"]) == 2
 
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("sweep", "none.toml"), "none.toml: no such file; expected a TOML plan of a sweep"),
-        (("board", "nowhere"), "nowhere: no such folder"),
-        (("board", ".", "--out", "b.xlsx"), "b.xlsx: a board ends in .html, .csv, .md, .tex"),
-    ],
-)
-def test_what_cannot_be_is_said_in_a_line(run: Run, planned: Path, arguments: tuple[str, ...], said: str) -> None:
-    answer = run(*arguments)
-    assert answer.code == 2
-    assert said in answer.err and answer.err.count("\n") == 1
+def test_what_cannot_be_is_said_in_a_line(run: Run, planned: Path) -> None:
+    answer = run("sweep", "none.toml")
+    assert answer.code == 2 and answer.err.count("\n") == 1
+    assert "none.toml: no such file; expected a TOML plan of a sweep" in answer.err

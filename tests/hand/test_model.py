@@ -281,9 +281,8 @@ def test_a_hand_is_read_as_it_was_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "what"), [('<?xml version="1.0"?>\n<robot name="r"/>', "URDF"), ("<mujoco/>", "MJCF")]
 )
-def test_the_file_of_a_robots_hand_is_named_with_the_command_for_it(tmp_path: Path, text: str, what: str) -> None:
+def test_the_file_of_a_robots_hand_is_named(tmp_path: Path, text: str, what: str) -> None:
     path = tmp_path / "robot.urdf"
     path.write_text(text)
-    says = f"{path}: a {what}, which is of a robot's hand"
-    with pytest.raises(InputError, match=re.escape(says) + f".*hhsim retarget RESULT --robot {re.escape(str(path))}"):
+    with pytest.raises(InputError, match=re.escape(f"{path}: a {what}, which is of a robot's hand")):
         HandModel.from_toml(path)

@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 from sweep_plans import PLAN, without_times, write_plan
 
-from hhsim.board.entry import collect
 from hhsim.errors import OutputError
 from hhsim.mesh.shapes import box
 from hhsim.result.reader import load_result
 from hhsim.sweep import sweep as module
 from hhsim.sweep.cell_run import CellTask
+from hhsim.sweep.cell_table import cell_rows
 from hhsim.sweep.engines import CRASHED, TaskEnd
 from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.input_files import CHANGED
@@ -245,9 +245,9 @@ def test_times_of_cells_that_are_run_repeatedly_are_kept_and_more_runs_are_run(
     assert {row["repeated"]["runs"] for row in rows(out)} == {3}
     assert {path.name for path in (out / "cells").iterdir()} == names
     times = rows(out)[0]["repeated"]["times"]["tick_cpu_p50"]
-    board = collect([out])
-    entry = next(entry for entry in board.entries if entry.figures["tick_cpu_p50"] == times["mean"])
-    assert entry.deviations["tick_cpu_p50"] == times["std"]
+    table = cell_rows(load_plan(tmp_path / "plan.toml"), SweepFolder(out))
+    row = next(row for row in table if row.figures["tick_cpu_p50"] == times["mean"])
+    assert (row.deviations["tick_cpu_p50"], row.runs) == (times["std"], 3)
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="processes are watched on Linux")

@@ -11,7 +11,6 @@ import pytest
 from hhsim.errors import DamagedFileError, UnknownNameError
 from hhsim.mesh import file as mesh_file
 from hhsim.motion import pickled_data
-from hhsim.repair import robot_hand
 from hhsim.system import child_reader, hdf5_input, input_file
 from hhsim.system.child_reader import read_in_child
 
@@ -59,8 +58,6 @@ def test_the_page_on_security_states_the_limits_as_they_are(repository: Path) ->
         f"has {child_reader.MEMORY >> 30} GiB of memory and {child_reader.MEMORY_PER_BYTE} bytes for each byte",
         f"| {input_file.MOST_BYTES >> 30} GB at most, and what is packed unpacks to {input_file.ALWAYS >> 20} MiB",
         f"holds more than {pickled_data.MOST_VALUES // 1_000_000} million values",
-        f"{robot_hand.MOST['njnt'][0]} joints, {robot_hand.MOST['nbody'][0]:,} links",
-        f"{robot_hand.MOST['ngeom'][0]:,} shapes at most",
     ):
         assert stated in text
     assert (child_reader.BYTES_PER_SECOND, input_file.PER_BYTE, mesh_file.MEMORY_OF_A_BYTE) == (1e6, 100, 10)

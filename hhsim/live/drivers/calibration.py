@@ -33,7 +33,6 @@ MOST_FILE = 4 << 20
 BENDS = list(BEND)
 Count = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6, description=f"a count, 0 to {MOST_COUNT:.0f}")]
 _COUNTS = msgspec.defstruct("_COUNTS", [(name, Count) for name in CHANNELS])
-SPLITS = np.array([CHANNELS.index(f"{finger}_split") for finger in ("thumb", "index", "middle", "ring", "pinky")])
 FAR = (-0.5, 1.5)
 """Range of the normalised bends of a hand; splits are clipped to it."""
 
@@ -93,19 +92,10 @@ class GloveCalibration:
         angles = self.regression.slope @ np.minimum(np.maximum(normalised, least), most) + self.regression.offset
         return angles[:15].reshape(5, 3), angles[15:]
 
-    def bends(self, readings: FloatArray) -> FloatArray | None:
-        """Return bends, 0 flat to 1 fist, of readings (5, n), NaN where unknown; None beyond a hand's range."""
-        low, high = self.bend_ends()
-        bends = (readings - low[:, None]) / (high - low)[:, None]
-        return None if (bends < FAR[0]).any() or (bends > FAR[1]).any() else bends
-
-    def readings(self, bends: FloatArray, splits: FloatArray | None = None) -> FloatArray:
-        """Return all channels (11,) from bends (5,) and splits (5,), NaN where unknown; the others are at rest."""
+    def readings(self, bends: FloatArray) -> FloatArray:
+        """Return all channels (11,) from bends (5,); the others are at rest."""
         found = self.regression.open.copy()
         found[BENDS] = bends
-        if splits is not None:
-            known = np.isfinite(splits)
-            found[SPLITS[known]] = splits[known]
         return found
 
 

@@ -8,22 +8,36 @@ import contextlib
 import itertools
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hhsim.errors import InputError
-from hhsim.live.device import FINGER_COUNT, UNKNOWN, Capability, DeviceError, FingerCommand, GloveInfo
+from hhsim.live.device import (
+    FINGER_COUNT,
+    UNKNOWN,
+    Capability,
+    DeviceCounters,
+    DeviceError,
+    FingerCommand,
+    GloveDevice,
+    GloveInfo,
+)
 from hhsim.live.devices.dexmo import DexmoOptions
 from hhsim.live.devices.registry import GloveConfig
-from hhsim.live.drivers.stream_glove import MOST_MALFORMED, StreamGlove
 from hhsim.live.link import dexmo_codec
 from hhsim.live.link.tcp import TcpLink
 
 if TYPE_CHECKING:
     from hhsim.live.drivers.calibration import GloveCalibration
 
+MOST_MESSAGES = 256
+"""Most messages read in one call, so that a flood cannot delay the driver."""
+MOST_MALFORMED = 20
+"""Malformed messages in a row that count as lost framing."""
 FREE = (0.0,) * FINGER_COUNT
 UNKNOWN_STIFFNESS = (1.0,) * FINGER_COUNT
 """Stiffness assumed at a new connection: the server may still apply an earlier command."""
@@ -35,17 +49,22 @@ MOST_KEPT = 1 << 20
 """Most bytes before the glove is found."""
 
 
-class DexmoGlove(StreamGlove):
+class DexmoGlove(GloveDevice):
     """One glove of a Dexmo server; its configuration has a `GloveCalibration` unless it is opened for release."""
 
     _calibration: "GloveCalibration"
-    _link: TcpLink
 
     def __init__(self, config: GloveConfig) -> None:
         assert isinstance(config.options, DexmoOptions)
         dexmo_codec.message_classes()  # built here, not when the fingers are to be freed
         host, port, self._wanted_id = config.options.host, config.options.port, config.options.device_id
-        super().__init__(TcpLink(host, port, f"dexmo at {host}:{port}"))
+        self._link = TcpLink(host, port, f"dexmo at {host}:{port}")
+        self._connection = 0
+        # Whole frames that were not read yet, each with CLOCK_MONOTONIC of its last byte [ns].
+        self._waiting: deque[tuple[bytes, int]] = deque()
+        self._lost: DeviceError | None = None  # reason why the glove is gone; None while it is there
+        self._malformed_run = 0
+        self.counters = DeviceCounters()
         self._configured = cast("GloveCalibration", config.calibration)
         self._hand = config.hand
         self._device_id: int | None = None
@@ -66,6 +85,31 @@ class DexmoGlove(StreamGlove):
     def open_for_release(self, timeout: float = 5.0) -> None:
         """See `GloveDevice.open_for_release`; waits for the glove, without which no release can be sent."""
         self._find(timeout)
+
+    def drain(self) -> None:
+        """See `GloveDevice.drain`."""
+        self._link.drain()
+
+    def read(self, samples_out: NDArray[np.void]) -> int:
+        """See `GloveDevice.read`."""
+        if self._lost is None:
+            try:
+                self._receive()
+            except DeviceError as error:
+                # Messages received before the end are still read.
+                self._lost = error
+        count = 0
+        for _ in range(MOST_MESSAGES):
+            if not self._waiting or count == len(samples_out):
+                break
+            count += self._store(*self._waiting.popleft(), samples_out[count])
+        if count == 0 and self._lost is not None and not self._waiting:
+            raise self._lost
+        return count
+
+    def descriptors(self) -> tuple[int, ...]:
+        """See `GloveDevice.descriptors`."""
+        return (self._link.descriptor(),) if self._link.connected else ()
 
     def send(self, command: FingerCommand) -> bool:
         """See `GloveDevice.send`; fingers of a command that is not finite are free."""
@@ -94,10 +138,24 @@ class DexmoGlove(StreamGlove):
         """See `GloveDevice.release`; opens a fresh connection where this one takes nothing."""
         if self._device_id is None:
             return False
-        sent = super().release(timeout)
+        sent = self._link.send_within(self._release_message(), timeout)
+        self._renew()
+        self.counters.commands += sent
         if sent:
             self._stiffness = list(FREE)
         return sent
+
+    def reconnect(self) -> bool:
+        """See `GloveDevice.reconnect`; does not wait for a sample."""
+        if not self._link.reconnect():
+            return False
+        self._lost = None
+        self._renew()
+        return True
+
+    def close(self) -> None:
+        """See `GloveDevice.close`."""
+        self._link.close()
 
     def _fit(self, channels: Sequence[float]) -> None:
         """Select the calibration for the channels that the glove sends, and set `info`."""
@@ -128,7 +186,7 @@ class DexmoGlove(StreamGlove):
         try:
             while (now := time.monotonic()) < min(deadline, settled):
                 self._link.wait(min(deadline, settled) - now)
-                received += len(super()._receive())
+                received += self._take_bytes()
                 if received > MOST_KEPT:
                     raise dexmo_codec.FramingError(f"more than {MOST_KEPT >> 20} MB without its glove")
                 for frame, _ in itertools.islice(self._waiting, looked_at, None):
@@ -173,17 +231,44 @@ class DexmoGlove(StreamGlove):
         self._stream = dexmo_codec.MessageStream()
         self._stiffness = list(UNKNOWN_STIFFNESS)
 
-    def _cut(self, data: bytes) -> Iterator[bytes]:
+    def _connect(self, timeout: float) -> None:
+        """Connect within `timeout` [s], and forget what came before; raises DeviceError if there is no glove."""
+        self._link.connect(timeout)
+        self._connection = self._link.connection
+        self._waiting.clear()
+        self._lost, self._malformed_run = None, 0
+        self._begin_stream()
+
+    def _renew(self) -> None:
+        """Begin the stream anew if the link has a new connection."""
+        if self._link.connection != self._connection:
+            self._connection = self._link.connection
+            self._lost, self._malformed_run = None, 0
+            self._begin_stream()
+            self.counters.resyncs += 1
+
+    def _take_bytes(self) -> int:
+        """Cut what has arrived into `_waiting`; returns how many bytes that was."""
+        data = self._link.receive() or b""
+        now = time.monotonic_ns()
         self._stream.feed(data)
         while (frame := self._stream.next()) is not None:
-            yield frame
+            self._waiting.append((frame, now))
+        return len(data)
 
-    def _receive(self) -> bytes:
+    def _send(self, data: bytes) -> bool:
+        """Send a command, and count it."""
+        if self._link.send(data):
+            self.counters.commands += 1
+            return True
+        self.counters.commands_refused += 1
+        return False
+
+    def _receive(self) -> None:
         try:
-            return super()._receive()
+            self._take_bytes()
         except dexmo_codec.FramingError as error:
             self._give_up(f"the stream from its server makes no sense: {error}")
-            return b""
 
     def _give_up(self, reason: str) -> None:
         """Free the fingers and end an unusable connection."""

@@ -1,1 +1,1 @@
-"""Bytes to and from a glove: serial lines, TCP, UDP, and the formats on them."""
+"""Bytes to and from a glove: TCP, UDP, and the formats on them."""

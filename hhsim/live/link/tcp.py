@@ -2,15 +2,21 @@
 
 import contextlib
 import errno
+import fcntl
 import select
 import socket
+import sys
+import termios
 import threading
 import time
 from typing import Any
 
 from hhsim.live.device import DeviceError
-from hhsim.live.link.byte_stream import MOST_READ, ByteLink, ready
 
+MOST_READ = 16_384
+"""Bytes read at once, so that a peer that floods cannot delay a tick."""
+MOST_UNSENT = 1024
+"""Unacknowledged bytes beyond which only urgent data are sent."""
 RETRY = 0.05
 """Time between two attempts to reconnect [s]."""
 GIVE_UP = 2.0
@@ -22,15 +28,17 @@ ACKNOWLEDGED = 5000
 """Time without an acknowledgement after which the peer is gone [ms]."""
 
 
-class TcpLink(ByteLink):
-    """Connection to a server; `name` is that of the device in messages."""
+class TcpLink:
+    """Connection to a server, on which bytes are sent whole or not at all.
 
-    MOST_UNSENT = 1024
-    NOT_OPEN, ENDED = "not connected", "its server closed the connection"
+    `name` is that of the device in messages, "dexmo at 127.0.0.1:55555"; `connection` counts the connections.
+    """
 
     def __init__(self, host: str, port: int, name: str) -> None:
-        super().__init__(name)
+        self.name = name
         self.host, self.port = host, port
+        self.connection = 0
+        self._rest = b""
         self._socket: socket.socket | None = None
         self._begun: socket.socket | None = None
         self._begun_at = -RETRY
@@ -41,7 +49,7 @@ class TcpLink(ByteLink):
         return -1 if self._socket is None else self._socket.fileno()
 
     def connect(self, timeout: float) -> None:
-        """See `ByteLink.connect`: there is such a host, and something answers."""
+        """Connect within `timeout` [s]; raises DeviceError with the reason if that is not possible."""
         self.close()
         try:
             link = _connected(self.host, self.port, timeout)
@@ -58,7 +66,7 @@ class TcpLink(ByteLink):
         self._attach(link)
 
     def reconnect(self) -> bool:
-        """See `ByteLink.reconnect`."""
+        """Try again without waiting; True if there is a connection."""
         if self._socket is not None:
             return True
         now = time.monotonic()
@@ -82,7 +90,7 @@ class TcpLink(ByteLink):
         return False
 
     def drain(self) -> None:
-        """See `ByteLink.drain`; at most `MOST_DRAINED` times what is read at once."""
+        """Discard what has arrived, at most `MOST_DRAINED` reads; DeviceError if the peer is gone."""
         for _ in range(MOST_DRAINED):
             if self.receive() is None:
                 return
@@ -109,14 +117,6 @@ class TcpLink(ByteLink):
         self._abandon()
         self._attach(fresh)
 
-    def _read(self) -> bytes:
-        assert self._socket is not None
-        return self._socket.recv(MOST_READ)
-
-    def _write(self, data: bytes) -> int:
-        assert self._socket is not None
-        return self._socket.send(data)
-
     def _let_go(self) -> None:
         if self._socket is not None:
             self._socket.close()
@@ -133,6 +133,87 @@ class TcpLink(ByteLink):
         if self._begun is not None:
             self._begun.close()
             self._begun = None
+
+    @property
+    def connected(self) -> bool:
+        """True if there is a connection, as far as is known."""
+        return self.descriptor() >= 0
+
+    def receive(self) -> bytes | None:
+        """Return what has arrived, None if nothing has; raises DeviceError if the peer is gone."""
+        link = self._open_socket()
+        try:
+            data = link.recv(MOST_READ)
+        except (BlockingIOError, InterruptedError):
+            return None
+        except OSError as error:
+            raise self._gone(error.strerror or str(error)) from None
+        if not data:
+            raise self._gone("its server closed the connection")
+        return data
+
+    def send(self, data: bytes, *, urgent: bool = False) -> bool:
+        """Send all of it or nothing, without waiting; False if the peer takes no more now, DeviceError if it is gone.
+
+        Urgent data are sent to a peer with more than `MOST_UNSENT` bytes too.
+        """
+        link = self._open_socket()
+        try:
+            if self._rest:
+                # A command that was sent by half has to be completed first.
+                self._rest = self._rest[link.send(self._rest) :]
+                if self._rest:
+                    return False
+            if not urgent:
+                unsent = fcntl.ioctl(self.descriptor(), termios.TIOCOUTQ, bytes(4))
+                if int.from_bytes(unsent, sys.byteorder) > MOST_UNSENT:
+                    return False
+            self._rest = data[link.send(data) :]
+        except (BlockingIOError, InterruptedError):
+            return False
+        except OSError as error:
+            raise self._gone(error.strerror or str(error)) from None
+        return True
+
+    def send_within(self, data: bytes, timeout: float) -> bool:
+        """Send data within `timeout` [s] on this connection, else on a new one; never raises, True if it was sent."""
+        deadline = time.monotonic() + timeout
+        # Half of the time is kept for the new connection.
+        if self._send_until(data, deadline - timeout / 2.0):
+            return True
+        try:
+            self._reopen(max(0.0, deadline - time.monotonic()))
+        except OSError:
+            return False
+        return self._send_until(data, deadline)
+
+    def _send_until(self, data: bytes, deadline: float) -> bool:
+        try:
+            sent = self.send(data, urgent=True)
+            while not sent or self._rest:
+                left = deadline - time.monotonic()
+                if left <= 0.0:
+                    return False
+                ready(self.descriptor(), select.POLLOUT, left)
+                # Empty data complete a message that was sent by half.
+                sent = self.send(b"" if sent else data, urgent=True) or sent
+        except (DeviceError, OSError):
+            return False
+        return True
+
+    def wait(self, timeout: float) -> None:
+        """Wait until something has arrived, at most `timeout` [s]."""
+        if self.connected:
+            ready(self.descriptor(), select.POLLIN, timeout)
+
+    def _open_socket(self) -> socket.socket:
+        if self._socket is None:
+            raise DeviceError(f"{self.name}: not connected")
+        return self._socket
+
+    def _gone(self, reason: str) -> DeviceError:
+        self._let_go()
+        return DeviceError(f"{self.name}: gone: {reason}")
 
 
 def _close(link: socket.socket, linger: float) -> None:
@@ -164,3 +245,10 @@ def _is_itself(link: socket.socket) -> bool:
         return bool(link.getsockname() == link.getpeername())
     except OSError:
         return True
+
+
+def ready(descriptor: int, event: int, timeout: float) -> bool:
+    """Wait at most `timeout` [s] for an event of `select.poll` or the end of the line; True if there is one."""
+    poll = select.poll()
+    poll.register(descriptor, event)
+    return bool(poll.poll(max(0.0, 1e3 * timeout)))

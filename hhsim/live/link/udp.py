@@ -5,12 +5,11 @@ import ctypes
 import select
 import socket
 import time
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Iterator
 
 from hhsim.live.device import DeviceError
-from hhsim.live.link.byte_stream import ready
-from hhsim.live.link.udp_codec import LONGEST, PacketError, decode_packet
+from hhsim.live.link.tcp import ready
+from hhsim.live.link.udp_codec import LONGEST, Packet, PacketError, decode_packet
 
 BUFFER = 1 << 20
 """Receive buffer of the system [bytes]; some seconds at 1 kHz."""
@@ -42,12 +41,11 @@ class UdpPort:
 
     Once a sender is kept to, the system itself discards those of all others, other programs of the same host included:
     their flood costs the reader nothing. A sender that is silent for `SESSION_SILENCE_NS` is kept to no longer.
-    `decode` raises `PacketError` for a malformed datagram. `strangers` and `malformed` count datagrams from others and
+    `strangers` and `malformed` count datagrams from others and
     those that are no packets; `hint` describes the last unusable one.
     """
 
-    def __init__(self, host: str, port: int, decode: Callable[[bytes], Any] = decode_packet) -> None:
-        self._decode = decode
+    def __init__(self, host: str, port: int) -> None:
         self.address = resolve(host)
         self.name = f"udp port {port} from {host}"
         self.strangers = self.malformed = 0
@@ -67,7 +65,7 @@ class UdpPort:
             self._socket.close()
             raise DeviceError(f"{self.name}: cannot listen: {error.strerror or error}") from None
 
-    def arrived(self) -> Iterator[tuple[Any, int]]:
+    def arrived(self) -> Iterator[tuple[Packet, int]]:
         """Yield the packets that have arrived, oldest first, each with CLOCK_MONOTONIC when it was read [ns].
 
         Ends after `MOST_LOOKED_AT` datagrams, or `MOST_IN_VAIN` after which `keep_to_sender` was not called.
@@ -95,10 +93,10 @@ class UdpPort:
                 self.hint = f"packets come from {sender[0]} instead" if sender[0] != self.address else self.hint
                 continue
             try:
-                packet = self._decode(data)
+                packet = decode_packet(data)
             except PacketError as error:
                 self.malformed += 1
-                self.hint = f"what came is no {'open packet' if self._decode is decode_packet else 'packet'}: {error}"
+                self.hint = f"what came is no open packet: {error}"
                 continue
             self._sender, self._used = sender, False
             yield packet, now

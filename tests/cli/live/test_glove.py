@@ -42,7 +42,7 @@ HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (["--device", "sim", "--serial", "/dev/ttyUSB0"], "--serial is for --device doglove or opengloves, not sim"),
+        (["--device", "sim", "--device-id", "7"], "--device-id is for --device dexmo, not sim"),
         (["--no-record", "--record", "a.h5"], "--no-record and --record a.h5 exclude each other"),
         (["--device", "udp", "--trajectory", "pinch"], "--trajectory is for --device replay or sim"),
         (["--pose", "replay", "--palm", "0,0,0"], "--palm and --palm-turn are for --pose keyboard or fixed or glove"),
@@ -57,10 +57,7 @@ HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
         (["--device", "left=sim;right=sim"], "Invalid value for '--device': 'left=sim;right=sim' is not left=NAME,"),
         (["--device", "left=sim[port=1],right=udp"], "sim[port=1]: sim has no option of its own 'port'"),
         (["--device", "left=sim,right=udp[port=0]"], "Invalid value for '--port': 0 is not in the range 1<=x<=65535"),
-        (
-            ["--device", "left=sim,right=udp", "--serial", "a"],
-            "--serial is for --device doglove or opengloves, not sim",
-        ),
+        (["--device", "left=sim,right=udp", "--device-id", "7"], "--device-id is for --device dexmo, not sim or udp"),
         (["--device", "left=sim,right=sim", "--hand", "left"], "--hand left is for one glove: two name their hands"),
         (
             ["--device", "left=sim,right=sim", "--rerun", "a.rrd"],

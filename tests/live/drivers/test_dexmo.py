@@ -22,8 +22,7 @@ from sampled import sampled
 
 from hhsim.live.device import GLOVE_SAMPLE, Capability, DeviceError, FingerCommand
 from hhsim.live.devices.registry import configure, open_device
-from hhsim.live.drivers.dexmo import DexmoGlove
-from hhsim.live.drivers.stream_glove import MOST_MALFORMED
+from hhsim.live.drivers.dexmo import MOST_MALFORMED, DexmoGlove
 from hhsim.live.link.dexmo_codec import CHANNELS, GloveMessage, framed
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 from tools.dexmo_server import COUNT_LOW, COUNT_SPAN, encode_frame

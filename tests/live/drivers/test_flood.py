@@ -23,9 +23,9 @@ from hhsim.live.link.udp import MOST_LOOKED_AT, UdpPort
 
 RATE = 100_000
 FLOOD = Path(udp_flood.__file__)
-TELLS = {"joints": 0, "hand": 1, "encoders": 3}
+TELLS = {"joints": 0, "hand": 1}
 """The channel that tells which sample it is."""
-DEVICES = {"joints": "udp", "hand": "openxr", "encoders": "doglove"}
+DEVICES = {"joints": "udp", "hand": "openxr"}
 
 
 class Flood:
@@ -91,17 +91,13 @@ class LooksAt:
 def own_samples(form: str, samples: NDArray[np.void]) -> NDArray[np.int64]:
     """Numbers of the peer's samples that these are, which every good one of them has to be."""
     told = samples["channels"][:, TELLS[form]]
-    if form == "encoders":
-        # A DOGlove's datagrams have no number: what they tell says at least that they are the peer's.
-        assert set(told.tolist()) <= {udp_flood.own_number(number) for number in range(4096)}
-        return np.arange(len(told))
     numbers = np.asarray(samples["device_seq"])
     assert told.tolist() == [udp_flood.own_number(int(number)) for number in numbers]
     assert (np.diff(numbers) > 0).all()
     return numbers
 
 
-@pytest.mark.parametrize("form", sampled(["joints", "hand", "encoders"], lambda _, form: form == "hand"))
+@pytest.mark.parametrize("form", sampled(["joints", "hand"], lambda _, form: form == "hand"))
 def test_nothing_is_used_that_is_not_the_peers_and_every_frame_is_accounted_for(
     form: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -124,7 +120,6 @@ def test_nothing_is_used_that_is_not_the_peers_and_every_frame_is_accounted_for(
     assert counters.frames == counters.samples + counters.rejected + counters.other + counters.malformed <= flood.own
     assert counters.malformed > 0
     assert flood.foreign > 0
-    if form != "encoders":
-        assert counters.dropped == numbers[-1] - numbers[0] + 1 - len(numbers)
-        assert counters.other > 0, "what the peer said twice is counted"
+    assert counters.dropped == numbers[-1] - numbers[0] + 1 - len(numbers)
+    assert counters.other > 0, "what the peer said twice is counted"
     assert 0 < looks.most <= MOST_LOOKED_AT

@@ -100,46 +100,47 @@ def test_another_session_is_taken_only_when_the_one_before_is_silent() -> None:
     assert (order.sessions, order.lost) == (2, 0)
 
 
+def datagram(session: int) -> bytes:
+    return encode_packet(Kind.BENDS, np.zeros(5), session=session, seq=0, t_ns=0)
+
+
 def test_the_system_turns_away_whoever_is_not_the_sender_until_he_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
     number = free_ports(socket.SOCK_DGRAM)
     clock = [0]
     with (
-        closing(UdpPort("127.0.0.1", number, bytes)) as port,
+        closing(UdpPort("127.0.0.1", number)) as port,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as first,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as second,
     ):
         monkeypatch.setattr("hhsim.live.link.udp.time.monotonic_ns", lambda: clock[0])
 
-        def heard(*links: socket.socket) -> list[bytes]:
+        def heard(*links: socket.socket) -> list[int]:
             for link in links:
-                link.sendto(b"first" if link is first else b"second", ("127.0.0.1", number))
-            return [data for data, _ in port.arrived()]
+                link.sendto(datagram(1 if link is first else 2), ("127.0.0.1", number))
+            return [packet.session for packet, _ in port.arrived()]
 
-        assert heard(first, second, first) == [b"first", b"second", b"first"], "nobody is kept to"
+        assert heard(first, second, first) == [1, 2, 1], "nobody is kept to"
         port.keep_to_sender()
-        assert heard(second, first, second) == [b"first"]
+        assert heard(second, first, second) == [1]
         assert port.strangers == 0, "they never came to hhsim"
         clock[0] = 99_000_000
         assert heard() == heard(second) == []
         clock[0] = 500_000_000
         # Whoever reads was held up: what the sender said meanwhile comes first, and he is kept to.
-        for data in heard(first, second):
-            assert data == b"first"
+        for session in heard(first, second):
+            assert session == 1
             port.keep_to_sender()
         assert heard(second) == []
         clock[0] = 601_000_000
         assert heard(second) == [], "only now he is found silent"
-        assert heard(second, first) == [b"second", b"first"]
+        assert heard(second, first) == [2, 1]
 
 
 def test_who_sends_nothing_of_use_is_looked_at_32_times() -> None:
     number = free_ports(socket.SOCK_DGRAM)
-    with (
-        closing(UdpPort("127.0.0.1", number, bytes)) as port,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
-    ):
+    with closing(UdpPort("127.0.0.1", number)) as port, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         for _ in range(100):
-            sender.sendto(b"", ("127.0.0.1", number))
+            sender.sendto(datagram(1), ("127.0.0.1", number))
         assert len(list(port.arrived())) == 32
         found = []
         for packet in port.arrived():

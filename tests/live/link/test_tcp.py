@@ -8,8 +8,7 @@ import pytest
 from live_peers import PATIENCE, until
 
 from hhsim.live.device import DeviceError
-from hhsim.live.link.byte_stream import MOST_READ
-from hhsim.live.link.tcp import TcpLink, _is_itself
+from hhsim.live.link.tcp import MOST_READ, TcpLink, _is_itself
 
 
 @contextmanager
