@@ -323,4 +323,4 @@ def _print(hands: "Mapping[str, ReplaySummary]", *, whole: bool) -> None:
     else:
         print_table(figure_table(rows, promises=summary.promises), optional=("paper",))
     if not whole:
-        print_line(f"{len(rows)} of {len(whole_table(summary.rows))} figures: --all prints all")
+        print_line("the main figures: --all prints all")
