@@ -4,16 +4,12 @@ Leap's world is in millimetres with y up; `direction` points to the fingers, `pa
 origin is where our knuckles meet the recorded ones; joint angles are those of `hhsim.recordings.finger_ik`. Leap gives
 the thumb a metacarpal of length zero, and its next three bones are our three.
 
-In a corrected recording joints, wrist and palm move, and directions and bases turn with their bone; the arm, velocities
-and the motion from the frame before stay as recorded.
-
 LZ-string is an LZ78 whose codes are as wide as the dictionary needs, least bit first; codes 0 and 1 announce a new
 letter of 8 or 16 bits, code 2 the end.
 """
 
 import base64
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import product
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -22,14 +18,11 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.motion.text_edit import NumberEdit, edited
 from hhsim.motion.trajectory import HandSide, RawChannel
-from hhsim.recordings.correction import ANGLE_DIGITS, Changes, Correction, joint_changes
 from hhsim.recordings.finger_ik import palm_rotation
 from hhsim.recordings.frames import FileFrame, axis_flip, to_our_world, world_matrix
-from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import fitted_posture
-from hhsim.recordings.json_document import PlacedJson, keys_of, number, objects, read_json, vector
+from hhsim.recordings.json_document import keys_of, number, objects, read_json, vector
 from hhsim.recordings.recorded_bones import misplaced_joints, recorded_bones
 from hhsim.recordings.recording import SIDES, Recording, frames_with_hand, known_side, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
@@ -37,9 +30,6 @@ from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 MILLIMETRE = 1e-3
 MICROSECOND = 1e-6
 JOINTS = ("mcpPosition", "pipPosition", "dipPosition", "btipPosition")
-TIPS = ("tipPosition", "stabilizedTipPosition")
-HAND_POINTS = {"wrist": "wrist"} | dict.fromkeys(("palmPosition", "stabilizedPalmPosition", "sphereCenter"), "palm")
-HAND_DIRECTIONS = {"direction": 0, "palmNormal": 0}
 WORLD = world_matrix("y")
 UNSURE = 0.5
 """Confidence below which a sample is marked."""
@@ -116,53 +106,6 @@ def _sides(frames: list[Mapping[str, Any]]) -> list[set[HandSide]]:
     if not any(sides):
         raise TrajectoryError(f"no hand in any of {len(frames)} frames, the first {keys_of(frames[0])}; {EXPECTED}")
     return sides
-
-
-def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
-    packed = looks_packed(content.text)
-    text = unpack(content.text) if packed else content.exact_text
-    placed = PlacedJson(text)
-    frames = list(_frames(placed.document))
-    side, _, _ = frames_with_hand(_sides(frames), options.hand)
-    made = joint_changes(recording, correction)
-    hands = [_hand(frames[row], side) for row in made.rows]
-    fingers = [[_fingers(frames[row], hand).get(f, {}) for row, hand in zip(made.rows, hands)] for f in range(5)]
-
-    def edits() -> Iterator[NumberEdit]:
-        yield from _vector_edits(placed, hands, HAND_POINTS, HAND_DIRECTIONS, made)
-        for f, found in enumerate(fingers):
-            names = KEYPOINTS[1 + 4 * f : 5 + 4 * f]
-            points = dict(zip(JOINTS, names)) | dict.fromkeys(TIPS, names[3]) | {"carpPosition": "palm"}
-            yield from _vector_edits(placed, found, points, {"direction": 3 * f + 3}, made)
-            for bone, axis in product(range(4), range(3)):
-                vectors = [{"": _basis_vector(finger.get("bases"), bone, axis)} for finger in found]
-                yield from _vector_edits(placed, vectors, {}, {"": bone and 3 * f + bone}, made)
-
-    return pack(edited(text, edits())).encode() if packed else content.edited(edits())
-
-
-def _basis_vector(bases: Any, bone: int, axis: int) -> Any:
-    """Return an axis of a bone's basis, None where there is none."""
-    basis = bases[bone] if isinstance(bases, list) and bone < len(bases) else None
-    return basis[axis] if isinstance(basis, list) and axis < len(basis) else None
-
-
-def _vector_edits(
-    placed: PlacedJson,
-    nodes: Sequence[Mapping[str, Any]],
-    points: Mapping[str, str],
-    directions: Mapping[str, int],
-    made: Changes,
-) -> Iterator[NumberEdit]:
-    """Yield the edits of objects, one a change, with points of joints and directions that turn with a bone, by keys."""
-    for key in (*points, *directions):
-        old = np.array([vector(node.get(key)) for node in nodes]).reshape(-1, 3)
-        if key in points:
-            new = made.moved(points[key], old)
-        else:
-            new = np.einsum("tij,tj->ti", made.turn[:, directions[key]], old)
-        for node, values in zip(nodes, new):
-            yield from placed.edits(node.get(key), values, made.digits if key in points else ANGLE_DIGITS)
 
 
 def looks_packed(text: str) -> bool:
@@ -313,6 +256,4 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
     return content.beginning.lstrip()[:1] in ("{", "[") or looks_packed(content.beginning)
 
 
-FORMAT = RecordingFormat(
-    "leap", "a Leap Motion recording, .json or .json.lz", (".json", ".lz"), _sniff, _read, rank=1, write=_write
-)
+FORMAT = RecordingFormat("leap", "a Leap Motion recording, .json or .json.lz", (".json", ".lz"), _sniff, _read, rank=1)

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.correction import Correction, joint_changes
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.recording import MOST_SAMPLES, Finding, Recording, chosen_side, note, unused
@@ -26,7 +25,6 @@ from hhsim.system.counted import counted
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, STATISTICS, DATA_END = 0x02, 0x03, 0x04, 0x05, 0x06, 0x0B, 0x0F
-CHUNK_INDEX, ATTACHMENT_INDEX, METADATA_INDEX, SUMMARY_OFFSET = 0x08, 0x0A, 0x0D, 0x0E
 HAND_SCHEMA = "core.HandPoseRecord"
 JOINT = np.dtype(
     {
@@ -41,19 +39,18 @@ NANOSECOND = 1e-9
 
 
 class _Sample(NamedTuple):
-    """Stamps, the joints if the hand was seen, and the place of those in the message of a number among all."""
+    """Stamps, and the joints if the hand was seen."""
 
     stamps: tuple[int, ...]
     joints: NDArray[np.void] | None
-    place: int = 0
-    message: int = 0
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the one with more samples; raises TrajectoryError."""
     records, proved = _records(content.data)
     samples, others = _samples(records)
-    side, findings = _chosen(samples, options)
+    seen = {side: sum(sample.joints is not None for sample in each) for side, each in samples.items()}
+    side, findings = chosen_side(seen, options.hand)
     findings += unused(dict.fromkeys(others))
     shown = [sample for sample in samples[side] if sample.joints is not None]
     if not shown:
@@ -89,7 +86,6 @@ def _samples(records: list[tuple[int, bytes]]) -> tuple[dict[HandSide, list[_Sam
     channels: dict[int, tuple[str, str]] = {}
     samples: dict[HandSide, list[_Sample]] = {}
     schemas: dict[int, str] = {}
-    messages = 0
     for code, body in records:
         if code == SCHEMA:
             (number,) = _unpack("<H", body, 0)
@@ -102,8 +98,7 @@ def _samples(records: list[tuple[int, bytes]]) -> tuple[dict[HandSide, list[_Sam
             topic, schema_name = channels.get(number, ("", ""))
             side = _side(topic)
             if schema_name == HAND_SCHEMA and side:
-                samples.setdefault(side, []).append(_sample(log_time, body[22:])._replace(message=messages))
-            messages += 1
+                samples.setdefault(side, []).append(_sample(log_time, body[22:]))
     if not samples:
         held = ", ".join(sorted({f"{topic} ({schema or 'no schema'})" for topic, schema in channels.values()})[:4])
         raise TrajectoryError(
@@ -111,100 +106,6 @@ def _samples(records: list[tuple[int, bytes]]) -> tuple[dict[HandSide, list[_Sam
         )
     others = [topic for topic, schema in channels.values() if not _side(topic) or schema != HAND_SCHEMA]
     return samples, others
-
-
-def _chosen(samples: dict[HandSide, list[_Sample]], options: ReadOptions) -> tuple[HandSide, list[Finding]]:
-    return chosen_side({side: sum(s.joints is not None for s in each) for side, each in samples.items()}, options.hand)
-
-
-def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
-    samples, _ = _samples(_records(content.data)[0])
-    side, _ = _chosen(samples, options)
-    made = joint_changes(recording, correction)
-    shown = [samples[side][row] for row in made.rows.tolist()]
-    # A copy of the bytes keeps those between the numbers, too.
-    image = bytearray(b"".join(sample.joints.tobytes() for sample in shown if sample.joints is not None))
-    joints = np.ndarray((len(shown), len(OPENXR_JOINTS)), JOINT, image)
-    for k, name in enumerate(OPENXR_JOINTS):
-        at, turn = (joints[key][:, k].astype(np.float64) for key in ("position", "orientation"))
-        seen = (joints["valid"][:, k] != 0) | (at != 0.0).any(axis=1)
-        new = made.moved(name, at), made.turned(name, turn[:, [3, 0, 1, 2]])[:, [1, 2, 3, 0]]
-        for key, old, values in zip(("position", "orientation"), (at, turn), new):
-            joints[key][:, k] = np.where(seen[:, None] & np.isfinite(values), values, old)
-    patches = {s.message: (22 + s.place, hand.tobytes()) for s, hand in zip(shown, joints)}
-    return _rewritten(content.data, patches)
-
-
-def _rewritten(data: bytes, patches: dict[int, tuple[int, bytes]]) -> bytes:
-    """Return the file with bytes of some messages replaced, and the sizes, places and checksums that follow."""
-    out, messages = bytearray(MAGIC), 0
-    moved: dict[int, int] = {}
-    chunks: dict[int, tuple[int, int]] = {}
-
-    def new_place(old: int) -> bytes:
-        if old and old not in moved:
-            raise TrajectoryError("a damaged MCAP file: an index points to no record")
-        return struct.pack("<Q", moved.get(old, 0))
-
-    def patched(body: bytes) -> bytes:
-        nonlocal messages
-        place, new = patches.get(messages, (0, b""))
-        messages += 1
-        return body[:place] + new + body[place + len(new) :]
-
-    for place, code, body in _walk(data, len(MAGIC), len(data) - len(MAGIC)):
-        moved[place] = len(out)
-        if code == MESSAGE:
-            body = patched(body)
-        elif code == CHUNK:
-            inner, _ = _chunk(body, MOST_BYTES)
-            parts = [
-                (kind, patched(part) if kind == MESSAGE else part) for _, kind, part in _walk(inner, 0, len(inner))
-            ]
-            body, packed = _packed_again(body, inner, b"".join(_record(kind, part) for kind, part in parts))
-            chunks[place] = 9 + len(body), packed
-        elif code == CHUNK_INDEX:
-            times, start, end = body[:16], _unpack("<Q", body, 16)[0], 36 + _unpack("<I", body, 32)[0]
-            length, packed = chunks.get(start, (0, 0))
-            index = b"".join(
-                struct.pack("<H", channel) + new_place(there)
-                for channel, there in (_unpack("<HQ", body, k) for k in range(36, end, 10))
-            )
-            name = _text(body, end + 8)[1]
-            sizes = new_place(start) + struct.pack("<Q", length) + body[32:36]
-            body = times + sizes + index + body[end:name] + struct.pack("<Q", packed) + body[name + 8 :]
-        elif code in (ATTACHMENT_INDEX, METADATA_INDEX):
-            body = new_place(_unpack("<Q", body, 0)[0]) + body[8:]
-        elif code == SUMMARY_OFFSET:
-            body = body[:1] + new_place(_unpack("<Q", body, 1)[0]) + body[9:]
-        elif code == DATA_END and _unpack("<I", body, 0)[0]:
-            body = struct.pack("<I", zlib.crc32(out)) + body[4:]
-        elif code == FOOTER:
-            start, offsets, checksum = _unpack("<QQI", body, 0)
-            begin = new_place(start) + new_place(offsets)
-            summary = bytes(out[moved[start] if start else len(out) :]) + struct.pack("<BQ", code, len(body)) + begin
-            body = begin + struct.pack("<I", zlib.crc32(summary) if checksum else 0) + body[20:]
-        out += _record(code, body)
-    return bytes(out + MAGIC)
-
-
-def _record(code: int, body: bytes) -> bytes:
-    return struct.pack("<BQ", code, len(body)) + body
-
-
-def _packed_again(body: bytes, old: bytes, new: bytes) -> tuple[bytes, int]:
-    """Return a chunk with other records, as it was if they are the same, and its packed size [byte]."""
-    compression, place = _text(body, 28)
-    if new == old:
-        return body, _unpack("<Q", body, place)[0]
-    packed = new
-    if compression:
-        from pyarrow import Codec
-
-        packed = Codec(compression).compress(new, asbytes=True)
-    (checksum,) = _unpack("<I", body, 24)
-    head = body[:16] + struct.pack("<QI", len(new), zlib.crc32(new) if checksum else 0) + body[28:place]
-    return head + struct.pack("<Q", len(packed)) + packed, len(packed)
 
 
 def _side(topic: str) -> HandSide:
@@ -318,7 +219,7 @@ def _sample(log_time: int, data: bytes) -> _Sample:
         return _Sample(stamps, None)
     if joints + len(OPENXR_JOINTS) * JOINT.itemsize > len(data):
         raise TrajectoryError("a damaged MCAP file: a hand ends beyond its message")
-    return _Sample(stamps, np.frombuffer(data, JOINT, len(OPENXR_JOINTS), joints), joints)
+    return _Sample(stamps, np.frombuffer(data, JOINT, len(OPENXR_JOINTS), joints))
 
 
 def _field(data: bytes, table: int, index: int) -> int:
@@ -355,5 +256,4 @@ FORMAT = RecordingFormat(
     (".mcap",),
     lambda content, options: content.head.startswith(MAGIC),
     _read,
-    write=_write,
 )
