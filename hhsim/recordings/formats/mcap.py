@@ -1,30 +1,32 @@
 """Hands in MCAP as Isaac Teleop records them: channels left_hand and right_hand of the FlatBuffers core.HandPoseRecord.
 
 A record holds 26 joints of OpenXR (position, quaternion, validity, radius) and three stamps: arrival and sampling on
-the host's clock, and sampling on the device's. The second is used. y is up. The layouts are published at mcap.dev and
-flatbuffers.dev. pyarrow unpacks compressed chunks. All CRC-32 and statistics that are there are checked.
+the host's clock, and sampling on the device's. The second is used. y is up. mcap (mcap.dev) reads the file, in a child
+process; the layout of a record is published at flatbuffers.dev. All CRC-32 and statistics that are there are checked.
 """
 
+import io
 import re
 import struct
 import zlib
-from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import TrajectoryError
+from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.recording import MOST_SAMPLES, Finding, Recording, chosen_side, note, unused
 from hhsim.recordings.registry import MOST_BYTES, Content, ReadOptions, RecordingFormat
+from hhsim.system.child_reader import read_in_child
 from hhsim.system.counted import counted
 
 MAGIC = b"\x89MCAP0\r\n"
-FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, STATISTICS, DATA_END = 0x02, 0x03, 0x04, 0x05, 0x06, 0x0B, 0x0F
+FOOTER_BYTES, CHECKSUM_AND_MAGIC = 37, 12
+"""Length of a footer and the magic behind it, and of what its checksum is not of."""
 HAND_SCHEMA = "core.HandPoseRecord"
 JOINT = np.dtype(
     {
@@ -45,10 +47,18 @@ class _Sample(NamedTuple):
     joints: NDArray[np.void] | None
 
 
+class _Messages(NamedTuple):
+    """Messages of a file that hold hands."""
+
+    channels: list[tuple[str, str]]  # topic and schema of each channel
+    hands: list[tuple[str, int, bytes]]  # topic, log time [ns] and data
+    proved: bool  # True if checksums prove every number, and none is lost
+
+
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the one with more samples; raises TrajectoryError."""
-    records, proved = _records(content.data)
-    samples, others = _samples(records)
+    found = _messages(content.data)
+    samples, others = _samples(found)
     seen = {side: sum(sample.joints is not None for sample in each) for side, each in samples.items()}
     side, findings = chosen_side(seen, options.hand)
     findings += unused(dict.fromkeys(others))
@@ -78,33 +88,20 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         findings=tuple(findings),
         rows=[k for k, sample in enumerate(samples[side]) if sample.joints is not None],
     )
-    return recording_of_joints(positions, content, options).changed(checksums="held" if proved else "")
+    return recording_of_joints(positions, content, options).changed(checksums="held" if found.proved else "")
 
 
-def _samples(records: list[tuple[int, bytes]]) -> tuple[dict[HandSide, list[_Sample]], list[str]]:
+def _samples(found: _Messages) -> tuple[dict[HandSide, list[_Sample]], list[str]]:
     """Return the samples of each hand, and the other topics; raise TrajectoryError if there are no samples."""
-    channels: dict[int, tuple[str, str]] = {}
     samples: dict[HandSide, list[_Sample]] = {}
-    schemas: dict[int, str] = {}
-    for code, body in records:
-        if code == SCHEMA:
-            (number,) = _unpack("<H", body, 0)
-            schemas[number] = _text(body, 2)[0]
-        elif code == CHANNEL:
-            number, schema = _unpack("<HH", body, 0)
-            channels[number] = (_text(body, 4)[0], schemas.get(schema, ""))
-        elif code == MESSAGE:
-            number, _, log_time, _ = _unpack("<HIQQ", body, 0)
-            topic, schema_name = channels.get(number, ("", ""))
-            side = _side(topic)
-            if schema_name == HAND_SCHEMA and side:
-                samples.setdefault(side, []).append(_sample(log_time, body[22:]))
+    for topic, log_time, data in found.hands:
+        samples.setdefault(_side(topic), []).append(_sample(log_time, data))
     if not samples:
-        held = ", ".join(sorted({f"{topic} ({schema or 'no schema'})" for topic, schema in channels.values()})[:4])
+        held = ", ".join(sorted({f"{topic} ({schema or 'no schema'})" for topic, schema in found.channels})[:4])
         raise TrajectoryError(
             f"no hand among the channels, which are {held or 'none'}; expected {HAND_SCHEMA} on left_hand or right_hand"
         )
-    others = [topic for topic, schema in channels.values() if not _side(topic) or schema != HAND_SCHEMA]
+    others = [topic for topic, schema in found.channels if not _side(topic) or schema != HAND_SCHEMA]
     return samples, others
 
 
@@ -129,84 +126,64 @@ def _stamps(stamps: list[tuple[int, ...]], findings: list[Finding]) -> FloatArra
     return np.asarray((logged - logged[0]) * NANOSECOND)
 
 
-def _records(data: bytes) -> tuple[list[tuple[int, bytes]], bool]:
-    """Return every record with its code, also of chunks, and if checksums prove all; TrajectoryError if damaged."""
-    if not data.startswith(MAGIC) or not data.endswith(MAGIC):
-        raise TrajectoryError("a damaged MCAP file: it does not begin and end as one; was it cut short?")
-    records: list[tuple[int, bytes]] = []
-    chunks = unpacked = code = 0
+def _messages(data: bytes) -> _Messages:
+    """Read a file's messages of hands; TrajectoryError for a damaged file, or without mcap."""
+    try:
+        import mcap.stream_reader  # noqa: F401
+    except ImportError:
+        raise TrajectoryError("an MCAP file needs mcap: pip install 'hhsim[recordings]'") from None
+    try:
+        return read_in_child(lambda: _read_messages(data), "a damaged MCAP file", len(data))
+    except DamagedFileError as error:
+        raise TrajectoryError(str(error)) from None
+
+
+def _read_messages(data: bytes) -> _Messages:
+    from mcap.records import Channel, Chunk, DataEnd, Footer, Message, Schema, Statistics
+    from mcap.stream_reader import StreamReader, breakup_chunk
+
+    schemas: dict[int, str] = {}
+    channels: dict[int, tuple[str, str]] = {}
+    hands: list[tuple[str, int, bytes]] = []
+    messages = chunks = unpacked = 0
     each_held, whole_held, statistics_hold = True, False, False
-    for place, code, body in _walk(data, len(MAGIC), len(data) - len(MAGIC)):
-        if code == CHUNK:
-            inner, checked = _chunk(body, MOST_BYTES - unpacked)
-            unpacked += len(inner)
-            each_held, chunks = each_held and checked, chunks + 1
-            for _, code_inside, body_inside in _walk(inner, 0, len(inner)):
-                records.append((code_inside, body_inside))
-                if len(records) > MOST_SAMPLES:
-                    raise TrajectoryError(f"more than {MOST_SAMPLES:,} records; expected a recording of a hand")
-            continue
-        records.append((code, body))
-        if code == MESSAGE:
+    reader: Any = StreamReader(io.BytesIO(data), emit_chunks=True, validate_crcs=True, record_size_limit=len(data))
+    for record in reader.records:
+        inner = [record]
+        if isinstance(record, Chunk):
+            unpacked += record.uncompressed_size
+            if unpacked > MOST_BYTES:
+                raise TrajectoryError("chunks of more than 1 GB; expected a recording of a hand")
+            inner = breakup_chunk(record, validate_crc=True)
+            each_held, chunks = each_held and record.uncompressed_crc != 0, chunks + 1
+        elif isinstance(record, Message):
             each_held = False
-        elif code == DATA_END:
-            whole_held = _agrees(memoryview(data)[:place], _unpack("<I", body, 0)[0], "the data")
-        elif code == STATISTICS:
-            stated, _, _, _, _, stated_chunks = _unpack("<QHIIII", body, 0)
-            messages, statistics_hold = sum(kind == MESSAGE for kind, _ in records), True
-            if (stated, stated_chunks) != (messages, chunks):
+        elif isinstance(record, DataEnd):
+            whole_held = record.data_section_crc != 0
+        elif isinstance(record, Statistics):
+            if (record.message_count, record.chunk_count) != (messages, chunks):
                 raise TrajectoryError(
                     f"a damaged MCAP file: {counted(messages, 'message')} in {counted(chunks, 'chunk')}, where its "
-                    f"statistics count {stated} in {stated_chunks}"
+                    f"statistics count {record.message_count} in {record.chunk_count}"
                 )
-        elif code == FOOTER:
-            start, _, checksum = _unpack("<QQI", body, 0)
-            _agrees(memoryview(data)[start or place : place + 25], checksum, "the summary")
-    if code != FOOTER:
-        raise TrajectoryError("a damaged MCAP file: no footer at its end; was it cut short?")
-    return records, whole_held or (each_held and statistics_hold)
-
-
-def _walk(data: bytes, place: int, end: int) -> Iterator[tuple[int, int, bytes]]:
-    """Yield place, code and content of each record."""
-    while place < end:
-        (code, length) = _unpack("<BQ", data, place)
-        if place + 9 + length > end:
-            raise TrajectoryError(
-                f"a damaged MCAP file: record at byte {place} ends beyond the file; was it cut short?"
-            )
-        yield place, code, data[place + 9 : place + 9 + length]
-        place += 9 + length
-
-
-def _agrees(data: bytes | memoryview, checksum: int, what: str) -> bool:
-    """True if a part of the file has a checksum; TrajectoryError where it differs."""
-    if checksum and zlib.crc32(data) != checksum:
-        raise TrajectoryError(f"a damaged MCAP file: {what} differs from its checksum")
-    return checksum != 0
-
-
-def _chunk(body: bytes, most: int) -> tuple[bytes, bool]:
-    """Unpack the records of a chunk, at most so many bytes, and tell whether they have a checksum."""
-    size, checksum = _unpack("<QI", body, 16)
-    compression, place = _text(body, 28)
-    (length,) = _unpack("<Q", body, place)
-    packed = body[place + 8 : place + 8 + length]
-    if size > most:
-        raise TrajectoryError("chunks of more than 1 GB; expected a recording of a hand")
-    if compression:
-        try:
-            from pyarrow import Codec
-        except ImportError:
-            raise TrajectoryError(f"an MCAP file packed by {compression}: pip install pyarrow") from None
-        try:
-            packed = Codec(compression).decompress(packed, size, asbytes=True)
-        except (ValueError, OSError, MemoryError, OverflowError) as error:
-            reason = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
-            raise TrajectoryError(f"a damaged MCAP file: a chunk of {compression[:20]!r}: {reason}") from None
-    if len(packed) != size:
-        raise TrajectoryError(f"a damaged MCAP file: a chunk of {len(packed)} bytes, where {size} are stated")
-    return packed, _agrees(packed, checksum, "a chunk")
+            statistics_hold = True
+        elif isinstance(record, Footer):
+            begin = record.summary_start or len(data) - FOOTER_BYTES
+            if record.summary_crc not in (0, zlib.crc32(memoryview(data)[begin:-CHECKSUM_AND_MAGIC])):
+                raise TrajectoryError("a damaged MCAP file: the summary differs from its checksum")
+        for each in inner:
+            if isinstance(each, Schema):
+                schemas[each.id] = each.name
+            elif isinstance(each, Channel):
+                channels[each.id] = each.topic, schemas.get(each.schema_id, "")
+            elif isinstance(each, Message):
+                messages += 1
+                if messages > MOST_SAMPLES:
+                    raise TrajectoryError(f"more than {MOST_SAMPLES:,} messages; expected a recording of a hand")
+                topic, schema = channels.get(each.channel_id, ("", ""))
+                if schema == HAND_SCHEMA and _side(topic):
+                    hands.append((topic, each.log_time, each.data))
+    return _Messages([*channels.values()], hands, whole_held or (each_held and statistics_hold))
 
 
 def _sample(log_time: int, data: bytes) -> _Sample:
@@ -239,15 +216,6 @@ def _unpack(form: str, data: bytes, place: int) -> tuple[int, ...]:
         return struct.unpack_from(form, data, place)
     except struct.error:
         raise TrajectoryError("a damaged MCAP file: a number beyond the end of its record") from None
-
-
-def _text(data: bytes, place: int) -> tuple[str, int]:
-    """Return a text with its length before it, and its end."""
-    (length,) = _unpack("<I", data, place)
-    end = place + 4 + length
-    if end > len(data):
-        raise TrajectoryError("a damaged MCAP file: a text beyond the end of its record")
-    return data[place + 4 : end].decode("utf-8", errors="replace"), end
 
 
 FORMAT = RecordingFormat(
