@@ -107,9 +107,10 @@ def command(
     """Repair a recording of a hand: the same, without penetration.
 
     RECORDING is a file of one of the formats of hhsim import (docs/recordings.md). What comes out has the same format,
-    frames and stamps; a frame that needs no repair is as it was. Beside it lie a report (-report.html) and a result
-    (-result.h5) for hhsim view, verify and export. A MANIFEST (.toml, or a .csv with a column recording) names many
-    recordings; it resumes where it was stopped (docs/repair.md).
+    frames and stamps; a frame that needs no repair is as it was. Of a format that is read and not written (mcap, leap,
+    umetrack, aria, webxr, dexmo) it is an .npz or a .csv of the joints. Beside it lie a report (-report.html) and a
+    result (-result.h5) for hhsim view, verify and export. A MANIFEST (.toml, or a .csv with a column recording) names
+    many recordings; it resumes where it was stopped (docs/repair.md).
 
     \b
     Examples:

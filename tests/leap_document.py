@@ -2,6 +2,7 @@
 
 from typing import Any, Literal
 
+import numpy as np
 from recording_samples import smooth_recording
 
 from hhsim.hand.model import HandModel
@@ -23,6 +24,23 @@ def leap_hand(hand: HandModel, pose: Any) -> tuple[dict[str, Any], list[dict[str
     words = {"direction": palm[:, 1], "palmNormal": -palm[:, 2], "wrist": wrist}
     fingers = [{key: joints[f, k].tolist() for k, key in enumerate(JOINT_KEYS)} for f in range(5)]
     return {name: value.tolist() for name, value in words.items()}, fingers
+
+
+def keypoint_table(whole: dict[str, Any]) -> str:
+    """The hands of such a document as a table of keypoints, in our world [m]; without a hand its cells are empty."""
+    sides = sorted({hand["type"] for frame in whole["frames"] for hand in frame["hands"]}, reverse=True)
+    header = [f"{side}_lm{k:02d}_{axis}" for side in sides for k in range(21) for axis in "xyz"]
+    rows = []
+    for frame in whole["frames"]:
+        row = dict.fromkeys(header, "")
+        for hand in frame["hands"]:
+            own = [finger for finger in frame["pointables"] if finger["handId"] == hand["id"]]
+            points = [hand["wrist"], *(finger[key] for finger in own for key in JOINT_KEYS)]
+            places = 1e-3 * np.array(points) @ world_matrix("y").T
+            names = (name for name in header if name.startswith(hand["type"]))
+            row.update(zip(names, map(repr, places.ravel().tolist()), strict=True))
+        rows.append(f"{1e-6 * frame['timestamp']!r},{','.join(row.values())}")
+    return "\n".join(["time_s," + ",".join(header), *rows, ""])
 
 
 def document(side: Literal["right", "left"] = "right", count: int = 30) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from body_tables import TABLE, body, body_file, joint
 from command_server import CommandServer, Served
-from leap_document import leap_hand
+from leap_document import keypoint_table, leap_hand
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.replay.stored_scene import stored_hand
@@ -173,11 +173,11 @@ def _score(cells: Cells, scene: Scene) -> None:
 def _repair(cells: Cells, scene: Scene) -> None:
     result, name = cells.result(scene), scene.file.removesuffix(".h5")
     frames = range(0, result.ticks, 12)
-    (cells.folder / f"{name}.json").write_text(json.dumps(_leap(result, frames)))
+    (cells.folder / f"{name}.csv").write_text(keypoint_table(_leap(result, frames)))
     poses = tuple(_poses(cells, result, frames, name))
     both = BOTH if scene.hands == "two" else ()
     given = ("--object", KINDS[scene.kind][0], *poses, *both, "--max-correction", "200")
-    cells.run("repair", f"{name}.json", *given, "--out", f"{name}-free.json", "--quiet", codes=(0, 1))
+    cells.run("repair", f"{name}.csv", *given, "--out", f"{name}-free.csv", "--quiet", codes=(0, 1))
 
 
 def _leap(result: Result, frames: Sequence[int]) -> dict[str, Any]:

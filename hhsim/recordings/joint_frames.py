@@ -12,12 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.hand.quaternion import conjugate, quaternion_product
 from hhsim.motion.pickled_data import flat
 from hhsim.motion.text_edit import NumberEdit
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import ANGLE_DIGITS, Changes
-from hhsim.recordings.frames import in_palm
 from hhsim.recordings.joint_names import (
     KEYPOINTS,
     OPENXR_JOINTS,
@@ -62,8 +60,6 @@ class Joint(NamedTuple):
     validity: Mapping[str, float] = {}  # what the document says of it, by its kind; see `stated_validity`
     place: Any = None  # node of the document that holds the position; None without
     turn: Any = None  # node that holds the orientation; None without
-    # Quaternion (w, x, y, z) of the frame that both are held in, to that of `position`.
-    ray: Sequence[float] = (1.0, 0.0, 0.0, 0.0)
 
 
 class Frame(NamedTuple):
@@ -203,12 +199,10 @@ def frame_edits(
         joints = [hand.get(name, Joint()) for hand in hands]
         if any(_parts(joint.turn) not in (0, 4) for joint in joints):
             raise InputError(f"the orientation of {name} is no quaternion (x, y, z, w), so it cannot be corrected")
-        position, ray = np.array([joint.position for joint in joints]), np.array([joint.ray for joint in joints])
-        shift = in_palm(made.moved(name, position) - position, ray)
-        turns = np.array([vector(joint.turn, "xyzw") for joint in joints])[:, [3, 0, 1, 2]]
-        turns = quaternion_product(conjugate(ray), made.turned(name, quaternion_product(ray, turns)))
-        for joint, step, turn in zip(joints, shift, turns[:, [1, 2, 3, 0]]):
-            yield from numbers.edits(joint.place, np.add(vector(joint.place), step), made.digits)
+        places = made.moved(name, np.array([joint.position for joint in joints]))
+        turns = made.turned(name, np.array([vector(joint.turn, "xyzw") for joint in joints])[:, [3, 0, 1, 2]])
+        for joint, place, turn in zip(joints, places, turns[:, [1, 2, 3, 0]]):
+            yield from numbers.edits(joint.place, place, made.digits)
             yield from numbers.edits(joint.turn, turn, ANGLE_DIGITS, "xyzw")
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from hhsim.arrays import AnyArray, BoolArray, FloatArray
 from hhsim.errors import DamagedFileError, InputError, OutputError, TrajectoryError, UnknownNameError, named
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.motion.csv_table import read_header, read_remarks, read_table
 from hhsim.motion.npz_arrays import npz_of, read_npz
 from hhsim.motion.pickled_data import flat, npy_dictionary, pickled_arrays, pickled_with
@@ -22,7 +23,7 @@ from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.correction import Correction
 from hhsim.recordings.dexmo_regression import DexmoRegression, Poses
-from hhsim.recordings.frames import axes_matrix
+from hhsim.recordings.frames import FileFrame, axes_matrix
 from hhsim.recordings.json_document import nested, read_json
 from hhsim.recordings.recording import Finding, HandMotion, Recording, chosen_side, note
 from hhsim.recordings.stated_fields import StatedFields, kind_of
@@ -291,7 +292,7 @@ class RecordingFormat:
     rank: int = 0  # order of detection: formats with a signature (0), any JSON (1), any text (2)
     takes_columns: bool = False  # True if it takes `ReadOptions.columns`
     # Function that returns the content of the file with a recording of it corrected; nothing else in it changes. None
-    # for a format that is not written.
+    # for a format that is not written back.
     write: Callable[[Content, ReadOptions, Recording, Correction], bytes] | None = None
     # Function that returns the content of a new file of a suffix. None for a format in which none is made.
     make: Callable[[str, HandMotion], bytes] | None = None
@@ -437,26 +438,60 @@ def format_of(content: Content, options: ReadOptions) -> RecordingFormat:
     return form
 
 
+NEW_SUFFIXES = (".npz", ".csv")
+"""Suffixes of a new file for a corrected recording whose format is not written back."""
+
+
+def is_written_back(recording: Recording) -> bool:
+    """Return False for a recording of a format that is read and not written: what is corrected needs a new file."""
+    form = recording_formats().get(recording.form)
+    return form is None or form.write is not None
+
+
+def repaired_suffix(path: Path, options: ReadOptions) -> str:
+    """Return the usual suffix of a corrected recording: that of its file, or `.npz` where it needs a new one."""
+    try:
+        # The beginning of a pickle does: all of them are written back.
+        form = format_of(Content(path), options)
+    except InputError:
+        # Whoever reads it says what is wrong.
+        return path.suffix
+    return path.suffix if form.write is not None else NEW_SUFFIXES[0]
+
+
+def check_target(source: Path, recording: Recording, target: Path) -> None:
+    """Raise OutputError for a suffix in which a recording that was read from `source` is not written."""
+    suffix = target.suffix.lower()
+    if is_written_back(recording):
+        if suffix != source.suffix.lower():
+            raise OutputError(f"{target}: a corrected recording keeps its format; expected a name in {source.suffix}")
+    elif suffix not in NEW_SUFFIXES:
+        expected = " or ".join(NEW_SUFFIXES)
+        raise OutputError(f"{target}: format {recording.form} is read and not written; expected a name in {expected}")
+
+
 def write_recording(
     path: str | Path, options: ReadOptions, recording: Recording, correction: Correction, out: str | Path
 ) -> float | None:
     """Write a file with the recording that it holds corrected; a file of that name is replaced in one step.
 
     `path` is the file that the recording was read from, by the same options; the recording may be some of its samples.
-    Returns the largest distance of a joint read back from the corrected one [m]; None for a recording of angles. Raises
-    OutputError for another suffix than the file's, or no permission; InputError, in one line that begins with the path,
-    for a format that is not written, or a correction that the file cannot hold.
+    Where `is_written_back` is False, a new file has the samples of the recording alone: joints in the axes of the file
+    [m], or, of a recording of angles, our hand in our world. Returns the largest distance of a joint read back from the
+    corrected one [m]; None for a recording of angles, or a new file. Raises OutputError as `check_target`, or for no
+    permission; InputError, in one line that begins with the path, for a correction that the file cannot hold.
     """
     source, target = Path(path), Path(out)
-    if target.suffix.lower() != source.suffix.lower():
-        raise OutputError(f"{target}: a corrected recording keeps its format; expected a name in {source.suffix}")
+    check_target(source, recording, target)
+    if not is_written_back(recording):
+        write_atomically(target, _new_file(target.suffix.lower(), recording, correction))
+        return None
     with named(source):
         content = Content.of_recording(source)
         form = format_of(content, options)
-        if form.write is None:
-            raise InputError(f"format {form.name} is not written; export the result in another one")
         data = content.packed or content.data
         if correction.changed.any():
+            assert form.write is not None
             data = content.packed_with(form.write(content, options, recording, correction))
         again = replace(options, fits_angles=recording.joints is None)
         off = _distance_read_back(form, Content.of_recording(source, data), again, recording, correction)
@@ -467,7 +502,7 @@ def write_recording(
 def _distance_read_back(
     form: RecordingFormat, content: Content, options: ReadOptions, recording: Recording, correction: Correction
 ) -> float | None:
-    if recording.joints is None or form.write is None:
+    if recording.joints is None:
         return None
     again = form.read(content, options)
     if again.joints is None:
@@ -477,6 +512,31 @@ def _distance_read_back(
     frame = recording.file_frame
     off = frame.metre * np.linalg.norm(found - frame.to_file(correction.joints), axis=2)
     return float(off[np.isfinite(off)].max(initial=0.0))
+
+
+def _new_file(suffix: str, recording: Recording, correction: Correction) -> bytes:
+    """Return a new file of a corrected recording, whose stamps [s] are those of its file."""
+    axes = _axes(recording)
+    motion = HandMotion(
+        recording.time + recording.first_stamp, axes.to_file(correction.joints), correction.posture, recording.hand
+    )
+    return exported("keypoints" if recording.joints is not None else suffix[1:], suffix, motion)
+
+
+def read_new_file(path: Path, recording: Recording) -> Recording:
+    """Return a recording with the hand of the new file that `write_recording` made of it."""
+    if recording.joints is None:
+        again = read_recording(path, ReadOptions(hand=recording.hand))
+        return recording.changed(**{name: getattr(again, name) for name in HandConfiguration._fields})
+    options = ReadOptions(form="keypoints", hand=recording.hand, world_up="z", length_unit="m", fits_angles=False)
+    again = read_recording(path, options)
+    assert again.joints is not None
+    return recording.changed(joints=_axes(recording).to_world(again.joints))
+
+
+def _axes(recording: Recording) -> FileFrame:
+    """Return the axes of the recording's file, in metres, right-handed also where the file is not."""
+    return FileFrame(recording.file_frame.turn)
 
 
 def exported(form: str, suffix: str, motion: HandMotion) -> bytes:

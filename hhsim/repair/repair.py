@@ -27,7 +27,18 @@ from hhsim.recordings.mano_model import read_mano_model
 from hhsim.recordings.object_poses import with_object_poses
 from hhsim.recordings.outliers import suspect_joints
 from hhsim.recordings.recording import Recording, note, unused_poses
-from hhsim.recordings.registry import Content, ReadOptions, format_of, read_recording, write_recording
+from hhsim.recordings.registry import (
+    NEW_SUFFIXES,
+    Content,
+    ReadOptions,
+    check_target,
+    format_of,
+    is_written_back,
+    read_new_file,
+    read_recording,
+    repaired_suffix,
+    write_recording,
+)
 from hhsim.recordings.unit_detection import clean_units
 from hhsim.render.before_after import deepest_frames, draw_before_after
 from hhsim.render.triangle_soup import hand_surface, piece_surfaces
@@ -96,6 +107,7 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     paths = {"recording": request.out} | {what: request.beside(name) for what, name in names.items()}
     read, bodies = _reading(request), bodies_of(request)
     recording, recorded, touched, skin = _prepared(request, read, bodies)
+    check_target(request.recording, recording, request.out)
     scene, hand, began = recorded.scene, recorded.hand, process_time()
     seen_skin = None if skin is None else recorded.seen_skin(skin)
     seen, marked = corrected(request.max_correction, recorded, touched, seen_skin, progress)
@@ -104,6 +116,10 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     off = write_recording(request.recording, read, recording, correction, paths["recording"])
     if off is not None and off > ROUNDING:
         text = f"the format holds the corrected joints to {1e3 * off:.3f} mm; the figures are of what it holds"
+        recording = recording.found(note(text))
+    if not is_written_back(recording):
+        held = "joint angles in our world" if recording.joints is None else "21 joints [m] in the axes of the file"
+        text = f"format {recording.form} is read and not written: {paths['recording'].name} has {held}, and the stamps"
         recording = recording.found(note(text))
     written = _written(request, read, recording)
     after_skin = None
@@ -209,6 +225,8 @@ def _prepared(request: RepairRequest, read: ReadOptions, bodies: DeclaredBodies)
 
 def _written(request: RepairRequest, read: ReadOptions, recording: Recording) -> Recording:
     """Return the repaired recording: what is judged is what the file says, without angles that fit its joints."""
+    if not is_written_back(recording):
+        return read_new_file(request.out, recording)
     return in_our_units(request.out, replace(read, fits_angles=recording.joints is None), request.recording)
 
 
@@ -375,7 +393,7 @@ def _draw(
 def _check_paths(request: RepairRequest, given: Path, *beside: str) -> None:
     """Raise InputError for another suffix than that of `given`, OutputError for a file that cannot be written anew."""
     out = request.out
-    if out.suffix.lower() != given.suffix.lower():
+    if out.suffix.lower() not in (given.suffix.lower(), *NEW_SUFFIXES):
         raise InputError(f"{out}: the repaired recording has the format of the given one; expected {given.suffix}")
     undo_killed(out)
     for path in (out, *map(request.beside, beside)):
@@ -433,6 +451,8 @@ def repair_both_hands(
     out, given = request.out, request.recording
     of_each = [f"{side}-{name}" for side in SIDES for name in (RESULT, REPORT, PICTURE)]
     _check_paths(request, given, RESULT, *of_each)
+    if repaired_suffix(given, _reading(request)) != given.suffix:
+        raise InputError(f"{given}: its format is read and not written; repair each hand for itself: --hand right|left")
     with new_files(out) as folder:
         stem, suffix = out.stem, out.suffix
         requests = [replace(request, hand=side, out=folder / f"{stem}-{side}{suffix}", of_both=given) for side in SIDES]

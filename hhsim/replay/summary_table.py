@@ -108,12 +108,6 @@ def summary_rows(figures: Mapping[str, float], *, of_paper: bool = False) -> tup
     return tuple(rows)
 
 
-def stored_rows(summary: Mapping[str, Any]) -> tuple[SummaryRow, ...]:
-    """Return the rows of a result's summary, as its replay printed them."""
-    found = {name: float(summary[name]) for name in run_metrics() if name in summary}
-    return summary_rows(found)
-
-
 def whole_table(rows: Sequence[SummaryRow]) -> tuple[SummaryRow, ...]:
     """Return every row that says something: without the largest of what never happened."""
     return tuple(row for row in rows if row.value != 0.0 or not run_metrics()[row.name].unless_zero)

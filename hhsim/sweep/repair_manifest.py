@@ -38,6 +38,7 @@ from hhsim.errors import InputError, UnknownNameError, check_known
 from hhsim.mesh.catalogue import names_a_body_file, names_a_file
 from hhsim.recordings.column_map import read_column_map
 from hhsim.recordings.formats.mano import READINGS
+from hhsim.recordings.registry import ReadOptions, repaired_suffix
 from hhsim.repair.request import RepairRequest
 from hhsim.sweep.plan import WILD, SweptObject, checked_object
 from hhsim.system.input_file import open_input
@@ -239,10 +240,11 @@ def _planned(where: str, row: ManifestRow, folder: Path, output: Path) -> Planne
     columns = file("columns")
     stated = {key: getattr(row, key) for key in _OF_THE_READER}
     stated |= {"profile": file("profile"), "columns": None if columns is None else read_column_map(columns)}
+    options = {key: value for key, value in stated.items() if value is not None}
     request = RepairRequest(
         recording=recording,
         object=str(folder / row.object) if names_a_file(row.object) else row.object,
-        out=output / name / recording.name,
+        out=output / name / f"{recording.stem}{repaired_suffix(recording, ReadOptions(**options))}",
         object_poses=file("poses"),
         mano_model=file("mano_model"),
         hand=row.hand or "",
@@ -251,7 +253,7 @@ def _planned(where: str, row: ManifestRow, folder: Path, output: Path) -> Planne
         max_correction=1e-3 * row.max_correction_mm,
         skin=file("skin"),
         palm=row.palm,
-        options={key: value for key, value in stated.items() if value is not None},
+        options=options,
     )
     return PlannedRepair(name, request, row.time_limit)
 

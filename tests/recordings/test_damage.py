@@ -16,6 +16,7 @@ import pytest
 from bvh_document import RIGS, bvh_text
 from joint_samples import array_npy, arrays_npz, iwer_json, joint_sample, mcap_bytes, openxr_csv, webxr_json
 from leap_document import document, packed
+from lzstring import LZString
 from pose_samples import lerobot_bytes, mano_fields, mano_poses, umetrack_lines, umetrack_profile
 from recording_damage import DAMAGES, Damage, block, damaged_bytes, damaged_container
 from recording_samples import read_as, smooth_recording
@@ -30,7 +31,6 @@ from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.cleaning import CleanedRecording, clean_recording
 from hhsim.recordings.formats.hhsim import recording_of
-from hhsim.recordings.formats.leap import pack
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.outliers import SUSPECT_RATIO, WINDOW, bend, suspect_joints
 from hhsim.recordings.recording import FINGER_ARM, MOTION, PALM_ARM, Recording, turn
@@ -145,7 +145,7 @@ FILES: dict[str, Callable[[], str | bytes]] = {
     "npz": lambda: npz_of(HAND),
     "h5": trajectory_file,
     "leap": lambda: json.dumps(packed(document())),
-    "leap lz": lambda: pack(json.dumps(packed(document()))),
+    "leap lz": lambda: LZString.compressToBase64(json.dumps(packed(document()))),
     "bvh": lambda: bvh_text(HAND, RIGS["mixamo"]),
     **JOINT_FILES,
 }

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from conftest import Run
 from drawings_alone import leave_pictures_white
-from leap_document import leap_hand
+from leap_document import keypoint_table, leap_hand
 from repair_scenes import HAND
 from short_grasp import shortened
 
@@ -24,7 +24,7 @@ HANDS = HAND, HandModel.default("left")
 
 @pytest.fixture(scope="module")
 def document() -> dict[str, Any]:
-    """What a Leap Motion would have written of both hands in a cube."""
+    """What a Leap Motion would have written of both hands in a cube, whose keypoints are repaired."""
     script = shortened(load_script("grasp"), 1.0)
     bodies, words = load_object("cube").with_trees(tree_maker(2)), SceneWords(object="cube", trajectory="grasp")
     scene = described_scene(words, bodies, HANDS, (script, script)).scene
@@ -44,27 +44,27 @@ def document() -> dict[str, Any]:
 def test_one_command_frees_both_hands_in_one_file(
     run: Run, tmp_path: Path, document: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "two.json").write_text(json.dumps(document))
+    (tmp_path / "two.csv").write_text(keypoint_table(document))
     words = ("--object", "cube", "--hands", "both", "--max-correction", "100")
-    answer = run("repair", "two.json", *words, "--out", "free.json", "--json")
+    answer = run("repair", "two.csv", *words, "--out", "free.csv", "--json")
     found = json.loads(answer.out)
     for side in ("right", "left"):
         figures = found["hands"][side]["figures"]
         assert figures["depth_cones_max_before"] > 0.005 and figures["depth_cones_max_after"] == 0.0, side
     names = {path.name for path in tmp_path.iterdir()}
     each = {f"free-{side}-{name}" for side in ("right", "left") for name in ("report.html", "worst.png")}
-    assert names == {"two.json", "free.json", "free-result.h5", *each}
+    assert names == {"two.csv", "free.csv", "free-result.h5", *each}
     results = list(load_result(tmp_path / "free-result.h5").hands.values())
     assert [one.side for one in results] == ["right", "left"]
-    assert all(one.scene["trajectory"] == "two.json" for one in results)
+    assert all(one.scene["trajectory"] == "two.csv" for one in results)
     assert found["distance_of_hands"] > 0.0
     leave_pictures_white(monkeypatch)
     # Both are in the file: read again, neither is inside, and nothing is left to repair.
-    again = run("repair", "free.json", *words, "--out", "again.json", "--json")
+    again = run("repair", "free.csv", *words, "--out", "again.csv", "--json")
     assert again.code == 0
     for side in ("right", "left"):
         assert json.loads(again.out)["hands"][side]["figures"]["depth_cones_max_before"] < 1e-5
-    assert len(json.loads((tmp_path / "free.json").read_text())["frames"]) == len(document["frames"])
+    assert len((tmp_path / "free.csv").read_text().splitlines()) == 1 + len(document["frames"])
 
 
 def test_a_hand_that_is_not_there_leaves_nothing(
@@ -72,9 +72,23 @@ def test_a_hand_that_is_not_there_leaves_nothing(
 ) -> None:
     leave_pictures_white(monkeypatch)
     frames = [{**frame, "hands": frame["hands"][:1]} for frame in document["frames"]]
-    (tmp_path / "one.json").write_text(json.dumps({**document, "frames": frames}))
-    answer = run("repair", "one.json", "--object", "cube", "--hands", "both", "--out", "free.json")
+    (tmp_path / "one.csv").write_text(keypoint_table({"frames": frames}))
+    answer = run("repair", "one.csv", "--object", "cube", "--hands", "both", "--out", "free.csv")
     assert answer.code == 2 and "no left hand" in answer.err
-    assert [path.name for path in tmp_path.iterdir()] == ["one.json"]
-    refused = run("repair", "one.json", "--object", "cube", "--hands", "both", "--hand", "left", "--out", "free.json")
+    assert [path.name for path in tmp_path.iterdir()] == ["one.csv"]
+    refused = run("repair", "one.csv", "--object", "cube", "--hands", "both", "--hand", "left", "--out", "free.csv")
     assert refused.code == 2 and "--hands both repairs two" in refused.err
+
+
+def test_a_format_that_is_not_written_is_of_one_hand(run: Run, tmp_path: Path, document: dict[str, Any]) -> None:
+    (tmp_path / "two.json").write_text(json.dumps(document))
+    answer = run("repair", "two.json", "--object", "cube", "--hands", "both", "--out", "free.csv")
+    assert answer.code == 2 and "repair each hand for itself: --hand right|left" in answer.err
+    words = ("--object", "cube", "--hand", "right", "--max-correction", "100", "--pictures", "none")
+    refused = run("repair", "two.json", *words, "--out", "free.json")
+    assert refused.code == 2 and "leap is read and not written; expected a name in .npz or .csv" in refused.err
+    answer = run("repair", "two.json", *words, "--out", "free.npz", "--json")
+    found = json.loads(answer.out)
+    depth = [found["figures"][f"depth_cones_max_{when}"] for when in ("before", "after")]
+    assert answer.code == 0 and depth[0] > 0.005 and depth[1] == 0.0
+    assert any("free.npz has 21 joints [m] in the axes of the file" in text for text in found["findings"])

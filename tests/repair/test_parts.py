@@ -16,7 +16,7 @@ from body_tables import body, body_file, joint
 from conftest import Run
 from drawings_alone import leave_pictures_white
 from joint_samples import arrays_npz
-from leap_document import leap_hand
+from leap_document import keypoint_table, leap_hand
 from referee_clearance import referee_clearance
 from repair_scenes import HAND, held
 from skin_samples import skin_sample
@@ -221,7 +221,7 @@ def test_a_thing_that_is_carried_gives_the_same_correction(
 
 
 def write_two_hands(folder: Path, frames: int, late: int = 0) -> None:
-    """Write what a Leap Motion would have seen of both hands, of the left one from a later frame on."""
+    """Write the keypoints of both hands, of the left one from a later frame on."""
     shown = []
     for i, stamp in enumerate((1e6 * time_and_angles()[0][:frames]).round().astype(int).tolist()):
         hands, pointables = [], []
@@ -231,11 +231,11 @@ def write_two_hands(folder: Path, frames: int, late: int = 0) -> None:
             pointables += [{"handId": 7 + number, "type": f, **joints[f]} for f in range(5)]
         shown.append({"id": i, "timestamp": stamp, "hands": hands, "pointables": pointables})
     document = {"metadata": {"formatVersion": 1, "frames": frames, "generatedBy": "LeapJS"}, "frames": shown}
-    (folder / "two.json").write_text(json.dumps(document))
+    (folder / "two.csv").write_text(keypoint_table(document))
     write_laptop(folder)
 
 
-BOTH = ("--object", "laptop.toml", "--hands", "both", "--max-correction", "150", "--out", "free.json", "--json")
+BOTH = ("--object", "laptop.toml", "--hands", "both", "--max-correction", "150", "--out", "free.csv", "--json")
 
 
 @pytest.mark.soak
@@ -243,11 +243,11 @@ def test_both_hands_are_freed_by_one_command(run: Run, tmp_path: Path, monkeypat
     leave_pictures_white(monkeypatch)
     angle = time_and_angles()[1]
     write_two_hands(tmp_path, len(angle))
-    answer = run("repair", "two.json", *BOTH)
+    answer = run("repair", "two.csv", *BOTH)
     assert answer.code in (0, 1)
     for side, result in zip(SIDES, load_result(tmp_path / "free-result.h5").hands.values(), strict=True):
-        before = written_clearances(result, joints_of(tmp_path / "two.json", side), angle, "haptic")
-        after = written_clearances(result, joints_of(tmp_path / "free.json", side), angle)
+        before = written_clearances(result, joints_of(tmp_path / "two.csv", side), angle, "haptic")
+        after = written_clearances(result, joints_of(tmp_path / "free.csv", side), angle)
         assert before.min() < -1e-3, side
         assert after.min() >= -DEPTH, side
         parts = result_parts(result)
@@ -260,7 +260,7 @@ def test_both_hands_are_freed_by_one_command(run: Run, tmp_path: Path, monkeypat
 def test_joints_begin_with_the_first_of_both_hands(run: Run, tmp_path: Path) -> None:
     write_two_hands(tmp_path, 5, late=2)
     (tmp_path / "lid.csv").write_text("t,angle\n0.0,1.0\n1.0,2.0\n")
-    found = json.loads(run("repair", "two.json", *BOTH).out)
+    found = json.loads(run("repair", "two.csv", *BOTH).out)
     for side, first in zip(SIDES, (0.0, 0.2)):
         parts = result_parts(load_result(Path(found["hands"][side]["result"])).hands[side])
         assert parts is not None

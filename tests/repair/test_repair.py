@@ -220,7 +220,8 @@ def test_an_object_without_an_inside_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("out", "said"), [("free.csv", "expected .npz"), ("grasp.npz", "grasp.npz exists, so it is not replaced")]
+    ("out", "said"),
+    [("free.csv", r"expected a name in \.npz"), ("grasp.npz", "grasp.npz exists, so it is not replaced")],
 )
 def test_a_name_that_does_not_fit_is_told_before_the_work(tmp_path: Path, out: str, said: str) -> None:
     path = recorded(tmp_path)

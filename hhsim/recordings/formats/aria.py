@@ -3,8 +3,6 @@
 Their order is five fingertips from thumb to little finger, wrist, two joints of the thumb, three of each other finger,
 and the palm's centre. The thumb's saddle joint is none of them: it is put where a usual hand of this size has it. The
 glasses move with the head, so an object's poses are to be in their frame too. A confidence below 0 is no hand.
-
-A corrected recording has the landmarks, the wrist's pose and the normals of palm and wrist moved with their bones.
 """
 
 import re
@@ -17,9 +15,7 @@ from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.motion.csv_table import Table, read_table
-from hhsim.motion.text_edit import NewColumn, cell_edits
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.correction import ANGLE_DIGITS, Correction, joint_changes
 from hhsim.recordings.finger_ik import palm_from_knuckles, usual_fingers
 from hhsim.recordings.frames import turned
 from hhsim.recordings.joint_names import KEYPOINTS
@@ -96,38 +92,8 @@ def _saddle(places: dict[str, FloatArray], side: HandSide) -> FloatArray:
     return np.asarray(wrist + turned(palm, np.broadcast_to(size * (base[0] - usual), wrist.shape)))
 
 
-def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
-    made = joint_changes(recording, correction)
-    table, side, _, _ = _table(content, options)
-    new: dict[str, NewColumn] = {}
-
-    def put(columns: list[str], values: FloatArray, digits: int) -> None:
-        new.update({column: NewColumn(own, digits) for column, own in zip(columns, values.T)})
-
-    def of(columns: list[str]) -> FloatArray | None:
-        """Return the changed rows of columns; None without them."""
-        return table.numbers(columns)[0][made.rows] if set(columns) <= set(table.header) else None
-
-    wrist, turn = (
-        [f"t{axis}_{side}_device_wrist" for axis in "xyz"],
-        [f"q{axis}_{side}_device_wrist" for axis in "wxyz"],
-    )
-    for joint, columns in [*landmark_columns(side).items(), ("wrist", wrist)]:
-        if (places := of(columns)) is not None:
-            put(columns, made.moved(joint, places), made.digits)
-    if (turns := of(turn)) is not None:
-        put(turn, made.turned("wrist", turns), ANGLE_DIGITS)
-    for where in ("palm", "wrist"):
-        normal = [f"n{axis}_{side}_{where}_device" for axis in "xyz"]
-        if (directions := of(normal)) is not None:
-            put(normal, (made.turn[:, 0] @ directions[:, :, None])[:, :, 0], ANGLE_DIGITS)
-    return content.edited(cell_edits(content.exact_text, table, made.rows.tolist(), new), table.decimal)
-
-
 def _sniff(content: Content, options: ReadOptions) -> bool:
     return options.columns is None and any(_LANDMARK.fullmatch(column) for column in content.header)
 
 
-FORMAT = RecordingFormat(
-    "aria", "Project Aria's hand_tracking_results.csv of MPS", (".csv",), _sniff, _read, write=_write
-)
+FORMAT = RecordingFormat("aria", "Project Aria's hand_tracking_results.csv of MPS", (".csv",), _sniff, _read)

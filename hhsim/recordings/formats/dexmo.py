@@ -16,7 +16,6 @@ from hhsim.motion.csv_table import read_table
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import RawChannel
 from hhsim.recordings.column_map import ColumnMap, OrientationColumns, PositionColumns, TimeColumn, mapped
-from hhsim.recordings.correction import Correction
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, calibrated
 from hhsim.recordings.recording import Recording, note, unreadable, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
@@ -96,10 +95,4 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     return _calibrated(content, options)[0]
 
 
-def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
-    raise InputError("a Dexmo glove's channels do not hold a corrected hand: export the result in another format")
-
-
-FORMAT = RecordingFormat(
-    "dexmo", "a table of a Dexmo glove's eleven channels", (CSV_SUFFIX,), _sniff, _read, write=_write
-)
+FORMAT = RecordingFormat("dexmo", "a table of a Dexmo glove's eleven channels", (CSV_SUFFIX,), _sniff, _read)

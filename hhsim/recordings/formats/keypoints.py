@@ -360,7 +360,8 @@ def _named_table(content: Content) -> tuple[Table, Mapping[str, JointName], list
 def _make(suffix: str, motion: HandMotion) -> bytes:
     """Return keypoints in our world, z up, which the format does not say."""
     if suffix == ".npz":
-        return npz_of({"keypoints": motion.joints, "t": motion.time})
+        hand = {"hand": np.array(motion.side)} if motion.side else {}
+        return npz_of({"keypoints": motion.joints, "t": motion.time, **hand})
     return table_of_joints(motion, [f"lm{k:02d}" for k in range(COUNT)], motion.joints)
 
 

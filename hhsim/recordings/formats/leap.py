@@ -3,43 +3,30 @@
 Leap's world is in millimetres with y up; `direction` points to the fingers, `palmNormal` out of the palm. The palm's
 origin is where our knuckles meet the recorded ones; joint angles are those of `hhsim.recordings.finger_ik`. Leap gives
 the thumb a metacarpal of length zero, and its next three bones are our three.
-
-In a corrected recording joints, wrist and palm move, and directions and bases turn with their bone; the arm, velocities
-and the motion from the frame before stay as recorded.
-
-LZ-string is an LZ78 whose codes are as wide as the dictionary needs, least bit first; codes 0 and 1 announce a new
-letter of 8 or 16 bits, code 2 the end.
 """
 
-import base64
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import product
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import TrajectoryError
+from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.motion.text_edit import NumberEdit, edited
 from hhsim.motion.trajectory import HandSide, RawChannel
-from hhsim.recordings.correction import ANGLE_DIGITS, Changes, Correction, joint_changes
 from hhsim.recordings.finger_ik import palm_rotation
 from hhsim.recordings.frames import FileFrame, axis_flip, to_our_world, world_matrix
-from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import fitted_posture
-from hhsim.recordings.json_document import PlacedJson, keys_of, number, objects, read_json, vector
+from hhsim.recordings.json_document import keys_of, number, objects, read_json, vector
 from hhsim.recordings.recorded_bones import misplaced_joints, recorded_bones
 from hhsim.recordings.recording import SIDES, Recording, frames_with_hand, known_side, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.system.child_reader import read_in_child
 
 MILLIMETRE = 1e-3
 MICROSECOND = 1e-6
 JOINTS = ("mcpPosition", "pipPosition", "dipPosition", "btipPosition")
-TIPS = ("tipPosition", "stabilizedTipPosition")
-HAND_POINTS = {"wrist": "wrist"} | dict.fromkeys(("palmPosition", "stabilizedPalmPosition", "sphereCenter"), "palm")
-HAND_DIRECTIONS = {"direction": 0, "palmNormal": 0}
 WORLD = world_matrix("y")
 UNSURE = 0.5
 """Confidence below which a sample is marked."""
@@ -47,8 +34,8 @@ EXPECTED = "expected a Leap Motion recording, or frames of a hand's joints, by n
 DEEPEST = 12
 """Deepest nesting of packed frames."""
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/"
-MOST_LETTERS = 1 << 28
-"""Longest text; a damaged file may grow for ever."""
+LETTERS_A_SECOND = 5e4
+"""Letters that lzstring has to unpack in a second of the processor's time at least."""
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
@@ -118,53 +105,6 @@ def _sides(frames: list[Mapping[str, Any]]) -> list[set[HandSide]]:
     return sides
 
 
-def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
-    packed = looks_packed(content.text)
-    text = unpack(content.text) if packed else content.exact_text
-    placed = PlacedJson(text)
-    frames = list(_frames(placed.document))
-    side, _, _ = frames_with_hand(_sides(frames), options.hand)
-    made = joint_changes(recording, correction)
-    hands = [_hand(frames[row], side) for row in made.rows]
-    fingers = [[_fingers(frames[row], hand).get(f, {}) for row, hand in zip(made.rows, hands)] for f in range(5)]
-
-    def edits() -> Iterator[NumberEdit]:
-        yield from _vector_edits(placed, hands, HAND_POINTS, HAND_DIRECTIONS, made)
-        for f, found in enumerate(fingers):
-            names = KEYPOINTS[1 + 4 * f : 5 + 4 * f]
-            points = dict(zip(JOINTS, names)) | dict.fromkeys(TIPS, names[3]) | {"carpPosition": "palm"}
-            yield from _vector_edits(placed, found, points, {"direction": 3 * f + 3}, made)
-            for bone, axis in product(range(4), range(3)):
-                vectors = [{"": _basis_vector(finger.get("bases"), bone, axis)} for finger in found]
-                yield from _vector_edits(placed, vectors, {}, {"": bone and 3 * f + bone}, made)
-
-    return pack(edited(text, edits())).encode() if packed else content.edited(edits())
-
-
-def _basis_vector(bases: Any, bone: int, axis: int) -> Any:
-    """Return an axis of a bone's basis, None where there is none."""
-    basis = bases[bone] if isinstance(bases, list) and bone < len(bases) else None
-    return basis[axis] if isinstance(basis, list) and axis < len(basis) else None
-
-
-def _vector_edits(
-    placed: PlacedJson,
-    nodes: Sequence[Mapping[str, Any]],
-    points: Mapping[str, str],
-    directions: Mapping[str, int],
-    made: Changes,
-) -> Iterator[NumberEdit]:
-    """Yield the edits of objects, one a change, with points of joints and directions that turn with a bone, by keys."""
-    for key in (*points, *directions):
-        old = np.array([vector(node.get(key)) for node in nodes]).reshape(-1, 3)
-        if key in points:
-            new = made.moved(points[key], old)
-        else:
-            new = np.einsum("tij,tj->ti", made.turn[:, directions[key]], old)
-        for node, values in zip(nodes, new):
-            yield from placed.edits(node.get(key), values, made.digits if key in points else ANGLE_DIGITS)
-
-
 def looks_packed(text: str) -> bool:
     """True if a text consists of LZ-string's base64 letters."""
     sample = text[:2000].strip()
@@ -172,77 +112,21 @@ def looks_packed(text: str) -> bool:
 
 
 def unpack(text: str) -> str:
-    """Decompress LZ-string's text; raise TrajectoryError for other letters, or for one that is damaged or cut short."""
-    letters = "".join(text.split()).rstrip("=")
-    if other := set(letters) - set(LETTERS):
-        raise TrajectoryError(f"not LZ-string text: it holds {min(other)!r}; expected base64 letters")
-    six = {letter: f"{value:06b}" for value, letter in enumerate(LETTERS)}
-    bits, place = "".join(map(six.__getitem__, letters)), 0
-
-    def number(width: int) -> int:
-        nonlocal place
-        place += width
-        if place > len(bits):
-            raise TrajectoryError("LZ-string text that ends too early; was it cut short?")
-        return int(bits[place - width : place][::-1], 2)
-
-    code = number(2)
-    if code == 2:
-        return ""
-    if code == 3:
-        raise TrajectoryError("damaged LZ-string text at its first letter")
-    word = chr(number(8 if code == 0 else 16))
-    # Codes 0 to 2 are no words.
-    words: list[str] = ["", "", "", word]
-    out = [word]
-    length = 1
-    while True:
-        code = number(len(words).bit_length())
-        if code == 2:
-            return "".join(out)
-        if code < 2:
-            words.append(chr(number(8 if code == 0 else 16)))
-            code = len(words) - 1
-        if code > len(words):
-            raise TrajectoryError(f"damaged LZ-string text: code {code} of {len(words)} words")
-        entry = words[code] if code < len(words) else word + word[0]
-        out.append(entry)
-        length += len(entry)
-        if length > MOST_LETTERS:
-            raise TrajectoryError("damaged LZ-string text: it grows beyond 250 million letters")
-        words.append(word + entry[0])
-        word = entry
-
-
-def pack(text: str) -> str:
-    """Compress a text as LZ-string does, to base64 letters."""
-    bits: list[int] = []
-
-    def put(value: int, width: int) -> None:
-        bits.extend(value >> place & 1 for place in range(width))
-
-    codes: dict[str, int] = {}
-    size, place, word = 3, 0, ""
-    while place < len(text):
-        letter, width = text[place], size.bit_length()
-        fresh = letter not in codes
-        # The reader learns a new letter first, and then the word before with this one's first letter.
-        for entry in (*((letter,) if fresh else ()), *((word + letter,) if word else ())):
-            codes[entry], size = size, size + 1
-        if fresh:
-            word, wide = letter, ord(letter) > 0xFF
-            put(int(wide), width)
-            put(ord(letter), 16 if wide else 8)
-        else:
-            end = place + 1
-            while end < len(text) and text[place : end + 1] in codes:
-                end += 1
-            word = text[place:end]
-            put(codes[word], width)
-        place += len(word)
-    put(2, size.bit_length())
-    bits.extend([0] * (-len(bits) % 16 or 16))
-    return base64.b64encode(int("".join(map(str, bits)), 2).to_bytes(len(bits) // 8)).decode()
+    """Decompress LZ-string's text; raise TrajectoryError for one that is damaged or cut short, or without lzstring."""
+    try:
+        from lzstring import LZString
+    except ImportError:
+        raise TrajectoryError("LZ-string text needs lzstring: pip install 'hhsim[recordings]'") from None
+    letters, damaged = "".join(text.split()), "damaged LZ-string text"
+    try:
+        found: str | None = read_in_child(
+            lambda: LZString.decompressFromBase64(letters), damaged, len(letters), rate=LETTERS_A_SECOND
+        )
+    except DamagedFileError as error:
+        raise TrajectoryError(str(error)) from None
+    if not found:
+        raise TrajectoryError(f"{damaged}; was it cut short?")
+    return found
 
 
 def _frames(document: Any) -> Iterator[Mapping[str, Any]]:
@@ -313,6 +197,4 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
     return content.beginning.lstrip()[:1] in ("{", "[") or looks_packed(content.beginning)
 
 
-FORMAT = RecordingFormat(
-    "leap", "a Leap Motion recording, .json or .json.lz", (".json", ".lz"), _sniff, _read, rank=1, write=_write
-)
+FORMAT = RecordingFormat("leap", "a Leap Motion recording, .json or .json.lz", (".json", ".lz"), _sniff, _read, rank=1)

@@ -1,32 +1,32 @@
 """Hands in MCAP as Isaac Teleop records them: channels left_hand and right_hand of the FlatBuffers core.HandPoseRecord.
 
 A record holds 26 joints of OpenXR (position, quaternion, validity, radius) and three stamps: arrival and sampling on
-the host's clock, and sampling on the device's. The second is used. y is up. The layouts are published at mcap.dev and
-flatbuffers.dev. pyarrow unpacks compressed chunks. All CRC-32 and statistics that are there are checked.
+the host's clock, and sampling on the device's. The second is used. y is up. mcap (mcap.dev) reads the file, in a child
+process; the layout of a record is published at flatbuffers.dev. All CRC-32 and statistics that are there are checked.
 """
 
+import io
 import re
 import struct
 import zlib
-from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import TrajectoryError
+from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.correction import Correction, joint_changes
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.recording import MOST_SAMPLES, Finding, Recording, chosen_side, note, unused
 from hhsim.recordings.registry import MOST_BYTES, Content, ReadOptions, RecordingFormat
+from hhsim.system.child_reader import read_in_child
 from hhsim.system.counted import counted
 
 MAGIC = b"\x89MCAP0\r\n"
-FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, STATISTICS, DATA_END = 0x02, 0x03, 0x04, 0x05, 0x06, 0x0B, 0x0F
-CHUNK_INDEX, ATTACHMENT_INDEX, METADATA_INDEX, SUMMARY_OFFSET = 0x08, 0x0A, 0x0D, 0x0E
+FOOTER_BYTES, CHECKSUM_AND_MAGIC = 37, 12
+"""Length of a footer and the magic behind it, and of what its checksum is not of."""
 HAND_SCHEMA = "core.HandPoseRecord"
 JOINT = np.dtype(
     {
@@ -41,19 +41,26 @@ NANOSECOND = 1e-9
 
 
 class _Sample(NamedTuple):
-    """Stamps, the joints if the hand was seen, and the place of those in the message of a number among all."""
+    """Stamps, and the joints if the hand was seen."""
 
     stamps: tuple[int, ...]
     joints: NDArray[np.void] | None
-    place: int = 0
-    message: int = 0
+
+
+class _Messages(NamedTuple):
+    """Messages of a file that hold hands."""
+
+    channels: list[tuple[str, str]]  # topic and schema of each channel
+    hands: list[tuple[str, int, bytes]]  # topic, log time [ns] and data
+    proved: bool  # True if checksums prove every number, and none is lost
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the one with more samples; raises TrajectoryError."""
-    records, proved = _records(content.data)
-    samples, others = _samples(records)
-    side, findings = _chosen(samples, options)
+    found = _messages(content.data)
+    samples, others = _samples(found)
+    seen = {side: sum(sample.joints is not None for sample in each) for side, each in samples.items()}
+    side, findings = chosen_side(seen, options.hand)
     findings += unused(dict.fromkeys(others))
     shown = [sample for sample in samples[side] if sample.joints is not None]
     if not shown:
@@ -81,130 +88,21 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         findings=tuple(findings),
         rows=[k for k, sample in enumerate(samples[side]) if sample.joints is not None],
     )
-    return recording_of_joints(positions, content, options).changed(checksums="held" if proved else "")
+    return recording_of_joints(positions, content, options).changed(checksums="held" if found.proved else "")
 
 
-def _samples(records: list[tuple[int, bytes]]) -> tuple[dict[HandSide, list[_Sample]], list[str]]:
+def _samples(found: _Messages) -> tuple[dict[HandSide, list[_Sample]], list[str]]:
     """Return the samples of each hand, and the other topics; raise TrajectoryError if there are no samples."""
-    channels: dict[int, tuple[str, str]] = {}
     samples: dict[HandSide, list[_Sample]] = {}
-    schemas: dict[int, str] = {}
-    messages = 0
-    for code, body in records:
-        if code == SCHEMA:
-            (number,) = _unpack("<H", body, 0)
-            schemas[number] = _text(body, 2)[0]
-        elif code == CHANNEL:
-            number, schema = _unpack("<HH", body, 0)
-            channels[number] = (_text(body, 4)[0], schemas.get(schema, ""))
-        elif code == MESSAGE:
-            number, _, log_time, _ = _unpack("<HIQQ", body, 0)
-            topic, schema_name = channels.get(number, ("", ""))
-            side = _side(topic)
-            if schema_name == HAND_SCHEMA and side:
-                samples.setdefault(side, []).append(_sample(log_time, body[22:])._replace(message=messages))
-            messages += 1
+    for topic, log_time, data in found.hands:
+        samples.setdefault(_side(topic), []).append(_sample(log_time, data))
     if not samples:
-        held = ", ".join(sorted({f"{topic} ({schema or 'no schema'})" for topic, schema in channels.values()})[:4])
+        held = ", ".join(sorted({f"{topic} ({schema or 'no schema'})" for topic, schema in found.channels})[:4])
         raise TrajectoryError(
             f"no hand among the channels, which are {held or 'none'}; expected {HAND_SCHEMA} on left_hand or right_hand"
         )
-    others = [topic for topic, schema in channels.values() if not _side(topic) or schema != HAND_SCHEMA]
+    others = [topic for topic, schema in found.channels if not _side(topic) or schema != HAND_SCHEMA]
     return samples, others
-
-
-def _chosen(samples: dict[HandSide, list[_Sample]], options: ReadOptions) -> tuple[HandSide, list[Finding]]:
-    return chosen_side({side: sum(s.joints is not None for s in each) for side, each in samples.items()}, options.hand)
-
-
-def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
-    samples, _ = _samples(_records(content.data)[0])
-    side, _ = _chosen(samples, options)
-    made = joint_changes(recording, correction)
-    shown = [samples[side][row] for row in made.rows.tolist()]
-    # A copy of the bytes keeps those between the numbers, too.
-    image = bytearray(b"".join(sample.joints.tobytes() for sample in shown if sample.joints is not None))
-    joints = np.ndarray((len(shown), len(OPENXR_JOINTS)), JOINT, image)
-    for k, name in enumerate(OPENXR_JOINTS):
-        at, turn = (joints[key][:, k].astype(np.float64) for key in ("position", "orientation"))
-        seen = (joints["valid"][:, k] != 0) | (at != 0.0).any(axis=1)
-        new = made.moved(name, at), made.turned(name, turn[:, [3, 0, 1, 2]])[:, [1, 2, 3, 0]]
-        for key, old, values in zip(("position", "orientation"), (at, turn), new):
-            joints[key][:, k] = np.where(seen[:, None] & np.isfinite(values), values, old)
-    patches = {s.message: (22 + s.place, hand.tobytes()) for s, hand in zip(shown, joints)}
-    return _rewritten(content.data, patches)
-
-
-def _rewritten(data: bytes, patches: dict[int, tuple[int, bytes]]) -> bytes:
-    """Return the file with bytes of some messages replaced, and the sizes, places and checksums that follow."""
-    out, messages = bytearray(MAGIC), 0
-    moved: dict[int, int] = {}
-    chunks: dict[int, tuple[int, int]] = {}
-
-    def new_place(old: int) -> bytes:
-        if old and old not in moved:
-            raise TrajectoryError("a damaged MCAP file: an index points to no record")
-        return struct.pack("<Q", moved.get(old, 0))
-
-    def patched(body: bytes) -> bytes:
-        nonlocal messages
-        place, new = patches.get(messages, (0, b""))
-        messages += 1
-        return body[:place] + new + body[place + len(new) :]
-
-    for place, code, body in _walk(data, len(MAGIC), len(data) - len(MAGIC)):
-        moved[place] = len(out)
-        if code == MESSAGE:
-            body = patched(body)
-        elif code == CHUNK:
-            inner, _ = _chunk(body, MOST_BYTES)
-            parts = [
-                (kind, patched(part) if kind == MESSAGE else part) for _, kind, part in _walk(inner, 0, len(inner))
-            ]
-            body, packed = _packed_again(body, inner, b"".join(_record(kind, part) for kind, part in parts))
-            chunks[place] = 9 + len(body), packed
-        elif code == CHUNK_INDEX:
-            times, start, end = body[:16], _unpack("<Q", body, 16)[0], 36 + _unpack("<I", body, 32)[0]
-            length, packed = chunks.get(start, (0, 0))
-            index = b"".join(
-                struct.pack("<H", channel) + new_place(there)
-                for channel, there in (_unpack("<HQ", body, k) for k in range(36, end, 10))
-            )
-            name = _text(body, end + 8)[1]
-            sizes = new_place(start) + struct.pack("<Q", length) + body[32:36]
-            body = times + sizes + index + body[end:name] + struct.pack("<Q", packed) + body[name + 8 :]
-        elif code in (ATTACHMENT_INDEX, METADATA_INDEX):
-            body = new_place(_unpack("<Q", body, 0)[0]) + body[8:]
-        elif code == SUMMARY_OFFSET:
-            body = body[:1] + new_place(_unpack("<Q", body, 1)[0]) + body[9:]
-        elif code == DATA_END and _unpack("<I", body, 0)[0]:
-            body = struct.pack("<I", zlib.crc32(out)) + body[4:]
-        elif code == FOOTER:
-            start, offsets, checksum = _unpack("<QQI", body, 0)
-            begin = new_place(start) + new_place(offsets)
-            summary = bytes(out[moved[start] if start else len(out) :]) + struct.pack("<BQ", code, len(body)) + begin
-            body = begin + struct.pack("<I", zlib.crc32(summary) if checksum else 0) + body[20:]
-        out += _record(code, body)
-    return bytes(out + MAGIC)
-
-
-def _record(code: int, body: bytes) -> bytes:
-    return struct.pack("<BQ", code, len(body)) + body
-
-
-def _packed_again(body: bytes, old: bytes, new: bytes) -> tuple[bytes, int]:
-    """Return a chunk with other records, as it was if they are the same, and its packed size [byte]."""
-    compression, place = _text(body, 28)
-    if new == old:
-        return body, _unpack("<Q", body, place)[0]
-    packed = new
-    if compression:
-        from pyarrow import Codec
-
-        packed = Codec(compression).compress(new, asbytes=True)
-    (checksum,) = _unpack("<I", body, 24)
-    head = body[:16] + struct.pack("<QI", len(new), zlib.crc32(new) if checksum else 0) + body[28:place]
-    return head + struct.pack("<Q", len(packed)) + packed, len(packed)
 
 
 def _side(topic: str) -> HandSide:
@@ -228,84 +126,64 @@ def _stamps(stamps: list[tuple[int, ...]], findings: list[Finding]) -> FloatArra
     return np.asarray((logged - logged[0]) * NANOSECOND)
 
 
-def _records(data: bytes) -> tuple[list[tuple[int, bytes]], bool]:
-    """Return every record with its code, also of chunks, and if checksums prove all; TrajectoryError if damaged."""
-    if not data.startswith(MAGIC) or not data.endswith(MAGIC):
-        raise TrajectoryError("a damaged MCAP file: it does not begin and end as one; was it cut short?")
-    records: list[tuple[int, bytes]] = []
-    chunks = unpacked = code = 0
+def _messages(data: bytes) -> _Messages:
+    """Read a file's messages of hands; TrajectoryError for a damaged file, or without mcap."""
+    try:
+        import mcap.stream_reader  # noqa: F401
+    except ImportError:
+        raise TrajectoryError("an MCAP file needs mcap: pip install 'hhsim[recordings]'") from None
+    try:
+        return read_in_child(lambda: _read_messages(data), "a damaged MCAP file", len(data))
+    except DamagedFileError as error:
+        raise TrajectoryError(str(error)) from None
+
+
+def _read_messages(data: bytes) -> _Messages:
+    from mcap.records import Channel, Chunk, DataEnd, Footer, Message, Schema, Statistics
+    from mcap.stream_reader import StreamReader, breakup_chunk
+
+    schemas: dict[int, str] = {}
+    channels: dict[int, tuple[str, str]] = {}
+    hands: list[tuple[str, int, bytes]] = []
+    messages = chunks = unpacked = 0
     each_held, whole_held, statistics_hold = True, False, False
-    for place, code, body in _walk(data, len(MAGIC), len(data) - len(MAGIC)):
-        if code == CHUNK:
-            inner, checked = _chunk(body, MOST_BYTES - unpacked)
-            unpacked += len(inner)
-            each_held, chunks = each_held and checked, chunks + 1
-            for _, code_inside, body_inside in _walk(inner, 0, len(inner)):
-                records.append((code_inside, body_inside))
-                if len(records) > MOST_SAMPLES:
-                    raise TrajectoryError(f"more than {MOST_SAMPLES:,} records; expected a recording of a hand")
-            continue
-        records.append((code, body))
-        if code == MESSAGE:
+    reader: Any = StreamReader(io.BytesIO(data), emit_chunks=True, validate_crcs=True, record_size_limit=len(data))
+    for record in reader.records:
+        inner = [record]
+        if isinstance(record, Chunk):
+            unpacked += record.uncompressed_size
+            if unpacked > MOST_BYTES:
+                raise TrajectoryError("chunks of more than 1 GB; expected a recording of a hand")
+            inner = breakup_chunk(record, validate_crc=True)
+            each_held, chunks = each_held and record.uncompressed_crc != 0, chunks + 1
+        elif isinstance(record, Message):
             each_held = False
-        elif code == DATA_END:
-            whole_held = _agrees(memoryview(data)[:place], _unpack("<I", body, 0)[0], "the data")
-        elif code == STATISTICS:
-            stated, _, _, _, _, stated_chunks = _unpack("<QHIIII", body, 0)
-            messages, statistics_hold = sum(kind == MESSAGE for kind, _ in records), True
-            if (stated, stated_chunks) != (messages, chunks):
+        elif isinstance(record, DataEnd):
+            whole_held = record.data_section_crc != 0
+        elif isinstance(record, Statistics):
+            if (record.message_count, record.chunk_count) != (messages, chunks):
                 raise TrajectoryError(
                     f"a damaged MCAP file: {counted(messages, 'message')} in {counted(chunks, 'chunk')}, where its "
-                    f"statistics count {stated} in {stated_chunks}"
+                    f"statistics count {record.message_count} in {record.chunk_count}"
                 )
-        elif code == FOOTER:
-            start, _, checksum = _unpack("<QQI", body, 0)
-            _agrees(memoryview(data)[start or place : place + 25], checksum, "the summary")
-    if code != FOOTER:
-        raise TrajectoryError("a damaged MCAP file: no footer at its end; was it cut short?")
-    return records, whole_held or (each_held and statistics_hold)
-
-
-def _walk(data: bytes, place: int, end: int) -> Iterator[tuple[int, int, bytes]]:
-    """Yield place, code and content of each record."""
-    while place < end:
-        (code, length) = _unpack("<BQ", data, place)
-        if place + 9 + length > end:
-            raise TrajectoryError(
-                f"a damaged MCAP file: record at byte {place} ends beyond the file; was it cut short?"
-            )
-        yield place, code, data[place + 9 : place + 9 + length]
-        place += 9 + length
-
-
-def _agrees(data: bytes | memoryview, checksum: int, what: str) -> bool:
-    """True if a part of the file has a checksum; TrajectoryError where it differs."""
-    if checksum and zlib.crc32(data) != checksum:
-        raise TrajectoryError(f"a damaged MCAP file: {what} differs from its checksum")
-    return checksum != 0
-
-
-def _chunk(body: bytes, most: int) -> tuple[bytes, bool]:
-    """Unpack the records of a chunk, at most so many bytes, and tell whether they have a checksum."""
-    size, checksum = _unpack("<QI", body, 16)
-    compression, place = _text(body, 28)
-    (length,) = _unpack("<Q", body, place)
-    packed = body[place + 8 : place + 8 + length]
-    if size > most:
-        raise TrajectoryError("chunks of more than 1 GB; expected a recording of a hand")
-    if compression:
-        try:
-            from pyarrow import Codec
-        except ImportError:
-            raise TrajectoryError(f"an MCAP file packed by {compression}: pip install pyarrow") from None
-        try:
-            packed = Codec(compression).decompress(packed, size, asbytes=True)
-        except (ValueError, OSError, MemoryError, OverflowError) as error:
-            reason = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
-            raise TrajectoryError(f"a damaged MCAP file: a chunk of {compression[:20]!r}: {reason}") from None
-    if len(packed) != size:
-        raise TrajectoryError(f"a damaged MCAP file: a chunk of {len(packed)} bytes, where {size} are stated")
-    return packed, _agrees(packed, checksum, "a chunk")
+            statistics_hold = True
+        elif isinstance(record, Footer):
+            begin = record.summary_start or len(data) - FOOTER_BYTES
+            if record.summary_crc not in (0, zlib.crc32(memoryview(data)[begin:-CHECKSUM_AND_MAGIC])):
+                raise TrajectoryError("a damaged MCAP file: the summary differs from its checksum")
+        for each in inner:
+            if isinstance(each, Schema):
+                schemas[each.id] = each.name
+            elif isinstance(each, Channel):
+                channels[each.id] = each.topic, schemas.get(each.schema_id, "")
+            elif isinstance(each, Message):
+                messages += 1
+                if messages > MOST_SAMPLES:
+                    raise TrajectoryError(f"more than {MOST_SAMPLES:,} messages; expected a recording of a hand")
+                topic, schema = channels.get(each.channel_id, ("", ""))
+                if schema == HAND_SCHEMA and _side(topic):
+                    hands.append((topic, each.log_time, each.data))
+    return _Messages([*channels.values()], hands, whole_held or (each_held and statistics_hold))
 
 
 def _sample(log_time: int, data: bytes) -> _Sample:
@@ -318,7 +196,7 @@ def _sample(log_time: int, data: bytes) -> _Sample:
         return _Sample(stamps, None)
     if joints + len(OPENXR_JOINTS) * JOINT.itemsize > len(data):
         raise TrajectoryError("a damaged MCAP file: a hand ends beyond its message")
-    return _Sample(stamps, np.frombuffer(data, JOINT, len(OPENXR_JOINTS), joints), joints)
+    return _Sample(stamps, np.frombuffer(data, JOINT, len(OPENXR_JOINTS), joints))
 
 
 def _field(data: bytes, table: int, index: int) -> int:
@@ -340,20 +218,10 @@ def _unpack(form: str, data: bytes, place: int) -> tuple[int, ...]:
         raise TrajectoryError("a damaged MCAP file: a number beyond the end of its record") from None
 
 
-def _text(data: bytes, place: int) -> tuple[str, int]:
-    """Return a text with its length before it, and its end."""
-    (length,) = _unpack("<I", data, place)
-    end = place + 4 + length
-    if end > len(data):
-        raise TrajectoryError("a damaged MCAP file: a text beyond the end of its record")
-    return data[place + 4 : end].decode("utf-8", errors="replace"), end
-
-
 FORMAT = RecordingFormat(
     "mcap",
     "MCAP with the hands of OpenXR, as Isaac Teleop records them",
     (".mcap",),
     lambda content, options: content.head.startswith(MAGIC),
     _read,
-    write=_write,
 )

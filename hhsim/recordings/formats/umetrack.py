@@ -5,9 +5,6 @@ axes of 22 joints, four a finger and two of the wrist, and rest positions of lan
 right one is its mirror in x of the wrist's frame. A joint turns all that follows it about its axis through its rest
 position. The files do not say which axis points up: on Quest it is y, on Aria z. The object that the hand moves is that
 of --object-track in HOT3D's dynamic_objects.csv beside the recording, or the only one there.
-
-A corrected recording has the wrist's pose turned with the palm, and the angles whose joints are nearest to the
-corrected ones: a hinge does not twist. `hhsim.recordings.registry.write_recording` returns what is left.
 """
 
 from pathlib import Path
@@ -19,11 +16,10 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, named
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.motion.trajectory import ObjectMotion
-from hhsim.recordings.correction import Changes, Correction, joint_changes, nearest_parameters
 from hhsim.recordings.frames import posed_tree, to_our_frames
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.json_document import PlacedJson, keys_of, read_json
-from hhsim.recordings.pose_lines import Poses, object_beside, pose_line_edits, read_pose_lines
+from hhsim.recordings.json_document import keys_of, read_json
+from hhsim.recordings.pose_lines import object_beside, read_pose_lines
 from hhsim.recordings.recording import Recording, note
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
@@ -74,27 +70,6 @@ def _read(content: Content, options: ReadOptions) -> Recording:
 def _placed(points: FloatArray, orientation: FloatArray, translation: FloatArray) -> FloatArray:
     """Convert points, shape (T, n, 3), from the wrist's frames to the world."""
     return np.asarray(points @ np.swapaxes(rotation_matrix(orientation), 1, 2) + translation[:, None])
-
-
-def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
-    made = joint_changes(recording, correction)
-    placed = PlacedJson(content.exact_text)
-    lines = read_pose_lines(placed.document, "joint_angles", options.hand)
-    rest, axes, landmarks = _profile(_profile_path(content, options)[0])
-    mirror = np.array([-1.0 if lines.hand == "right" else 1.0, 1.0, 1.0])
-
-    def joints(angles: FloatArray) -> FloatArray:
-        return np.asarray(_hand_points(rest, axes, landmarks, angles) * mirror)
-
-    def corrected(turns: FloatArray, places: FloatArray, given: FloatArray, made: Changes) -> Poses:
-        unit = turns / np.linalg.norm(turns, axis=1, keepdims=True)
-        target = _placed(joints(given[:, :ANGLES]), unit, places) + made.shift
-        turned, moved = made.turned("wrist", unit), made.moved("palm", places)
-        local = (target - moved[:, None]) @ rotation_matrix(turned)
-        angles = nearest_parameters(joints, given[:, :ANGLES], local)
-        return turned, moved, np.concatenate([angles, given[:, ANGLES:]], axis=1)
-
-    return content.edited(pose_line_edits(placed, lines, made, "joint_angles", corrected))
 
 
 def _hand_points(rest: FloatArray, axes: FloatArray, landmarks: FloatArray, angles: FloatArray) -> FloatArray:
@@ -153,10 +128,5 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
 
 
 FORMAT = RecordingFormat(
-    "umetrack",
-    "UmeTrack poses, one JSON object a line, with the user's profile",
-    (".jsonl",),
-    _sniff,
-    _read,
-    write=_write,
+    "umetrack", "UmeTrack poses, one JSON object a line, with the user's profile", (".jsonl",), _sniff, _read
 )

@@ -13,12 +13,11 @@ import numpy as np
 
 from hhsim.errors import TrajectoryError
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.correction import Correction, joint_changes
 from hhsim.recordings.frames import turned
-from hhsim.recordings.joint_frames import Frame, Joint, frame_edits, joints_of_frames, listed_joints, read_frames
+from hhsim.recordings.joint_frames import Frame, Joint, joints_of_frames, listed_joints, read_frames
 from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS, joint_name
 from hhsim.recordings.joint_positions import recording_of_joints
-from hhsim.recordings.json_document import PlacedJson, number
+from hhsim.recordings.json_document import number
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
@@ -33,12 +32,6 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     device = "WebXR through iwer" if _is_iwer(document) else ""
     joints = joints_of_frames(*_frames(document), "webxr", options, up="y", may_be_mirrored=True, device=device)
     return recording_of_joints(joints, content, options)
-
-
-def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
-    numbers = PlacedJson(content.exact_text)
-    made = joint_changes(recording, correction)
-    return content.edited(frame_edits(numbers, _frames(numbers.document)[0], options, made))
 
 
 def _is_iwer(document: Any) -> bool:
@@ -87,13 +80,7 @@ def _iwer_hand(ray: list[float], flat: list[Any], order: list[str]) -> dict[str,
         turn /= np.linalg.norm(turn)
     world = np.array(ray[:3]) + turned(np.tile(turn, (len(numbers), 1)), numbers[:, :3])
     return {
-        joint: Joint(
-            world[k].tolist(),
-            float(numbers[k, 7]),
-            place=flat[IWER_HAND * k : IWER_HAND * k + 3],
-            turn=flat[IWER_HAND * k + 3 : IWER_HAND * k + 7],
-            ray=turn.tolist(),
-        )
+        joint: Joint(world[k].tolist(), float(numbers[k, 7]))
         for k, name in enumerate(order)
         if (joint := joint_name(name).joint)
     }
@@ -106,5 +93,5 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
 
 
 FORMAT = RecordingFormat(
-    "webxr", "JSON frames of joints by name: WebXR, OpenXR, iwer", (".json", ".jsonl"), _sniff, _read, write=_write
+    "webxr", "JSON frames of joints by name: WebXR, OpenXR, iwer", (".json", ".jsonl"), _sniff, _read
 )

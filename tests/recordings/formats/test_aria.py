@@ -1,4 +1,4 @@
-"""Aria's hand_tracking_results.csv: our own hand by its landmarks, read, and written with a correction."""
+"""Aria's hand_tracking_results.csv: our own hand by its landmarks."""
 
 import csv
 import io
@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from correction_samples import a_correction
 from joint_samples import joint_sample
 from recording_samples import read_as
 
 from hhsim.errors import TrajectoryError
-from hhsim.recordings.formats.aria import LANDMARKS, landmark_columns
+from hhsim.recordings.formats.aria import landmark_columns
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
-from hhsim.recordings.registry import ReadOptions, read_recording, write_recording
+from hhsim.recordings.registry import ReadOptions, read_recording
 
 SAMPLE = joint_sample()
 PLACES = SAMPLE.named(OPENXR_JOINTS)
@@ -32,9 +31,6 @@ def aria(change: Callable[[str], str] = lambda text: text) -> bytes:
             row[f"{side}_tracking_confidence"] = 0.99 if seen else -1
             for joint, columns in landmark_columns(side).items():
                 row |= dict(zip(columns, points[OPENXR_JOINTS.index(joint)].tolist() if seen else (0, 0, 0)))
-            row |= {f"t{axis}_{side}_device_wrist": row[f"t{axis}_{side}_landmark_5_device"] for axis in "xyz"}
-            row |= {f"q{axis}_{side}_device_wrist": float(axis == "w") for axis in "xyzw"}
-            row |= {f"n{axis}_{side}_palm_device": float(axis == "x") for axis in "xyz"}
         rows.append(row)
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
@@ -58,28 +54,6 @@ def test_landmarks_are_our_own_hand(tmp_path: Path) -> None:
         assert off < (0.012 if joint == "thumb_metacarpal" else 1e-12), joint
     with pytest.raises(TrajectoryError, match="no sample"):
         read_recording(path, ReadOptions(hand="left"))
-
-
-def test_a_correction_is_written_and_nothing_else(tmp_path: Path) -> None:
-    path, out, options = tmp_path / "hands.csv", tmp_path / "free.csv", ReadOptions(usual_up="y")
-    path.write_bytes(aria())
-    recording = read_recording(path, options)
-    correction = a_correction(recording)
-    write_recording(path, options, recording, correction, out)
-    again = read_recording(out, options)
-    assert again.joints is not None
-    kept = [k for k, joint in enumerate(KEYPOINTS) if joint in LANDMARKS]
-    np.testing.assert_allclose(again.joints[:, kept], correction.joints[:, kept], atol=1e-6)
-    before, after = ([*csv.DictReader(io.StringIO(file.read_text()))] for file in (path, out))
-    for t, (row, new) in enumerate(zip(before, after, strict=True)):
-        differing = {column for column in row if row[column] != new[column]}
-        assert not any("left" in column or "confidence" in column or "timestamp" in column for column in differing)
-        assert bool(differing) is bool(correction.changed[t])
-        for axis in "xyz":
-            assert new[f"t{axis}_right_device_wrist"] == new[f"t{axis}_right_landmark_5_device"]
-    turned = np.array([[float(row[f"q{axis}_right_device_wrist"]) for axis in "wxyz"] for row in after])
-    np.testing.assert_allclose(np.linalg.norm(turned, axis=1), 1.0, atol=1e-6)
-    assert (turned[correction.changed, 0] < 1.0).all()
 
 
 @pytest.mark.parametrize(

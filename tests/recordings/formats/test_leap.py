@@ -1,20 +1,19 @@
-"""Leap Motion recordings, made from our own hand, packed in every way and damaged; LZ-string against its own words."""
+"""Leap Motion recordings, made from our own hand, packed in every way and damaged."""
 
 import json
 from typing import Literal
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from joint_samples import words
 from leap_document import CLEAN, document, packed
+from lzstring import LZString
 from recording_samples import read_as
 
 from hhsim.errors import TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.cleaning import clean_recording
-from hhsim.recordings.formats.leap import FORMAT, pack, unpack
+from hhsim.recordings.formats.leap import FORMAT, unpack
 from hhsim.recordings.registry import Content, ReadOptions, read_content
 
 
@@ -38,7 +37,7 @@ def test_every_packing_holds_the_same_motion() -> None:
         json.dumps(packed(whole)),
         json.dumps(whole["frames"]),
         "\n".join(json.dumps(frame) for frame in [{"version": 6}, *whole["frames"]]),
-        pack(json.dumps(packed(whole))),
+        LZString.compressToBase64(json.dumps(packed(whole))),
     ]
     for text in texts:
         assert FORMAT.sniff(Content(data=text.encode()), ReadOptions())
@@ -116,33 +115,7 @@ def test_what_is_no_recording_is_refused(text: str, said: str) -> None:
         read_as("leap", json.dumps(document(count=3)), hand="left")
 
 
-PACKED = {
-    "hello": "BYUwNmD2QAA=",
-    "": "QAA=",
-    "a": "IZA=",
-    "a" * 50: "IY18ZXeQ",
-    '{"frames":[[1,2],[1,2]]}': "N4IgZgTghgtgpgZxALgNqoIwBoBMBdLTXPPAXyAA",
-    "µ→Ω tap tap": "K2JMJJXAAEAuCGAO15A=",
-}
-"""Texts and what LZ-string 1.3.3 makes of them."""
-
-
-@pytest.mark.parametrize(("text", "packed"), PACKED.items())
-def test_what_the_library_packed_is_unpacked_and_packed_so(text: str, packed: str) -> None:
-    assert unpack(packed) == text
-    assert unpack("\n".join(packed)) == text
-    assert pack(text) == packed
-
-
-@given(st.text(alphabet=st.characters(max_codepoint=0xFFFF, exclude_categories=["Cs"]), max_size=300))
-def test_every_text_comes_back(text: str) -> None:
-    assert unpack(pack(text)) == text
-
-
-@pytest.mark.parametrize(
-    ("packed", "said"),
-    [("", "ends too early"), ("w", "first letter"), ("!!!!", "expected base64 letters"), ("BYUw", "ends too early")],
-)
-def test_what_is_no_packed_text_is_refused(packed: str, said: str) -> None:
-    with pytest.raises(TrajectoryError, match=said):
+@pytest.mark.parametrize("packed", ["w", "!!!!", "BYUw", "QAA="])
+def test_what_is_no_packed_text_is_refused(packed: str) -> None:
+    with pytest.raises(TrajectoryError, match="damaged LZ-string text"):
         unpack(packed)

@@ -39,12 +39,12 @@ FOOTER = record(2, struct.pack("<QQI", 0, 0, 0))
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda data: data[:-20], "was it cut short"),
-        (lambda data: data.replace(b"HandPoseRecord", b"HeadPoseRecord"), "differs from its checksum"),
-        (lambda data: data[:8] + data[-8:], "no footer at its end"),
+        (lambda data: data[:-20], "a damaged MCAP file: EndOfFile"),
+        (lambda data: data.replace(b"HandPoseRecord", b"HeadPoseRecord"), "crc validation failed in Chunk"),
+        (lambda data: data[:8] + data[-8:], "a damaged MCAP file: unpack requires"),
         (lambda data: data[:8] + FOOTER + data[-8:], "no hand among the channels, which are none"),
-        (lambda data: data[:8] + struct.pack("<BQ", 1, 1 << 40) + data[17:], "ends beyond the file"),
-        (lambda data: b"x" + data[1:], "does not begin and end as one"),
+        (lambda data: data[:8] + struct.pack("<BQ", 1, 1 << 40) + data[17:], "exceeds limit"),
+        (lambda data: b"x" + data[1:], "invalid magic"),
         (lambda data: data[:-12] + b"\0\0\0\1" + data[-8:], "the summary differs from its checksum"),
     ],
 )
@@ -71,15 +71,15 @@ def test_numbers_are_proven_where_each_has_a_checksum_and_none_is_lost(chunks: i
     assert read_as("mcap", data).checksums == "held"
     assert read_as("mcap", mcap_bytes(sample, chunks=chunks, checksums=False)).checksums == "missing"
     place = data.index(struct.pack("<f", sample.named()[20, 5, 0].astype(np.float32)))
-    part = "a chunk" if chunks else "the data"
-    with pytest.raises(TrajectoryError, match=f"{part} differs from its checksum"):
+    part = "Chunk" if chunks else "DataEnd"
+    with pytest.raises(TrajectoryError, match=f"crc validation failed in {part}"):
         read_as("mcap", data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
 
 
 def test_what_unpacks_to_more_than_a_recording_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     data = mcap_bytes(joint_sample(), chunks=3, compression="zstd")
     monkeypatch.setattr(mcap, "MOST_SAMPLES", 30)
-    with pytest.raises(TrajectoryError, match="more than 30 records"):
+    with pytest.raises(TrajectoryError, match="more than 30 messages"):
         read_as("mcap", data)
     # No chunk alone is as large.
     monkeypatch.setattr(mcap, "MOST_BYTES", 20_000)
