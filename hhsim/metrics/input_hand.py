@@ -96,7 +96,9 @@ def object_depths(surface: Any, mesh: Mesh, shape: HandShape, fingers: BoolArray
             return np.concatenate([np.nan_to_num(found.finger), found.palm[:, None]], axis=1)
 
         return in_pieces
-    bvh = build_mesh_bvh(*merged_vertices(mesh.vertices, mesh.faces))
+    # Where parts touch or cross, the closest face of a point in one of them may be the other's.
+    by_winding = surface.pseudonormal.shape[0] == 0
+    bvh = build_mesh_bvh(*merged_vertices(mesh.vertices, mesh.faces), by_winding=by_winding)
     nowhere = np.full((4, 3), AWAY)
     empty = HandShape(shape.phalanx_radius, np.empty((0, 3)), np.empty(0))
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError, named
 from hhsim.linkage.linkage import Link
 from hhsim.linkage.robot import Robot
@@ -63,10 +63,13 @@ def link_meshes(robot: Robot, path: Path, name: str = "") -> dict[str, Mesh]:
                 "--visual for what is seen"
             )
         links = [robot.link(name)] if name else robot.solid
-        return {link.name: _surface(link.triangles, link.name, str(path)) for link in links}
+        # What is refused is refused before the first mesh is looked into, which compiles kernels.
+        surfaces = {link.name: _triangles(link.triangles, link.name) for link in links}
+        return {link: _surface(*triangles, link, str(path)) for link, triangles in surfaces.items()}
 
 
-def _surface(triangles: Triangles, name: str, source: str) -> Mesh:
+def _triangles(triangles: Triangles, name: str) -> Triangles:
+    """Return triangles with every place once; MeshError for too many or those of no area."""
     # Files of some kinds give each triangle corners of its own.
     vertices, faces = merged_vertices(*triangles)
     about = f"link '{name}'"
@@ -78,6 +81,11 @@ def _surface(triangles: Triangles, name: str, source: str) -> Mesh:
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
     if not area.max(initial=0.0) > 0.0:
         raise MeshError(f"{about}: its triangles have no area; expected a surface")
+    return vertices, faces
+
+
+def _surface(vertices: FloatArray, faces: IntArray, name: str, source: str) -> Mesh:
+    about = f"link '{name}'"
     mesh = with_inside(Mesh(vertices, faces, name=name, source=about), hint="is its scale wrong?", solid=None)
     return replace(mesh, source=source)
 
@@ -105,7 +113,7 @@ def _inside_balls(balls: FloatArray, mesh: Mesh) -> Mesh:
     """Return the surface of spheres, whose triangles lie in them, while those of the link's mesh lie around them."""
     shapes = [ellipsoid(ball[3] * np.ones(3)) for ball in balls]
     inner = Link(mesh.name, tuple((points + ball[:3], faces) for ball, (points, faces) in zip(balls, shapes)))
-    return _surface(inner.triangles, mesh.name, mesh.source)
+    return _surface(*_triangles(inner.triangles, mesh.name), mesh.name, mesh.source)
 
 
 def _measured(mesh: Mesh, tree: SphereTree, start: float, cached: bool, seed: int) -> LinkSpheres:

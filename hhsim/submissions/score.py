@@ -12,9 +12,9 @@ from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.metrics.field.hands import object_bvh
 from hhsim.metrics.mesh_penetration import mesh_clearance, ticks_looked_at
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.metrics.run_metric import Figure
@@ -74,8 +74,7 @@ def _mesh_depth(shown: Scene, hand: HandModel, placed: PlacedHand) -> float:
         inside = ticks_looked_at(np.minimum(palm, finger.min(axis=1)) < 0.0)
         depths.append(0.0)
         if inside.size:
-            bvh = build_mesh_bvh(mesh.vertices, mesh.faces, by_winding=mesh.shell is not None)
-            depths.append(-float(mesh_clearance(bvh, hand_shape(hand), there.at(inside)).min()))
+            depths.append(-float(mesh_clearance(object_bvh(mesh), hand_shape(hand), there.at(inside)).min()))
     return float(np.nanmax(depths)) if len(depths) > 1 else np.nan
 
 

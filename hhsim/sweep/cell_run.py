@@ -19,7 +19,7 @@ from hhsim.scene.described_scene import LoadedWords, described_scene, load_words
 from hhsim.scene.motion_catalogue import trajectory_names
 from hhsim.scene.scene import Scene
 from hhsim.sweep.engines import TaskEnd
-from hhsim.sweep.folder import PARTIAL, write_row
+from hhsim.sweep.folder import PARTIAL, content_digest, write_row
 from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, read_files
 from hhsim.sweep.plan import OF_THE_SCENE, Cell, source_digest
 from hhsim.system import environment as info
@@ -91,9 +91,11 @@ def _run(task: CellTask) -> tuple[int, float]:
         runs, own_core = on_own_core(run) if pinned else (run(), False)
         repeated = repeated_document(runs) if cell.repeat > 1 else {}
         result = f"{task.digest}.h5" if task.keeps_result else None
+        kept: dict[str, str] = {}
         if result is not None:
             if repeated:
                 add_document(partial, "repeated", repeated)
+            kept = {"result_sha256": content_digest(partial)}
             partial.replace(folder / result)
     finally:
         partial.unlink(missing_ok=True)
@@ -105,6 +107,7 @@ def _run(task: CellTask) -> tuple[int, float]:
         **{name: json.loads(str(origin[name])) for name in ("machine", "packages")},
         **({"repeated": repeated} if repeated else {}),
         "result": result,
+        **kept,
         "own_core": own_core,
         "seconds": seconds,
         "scene": {**stated, "rate": 1.0 / options.period, "solver": options.to_json()},

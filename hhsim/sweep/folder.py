@@ -6,6 +6,7 @@ the seconds per tick, for the estimate of the cells that are left.
 """
 
 import contextlib
+import hashlib
 import json
 import math
 import os
@@ -18,7 +19,6 @@ from hhsim.sweep.plan import Cell, PlannedCell, SweepPlan
 from hhsim.system import environment as info
 from hhsim.system import posix
 from hhsim.system.atomic_write import write_atomically
-from hhsim.system.checksummed_file import seal_holds
 from hhsim.system.input_file import read_input_text
 from hhsim.system.plain_json import plain_json
 
@@ -56,7 +56,9 @@ class SweepFolder:
         """Return True if a cell is done as often as planned, with its result if wanted; rename it in its row."""
         path, row = self.row_path(planned), self.row(planned)
         result = row.get("result")
-        if not row or (result and not _is_whole(self.cells / result)) or (with_result and not result):
+        if not row or (with_result and not result):
+            return False
+        if result and content_digest(self.cells / result) != row.get("result_sha256"):
             return False
         if row.get("repeated", {}).get("runs", 1) < planned.cell.repeat:
             return False
@@ -101,11 +103,13 @@ class SweepFolder:
                 left.unlink(missing_ok=True)
 
 
-def _is_whole(result: Path) -> bool:
+def content_digest(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes, hexadecimal; "" if it cannot be read."""
     try:
-        return bool(seal_holds(result))
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:
-        return False
+        return ""
 
 
 @contextlib.contextmanager
@@ -153,8 +157,9 @@ def has_format(path: Path, form: str) -> bool:
 
 def write_row(path: Path, cell: Cell, digest: str, content: Mapping[str, Any]) -> None:
     """Write the row of a cell, or its failure, in one step, null for NaN and infinity; OutputError if it cannot be."""
-    row = {**content, "format": ROW_FORMAT, "version": VERSION, "digest": digest, "cell": _named(cell)}
-    write_atomically(path, (json.dumps(plain_json(row), indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
+    row = plain_json({**content, "format": ROW_FORMAT, "version": VERSION, "digest": digest, "cell": _named(cell)})
+    sealed = {**row, "sha256": _row_digest(row)}
+    write_atomically(path, (json.dumps(sealed, indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
 
 
 def read_row(path: Path) -> dict[str, Any]:
@@ -167,7 +172,15 @@ def read_row(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: no row of a sweep")
     if found.get("version") != VERSION:
         raise InputError(f"{path}: version {found.get('version')!r} of a row, this hhsim reads {VERSION}")
+    if found.get("sha256") != _row_digest(found):
+        raise InputError(f"{path}: a row that is not as it was written: remove it, and the sweep runs the cell anew")
     return found
+
+
+def _row_digest(row: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of what a row holds beside it, hexadecimal."""
+    content = {name: value for name, value in row.items() if name != "sha256"}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def _named(cell: Cell) -> dict[str, Any]:

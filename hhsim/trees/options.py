@@ -6,7 +6,7 @@ from typing import Any
 
 from hhsim.errors import InputError, UnknownNameError
 
-BUILDER_VERSION = 2
+BUILDER_VERSION = 3
 """Version of the builder's output: each change of what is built raises it."""
 
 MOST_LEVEL = 5

@@ -1,5 +1,8 @@
 """How deep the user's hand was: the deepest of all ticks, of which most are not looked at."""
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -69,6 +72,25 @@ def test_a_finger_deep_through_the_surface_is_as_deep_as_its_deepest_point() -> 
     expected = RADIUS - 0.01 + float(HAND.radius[1, 3])
     assert float(depths("mesh", index)(placed)[0, 1]) >= expected - 2e-3
     assert depths("mesh", index)(placed)[0, [0, 2, 3, 4, 5]].max() <= 0.0
+
+
+def test_a_finger_in_a_solid_of_parts_that_cross_is_inside_both() -> None:
+    """Beyond the wall of one ball and within the other, the closest face has the finger on its outer side."""
+    balls = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, RADIUS]])
+    vertices = np.concatenate([BALL.vertices + center for center in balls])
+    pair = replace(BALL, vertices=vertices, faces=np.concatenate([BALL.faces, BALL.faces + len(BALL.vertices)]))
+    index = np.array([False, True, False, False, False])
+    tip = forward_kinematics(HAND, *still((0.0, 0.0, 0.0))).joints[0, 1, 3]
+    placed = forward_kinematics(HAND, *still(-tip + [0.0, 0.0, RADIUS + 0.01]))
+    share = np.linspace(0.0, 1.0, 100)[:, None]
+    # Centres along the bones, and how deep the balls around them are: as deep in the walls as they are wide.
+    joints, radius = placed.joints[0, 1], HAND.radius[1]
+    centers = np.concatenate([a + share * (b - a) for a, b in pairwise(joints)])
+    around = np.concatenate([a + share[:, 0] * (b - a) for a, b in pairwise(radius)])
+    off = np.linalg.norm(centers[:, None] - balls, axis=2) - RADIUS
+    expected = (around + np.abs(off).min(axis=1))[off.min(axis=1) < 0.0].max()
+    surface = contact_surface("mesh", pair, bumpy_ball(400)).arrays
+    assert object_depths(surface, pair, SHAPE, index)(placed)[0, 1] == pytest.approx(expected, abs=5e-4)
 
 
 def test_correction_is_the_way_between_two_hands_in_the_ticks_that_touch() -> None:

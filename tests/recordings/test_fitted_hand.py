@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from joint_samples import Side, joint_sample, openxr_csv
+from joint_samples import Side, arrays_npz, joint_sample, openxr_csv, words
 from recording_samples import read_as, smooth_recording
 from sampled import sampled
 
 from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.recordings.fitted_hand import fitted_hand
+from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 
 
 @pytest.mark.parametrize(
@@ -33,6 +34,18 @@ def test_a_hand_of_another_size_is_found(side: Side, radii: bool) -> None:
         sample.motion.position[k], sample.motion.orientation[k], sample.motion.flexion[k], sample.motion.abduction[k]
     )
     assert np.abs(joints[:, :3] - own[:, :3]).max() < 5e-6
+
+
+@pytest.mark.parametrize("each", [True, False])
+def test_radii_beside_an_array_of_points_are_the_hand_s(each: bool) -> None:
+    sample = joint_sample(length=0.17)
+    points = sample.named(KEYPOINTS)
+    radius = np.array([sample.radius[OPENXR_JOINTS.index(name)] for name in KEYPOINTS])
+    stated = np.tile(radius, (len(points), 1)) if each else radius
+    recording = read_as("keypoints", arrays_npz(joints=points, t=sample.motion.time, radius=stated))
+    hand = HandModel.of_text(fitted_hand(recording, "take.npz")[1], "take.toml", "right")
+    assert np.allclose(hand.radius, sample.hand.radius, atol=1e-6)
+    assert "radius" not in words(recording)
 
 
 @pytest.mark.soak

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -94,6 +95,13 @@ def test_what_is_done_is_not_done_again(tmp_path: Path, in_this_process: list[st
     flipped[len(flipped) // 2] ^= 1
     (out / "cells" / f"{digests[0]}.h5").write_bytes(flipped)
     assert swept(path, out).run == 1
+    # Nor another cell's, whole, nor one whose row has a digit that it was not written with.
+    shutil.copy(out / "cells" / f"{digests[1]}.h5", out / "cells" / f"{digests[0]}.h5")
+    row = out / "cells" / f"{digests[1]}.json"
+    flipped = bytearray(row.read_bytes())
+    flipped[flipped.index(b"seconds") + len('seconds": ')] ^= 1
+    row.write_bytes(flipped)
+    assert swept(path, out).run == 2
     # Another plan in the same folder runs what is new in it, and its names count.
     wider = PLAN.replace("[options.usual]", "[options.coarse]").replace('"penalty"', '"penalty", "progressive"')
     third = swept(write_plan(tmp_path, wider), out, keep_results=False)

@@ -7,7 +7,8 @@
 | .csv | 63 columns of coordinates, with stamps or without, or columns such as left_lm00_x; 63 without a header too |
 | .json | a list of frames of 21 points, or objects with a stamp and a list of 21 points |
 
-They have no radius, often no scale and no world: the wrist stands still then. The order of the joints is the one whose
+They have often no scale and no world: the wrist stands still then. Radii of the joints, (n,) or (T, n), may stand
+beside the points in an `.npz` or its like (`RADII`). The order of the joints is the one whose
 bones are nearest to a hand's in their proportions; it is refused where these are none of a hand, or change their
 lengths. An object's pose in `.npz` or in JSON is read by its names (`hhsim.recordings.object_poses`).
 """
@@ -63,6 +64,8 @@ MOST_JUDGED = 1000
 COORDINATES = [JointName("", joint, axis) for joint in KEYPOINTS for axis in "xyz"]
 """Meaning of 63 columns in a row."""
 NAMES = ("keypoints", "landmarks", "joints", "hand_keypoints", "hand_landmarks", "kp3d", "joints_3d")
+RADII = ("radius", "radii", "joint_radius", "joint_radii")
+"""Names of an array of the joints' radii, in the unit and the order of the points."""
 NUMBERED = re.compile(r"(?:^|[^0-9a-zA-Z])(?:[a-zA-Z]*?)([0-9]{1,2})[^0-9a-zA-Z]*([xyz])$", re.IGNORECASE)
 PLAIN = re.compile(r"^([xyz])[_ ]?([0-9]{1,2})$", re.IGNORECASE)
 LISTS = re.compile(r'"[a-zA-Z_]*(landmarks|keypoints)[a-zA-Z_]*"', re.IGNORECASE)
@@ -227,6 +230,11 @@ def _from_npz(content: Content, options: ReadOptions) -> JointPositions:
     poses = poses_in(arrays, len(points), options)
     used = {key, *(poses.names if poses else ()), *(stamps.names if stamps else ())}
     validity, rows = {}, np.size(points[0]) // 3
+    shapes = (rows,), (len(points), rows)
+    for name in (name for name in arrays if name.rpartition("/")[2] in RADII and np.shape(arrays[name]) in shapes):
+        radius = np.broadcast_to(numbers(arrays, name), (len(points), rows))
+        joints = replace(joints, radius=radius[:, list(joints.joint_order)])
+        used.add(name)
     for name, given in arrays.items():
         said = hand_statement(name)
         if said and np.shape(given) in ((len(points),), (len(points), 1), (len(points), rows)):

@@ -127,6 +127,19 @@ def test_bad_robots_are_one_line_and_leave_nothing(run: Run, tmp_path: Path, con
     assert message in answer.err and answer.err.count("\n") == 1 and not (tmp_path / "bad.yml").exists()
 
 
+def test_a_robot_is_refused_before_a_mesh_of_it_is_looked_into(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked: list[object] = []
+    monkeypatch.setattr("hhsim.robots.link_spheres.with_inside", lambda mesh, **given: looked.append(mesh) or mesh)
+    write_box(tmp_path / "box.obj", (0.1, 0.06, 0.02))
+    (tmp_path / "line.obj").write_text(LINE)
+    links = link("a", MESH.format("box.obj", 1)), link("b", MESH.format("line.obj", 1))
+    (tmp_path / "bad.urdf").write_text(urdf(*links, joint("a", "b")))
+    answer = run("build-tree", "bad.urdf", "--leaves", "2", "--out", "bad.yml")
+    assert answer.code == 2 and "link 'b': its triangles have no area" in answer.err and not looked
+
+
 def write_many(path: Path, strips: int) -> None:
     """Write a strip of two triangles each as binary PLY."""
     x = np.linspace(0.0, 1.0, strips + 1)
