@@ -19,7 +19,7 @@ import numpy as np
 from hhsim.arrays import AnyArray, IntArray
 from hhsim.errors import HhsimError, InputError
 from hhsim.linkage.file import names_a_linkage
-from hhsim.mesh.catalogue import names_a_file
+from hhsim.mesh.catalogue import body_file_names, names_a_file, object_names
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.repeat import COUNTERS, ROUNDING, TIMINGS, other_makers, run_again
 from hhsim.replay.replay import Replay
@@ -27,6 +27,7 @@ from hhsim.replay.stored_scene import result_scene, stored_options
 from hhsim.result import schema
 from hhsim.result.reader import Result
 from hhsim.scene.described_scene import SceneWords, load_words
+from hhsim.scene.motion_catalogue import trajectory_names
 from hhsim.scene.scene import Scene
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
@@ -91,7 +92,7 @@ class Comparison:
 
 
 def second_run_claim(result: Result, report: Progress, trust: bool = False) -> Claim:
-    """Judge a file, of one hand or of two, by a run of its scene; `trust` runs code that the file names, as `run_again`.
+    """Judge a file, of one hand or of two, by a run of its scene; `trust` as of `run_again`.
 
     Not judged are methods and sessions that cannot be run again, and runs of another version that differ.
     """
@@ -132,43 +133,65 @@ def _session(first: Result, report: Progress, trust: bool) -> Claim:
 
 
 def _scene(result: Result, options: SolverOptions, report: Progress) -> tuple[Scene, str]:
-    """Make the scene of a replay from its words, else from its file; return it with a note."""
+    """Make the scene of a replay from its words, else from its file; return it with a note.
+
+    HhsimError for words of the catalogue alone that do not go together: no run has them.
+    """
     hands = list(result.hands.values())
+    known = _known_words(hands[0], len(hands))
+    named = [known[name] for name in ("object", "trajectory") if name in known]
+    files = [word for word in (*named, known.get("tree"), known.get("hand_file")) if word and names_a_file(str(word))]
     try:
-        return _scene_by_words(hands[0], options, len(hands), report)
+        if len(named) < 2:
+            raise InputError("the file names no object or no motion")
+        return _scene_by_words(hands[0], known, options, report), "; ".join(
+            f"with {file} as it is now" for file in files
+        )
     except HhsimError as error:
-        note = f"run from the bodies and the user's hand in the file, which nothing else shows: {error}"
-        return result_scene(hands), note
+        if len(named) == 2 and not files:
+            raise
+        return result_scene(
+            hands
+        ), f"from the bodies and the user's hand in the file, which nothing else shows: {error}"
 
 
-def _scene_by_words(result: Result, options: SolverOptions, hands: int, report: Progress) -> tuple[Scene, str]:
-    """Make the scene anew; HhsimError where its object or its motion are not to be had."""
+def _known_words(result: Result, hands: int) -> dict[str, Any]:
+    """Return the words of a scene that the file has; none of a recording that was repaired, or of a program's object."""
     stated = result.scene
-    known = {name: stated[name] for name in SceneWords.__struct_fields__ if name in stated}
-    if not known.get("object") or not known.get("trajectory") or "recording" in stated:
-        raise InputError("the file names no object or no motion")
-    by_words = "free" in stated or names_a_linkage(known["object"]) or len(result.bodies) > 1
-    if result.body.is_free and not by_words:
-        raise InputError("the file does not say how its object was made free")
+    known = {name: stated[name] for name in SceneWords.__struct_fields__ if stated.get(name) is not None}
+    by_words = "free" in stated or names_a_linkage(str(known.get("object"))) or len(result.bodies) > 1
+    if "recording" in stated or (result.body.is_free and not by_words) or not _in_the_catalogue(known):
+        return {}
     # Of several parts the scene states the level of the tree over all of them.
     grown = max(int(body.static["tree/level"].max(initial=1)) for body in result.bodies.values())
-    level = (stated.get("tree_options") or {}).get("level", grown)
-    known["level"] = None if known.get("tree") or known.get("max_error") else level
+    known["level"] = (stated.get("tree_options") or {}).get("level", grown)
+    if known.get("tree") or known.get("max_error"):
+        del known["level"]
     known["hand"] = "both" if hands > 1 else result.side
-    known["free"] = stated.get("free")
     if (stated.get("placement") or {}).get("by_itself"):
-        known["place_object"] = None
+        known.pop("place_object", None)
+    return known
+
+
+def _in_the_catalogue(known: Mapping[str, Any]) -> bool:
+    """True if each name is one of the catalogue, or a file's: a program may give its bodies and motions others."""
+    objects, motions = {*object_names(), *body_file_names()}, {*trajectory_names()}
+    return all(
+        word in names or names_a_file(word)
+        for word, names in ((str(known.get("object")), objects), (str(known.get("trajectory")), motions))
+    )
+
+
+def _scene_by_words(result: Result, known: Mapping[str, Any], options: SolverOptions, report: Progress) -> Scene:
+    """Make the scene anew; HhsimError where its object or its motion are not to be had."""
     try:
-        words = msgspec.convert({name: value for name, value in known.items() if value is not None}, SceneWords)
+        words = msgspec.convert(known, SceneWords)
     except msgspec.ValidationError as error:
         raise InputError(f"the words of its scene cannot be used: {error}") from error
-    placed = load_words(words, surface=options.surface).placed(options.fingers, report)
-    scene, note = placed.scene, ""
-    if scene.description["object_mesh"] != stated.get("object_mesh") and names_a_file(words.object):
+    scene = load_words(words, surface=options.surface).placed(options.fingers, report).scene
+    if scene.description["object_mesh"] != result.scene.get("object_mesh") and names_a_file(words.object):
         raise InputError(f"{words.object} is another mesh now")
-    if names_a_file(words.trajectory):
-        note = f"with {words.trajectory} as it is now"
-    return scene, note
+    return scene
 
 
 def _compared(result: Result, stored: h5py.File, made: h5py.File) -> Comparison:
