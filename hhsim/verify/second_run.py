@@ -19,7 +19,7 @@ import numpy as np
 from hhsim.arrays import AnyArray, IntArray
 from hhsim.errors import HhsimError, InputError
 from hhsim.linkage.file import names_a_linkage
-from hhsim.mesh.catalogue import body_file_names, names_a_file, object_names
+from hhsim.mesh.catalogue import names_a_file
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.repeat import COUNTERS, ROUNDING, TIMINGS, other_makers, run_again
 from hhsim.replay.replay import Replay
@@ -27,7 +27,6 @@ from hhsim.replay.stored_scene import result_scene, stored_options
 from hhsim.result import schema
 from hhsim.result.reader import Result
 from hhsim.scene.described_scene import SceneWords, load_words
-from hhsim.scene.motion_catalogue import trajectory_names
 from hhsim.scene.scene import Scene
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
@@ -156,11 +155,12 @@ def _scene(result: Result, options: SolverOptions, report: Progress) -> tuple[Sc
 
 
 def _known_words(result: Result, hands: int) -> dict[str, Any]:
-    """Return the words of a scene that the file has; none of a recording that was repaired, or of a program's object."""
+    """Return the words of a scene that the file has; none of a repaired recording, or of what a program put together."""
     stated = result.scene
     known = {name: stated[name] for name in SceneWords.__struct_fields__ if stated.get(name) is not None}
     by_words = "free" in stated or names_a_linkage(str(known.get("object"))) or len(result.bodies) > 1
-    if "recording" in stated or (result.body.is_free and not by_words) or not _in_the_catalogue(known):
+    # A program may describe what it likes, and run a part of it.
+    if "place_object" not in stated or "recording" in stated or (result.body.is_free and not by_words):
         return {}
     # Of several parts the scene states the level of the tree over all of them.
     grown = max(int(body.static["tree/level"].max(initial=1)) for body in result.bodies.values())
@@ -171,15 +171,6 @@ def _known_words(result: Result, hands: int) -> dict[str, Any]:
     if (stated.get("placement") or {}).get("by_itself"):
         known.pop("place_object", None)
     return known
-
-
-def _in_the_catalogue(known: Mapping[str, Any]) -> bool:
-    """True if each name is one of the catalogue, or a file's: a program may give its bodies and motions others."""
-    objects, motions = {*object_names(), *body_file_names()}, {*trajectory_names()}
-    return all(
-        word in names or names_a_file(word)
-        for word, names in ((str(known.get("object")), objects), (str(known.get("trajectory")), motions))
-    )
 
 
 def _scene_by_words(result: Result, known: Mapping[str, Any], options: SolverOptions, report: Progress) -> Scene:
