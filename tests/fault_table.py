@@ -28,12 +28,15 @@ WORDS: dict[str, tuple[str, ...]] = {
     "two": ("cube", "lift-both", "--hands", "both", "--free", *MESH, *SLOW),
     "two at a laptop": ("laptop", "close", "--hands", "both", *MESH, *SLOW),
     "tremor": ("cube", "pinch", "--tremor", "0.1,0.2", "--self-contact", "on", "--rate", "50"),
+    "recording": ("cylinder", "{one hand}", "--rate", "250", "--level", "2"),
     "paper": ("cube", "grasp", "--method", "paper", *SLOW),
     "progressive": ("cube", "grasp", "--method", "progressive", *SLOW),
 }
-"""Arguments of `hhsim replay`."""
+"""Arguments of `hhsim replay`; a kind in braces is the path of its result."""
 LATE = 55
 """A tick in which hands hold, in runs at 25 ticks a second."""
+AIR = 20
+"""A tick of the approach."""
 FREE_TICK = 200
 """A tick of the hold of a free body."""
 TICKS, AT_REST, HELD = 1600, 300, 1590
@@ -455,6 +458,29 @@ def into_the_hand(file: h5py.File) -> None:
     file[f"{TWO}/position"][HELD] -= 5e-4 * push / np.linalg.norm(push)
 
 
+def nudged_together(file: h5py.File) -> None:
+    """Both hands by a micrometre, where nothing touches."""
+    for name in ("graphic/position", "graphic/joints", "haptic/position"):
+        file[f"hands/right/tick/{name}"][AIR] += 1e-6
+
+
+def turned_user(file: h5py.File) -> None:
+    w, x, y, z = file["hands/right/tick/haptic/orientation"][AIR]
+    file["hands/right/tick/haptic/orientation"][AIR] = (w - 5e-7 * x, x + 5e-7 * w, y + 5e-7 * z, z - 5e-7 * y)
+
+
+def stale_user(file: h5py.File) -> None:
+    """A tick has the hand of one before."""
+    for name in ("position", "orientation", "flexion", "abduction"):
+        file[f"hands/right/tick/haptic/{name}"][AIR] = file[f"hands/right/tick/haptic/{name}"][AIR - 4]
+
+
+def moved_phases(file: h5py.File) -> None:
+    """The grasp begins early, in ticks in which nothing is measured by phase."""
+    file["phase/first_tick"][1] -= 4
+    file["phase/last_tick"][0] -= 4
+
+
 FAULTS: dict[str, dict[Fault, str]] = {
     "one hand": {
         invented_dataset: AGAIN,
@@ -646,6 +672,15 @@ FAULTS: dict[str, dict[Fault, str]] = {
     "two at a laptop": {
         at("later hands", "tick/between/haptic", 3, lambda x: x + 1e-6): AGAIN,
         at("lid for nobody", "bodies/lid/tick/orientation", LATE, lambda x: x[[0, 2, 1, 3]]): "joints",
+    },
+    "recording": {
+        nudged_together: AGAIN,
+        turned_user: AGAIN,
+        stale_user: AGAIN,
+        at("bent_user_finger", "hands/right/tick/haptic/flexion", (AIR, 3, 1), lambda x: x + 1e-6): AGAIN,
+        at("other_number", "hands/right/tick/input_seq", slice(3, None), lambda x: np.maximum(x - 1, 0)): AGAIN,
+        moved_phases: AGAIN,
+        at("renamed_phase", "phase/name", 1, lambda x: "pinch"): AGAIN,
     },
     "free on a table": {
         at(

@@ -25,10 +25,10 @@ RADIUS = 0.02
 """Shortest radius at which a contact turns [m]: that of a phalanx."""
 
 
-def free_claims(result: Result) -> dict[str, list[Claim]]:
-    """Judge what the file claims of a free object, or of several bodies, by groups; none where none is free."""
+def free_claims(result: Result) -> list[Claim]:
+    """Judge what the file claims of a free object, or of several bodies, with their groups; none where none is free."""
     if not result.body.is_free:
-        return {}
+        return []
     motion = FreeMotion(result)
     bodies = [motion, *(FreeBody(result, body) for body in list(result.bodies.values())[1:])]
     joints = [(body, joint["on"]) for body in bodies if (joint := body.joint)]
@@ -54,7 +54,7 @@ def free_claims(result: Result) -> dict[str, list[Claim]]:
         ways = itertools.permutations(range(len(bodies)), 2)
         apart = [(i, j) for i, j in ways if {bodies[i].name, bodies[j].name} not in joined]
         claims["motion"].append(bodies_apart_claim(result, [(i, j) for i, j in apart if not (still[i] and still[j])]))
-    return claims
+    return [replace(claim, group=group) for group, of in claims.items() for claim in of]
 
 
 def _of_each(

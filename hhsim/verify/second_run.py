@@ -155,7 +155,7 @@ def _scene(result: Result, options: SolverOptions, report: Progress) -> tuple[Sc
 
 
 def _known_words(result: Result, hands: int) -> dict[str, Any]:
-    """Return the words of a scene that the file has; none of a repaired recording, or of what a program put together."""
+    """Return the words of the file's scene; none of a repaired recording, or of what a program put together."""
     stated = result.scene
     known = {name: stated[name] for name in SceneWords.__struct_fields__ if stated.get(name) is not None}
     by_words = "free" in stated or names_a_linkage(str(known.get("object"))) or len(result.bodies) > 1

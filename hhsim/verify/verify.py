@@ -147,8 +147,9 @@ def physics(
         claims += [replace(claim, group=group, hand=own) for group, of in groups.items() for claim in of]
         judges.append(judge)
         deep.append(depth)
-    of_bodies = {"joints": joint_claims(hands[0]), "trees": trees, **free_claims(hands[0])}
+    of_bodies = {"joints": joint_claims(hands[0]), "trees": trees}
     claims += [replace(claim, group=group) for group, of in of_bodies.items() for claim in of]
+    claims += free_claims(hands[0])
     claims.sort(key=lambda claim: GROUPS.index(claim.group))
     spheres = max(judge.sphere_penetration for judge in judges)
     return Verification(tuple(claims), result.ticks, len(judges[0].asked), every, spheres, max(deep))

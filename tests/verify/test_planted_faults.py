@@ -33,7 +33,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
         if kind in PROGRAMS:
             PROGRAMS[kind](path)
             return path
-        words = ["hhsim", "replay", *WORDS[kind], "--out", str(path), "--quiet"]
+        given = [str(result(word[1:-1])) if word.startswith("{") else word for word in WORDS[kind]]
+        words = ["hhsim", "replay", *given, "--out", str(path), "--quiet"]
         with patch("sys.argv", words), pytest.raises(SystemExit) as ended:
             main()
         assert ended.value.code in (0, None)
