@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from hhsim.arrays import AnyArray, IntArray
-from hhsim.errors import HhsimError, InputError
+from hhsim.errors import HhsimError, InputError, OutputError
 from hhsim.linkage.file import names_a_linkage
 from hhsim.mesh.catalogue import names_a_file
 from hhsim.metrics.run.registry import run_metrics
@@ -30,6 +30,7 @@ from hhsim.scene.described_scene import SceneWords, load_words
 from hhsim.scene.scene import Scene
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.qp import ACTIVE_SET
 from hhsim.solver.scene_solver import SceneSolver
 from hhsim.system.hdf5_input import open_hdf5
 from hhsim.system.progress import Progress
@@ -111,8 +112,9 @@ def second_run_claim(result: Result, report: Progress, trust: bool = False) -> C
             with open_hdf5(first.path) as stored, h5py.File(path, "r") as made:
                 found = _compared(first, stored, made)
     except HhsimError as error:
-        # hhsim would not have made such a file by one of its own methods.
-        verdict = FAILS if first.method in METHODS and first.scene["solver"].get("qp") else NOT_JUDGED
+        # hhsim would not have made such a file by a method and a QP solver of its own.
+        own = first.method in METHODS and first.scene["solver"].get("qp") == ACTIVE_SET
+        verdict = FAILS if own and not isinstance(error, OutputError) else NOT_JUDGED
         return Claim(NAME, SAYS, verdict, 1.0, 0.0, "", checked=1, note=f"it cannot be run again: {error}")
     return found.claim(first, note)
 

@@ -148,7 +148,7 @@ def physics(
         judges.append(judge)
         deep.append(depth)
     of_bodies = {"joints": joint_claims(hands[0]), "trees": trees}
-    claims += [replace(claim, group=group) for group, of in of_bodies.items() for claim in of]
+    claims[:0] = [replace(claim, group=group) for group, of in of_bodies.items() for claim in of]
     claims += free_claims(hands[0])
     claims.sort(key=lambda claim: GROUPS.index(claim.group))
     spheres = max(judge.sphere_penetration for judge in judges)
