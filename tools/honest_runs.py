@@ -195,7 +195,10 @@ def judged_run(folder: Path, seed: int, run: int, kept: bool = False) -> dict[st
             with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
                 importlib.import_module("hhsim.cli.replay").command.main(line, standalone_mode=False)
         found = verify(load_result(out))
-        row |= {"ticks": found.ticks, "claims": [{name: asdict(claim)[name] for name in KEPT} for claim in found.claims]}
+        row |= {
+            "ticks": found.ticks,
+            "claims": [{name: asdict(claim)[name] for name in KEPT} for claim in found.claims],
+        }
     except (HhsimError, click.ClickException) as error:
         row["error"] = str(error.format_message() if isinstance(error, click.ClickException) else error)
     return row

@@ -264,7 +264,7 @@ def _differing(one: AnyArray, other: AnyArray, bound: float) -> IntArray:
         return rows
     a, b = one[rows].astype(np.float64), other[rows].astype(np.float64)
     near = (a == b) | (np.isnan(a) & np.isnan(b)) | (np.abs(a - b) <= bound)
-    return rows[~near.all(axis=1)]
+    return np.asarray(rows[~near.all(axis=1)])
 
 
 def _figures_apart(stored: Any, made: Any, elsewhere: bool) -> str:

@@ -202,7 +202,7 @@ def _early(rows: SessionRows) -> BoolArray:
     if pace.name != rows.result.name:
         # A second hand's ticks come with those of the first one, whose samples set the pace.
         first, of_both = SessionRows(pace), ("period", "deadline", "early", "wakeup", "missed", "at_once")
-        return np.any([getattr(rows, name) != getattr(first, name) for name in of_both], axis=0)
+        return np.asarray(np.any([getattr(rows, name) != getattr(first, name) for name in of_both], axis=0))
     most, early = int(EARLIEST * rows.period_ns), rows.early > 0
     wrong = (rows.early < 0) | (rows.early > most)
     wrong |= early & ((rows.missed > 0) | rows.at_once | (rows.wakeup >= rows.early))
@@ -430,7 +430,7 @@ def _commands(rows: SessionRows) -> Claim:
     # A tick that is not in the file, because its solver failed, freed the fingers.
     unseen, eases = rows.follows & ~np.append(False, rows.closed[:-1]), _eased(rows)
     off, good, easing, known = np.zeros(len(finite)), 0, False, bool(tick_zero)
-    for t in rows.numbers:
+    for t in rows.numbers.tolist():
         first = t == 0 or not rows.follows[t]
         known &= not first or (t == 0 and bool(tick_zero))
         bend, stiffness = (values[max(t - 1, 0)] for values in (rows.bend, rows.stiffness))
