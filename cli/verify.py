@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from hhsim.verify.verify import Verification
 
 SHOWN = (
-    words("claim", "name"),
+    words("checked", "group"),
     words("verdict"),
     number("worst", lambda claim: _two_digits(claim.worst)),
-    number("let pass", lambda claim: _two_digits(claim.tolerance)),
+    number("limit", lambda claim: _two_digits(claim.tolerance)),
     words("unit"),
     number("at tick", "tick"),
-    number("looked at", "checked"),
+    words("by", lambda claim: " ".join(filter(None, (claim.name, claim.hand and f"({claim.hand})")))),
 )
 WHY = words("what is claimed; why so much is let pass", lambda claim: "; ".join(filter(None, (claim.says, claim.why))))
 
@@ -36,61 +36,54 @@ WHY = words("what is claimed; why so much is let pass", lambda claim: "; ".join(
     metavar="K",
     help="Measure the true mesh at every K-th tick and at stated maxima. Default: 1 below 10,000 ticks, else 50.",
 )
-@click.option("--why", is_flag=True, help="Show what each claim says, and the reason of its tolerance.")
-@click.option(
-    "--again", is_flag=True, help="Make the motion and run the ticks once more, and compare everything but the times."
-)
+@click.option("--why", is_flag=True, help="Show every claim, with what it says and the reason of its tolerance.")
 @solver_options.trust
 @options.Printing.argument("printing")
-def command(result: Path, every: int | None, again: bool, why: bool, trust: bool, printing: options.Printing) -> int:
-    """Check every claim of a result with independent code.
+def command(result: Path, every: int | None, why: bool, trust: bool, printing: options.Printing) -> int:
+    """Check a result: its seal, its scene run again, and its physics by independent code.
 
-    RESULT is a file that hhsim replay or hhsim live wrote; of two hands, each is checked. Joints, depths, forces,
-    optimality, times and the summary are computed anew from the stored hands; of a session also its periods, its
-    latency and what the fingers were told. Where the collision library coal is installed, it gives a second opinion on
-    the nearest distances. The exit code is 1 where a claim is false.
+    RESULT is a file that hhsim replay or hhsim live wrote; of two hands, both are checked. The scene is run again, and
+    everything that a run writes is compared but measured times. Distances, forces, friction, motion, joints and the
+    cover of the trees are judged by code that shares nothing with the solver; of a session also its periods, its
+    samples and what the fingers were told. Where the collision library coal is installed, it gives a second opinion on
+    the nearest distances. The exit code is 1 where something is false.
 
     \b
     Examples:
       hhsim verify results/grasp.h5
       hhsim verify grasp.h5 --why
-      hhsim verify grasp.h5 --again
       hhsim verify session.h5 --every 100 --json
     """
     from hhsim.result.reader import load_result
     from hhsim.verify.verify import verify
 
     begin = time.perf_counter()
-    results = list(load_result(result).hands.values())
     with progress(quiet=printing.quiet) as report:
-        all_found = [verify(one, every=every, again=again, trust=trust, progress=report) for one in results]
+        found = verify(load_result(result), every=every, trust=trust, progress=report)
     if printing.as_json:
-        documents = {one.name: found.to_json() for one, found in zip(results, all_found)}
-        whole = {"result": str(result), **(documents[results[0].name] if len(results) == 1 else {"hands": documents})}
-        print_json({**whole, "seconds": time.perf_counter() - begin})
+        print_json({"result": str(result), **found.to_json(), "seconds": time.perf_counter() - begin})
     elif not printing.quiet:
-        for one, found in zip(results, all_found):
-            _print(one.label, found, why=why)
-    return 0 if all(found.passed for found in all_found) else 1
+        _print(str(result), found, why=why)
+    return 0 if found.passed else 1
 
 
 def _print(label: str, found: "Verification", *, why: bool) -> None:
     from hhsim.verify.claim import NOT_JUDGED
 
-    # What failed first, and with its reason, whether that was asked for or not.
-    failed, others = ([claim for claim in found.claims if claim.failed is wanted] for wanted in (True, False))
-    columns = (*SHOWN, WHY) if why else SHOWN
-    print_table(Table(columns, [*failed, *others], label), optional=("looked at",))
+    print_table(Table((*SHOWN, WHY) if why else SHOWN, found.claims if why else found.worst, label))
+    failed = [claim for claim in found.claims if claim.failed]
     for claim in failed if not why else ():
         print_line(f"FALSE: {claim.name}: {WHY.shown(claim)}")
     spheres, mesh = 1e6 * found.sphere_penetration, 1e6 * found.mesh_penetration
     deep = "deepest in the " + ("" if math.isnan(spheres) else f"spheres {spheres:.3f} µm, in the ")
     deep += "mesh not judged" if math.isnan(mesh) else f"mesh {mesh:.3f} µm"
-    false = [claim.name for claim in found.claims if claim.failed]
-    verdict = f"FALSE: {', '.join(false)}" if false else "every claim that could be judged holds"
-    rest = [claim.name for claim in found.claims if claim.verdict == NOT_JUDGED]
-    print_line(f"{found.looked}; {deep}; not judged: {', '.join(rest)}; {verdict}")
-    print_notes([f"{claim.name}: {claim.note}" for claim in found.claims if claim.note])
+    rest = dict.fromkeys(claim.name for claim in found.claims if claim.verdict == NOT_JUDGED)
+    unjudged = f"; not judged: {', '.join(rest)}" if rest else ""
+    false = ", ".join(dict.fromkeys(claim.name for claim in failed))
+    verdict = f"FALSE: {false}" if failed else "every claim that could be judged holds"
+    print_line(f"{found.looked}; {deep}{unjudged}; {verdict}")
+    told = found.claims if why else [claim for claim in found.claims if claim.failed or claim.name in rest]
+    print_notes(list(dict.fromkeys(f"{claim.name}: {claim.note}" for claim in told if claim.note)))
 
 
 def _two_digits(value: float) -> str:

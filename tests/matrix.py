@@ -132,7 +132,7 @@ def _again(cells: Cells, scene: Scene) -> None:
 
 
 def _verify(cells: Cells, scene: Scene) -> None:
-    cells.run("verify", cells.replayed(scene), "--quiet", "--again", "--every", "50")
+    cells.run("verify", cells.replayed(scene), "--quiet", "--every", "50")
 
 
 def _view(cells: Cells, scene: Scene) -> None:

@@ -39,7 +39,7 @@ SPEEDS = 0.4, 6.0
 FAR = 0.12
 """Way of a catalogue script's approach [m]: a short run begins nearer."""
 ROWS = "verdicts.jsonl"
-KEPT = ("name", "verdict", "worst", "tolerance", "unit", "tick")
+KEPT = ("name", "verdict", "worst", "tolerance", "unit", "tick", "hand")
 THINGS = (
     ("blocks", "stack"),
     ("chest", "lift"),
@@ -194,10 +194,11 @@ def judged_run(folder: Path, seed: int, run: int, kept: bool = False) -> dict[st
             line = [*KINDS[kind](Drawn(folder, seed, run)), "--out", str(out), "--json"]
             with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
                 importlib.import_module("hhsim.cli.replay").command.main(line, standalone_mode=False)
-        for result in load_result(out).hands.values():
-            row["ticks"] = result.ticks
-            found = (asdict(claim) for claim in verify(result).claims)
-            row["claims"] += [{name: claim[name] for name in KEPT} | {"hand": result.side} for claim in found]
+        found = verify(load_result(out))
+        row |= {
+            "ticks": found.ticks,
+            "claims": [{name: asdict(claim)[name] for name in KEPT} for claim in found.claims],
+        }
     except (HhsimError, click.ClickException) as error:
         row["error"] = str(error.format_message() if isinstance(error, click.ClickException) else error)
     return row

@@ -231,7 +231,7 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], options: SolverOption
         notes.append(f"counts of work differ, which makes no run another: of {total:,} ticks {', '.join(counts)}")
     makers: list[str] = []
     if not all(array.identical for array in compared):
-        makers = _other_makers(result)
+        makers = other_makers(result)
         outside = "of the method the file of its class alone is compared"
         expected = "the bits should be the same" if result.method in METHODS else outside
         notes += makers or [f"hhsim, packages, processor and system are those of the file: {expected}"]
@@ -291,8 +291,8 @@ def _runnable(result: Result) -> tuple[int, list[str]]:
     return total, notes
 
 
-def _other_makers(result: Result) -> list[str]:
-    """Differences of hhsim, method and machine from those of the file: other bits are then expected."""
+def other_makers(result: Result) -> list[str]:
+    """Return how hhsim, method and machine differ from those of the file, a text each: other bits are then expected."""
     version, machine, packages = __version__, info.machine(), info.package_versions()
     pairs = [("hhsim", result.hhsim_version, version)]
     pairs += [(name, result.packages.get(name, ""), packages.get(name, "")) for name in ("numpy", "numba")]

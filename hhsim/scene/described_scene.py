@@ -268,6 +268,7 @@ def described_scene(
         **({"solid": True} if words.solid else {}),
         **({"ticks": scene.ticks.tick_count} if is_cut else {}),
         **({} if words.reading is None else {"reading": words.reading}),
+        **({} if words.free is None else {"free": words.free.given()}),
         # Files of objects that stand still by themselves do not mention it.
         **({"object_pose": "fixed"} if words.object_pose == "fixed" else {}),
     }

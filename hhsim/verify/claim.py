@@ -30,6 +30,13 @@ class Claim:
     checked: int = 0  # number of ticks (or other things) that were judged
     why: str = ""  # reason of the tolerance
     note: str = ""  # remark for the reader
+    group: str = ""  # what it is of: seal, second run, session, depth, forces, friction, motion, joints, trees
+    hand: str = ""  # hand that it is of, right or left; "" in a file of one, or of the file as a whole
+
+    @property
+    def share(self) -> float:
+        """Deviation as a multiple of its tolerance, 0 to 1 where the claim holds; NaN for none."""
+        return self.worst / max(self.tolerance, float(np.finfo(float).tiny))
 
     @property
     def failed(self) -> bool:

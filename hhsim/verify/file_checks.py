@@ -1,13 +1,11 @@
-"""Claims of a result file about itself: completeness, order, and the consistency of object, tree and checksums."""
+"""Claims of a file about itself: seal and schema, the order of its ticks, flags that are due, and measured times."""
 
-from dataclasses import replace
-from typing import Any
-
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.errors import MeshError
+from hhsim.arrays import BoolArray
+from hhsim.hand.model import SIDES
 from hhsim.kernels.tick.state import (
     STATUS_ABDUCTION_HELD,
     STATUS_CAPACITY_EXCEEDED,
@@ -17,29 +15,17 @@ from hhsim.kernels.tick.state import (
     STATUS_SNAP,
     STATUS_START_INSIDE,
     STATUS_STUCK,
-    UNITS_CONTACT,
-    UNITS_LINEARISATION,
-    UNITS_NODE_TEST,
-    UNITS_PAIR_TEST,
-    UNITS_QP_ITERATION,
-    UNITS_ROW,
 )
-from hhsim.mesh.mesh import LARGEST_NUMBER, require_usable_arrays
+from hhsim.metrics.run.registry import run_figure
+from hhsim.metrics.run_ticks import ticks_alone
 from hhsim.replay.stored_scene import part_words, stored_checksums
-from hhsim.result.body import Body
+from hhsim.result import schema
 from hhsim.result.reader import Result
-from hhsim.result.schema import HANDS_APART
-from hhsim.scene.motion_catalogue import load_script, script_names
-from hhsim.scene.script import Script
 from hhsim.solver.method import never_penetrates
-from hhsim.verify.claim import HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim, all_true, judged
-from hhsim.verify.coverage import columns_claim
-from hhsim.verify.tree_checks import depth_in_spheres
+from hhsim.system.hdf5_input import open_hdf5
+from hhsim.verify.claim import HOLDS, NOT_CLAIMED, Claim, all_true, figures_apart, judged
+from hhsim.verify.second_run import is_measured
 
-SAMPLES = 10_000
-"""Number of random points on the mesh, uniform by area, besides vertices and edge midpoints."""
-COVER = 1e-9
-"""Tolerance of a point outside all leaves [m]."""
 KNOWN_STATUS = STATUS_STUCK | STATUS_LAG | STATUS_INPUT_INVALID | STATUS_ABDUCTION_HELD | STATUS_SNAP
 """Flags that any tick may have."""
 LARGEST, LEAST_SQUARE = 1e6, 1e-12
@@ -49,19 +35,14 @@ STAMP = 1e-9
 BETWEEN_CLOCKS = 1e-3
 """Longest interrupt between the readings of two clocks [s]."""
 DURATIONS = ("detect", "palm", "fingers", "force", "total")
+SAME = 1e-9
+"""Relative rounding of figures of time."""
+PHASES = ("name", "first_tick", "last_tick")
 
 
 def file_claims(result: Result) -> list[Claim]:
-    """Judge the claims that need no geometry but the tree's."""
-    return [
-        *(judge(result) for judge in (_complete, _checksums, _time, _input)),
-        columns_claim(result),
-        *_phases(result),
-        _status(result),
-        _durations(result),
-        *_work(result),
-        *(judge(result) for judge in (_tree_order, _tree_encloses, cover)),
-    ]
+    """Judge the seal, the schema, and the order and times of the ticks."""
+    return [judge(result) for judge in (_complete, _checksums, schema_claim, _time, _order, _status, _durations)]
 
 
 def spent(result: Result) -> BoolArray:
@@ -146,48 +127,19 @@ def usable(result: Result) -> BoolArray:
     return np.asarray((total < LARGEST) & (square > LEAST_SQUARE) & (square < LARGEST))
 
 
-def own_script(result: Result) -> Script | None:
-    """Script of the catalogue that a replay names; None for another motion."""
-    name = result.scene.get("trajectory")
-    return load_script(name) if result.live is None and name in script_names() else None
-
-
-def _input(result: Result) -> Claim:
-    held = result["status"] & STATUS_INPUT_INVALID > 0
-    numbers = np.asarray(result["input_seq"])
+def _order(result: Result) -> Claim:
+    numbers, after = np.asarray(result["input_seq"]), -1
     wrong = np.diff(numbers, prepend=numbers[0]) < 0
     wrong[0] |= numbers[0] < 0 or (result.live is None and numbers[0] != 0)
+    held = result["status"] & STATUS_INPUT_INVALID > 0
     wrong |= held == usable(result) if result.gives("status") else ~usable(result)
-    script = own_script(result)
-    if script is not None:
-        # A stamp within `STAMP` of a tick belongs to it.
-        newest = np.floor((np.arange(result.ticks) / result.rate + STAMP) * script.rate)
-        wrong |= numbers != np.minimum(newest, script.sample_count - 1)
-    says = "samples are used in their order, from the first on, and those and no others are held that are no hand"
-    return all_true("input", says, wrong, ticks=np.arange(result.ticks))
-
-
-def _phases(result: Result) -> list[Claim]:
-    wrong, after = [], -1
     for phase in result.phases:
         late = phase.last_tick >= result.ticks and result.complete
-        wrong.append(phase.first_tick <= after or phase.last_tick < phase.first_tick or late)
+        wrong[phase.first_tick] |= phase.first_tick <= after or phase.last_tick < phase.first_tick or late
         after = phase.last_tick
-    script = own_script(result)
-    says = "phases follow each other within the ticks"
-    if script is None:
-        claims = [all_true("phases", says, np.array(wrong, bool))]
-        if not result.phases:
-            return claims
-        says, note = "phases begin where the motion has them", "it is no script of the catalogue; --again reads it"
-        return [*claims, Claim("begin of phases", says, NOT_JUDGED, note=note)]
-    ends = np.cumsum([phase.duration for phase in script.phases])
-    first = np.ceil((np.append(0.0, ends[:-1]) - STAMP) * result.rate).astype(np.int64)
-    own = [(phase.name, int(tick)) for phase, tick in zip(script.phases, first) if tick < result.ticks]
-    wrong += [own != [(phase.name, phase.first_tick) for phase in result.phases]]
-    wrong += [before.last_tick + 1 != phase.first_tick for before, phase in zip(result.phases, result.phases[1:])]
-    wrong += [result.complete and after != result.ticks - 1]
-    return [all_true("phases", f"{says}, as in the script", np.array(wrong, bool))]
+    wrong[-1] |= result.complete and result.scene.get("ticks", result.ticks) != result.ticks
+    says = "samples and phases are in their order, and those inputs and no others are held that are no hand"
+    return all_true("order", says, wrong, ticks=np.arange(result.ticks))
 
 
 def _durations(result: Result) -> Claim:
@@ -199,129 +151,48 @@ def _durations(result: Result) -> Claim:
         cpu = 1e-9 * np.asarray(result["duration/total_cpu"], np.float64)
         threads = int(result.scene["solver"]["threads"])
         off = np.maximum(off, np.maximum(0.0, cpu - 1e-9 * threads * total - BETWEEN_CLOCKS))
-    method, contact = result.scene["solver"]["method"], np.asarray(result["work/rows"]) > 0
-    if result.live is not None:
-        method = ""
-    if method == "coupled":
-        off = np.where(fingers != 0, np.inf, off)
-    elif method == "progressive" and contact.any() and not fingers[contact].any():
-        off = np.where(contact, np.inf, off)
-    says = "the parts of a tick's time fit in the whole, as do its threads, and are those that the method has"
-    why = "one clock measures all, the parts inside of the whole; of CPU time an interrupt of 1 ms; programs of the "
-    why += "fingers alone are progressive's"
-    return judged("durations", says, off, 0.0, "s", why, ticks=np.arange(result.ticks))
+    wrong: list[str] = []
+    if result.complete and result.live is None:
+        ticks = ticks_alone(result)
+        own = {name: run_figure(name, ticks) for name in result.summary if is_measured(name)}
+        size = np.maximum(np.nan_to_num(np.abs(list(own.values()))), SAME)
+        apart, wrong = figures_apart(result.summary, own, size, SAME, "the ticks give")
+        off = np.append(off, np.where(apart > SAME, np.inf, 0.0))
+    says = "the parts of a tick's time fit in the whole, as do its threads, and figures of time are those of the ticks"
+    why = "one clock measures all; of CPU time an interrupt of 1 ms"
+    return judged("times", says, off, 0.0, "s", why, note="; ".join(wrong))
 
 
-def _work(result: Result) -> list[Claim]:
-    """Judge the weighted work by its parts, with bounds where a program's own counts are not stored."""
-    if not never_penetrates(result.scene["solver"]["method"]):
-        return []
-    work = {name: np.asarray(result[f"work/{name}"], np.int64) for name in ("node_tests", "pair_tests", "units")}
-    steps, rows = np.asarray(result["work/linearisations"]), np.asarray(result["work/rows"])
-    least = UNITS_LINEARISATION * steps + UNITS_QP_ITERATION * np.asarray(result["work/qp_iterations"])
-    least += UNITS_NODE_TEST * work["node_tests"] + UNITS_PAIR_TEST * work["pair_tests"]
-    # A pair has at most two contacts: a flat phalanx has one at each end.
-    found = 2 * np.asarray(result["contacts/candidates"])
-    most = least + (UNITS_CONTACT * found + UNITS_ROW * rows) * steps
-    # Two hands that meet look at each other besides, as often as their steps would bring together what has no row.
-    most += np.iinfo(np.int64).max // 2 * bool(result.scene.get(HANDS_APART))
-    # Rows of a free object's table, of the other hand and of the hand's own parts are no contacts with the object.
-    own_rows = result.body.is_free or result.scene.get(HANDS_APART) or result.scene["solver"].get("self_contact", False)
-    least += (UNITS_ROW if own_rows else UNITS_CONTACT + UNITS_ROW) * rows
-    outside = (work["units"] < least) | (work["units"] > most)
-    # A hand that gives way to parts makes more, in as many sub-steps as they take.
-    outside |= (steps > int(result.scene["solver"]["linearisations"])) & (len(result.bodies) == 1)
-    says = "the weighted work is that of its parts, in no more linearisations than are allowed"
-    return [all_true("work", says, outside, ticks=np.arange(result.ticks))]
-
-
-def _tree(body: Body) -> tuple[Any, ...]:
-    return tuple(np.array(body.static[f"tree/{name}"]) for name in ("center", "radius", "level", "parent"))
-
-
-def leaves(body: Body) -> tuple[FloatArray, FloatArray]:
-    """Centres (L, 3) and radii (L,) of a body's leaf spheres [m], where its mesh is stored."""
-    center, radius, level, _ = _tree(body)
-    last = level == level.max(initial=0)
-    return center[last], radius[last]
-
-
-def _tree_order(result: Result) -> Claim:
-    found = []
-    for body in result.bodies.values():
-        _, radius, level, parent = _tree(body)
-        index = np.arange(len(radius))
-        wrong = (parent < 0) | (parent >= index)
-        wrong[0] = parent[0] != -1
-        above = np.where(wrong, 0, parent)
-        wrong |= (index > 0) & (level != level[above] + 1)
-        wrong |= ~(radius > 0.0)
-        # Breadth first: a descent relies on adjacent children.
-        wrong[1:] |= parent[1:] < parent[:-1]
-        found.append(wrong)
-    says = "each sphere has its parent on the level above, children together"
-    return all_true("tree order", says, np.concatenate(found))
-
-
-def _tree_encloses(result: Result) -> Claim:
-    """No leaf sticks out of a sphere above it, which a descent of a tree relies on."""
-    found = []
-    for body in result.bodies.values():
-        center, radius, level, parent = _tree(body)
-        leaf = np.flatnonzero(level == level.max(initial=0))
-        out = np.zeros(len(leaf))
-        above = leaf.copy()
-        # At most as many steps as there are spheres, whatever levels a damaged file states.
-        for _ in range(min(int(level.max(initial=0)), len(radius) - 1)):
-            above = np.clip(parent[above], 0, len(radius) - 1)
-            away = np.linalg.norm(center[leaf] - center[above], axis=1)
-            out = np.maximum(out, away + radius[leaf] - radius[above])
-        found.append(out)
-    says = "every leaf lies inside of the spheres above it"
-    return judged("tree encloses", says, np.concatenate(found), 1e-9, "m", "rounding of a world frame")
-
-
-def cover(result: Result) -> Claim:
-    """Judge whether the leaves cover the meshes: their vertices, edge midpoints and random points."""
-    surfaces = [(np.array(body.vertices), np.array(body.faces), *leaves(body)) for body in result.bodies.values()]
-    claim = covered("cover", "the leaf spheres cover the surfaces of all bodies", *surfaces)
-    if claim.note or covers(result):
-        return claim
-    note = "this tree was not built to cover the mesh, or the file does not say how it was"
-    return replace(claim, verdict=NOT_CLAIMED, tick=None, note=note)
-
-
-def covered(name: str, says: str, *surfaces: tuple[Any, ...]) -> Claim:
-    """Judge whether spheres cover meshes: `surfaces` are the arguments of `outside_spheres` of each."""
-    try:
-        outside = np.concatenate([outside_spheres(*surface) for surface in surfaces])
-        return judged(name, says, outside, COVER, "m", "less than any figure is stated to")
-    except MeshError as error:
-        return judged(name, says, [np.inf], COVER, "m", "exact", note=str(error))
-
-
-def outside_spheres(vertices: FloatArray, faces: IntArray, center: FloatArray, radius: FloatArray) -> FloatArray:
-    """Distance [m] of a mesh's vertices, edge midpoints and random points outside spheres, 0 inside, shape (N,).
-
-    Raises:
-        MeshError: Arrays that are no mesh.
-    """
-    require_usable_arrays(vertices, faces, "its mesh")
-    # Squares of areas would overflow.
-    if np.abs(vertices).max() > LARGEST_NUMBER:
-        return np.array([np.inf])
-    a, b, c = vertices[faces].transpose(1, 0, 2)
-    rng = np.random.default_rng(0)
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    which = rng.choice(len(faces), SAMPLES, p=area / area.sum())
-    s, t = rng.random((2, SAMPLES, 1))
-    s, t = np.where(s + t > 1.0, 1.0 - s, s), np.where(s + t > 1.0, 1.0 - t, t)
-    inner = a[which] + s * (b - a)[which] + t * (c - a)[which]
-    points = np.concatenate([vertices[np.unique(faces)], 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a), inner])
-    return np.asarray(np.maximum(-depth_in_spheres(center, radius)(points), 0.0))
-
-
-def covers(result: Result) -> bool:
-    """True if hhsim built the tree to cover the mesh."""
-    options = result.scene.get("tree_options") or {}
-    return result.scene.get("tree") is None and options.get("cover") == "outer"
+def schema_claim(result: Result) -> Claim:
+    """Judge that each dataset of the file is a known one, with the unit and the description of its name."""
+    known: dict[str, schema.Column | None] = dict.fromkeys(f"phase/{name}" for name in PHASES)
+    for side in SIDES:
+        groups = {
+            "": schema.HAND_STATIC,
+            "tick/": schema.hand_columns(),
+            "skin/": schema.SKIN_COLUMNS,
+            f"{schema.LIVE_TICK}/": schema.LIVE_TICK_COLUMNS,
+            f"{schema.LIVE_SAMPLE}/": schema.sample_columns(0),
+            f"{schema.LIVE_EVENT}/": schema.EVENT_COLUMNS,
+        }
+        known |= {f"hands/{side}/{of}{one.name}": one for of, columns in groups.items() for one in columns}
+    for body in result.bodies:
+        known |= {f"bodies/{body}/{column.name}": column for column in schema.BODY_STATIC}
+        known |= {f"bodies/{body}/tick/{column.name}": column for column in schema.BODY_COLUMNS}
+    known |= {f"contact/{column.name}": column for column in schema.CONTACT_COLUMNS}
+    known |= {f"tick/{column.name}": column for column in (schema.TIME, *schema.BETWEEN_COLUMNS)}
+    known |= {f"{schema.FRAME}/{column.name}": None for column in schema.POSE_COLUMNS}
+    with open_hdf5(result.path) as file:
+        found: dict[str, h5py.Dataset] = {}
+        file.visititems(lambda path, item: found.update({path: item} if isinstance(item, h5py.Dataset) else {}))
+        wrong = {
+            path: path not in known
+            or (
+                (column := known[path]) is not None
+                and (item.attrs.get("units"), item.attrs.get("long_name")) != (column.units, column.long_name)
+            )
+            for path, item in found.items()
+        }
+    note = ", ".join(path for path, differs in wrong.items() if differs)
+    says = "each dataset is a known one, with the unit and the description of its name"
+    return all_true("schema", says, [*wrong.values()], note=note)

@@ -1,4 +1,4 @@
-"""Claims of the forces: wrench and fingertips at all ticks, balance and complementarity at the chosen ones."""
+"""Claims of the forces: the wrench at all ticks, balance and complementarity at the chosen ones."""
 
 from collections.abc import Callable
 from functools import cache
@@ -10,7 +10,8 @@ from hhsim.system.counted import counted
 from hhsim.verify import forces
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.contacts import PALM
-from hhsim.verify.file_checks import follows, leaves
+from hhsim.verify.cover_checks import leaves
+from hhsim.verify.file_checks import follows
 from hhsim.verify.kinematics import euler_change, turn_between
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_PLACE, SNAP, STUCK, JudgedTicks, left_out
 
@@ -37,7 +38,6 @@ def force_claims(judge: JudgedTicks) -> list[Claim]:
         given = judge.result.gives("forces")
         note = "the method is not hhsim's, " + ("and these are what it said" if given else "and said none")
         return [*claims, Claim(NAME, SAYS, NOT_JUDGED, note=note)]
-    claims.append(_fingertips(judge))
     if judge.result.body.is_free:
         # Friction has other claims: `hhsim.verify.free_object_checks`.
         return claims
@@ -57,7 +57,7 @@ def force_claims(judge: JudgedTicks) -> list[Claim]:
     if force == "paper":
         return [*claims, _eq_14(judge)]
     if judge.safe:
-        return [*claims, _complementarity(judge), _balance(judge, moment_at), *_stuck_forces(judge)]
+        return [*claims, _complementarity(judge), _balance(judge, moment_at)]
     note = f"of method {method} they do not: its programs are gone"
     return [*claims, Claim(NAME, SAYS, NOT_JUDGED, note=note)]
 
@@ -74,16 +74,6 @@ def _wrench(judge: JudgedTicks) -> Claim:
     off = np.abs(pull - stored).max(axis=1)
     tolerance, says = FORCE * (1.0 + np.abs(pull).max(axis=1)), f"Eq. 1: G (q_g − q_h){says}"
     return judged("palm wrench", says, off, tolerance, "N", WHY_FORCE, ticks=judge.numbers, note=note)
-
-
-def _fingertips(judge: JudgedTicks) -> Claim:
-    bears = np.abs(np.asarray(judge.result["force/phalanx"])).sum(axis=(2, 3)) > 0.0
-    stiffness = float(judge.options["stiffness"]["contact"])
-    tips = forces.fingertip_normals(judge.shown_posed, judge.wanted_posed, bears, stiffness)
-    off = np.abs(tips - judge.result["force/fingertip_normal"]).max(axis=(1, 2))
-    tolerance = FORCE * (1.0 + np.abs(tips).max(axis=(1, 2)))
-    says = "Fig. 9: k |E E₁| across the distal phalanx"
-    return judged("fingertips", says, off, tolerance, "N", WHY_FORCE, ticks=judge.numbers)
 
 
 def force_slack(judge: JudgedTicks, size: FloatArray, ticks: IntArray) -> FloatArray:
@@ -194,15 +184,6 @@ def _balance(judge: JudgedTicks, moment_at: Callable[[int], forces.Moment]) -> C
     return judged("force balance", says, off, slack[chosen], "N", WHY_SLACK, ticks=judge.chosen[chosen], note=note)
 
 
-def _stuck_forces(judge: JudgedTicks) -> list[Claim]:
-    stuck = judge.stuck
-    if stuck.size == 0:
-        return []
-    off = np.abs(judge.stored_forces(stuck) - judge.stored_forces(stuck - 1)).max(axis=(1, 2))
-    says, why = "a stuck tick keeps the contact forces of the tick before", "nothing is computed anew"
-    return [judged("stuck forces", says, off, FORCE, "N", why, ticks=stuck)]
-
-
 def _eq_14(judge: JudgedTicks) -> Claim:
     """Eq. 14 over touching pairs; ticks with a pair within 1 nm of the limit, or an ambiguous one, are left out."""
     from scipy.spatial.transform import Rotation
@@ -213,7 +194,9 @@ def _eq_14(judge: JudgedTicks) -> Claim:
     close = np.abs(judge.pairs.distance - judge.touch) <= LENGTH
     unclear = np.isin(np.arange(len(judge.chosen)), judge.pairs.tick[close])
     if judge.options["method"] == "paper":
-        unclear |= judge.miscounted
+        # What the method's own detection finds may be fewer, or more.
+        counts = np.bincount(judge.touching.tick, minlength=len(unclear))
+        unclear |= counts != np.asarray(judge.result["contacts/touching"])[judge.chosen]
         closed = judge.options["frustum_ends"] == "spheres"
         spheres = leaves(judge.result.body)
         moved = judge.moved[judge.chosen]

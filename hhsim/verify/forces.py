@@ -166,17 +166,6 @@ def on_another_part(
     return found
 
 
-def fingertip_normals(graphic: Posed, haptic: Posed, bears: BoolArray, stiffness: float) -> FloatArray:
-    """Fig. 9: k |E E₁| across the distal phalanx of the fingers (T, 5) that bear a force, shape (T, 5, 3) [N]."""
-    off = graphic.joints[:, :, 3] - haptic.joints[:, :, 3]
-    along = graphic.joints[:, :, 3] - graphic.joints[:, :, 2]
-    along = along / np.linalg.norm(along, axis=2, keepdims=True)
-    across = np.cross(along, np.cross(off, along))
-    size = np.linalg.norm(across, axis=2, keepdims=True)
-    unit = across / np.where(size > 0.0, size, 1.0)
-    return np.asarray(np.where(bears[..., None], stiffness * np.linalg.norm(off, axis=2, keepdims=True) * unit, 0.0))
-
-
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Cross products along the last axis; numpy's are slower for one tick's few."""
     (x, y, z), (u, v, w) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)

@@ -166,15 +166,21 @@ class FreeMotion(FreeBody):
         self.own = ~(self.of_table | self.of_other)
 
     @cached_property
-    def alone(self) -> BoolArray:
-        """True for ticks in which no hand bears on what has no contacts in the file, shape (T,): bodies, other hand."""
-        found = np.ones(len(self.ticks), bool)
+    def meets_hand(self) -> BoolArray:
+        """True for ticks in which the hand may bear on another one, shape (T,)."""
+        found = np.zeros(len(self.ticks), bool)
         if self.result.other is not None:
             judge = JudgedTicks(self.result, self.ticks)
-            found = judge.of_other_hand(self.ticks, MEETS).nearest(len(found)).min(axis=1) > MEETS
+            found = judge.of_other_hand(self.ticks, MEETS).nearest(len(found)).min(axis=1) <= MEETS
             # The forces of a tick that lags are of its last program, from where hands may still have come apart.
             left = sum(np.asarray(hand["lag"])[self.ticks] for hand in (self.result, self.result.other))
-            found &= np.asarray(self.result[BETWEEN_COLUMNS[1].name])[self.ticks] > MEETS + left
+            found |= np.asarray(self.result[BETWEEN_COLUMNS[1].name])[self.ticks] <= MEETS + left
+        return found
+
+    @cached_property
+    def alone(self) -> BoolArray:
+        """True for ticks in which no hand bears on what has no contacts in the file, shape (T,): bodies, other hand."""
+        found = ~self.meets_hand
         for body in list(self.result.bodies.values())[1:]:
             found &= ~np.asarray(body["hand_wrench"]).any(axis=1)
         return found

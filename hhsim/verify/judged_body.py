@@ -16,7 +16,7 @@ from hhsim.motion.trajectory import ObjectMotion
 from hhsim.replay.stored_scene import stored_mesh
 from hhsim.result.reader import TURNS, Result
 from hhsim.verify.contacts import Pairs, Places, ReadyTriangles, ball_places, ready_triangles, triangle_places
-from hhsim.verify.file_checks import leaves
+from hhsim.verify.cover_checks import leaves
 from hhsim.verify.kinematics import Posed, rotations
 
 

@@ -1,23 +1,41 @@
-"""Claims of a recorded session: its periods, latencies and samples, and its summary."""
+"""Claims of a recorded session: its periods, samples, reasons, commands and figures.
+
+The loop sleeps until a tick is due, reads, solves, sends commands and sleeps again, or begins the next tick at once.
+So a tick's work lies between its wake-up and the next deadline, or the next begin, and a sample belongs to the tick in
+whose span its bytes were read. What was measured cannot be run again: the stamps are held against each other.
+"""
 
 import json
 import math
 import signal
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from hhsim.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from hhsim.kernels.live.deadlines import EARLIEST
+from hhsim.kernels.live.interlock import FREES_BOTH
 from hhsim.kernels.live.phase import LARGEST_SHIFT
 from hhsim.metrics.session_faults import MISSED_BY
 from hhsim.result.reader import Result
-from hhsim.result.safety import Safety, free_counts
+from hhsim.result.safety import WORDS, Safety, free_counts
 from hhsim.system.counted import counted
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, figures_apart, judged
-from hhsim.verify.finger_command_checks import command_claims
-from hhsim.verify.tick_data import LOOP_DIED, MOST_READ, SessionRows
+from hhsim.verify.file_checks import follows
+from hhsim.verify.tick_data import CAPACITY_EXCEEDED, INPUT_INVALID
 
+MOST_ANGLE = 2.0 * np.pi
+"""Largest plausible joint angle [rad]: samples beyond are not used."""
+MOST_READ = 64
+"""Most samples taken by one tick."""
+HANDED_OVER = 20_000_000
+"""Longest time from the stamp of a sample's hand-over to the end of it [ns]: a driver may be stopped in between."""
+QUIET = 1_000_000_000
+"""Time in which the log does not repeat a line [ns]."""
+LOOP_DIED = "the loop failed or was killed"
+"""Reason of the end of a session whose loop was not brought to its end."""
 FINGER_NAMES = ("thumb", "index finger", "middle finger", "ring finger", "little finger")
 JUMPED = "jumped by"
 """Text after a finger's name in the log line on a rejected jump."""
@@ -33,7 +51,8 @@ TAKES_COMMANDS = frozenset({"POSITION_LIMIT", "STIFFNESS", "FORCE", "POWER"})
 """Capabilities of a glove that takes commands."""
 AT_THE_END = 100
 """Most commands that free a glove at the begin and the end of a session."""
-ONE_CLOCK = "one clock stamps all of them"
+ROUNDING = 1e-9
+"""Tolerance of commands; a glove has a few thousand steps."""
 SAME = 1e-9
 """Relative tolerance of figures: the rounding of sums in another order."""
 HALF_A_BIN = 1e-3
@@ -46,69 +65,172 @@ def session_claims(result: Result) -> list[Claim]:
     if result.live is None:
         return []
     rows = SessionRows(result)
-    of_times = _records, _deadlines, _early, _missed, _causes, _wakeup, _latency
-    of_samples = _samples, _newest, _haptic, _ended, _counters
-    return [*(judge(rows) for judge in (*of_times, *of_samples)), *command_claims(rows), *_figures(rows)]
+    claims = [judge(rows) for judge in (_periods, _causes, _latency, _samples, _reasons, _commands, _ended, _counters)]
+    return [*claims, *_figures(rows)]
 
 
-def _records(rows: SessionRows) -> Claim:
-    wrong, notes = [], []
+class SessionRows:
+    """Tables of a session; arrays have shape (T,) and are as /live/tick unless a comment says otherwise."""
+
+    def __init__(self, result: Result) -> None:
+        self.result = result
+        self.live: dict[str, Any] = dict(result.live or {})  # description of the session
+        self.limits: dict[str, Any] = result.told("limits")  # of output and safety
+        self.dry_run = bool(self.live["dry_run"])  # True if nothing was sent
+        self.period_ns = round(1e9 / float(result.scene["rate"]))  # of a tick
+        # Most that a bend moves in it.
+        self.bend_step = float(self.limits["output"]["bend_speed"]) * 1e-9 * self.period_ns
+        self.numbers = np.arange(result.ticks)
+        self.follows = follows(result)  # True if the row before is the tick before
+        self.period, self.deadline, self.early, self.wakeup, self.latency, self.missed, self.safety = (
+            np.asarray(result[f"live/tick/{name}"], np.int64)
+            for name in ("period", "deadline", "early", "wakeup", "latency", "missed", "safety")
+        )
+        self.at_once = np.asarray(result["live/tick/at_once"], bool)
+        self.bend = np.asarray(result["live/tick/command_bend"])  # command to each finger, (T, 5)
+        self.stiffness = np.asarray(result["live/tick/command_stiffness"])  # (T, 5)
+        slept_over = self.wakeup // self.period_ns * self.period_ns
+        self.woke = self.deadline + self.wakeup - slept_over  # wake-up of the loop, or begin of the tick [ns]
+        # The span of a tick that is not in the file, because the solver failed, is unknown.
+        whole = np.zeros(result.ticks, bool)
+        whole[1:] = np.diff(self.period) == 1 + self.missed[1:]
+        whole &= self.follows
+        self.closed = np.append(whole[1:], False)  # True where the end of the tick's span is known
+        # That end: the next deadline slept for, or the begin of a tick at once [ns].
+        self.over = np.append(np.where(self.at_once, self.woke, self.deadline - slept_over)[1:], 0)
+
+    @cached_property
+    def samples(self) -> dict[str, AnyArray]:
+        """Columns of /live/sample, by name."""
+        names = ("record", "seq", "time", "handed", "good", "flexion", "abduction")
+        return {name: np.asarray(self.result[f"live/sample/{name}"]) for name in names}
+
+    @property
+    def samples_whole(self) -> bool:
+        """True if every sample that came should be in the file."""
+        return self.result.complete and int(self.live["lost_samples"]) == 0
+
+    @cached_property
+    def usable(self) -> BoolArray:
+        """True for finite, plausible samples, shape (S,)."""
+        angles = np.concatenate(
+            [self.samples["flexion"].reshape(-1, 15), self.samples["abduction"].reshape(-1, 5)], axis=1
+        )
+        # NaN compares false.
+        return np.asarray((self.samples["good"] == 1) & (np.abs(angles) <= MOST_ANGLE).all(axis=1))
+
+    @cached_property
+    def used(self) -> IntArray:
+        """Row of the sample that each tick used, -1 where it is not in the file, shape (T,)."""
+        seq, wanted = self.samples["seq"], np.asarray(self.result["input_seq"], np.int64)
+        if len(seq) == 0:
+            return np.full(len(wanted), -1)
+        order = np.argsort(seq, kind="stable")
+        place = np.clip(np.searchsorted(seq[order], wanted), 0, len(seq) - 1)
+        row = order[place]
+        return np.where(seq[row] == wanted, row, -1)
+
+    @cached_property
+    def newest(self) -> IntArray:
+        """Row of the last sample that was certainly there when each tick began, -1 for none, shape (T,).
+
+        The driver hands samples over one by one: at the stamp of one, the one before is there.
+        """
+        handed = self.samples["handed"]
+        return np.maximum(np.searchsorted(handed, self.woke - HANDED_OVER) - 1, np.searchsorted(handed, self.woke) - 2)
+
+    @cached_property
+    def clear(self) -> BoolArray:
+        """True for ticks whose samples are known: a burst of more than `MOST_READ` is taken by several ticks."""
+        if not self.samples_whole:
+            return np.zeros(self.result.ticks, bool)
+        before = np.concatenate([[-1], self.used[:-1]])
+        return np.asarray(self.closed & (self.used >= 0) & (self.newest - before < MOST_READ))
+
+    def solver_failed(self, begin: IntArray, end: IntArray) -> BoolArray:
+        """True where the log tells, or may have lost, a failed solver between stamps [ns] (N,) or shortly before."""
+        if int(self.live["lost_events"]) > 0:
+            return np.ones(len(begin), bool)
+        stamps = np.asarray(self.result["live/event/time"], np.int64)
+        failed = stamps[np.array([text.startswith(WORDS[Safety.SOLVER_FAILED]) for text in self.log], bool)]
+        return np.asarray(((failed > begin[:, None] - QUIET) & (failed < end[:, None])).any(axis=1))
+
+    @cached_property
+    def log(self) -> list[str]:
+        """Lines of the session's log."""
+        return [bytes(text).rstrip(b"\0").decode("utf-8", "replace") for text in self.result["live/event/text"]]
+
+
+def _periods(rows: SessionRows) -> Claim:
+    """Judge records, deadlines, early and missed ticks and wake-ups, all by the stamps."""
+    wrong = {
+        "records": _unrecorded(rows),
+        "deadlines": _deadlines(rows),
+        "early ticks": _early(rows),
+        "missed periods": _missed(rows),
+        "wake-ups": _wakeup(rows),
+    }
+    found = [f"{name} at tick {int(ticks.argmax()):,}" for name, ticks in wrong.items() if ticks.any()]
+    says = "periods, deadlines and wake-ups follow each other, every period has a tick or is counted as missed, and a "
+    says += "tick is early with a sample that it takes alone"
+    any_ = np.any(list(wrong.values()), axis=0)
+    return all_true("periods", says, any_, ticks=rows.numbers, note=f"wrong: {', '.join(found)}" if found else "")
+
+
+def _unrecorded(rows: SessionRows) -> BoolArray:
+    """True at all ticks where records are out of order, or missing ones are not said to be lost."""
+    wrong = False
     for what, record in (("ticks", np.asarray(rows.result["live/tick/record"])), ("samples", rows.samples["record"])):
-        wrong.append(bool((np.diff(record, prepend=-1) < 1).any()))
+        wrong |= bool((np.diff(record, prepend=-1) < 1).any())
         missing = int(record[-1]) + 1 - len(record) if len(record) else 0
-        stated = int(rows.live[f"lost_{what}"])
         # Where the recorder was killed, its last word may be older than its last block.
-        wrong.append(rows.result.complete and missing != stated)
-        if wrong[-1]:
-            notes.append(f"{missing:,} {what} are missing, {stated:,} are said to be lost")
-    says = "records are in their order, and those that are missing are said to be lost"
-    return all_true("records", says, np.array(wrong), note="; ".join(notes))
+        wrong |= rows.result.complete and missing != int(rows.live[f"lost_{what}"])
+    return np.full(len(rows.numbers), wrong)
 
 
-def _deadlines(rows: SessionRows) -> Claim:
+def _deadlines(rows: SessionRows) -> BoolArray:
+    """A tick moves the next one by a share of its period at most, towards the glove's samples."""
     ends = rows.deadline + rows.early
     periods = np.diff(rows.period, prepend=rows.period[0] - 1)
     apart = np.diff(ends, prepend=ends[0] - rows.period_ns)
-    off = np.where(periods < 1, np.inf, np.abs(apart - rows.period_ns * periods))
     most = int(rows.period_ns * LARGEST_SHIFT) * np.maximum(1, periods - rows.missed)
-    says = f"ends of periods are {1e-6 * rows.period_ns:g} ms apart, by their numbers"
-    why = f"a tick moves the next one by {LARGEST_SHIFT:g} of its period at most, towards the glove's samples"
-    return judged("deadlines", says, 1e-9 * off, 1e-9 * most, "s", why, ticks=rows.numbers)
+    return np.asarray((periods < 1) | (np.abs(apart - rows.period_ns * periods) > most))
 
 
-def _early(rows: SessionRows) -> Claim:
-    says = f"a tick is due before its period ends only with a sample that it takes, and by {EARLIEST:g} periods at most"
+def _early(rows: SessionRows) -> BoolArray:
     pace = next(iter(rows.result.hands.values()))
     if pace.name != rows.result.name:
-        return _with_first(rows, SessionRows(pace))
+        # A second hand's ticks come with those of the first one, whose samples set the pace.
+        first, of_both = SessionRows(pace), ("period", "deadline", "early", "wakeup", "missed", "at_once")
+        return np.asarray(np.any([getattr(rows, name) != getattr(first, name) for name in of_both], axis=0))
     most, early = int(EARLIEST * rows.period_ns), rows.early > 0
     wrong = (rows.early < 0) | (rows.early > most)
     wrong |= early & ((rows.missed > 0) | rows.at_once | (rows.wakeup >= rows.early))
     if rows.samples_whole:
         # Samples that cannot be used make a tick due as well, but are no tick's.
         at = 1 + np.flatnonzero(early[1:] & rows.follows[1:] & (rows.used[:-1] >= 0))
-        first, due, handed = rows.used[at - 1] + 1, rows.deadline[at], rows.samples["handed"]
+        newest, due, handed = rows.used[at - 1] + 1, rows.deadline[at], rows.samples["handed"]
         last = np.searchsorted(handed, due, side="right") - 1
-        there = (last >= first) & ((handed[last] == due) | (rows.early[at] == most))
+        there = (last >= newest) & ((handed[last] == due) | (rows.early[at] == most))
         wrong[at] |= ~there
-    return all_true("early ticks", says, wrong, ticks=rows.numbers)
+    return np.asarray(wrong)
 
 
-def _with_first(rows: SessionRows, first: SessionRows) -> Claim:
-    """Judge the ticks of a second hand, which come with those of the first one."""
-    says = "a tick is due when that of the other hand is, whose samples set the pace"
-    of_both = ("period", "deadline", "early", "wakeup", "missed", "at_once")
-    wrong = np.any([getattr(rows, name) != getattr(first, name) for name in of_both], axis=0)
-    return all_true("early ticks", says, wrong, ticks=rows.numbers)
-
-
-def _missed(rows: SessionRows) -> Claim:
+def _missed(rows: SessionRows) -> BoolArray:
     gone = np.diff(rows.period, prepend=-1) - 1 - rows.missed
     wrong = (rows.missed < 0) | (gone < 0)
     odd = np.flatnonzero(rows.follows & (gone > 0))
     wrong[odd] |= ~rows.solver_failed(rows.woke[odd - 1], rows.woke[odd])
-    says = "every period without a tick is counted as missed"
-    return all_true("missed periods", says, wrong, ticks=rows.numbers)
+    return np.asarray(wrong)
+
+
+def _wakeup(rows: SessionRows) -> BoolArray:
+    """A tick is done before the next one is due, or that begins then, at most half a period late and not twice."""
+    again = rows.follows & np.concatenate([[False], rows.at_once[:-1]])
+    wrong = (rows.wakeup < 0) | (rows.wakeup // rows.period_ns > rows.missed)
+    wrong |= rows.at_once & (again | (rows.missed != 0) | (2 * rows.wakeup > rows.period_ns))
+    work = np.asarray(rows.result["duration/total"], np.int64)
+    return np.asarray(wrong | (rows.closed & (rows.woke + work > rows.over)))
 
 
 def _causes(rows: SessionRows) -> Claim:
@@ -132,20 +254,7 @@ def _causes(rows: SessionRows) -> Claim:
     most = rows.over[at - 1] - rows.woke[since] - taken["computed"][at]
     kept = taken["kept"][at] - rows.wakeup[at] - rows.wakeup[since] % rows.period_ns
     wrong[at] |= (kept < np.maximum(0, most - period)) | (kept > np.maximum(0, most))
-    return all_true("causes of missed periods", says, wrong, ticks=rows.numbers)
-
-
-def _wakeup(rows: SessionRows) -> Claim:
-    early = np.maximum(0, -rows.wakeup)
-    wrong = rows.wakeup // rows.period_ns > rows.missed
-    again = rows.follows & np.concatenate([[False], rows.at_once[:-1]])
-    wrong |= rows.at_once & (again | (rows.missed != 0) | (2 * rows.wakeup > rows.period_ns))
-    work = np.asarray(rows.result["duration/total"], np.int64)
-    long_ = np.where(rows.closed, np.maximum(0, rows.woke + work - rows.over), 0)
-    off = np.where(wrong, np.inf, 1e-9 * np.maximum(early, long_))
-    says = "a tick wakes after its deadline and is done before the next one's, or that one begins then, at most half a "
-    says += "period late and not twice in a row; periods slept over are missed ones"
-    return judged("wake-up", says, off, 0.0, "s", ONE_CLOCK, ticks=rows.numbers)
+    return all_true("causes", says, wrong, ticks=rows.numbers)
 
 
 def _latency(rows: SessionRows) -> Claim:
@@ -163,19 +272,32 @@ def _latency(rows: SessionRows) -> Claim:
     before = np.concatenate([[-1], rows.used[:-1]])[at]
     off[clear] = np.maximum(off[clear], np.where((rows.used[at] == before) & rows.follows[at], np.inf, 1e-9 * outside))
     says = "from a sample that the tick took to a command after its work and before the next deadline"
-    return judged("latency", says, off, 0.0, "s", ONE_CLOCK, ticks=sampled, note=_unclear(rows))
+    return judged("latency", says, off, 0.0, "s", "one clock stamps all of them", ticks=sampled)
 
 
 def _samples(rows: SessionRows) -> Claim:
+    """Judge the order of the samples, that a tick uses the newest, and that the user's fingers are those of it."""
     seq, time, handed, good = (rows.samples[name] for name in ("seq", "time", "handed", "good"))
     finite = np.isfinite(rows.samples["flexion"]).all(axis=(1, 2)) & np.isfinite(rows.samples["abduction"]).all(axis=1)
     wrong = (np.diff(seq, prepend=-1) < 1) | (np.diff(time, prepend=0) < 0) | (good > 1) | ((good == 1) & ~finite)
     wrong |= (handed < time) | (np.diff(handed, prepend=0) < 0)
-    says = "samples are in the order in which they came and were handed over, and good ones are finite"
-    return all_true("samples", says, wrong)
+    old, jumped = _passed_over(rows), _fingers_apart(rows)
+    named = np.array([any(line.startswith(f"{name} {JUMPED}") for line in rows.log) for name in FINGER_NAMES])
+    named |= int(rows.live["lost_events"]) > 0
+    # A finger that jumped is not believed: the log names it, and it is free.
+    other = (jumped & ((rows.stiffness > 0.0) | ~named)).any(axis=1)
+    count = int(jumped.any(axis=1).sum())
+    note = f"in {counted(count, 'tick')} a finger jumped and was not believed" if count and not other.any() else ""
+    unclear = int((~rows.clear).sum())
+    if unclear > 1:
+        note += f"{'; ' if note else ''}of {unclear:,} ticks it is not known when they ended or what they read"
+    says = "samples are in order, and a tick has the fingers of the newest usable one that had been handed over"
+    at = np.append(rows.numbers, np.full(len(wrong), -1))
+    return all_true("samples", says, np.append(old | other, wrong), ticks=at, note=note)
 
 
-def _newest(rows: SessionRows) -> Claim:
+def _passed_over(rows: SessionRows) -> BoolArray:
+    """True for ticks whose sample cannot be used, is older than the one before, or passes over one that was there."""
     used, known = rows.used, rows.used >= 0
     wrong = ~known if rows.samples_whole else np.zeros(len(used), bool)
     wrong[known] |= ~rows.usable[used[known]]
@@ -190,25 +312,166 @@ def _newest(rows: SessionRows) -> Claim:
     clear = np.flatnonzero(rows.clear[1:]) + 1
     place = np.searchsorted(usable, rows.newest[clear], side="right") - 1
     wrong[clear] |= (place >= 0) & (usable[np.maximum(place, 0)] > used[clear]) if len(usable) else True
-    says = "a tick has a usable sample no older than the one before, and none is passed over that had been handed over"
-    return all_true("newest sample", says, wrong, ticks=rows.numbers, note=_unclear(rows))
+    return np.asarray(wrong)
 
 
-def _haptic(rows: SessionRows) -> Claim:
+def _fingers_apart(rows: SessionRows) -> BoolArray:
+    """True for fingers of the user that are not those of the tick's sample, shape (T, 5)."""
+    differs = np.zeros((len(rows.numbers), 5), bool)
     known = np.flatnonzero(rows.used >= 0)
-    differs = np.zeros((len(known), 5), bool)
     for name in ("flexion", "abduction"):
-        given = np.asarray(rows.result[f"haptic/{name}"])[known]
-        came = rows.samples[name][rows.used[known]]
-        differs |= (given != came).reshape(len(known), 5, -1).any(axis=2)
-    named = np.array([any(line.startswith(f"{name} {JUMPED}") for line in rows.log) for name in FINGER_NAMES])
-    if int(rows.live["lost_events"]) > 0:
-        named[:] = True
-    wrong = (differs & ((rows.stiffness[known] > 0.0) | ~named)).any(axis=1)
-    count = int(differs.any(axis=1).sum())
-    note = f"in {counted(count, 'tick')} a finger jumped and was not believed" if count and not wrong.any() else ""
-    says = "the user's fingers are those of the sample; where one is not, the log names it and it is free"
-    return all_true("fingers of the sample", says, wrong, ticks=known, note=note)
+        given, came = np.asarray(rows.result[f"haptic/{name}"])[known], rows.samples[name][rows.used[known]]
+        differs[known] |= (given != came).reshape(len(known), 5, -1).any(axis=2)
+    return differs
+
+
+def _reasons(rows: SessionRows) -> Claim:
+    result, bits = rows.result, rows.safety
+    status = np.asarray(result["status"])
+    safety = rows.limits["safety"]
+    wrong: dict[str, BoolArray] = {
+        "unknown": (bits < 0) | (bits >= 2 * max(Safety)),
+        "dry run": (bits & Safety.DRY_RUN > 0) != rows.dry_run,
+        # Ticks before the first input are not in the file.
+        "no input yet": bits & Safety.NO_INPUT_YET > 0,
+        "not finite": (status & INPUT_INVALID > 0) & (bits & Safety.NOT_FINITE == 0),
+        "solver failed": (status & CAPACITY_EXCEEDED > 0) & (bits & Safety.SOLVER_FAILED == 0),
+        "overrun streak": _overrun(rows, _release_at(rows)) & (bits & Safety.OVERRUN_STREAK == 0),
+        "stopping": _stopping(rows),
+    }
+    known = rows.used >= 0
+    if known.any():
+        age = rows.woke - rows.samples["time"][np.maximum(rows.used, 0)]
+        wrong["stale"] = known & (age > round(1e9 * safety["stale"])) & (bits & Safety.STALE_INPUT == 0)
+    clear = rows.clear
+    if clear.any():
+        # The newest sample that a tick took cannot be used, and so is one after that which it uses.
+        after = rows.used + 1
+        bad = ~np.append(rows.usable, True)[after]
+        came = np.append(rows.samples["time"], np.iinfo(np.int64).max)[after]
+        stated = bits & Safety.NOT_FINITE > 0
+        # A tick that tells a latency took a sample: where it is not the one in use, it cannot be used.
+        took = rows.follows & (rows.latency != -1) & (rows.used == np.concatenate([[-2], rows.used[:-1]]))
+        handed = np.append(rows.samples["handed"], np.iinfo(np.int64).max)[after]
+        missing = ~stated & bad & (took | (handed < rows.woke - HANDED_OVER))
+        groundless = stated & ~(bad & (came < rows.over)) & (status & INPUT_INVALID == 0)
+        wrong["not finite"] |= clear & (missing | groundless)
+    if rows.dry_run or not safety["watchdog"]:
+        wrong["no watchdog"] = bits & Safety.NO_WATCHDOG > 0
+    wrong["other hand"] = _other_hand(rows)
+    found = [f"{name} at {int(ticks.argmax()):,}" for name, ticks in wrong.items() if ticks.any()]
+    says = "the reasons for free fingers are those that the stamps, the samples and the status show"
+    any_ = np.any(list(wrong.values()), axis=0)
+    return all_true("reasons", says, any_, ticks=rows.numbers, note=f"wrong: {', '.join(found)}" if found else "")
+
+
+def _other_hand(rows: SessionRows) -> BoolArray:
+    """Return True for ticks whose word of a fault of the other hand is groundless, or missing in the tick after it."""
+    stated = rows.safety & Safety.OTHER_HAND > 0
+    if rows.result.other is None:
+        return stated
+    faulty = np.asarray(rows.result.other["live/tick/safety"], np.int64) & FREES_BOTH > 0
+    before, known = np.append(False, faulty[:-1]), np.append(False, rows.closed[:-1])
+    # What is found while a tick is solved frees the other hand in the next one.
+    return np.asarray(known & (stated & ~(faulty | before) | ~stated & before))
+
+
+def _release_at(rows: SessionRows) -> int:
+    """Missed periods in a row that free the fingers; a stall that is held or eased may last as long as a heartbeat."""
+    safety = rows.limits["safety"]
+    most = int(safety["overruns"])
+    if safety["after_stall"] == "release":
+        return most
+    return max(most, round(1e9 * float(safety["heartbeat_stale"])) // rows.period_ns - 1)
+
+
+def _eased(rows: SessionRows) -> BoolArray:
+    """True for ticks after a stall that begin to ease the stiffness, where that was configured."""
+    safety = rows.limits["safety"]
+    if safety["after_stall"] != "ease":
+        return np.zeros(len(rows.numbers), bool)
+    return _streak(rows) >= int(safety["overruns"])
+
+
+def _overrun(rows: SessionRows, most: int) -> BoolArray:
+    """True for ticks after at least `most` missed periods in a row, or that lasted as long."""
+    lasted = np.asarray(rows.result["duration/total"], np.int64) >= most * rows.period_ns
+    return np.asarray((_streak(rows) >= most) | lasted)
+
+
+def _streak(rows: SessionRows) -> IntArray:
+    """Number of periods missed or begun late in a row before each tick, since the last gap of the file."""
+    late = rows.missed + rows.at_once
+    sums = np.cumsum(late)
+    # What was missed before a gap, or before a tick that is not in the file, is not counted.
+    calm = (late == 0) | ~np.append(False, rows.closed[:-1])
+    before = np.where(late == 0, sums, sums - late)
+    return np.asarray(sums - before[np.maximum.accumulate(np.where(calm, rows.numbers, 0))])
+
+
+def _stopping(rows: SessionRows) -> BoolArray:
+    """True for ticks wrong about stopping: only the last tick stops, and it does if the session ended in order."""
+    stopping = rows.safety & Safety.STOPPING > 0
+    wrong = stopping & (rows.numbers < len(stopping) - 1)
+    if rows.result.complete and rows.live["ended"] in ("duration", "stopped"):
+        # Unless the last tick of all is not in the file.
+        wrong[-1] |= not (stopping[-1] or rows.solver_failed(rows.woke[-1:], rows.woke[-1:] + QUIET)[0])
+    return np.asarray(wrong)
+
+
+def _commands(rows: SessionRows) -> Claim:
+    """Judge the command of each tick by that of the tick before, from the shown hand, its forces and the reasons."""
+    output, period, tick_zero = rows.limits["output"], 1e-9 * rows.period_ns, rows.result["live/tick/record"][0] == 0
+    configured, ramp = np.array(output["stiffness"]), max(1, math.ceil(output["ramp"] / period))
+    fall, rise = configured * period / float(output["ease"]), output["stiffness_rise"] * period
+    wanted, force = _bends(rows), np.asarray(rows.result["force/phalanx"])
+    force = np.sqrt((force * force).sum(axis=3)).sum(axis=2)
+    finite = np.isfinite(wanted).all(axis=1) & np.isfinite(force).all(axis=1)
+    # A tick that is not in the file, because its solver failed, freed the fingers.
+    unseen, eases = rows.follows & ~np.append(False, rows.closed[:-1]), _eased(rows)
+    off, good, easing, known = np.zeros(len(finite)), 0, False, bool(tick_zero)
+    for t in rows.numbers.tolist():
+        first = t == 0 or not rows.follows[t]
+        known &= not first or (t == 0 and bool(tick_zero))
+        bend, stiffness = (values[max(t - 1, 0)] for values in (rows.bend, rows.stiffness))
+        own = np.clip(wanted[t], 0.0, 1.0)
+        if not first:
+            own = np.clip(bend + np.clip(own - bend, -rows.bend_step, rows.bend_step), 0.0, 1.0)
+        if finite[t] and (known or not first):
+            off[t] = np.abs(rows.bend[t] - own).max()
+        elif not finite[t] and not first:
+            # A hand that is not finite moves nothing.
+            off[t] = np.abs(rows.bend[t] - bend).max()
+        if unseen[t] or t == 0:
+            stiffness, good, easing, known = np.zeros(5), 0, False, known or bool(unseen[t])
+        if rows.safety[t] != 0:
+            good, easing, known = 0, False, True
+            off[t] = np.inf if rows.stiffness[t].any() else off[t]
+            continue
+        good, easing = (0, True) if eases[t] else (good, easing)
+        good = min(good + 1, ramp)
+        free = force[t] < output["contact_force"]
+        now = np.minimum(np.where(free, 0.0, configured * good / ramp), stiffness + rise)
+        if easing:
+            least = np.where(free, 0.0, stiffness - fall)
+            easing, now = bool((least > now).any()), np.maximum(now, least)
+        # The watch may keep a finger free that bears a force.
+        apart = np.where(rows.stiffness[t] == 0.0, 0.0, np.abs(rows.stiffness[t] - now))
+        if not known:
+            apart = np.maximum(0.0, np.maximum(-rows.stiffness[t], rows.stiffness[t] - configured))
+        off[t] = max(off[t], apart.max())
+    says = "with a reason for it every finger is free; else each is stopped where the shown hand is, as stiff as ramp, "
+    says += "rise and setting allow where it bears a force"
+    off = np.where(((rows.bend < 0.0) | (rows.bend > 1.0)).any(axis=1), np.inf, off)
+    return judged("commands", says, off, ROUNDING, "1", "rounding", ticks=rows.numbers)
+
+
+def _bends(rows: SessionRows) -> FloatArray:
+    """Bend nearest to each finger's three angles, shape (T, 5); 0 where a bend moves none of them."""
+    slope, offset = (np.array(rows.limits["bend"][name]) for name in ("slope", "offset"))
+    size = (slope * slope).sum(axis=1, keepdims=True)
+    gain = slope / np.where(size > 0.0, size, 1.0)
+    return np.asarray(((np.asarray(rows.result["graphic/flexion"]) - offset) * gain).sum(axis=2))
 
 
 def _ended(rows: SessionRows) -> Claim:
@@ -247,12 +510,6 @@ def _counters(rows: SessionRows) -> Claim:
         "no command, though fingers were held": held and takes and commands == 0,
     }
     return all_true(name, says, list(wrong.values()), note="; ".join(what for what, is_so in wrong.items() if is_so))
-
-
-def _unclear(rows: SessionRows) -> str:
-    """Note on the ticks that cannot be judged by their samples; the last one never can."""
-    unclear = int((~rows.clear).sum())
-    return f"of {unclear:,} ticks it is not known when they ended or what they read" if unclear > 1 else ""
 
 
 def _figures(rows: SessionRows) -> list[Claim]:

@@ -1,10 +1,11 @@
-"""Referee of result files: judges every claim by code that shares no geometry with the solver.
+"""Referee of result files: its seal, its scene run again, and its physics by code that shares none with the solver.
 
 Kinematics use scipy's rotations, distances closed forms and bisection, forces least squares and clarabel.
 """
 
 from collections import Counter
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,20 +16,18 @@ from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.result.reader import Result
 from hhsim.system.counted import counted
-from hhsim.system.progress import Progress
-from hhsim.verify.again import again_claims
-from hhsim.verify.body_checks import body_claims
+from hhsim.system.progress import Progress, silent
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim
-from hhsim.verify.coverage import unjudged_claim
-from hhsim.verify.depth_checks import contact_error_claim, depth_claims, hands_apart_claims, self_contact_claims
+from hhsim.verify.cover_checks import palm_claim, tree_claims
+from hhsim.verify.depth_checks import depth_claims
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.force_checks import force_claims
-from hhsim.verify.free_object_checks import free_claims, free_complementarity_claim, free_hand_claim
+from hhsim.verify.free_object_checks import free_claims, free_hand_claims
+from hhsim.verify.joint_checks import joint_claims
 from hhsim.verify.judged_body import seen_by_referee
 from hhsim.verify.mesh_distance import CLOSE, HandReferee
-from hhsim.verify.metric_checks import input_hand_claims, metric_claims, motion_claim
-from hhsim.verify.origin_checks import origin_claims
 from hhsim.verify.posture_checks import posture_claims
+from hhsim.verify.second_run import second_run_claim
 from hhsim.verify.session_checks import session_claims
 from hhsim.verify.tick_data import NO_PLACE, JudgedTicks, left_out
 
@@ -38,21 +37,22 @@ MESH_TICKS = 200
 """Ticks between two progress reports of the distances to the mesh."""
 LONG, SAMPLED_EVERY = 10_000, 50
 """Ticks from which on a run is sampled by the claims in `SAMPLED`, and the sampling interval."""
-SAMPLED = ("candidates", "distance by coal", "mesh", "contacts off the mesh")
+SAMPLED = ("distance by coal", "mesh")
 """Claims judged at sampled ticks of a long run, because they are slow."""
+GROUPS = ("seal", "second run", "session", "depth", "forces", "friction", "motion", "joints", "trees")
+"""What claims are of, in the order of the output."""
 
 
 @dataclass(frozen=True, repr=False)
 class Verification:
     """Verdicts of the referee."""
 
-    claims: tuple[Claim, ...]  # every claim with its verdict
+    claims: tuple[Claim, ...]  # every claim with its verdict, by groups
     ticks: int  # number of ticks in the file
     looked_at: int  # number of ticks at which the claims of `SAMPLED` were judged; all others are judged at every tick
     every: int  # sampling interval of those [ticks]
     sphere_penetration: float  # maximum depth in the leaf spheres [m]; NaN for a hand that touched the mesh
     mesh_penetration: float  # maximum depth in the true mesh [m]; NaN where it could not be judged
-    stationarity: float  # worst imbalance of coupling and contacts [N]; NaN where no optimum is claimed
 
     def __repr__(self) -> str:
         found = Counter(claim.verdict for claim in self.claims)
@@ -61,11 +61,22 @@ class Verification:
         return f"Verification({self.ticks:,} ticks; claims: {counts}{f' ({failed})' if failed else ''})"
 
     @property
+    def worst(self) -> tuple[Claim, ...]:
+        """Claim of each group that decides: a false one, else that which is nearest to its limit."""
+        found = []
+        for group in GROUPS:
+            mine = [claim for claim in self.claims if claim.group == group]
+            judged = [claim for claim in mine if claim.verdict in (HOLDS, FAILS)] or mine
+            if judged:
+                found.append(max(judged, key=lambda claim: (claim.failed, np.nan_to_num(claim.share, nan=-1.0))))
+        return tuple(found)
+
+    @property
     def looked(self) -> str:
         """Number of judged ticks and the sampled claims, in words."""
         if self.looked_at == self.ticks:
             return f"{counted(self.ticks, 'tick')} looked at"
-        names = [claim.name for claim in self.claims if claim.name in SAMPLED]
+        names = dict.fromkeys(claim.name for claim in self.claims if claim.name in SAMPLED)
         return f"{counted(self.ticks, 'tick')} looked at; {', '.join(names)}: 1 in {self.every} ticks"
 
     @property
@@ -80,27 +91,20 @@ class Verification:
             "ticks": self.ticks,
             "ticks_looked_at": self.looked_at,
             "every": self.every,
-            **{name: getattr(self, name) for name in ("sphere_penetration", "mesh_penetration", "stationarity")},
+            **{name: getattr(self, name) for name in ("sphere_penetration", "mesh_penetration")},
             "claims": [asdict(claim) for claim in self.claims],
         }
 
 
-@np.errstate(all="ignore")
 def verify(
-    result: Result,
-    *,
-    every: int | None = None,
-    again: bool = False,
-    trust: bool = False,
-    progress: Progress | None = None,
+    result: Result, *, every: int | None = None, trust: bool = False, progress: Progress | None = None
 ) -> Verification:
-    """Judge a result of a replay or a session; values that are not finite fail.
+    """Judge a result of a replay or a session, of two hands both; values that are not finite fail.
 
     Args:
         result: Complete or not.
         every: Sampling interval of the claims in `SAMPLED` [ticks]; None: 1 below `LONG` ticks, else `SAMPLED_EVERY`.
             The ticks that the file itself names as worst are judged besides.
-        again: Make the motion and run the ticks once more, too.
         trust: Import and run the code of a method that the file names for that, `package.module:Class`.
         progress: Called with a label, the work done and the total work.
 
@@ -109,30 +113,46 @@ def verify(
     """
     if result.ticks == 0:
         raise InputError(f"{result.path} has no ticks: there is nothing to verify")
-    report = progress or (lambda what, done, total: None)
-    report("file", 0, 4)
-    claims = [*file_claims(result), *body_claims(result, again)]
-    report("kinematics", 1, 4)
+    report = progress or silent
+    again = replace(second_run_claim(result, report, trust), group="second run")
+    return physics(result, every=every, progress=report, before=[again])
+
+
+@np.errstate(all="ignore")
+def physics(
+    result: Result, *, every: int | None = None, progress: Progress = silent, before: Sequence[Claim] = ()
+) -> Verification:
+    """Judge all but the second run, whose verdict may come `before`; arguments as of `verify`."""
+    hands = [result] if result.name else list(result.hands.values())
     every = every or (1 if result.ticks < LONG else SAMPLED_EVERY)
-    numbers, sampled = np.arange(result.ticks), chosen_ticks(result, every)
-    # Beside an object that moves, hands and forces are judged as it sees them.
-    seen = result.seen_by(seen_by_referee)
-    judge = JudgedTicks(seen, numbers, sampled)
-    claims += posture_claims(judge)
-    report("spheres", 2, 4)
-    claims += [*depth_claims(judge), *self_contact_claims(judge), *hands_apart_claims(judge)]
-    report("forces", 3, 4)
-    claims += force_claims(judge)
-    mesh, depth = _mesh_claim(judge, claims, report)
-    claims += [mesh, contact_error_claim(judge), motion_claim(result), *input_hand_claims(judge)]
-    claims += [*metric_claims(result), *session_claims(result), *origin_claims(result, again), *free_claims(result)]
-    if result.body.is_free:
-        claims += [free_hand_claim(JudgedTicks(result, numbers)), free_complementarity_claim(judge)]
-    if again:
-        claims += again_claims(result, report, trust)
-    claims.append(unjudged_claim(result, claims))
-    stationarity = next((claim.worst for claim in claims if claim.name == "stationarity"), float("nan"))
-    return Verification(tuple(claims), result.ticks, len(sampled), every, judge.sphere_penetration, depth, stationarity)
+    claims, deep, judges = list(before), list[float](), list[JudgedTicks]()
+    for hand in hands:
+        sampled = chosen_ticks(hand, every)
+        # Beside an object that moves, hands and forces are judged as it sees them.
+        judge = JudgedTicks(hand.seen_by(seen_by_referee), np.arange(hand.ticks), sampled)
+        progress("file", 0, 3)
+        trees = tree_claims(hand)
+        mesh, depth = _mesh_claim(
+            judge, progress, covers=any(c.name == "cover" and c.verdict != NOT_CLAIMED for c in trees)
+        )
+        groups = {
+            "seal": file_claims(hand),
+            "session": session_claims(hand),
+            "depth": [*depth_claims(judge), mesh],
+            "forces": [*force_claims(judge), *free_hand_claims(hand, judge)],
+            "joints": posture_claims(judge),
+            "trees": [palm_claim(hand)],
+        }
+        own = hand.name if len(hands) > 1 else ""
+        claims += [replace(claim, group=group, hand=own) for group, of in groups.items() for claim in of]
+        judges.append(judge)
+        deep.append(depth)
+    of_bodies = {"joints": joint_claims(hands[0]), "trees": trees}
+    claims[:0] = [replace(claim, group=group) for group, of in of_bodies.items() for claim in of]
+    claims += free_claims(hands[0])
+    claims.sort(key=lambda claim: GROUPS.index(claim.group))
+    spheres = max(judge.sphere_penetration for judge in judges)
+    return Verification(tuple(claims), result.ticks, len(judges[0].asked), every, spheres, max(deep))
 
 
 def chosen_ticks(result: Result, every: int) -> IntArray:
@@ -153,7 +173,7 @@ def chosen_ticks(result: Result, every: int) -> IntArray:
     return np.unique(np.concatenate([regular, odd[:: max(1, len(odd) // 50)], leaps, worst, last]).astype(np.int64))
 
 
-def _mesh_claim(judge: JudgedTicks, claims: list[Claim], report: Progress) -> tuple[Claim, float]:
+def _mesh_claim(judge: JudgedTicks, report: Progress, *, covers: bool) -> tuple[Claim, float]:
     """Judge the graphic hand against the true mesh; return the claim and the maximum depth [m]."""
     name, says = "mesh", "the graphic hand stays out of the true mesh"
     why = "rounding, and the nanometre that the cover lets pass"
@@ -179,8 +199,7 @@ def _mesh_claim(judge: JudgedTicks, claims: list[Claim], report: Progress) -> tu
     least[judge.squeezed] = np.inf
     worst = int(least.argmin())
     depth = max(0.0, -float(least[worst]))
-    covers = judge.on_mesh or any(claim.name == "cover" and claim.verdict in (HOLDS, FAILS) for claim in claims)
-    promised = judge.safe and covers
+    promised = judge.safe and (judge.on_mesh or covers)
     verdict = NOT_CLAIMED if not promised else FAILS if depth > CLOSE else HOLDS
     note = "" if promised else "neither the method nor the tree promises it"
     assumed = [text for text in judge.result.scene.get("object_repairs") or [] if text.startswith(ASSUMED_SOLID)]

@@ -100,8 +100,8 @@ def test_code_that_a_result_names_is_imported_with_trust_alone(run: Run, result:
     answer = run("replay", "run.h5")
     assert (answer.code, answer.out, len(answer.err.splitlines())) == (2, "", 1)
     assert "run.h5 names a method by its code" in answer.err and "--trust, if you trust the file" in answer.err
-    verified = run("verify", "run.h5", "--again", "--every", "100", "--json").document()
-    (again,) = (claim for claim in verified["claims"] if claim["name"] == "again: ticks")
+    verified = run("verify", "run.h5", "--every", "100", "--json").document()
+    (again,) = (claim for claim in verified["claims"] if claim["name"] == "second run")
     assert again["verdict"] == "not judged" and "--trust" in again["note"]
     for words in (("report", "run.h5", "--out", "run.html"), ("compare", "run.h5", "run.h5")):
         assert run(*words).code == 0

@@ -20,7 +20,7 @@ from hhsim.repair.skin_hull import Palm, ball_cover, finger_volume, fit_radii, h
 from hhsim.repair.written_hand import bone_frames
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.verify.file_checks import outside_spheres
+from hhsim.verify.cover_checks import outside_spheres
 
 LENGTH = np.array([0.045, 0.028, 0.02])
 JOINTS = np.stack([np.zeros(4), np.append(0.0, np.cumsum(LENGTH)), np.zeros(4)], axis=1)

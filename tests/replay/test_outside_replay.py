@@ -61,7 +61,7 @@ def test_the_referee_the_second_run_and_the_page_take_it(
     leave_report_undrawn(monkeypatch)
     result = short_result(tmp_path / "result.h5", RELEASED, method=f"outside_methods:{name}")
     assert result.gives("times") and not result.gives("work") and result.gives("forces") == (name == "OurOwn")
-    judged = verify(result, every=20, again=True, trust=True)
+    judged = verify(result, every=20, trust=True)
     assert judged.passed, [claim for claim in judged.claims if claim.failed]
     forces = next(claim for claim in judged.claims if claim.name == "forces")
     assert forces.verdict == "not judged"

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from cut_scene import moved_hand, of_hand
 from described_datasets import bare_datasets
-from file_faults import at
 from joint_samples import joint_sample
 from leap_document import document
 from short_grasp import result_of, short_grasp, shortened
@@ -38,12 +37,8 @@ from hhsim.system.checksummed_file import seal_file
 from hhsim.system.progress import silent
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
-from hhsim.verify.again import again_claims
-from hhsim.verify.claim import HOLDS, Claim
-from hhsim.verify.depth_checks import hands_apart_claims
-from hhsim.verify.free_object_checks import free_hand_claim
-from hhsim.verify.origin_checks import origin_claims
-from hhsim.verify.tick_data import JudgedTicks
+from hhsim.verify.claim import HOLDS
+from hhsim.verify.second_run import second_run_claim
 from hhsim.verify.verify import verify
 
 HANDS = HandModel.default("right"), HandModel.default("left")
@@ -258,69 +253,8 @@ def test_the_referee_knows_that_hands_keep_apart_and_a_second_run_is_the_same(
         for name in ("position", "joints"):
             file[f"hands/left/tick/graphic/{name}"][at] += 0.01 * way / np.linalg.norm(way)
     seal_file(faulty, faulty.stat().st_size)
-    judge = JudgedTicks(load_hand(faulty, "left"), np.zeros(0, np.int64))
-    assert [claim.name for claim in hands_apart_claims(judge) if claim.failed] == ["between hands", "hands apart"]
-
-
-@pytest.mark.parametrize(
-    ("fault", "claim"),
-    [
-        (at("shifted", "tick/between/graphic", 30, lambda x: x + 1e-6), "between hands"),
-        (at("negated", "tick/between/haptic", ..., lambda x: -x), "between hands"),
-        (at("no_number", "tick/between/haptic", 60, lambda x: np.nan), "between hands"),
-        (
-            at("late", "hands/left/tick/haptic/position", slice(1, None), lambda x: np.roll(x, 3, axis=0)),
-            "between hands",
-        ),
-        (lambda file: _said(file, hands_apart=False), "scene"),
-    ],
-)
-@pytest.mark.quick("shifted-between hands")
-def test_what_a_file_says_of_two_hands_together_is_judged(
-    both: TwoHandedReplay, tmp_path: Path, fault: Any, claim: str
-) -> None:
-    path = tmp_path / "both.h5"
-    path.write_bytes(both.path.read_bytes())
-    for planted in (False, True):
-        if planted:
-            with h5py.File(path, "r+") as file:
-                fault(file)
-            seal_file(path, path.stat().st_size)
-        judge = JudgedTicks(load_hand(path, "right"), np.arange(0, 150, 30))
-        found = {each.name: each.failed for each in (*hands_apart_claims(judge), *origin_claims(judge.result))}
-        assert found["between hands"] == (planted and claim == "between hands")
-        assert found["scene"] == (planted and claim == "scene")
-
-
-def _said(file: h5py.File, **changed: object) -> None:
-    file.attrs["scene"] = json.dumps({**json.loads(file.attrs["scene"]), **changed})
-
-
-@pytest.mark.parametrize("meeting", ["free"], indirect=True)
-@pytest.mark.soak
-def test_a_hand_at_rest_is_in_balance_with_one_that_moves_on_it(meeting: TwoHandedReplay, tmp_path: Path) -> None:
-    honest = load_hand(meeting.path, "left")
-    once = np.flatnonzero((honest["work/linearisations"] == 1) & (honest["status"] == 0))
-    tick = once[JudgedTicks(honest, once).against_other_hand.tick[-1]]
-    path = tmp_path / "both.h5"
-
-    def balance(pushed: float) -> Claim:
-        path.write_bytes(meeting.path.read_bytes())
-        with h5py.File(path, "r+") as file:
-            rows = file["hands/left/tick"]
-            moving = [rows[f"graphic/{of}"] for of in rows["graphic"]]
-            moving += [file[f"{honest.body.group}/tick/{of}"] for of in ("position", "orientation")]
-            for values in moving:
-                values[tick - 1] = values[tick]
-            bare = np.argwhere(~rows["force/phalanx"][tick].any(axis=2))[0]
-            rows["force/phalanx"][tick, bare[0], bare[1]] = (0.0, 0.0, pushed)
-        seal_file(path, path.stat().st_size)
-        return free_hand_claim(JudgedTicks(load_hand(path, "left"), np.array([tick])))
-
-    resting = balance(0.0)
-    # What both bear on each other turns by the other one's step.
-    assert not resting.failed and 1e-3 < resting.worst < 0.2 * resting.tolerance
-    assert balance(1.1 * resting.tolerance).failed
+    found = {claim.name for claim in verify(load_hand(faulty, "left"), every=400).claims if claim.failed}
+    assert {"second run", "hands apart"} <= found
 
 
 @pytest.fixture(scope="module")
@@ -445,6 +379,5 @@ def test_the_referee_finds_the_left_hand_s_place_beside_the_right_one_at_a_thing
     words = SceneWords(object="scissors", trajectory="pinch", ticks=40)
     made = described_scene(words, load_bodies_of("scissors", 2), HANDS, two_handed_motions("pinch"))
     replay_two_hands(made.scene, SolverOptions(), tmp_path / "both.h5")
-    for hand in load_result(tmp_path / "both.h5").hands.values():
-        claims = again_claims(hand, silent)
-        assert [claim.verdict for claim in claims if claim.name == "again: motion"] == [HOLDS]
+    again = second_run_claim(load_result(tmp_path / "both.h5"), silent)
+    assert again.verdict == HOLDS and again.note == ""

@@ -143,7 +143,7 @@ def test_everything_that_a_program_is_given_has_a_repr_of_a_few_lines(tmp_path: 
         scene.solids[0].placed_tree,
         hhsim.SolverOptions(margin=0.002),
     )
-    verification = Verification((judged("depth", "", 2.0, 1.0, "m", ""),), 250, 250, 1, 0.0, 0.0, 0.0)
+    verification = Verification((judged("depth", "", 2.0, 1.0, "m", ""),), 250, 250, 1, 0.0, 0.0)
     solver = hhsim.HandSolver(scene.hands[0].model, scene.solids[0].placed_tree.arrays(), hhsim.SolverOptions())
     shown = [
         scene,

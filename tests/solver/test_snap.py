@@ -4,9 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from file_faults import at
 from hypothesis import given
 from hypothesis import strategies as st
-from planted_faults import at, planted
+from planted_faults import planted
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.pose import farthest_joint, move, update_kinematics

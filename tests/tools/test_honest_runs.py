@@ -10,8 +10,8 @@ from tools.honest_runs import KINDS, ROWS, Drawn, judged_run, main, margins
 
 MEETING = 42, 204
 """Runs in which hands that meet at a free object ended ticks up to 23 µm before they had arrived."""
-SLIP = {"free", "several"}
-"""Kinds of runs that have a free body, which contacts may slip on; of two hands some have."""
+FREE = {"free", "several"}
+"""Kinds of runs that have a free body; of two hands some have."""
 NO_ROOM = "script stack: the object has no room for both hands"
 """What some drawn lines are refused for."""
 
@@ -27,7 +27,7 @@ def test_nothing_of_an_honest_run_is_called_false(tmp_path: Path, run: int) -> N
     assert [claim for claim in row["claims"] if claim["verdict"] == FAILS] == []
     names = {claim["name"] for claim in row["claims"]}
     assert names >= {"kinematics", "complementarity", "mesh"}
-    assert row["kind"] == "two-hands" or ("slip" in names) == (row["kind"] in SLIP)
+    assert row["kind"] == "two-hands" or ("friction cones" in names) == (row["kind"] in FREE)
 
 
 def test_a_run_is_drawn_from_its_number_alone(tmp_path: Path) -> None:

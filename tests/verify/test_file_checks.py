@@ -1,15 +1,22 @@
-"""How far a mesh sticks out of spheres, against a closed form; a mesh that is none; figures that differ."""
+"""What a file says of itself: times of frames; how far a mesh sticks out of spheres; figures that differ."""
 
 import math
+from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import trimesh
+from file_faults import forge_scene
+from planted_faults import planted
+from short_grasp import short_result
 
 from hhsim.errors import MeshError
 from hhsim.mesh.mesh import LARGEST_NUMBER
-from hhsim.verify.claim import told_apart
-from hhsim.verify.file_checks import outside_spheres
+from hhsim.result.reader import Result
+from hhsim.verify.claim import FAILS, HOLDS, told_apart
+from hhsim.verify.cover_checks import outside_spheres
+from hhsim.verify.file_checks import file_claims
 
 BOX = trimesh.creation.box((0.2, 0.2, 0.2))
 
@@ -44,3 +51,41 @@ def test_triangles_of_vertices_that_are_not_there_are_no_mesh() -> None:
 )
 def test_two_figures_that_differ_read_as_two(stored: float, own: float, told: tuple[str, str]) -> None:
     assert told_apart(stored, own) == told
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return short_result(tmp_path_factory.mktemp("replay") / "short.h5")
+
+
+def time_verdict(result: Result) -> str:
+    return next(claim.verdict for claim in file_claims(result) if claim.name == "time")
+
+
+@pytest.mark.parametrize(
+    ("name", "of_frames", "shift", "verdict"),
+    [
+        ("as_a_run", False, 3e-3, FAILS),
+        ("lost_frames", True, 3e-3, HOLDS),
+        ("frame_before", True, -2e-3, FAILS),
+        ("frame_twice", True, -1e-3, FAILS),
+    ],
+)
+def test_frames_of_a_recording_follow_each_other_with_the_gaps_that_it_has(
+    result: Result, tmp_path: Path, name: str, of_frames: bool, shift: float, verdict: str
+) -> None:
+    def fault(file: h5py.File) -> None:
+        if of_frames:
+            forge_scene(file, lambda scene: scene.update(recording="hand.csv"))
+        file["tick/time"][100:] += shift
+
+    fault.__name__ = name
+    assert time_verdict(planted(result.path, tmp_path, fault)) == verdict
+
+
+def test_frames_have_the_rate_that_the_file_says(result: Result, tmp_path: Path) -> None:
+    def stretched(file: h5py.File) -> None:
+        forge_scene(file, lambda scene: scene.update(recording="hand.csv"))
+        file["tick/time"][...] *= 1.0001
+
+    assert time_verdict(planted(result.path, tmp_path, stretched)) == FAILS

@@ -43,7 +43,7 @@ def honest(tmp_path_factory: pytest.TempPathFactory) -> Result:
 def test_an_honest_run_holds_in_every_claim(honest: Result) -> None:
     found = verify(honest)
     assert failing(found) == set()
-    assert verdict(found, "own parts") == verdict(found, "depth in itself") == HOLDS
+    assert verdict(found, "own parts") == verdict(found, "second run") == HOLDS
     # The hand bears on itself, and that is what balances its coupling.
     assert np.linalg.norm(honest["force/phalanx"][-1], axis=2).max() > 0.1
     assert honest.summary["self_depth_haptic"] > 5e-3
@@ -68,7 +68,7 @@ def shallow_user(file: h5py.File) -> None:
     file["summary/right"].attrs["self_depth_haptic"] *= 0.999
 
 
-FAULTS: dict[Fault, str] = {bent_finger: "own parts", pulling_thumb: "force balance", shallow_user: "depth in itself"}
+FAULTS: dict[Fault, str] = {bent_finger: "own parts", pulling_thumb: "force balance", shallow_user: "second run"}
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)
@@ -80,4 +80,4 @@ def test_the_claim_is_of_runs_that_make_it(honest: Result, tmp_path: Path) -> No
     in_the_air = with_motion(short_scene(short_grasp()), replace(pinch(), name="through"))
     through = result_of(in_the_air, tmp_path / "through.h5", {"hand_file": None}, surface="mesh")
     assert through.summary["self_depth_graphic"] == through.summary["self_depth_haptic"] > 5e-3
-    assert not {"own parts", "depth in itself"} & {claim.name for claim in verify(through).claims}
+    assert "own parts" not in {claim.name for claim in verify(through).claims}

@@ -15,7 +15,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from live_rings import FACTS, ended
 from live_scripted import FIST, FREE, WAKING_NS, FakeAccounts, FakeClock, InStep, Moment, ScriptedGlove, make_setup
-from markdown_pages import documented_faults
 from planted_faults import failing, planted
 from sampled import first_of_each, sampled
 
@@ -32,10 +31,8 @@ from hhsim.recordings.dexmo_regression import DexmoRegression
 from hhsim.result.miss_cause import by_name
 from hhsim.result.reader import Result, load_result
 from hhsim.result.safety import Safety
-from hhsim.verify import finger_command_checks as verify_command
 from hhsim.verify import session_checks as verify_session
-from hhsim.verify import tick_data as verify_rows
-from hhsim.verify.claim import HOLDS, NOT_JUDGED
+from hhsim.verify.claim import HOLDS
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.verify import verify
 
@@ -78,9 +75,7 @@ LONG = 110
 FAILED = 170
 """A tick whose solver fails: there is no row of it, and the ramp begins anew."""
 LIVE_CLAIMS = (
-    *("time", "records", "deadlines", "early ticks", "missed periods", "causes of missed periods", "wake-up"),
-    *("latency", "end", "counters", "samples", "newest sample"),
-    *("fingers of the sample", "reasons", "free fingers", "stiffness", "command bounds", "set points"),
+    *("time", "periods", "causes", "latency", "samples", "reasons", "commands", "end", "counters"),
     "session figures",
 )
 
@@ -156,12 +151,8 @@ def test_an_honest_session_with_every_mishap_holds(session: Result) -> None:
     assert failing(found) == set()
     claims = {claim.name: claim for claim in found.claims}
     assert {name: claims[name].verdict for name in LIVE_CLAIMS} == dict.fromkeys(LIVE_CLAIMS, HOLDS)
-    assert all(
-        claims[name].checked > 300
-        for name in LIVE_CLAIMS
-        if name not in ("records", "end", "counters", "session figures")
-    )
-    assert "not believed" in claims["fingers of the sample"].note
+    assert all(claims[name].checked > 300 for name in LIVE_CLAIMS if name not in ("end", "counters", "session figures"))
+    assert "not believed" in claims["samples"].note
     assert "summary" not in claims
 
 
@@ -257,51 +248,47 @@ def swapped_commands(file: h5py.File) -> None:
 
 
 FAULTS: dict[Fault, str] = {
-    at("pushed_though_stale", "hands/right/live/tick/command_stiffness", (STALE, 1), lambda x: 0.3): "free fingers",
-    at(
-        "excused_though_pushed", "hands/right/live/tick/safety", HOLD, lambda x: int(Safety.NO_WATCHDOG)
-    ): "free fingers",
+    at("pushed_though_stale", "hands/right/live/tick/command_stiffness", (STALE, 1), lambda x: 0.3): "commands",
+    at("excused_though_pushed", "hands/right/live/tick/safety", HOLD, lambda x: int(Safety.NO_WATCHDOG)): "commands",
     at("unsaid_stale", "hands/right/live/tick/safety", STALE, lambda x: 0): "reasons",
     at("unsaid_bad_sample", "hands/right/live/tick/safety", 142, lambda x: 0): "reasons",
     unsaid_overrun: "reasons",
     at("unsaid_stop", "hands/right/live/tick/safety", -1, lambda x: 0): "reasons",
     at("unknown_reason", "hands/right/live/tick/safety", STALE, lambda x: 512): "reasons",
-    at("beyond_the_setting", "hands/right/live/tick/command_stiffness", (HOLD, 2), lambda x: 0.31): "command bounds",
-    seized_at_once: "stiffness",
-    at("stiff_in_the_air", "hands/right/live/tick/command_stiffness", (10, 1), lambda x: 0.1): "stiffness",
-    at("softer_than_said", "hands/right/live/tick/command_stiffness", (HOLD, 2), lambda x: 0.2): "stiffness",
-    at("bend_beyond_a_fist", "hands/right/live/tick/command_bend", (HOLD, 3), lambda x: 1.001): "command bounds",
-    at("leaping_set_point", "hands/right/live/tick/command_bend", (HOLD, 3), lambda x: x + 0.05): "command bounds",
-    at("shifted_set_point", "hands/right/live/tick/command_bend", (HOLD, 3), lambda x: x - 1e-3): "set points",
-    at("uncounted_miss", "hands/right/live/tick/missed", OVERSLEPT + 1, lambda x: x - 1): "missed periods",
-    unsaid_failure: "missed periods",
-    at("invented_miss", "hands/right/live/tick/missed", HOLD, lambda x: 1): "missed periods",
-    at("no_name", "hands/right/live/tick/cause", OVERSLEPT + 1, lambda x: 0): "causes of missed periods",
-    at("other_name", "hands/right/live/tick/cause", OVERSLEPT + 1, lambda x: 3): "causes of missed periods",
-    at(
-        "more_waited", "hands/right/live/tick/taken/kept", OVERSLEPT + 1, lambda x: x + 2 * PERIOD
-    ): "causes of missed periods",
-    at("moved_deadline", "hands/right/live/tick/deadline", HOLD, lambda x: x + 1000): "deadlines",
-    at("leapt", "hands/right/live/tick/deadline", slice(HOLD, None), lambda x: x + PERIOD // 100): "deadlines",
-    early_without_a_sample: "early ticks",
-    due_when_it_woke: "early ticks",
-    too_early: "early ticks",
+    at("beyond_the_setting", "hands/right/live/tick/command_stiffness", (HOLD, 2), lambda x: 0.31): "commands",
+    seized_at_once: "commands",
+    at("stiff_in_the_air", "hands/right/live/tick/command_stiffness", (10, 1), lambda x: 0.1): "commands",
+    at("softer_than_said", "hands/right/live/tick/command_stiffness", (HOLD, 2), lambda x: 0.2): "commands",
+    at("bend_beyond_a_fist", "hands/right/live/tick/command_bend", (HOLD, 3), lambda x: 1.001): "commands",
+    at("leaping_set_point", "hands/right/live/tick/command_bend", (HOLD, 3), lambda x: x + 0.05): "commands",
+    at("shifted_set_point", "hands/right/live/tick/command_bend", (HOLD, 3), lambda x: x - 1e-3): "commands",
+    at("uncounted_miss", "hands/right/live/tick/missed", OVERSLEPT + 1, lambda x: x - 1): "periods",
+    unsaid_failure: "periods",
+    at("invented_miss", "hands/right/live/tick/missed", HOLD, lambda x: 1): "periods",
+    at("no_name", "hands/right/live/tick/cause", OVERSLEPT + 1, lambda x: 0): "causes",
+    at("other_name", "hands/right/live/tick/cause", OVERSLEPT + 1, lambda x: 3): "causes",
+    at("more_waited", "hands/right/live/tick/taken/kept", OVERSLEPT + 1, lambda x: x + 2 * PERIOD): "causes",
+    at("moved_deadline", "hands/right/live/tick/deadline", HOLD, lambda x: x + 1000): "periods",
+    at("leapt", "hands/right/live/tick/deadline", slice(HOLD, None), lambda x: x + PERIOD // 100): "periods",
+    early_without_a_sample: "periods",
+    due_when_it_woke: "periods",
+    too_early: "periods",
     at("wrong_time", "tick/time", HOLD, lambda x: x + 1e-4): "time",
-    at("early_wake_up", "hands/right/live/tick/wakeup", HOLD, lambda x: -5): "wake-up",
-    at("overslept_and_not_missed", "hands/right/live/tick/wakeup", HOLD, lambda x: 2 * PERIOD): "wake-up",
-    at("longer_than_its_period", "hands/right/tick/duration/total", HOLD, lambda x: PERIOD + PERIOD // 1000): "wake-up",
-    two_in_a_row_without_a_sleep: "wake-up",
+    at("early_wake_up", "hands/right/live/tick/wakeup", HOLD, lambda x: -5): "periods",
+    at("overslept_and_not_missed", "hands/right/live/tick/wakeup", HOLD, lambda x: 2 * PERIOD): "periods",
+    at("longer_than_its_period", "hands/right/tick/duration/total", HOLD, lambda x: PERIOD + PERIOD // 1000): "periods",
+    two_in_a_row_without_a_sleep: "periods",
     at("latency_before_the_work_is_done", "hands/right/live/tick/latency", HOLD, lambda x: 0): "latency",
     at("latency_beyond_the_period", "hands/right/live/tick/latency", HOLD, lambda x: x + PERIOD): "latency",
     at("latency_without_a_sample", "hands/right/live/tick/latency", STALE, lambda x: 50_000): "latency",
-    at("older_sample", "hands/right/tick/input_seq", HOLD, lambda x: x - 1): "newest sample",
-    at("bad_sample_used", "hands/right/live/sample/good", HOLD, lambda x: 0): "newest sample",
+    at("older_sample", "hands/right/tick/input_seq", HOLD, lambda x: x - 1): "samples",
+    at("bad_sample_used", "hands/right/live/sample/good", HOLD, lambda x: 0): "samples",
     samples_out_of_order: "samples",
     handed_before_it_came: "samples",
-    passed_over: "newest sample",
-    at("other_finger", "hands/right/tick/haptic/flexion", (HOLD, 2, 0), lambda x: x + 1e-4): "fingers of the sample",
-    at("unsaid_loss", "hands/right/live/tick/record", slice(HOLD, None), lambda x: x + 1): "records",
-    attribute("invented_loss", "hands/right/live", "lost_samples", lambda x: 3): "records",
+    passed_over: "samples",
+    at("other_finger", "hands/right/tick/haptic/flexion", (HOLD, 2, 0), lambda x: x + 1e-4): "samples",
+    at("unsaid_loss", "hands/right/live/tick/record", slice(HOLD, None), lambda x: x + 1): "periods",
+    attribute("invented_loss", "hands/right/live", "lost_samples", lambda x: 3): "periods",
     attribute("stale_count", "summary/right", "kept_free_stale_input", lambda x: x - 1): "session figures",
     attribute("stale_latency", "summary/right", "latency_p99", lambda x: x * 0.99): "session figures",
     attribute("fewer_misses", "summary/right", "missed", lambda x: 1): "session figures",
@@ -314,10 +301,10 @@ FAULTS: dict[Fault, str] = {
     counted("more_commands_counted", lambda counters: counters.update(commands=10**6)): "counters",
     counted("no_commands_counted", lambda counters: counters.update(commands=0)): "counters",
     counted("another_counter", lambda counters: counters.update(kind_words=3)): "counters",
-    at("samples_shifted", "hands/right/tick/input_seq", slice(HOLD, HOLD + 30), lambda x: x + 1): "newest sample",
+    at("samples_shifted", "hands/right/tick/input_seq", slice(HOLD, HOLD + 30), lambda x: x + 1): "samples",
     at("held_input", "hands/right/tick/status", slice(HOLD, HOLD + 30), lambda x: x | 4): "reasons",
-    at("bend_of_no_number", "hands/right/live/tick/command_bend", (HOLD, 3), lambda x: np.nan): "command bounds",
-    swapped_commands: "stiffness",
+    at("bend_of_no_number", "hands/right/live/tick/command_bend", (HOLD, 3), lambda x: np.nan): "commands",
+    swapped_commands: "commands",
 }
 
 
@@ -344,20 +331,13 @@ def test_a_driver_may_be_stopped_between_reading_a_sample_and_handing_it_over(se
 
 
 @pytest.mark.soak
-def test_what_the_glove_sent_is_not_judged_and_said_so(session: Result, tmp_path: Path) -> None:
+def test_what_the_glove_sent_is_not_judged(session: Result, tmp_path: Path) -> None:
     def of_the_glove(file: h5py.File) -> None:
         file["hands/right/live/sample/channel"][HOLD] = 0.123
         file["hands/right/live/sample/battery"][HOLD] = 7
 
     forged = planted(session.path, tmp_path, of_the_glove)
-    found = {claim.name: claim for claim in verify(forged, every=1000).claims}
-    assert not any(claim.failed for claim in found.values())
-    assert found["glove's own words"].verdict == NOT_JUDGED
-    assert "raw channels" in found["glove's own words"].says
-
-
-def test_the_documentation_lists_what_is_forged(repository: Path) -> None:
-    assert documented_faults(repository, 1) == {fault.__name__: claim for fault, claim in FAULTS.items()}
+    assert verify(forged, every=1000).passed
 
 
 @pytest.mark.soak
@@ -383,7 +363,7 @@ def test_a_session_whose_recorder_lost_ticks_and_samples_is_judged_by_what_is_le
     assert failing(found) == set()
 
     stiffer = at("stiffer", "hands/right/live/tick/command_stiffness", (120, 1), lambda x: 0.4)
-    assert failing(verify(planted(session.path, tmp_path, stiffer), every=50)) >= {"command bounds", "stiffness"}
+    assert failing(verify(planted(session.path, tmp_path, stiffer), every=50)) >= {"commands"}
 
 
 @pytest.mark.soak
@@ -407,13 +387,13 @@ def test_a_stall_that_is_eased_or_held_is_judged_by_what_was_asked_for(tmp_path:
     assert ((session["live/tick/safety"] & Safety.OVERRUN_STREAK) > 0).any(), "the longer one frees the fingers"
     assert failing(verify(session, every=100)) == set()
     softer = at("softer", "hands/right/live/tick/command_stiffness", tick + 3, lambda x: 0.28)
-    assert "stiffness" in failing(verify(planted(session.path, tmp_path, softer), every=100))
+    assert "commands" in failing(verify(planted(session.path, tmp_path, softer), every=100))
 
 
 def test_the_referee_and_the_loop_mean_the_same_numbers_and_words() -> None:
     """The referee has limits of its own, so as to share no code; here they are held against the loop's."""
-    assert (recorder.LOOP_DIED, story.QUIET_NS) == (verify_rows.LOOP_DIED, verify_rows.QUIET)
-    assert (live_loop.MOST_SAMPLES, looked_at.MOST_ANGLE) == (verify_rows.MOST_READ, verify_rows.MOST_ANGLE)
+    assert (recorder.LOOP_DIED, story.QUIET_NS) == (verify_session.LOOP_DIED, verify_session.QUIET)
+    assert (live_loop.MOST_SAMPLES, looked_at.MOST_ANGLE) == (verify_session.MOST_READ, verify_session.MOST_ANGLE)
     assert story.NAMES == verify_session.FINGER_NAMES
 
 
@@ -421,43 +401,37 @@ def test_the_referee_and_the_loop_mean_the_same_numbers_and_words() -> None:
     st.lists(st.tuples(st.booleans(), st.integers(0, 4), st.sampled_from(["", "", "", "unseen", "gap"])), min_size=1),
     st.booleans(),
 )
-def test_ramp_and_streak_are_those_of_a_loop_that_counts(ticks: list[tuple[bool, int, str]], begins_late: bool) -> None:
-    """Against plain counting, tick by tick: None is what nobody knows after a gap."""
+def test_a_streak_is_that_of_a_loop_that_counts(ticks: list[tuple[bool, int, str]], begins_late: bool) -> None:
+    """Against plain counting, tick by tick."""
     kinds = ["gap" if begins_late else "", *(kind for _, _, kind in ticks[1:])]
     after = np.array([i > 0 and kind != "gap" for i, kind in enumerate(kinds)])
     rows: Any = SimpleNamespace(
         numbers=np.arange(len(ticks)),
         follows=after,
         closed=np.append([kind == "" for kind in kinds[1:]], False).astype(bool),
-        safety=np.array([int(freed) for freed, _, _ in ticks]),
         missed=np.array([missed for _, missed, _ in ticks]),
-        at_once=np.array([missed == 0 and freed for freed, missed, _ in ticks]),
+        at_once=np.array([missed == 0 and late for late, missed, _ in ticks]),
         period_ns=PERIOD,
         result={"live/tick/record": [int(begins_late)], "duration/total": np.zeros(len(ticks), np.int64)},
     )
-    good: int | None = 0
-    streak, goods, streaks = 0, [], []
-    for (freed, missed, _), kind in zip(ticks, kinds):
-        if kind:
-            # Least: what was missed before is not known.
-            good, streak = (None if kind == "gap" else 0), 0
-        late = missed + (missed == 0 and freed)
+    streak, streaks = 0, []
+    for (begun_late, missed, _), kind in zip(ticks, kinds):
+        # Least: what was missed before is not known.
+        streak = 0 if kind else streak
+        late = missed + (missed == 0 and begun_late)
         streak = streak + late if late else 0
-        good = 0 if freed else None if good is None else good + 1
-        goods.append(np.iinfo(np.int32).max if good is None else good)
         streaks.append(streak)
-    eases = np.zeros(len(rows.numbers), bool)
-    assert verify_command._good_ticks(rows, eases).tolist() == goods
     for most in (1, 3, 10):
-        assert verify_command._overrun(rows, most).tolist() == [streak >= most for streak in streaks]
+        assert verify_session._overrun(rows, most).tolist() == [streak >= most for streak in streaks]
 
 
 def test_the_bend_of_the_referee_is_that_of_the_output() -> None:
     regression = DexmoRegression.default()
     flexion = np.random.default_rng(4).uniform(-0.5, 2.0, (200, 5, 3))
     slope, offset = regression.bend_lines()
-    own = np.stack([verify_command._fitted(slope[f], flexion[:, f] - offset[f]) for f in range(5)], axis=1)
-    np.testing.assert_allclose(np.clip(own, 0.0, 1.0), regression.bends(flexion), atol=1e-14)
+    limits = {"bend": {"slope": slope.tolist(), "offset": offset.tolist()}}
+    rows: Any = SimpleNamespace(limits=limits, result={"graphic/flexion": flexion})
+    np.testing.assert_allclose(np.clip(verify_session._bends(rows), 0.0, 1.0), regression.bends(flexion), atol=1e-14)
 
 
 @pytest.mark.soak

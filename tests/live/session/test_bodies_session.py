@@ -64,7 +64,7 @@ def test_it_runs_again_bit_for_bit_and_every_claim_holds(result: Result) -> None
     assert again.identical and again.ticks == result.ticks
     assert "bodies/post/tick/position" in {array.name for array in again.arrays}
     # The clock of the test stands still while a tick is solved.
-    assert {claim.name for claim in verify(result).claims if claim.failed} <= {"latency", "wake-up"}
+    assert {claim.name for claim in verify(result).claims if claim.failed} <= {"latency", "periods"}
 
 
 @pytest.mark.soak

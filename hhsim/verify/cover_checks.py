@@ -1,0 +1,130 @@
+"""Claims of the trees of a file: their order, that spheres hold those below them, and that leaves cover the mesh."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from hhsim.arrays import FloatArray, IntArray
+from hhsim.errors import MeshError
+from hhsim.mesh.mesh import LARGEST_NUMBER, require_usable_arrays
+from hhsim.result.body import Body
+from hhsim.result.reader import Result
+from hhsim.verify.claim import NOT_CLAIMED, Claim, all_true, judged
+from hhsim.verify.tree_checks import depth_in_spheres
+
+SAMPLES = 10_000
+"""Number of random points on the mesh, uniform by area, besides vertices and edge midpoints."""
+COVER = 1e-9
+"""Tolerance of a point outside all leaves [m]."""
+
+
+def tree_claims(result: Result) -> list[Claim]:
+    """Judge the sphere trees of all bodies."""
+    return [judge(result) for judge in (_tree_order, _tree_encloses, cover)]
+
+
+def _tree(body: Body) -> tuple[Any, ...]:
+    return tuple(np.array(body.static[f"tree/{name}"]) for name in ("center", "radius", "level", "parent"))
+
+
+def leaves(body: Body) -> tuple[FloatArray, FloatArray]:
+    """Centres (L, 3) and radii (L,) of a body's leaf spheres [m], where its mesh is stored."""
+    center, radius, level, _ = _tree(body)
+    last = level == level.max(initial=0)
+    return center[last], radius[last]
+
+
+def _tree_order(result: Result) -> Claim:
+    found = []
+    for body in result.bodies.values():
+        _, radius, level, parent = _tree(body)
+        index = np.arange(len(radius))
+        wrong = (parent < 0) | (parent >= index)
+        wrong[0] = parent[0] != -1
+        above = np.where(wrong, 0, parent)
+        wrong |= (index > 0) & (level != level[above] + 1)
+        wrong |= ~(radius > 0.0)
+        # Breadth first: a descent relies on adjacent children.
+        wrong[1:] |= parent[1:] < parent[:-1]
+        found.append(wrong)
+    says = "each sphere has its parent on the level above, children together"
+    return all_true("tree order", says, np.concatenate(found))
+
+
+def _tree_encloses(result: Result) -> Claim:
+    """No leaf sticks out of a sphere above it, which a descent of a tree relies on."""
+    found = []
+    for body in result.bodies.values():
+        center, radius, level, parent = _tree(body)
+        leaf = np.flatnonzero(level == level.max(initial=0))
+        out = np.zeros(len(leaf))
+        above = leaf.copy()
+        # At most as many steps as there are spheres, whatever levels a damaged file states.
+        for _ in range(min(int(level.max(initial=0)), len(radius) - 1)):
+            above = np.clip(parent[above], 0, len(radius) - 1)
+            away = np.linalg.norm(center[leaf] - center[above], axis=1)
+            out = np.maximum(out, away + radius[leaf] - radius[above])
+        found.append(out)
+    says = "every leaf lies inside of the spheres above it"
+    return judged("tree encloses", says, np.concatenate(found), 1e-9, "m", "rounding of a world frame")
+
+
+def cover(result: Result) -> Claim:
+    """Judge whether the leaves cover the meshes: their vertices, edge midpoints and random points."""
+    surfaces = [(np.array(body.vertices), np.array(body.faces), *leaves(body)) for body in result.bodies.values()]
+    claim = covered("cover", "the leaf spheres cover the surfaces of all bodies", *surfaces)
+    if claim.note or covers(result):
+        return claim
+    note = "this tree was not built to cover the mesh, or the file does not say how it was"
+    return replace(claim, verdict=NOT_CLAIMED, tick=None, note=note)
+
+
+def covered(name: str, says: str, *surfaces: tuple[Any, ...]) -> Claim:
+    """Judge whether spheres cover meshes: `surfaces` are the arguments of `outside_spheres` of each."""
+    try:
+        outside = np.concatenate([outside_spheres(*surface) for surface in surfaces])
+        return judged(name, says, outside, COVER, "m", "less than any figure is stated to")
+    except MeshError as error:
+        return judged(name, says, [np.inf], COVER, "m", "exact", note=str(error))
+
+
+def outside_spheres(vertices: FloatArray, faces: IntArray, center: FloatArray, radius: FloatArray) -> FloatArray:
+    """Distance [m] of a mesh's vertices, edge midpoints and random points outside spheres, 0 inside, shape (N,).
+
+    Raises:
+        MeshError: Arrays that are no mesh.
+    """
+    require_usable_arrays(vertices, faces, "its mesh")
+    # Squares of areas would overflow.
+    if np.abs(vertices).max() > LARGEST_NUMBER:
+        return np.array([np.inf])
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    rng = np.random.default_rng(0)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    which = rng.choice(len(faces), SAMPLES, p=area / area.sum())
+    s, t = rng.random((2, SAMPLES, 1))
+    s, t = np.where(s + t > 1.0, 1.0 - s, s), np.where(s + t > 1.0, 1.0 - t, t)
+    inner = a[which] + s * (b - a)[which] + t * (c - a)[which]
+    points = np.concatenate([vertices[np.unique(faces)], 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a), inner])
+    return np.asarray(np.maximum(-depth_in_spheres(center, radius)(points), 0.0))
+
+
+def covers(result: Result) -> bool:
+    """True if hhsim built the tree to cover the mesh."""
+    options = result.scene.get("tree_options") or {}
+    return result.scene.get("tree") is None and options.get("cover") == "outer"
+
+
+def palm_claim(result: Result) -> Claim:
+    """Judge the spheres of the palm."""
+    static = result.static
+    center, radius = static["hand/palm_center"], static["hand/palm_radius"]
+    level = static["hand/palm_tree/level"]
+    leaf = level == level.max(initial=0)
+    says = "the palm's spheres are the leaves of its tree, and cover its mesh"
+    of_tree = static["hand/palm_tree/center"][leaf], static["hand/palm_tree/radius"][leaf]
+    if not (np.array_equal(of_tree[0], center) and np.array_equal(of_tree[1], radius)):
+        return judged("palm", says, [np.inf], COVER, "m", "exact", note="its tree has other leaves")
+    vertices, faces = static["hand/palm_mesh/vertices"], static["hand/palm_mesh/faces"]
+    return covered("palm", says, tuple(map(np.array, (vertices, faces, center, radius))))

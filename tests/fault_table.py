@@ -1,0 +1,741 @@
+"""Faults planted in results of all kinds, each with the check that names it: in every dataset, figure and label."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from body_tables import TABLE, body, body_file
+from file_faults import Fault, at, attribute, forge_scene, of_properties, of_scene, with_name
+from free_scenes import free_result
+from planted_faults import HOLD, UNMARKED
+from short_grasp import result_of
+
+from hhsim.metrics.run.force import TREMBLING
+from hhsim.scene.scene import open_scene
+
+MESH, SLOW = ("--surface", "mesh"), ("--rate", "25", "--level", "3")
+WORDS: dict[str, tuple[str, ...]] = {
+    "one hand": ("cylinder", "grasp", "--rate", "100", "--level", "2"),
+    "fixed": ("cube", "grasp", *SLOW),
+    "driven": ("cube", "carry", *SLOW),
+    "free": ("cube", "lift", "--free", *MESH, *SLOW),
+    "laptop": ("laptop", "open", *MESH, *SLOW),
+    "door": ("door", "swing", *MESH, *SLOW),
+    "chest": ("chest", "lift", *MESH, *SLOW),
+    "two": ("cube", "lift-both", "--hands", "both", "--free", *MESH, *SLOW),
+    "two at a laptop": ("laptop", "close", "--hands", "both", *MESH, *SLOW),
+    "tremor": ("cube", "pinch", "--tremor", "0.1,0.2", "--self-contact", "on", "--rate", "50"),
+    "recording": ("cylinder", "{one hand}", "--rate", "250", "--level", "2"),
+    "paper": ("cube", "grasp", "--method", "paper", *SLOW),
+    "progressive": ("cube", "grasp", "--method", "progressive", *SLOW),
+}
+"""Arguments of `hhsim replay`; a kind in braces is the path of its result."""
+LATE = 55
+"""A tick in which hands hold, in runs at 25 ticks a second."""
+AIR = 20
+"""A tick of the approach."""
+FREE_TICK = 200
+"""A tick of the hold of a free body."""
+TICKS, AT_REST, HELD = 1600, 300, 1590
+"""Ticks of the run with two halves, one in which no hand is near, and one in which the hand bears on both."""
+AGAIN = "second run"
+HALVES = [
+    body(name, [0.019999, 0.04, 0.04], position=[x, 0.0, 0.02], mass=0.05)
+    for name, x in (("one", -0.01), ("two", 0.01))
+]
+"""A block in two halves, which the fingers press on each other."""
+ONE, TWO = (f"bodies/{name}/tick" for name in ("one", "two"))
+
+
+def halves(path: Path) -> None:
+    scene = open_scene(body_file(path.parent, *HALVES, TABLE), "stack", solid=False, level=2)
+    result_of(scene.first(TICKS), path, surface="mesh")
+
+
+PROGRAMS: dict[str, Callable[[Path], object]] = {"free on a table": free_result, "halves": halves}
+"""Results of programs that call the library."""
+
+
+# Each fault: what is done to the file, what may be said of it, and whether the file's seal is made to fit again.
+
+
+def moved_hand(file: h5py.File) -> None:
+    """The whole hand a little deeper, joints and all: only the distances can tell."""
+    direction = -file["hands/right/tick/force/total"][HOLD] / np.linalg.norm(file["hands/right/tick/force/total"][HOLD])
+    file["hands/right/tick/graphic/position"][HOLD] += 5e-6 * direction
+    file["hands/right/tick/graphic/joints"][HOLD] += 5e-6 * direction
+    file["hands/right/tick/force/palm_wrench"][HOLD, :3] += 1000.0 * 5e-6 * direction
+
+
+def rotated(file: h5py.File) -> None:
+    w, x, y, z = file["hands/right/tick/graphic/orientation"][HOLD]
+    half = 0.5e-4
+    file["hands/right/tick/graphic/orientation"][HOLD] = np.array(
+        [w - half * z, x - half * y, y + half * x, z + half * w]
+    ) / (np.sqrt(1.0 + half * half))
+
+
+def scaled_force(file: h5py.File) -> None:
+    for name in ("phalanx", "total"):
+        file[f"hands/right/tick/force/{name}"][...] *= 1.001
+
+
+def pulling_force(file: h5py.File) -> None:
+    file["hands/right/tick/force/phalanx"][HOLD] *= -1.0
+    file["hands/right/tick/force/total"][HOLD] *= -1.0
+
+
+def force_in_the_air(file: h5py.File) -> None:
+    file["hands/right/tick/force/phalanx"][0, 1, 2] = (0.0, 0.0, 0.5)
+    file["hands/right/tick/force/total"][0] += (0.0, 0.0, 0.5)
+
+
+def not_the_optimum(file: h5py.File) -> None:
+    """The user's hand was elsewhere than the file says, and the wrench is made to fit."""
+    file["hands/right/tick/haptic/position"][HOLD] += (0.0, 0.0, 1e-4)
+    file["hands/right/tick/force/palm_wrench"][HOLD, 2] -= 1000.0 * 1e-4
+
+
+def missing_sphere(file: h5py.File) -> None:
+    tree = file["bodies/cylinder/tree"]
+    last = tree["level"][...].max()
+    leaf = int(np.flatnonzero(tree["level"][...] == last)[0])
+    for name in ("center", "radius", "level", "parent"):
+        kept = np.delete(tree[name][...], leaf, axis=0)
+        attributes = dict(tree[name].attrs)
+        del tree[name]
+        tree[name] = kept
+        tree[name].attrs.update(attributes)
+
+
+def wrong_parent(file: h5py.File) -> None:
+    """A leaf becomes the child of the sphere that is farthest from it: a walk would miss it."""
+    tree = file["bodies/cylinder/tree"]
+    away = np.linalg.norm(tree["center"][...] - tree["center"][-1], axis=1)
+    above = np.flatnonzero(tree["level"][...] == tree["level"][-1] - 1)
+    tree["parent"][-1] = above[away[above].argmax()]
+
+
+def edited_mesh(file: h5py.File) -> None:
+    vertices = file["bodies/cylinder/mesh/vertices"]
+    outward = vertices[0] - vertices[...].mean(axis=0)
+    vertices[0] = vertices[0] + 0.005 * outward / np.linalg.norm(outward)
+
+
+def over_the_limit(file: h5py.File) -> None:
+    """An angle beyond its limit, and the joints that belong to it."""
+    file["hands/right/tick/graphic/flexion"][HOLD, 1, 2] = file["hands/right/flexion_max"][1, 2] + 1e-3
+
+
+def wrong_phase(file: h5py.File) -> None:
+    file["phase/first_tick"][2] -= 40
+    file["phase/last_tick"][1] -= 40
+
+
+def repeated_tick(file: h5py.File) -> None:
+    def repeat(_: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset):
+            item[120] = item[119]
+
+    for group in ("tick", "hands/right/tick"):
+        file[group].visititems(repeat)
+
+
+def short_whole(file: h5py.File) -> None:
+    file["hands/right/tick/duration/total"][120] = file["hands/right/tick/duration/detect"][120] - 1
+
+
+def moved_sphere(file: h5py.File) -> None:
+    """The leaf that the hand touches, a micrometre nearer to it."""
+    tree = file["bodies/cylinder/tree"]
+    leaf = np.flatnonzero(tree["level"][...] == tree["level"][...].max())
+    tip = file["hands/right/tick/graphic/joints"][HOLD, 1, 3]
+    away = np.linalg.norm(tree["center"][...][leaf] - tip, axis=1) - tree["radius"][...][leaf]
+    chosen = leaf[away.argmin()]
+    toward = tip - tree["center"][chosen]
+    tree["center"][chosen] += 1e-6 * toward / np.linalg.norm(toward)
+
+
+def frozen_hand(file: h5py.File) -> None:
+    """A tick of the grasp shows the hand of the tick before, and all that follows from it."""
+    for name in ("position", "orientation", "flexion", "abduction", "joints"):
+        file[f"hands/right/tick/graphic/{name}"][120] = file[f"hands/right/tick/graphic/{name}"][119]
+
+
+def tangential_force(file: h5py.File) -> None:
+    """Friction, which nobody modelled, on the phalanx that bears most."""
+    row = file["hands/right/tick/force/phalanx"][HOLD]
+    f, k = divmod(int(np.linalg.norm(row, axis=2).argmax()), 3)
+    across = np.cross(row[f, k], [0.3, -0.5, 0.8])
+    row[f, k] += 0.01 * across
+    file["hands/right/tick/force/phalanx"][HOLD] = row
+    file["hands/right/tick/force/total"][HOLD] += 0.01 * across
+
+
+def halved_candidates(file: h5py.File) -> None:
+    file["hands/right/tick/contacts/candidates"][...] //= 2
+    file["summary/right"].attrs["candidates_max"] = float(file["hands/right/tick/contacts/candidates"][...].max())
+
+
+def stretched_time(file: h5py.File) -> None:
+    file["tick/time"][...] *= 2.0
+    forge_scene(file, lambda scene: scene.update(rate=500.0))
+
+
+def pushed_vertex(file: h5py.File) -> None:
+    vertices = file["bodies/cylinder/mesh/vertices"]
+    inward = vertices[...].mean(axis=0) - vertices[0]
+    vertices[0] = vertices[0] + 0.001 * inward / np.linalg.norm(inward)
+
+
+def dropped_palm_sphere(file: h5py.File) -> None:
+    """From the palm that collides, and from its tree."""
+    level = file["hands/right/palm_tree/level"][...]
+    drop(file["hands/right"], ("palm_center", "palm_radius"), 0)
+    drop(file["hands/right/palm_tree"], ("center", "radius", "level", "parent"), int(np.argmax(level == level.max())))
+    forge_scene(file, lambda scene: scene["hand"].update(palm_spheres=scene["hand"]["palm_spheres"] - 1))
+
+
+def loose_palm_sphere(file: h5py.File) -> None:
+    drop(file["hands/right"], ("palm_center", "palm_radius"), 0)
+
+
+def deleted_figure(file: h5py.File) -> None:
+    del file["summary/right"].attrs["tracking_excess"]
+
+
+def deleted_tremor(file: h5py.File) -> None:
+    del file["summary/right"].attrs[TREMBLING]
+
+
+def moved_in_the_air(file: h5py.File) -> None:
+    """A user's hand that was elsewhere in the approach, and the wrench that follows."""
+    file["hands/right/tick/haptic/position"][5, 0] += 1e-6
+    file["hands/right/tick/force/palm_wrench"][5, 0] -= 1e-3
+
+
+def drop(group: h5py.Group, names: tuple[str, ...], row: int) -> None:
+    for name in names:
+        kept, attributes = np.delete(group[name][...], row, axis=0), dict(group[name].attrs)
+        del group[name]
+        group[name] = kept
+        group[name].attrs.update(attributes)
+
+
+def deep_between_samples(file: h5py.File) -> None:
+    """Both hands 2 mm deeper at a tick that nothing marks."""
+    direction = -file["hands/right/tick/force/total"][HOLD] / np.linalg.norm(file["hands/right/tick/force/total"][HOLD])
+    for name in ("graphic/position", "graphic/joints", "haptic/position"):
+        file[f"hands/right/tick/{name}"][UNMARKED] += 2e-3 * direction
+
+
+def moved_force(file: h5py.File) -> None:
+    """What a phalanx felt is given to the next one of its finger."""
+    phalanx = file["hands/right/tick/force/phalanx"]
+    row = phalanx[UNMARKED]
+    f, k = divmod(int(np.linalg.norm(row, axis=2).argmax()), 3)
+    row[f, [k, (k + 1) % 3]] = row[f, [(k + 1) % 3, k]]
+    phalanx[UNMARKED] = row
+
+
+def turned_force(file: h5py.File) -> None:
+    """As another frame has it, a quarter turn about z: sums and all."""
+    for name in ("phalanx", "total"):
+        x, y, z = np.moveaxis(file[f"hands/right/tick/force/{name}"][UNMARKED], -1, 0)
+        file[f"hands/right/tick/force/{name}"][UNMARKED] = np.stack([-y, x, z], axis=-1)
+
+
+def stale_forces(file: h5py.File) -> None:
+    """A tick of the grasp has the forces of the tick before."""
+    for name in ("phalanx", "total"):
+        file[f"hands/right/tick/force/{name}"][120] = file[f"hands/right/tick/force/{name}"][119]
+
+
+def swapped_hands(file: h5py.File) -> None:
+    for name in ("position", "flexion"):
+        shown, user = file[f"hands/right/tick/graphic/{name}"], file[f"hands/right/tick/haptic/{name}"]
+        shown[UNMARKED], user[UNMARKED] = user[UNMARKED], shown[UNMARKED]
+
+
+def in_degrees(file: h5py.File) -> None:
+    file["hands/right/tick/graphic/flexion"][UNMARKED] = np.degrees(file["hands/right/tick/graphic/flexion"][UNMARKED])
+
+
+def false_lag(file: h5py.File) -> None:
+    file["hands/right/tick/status"][UNMARKED] |= 2
+    file["summary/right"].attrs["lag_ticks"] += 1.0
+
+
+def busy_clock(file: h5py.File) -> None:
+    """More time of one thread than went by."""
+    file["hands/right/tick/duration/total_cpu"][UNMARKED] = (
+        file["hands/right/tick/duration/total"][UNMARKED] + 5_000_000
+    )
+
+
+def excused_forces(file: h5py.File) -> None:
+    """A tenth more force in ticks that claim full arrays, or a way left, so that no claim of forces is of them."""
+    for ticks, flag in ((slice(HOLD - 30, HOLD), 16), (slice(HOLD, HOLD + 30), 2)):
+        file["hands/right/tick/status"][ticks] |= flag
+        file["hands/right/tick/lag"][ticks] = 1e-6 * (flag == 2)
+        for name in ("phalanx", "total"):
+            file[f"hands/right/tick/force/{name}"][ticks] *= 1.1
+
+
+def invented_dataset(file: h5py.File) -> None:
+    file["hands/right/tick/graphic/comfort"] = file["hands/right/tick/lag"][...]
+
+
+def of_label(name: str, change: Callable[[dict[str, Any]], object]) -> Fault:
+    """Change the labels of the scene that all hands have."""
+
+    def fault(file: h5py.File) -> None:
+        scene = json.loads(file.attrs["scene"])
+        change(scene)
+        file.attrs["scene"] = json.dumps(scene)
+
+    return with_name(name, fault)
+
+
+def of_body(name: str, body: str, change: Callable[[dict[str, Any]], object]) -> Fault:
+    """Change the physical properties, or the joint, of a body."""
+
+    def fault(file: h5py.File) -> None:
+        properties = json.loads(file[f"bodies/{body}"].attrs["properties"])
+        change(properties)
+        file[f"bodies/{body}"].attrs["properties"] = json.dumps(properties)
+
+    return with_name(name, fault)
+
+
+def kind(name: str, body: str, said: str) -> Fault:
+    return attribute(name, f"bodies/{body}", "kind", lambda _: said)
+
+
+def shape(name: str, body: str, change: Callable[[Any], Any]) -> Fault:
+    """Change the mesh of a body, and the checksums with it."""
+    return at(name, f"bodies/{body}/mesh/vertices", ..., change)
+
+
+def late_hand(file: h5py.File) -> None:
+    """The left hand's rows three ticks late."""
+    for path, item in _datasets(file["hands/left/tick"]):
+        item[3:] = item[:-3]
+        assert path
+
+
+def _datasets(group: h5py.Group) -> list[tuple[str, h5py.Dataset]]:
+    found: list[tuple[str, h5py.Dataset]] = []
+    group.visititems(lambda path, item: found.append((path, item)) if isinstance(item, h5py.Dataset) else None)
+    return found
+
+
+def frozen(name: str, body: str, *columns: str) -> Fault:
+    def fault(file: h5py.File) -> None:
+        for column in columns:
+            file[f"bodies/{body}/tick/{column}"][...] = file[f"bodies/{body}/tick/{column}"][0]
+
+    return with_name(name, fault)
+
+
+def of_left_contact(name: str, column: str, change: Callable[[Any], Any]) -> Fault:
+    """Change the contact of the left hand that bears most, or slips most."""
+
+    def fault(file: h5py.File) -> None:
+        a, most = file["contact/a"][...], file["contact/slip" if column == "slip" else "contact/normal_force"][...]
+        row = int(np.where((a >= 16) & (a < 32), most, -1.0).argmax())
+        file[f"contact/{column}"][row] = change(file[f"contact/{column}"][row])
+
+    return with_name(name, fault)
+
+
+def moved_along(file: h5py.File) -> None:
+    """The user's hand and the shown one aside, in ticks in which nothing touches."""
+    for name in ("haptic/position", "graphic/position", "graphic/joints"):
+        file[f"hands/right/tick/{name}"][3] += 1e-4
+
+
+def first_contact(file: h5py.File, of_table: bool) -> int:
+    """The row of a contact that bears something at the tick."""
+    chosen = (file["contact/tick"][...] == FREE_TICK) & ((file["contact/a"][...] >= 16) == of_table)
+    return int(np.flatnonzero(chosen)[file["contact/normal_force"][...][chosen].argmax()])
+
+
+def of_contact(name: str, column: str, change: Callable[[Any], Any], of_table: bool = False) -> Fault:
+    """Change what a contact with the hand, or the table, says."""
+
+    def fault(file: h5py.File) -> None:
+        row = first_contact(file, of_table)
+        file[f"contact/{column}"][row] = change(file[f"contact/{column}"][row])
+
+    return with_name(name, fault)
+
+
+def too_much_torsion(file: h5py.File) -> None:
+    row = first_contact(file, of_table=False)
+    file["contact/torsional_moment"][row] = 0.02 * file["contact/normal_force"][row]
+
+
+def hidden_slip(file: h5py.File) -> None:
+    slip = file["contact/slip"][...]
+    file["contact/slip"][int(slip.argmax())] = 0.0
+
+
+def halved_slip(file: h5py.File) -> None:
+    """In a tick of several programs."""
+    slip = file["contact/slip"][...]
+    several = file["hands/right/tick/work/linearisations"][...][file["contact/tick"][...]] > 1
+    file["contact/slip"][int(np.where(several, slip, 0.0).argmax())] *= 0.5
+
+
+def claimed_to_stick(file: h5py.File) -> None:
+    file["contact/sticks"][int(file["contact/slip"][...].argmax())] = 1
+
+
+def other_finger(file: h5py.File) -> None:
+    row = first_contact(file, of_table=False)
+    file["contact/a"][row] = (file["contact/a"][row] + 3) % 15
+
+
+def long_normal(file: h5py.File) -> None:
+    """Half the push along twice the normal: the force is the same."""
+    row = first_contact(file, of_table=False)
+    file["contact/normal"][row] *= 2.0
+    file["contact/normal_force"][row] *= 0.5
+
+
+def swapped_wrenches(file: h5py.File) -> None:
+    hand, table = file["bodies/cylinder/tick/hand_wrench"], file["bodies/cylinder/tick/table_wrench"]
+    hand[FREE_TICK], table[FREE_TICK] = table[FREE_TICK], hand[FREE_TICK]
+
+
+def split_contact(file: h5py.File) -> None:
+    """One contact as two of half its force at one place."""
+    row = first_contact(file, of_table=False)
+    for name in ("normal_force", "friction_force", "torsional_moment"):
+        file[f"contact/{name}"][row] = 0.5 * file[f"contact/{name}"][row]
+    for name in file["contact"]:
+        values, attributes = file[f"contact/{name}"][...], dict(file[f"contact/{name}"].attrs)
+        del file[f"contact/{name}"]
+        file[f"contact/{name}"] = np.insert(values, row, values[row], axis=0)
+        file[f"contact/{name}"].attrs.update(attributes)
+
+
+# The mass halved, the gravity doubled: the weight is the same, what moves is not.
+pulled_down_twice = of_properties("pulled_down_twice", lambda free: free.update(mass=25.0, gravity=[0.0, 0.0, -19.62]))
+heavier_to_turn = of_properties(
+    "heavier_to_turn", lambda free: free.update(inertia=(1.1 * np.array(free["inertia"])).tolist())
+)
+
+
+def given_to_another(file: h5py.File) -> None:
+    """What one body bears is given to the next one that bears something: the sum is the same."""
+    phalanx = file["hands/right/tick/force/phalanx"][HELD].reshape(15, 3)
+    one, other = np.flatnonzero(np.abs(phalanx).any(axis=1))[:2]
+    phalanx[[one, other]] = phalanx[[other, one]]
+    file["hands/right/tick/force/phalanx"][HELD] = phalanx.reshape(5, 3, 3)
+
+
+def force_between_fingers(file: h5py.File) -> None:
+    """A body that touches nothing bears half a newton, and another one less."""
+    phalanx = file["hands/right/tick/force/phalanx"][HELD].reshape(15, 3)
+    bears = np.abs(phalanx).any(axis=1)
+    phalanx[np.flatnonzero(~bears)[0], 2] += 0.5
+    phalanx[np.flatnonzero(bears)[0], 2] -= 0.5
+    file["hands/right/tick/force/phalanx"][HELD] = phalanx.reshape(5, 3, 3)
+
+
+def of_second(name: str, column: str, tick: int, change: Callable[[Any], Any]) -> Fault:
+    return at(name, f"{TWO}/{column}", tick, change)
+
+
+def into_the_hand(file: h5py.File) -> None:
+    """The second thing, where its hand's force has it, half a millimetre on."""
+    push = file[f"{TWO}/hand_wrench"][HELD, :3]
+    file[f"{TWO}/position"][HELD] -= 5e-4 * push / np.linalg.norm(push)
+
+
+def nudged_together(file: h5py.File) -> None:
+    """Both hands by a micrometre, where nothing touches."""
+    for name in ("graphic/position", "graphic/joints", "haptic/position"):
+        file[f"hands/right/tick/{name}"][AIR] += 1e-6
+
+
+def turned_user(file: h5py.File) -> None:
+    w, x, y, z = file["hands/right/tick/haptic/orientation"][AIR]
+    file["hands/right/tick/haptic/orientation"][AIR] = (w - 5e-7 * x, x + 5e-7 * w, y + 5e-7 * z, z - 5e-7 * y)
+
+
+def stale_user(file: h5py.File) -> None:
+    """A tick has the hand of one before."""
+    for name in ("position", "orientation", "flexion", "abduction"):
+        file[f"hands/right/tick/haptic/{name}"][AIR] = file[f"hands/right/tick/haptic/{name}"][AIR - 4]
+
+
+def moved_phases(file: h5py.File) -> None:
+    """The grasp begins early, in ticks in which nothing is measured by phase."""
+    file["phase/first_tick"][1] -= 4
+    file["phase/last_tick"][0] -= 4
+
+
+FAULTS: dict[str, dict[Fault, str]] = {
+    "one hand": {
+        invented_dataset: AGAIN,
+        of_scene("more_ticks", lambda scene: scene.update(ticks=10**400)): "order",
+        excused_forces: "status",
+        at("full_in_the_air", "hands/right/tick/status", 0, lambda x: x | 16): "status",
+        at("held_in_the_air", "hands/right/tick/status", 0, lambda x: x | 32): "status",
+        at("late_in_time", "hands/right/tick/status", slice(HOLD, HOLD + 9), lambda x: x | 2): "status",
+        at("shifted", "hands/right/tick/graphic/position", (HOLD, 0), lambda x: x + 1e-6): "kinematics",
+        moved_hand: "non-penetration",
+        at("swapped_finger", "hands/right/tick/graphic/flexion", HOLD, lambda row: row[[0, 2, 1, 3, 4]]): "kinematics",
+        rotated: "kinematics",
+        at("stretched_quaternion", "hands/right/tick/graphic/orientation", HOLD, lambda x: x * 1.001): AGAIN,
+        scaled_force: "force balance",
+        pulling_force: "force balance",
+        force_in_the_air: "complementarity",
+        at("wrong_wrench", "hands/right/tick/force/palm_wrench", (HOLD, 4), lambda x: x + 1e-3): "palm wrench",
+        at("wrong_fingertip", "hands/right/tick/force/fingertip_normal", HOLD, lambda x: x * 1.01): AGAIN,
+        not_the_optimum: "stationarity",
+        missing_sphere: "cover",
+        wrong_parent: "tree encloses",
+        edited_mesh: "cover",
+        at("unsealed_mesh", "bodies/cylinder/mesh/vertices", (0, 0), lambda x: x + 1e-9): "checksums",
+        attribute("stale_metric", "summary/right", "force_hold_mean", lambda x: x * 1.01): AGAIN,
+        attribute("stale_percentile", "summary/right", "tick_cpu_p99", lambda x: x * 0.5): "times",
+        at("stale_variation", "hands/right/tick/force_variation_rate", 120, lambda x: x * 1.1): AGAIN,
+        over_the_limit: "joint limits",
+        wrong_phase: AGAIN,
+        at("overlapping_phase", "phase/first_tick", 2, lambda x: x - 10): AGAIN,
+        repeated_tick: "time",
+        at("older_sample", "hands/right/tick/input_seq", 120, lambda x: 3): AGAIN,
+        short_whole: "times",
+        at("less_work", "hands/right/tick/work/units", HOLD, lambda x: x // 2): AGAIN,
+        at("silent_lag", "hands/right/tick/lag", HOLD, lambda x: 1e-4): AGAIN,
+        at("uncounted_pair", "hands/right/tick/contacts/touching", HOLD, lambda x: x - 1): AGAIN,
+        at("false_stuck", "hands/right/tick/status", 120, lambda x: 1): AGAIN,
+        at("strange_status", "hands/right/tick/status", 120, lambda x: 64): "status",
+        at("spread_finger", "hands/right/tick/graphic/abduction", (HOLD, 1), lambda x: x + 1e-4): "kinematics",
+        at("longer_finger", "hands/right/phalanx_length", (1, 2), lambda x: x + 1e-6): "kinematics",
+        at("thicker_finger", "hands/right/phalanx_radius", 1, lambda x: x + 1e-6): "non-penetration",
+        moved_sphere: "non-penetration",
+        at("shrunk_sphere", "bodies/cylinder/tree/radius", -1, lambda x: x * 0.9): "cover",
+        at("slower_clock", "tick/time", ..., lambda x: x * 1.001): "time",
+        frozen_hand: "palm wrench",
+        at("swapped_forces", "hands/right/tick/force/phalanx", HOLD, lambda row: row[[0, 2, 1, 3, 4]]): "force balance",
+        tangential_force: "force balance",
+        at("claimed_depth", "hands/right/tick/penetration_finger", (HOLD, 1), lambda x: 1e-6): "depth",
+        at("not_a_number", "hands/right/tick/haptic/flexion", (HOLD, 1, 1), lambda x: np.nan): AGAIN,
+        attribute("vanished_figure", "summary/right", "penetration_max", lambda x: 1e-6): AGAIN,
+        at("smoothed_variation", "hands/right/tick/force_variation_finger", slice(120, 125), lambda x: 0.0): AGAIN,
+        halved_candidates: AGAIN,
+        at("fewer_bodies", "hands/right/tick/work/bodies", HOLD + 1, lambda x: x - 1): AGAIN,
+        at("shifted_time", "tick/time", ..., lambda x: x + 1.0): "time",
+        stretched_time: "time",
+        at("slightly_shrunk_sphere", "bodies/cylinder/tree/radius", -1, lambda x: x - 1e-6): AGAIN,
+        pushed_vertex: AGAIN,
+        dropped_palm_sphere: "palm",
+        loose_palm_sphere: "palm",
+        of_scene("wider_margin", lambda scene: scene["solver"].update(margin=2e-3)): AGAIN,
+        of_scene("narrower_margin", lambda scene: scene["solver"].update(margin=5e-4)): AGAIN,
+        of_scene("fewer_linearisations", lambda scene: scene["solver"].update(linearisations=1)): AGAIN,
+        of_scene("softer_coupling", lambda scene: scene["solver"]["stiffness"].update(rotation=4.0)): "palm wrench",
+        of_scene("wider_touch", lambda scene: scene["solver"].update(touch=1e-3)): AGAIN,
+        of_scene("other_force_model", lambda scene: scene["solver"].update(force="paper")): "Eq. 14",
+        of_scene("fewer_fingers", lambda scene: scene["solver"].update(fingers=["thumb", "index"])): "depth",
+        deleted_figure: AGAIN,
+        deleted_tremor: AGAIN,
+        moved_in_the_air: AGAIN,
+        of_scene("renamed_method", lambda scene: scene["solver"].update(method="progressive")): AGAIN,
+        attribute("invented_figure", "summary/right", "comfort", lambda x: 0.97): AGAIN,
+        attribute("worded_figure", "summary/right", "penetration_max", lambda x: "none"): AGAIN,
+        deep_between_samples: "non-penetration",
+        moved_force: "complementarity",
+        turned_force: "force balance",
+        stale_forces: "palm balance",
+        at(
+            "turned_moment", "hands/right/tick/force/palm_wrench", (UNMARKED, slice(3, None)), lambda x: x * -1.0
+        ): "palm wrench",
+        at(
+            "fingertip_of_another",
+            "hands/right/tick/force/fingertip_normal",
+            UNMARKED,
+            lambda row: row[[0, 3, 2, 1, 4]],
+        ): AGAIN,
+        at(
+            "swapped_user_fingers", "hands/right/tick/haptic/flexion", UNMARKED, lambda row: row[[0, 4, 2, 3, 1]]
+        ): "stationarity",
+        swapped_hands: "kinematics",
+        in_degrees: "kinematics",
+        at("user_spread", "hands/right/tick/haptic/abduction", (UNMARKED, 2), lambda x: x + 1e-6): AGAIN,
+        at("flipped_quaternion", "hands/right/tick/graphic/orientation", UNMARKED, lambda x: x * -1.0): AGAIN,
+        of_scene("left_hand", lambda scene: scene["hand"].update(side="left")): AGAIN,
+        at("widened_limits", "hands/right/flexion_max", ..., lambda x: x + 0.1): AGAIN,
+        of_scene("larger_hand", lambda scene: scene["hand"].update(length=0.191)): AGAIN,
+        at("wider_spread", "hands/right/abduction_min", 3, lambda x: x - 1e-3): AGAIN,
+        at("held_input", "hands/right/tick/status", slice(160, 190), lambda x: x | 4): AGAIN,
+        at("late_first_sample", "hands/right/tick/input_seq", ..., lambda x: x + 5): AGAIN,
+        false_lag: AGAIN,
+        at("lag_of_no_number", "hands/right/tick/lag", UNMARKED, lambda x: np.nan): AGAIN,
+        at("depth_of_no_number", "hands/right/tick/penetration_finger", (UNMARKED, 3), lambda x: np.nan): "depth",
+        at("variation_of_no_number", "hands/right/tick/force_variation_rate", UNMARKED, lambda x: np.nan): AGAIN,
+        at("stamp_of_no_number", "tick/time", UNMARKED, lambda x: np.nan): "time",
+        busy_clock: "times",
+        at("negative_time", "hands/right/tick/duration/force", UNMARKED, lambda x: -5): "times",
+        at("more_pairs_tested", "hands/right/tick/work/pair_tests", UNMARKED, lambda x: x + 100_000): AGAIN,
+        of_scene("fewer_spheres_said", lambda scene: scene["modelled"].update(object_spheres=63)): AGAIN,
+        of_scene("other_level", lambda scene: scene["tree_options"].update(level=3)): AGAIN,
+        at("placed_elsewhere", "bodies/cylinder/position", 0, lambda x: x + 1e-6): AGAIN,
+        attribute("deeper_user", "summary/right", "input_depth_max", lambda x: x + 1e-5): AGAIN,
+        attribute("smaller_correction", "summary/right", "correction_joint_max", lambda x: x * 0.99): AGAIN,
+        attribute("nearer_contacts", "summary/right", "contact_error_max", lambda x: x * 0.9): AGAIN,
+    },
+    "two": {
+        at("nearer hands", "tick/between/graphic", LATE, lambda x: x - 1e-3): AGAIN,
+        at("hands in each other", "tick/between/haptic", LATE, lambda x: -x): AGAIN,
+        at("hands nowhere", "tick/between/graphic", LATE, lambda x: np.nan): AGAIN,
+        of_label("hands that meet", lambda scene: scene.update(hands_apart=False)): AGAIN,
+        with_name("late hand", late_hand): AGAIN,
+        attribute("stopped", "/", "complete", lambda _: 0): "complete",
+        of_left_contact("forged point", "point", lambda x: x + 1e-3): "hand on object",
+        of_left_contact("forged force", "normal_force", lambda x: 1.1 * x + 0.01): "hand on object",
+        of_left_contact("no slip", "slip", lambda x: 0.0): AGAIN,
+        of_left_contact("turned friction", "friction_force", lambda x: -x): "hand on object",
+        at("left hand eased", "hands/left/tick/force/total", LATE, lambda x: 0.9 * x): "equal and opposite",
+        of_body("lighter", "cube", lambda of: of.update(mass=0.98 * of["mass"])): "Newton",
+        of_body("other table", "cube", lambda of: of.update(table=of["table"] - 1e-5)): "table",
+        at("thrown", "bodies/cube/tick/velocity", LATE, lambda x: x + 1e-4): "object velocity",
+        at("spun", "bodies/cube/tick/angular_velocity", LATE, lambda x: x + 1e-4): "object angular",
+        at("floating", "bodies/cube/tick/table_distance", LATE, lambda x: x + 1e-6): "table",
+        at("sure of friction", "bodies/cube/tick/friction_residual", LATE, lambda x: x + 1e-2): AGAIN,
+        of_label("other law", lambda scene: scene.update(friction_law="Coulomb")): AGAIN,
+    },
+    "door": {
+        at("leaf off its hinge", "bodies/leaf/tick/position", ..., lambda x: x + 5e-3): "hinge",
+        at("leaf that jumps", "bodies/leaf/tick/position", LATE, lambda x: x + 5e-3): "object velocity",
+        of_body("wider limits", "leaf", lambda of: of["hinge"].update(limits=[-1.7, 1.7])): AGAIN,
+        of_body("smooth hinge", "leaf", lambda of: of["hinge"].update(friction=0.01)): "hinge",
+        of_body("other axis", "leaf", lambda of: of["hinge"].update(axis=[0.0, 0.1, 1.0])): "hinge",
+        of_body("other origin", "leaf", lambda of: of["hinge"].update(origin=[0.0, 0.0, 0.0])): "hinge",
+        of_body("other inertia", "leaf", lambda of: of.update(inertia=np.eye(3).tolist())): AGAIN,
+        of_body("other bearer", "leaf", lambda of: of["hinge"].update(on="stop")): AGAIN,
+        of_body("rougher", "leaf", lambda of: of.update(friction=0.9)): AGAIN,
+        of_body("torsion", "leaf", lambda of: of.update(torsion=0.01)): AGAIN,
+        shape("post elsewhere", "post", lambda x: x + [5e-3, 0.0, 0.0]): AGAIN,
+        shape("thinner post", "post", lambda x: x * [0.9, 1.0, 1.0]): AGAIN,
+        at("post that jumps", "bodies/post/tick/position", LATE, lambda x: x + 0.02): AGAIN,
+        kind("free post", "post", "free"): AGAIN,
+        at("helped", "bodies/leaf/tick/hand_wrench", LATE, lambda x: x + 1e-2): "hand on object",
+    },
+    "laptop": {
+        at("other value", "bodies/lid/tick/joint", LATE, lambda x: x + 1e-3): "joints",
+        at("lid that jumps", "bodies/lid/tick/position", LATE, lambda x: x + 5e-3): "joints",
+        frozen("frozen lid", "lid", "position", "orientation"): "joints",
+        frozen("lid and joint frozen", "lid", "position", "orientation", "joint"): AGAIN,
+        at("lid off its hinge", "bodies/lid/tick/position", ..., lambda x: x + 5e-3): AGAIN,
+        shape("thinner lid", "lid", lambda x: x * [1.0, 1.0, 0.8]): AGAIN,
+        at("base that jumps", "bodies/base/tick/position", LATE, lambda x: x + 0.02): "joints",
+        of_body("lid beyond its limits", "lid", lambda of: of["joint"].update(limits=[2.2, 2.4])): "joints",
+        of_body("lid of wider limits", "lid", lambda of: of["joint"].update(limits=[0.0, 3.0])): AGAIN,
+        of_body("lid the other way", "lid", lambda of: of["joint"].update(axis=[1.0, 0.0, 0.0])): "joints",
+        of_body("hinge elsewhere", "lid", lambda of: of["joint"].update(origin=[0.0, 0.0, 0.0])): "joints",
+        of_body("lid on the world", "lid", lambda of: of["joint"].update(on="")): AGAIN,
+        of_body("lid that slides", "lid", lambda of: of["joint"].update(type="slider")): "joints",
+        of_label("own parts", lambda scene: scene["solver"].update(self_contact=True)): AGAIN,
+        of_label("friction modelled", lambda scene: scene["modelled"].update(not_modelled=["deformation"])): AGAIN,
+        kind("still lid", "lid", "fixed"): AGAIN,
+    },
+    "driven": {
+        of_label("said to be still", lambda scene: scene.update(object_pose="fixed")): AGAIN,
+        at("nudged", "bodies/cube/tick/position", LATE, lambda x: x + 1e-6): AGAIN,
+        at("opposite quaternion", "bodies/cube/tick/orientation", LATE, lambda x: -x): AGAIN,
+        at("begun elsewhere", "bodies/cube/position", 0, lambda x: x + 1e-6): AGAIN,
+    },
+    "fixed": {
+        with_name("other unit", lambda file: file["tick/time"].attrs.update(units="ms")): AGAIN,
+        with_name("other words", lambda file: file["hands/right/tick/lag"].attrs.update(long_name="none")): AGAIN,
+        kind("cube said to move", "cube", "driven"): AGAIN,
+        of_label("larger budget", lambda scene: scene["solver"].update(budget=1)): AGAIN,
+        of_label("other placement", lambda scene: scene.update(placement={"found": 1})): AGAIN,
+        with_name("moved along", moved_along): AGAIN,
+    },
+    "chest": {
+        at("tray not as recorded", "bodies/tray/tick/recorded_position", LATE, lambda x: x + 1e-5): AGAIN,
+        at("lid off the chest", "bodies/lid/tick/position", 5, lambda x: x + 1e-4): "joint",
+        of_body("lid of other limits", "lid", lambda of: of["hinge"].update(limits=[-1.7, 0.0])): AGAIN,
+        at("unequal", "bodies/lid/tick/body_wrench", LATE, lambda x: x + 1e-2): "between bodies",
+        at("chest in the tray", "bodies/chest/tick/position", 2, lambda x: x - [0.0, 0.0, 1e-4]): "bodies apart",
+    },
+    "two at a laptop": {
+        at("later hands", "tick/between/haptic", 3, lambda x: x + 1e-6): AGAIN,
+        at("lid for nobody", "bodies/lid/tick/orientation", LATE, lambda x: x[[0, 2, 1, 3]]): "joints",
+    },
+    "recording": {
+        nudged_together: AGAIN,
+        turned_user: AGAIN,
+        stale_user: AGAIN,
+        at("bent_user_finger", "hands/right/tick/haptic/flexion", (AIR, 3, 1), lambda x: x + 1e-6): AGAIN,
+        at("other_number", "hands/right/tick/input_seq", slice(3, None), lambda x: np.maximum(x - 1, 0)): AGAIN,
+        moved_phases: AGAIN,
+        at("renamed_phase", "phase/name", 1, lambda x: "pinch"): AGAIN,
+    },
+    "free on a table": {
+        at(
+            "pushed_object", "bodies/cylinder/tick/position", FREE_TICK, lambda x: x + (1e-6, 0.0, 0.0)
+        ): "object velocity",
+        at(
+            "faster_object", "bodies/cylinder/tick/velocity", FREE_TICK, lambda x: x + (0.0, 1e-4, 0.0)
+        ): "object velocity",
+        of_properties("lighter_object", lambda free: free.update(mass=49.0)): "Newton",
+        of_properties("stronger_gravity", lambda free: free.update(gravity=[0.0, 0.0, -9.82])): "Newton",
+        at("wrong_moment", "bodies/cylinder/tick/table_wrench", (FREE_TICK, 4), lambda x: x + 1e-3): "table on object",
+        at("helped_hand", "bodies/cylinder/tick/hand_wrench", (FREE_TICK, 2), lambda x: x + 1e-2): "hand on object",
+        of_contact("pushed_harder", "normal_force", lambda x: x * 1.01): "equal and opposite",
+        of_properties("smoother_object", lambda free: free.update(friction=0.2)): "friction cones",
+        too_much_torsion: "torsion",
+        of_contact("pulling_table", "normal_force", lambda x: x * -1.0, of_table=True): "friction cones",
+        hidden_slip: AGAIN,
+        halved_slip: AGAIN,
+        at("friction_off", "bodies/cylinder/tick/friction_residual", FREE_TICK, lambda x: x + 1e-5): AGAIN,
+        claimed_to_stick: AGAIN,
+        at("friction_along", "contact/friction_force", ..., lambda x: x * -1.0): "hand's balance",
+        at("higher_object", "bodies/cylinder/tick/table_distance", FREE_TICK, lambda x: x + 1e-6): "table",
+        of_properties("sunken_table", lambda free: free.update(table=free["table"] + 1e-5)): "table",
+        other_finger: "hand's balance",
+        long_normal: AGAIN,
+        of_contact("sticks_twice", "sticks", lambda x: 2): AGAIN,
+        of_contact("tilted_table", "normal", lambda x: (1e-3, 0.0, np.sqrt(1.0 - 1e-6)), of_table=True): AGAIN,
+        swapped_wrenches: "hand on object",
+        of_contact("slip_of_no_number", "slip", lambda x: np.nan): AGAIN,
+        of_properties("other_start", lambda free: free.update(velocity=[0.0, 0.0, 1e-3])): "Newton",
+        at("turned_twice", "bodies/cylinder/tick/orientation", FREE_TICK, lambda x: x * -1.0): AGAIN,
+        of_contact("point_elsewhere", "point", lambda x: x + (0.0, 1e-4, 0.0)): "hand on object",
+        heavier_to_turn: AGAIN,
+        pulled_down_twice: AGAIN,
+        split_contact: AGAIN,
+    },
+    "halves": {
+        of_second("faster", "velocity", AT_REST, lambda x: x + (0.0, 1e-4, 0.0)): "object velocity",
+        of_second("spinning", "angular_velocity", AT_REST, lambda x: x + (0.0, 0.0, 1e-4)): "object angular",
+        of_second("pulled", "table_wrench", AT_REST, lambda x: x + (1e-3, 0.0, 0.0, 0.0, 0.0, 0.0)): "Newton",
+        of_second("twisted", "table_wrench", AT_REST, lambda x: x + (0.0, 0.0, 0.0, 0.0, 0.0, 1e-3)): "Euler",
+        of_second("twisted by the hand", "hand_wrench", HELD, lambda x: x + (0.0, 0.0, 0.0, 0.01, 0.0, 0.0)): "Euler",
+        of_second("sunken", "position", AT_REST, lambda x: x - (0.0, 0.0, 1e-6)): "table",
+        of_second(
+            "turned in itself", "body_wrench", AT_REST, lambda x: x + (0.0, 0.0, 0.0, 0.0, 0.0, 1e-3)
+        ): "between bodies",
+        of_second("helped", "hand_wrench", HELD, lambda x: x + (0.0, 0.0, 1e-3, 0.0, 0.0, 0.0)): "hands on bodies",
+        at("of another object", f"{ONE}/hand_wrench", (HELD, 2), lambda x: x + 1e-3): "hand on object",
+        at("first elsewhere", f"{ONE}/velocity", (HELD, 2), lambda x: x + 1e-6): "object velocity",
+        given_to_another: AGAIN,
+        force_between_fingers: "complementarity",
+        into_the_hand: "non-penetration",
+        with_name("deep_in_the_hand", lambda file: into_the_hand(file)): "depth",
+        of_second("overlapping", "position", AT_REST, lambda x: x - (1e-5, 0.0, 0.0)): "bodies apart",
+        of_second("in one place", "position", AT_REST, lambda x: x - (0.02, 0.0, 0.0)): "bodies apart",
+    },
+}
+"""The check that names each fault, by kinds of results."""
