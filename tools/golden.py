@@ -33,7 +33,7 @@ SCENES = {
     "bunny-touch": "bunny touch",
     "bunny-grasp": "bunny grasp",
     "bunny-grasp-mesh": "bunny grasp --surface mesh",
-    "bunny-grasp-level-5": "bunny grasp --level 5",
+    "bunny-grasp-level-3": "bunny grasp --level 3",
     "bunny-ears-progressive": "bunny ears --method progressive",
     "bunny-sequence-threads": "bunny sequence --method progressive --threads 2",
     "cube-pinch-mesh": "cube pinch --surface mesh",

@@ -1,19 +1,36 @@
-"""Golden runs: what `tools.golden` kept is what is made, bit for bit."""
+"""Golden runs: what `tools.golden` kept is what is made, bit for bit, and true."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from hhsim.result.reader import load_result
+from hhsim.verify.verify import verify
 from tools.golden import GOLDEN, ROUNDED, SCENES, keep, load, moved, run
 
 
-@pytest.mark.parametrize("name", SCENES)
-def test_a_golden_run_is_made_again(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(autouse=True)
+def in_the_checkout(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(GOLDEN.parent.parent)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_golden_run_is_made_again(name: str, tmp_path: Path) -> None:
     run(name, tmp_path / "run.h5")
     row = moved(load(name), keep(tmp_path / "run.h5"))
     assert row is None or (ROUNDED in SCENES[name] and not row["faults"]), row
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.quick(
+    *("bunny-grasp-mesh", "rock-whole-hand-progressive", "cube-pinch-paper", "cylinder-whole-hand-penalty"),
+    *("two-hands-teapot", "carry-driven", "free-lift-both", "door-swing", "blocks-stack", "laptop-close"),
+)
+def test_the_referee_finds_nothing_false(name: str, tmp_path: Path) -> None:
+    run(name, tmp_path / "run.h5")
+    found = verify(load_result(tmp_path / "run.h5"))
+    assert found.passed, [(claim.name, claim.worst, claim.tick) for claim in found.claims if claim.failed]
 
 
 def test_there_is_a_run_of_each_scene_and_no_other() -> None:
