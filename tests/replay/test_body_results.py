@@ -1,6 +1,5 @@
 """Results of bodies on joints, driven ones and several free ones: files, second runs, and what the referee finds."""
 
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,9 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from body_tables import TABLE, body, body_file, joint
-from file_faults import forge_properties
-from sealed_change import changed as opened
-from short_grasp import hurried
 
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.replay.repeat import run_again
@@ -136,77 +132,6 @@ def test_each_body_has_its_poses_and_forces(results: Callable[[str], Result]) ->
     np.testing.assert_allclose(column(result, "blue", "body_wrench")[-1, 2], 0.05 * 9.81, rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["door", "drawer", "chest", "blocks"])
-@pytest.mark.quick("door", "blocks")
-def test_the_ticks_run_again_are_the_same_and_the_referee_finds_each_claim_true(
-    results: Callable[[str], Result], name: str
-) -> None:
-    again = run_again(results(name))
-    assert again.identical and {array.name for array in again.arrays} >= {"contact/point", "graphic/position"}
-    assert not failed(results(name))
-
-
-@pytest.mark.parametrize(
-    ("object_", "motion", "name"),
-    [pytest.param("door", "swing", "hinge", marks=pytest.mark.soak), ("drawer", "shut", "slider")],
-)
-@pytest.mark.soak
-def test_the_referee_finds_the_joint_of_a_hasty_hand_true(object_: str, motion: str, name: str, tmp_path: Path) -> None:
-    hasty = played(object_, hurried(motion, 1.2), tmp_path / "hurried.h5")
-    claims = {claim.name: claim for claim in verify(hasty).claims}
-    assert not [claim.name for claim in claims.values() if claim.failed]
-    assert claims[name].verdict == "holds" and claims[name].checked == hasty.ticks
-
-
-@pytest.mark.parametrize(
-    ("object_", "dataset", "tick", "add", "claim"),
-    [
-        ("door", "leaf/tick/position", 2000, [0.0, 1e-8, 0.0], "hinge"),
-        ("door", "leaf/tick/hand_wrench", 2000, [0.0, 1e-2, 0.0, 0.0, 0.0, 0.0], "hinge"),
-        ("drawer", "drawer/tick/position", SHUT, [1e-8, 0.0, 0.0], "slider"),
-        ("drawer", "drawer/tick/orientation", MOVES, [0.0, 1e-8, 0.0, 0.0], "slider"),
-        ("drawer", "drawer/tick/velocity", MOVES, [0.0, 1e-3, 0.0], "slider"),
-        ("drawer", "drawer/tick/hand_wrench", MOVES, [0.0, 1e-2, 0.0, 0.0, 0.0, 0.0], "slider"),
-        ("chest", "tray/tick/position", HELD, [0.0, 1e-8, 0.0], "driven"),
-        ("chest", "tray/tick/orientation", HELD, [0.0, 1e-8, 0.0, 0.0], "driven"),
-        ("chest", "tray/tick/recorded_position", HELD, [0.0, 1e-8, 0.0], "driven"),
-    ],
-)
-@pytest.mark.quick("door-leaf/tick/hand_wrench-2000-add1-hinge")
-def test_the_referee_finds_a_planted_fault(
-    results: Callable[[str], Result],
-    tmp_path: Path,
-    object_: str,
-    dataset: str,
-    tick: int,
-    add: list[float],
-    claim: str,
-) -> None:
-    path = Path(shutil.copy(results(object_).path, tmp_path / "changed.h5"))
-    with opened(path) as file:
-        file[f"bodies/{dataset}"][tick] += add
-    assert claim in failed(load_result(path))
-
-
-@pytest.mark.parametrize(
-    ("object_", "joint", "change"),
-    [
-        ("door", "hinge", {"limits": [-0.5, 0.5]}),
-        ("drawer", "slider", {"friction": 1.4}),
-        ("drawer", "slider", {"limits": [-0.11, 0.1]}),
-        ("drawer", "slider", {"axis": [1e-6, 1.0, 0.0]}),
-    ],
-)
-@pytest.mark.soak
-def test_the_referee_finds_another_joint_than_that_of_the_run(
-    results: Callable[[str], Result], tmp_path: Path, object_: str, joint: str, change: dict[str, Any]
-) -> None:
-    path = Path(shutil.copy(results(object_).path, tmp_path / "changed.h5"))
-    with opened(path) as file:
-        forge_properties(file, lambda free: free[joint].update(change))
-    assert joint in failed(load_result(path))
-
-
 @pytest.mark.soak
 def test_what_stops_a_driven_body_is_told(tmp_path: Path) -> None:
     scene = open_scene(body_file(tmp_path, *PRESSED), "never", solid=False, level=2)
@@ -229,11 +154,3 @@ def test_a_first_body_on_another_one_is_read_run_again_and_judged(tmp_path: Path
     claims = {claim.name: claim for claim in verify(result).claims}
     assert not [claim.name for claim in claims.values() if claim.failed]
     assert {"Newton", "between bodies", "bodies apart"} <= claims.keys()
-
-
-@pytest.mark.soak
-def test_a_scene_of_free_bodies_runs_on_spheres_of_its_usual_level(tmp_path: Path) -> None:
-    scene = open_scene("door", "swing")
-    replay_scene(scene.first(TICKS), SolverOptions(), tmp_path / "door.h5")
-    assert {body.tree.depth for body in scene.solids} == {3}
-    assert run_again(load_result(tmp_path / "door.h5")).identical

@@ -24,7 +24,6 @@ from hhsim.metrics.run.registry import tick_figures
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.motion.file import save_trajectory
 from hhsim.motion.trajectory import Trajectory
-from hhsim.replay.repeat import run_again
 from hhsim.report.run import posed_result
 from hhsim.result.motion import load_result_motion
 from hhsim.result.reader import TURNS, Result, load_result
@@ -132,10 +131,6 @@ def test_the_referee_finds_every_claim_true_and_sees_what_the_library_sees(runs:
         if turns == "orientation":
             other = other * np.sign((one * other).sum(axis=1, keepdims=True))
         np.testing.assert_allclose(other, one, atol=1e-12, err_msg=name)
-
-
-def test_a_driven_result_runs_again_bit_for_bit(runs: tuple[Result, Result]) -> None:
-    assert run_again(runs[1]).identical
 
 
 def test_a_fixed_object_has_no_pose_a_tick(runs: tuple[Result, Result]) -> None:

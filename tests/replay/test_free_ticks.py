@@ -18,7 +18,6 @@ from hhsim.errors import InputError
 from hhsim.gate.input_hash import differences, run_inputs
 from hhsim.gate.metrics import run_figures
 from hhsim.motion.trajectory import ObjectMotion
-from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, SCHEMA_VERSION
 from hhsim.scene.body import Driven
@@ -73,12 +72,6 @@ def test_the_contacts_add_up_to_the_wrenches_and_these_to_the_motion(result: Res
     once = (result["work/linearisations"] == 1)[1:] & (result["status"] == 0)[1:]
     assert once.sum() > 50
     assert momentum[once] == pytest.approx(force[once], abs=2e-3 * (1.0 + np.abs(force).max()))
-
-
-def test_a_second_run_is_the_same_to_the_bit(result: Result) -> None:
-    again = run_again(result)
-    assert again.identical
-    assert {"bodies/cylinder/tick/velocity", "contact/slip"} <= {array.name for array in again.arrays}
 
 
 def test_the_gate_judges_it_on_the_surface_that_the_hand_touched(result: Result) -> None:

@@ -12,7 +12,6 @@ from short_grasp import short_grasp, short_scene
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.run_ticks import PLACED
-from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
 from hhsim.result.reader import Result, load_result
@@ -62,13 +61,6 @@ def test_the_hand_touches_the_mesh_to_a_micrometre_and_is_nowhere_inside(run: tu
         assert away.min() > 0.0
         least = min(least, float(away.min()))
     assert least < 1e-3
-
-
-@ONE
-def test_a_second_run_knows_the_surface(run: tuple[Result, ReplaySummary]) -> None:
-    result, _ = run
-    assert result.surface == "mesh" and result.scene["solver"]["skin"] == 5e-4
-    assert run_again(result).identical
 
 
 def test_a_sheet_that_encloses_nothing_is_touched_from_both_sides(scene: Scene, tmp_path: Path) -> None:

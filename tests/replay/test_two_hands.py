@@ -33,12 +33,8 @@ from hhsim.scene.scene import Scene, make_scene, open_scene, require_one_object,
 from hhsim.scene.synthesis import planned
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.system.checksummed_file import seal_file
-from hhsim.system.progress import silent
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
-from hhsim.verify.claim import HOLDS
-from hhsim.verify.second_run import second_run_claim
 from hhsim.verify.verify import verify
 
 HANDS = HandModel.default("right"), HandModel.default("left")
@@ -234,29 +230,6 @@ def test_haptic_hands_that_enter_each_other_are_shown_apart(meeting: TwoHandedRe
         assert result.summary["penetration_max"] == 0.0 and result.scene["hands_apart"] is True
 
 
-@pytest.mark.soak
-def test_the_referee_knows_that_hands_keep_apart_and_a_second_run_is_the_same(
-    meeting: TwoHandedReplay, tmp_path: Path
-) -> None:
-    # At a free object one hand's result has the other one's contacts, too.
-    for hand in list(load_result(meeting.path).hands.values())[int(meeting.together) :]:
-        found = verify(hand, every=25)
-        assert found.passed, [(claim.name, claim.worst, claim.tick) for claim in found.claims if claim.failed]
-        assert "hands apart" in {claim.name for claim in found.claims if claim.verdict == "holds"}
-    assert run_again(load_hand(meeting.path, "left")).identical
-    faulty = tmp_path / "both.h5"
-    faulty.write_bytes(meeting.path.read_bytes())
-    with h5py.File(faulty, "r+") as file:
-        # One hand 10 mm nearer to the other one in the tick in which they are nearest.
-        at = int(np.argmin(file["tick/between/graphic"]))
-        way = file["hands/right/tick/graphic/position"][at] - file["hands/left/tick/graphic/position"][at]
-        for name in ("position", "joints"):
-            file[f"hands/left/tick/graphic/{name}"][at] += 0.01 * way / np.linalg.norm(way)
-    seal_file(faulty, faulty.stat().st_size)
-    found = {claim.name for claim in verify(load_hand(faulty, "left"), every=400).claims if claim.failed}
-    assert {"second run", "hands apart"} <= found
-
-
 @pytest.fixture(scope="module")
 def lifted(tmp_path_factory: pytest.TempPathFactory) -> TwoHandedReplay:
     """The cube, pressed from both sides and lifted by 100 mm."""
@@ -315,26 +288,6 @@ def test_one_hand_gives_the_cup_to_the_other(tmp_path: Path) -> None:
     assert np.isin(np.flatnonzero(given), of_left).all() and not np.isin(of_right, np.flatnonzero(given)).any()
 
 
-@pytest.mark.soak
-def test_the_referee_and_a_second_run_know_what_two_hands_hold(lifted: TwoHandedReplay, tmp_path: Path) -> None:
-    # The right hand's is the same with the bodies of both exchanged.
-    result = load_hand(lifted.path, "left")
-    found = verify(result, every=200)
-    assert found.passed, [claim.name for claim in found.claims if claim.failed]
-    assert run_again(result).identical
-    # As a run leaves it that is killed.
-    path = tmp_path / "run.h5"
-    path.write_bytes(lifted.path.read_bytes())
-    with h5py.File(path, "r+") as file:
-        file.attrs["complete"] = 0
-        for side, ticks in (("right", 320), ("left", 300)):
-            rows = file[f"hands/{side}/tick"]
-            rows.visititems(lambda _, each, n=ticks: each.resize(n, 0) if hasattr(each, "resize") else None)
-    seal_file(path, path.stat().st_size)
-    again = run_again(load_result(path))
-    assert again.identical and again.ticks == again.ticks_stored == 300
-
-
 @pytest.mark.parametrize("name", ["open", "close"])
 def test_two_hands_at_a_lid_are_mirror_images_each_at_its_side(name: str) -> None:
     motions = two_handed_motions(name)
@@ -372,12 +325,3 @@ def test_hands_that_meet_beside_parts_are_shown_apart(tmp_path: Path) -> None:
     assert found.passed, [(claim.name, claim.worst, claim.tick) for claim in found.claims if claim.failed]
     assert "hands apart" in {claim.name for claim in found.claims if claim.verdict == "holds"}
     assert run_again(results[1]).identical
-
-
-@pytest.mark.soak
-def test_the_referee_finds_the_left_hand_s_place_beside_the_right_one_at_a_thing_of_parts(tmp_path: Path) -> None:
-    words = SceneWords(object="scissors", trajectory="pinch", ticks=40)
-    made = described_scene(words, load_bodies_of("scissors", 2), HANDS, two_handed_motions("pinch"))
-    replay_two_hands(made.scene, SolverOptions(), tmp_path / "both.h5")
-    again = second_run_claim(load_result(tmp_path / "both.h5"), silent)
-    assert again.verdict == HOLDS and again.note == ""
