@@ -23,14 +23,14 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
-from hhsim.live.link.dexmo_codec import (
+from hhsim.live.drivers.dexmo import (
     CHANNELS,
     FINGER_FIELDS,
     LENGTH,
     GloveMessage,
-    MessageStream,
     framed,
     message_classes,
+    next_message,
     parse_message,
 )
 from tools.fake_peer import FakePeer, FakeServer, PeerLog, peer_parser
@@ -100,7 +100,7 @@ class FakeDexmoServer(FakePeer):
         self._gloves = [(int(number), hand == "right") for number, _, hand in parts]
         self._counts, self._battery = options.counts, options.battery
         self._plugged = True
-        self._streams: dict[int, MessageStream] = {}
+        self._streams: dict[int, bytearray] = {}
 
     def send(self, number: int, channels: FloatArray) -> None:
         """See `FakePeer.send`."""
@@ -119,10 +119,10 @@ class FakeDexmoServer(FakePeer):
         if not data:
             return
         client = self._server.client(end)
-        stream = self._streams.setdefault(client, MessageStream())
-        stream.feed(data)
+        stream = self._streams.setdefault(client, bytearray())
+        stream += data
         try:
-            while (payload := stream.next()) is not None:
+            while (payload := next_message(stream)) is not None:
                 for impedance in decode_impedances(payload):
                     self.log.command(
                         [client, impedance.device_id, impedance.kept, *impedance.stiffness, *impedance.set_point], now

@@ -30,7 +30,7 @@ from typing import Protocol
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.live.link.dexmo_codec import CHANNELS
+from hhsim.live.drivers.dexmo import CHANNELS
 
 BENDS = tuple(k for k, name in enumerate(CHANNELS) if name.endswith("_bend"))
 JUMP = 0.9

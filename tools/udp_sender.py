@@ -13,7 +13,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.live.link.udp_codec import NONE_YET, Kind, PacketError, decode_packet, encode_packet
+from hhsim.live.open_packet import NONE_YET, Kind, PacketError, decode_packet, encode_packet
 from hhsim.recordings.dexmo_regression import DexmoRegression
 from tools.fake_peer import BENDS, FakePeer, PeerLog, peer_parser
 

@@ -120,7 +120,7 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
             values = value if isinstance(value, tuple) else (value,)
             yield f"hhsim bench {suite}", f"--{one or field}", ",".join(map(str, values))
     yield "hhsim gate", "--processes", f"as the suite says, else {default_suite().time.processes}"
-    served: list[Any] = [(kind, configure(kind).options) for kind in ("dexmo", "manus", "openxr", "udp")]
+    served: list[Any] = [(kind, configure(kind).options) for kind in ("dexmo", "openxr", "udp")]
     ports = ", ".join(f"{options.port} for {kind}" for kind, options in served)
     yield "hhsim live glove", "--port", ports
     yield "hhsim live glove", "--stiffness", f"{live_setup.OutputLimits().stiffness[0]:g}"

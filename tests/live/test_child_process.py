@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hhsim.live.child_process import LOOK, ChildProcess
+from hhsim.live.processes import LOOK, ChildProcess
 
 Start = Callable[..., ChildProcess]
 

@@ -23,14 +23,13 @@ from types import FrameType
 from typing import Any, Self
 
 from hhsim.errors import HhsimError
-from hhsim.live.child_process import ChildProcess
 from hhsim.live.device import DeviceCounters, DeviceError
-from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import SessionMemory
-from hhsim.live.ipc.status import Stage
+from hhsim.live.processes import ChildProcess, RingReader, write_setup
 from hhsim.live.real_time import keep_off
+from hhsim.live.session.memory import SessionMemory
+from hhsim.live.session.settings import LiveSetup
 from hhsim.live.session.statistics import LiveTally
-from hhsim.live.shared_memory import RingReader, write_setup
+from hhsim.live.session.status import Stage
 from hhsim.result.miss_cause import by_name
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
 
@@ -50,8 +49,8 @@ Say = Callable[[str, int], None]
 
 LOOP, WATCHDOG, RECORDER, VIEWER = "loop", "watchdog", "recorder", "viewer"
 MODULES = {
-    LOOP: "hhsim.live.loop.process",
-    WATCHDOG: "hhsim.live.loop.watchdog",
+    LOOP: "hhsim.live.session.loop",
+    WATCHDOG: "hhsim.live.session.watchdog",
     RECORDER: "hhsim.live.session.recorder",
     VIEWER: "hhsim.live.session.viewer",
 }
@@ -148,7 +147,7 @@ class Supervisor:
         descriptor = self.memory.with_setup(setup)
         self._setups = dict.fromkeys((LOOP, RECORDER, VIEWER), descriptor)
         each = zip(setup.hands, self.memory.hands)
-        self._setups[WATCHDOG] = write_setup(*(own.for_watchdog(hand.descriptors.status) for own, hand in each))
+        self._setups[WATCHDOG] = write_setup(*(own.for_watchdog(hand.descriptors.memory) for own, hand in each))
         self._children: dict[str, ChildProcess] = {}
         self._notices: list[tuple[float, int, str]] = []
         self._reason = self._loop_failed = self._record_failed = self._fault_at_end = ""

@@ -17,9 +17,9 @@ from live_peers import PATIENCE, Reader, free_ports
 from numpy.typing import NDArray
 from sampled import sampled
 
+from hhsim.live import open_packet
 from hhsim.live.devices.registry import configure, open_device
-from hhsim.live.link import udp
-from hhsim.live.link.udp import MOST_LOOKED_AT, UdpPort
+from hhsim.live.open_packet import MOST_LOOKED_AT, UdpPort
 
 RATE = 100_000
 FLOOD = Path(udp_flood.__file__)
@@ -102,7 +102,7 @@ def test_nothing_is_used_that_is_not_the_peers_and_every_frame_is_accounted_for(
     form: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # A busy machine may hold up the process that sends for longer than a peer that goes on to send is silent.
-    monkeypatch.setattr(udp, "SESSION_SILENCE_NS", int(1e9 * PATIENCE))
+    monkeypatch.setattr(open_packet, "SESSION_SILENCE_NS", int(1e9 * PATIENCE))
     port, looks = free_ports(socket.SOCK_DGRAM), LooksAt(monkeypatch)
     with closing(open_device(configure(DEVICES[form], port=port))) as glove, flooded(form, port) as flood:
         glove.open(PATIENCE)

@@ -1,4 +1,4 @@
-"""The drills of the gloves that are told forces or powers: whatever breaks, they are told 0 in time.
+"""The drills of the gloves that are told forces: whatever breaks, they are told 0 in time.
 
 Their peers know the published formats alone (`openxr_peer`), and write down what they are told, and when the system had
 it: a peer that has to wait for a processor reads late what it was told in time.
@@ -19,7 +19,7 @@ import pytest
 from live_drill import LOOP, Watched, grasping_setup
 from live_peers import free_ports, until
 from machine_share import assert_in_time, keeps_time
-from openxr_peer import Location, hand_datagram, read_haptic
+from openxr_peer import Location, hand_datagram
 from renewed import Renewed
 from sampled import sampled
 
@@ -34,10 +34,8 @@ CLOSED = 0.95
 RATE = 100.0
 RAMP = 0.1
 """Of `grasping_setup` [s]."""
-FULL = 10.0
-"""More than a finger here presses [N]: full power would hide how far the ramp has come."""
 LEAST = 0.05
-"""A finger that feels so much, of full power or in newtons, is told of."""
+"""A finger that feels so much is told of [N]."""
 SO_TIMESTAMPNS = 35
 """Has the system say when a datagram was there, CLOCK_REALTIME (socket(7)); Python has no name for it."""
 
@@ -67,10 +65,6 @@ def hand_of_bends(bend: float, seq: int) -> bytes:
 def bends(bend: float, seq: int) -> bytes:
     header = struct.pack("<4sBBHIIQIi", b"HHGL", 1, 1, 5, 5, seq, 0, 2**32 - 1, -1)
     return header + struct.pack("<5f", *[bend] * 5)
-
-
-def told_power(data: bytes) -> float:
-    return max(read_haptic(data).values)
 
 
 def told_force(data: bytes) -> float:
@@ -146,10 +140,8 @@ class Worn(Watched):
 @contextmanager
 def worn(kind: str) -> Iterator[Worn]:
     port = free_ports(socket.SOCK_DGRAM)
-    if kind == "manus":
-        peer, device = Peer(port, hand_of_bends, told_power), configure("manus", port=port, full_force=FULL)
-    else:
-        peer, device = Peer(port, bends, told_force), configure("udp", port=port, takes="forces")
+    sample = hand_of_bends if kind == "openxr" else bends
+    peer, device = Peer(port, sample, told_force), configure(kind, port=port, takes="forces")
     held = Worn(peer)
     peer.start()
     try:
@@ -161,7 +153,7 @@ def worn(kind: str) -> Iterator[Worn]:
         peer.join()
 
 
-@pytest.fixture(scope="module", params=sampled(["manus", "forces"], lambda _, kind: kind == "manus"))
+@pytest.fixture(scope="module", params=sampled(["openxr", "udp"], lambda _, kind: kind == "openxr"))
 def peers(request: pytest.FixtureRequest) -> Iterator[Renewed[Worn]]:
     with Renewed(lambda: worn(request.param), lambda held: held.sound) as shared:
         yield shared
