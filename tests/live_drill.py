@@ -155,9 +155,10 @@ class Watched:
         self.session.end()
 
     def drivers(self) -> list[int]:
-        """The processes that the loop started."""
+        """The drivers that the loop started, once they have their name."""
         pid = self.session.pid(LOOP)
-        return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+        found = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        return [int(word) for word in found if Path(f"/proc/{word}/comm").read_text() == "hhsim-driver\n"]
 
     @property
     def sound(self) -> bool:

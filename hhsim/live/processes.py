@@ -51,7 +51,8 @@ class SharedBlock:
 
     def part(self, name: str) -> AnyArray:
         """Return a field as an array of one element of its own type."""
-        kind, offset = (self.dtype.fields or {})[name][:2]
+        assert self.dtype.fields is not None
+        kind, offset, *_ = self.dtype.fields[name]
         return np.frombuffer(self._map, kind, 1, offset)
 
     def populate(self) -> None:

@@ -111,7 +111,7 @@ def glove_calibration(options: ServedOptions, hand: str) -> GloveCalibration:
     if profile not in profiles:
         raise InputError(f"{where}: {UnknownNameError('profile', profile, profiles)}")
     where = f"{where}.{profile}"
-    ends = typed(profiles[profile], _Profile, where)
+    ends: Any = typed(profiles[profile], _Profile, where)
     low, high = (np.array(msgspec.structs.astuple(end)) for end in (ends.min, ends.max))
     dead = high - low <= 0.0
     if dead[BENDS].any():

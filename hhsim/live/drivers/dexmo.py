@@ -172,6 +172,9 @@ def encode_impedance(device_id: int, stiffness: Sequence[float], set_point: Sequ
 class DexmoGlove(GloveDevice):
     """One glove of a Dexmo server; its configuration has a `GloveCalibration` unless it is opened for release."""
 
+    _lost: DeviceError | None  # reason why the glove is gone; None while it is there
+    _stiffness: list[float]
+
     def __init__(self, config: GloveConfig) -> None:
         assert isinstance(config.options, DexmoOptions)
         message_classes()  # built here, not when the fingers are to be freed
@@ -341,8 +344,7 @@ class DexmoGlove(GloveDevice):
     def _begin_stream(self) -> None:
         """Forget the stream of an earlier connection."""
         self._connection, self._bytes = self._link.connection, bytearray()
-        self._lost: DeviceError | None = None  # reason why the glove is gone; None while it is there
-        self._malformed_run = 0
+        self._lost, self._malformed_run = None, 0
         self._stiffness = list(UNKNOWN_STIFFNESS)
 
     def _renew(self) -> None:

@@ -218,9 +218,10 @@ class UdpPose(PoseSource):
 
     def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
         """See `PoseSource.read`."""
-        for packet, came in () if self._port is None else self._port.arrived():
-            if packet.kind is Kind.POSE and self._order.take(packet.session, packet.seq, came):
-                self._port.keep_to_sender()
+        port = self._port
+        for packet, came in port.arrived() if port is not None else ():
+            if port is not None and packet.kind is Kind.POSE and self._order.take(packet.session, packet.seq, came):
+                port.keep_to_sender()
                 values = packet.values.astype(np.float64)
                 length = float(np.linalg.norm(values[3:]))
                 # NaN compares false.

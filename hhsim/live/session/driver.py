@@ -26,12 +26,10 @@ from hhsim.live.drivers.poses import PoseSource, make_pose_source
 from hhsim.live.processes import exit_code
 from hhsim.live.real_time import RealTimeWishes, become_ordinary, become_real_time, end_with, keep_off
 from hhsim.live.session.memory import REASON, SessionMemory, session_process
-from hhsim.live.session.status import GloveSetup, Stage
+from hhsim.live.session.status import BEGIN, OPEN, GloveSetup, Stage
 from hhsim.result.safety import Safety
 from hhsim.result.schema import FAULT, WARNING
 
-OPEN, BEGIN = 1, 2
-"""Values of `loop_ready`: the glove may be opened, its samples are taken."""
 MOST_SAMPLES = 64
 """Samples read at once."""
 RECONNECT_NS = 10_000_000
@@ -224,7 +222,7 @@ class GloveDriver:
 
 def glove_info(facts: dict[str, Any]) -> GloveInfo:
     """Return the description of a glove from the plain values that its driver wrote."""
-    given = {name: tuple(value) if isinstance(value, list) else value for name, value in facts.items()}
+    given: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in facts.items()}
     del given["pose"]
     return GloveInfo(**given)
 

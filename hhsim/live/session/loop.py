@@ -43,10 +43,10 @@ from hhsim.kernels.tick.block import HapticBlock
 from hhsim.live.device import FORCES, MOST_CHANNELS, GloveInfo
 from hhsim.live.processes import ChildProcess, exit_code
 from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with, keep_off, processors_awake
-from hhsim.live.session.driver import BEGIN, OPEN, glove_info
+from hhsim.live.session.driver import glove_info
 from hhsim.live.session.memory import SessionMemory, session_process
 from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits
-from hhsim.live.session.status import Stage
+from hhsim.live.session.status import BEGIN, OPEN, Stage
 from hhsim.live.session.story import Story
 from hhsim.result.safety import Safety
 from hhsim.result.schema import FAULT, INFORMATION, WARNING

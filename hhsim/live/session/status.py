@@ -11,6 +11,9 @@ import numpy as np
 from hhsim.live.devices.registry import GloveConfig, PoseConfig
 from hhsim.live.real_time import RealTimeWishes
 
+OPEN, BEGIN = 1, 2
+"""Values of `loop_ready`: the glove may be opened, its samples are taken."""
+
 
 class Stage(IntEnum):
     """Stage of a session."""
@@ -59,8 +62,8 @@ LIVE_STATUS = np.dtype(
 """State of a session that changes in place; every field has one writer. Times are CLOCK_MONOTONIC [ns]; that of
 `ending_ns` is when the loop had made its last tick, 0 before. `counters` are those of `DeviceCounters`, `missed_by` is
 by `MissCause` without NONE, both in their order. `command_version`, `palm_version` and `pose_version` are odd while
-the command, the palm's pose and the pose of the keyboard are being written. `loop_ready` is 1 when the glove may be
-opened, 2 when the loop is about to begin; `driver_begun` is 1 when the samples before that are in their ring.
+the command, the palm's pose and the pose of the keyboard are being written. `driver_begun` is 1 when the samples from
+before the loop are in their ring.
 `watchdog_armed` is 1 if the watchdog reaches the glove. `stop_requested` is 1 if the user ends the session, -n if
 signal n does. Of two gloves each has a block: those of the second one's loop, stop and recorder say the same.
 """
