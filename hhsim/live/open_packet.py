@@ -92,15 +92,12 @@ def decode_packet(data: bytes) -> Packet:
     if magic != MAGIC or version != VERSION:
         raise PacketError(f"begins with {magic!r}, version {version}, not {MAGIC!r}, {VERSION}")
     if count != COUNT.get(kind):
-        raise PacketError(f"kind {kind} with {count} numbers; expected one of {', '.join(map(_described, COUNT))}")
+        known = ", ".join(f"{int(one)} with {size}" for one, size in COUNT.items())
+        raise PacketError(f"kind {kind} with {count} numbers; expected one of {known}")
     if len(data) != HEADER.size + 4 * count:
         raise PacketError(f"{len(data)} bytes; expected {HEADER.size + 4 * count} for {count} numbers")
     values = np.frombuffer(data, NUMBERS, count, HEADER.size).astype(np.float32)
     return Packet(Kind(kind), session, seq, t_ns, answers, battery, values)
-
-
-def _described(kind: Kind) -> str:
-    return f"{int(kind)} with {COUNT[kind]}"
 
 
 def resolve(host: str) -> str:

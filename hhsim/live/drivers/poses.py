@@ -15,23 +15,15 @@ from hhsim.live.device import GloveDevice
 from hhsim.live.devices.registry import POSES, PoseConfig
 from hhsim.live.open_packet import Kind, PacketOrder, UdpPort
 
-MOVES: dict[str, tuple[float, float, float]] = {
-    "a": (-1.0, 0.0, 0.0),
-    "d": (1.0, 0.0, 0.0),
-    "s": (0.0, -1.0, 0.0),
-    "w": (0.0, 1.0, 0.0),
-    "f": (0.0, 0.0, -1.0),
-    "r": (0.0, 0.0, 1.0),
-}
+
+def _axes(*pairs: str) -> dict[str, FloatArray]:
+    """Return the axis of each key, of the first of a pair the negative one."""
+    return {key: sign * np.eye(3)[axis] for axis, pair in enumerate(pairs) for key, sign in zip(pair, (-1.0, 1.0))}
+
+
+MOVES = _axes("ad", "sw", "fr")
 """Direction of each moving key in the world: x to the right, y away, z up."""
-TURNS: dict[str, tuple[float, float, float]] = {
-    "k": (-1.0, 0.0, 0.0),
-    "i": (1.0, 0.0, 0.0),
-    "u": (0.0, -1.0, 0.0),
-    "o": (0.0, 1.0, 0.0),
-    "l": (0.0, 0.0, -1.0),
-    "j": (0.0, 0.0, 1.0),
-}
+TURNS = _axes("ki", "uo", "lj")
 """Axis of each turning key in the palm frame: fingers down and up, roll, fingers to the right and left."""
 HOME, FINER, COARSER = "h", "-", "+"
 STOP = ("q", " ", "\x1b", "\x03", "\x04")
@@ -266,10 +258,10 @@ class PalmKeys:
             if key in STOP:
                 return True
             if key in MOVES:
-                moved = position + self.step * np.array(MOVES[key])
+                moved = position + self.step * MOVES[key]
                 position[:] = np.clip(moved, self._home[0] - REACH, self._home[0] + REACH)
             elif key in TURNS:
-                turn = math.radians(DEGREES_PER_METRE * self.step) * np.array(TURNS[key])
+                turn = math.radians(DEGREES_PER_METRE * self.step) * TURNS[key]
                 orientation[:] = quaternion_product(orientation, quaternion(turn))
             elif key == HOME:
                 position[:], orientation[:] = self._home

@@ -36,7 +36,6 @@ from hhsim.live.session.settings import LiveSetup
 from hhsim.live.session.statistics import LiveTally, session_figures
 from hhsim.live.session.status import LoopProcess, Stage
 from hhsim.metrics.metrics import distance_of_hands
-from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.replay.stored_scene import body_parts, describe_scene, hand_arrays
 from hhsim.replay.tick_columns import TickColumns
@@ -90,7 +89,9 @@ class SessionColumns:
     def __init__(self, setup: LiveSetup, options: SolverOptions, hand: int = 0) -> None:
         seen = setup.seen
         self._hands = len(setup.hands)
-        self.parts = None if seen.parts is None else _with_room(seen.parts)
+        parts = seen.parts
+        # With room for the poses of as many ticks as a block may have.
+        self.parts = parts and replace(parts, world=np.zeros((FREE_TICK_CAPACITY, len(parts.names), 7)))
         self.bodies = body_parts(setup.scene, seen)
         surface = seen.surface(options.surface)
         self._columns = TickColumns(surface.arrays, setup.hands[hand].hand, options, self.parts)
@@ -132,11 +133,6 @@ class SessionColumns:
             return ()
         first, every = bodies_ticks(records)
         return tuple(RigidMotion(body.turn, body.shift) for body in ((first,) if every is None else every.bodies))
-
-
-def _with_room(parts: MovingParts) -> MovingParts:
-    """Return bodies with room for their poses in as many ticks as a block may have."""
-    return replace(parts, world=np.zeros((FREE_TICK_CAPACITY, len(parts.names), 7)))
 
 
 class HandRecords:
@@ -243,11 +239,6 @@ class SessionWriter:
     def ticks(self) -> int:
         """Number of ticks written so far."""
         return self._writer.ticks
-
-    @property
-    def waiting_ticks(self) -> int:
-        """Number of ticks in the next block."""
-        return sum(len(records) for _, records in self.hands[0].waiting["ticks"])
 
     def take(self, ring: str, first: int, records: Records, hand: int = 0) -> None:
         """Keep records of one of `RINGS` of a hand for the next block; `first` is the number of the first one.
@@ -413,7 +404,8 @@ class Recorder:
                 more = more or len(records) == BLOCK_RECORDS
             now = time.monotonic()
             over = not more and (bool(ended) or self._stop)
-            if over or writer.waiting_ticks >= CHUNK_TICKS or now - written >= LONGEST_WAIT:
+            waiting = sum(len(records) for _, records in writer.hands[0].waiting["ticks"])
+            if over or waiting >= CHUNK_TICKS or now - written >= LONGEST_WAIT:
                 writer.write(self._counters)
                 written = now
             self._tell(writer)

@@ -36,8 +36,7 @@ from hhsim.live.drivers.dexmo import (
     next_message,
 )
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
-from tools.dexmo_server import decode_impedances, encode_frame
-from tools.fake_peer import fake_channels
+from tools.dexmo_server import decode_impedances, encode_frame, fake_channels
 
 RIGHT = 337785601
 DEFAULT = DexmoRegression.default()

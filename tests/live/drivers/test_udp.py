@@ -9,13 +9,11 @@ import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
-from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from fake_gloves import FakeGlove
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_peers import PATIENCE, Reader, example, free_ports
@@ -364,53 +362,6 @@ def test_a_bridge_is_back_with_a_sample_and_not_with_what_is_none(bridge: Bridge
 def test_bytes_that_are_no_packet_are_refused(data: bytes, said: str) -> None:
     with pytest.raises(PacketError, match=said):
         decode_packet(data)
-
-
-def test_a_fake_glove_at_1_khz_in_another_process_every_frame_accounted_for(tmp_path: Path) -> None:
-    port = free_ports(socket.SOCK_DGRAM)
-    arguments = ("--port", port, "--lose", 0.03, "--swap", 0.05, "--seed", 5)
-    device = open_device(configure("udp", port=port))
-    with FakeGlove("tools.udp_sender", tmp_path / "peer.log", *arguments) as peer, closing(device):
-        device.open(PATIENCE)
-        reader, command = Reader(device), FingerCommand()
-
-        def answer() -> None:
-            if reader.count():
-                if len(reader.parts[-1]):
-                    command.bend[:] = DexmoRegression.default().bends(reader.parts[-1]["flexion"][-1])
-                device.send(command)
-
-        reader.until(lambda: reader.count() >= 800, answer)
-        peer.order("nan")
-        reader.until(lambda: device.counters.rejected == 1, answer)
-        peer.order("stall")
-        assert "nothing came for 0.5 s" in reader.until_lost()
-        peer.order("go")
-        reader.until_back()
-        seen = reader.count()
-        reader.until(lambda: reader.count() > seen + 50)
-        peer.order("leave")
-        reader.until_lost()
-        peer.order("back")
-        reader.until_back()
-        reader.until(lambda: device.counters.resyncs == 1)
-        peer.end()
-        reader.until_lost()
-    record = peer.record()
-    samples, counters = reader.samples, device.counters
-    assert counters.frames == counters.samples + counters.rejected + counters.other + counters.malformed
-    assert len(samples) == counters.samples + counters.rejected
-    assert (counters.malformed, counters.rejected, counters.resyncs) == (0, 1, 1)
-    # What was sent from the first sample on came, and is a sample where it is newer than all before it.
-    rows = list(zip(record.sent[:, 6].astype(int), record.sent[:, 5].astype(int)))
-    rows = rows[rows.index((1, int(samples["device_seq"][0]))) :]
-    newest = [rows[0], *(row for row, before in zip(rows[1:], accumulate(rows, max)) if row > before)]
-    assert samples["device_seq"].tolist() == [number for _, number in newest]
-    assert counters.frames == len(rows) and len(record.command) == counters.commands
-    assert counters.other == len(rows) - len(newest) > 10
-    assert counters.dropped > 10
-    answered = set(record.command[:, 12].astype(int).tolist())
-    assert answered <= set(samples["device_seq"].tolist()) and len(answered) > 10
 
 
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
