@@ -90,7 +90,7 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
     from hhsim.bench.paper import bench as bench_paper
     from hhsim.gate.suite import default_suite
     from hhsim.live.devices.registry import configure
-    from hhsim.live.ipc import config as live_setup
+    from hhsim.live.session import settings as live_setup
     from hhsim.solver import options as solver_options
 
     usual, paper = (solver_options.SolverOptions(method=method) for method in ("coupled", "paper"))

@@ -21,9 +21,8 @@ from sampled import first_of_each, sampled
 
 from hhsim.kernels.live import plausibility as looked_at
 from hhsim.kernels.live import tick as live_loop
-from hhsim.live.loop import story
 from hhsim.live.processes import RingReader
-from hhsim.live.session import recorder
+from hhsim.live.session import recorder, story
 from hhsim.live.session.loop import loop_options
 from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.recorder import Recorder, SessionWriter
