@@ -139,7 +139,7 @@ class FakeDexmoServer:
             "stall": lambda number: setattr(self, "_stalled", True),
             "go": lambda number: setattr(self, "_stalled", False),
             "leave": lambda number: self._close(),
-            "back": lambda number: self._listen(),
+            "back": lambda number: self._left and self._listen(),
             "hold": lambda number: setattr(self, "_held", self._last),
             "move": lambda number: setattr(self, "_held", None),
             "jump": lambda number: setattr(self, "_held", jumped(self._last)),

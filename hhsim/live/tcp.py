@@ -19,7 +19,7 @@ MOST_UNSENT = 1024
 RETRY = 0.05
 """Time between two attempts to reconnect [s]."""
 GIVE_UP = 2.0
-"""Longest duration of an attempt without an answer [s]."""
+"""Longest duration of an attempt without an answer, and of a connection that is given up [s]."""
 LINGER = 0.05
 """Longest wait for the peer to read everything before closing [s]."""
 MOST_DRAINED = 4
@@ -42,6 +42,7 @@ class TcpLink:
         self._begun: socket.socket | None = None
         self._begun_at = -RETRY
         self._retired: socket.socket | None = None
+        self._retired_at = 0.0
         self._address: tuple[int, Any] | None = None
 
     @property
@@ -99,14 +100,18 @@ class TcpLink:
                 return
 
     def retire(self) -> None:
-        """End the connection without waiting; it stays open until the next one ends, so that the peer reads it all."""
+        """End the connection without waiting; it stays open for `GIVE_UP`, so that the peer reads what it was sent."""
         if self._socket is not None:
             with contextlib.suppress(OSError):
                 self._socket.shutdown(socket.SHUT_WR)
-            if self._retired is not None:
-                self._retired.close()
-            self._retired = self._socket
+            self._bury()
+            self._retired, self._retired_at = self._socket, time.monotonic()
         self._socket, self._rest = None, b""
+
+    def _bury(self) -> None:
+        if self._retired is not None:
+            self._retired.close()
+            self._retired = None
 
     def close(self, linger: float = LINGER) -> None:
         """Close when the peer has read what it was sent, at most `linger` [s] later; never raises."""
@@ -141,6 +146,8 @@ class TcpLink:
     def receive(self) -> bytes | None:
         """Return what has arrived, None if nothing has; raises DeviceError if the peer is gone."""
         link = self._open_socket()
+        if self._retired is not None and time.monotonic() - self._retired_at > GIVE_UP:
+            self._bury()
         try:
             data = link.recv(MOST_READ)
         except (BlockingIOError, InterruptedError):

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 import pytest
 from live_peers import PATIENCE, until
 
+from hhsim.live import tcp
 from hhsim.live.device import DeviceError
 from hhsim.live.tcp import MOST_READ, TcpLink, is_itself
 
@@ -92,7 +93,7 @@ def test_a_message_that_must_go_takes_a_fresh_connection_where_this_one_is_full(
         link.close()
 
 
-def test_retiring_waits_for_nothing_and_does_not_reset_the_connection() -> None:
+def test_retiring_waits_for_nothing_and_resets_the_connection_only_later(monkeypatch: pytest.MonkeyPatch) -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         link = TcpLink("127.0.0.1", listener.getsockname()[1], "the peer")
         link.connect(PATIENCE)
@@ -107,11 +108,17 @@ def test_retiring_waits_for_nothing_and_does_not_reset_the_connection() -> None:
             for _ in range(50):
                 peer.sendall(bytes(1000))
             assert peer.recv(100) == b"last word" and peer.recv(100) == b""
-        until(link.reconnect)
-        fresh, _ = listener.accept()
-        with fresh:
-            fresh.settimeout(PATIENCE)
-            assert link.send(b"hello") and fresh.recv(100) == b"hello"
+            until(link.reconnect)
+            fresh, _ = listener.accept()
+            with fresh:
+                fresh.settimeout(PATIENCE)
+                assert link.send(b"hello") and fresh.recv(100) == b"hello"
+                peer.sendall(b"still heard")
+                # A server that goes on is not left with a connection that nobody reads.
+                monkeypatch.setattr(tcp, "GIVE_UP", 0.0)
+                assert link.receive() is None
+                with pytest.raises(OSError):
+                    until(lambda: peer.send(b"more") == 0)
         link.close()
 
 
