@@ -59,13 +59,6 @@ from hhsim.system.cpu_accounts import LINE_BYTES, CpuAccounts
 
 NEVER = 1 << 60
 """More periods than a session can miss."""
-STEAL_SHARE = 0.2
-"""Fraction of a period: if one warm reading of the steal takes longer, as with very many processors, it is not read.
-
-Two processors take 12 µs: a tenth of a period would leave the host's misses at 10 kHz without a cause. A cold reading
-takes eight times as long, less than two periods of the ten or more that are missed when it is done.
-"""
-STEAL_UNREAD = "what the host takes cannot be read in a tick here: periods that it took are named woken late"
 PLACE_SECONDS = 0.001
 """Period at which `LiveLoop.place` looks for a hand to place [s]."""
 TELL_SECONDS = 0.02
@@ -136,35 +129,23 @@ def watch_record(info: GloveInfo) -> Any:
 
 
 class MissAccounts:
-    """Accounts of the loop's thread since the tick before, by `DEADLINES`, shape (1,), and the loop's clock [ns].
+    """Accounts of the loop's thread since the tick before, by `DEADLINES`, shape (1,); `state` is of `MISSES`."""
 
-    `state` is a record of `MISSES`, shape (1,); `steal_unread` is True if reading the steal is too slow here.
-    """
-
-    def __init__(self, deadlines: Any, now: Callable[[], int] = time.monotonic_ns) -> None:
+    def __init__(self, deadlines: Any) -> None:
         self._deadlines = deadlines[0]
-        self._now = now
         self._accounts: CpuAccounts | None = None
         self.state = zeroed(MISSES)
-        self.steal_unread = False
 
     def begin(self, accounts: CpuAccounts) -> None:
         """Take the readings that the first tick is compared with, in the loop's thread, to which `accounts` belong."""
         self._accounts = accounts
-        took = []
-        for _ in range(3):
-            began = self._now()
-            steal = accounts.steal_ns()
-            took.append(self._now() - began)
         at = self.state[0]
-        self.steal_unread = min(took) > STEAL_SHARE * self._deadlines.period_ns
-        at.steal_read = not self.steal_unread
-        at.steal_ns = -1 if self.steal_unread else steal
+        at.steal_read, at.steal_ns = 1, accounts.steal_ns()
         account_waking(at, self._deadlines.woke_ns, 0, accounts.cpu_ns(), accounts.run_delay_ns())
 
     def keep_steal(self) -> None:
         """Read the steal now and then, in another thread than the loop's, so that a miss counts only later steal."""
-        if self._accounts is not None and self.state[0].steal_read:
+        if self._accounts is not None:
             account_steal(self.state[0], self._accounts.steal_ns())
 
 
@@ -250,7 +231,7 @@ class LiveLoop:
         self.memory = memory
         self._now = now
         deadlines = deadline_record(setup.period_ns, now())
-        self.misses = MissAccounts(deadlines, now)
+        self.misses = MissAccounts(deadlines)
         options = loop_options(setup.options, setup.rate)
         names = [""] if setup.beside is None else [f"{side} hand: " for side in SIDES]
         each = zip(setup.hands, memory.hands, gloves, names, strict=True)
@@ -339,8 +320,6 @@ class LiveLoop:
         memories = [hand.memory for hand in self.hands]
         wake = [-1 if self.setup.dry_run else memory.wake for memory in memories]
         files = system_files(accounts, [self.memory.sampled, *wake])
-        if self.misses.steal_unread:
-            self.memory.log(INFORMATION, STEAL_UNREAD)
         for hand, memory in zip(self.hands, memories):
             hand.at.taken = memory.samples.written
             memory.populate()
