@@ -129,7 +129,7 @@ class FakeDexmoServer:
         self._gloves = [(int(number), hand == "right") for number, _, hand in parts]
         self._clients: dict[int, _Client] = {}
         self._joined = self._nans = 0
-        self._stalled = self._left = False
+        self._stalled, self._left = False, True
         self._plugged = True
         self._at_once = sys.maxsize
         self._last = fake_channels(options.seed, 0.0)
@@ -139,7 +139,7 @@ class FakeDexmoServer:
             "stall": lambda number: setattr(self, "_stalled", True),
             "go": lambda number: setattr(self, "_stalled", False),
             "leave": lambda number: self._close(),
-            "back": lambda number: self._left and self._listen(),
+            "back": lambda number: self._listen(),
             "hold": lambda number: setattr(self, "_held", self._last),
             "move": lambda number: setattr(self, "_held", None),
             "jump": lambda number: setattr(self, "_held", jumped(self._last)),
@@ -211,6 +211,8 @@ class FakeDexmoServer:
 
     def _listen(self) -> None:
         """Listen, at the same port as before."""
+        if not self._left:
+            return
         self._left = False
         self._listener = socket.create_server(("127.0.0.1", self._port))
         self._listener.setblocking(False)
