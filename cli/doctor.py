@@ -2,12 +2,10 @@
 
 import click
 
-from hhsim.table.table import Table, words
+from hhsim.table.table import Table
 
 from .arguments import options
 from .console import print_json, print_line, print_table
-
-BAR = 40
 
 
 @click.command(cls=options.Command)
@@ -37,7 +35,7 @@ def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, pr
       hhsim doctor --rate 2000 --duration 60
       hhsim doctor --no-realtime
     """
-    from hhsim.live.doctor import examine, histogram
+    from hhsim.live.doctor import examine
     from hhsim.live.real_time import RealTimeWishes, described
     from hhsim.result.miss_cause import WORDS
 
@@ -55,21 +53,10 @@ def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, pr
         rows += [(f"missed: {WORDS[cause]}", f"{count:,}", "", "") for cause, count in wakeups.causes.items() if count]
         for name, value in (("run delay", wakeups.run_delay), ("steal (the host had it)", wakeups.steal)):
             rows.append((name, "not told" if value is None else f"{1e-6 * value:,.1f}", "", "ms"))
+        rows += [(fact.name, str(fact.value), "", "") for fact in diagnosis.facts]
         title = f"{wakeups.periods:,} periods at {rate:,g} Hz"
         measured = ("measured", "hhsim", "limit", "unit")
         print_table(Table.of_cells(measured, rows, title, numbers=measured[1:3]))
-        print()
-        counts = histogram(wakeups)
-        most = max(count for _, _, count in counts)
-        bars = []
-        for low, high, count in counts:
-            late = f"more than {low:,.0f}" if high is None else f"{low:,.0f} to {high:,.0f}"
-            bars.append((late, count, "█" * round(BAR * count / most)))
-        headings = ("woken late by [µs]", "wake-ups", "")
-        print_table(Table.of_cells(headings, bars, numbers=headings[:2]))
-        print()
-        system = words("system", "name"), words("value"), words("better", "advice")
-        print_table(Table(system, diagnosis.facts))
         print_line(f"granted: {described(wakeups.mode)}")
         print_line(diagnosis.verdict)
         for line in diagnosis.advice:

@@ -1,7 +1,7 @@
 """A bridge from an OpenXR headset, with or without MANUS gloves, to hhsim.
 
-Put your headset's calls into the two functions, run this, and then `hhsim live glove --device openxr`, or `manus`. The
-packet is described in docs/live-protocols.md; nothing but Python is needed.
+Put your headset's calls into the two functions, run this, and then `hhsim live glove --device openxr --takes forces`.
+The packet is described in docs/live-protocols.md; nothing but Python is needed.
 """
 
 import math
@@ -32,9 +32,12 @@ def read_hand():  # xrLocateHandJointsEXT: orientation x y z w, position x y z, 
     return [number for x, y, z, radius in joints for number in (0.0, 0.0, 0.0, 1.0, x, y, z, radius)]
 
 
-def tell_fingers(payload):  # --device manus: TensorPushTracker("manus_glove_haptic", "haptic_command").push(…, payload)
+FULL = 2.0  # force on a fingertip that shakes it with full power [N]
+
+
+def tell_fingers(forces):  # MANUS: TensorPushTracker("manus_glove_haptic", "haptic_command").push(…) of these powers
     global held
-    powers = struct.unpack_from("<5f", payload, 28)
+    powers = [min(1.0, math.hypot(*forces[3 * finger : 3 * finger + 3]) / FULL) for finger in range(5)]
     if held != (held := [power > 0 for power in powers]):  # a line where a finger is shaken or let go
         print(*(f"{power:.2f}" for power in powers), flush=True)
 
@@ -42,10 +45,10 @@ def tell_fingers(payload):  # --device manus: TensorPushTracker("manus_glove_hap
 PERIOD = 1 / 90  # as often as the headset looks [s]
 samples_to = ("127.0.0.1", int(sys.argv[1]) if len(sys.argv) > 1 else 24170)
 bridge = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-bridge.bind(("127.0.0.1", samples_to[1] + 1))  # commands arrive here, each a HapticCommand
+bridge.bind(("127.0.0.1", samples_to[1] + 1))  # commands arrive here, x, y, z on each fingertip [N]
 for stop in (signal.SIGINT, signal.SIGTERM):
     signal.signal(stop, lambda *_: sys.exit())
-session, seq, commanded_at, payload = int.from_bytes(os.urandom(4), "little"), 0, 0.0, b""
+session, seq, commanded_at, forces = int.from_bytes(os.urandom(4), "little"), 0, 0.0, None
 due = time.monotonic()
 print(f"sending to port {samples_to[1]}; Ctrl-C ends it, or kill, such as kill %1 after &", file=sys.stderr)
 try:
@@ -58,13 +61,16 @@ try:
         while (left := due - time.monotonic()) > 0:
             bridge.settimeout(left)
             try:
-                payload, commanded_at = bridge.recv(2048), time.monotonic()
+                packet, commanded_at = bridge.recv(2048), time.monotonic()
             except OSError:
                 break
-        if payload:  # the newest alone; nobody there for 100 ms: let go
+            if packet[:6] == b"HHGL\x01\x11" and len(packet) == 92:
+                forces = struct.unpack_from("<15f", packet, 32)
+                forces = forces if all(map(math.isfinite, forces)) else [0.0] * 15
+        if forces:  # the newest alone; nobody there for 100 ms: let go
             fresh = time.monotonic() < commanded_at + 0.1
-            tell_fingers(payload if fresh else payload[:28] + bytes(20) + payload[48:])
-            payload = payload if fresh else b""
+            tell_fingers(forces if fresh else [0.0] * 15)
+            forces = forces if fresh else None
 finally:
-    if payload:
-        tell_fingers(payload[:28] + bytes(20) + payload[48:])
+    if forces:
+        tell_fingers([0.0] * 15)

@@ -97,8 +97,8 @@ def sessions(**changes: Any) -> None:
     """A session's loop: the compiled one, and what Python calls in its place or where a tick is missed."""
     from live_scripted import FakeClock, InStep, Moment, ScriptedGlove, make_setup
 
-    from hhsim.live.ipc.config import SafetyLimits
-    from hhsim.live.ipc.session_memory import SessionMemory
+    from hhsim.live.session.memory import SessionMemory
+    from hhsim.live.session.settings import SafetyLimits
     from hhsim.result.miss_cause import TimeTaken
 
     TimeTaken(1, 0, 0, 0, 0).cause()

@@ -1,17 +1,15 @@
-"""A fake glove's program as another process: started, given orders, killed; and what it wrote down."""
+"""The fake Dexmo server as another process: started, given orders, killed; and what it wrote down."""
 
 import contextlib
 import os
 import subprocess
 import sys
 from pathlib import Path
-from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.arrays import FloatArray
 from tools.import_graph import REPOSITORY
 
 PRIORITY = 1
@@ -25,57 +23,29 @@ DEXMO_COMMAND = np.dtype(
 )
 
 
-class PeerRecord(NamedTuple):
-    """A log that was read: times [ns] and values of the frames sent and of the commands received, and the notes."""
+class FakeDexmo:
+    """`python -m tools.dexmo_server --log FILE …` while the block runs; `start` after `kill` takes the same port again.
 
-    sent_ns: NDArray[np.int64]
-    sent: FloatArray
-    command_ns: NDArray[np.int64]
-    command: FloatArray
-    notes: list[tuple[int, str]]
-
-
-class FakeGlove:
-    """`python -m MODULE --log FILE …` while the block runs; a context.
-
-    The program prints a line when it can be reached, "ready WHERE", obeys a line of its standard input with "ok", and
-    ends with that input. It may be started again after `kill`.
-
-    Args:
-        module: Such as `tools.udp_sender`.
-        log: Its log; a process that is started again goes on with it.
-        arguments: More of the command line.
-
-    Attributes:
-        where: What it says of where it can be reached: a port.
+    A process that is started again goes on with its log.
     """
 
-    where: str
+    port = 0
 
-    def __init__(self, module: str, log: Path, *arguments: object) -> None:
-        """Nothing runs yet."""
-        self.module, self.log = module, log
-        self._arguments = tuple(map(str, arguments))
+    def __init__(self, log: Path, *arguments: str) -> None:
+        self.log, self._arguments = log, arguments
         self._process: subprocess.Popen[str] | None = None
         self._read = 0
         self._lines: dict[str, list[list[str]]] = {"sent": [], "command": [], "note": []}
 
     def start(self) -> None:
-        """Start the process, and wait until it can be reached.
-
-        Raises:
-            RuntimeError: It ended instead.
-        """
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", self.module, "--log", str(self.log), *self._arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            cwd=REPOSITORY,
-        )
-        word, _, self.where = self._answer().partition(" ")
+        """Start the process, and wait until it listens; RuntimeError if it ended instead."""
+        words = ["-m", "tools.dexmo_server", "--log", str(self.log), "--port", str(self.port), *self._arguments]
+        pipe = subprocess.PIPE
+        self._process = subprocess.Popen([sys.executable, *words], stdin=pipe, stdout=pipe, text=True, cwd=REPOSITORY)
+        word, _, port = self._answer().partition(" ")
         if word != "ready":
-            raise RuntimeError(f"{self.module} did not start")
+            raise RuntimeError("the fake server did not start")
+        self.port = int(port)
         # A glove has a processor of its own: on a busy machine its stamps would tell of that and not of the session.
         with contextlib.suppress(OSError):
             os.sched_setscheduler(self._process.pid, os.SCHED_FIFO, os.sched_param(PRIORITY))
@@ -87,16 +57,12 @@ class FakeGlove:
         return self._process.pid
 
     def order(self, text: str) -> None:
-        """Give an order, and wait until it is obeyed.
-
-        Raises:
-            RuntimeError: There is no such order, or the process ended.
-        """
+        """Give an order, and wait until it is obeyed; RuntimeError if there is no such order, or the process ended."""
         assert self._process is not None and self._process.stdin is not None
         self._process.stdin.write(text + "\n")
         self._process.stdin.flush()
         if self._answer() != "ok":
-            raise RuntimeError(f"{self.module} did not obey '{text}'")
+            raise RuntimeError(f"the fake server did not obey '{text}'")
 
     def kill(self) -> None:
         """Kill the process (SIGKILL), as a crash would."""
@@ -114,19 +80,8 @@ class FakeGlove:
             self._process.stdout.close()
             self._process = None
 
-    def record(self) -> PeerRecord:
-        """What it wrote down so far; a last line that was cut off is left out."""
-        sent, command, notes = (self._rows(kind) for kind in ("sent", "command", "note"))
-        return PeerRecord(
-            np.array([int(row[0]) for row in sent], np.int64),
-            np.array([row[1:] for row in sent], np.float64),
-            np.array([int(row[0]) for row in command], np.int64),
-            np.array([row[1:] for row in command], np.float64),
-            [(int(now), " ".join(words)) for now, *words in notes],
-        )
-
     def _rows(self, kind: str) -> list[list[str]]:
-        """The lines of a kind, as words without that one."""
+        """The lines of a kind, as words without that one; a last line that was cut off is left out."""
         if self.log.exists():
             with self.log.open("rb") as file:
                 file.seek(self._read)
@@ -143,35 +98,11 @@ class FakeGlove:
         return self._process.stdout.readline().strip()
 
     def __enter__(self) -> Self:
-        """Start."""
         self.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        """End."""
+    def __exit__(self, *error: object) -> None:
         self.end()
-
-
-class FakeDexmo(FakeGlove):
-    """The server of Dexmo frames; after `kill`, `start` takes the same port again.
-
-    Args:
-        log: Its log.
-        arguments: More of the command line, as "--seed", "3".
-    """
-
-    port = 0
-
-    def __init__(self, log: Path, *arguments: str) -> None:
-        """Nothing runs yet."""
-        super().__init__("tools.dexmo_server", log)
-        self._more = arguments
-
-    def start(self) -> None:
-        """Start the process, and wait until it listens."""
-        self._arguments = ("--port", str(self.port), *self._more)
-        super().start()
-        self.port = int(self.where)
 
     @property
     def frames(self) -> NDArray[Any]:

@@ -14,13 +14,12 @@ from machine_share import MachineShare
 from numpy.typing import NDArray
 
 from hhsim.hand.model import HandModel
-from hhsim.live.devices.registry import Hand, configure
-from hhsim.live.ipc.config import LiveSetup, OutputLimits
-from hhsim.live.ipc.status import Stage
-from hhsim.live.pose.registry import PoseConfig
+from hhsim.live.devices.registry import Hand, PoseConfig, configure
+from hhsim.live.processes import RingReader
 from hhsim.live.session.scene import LiveScene, grasping_hand, make_live_scene
+from hhsim.live.session.settings import LiveSetup, OutputLimits
+from hhsim.live.session.status import Stage
 from hhsim.live.session.supervisor import LOOP, WATCHDOG, Supervisor
-from hhsim.live.shared_memory import RingReader
 from hhsim.mesh.catalogue import load_object
 from hhsim.result.safety import Safety
 from hhsim.scene.body import CLEARANCE
@@ -156,9 +155,10 @@ class Watched:
         self.session.end()
 
     def drivers(self) -> list[int]:
-        """The processes that the loop started."""
+        """The drivers that the loop started, once they have their name."""
         pid = self.session.pid(LOOP)
-        return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+        found = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+        return [int(word) for word in found if Path(f"/proc/{word}/comm").read_text() == "hhsim-driver\n"]
 
     @property
     def sound(self) -> bool:

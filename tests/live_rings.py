@@ -11,13 +11,12 @@ from sphere_scenes import bumpy_ball
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import HapticBlock
 from hhsim.live.device import GLOVE_SAMPLE
-from hhsim.live.devices.registry import configure
-from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import LIVE_TICK, SessionMemory
-from hhsim.live.ipc.status import Stage
-from hhsim.live.loop.loop import loop_options
-from hhsim.live.pose.registry import PoseConfig
-from hhsim.live.shared_memory import SharedRing
+from hhsim.live.devices.registry import PoseConfig, configure
+from hhsim.live.processes import SharedRing
+from hhsim.live.session.loop import loop_options
+from hhsim.live.session.memory import LIVE_TICK, SessionMemory
+from hhsim.live.session.settings import LiveSetup
+from hhsim.live.session.status import Stage
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.scene.script import parse_script
 from hhsim.solver.hand_solver import HandSolver

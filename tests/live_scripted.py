@@ -13,16 +13,15 @@ from hhsim.kernels.live.accounts import account_waking, measure_miss, name_miss
 from hhsim.kernels.live.deadlines import NOTHING, due_time, next_deadline, woken
 from hhsim.kernels.live.loop import DRIVERS, begin_hands, give_hands, publish_hands, take_hands, wake_driver
 from hhsim.kernels.live.tick import command_tick, look_for_stop, waiting_since
-from hhsim.live.device import Capability, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
-from hhsim.live.devices.registry import configure
-from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
-from hhsim.live.ipc.session_memory import SessionMemory, TickReader
-from hhsim.live.loop.driver import GloveDriver
-from hhsim.live.loop.loop import LiveLoop, MissAccounts, deadline_record
-from hhsim.live.pose.registry import PoseConfig, PoseSource
-from hhsim.live.pose.sources import FixedPose
+from hhsim.live.device import LIMITS, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
+from hhsim.live.devices.registry import PoseConfig, configure
+from hhsim.live.drivers.poses import FixedPose, PoseSource
+from hhsim.live.processes import RingReader
+from hhsim.live.session.driver import GloveDriver
+from hhsim.live.session.loop import LiveLoop, MissAccounts, deadline_record
+from hhsim.live.session.memory import SessionMemory, TickReader
 from hhsim.live.session.scene import make_live_scene
-from hhsim.live.shared_memory import RingReader
+from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.mesh.mesh import Mesh
 from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.solver.options import SolverOptions
@@ -141,7 +140,7 @@ class ScriptedGlove(GloveDevice):
     tick: int = -2
 
     def __post_init__(self) -> None:
-        self.info = GloveInfo("scripted glove", Capability.POSITION_LIMIT, ("bend",))
+        self.info = GloveInfo("scripted glove", ("bend",), LIMITS)
         self.counters = DeviceCounters()
 
     def open(self, timeout: float = 5.0) -> None:
@@ -342,7 +341,7 @@ class ScriptedSession:
         pose: PoseSource | None = None,
         *,
         unit: str = "",
-        takes: Capability = Capability.POSITION_LIMIT,
+        takes: tuple[str, ...] = LIMITS,
         **changes: Any,
     ) -> None:
         given: dict[str, Any] = {"output": QUICK, "safety": SafetyLimits(watchdog=False)}
@@ -350,7 +349,7 @@ class ScriptedSession:
         self.memory = SessionMemory.create(bodies=self.setup.recorded_bodies)
         self.clock, self.accounts = FakeClock(), FakeAccounts()
         self.glove = ScriptedGlove(self.clock, script)
-        self.glove.info = GloveInfo("scripted glove", takes, ("bend",), unit=unit)
+        self.glove.info = GloveInfo("scripted glove", ("bend",), takes, unit=unit)
         self.both = InStep(self.setup, self.memory, self.glove, self.clock, pose=pose, accounts=self.accounts)
         self.loop = self.both.loop
 

@@ -6,9 +6,9 @@ from pathlib import Path
 from live_rings import ended
 from live_scripted import FIST, FREE, FakeAccounts, FakeClock, InStep, Moment, ScriptedGlove, make_setup
 
-from hhsim.live.ipc.config import OutputLimits, SafetyLimits
-from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.recorder import Recorder
+from hhsim.live.session.settings import OutputLimits, SafetyLimits
 
 
 def write_session(path: Path) -> None:

@@ -23,13 +23,12 @@ from hhsim.kernels.live import plausibility
 from hhsim.kernels.tick import state as tick_state
 from hhsim.live import doctor
 from hhsim.live.devices.registry import configure
-from hhsim.live.drivers.packet_glove import SILENCE_NS
-from hhsim.live.ipc.config import OutputLimits, SafetyLimits
-from hhsim.live.link.udp import SESSION_SILENCE_NS
-from hhsim.live.loop import process
-from hhsim.live.loop.watchdog import RELEASE_NS
-from hhsim.live.pose import keyboard
-from hhsim.live.session import supervisor
+from hhsim.live.drivers import poses
+from hhsim.live.drivers.udp import SILENCE_NS
+from hhsim.live.open_packet import SESSION_SILENCE_NS
+from hhsim.live.session import loop, supervisor
+from hhsim.live.session.settings import OutputLimits, SafetyLimits
+from hhsim.live.session.watchdog import RELEASE_NS
 from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.session_faults import SESSION_FAULTS
@@ -221,7 +220,7 @@ SESSION_LIMITS = {fault.name: fault.limit for fault in SESSION_FAULTS}
         ("live-safety.md", f"changes for {plausibility.STUCK_TIME:g} s"),
         ("live-safety.md", f"each move by {plausibility.STUCK_TRAVEL:g} rad"),
         ("live-safety.md", f"its bend spans fewer than {LEAST_SPAN:g} counts"),
-        ("live.md", f"It moves with at most {1e3 * keyboard.SPEED:g} mm/s and {keyboard.TURNING:g} rad/s."),
+        ("live.md", f"It moves with at most {1e3 * poses.SPEED:g} mm/s and {poses.TURNING:g} rad/s."),
         ("live.md", f"| {100.0 * doctor.MOST_MISSED:g} % of the periods missed"),
         ("live.md", f"| {doctor.MOST_IN_A_ROW} missed in a row"),
         ("live.md", f"Each session makes this check for {doctor.QUICK_SECONDS:g} s"),
@@ -235,7 +234,7 @@ SESSION_LIMITS = {fault.name: fault.limit for fault in SESSION_FAULTS}
         ("gate.md", f"`ended_early` ({SESSION_LIMITS['ended_early']:g}: it lasted"),
         ("gate.md", f"`faults` ({SESSION_LIMITS['faults']:g} in its log"),
         ("gate.md", f"a default limit on `free_off_max` of {1e3 * OUTSIDE_DEFAULTS['free_off_max']:g} mm"),
-        ("live-safety.md", f"the driver {process.DRIVER_PATIENCE:g} s;"),
+        ("live-safety.md", f"the driver {loop.DRIVER_PATIENCE:g} s;"),
         ("live-protocols.md", f"hhsim listens on port {UDP.port} (`--port`)"),
         ("live-protocols.md", f"A force beyond `--most-force`, {UDP.most_force:g} N, is shortened."),
         ("live-protocols.md", f"A bridge without a sample for {1e-9 * SILENCE_NS:g} s counts as gone"),

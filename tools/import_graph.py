@@ -29,7 +29,7 @@ PACKAGES = (
     *("hhsim.solver", "hhsim.solver.methods", "hhsim.replay", "hhsim.submissions", "hhsim.verify"),
     *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.manipulation"),
     *("hhsim.gate", "hhsim.render", "hhsim.view"),
-    *(f"hhsim.live{part}" for part in ("", ".link", ".devices", ".drivers", ".pose", ".ipc", ".loop", ".session")),
+    *(f"hhsim.live{part}" for part in ("", ".devices", ".drivers", ".session")),
     "hhsim.report",
     "hhsim.repair",
     *("hhsim.sweep", "hhsim.engines"),

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hhsim.live.devices.registry import GLOVES
-from hhsim.live.pose.registry import POSES, USUAL_POSE_PORT, PoseConfig
+from hhsim.live.devices.registry import GLOVES, POSES, USUAL_POSE_PORT, PoseConfig
 from hhsim.result.safety import AFTER_STALL
 from hhsim.solver.method import METHODS
 
@@ -271,9 +270,9 @@ def command(
     from hhsim.hand.model import HandModel
     from hhsim.live.devices.registry import open_device
     from hhsim.live.doctor import quick_warning
-    from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
     from hhsim.live.real_time import RealTimeWishes
     from hhsim.live.session.scene import grasping_hand, make_live_scene
+    from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits
     from hhsim.result.reader import check_result_path
     from hhsim.scene.described_scene import SceneWords, load_words
     from hhsim.scene.motion_catalogue import import_remarks

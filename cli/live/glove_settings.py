@@ -112,10 +112,7 @@ def _settings() -> Iterator[tuple[str, Any]]:
             default = None
         shown = default not in ("", None)
         kind = _type(item, setting)
-        yield (
-            name,
-            option(*setting.flags, type=kind, default=default, show_default=shown, metavar=setting.metavar, help=text),
-        )
+        yield (name, option(type=kind, default=default, show_default=shown, metavar=setting.metavar, help=text))
 
 
 def _by_name() -> dict[str, dict[str, Field[Any]]]:

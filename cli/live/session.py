@@ -18,8 +18,8 @@ from hhsim.system.counted import counted
 from ..arguments.options import HANDS
 
 if TYPE_CHECKING:
-    from hhsim.live.ipc.config import LiveSetup
-    from hhsim.live.pose.keyboard import PalmKeys
+    from hhsim.live.drivers.poses import PalmKeys
+    from hhsim.live.session.settings import LiveSetup
     from hhsim.live.session.statistics import LiveTally
     from hhsim.live.session.supervisor import SessionOutcome
 
@@ -210,7 +210,7 @@ def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[Sess
     `heading` is the title of the display, which is warnings and faults alone where `quiet` is set.
     """
     from hhsim.errors import HhsimError
-    from hhsim.live.pose.keyboard import HELP, PalmKeys, write_keyboard_pose
+    from hhsim.live.drivers.poses import HELP, PalmKeys, write_keyboard_pose
     from hhsim.live.session.supervisor import Supervisor, stop_signals
 
     by_keys = setup.pose.kind == "keyboard"
@@ -236,7 +236,7 @@ def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[Sess
                 stopping = True
                 session.request_stop(reason)
             if by_keys and palm.advance(now - before):
-                write_keyboard_pose(memory.status_block, palm.position, palm.orientation)
+                write_keyboard_pose(memory.status, palm.position, palm.orientation)
             before = now
             hands = [(hand.status, tally) for hand, tally in zip(memory.hands, session.tallies)]
             status.update(hands, where, palm if by_keys else None)

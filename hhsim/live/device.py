@@ -1,12 +1,11 @@
 """Interface of a glove to the loop: samples in, finger commands out.
 
-Most gloves with force feedback take a position limit: Dexmo's set point and
-XR_MNDX_force_feedback_curl are both the bend at which a finger is stopped. `Capability` says what a glove takes.
+Most gloves with force feedback take a position limit: Dexmo's set point and XR_MNDX_force_feedback_curl are both the
+bend at which a finger is stopped.
 """
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, fields
-from enum import Flag, auto
 from typing import Protocol
 
 import numpy as np
@@ -24,12 +23,7 @@ POLL_SECONDS = 0.0005
 
 GLOVE_SAMPLE = np.dtype(
     [
-        ("seq", np.int64),
-        ("time_ns", np.int64),
-        ("handed_ns", np.int64),
-        ("device_time_ns", np.int64),
-        ("device_seq", np.int64),
-        ("battery", np.int64),
+        *((name, np.int64) for name in ("seq", "time_ns", "handed_ns", "device_time_ns", "device_seq", "battery")),
         ("good", np.bool_),
         ("channels", np.float64, (MOST_CHANNELS,)),
         ("flexion", np.float64, (FINGER_COUNT, 3)),
@@ -51,30 +45,13 @@ GLOVE_SAMPLE = np.dtype(
 | flexion, abduction | joint angles of the hand [rad] |
 """
 
+LIMITS, FORCES = ("POSITION_LIMIT", "STIFFNESS"), ("FORCE",)
+"""Capabilities of a glove that takes the bend at which a finger is stopped, and how stiffly; or a force vector on each
+fingertip."""
+
 
 class DeviceError(HhsimError):
     """A glove that cannot be reached, or that is gone; the message names what to check."""
-
-
-class Capability(Flag):
-    """Abilities of a glove.
-
-    It takes the bend at which a finger is stopped (POSITION_LIMIT), the stiffness of that stop, 0 to 1 (STIFFNESS), a
-    force vector for each fingertip (FORCE), a vibration strength for each finger, 0 to 1 (POWER). It senses abduction
-    (SPLAY) and every joint, not only one bend a finger (JOINTS). It reports its charge (BATTERY) and the pose of the
-    palm (PALM), and stamps its samples (STAMPS).
-    """
-
-    NONE = 0
-    POSITION_LIMIT = auto()
-    STIFFNESS = auto()
-    SPLAY = auto()
-    JOINTS = auto()
-    BATTERY = auto()
-    STAMPS = auto()
-    FORCE = auto()
-    POWER = auto()
-    PALM = auto()
 
 
 @dataclass(frozen=True)
@@ -82,8 +59,8 @@ class GloveInfo:
     """A driver's description of its glove."""
 
     name: str  # name and address for messages: "dexmo at 127.0.0.1:55555"
-    capabilities: Capability
     channels: tuple[str, ...]  # names of the channels of a sample
+    capabilities: tuple[str, ...] = ()  # commands that it takes: `LIMITS`, `FORCES` or none
     hand: str = ""  # "right" or "left"; "" if unknown
     unit: str = ""  # unit of the channels, "" for normalised ones
     doubtful: tuple[str, ...] = ()  # warnings about channels with a poor calibration, for the log
@@ -102,7 +79,7 @@ class DeviceCounters:
     other: int = 0  # frames or messages for another hand or device, or without hand data
     malformed: int = 0  # frames that could not be decoded
     resyncs: int = 0  # losses of the framing, after which the stream was searched for the next frame or connected anew
-    dropped: int = 0  # samples without space in the output, or that the device numbered and that never came
+    dropped: int = 0  # samples without space in the output, or numbered ones that came behind a newer one, or never
     commands: int = 0  # commands sent
     commands_refused: int = 0  # commands that the device was too slow to take; they are not sent later
 
@@ -125,7 +102,7 @@ class FingerCommand:
     stiffness: FloatArray = field(default_factory=lambda: np.zeros(FINGER_COUNT))
     # Force of the object on each phalanx [N], frame of the shown hand's palm, shape (5, 3, 3): finger, phalanx from the
     # knuckle on, x y z. Scaled by the same ramp as the stiffness, 0 where that is 0, and always 0 for a glove that
-    # takes neither FORCE nor POWER.
+    # takes no `FORCES`.
     force: FloatArray = field(default_factory=lambda: np.zeros((FINGER_COUNT, 3, 3)))
 
 
@@ -147,55 +124,37 @@ class Calibration(Protocol):
         """Return slope and offset of each joint angle over the finger's bend [rad], each of shape (5, 3)."""
 
 
-class FingerRelease(ABC):
-    """A connection that frees the fingers: all that the watchdog needs of a glove. Only `open_for_release` may wait."""
+class FingerRelease:
+    """A connection that frees the fingers: all that the watchdog needs of a glove. Only `open_for_release` may wait.
 
-    @abstractmethod
+    As it is, it is that of a glove that cannot hold a finger: there is nothing to connect to.
+    """
+
     def open_for_release(self, timeout: float = 5.0) -> None:
         """Connect beside the loop's connection, taking no samples from it, within `timeout` [s], or DeviceError."""
 
     def drain(self) -> None:
-        """Discard what has arrived, without waiting, so that the device's buffers do not fill; by default nothing.
+        """Discard what has arrived, without waiting, so that the device's buffers do not fill.
 
         DeviceError if the device is gone; `reconnect` may bring it back.
         """
-        return
 
-    @abstractmethod
     def release(self, timeout: float = 0.05) -> bool:
         """Send stiffness 0 for every finger, waiting at most `timeout` [s]; never raises. True if it was sent."""
+        return True
 
-    @abstractmethod
     def reconnect(self) -> bool:
         """Try once, without waiting, to reconnect after a `DeviceError`; True if the device is back.
 
         DeviceError, at most once for each loss, if it is not and the reason is known better now.
         """
+        return True
 
-    @abstractmethod
     def close(self) -> None:
         """Close the connection without releasing the fingers; never raises."""
 
 
-class NothingHeld(FingerRelease):
-    """Release of a glove that cannot hold a finger: there is nothing to connect to."""
-
-    def open_for_release(self, timeout: float = 5.0) -> None:
-        """Do nothing."""
-
-    def release(self, timeout: float = 0.05) -> bool:
-        """Do nothing."""
-        return True
-
-    def reconnect(self) -> bool:
-        """Do nothing."""
-        return True
-
-    def close(self) -> None:
-        """Do nothing."""
-
-
-class GloveDevice(FingerRelease):
+class GloveDevice(FingerRelease, ABC):
     """A glove. `read`, `send` and `reconnect` never block: commands and samples would come late."""
 
     info: GloveInfo
@@ -250,3 +209,7 @@ class GloveDevice(FingerRelease):
 
         DeviceError if the device is gone.
         """
+
+    @abstractmethod
+    def release(self, timeout: float = 0.05) -> bool:
+        """See `FingerRelease.release`."""

@@ -6,7 +6,7 @@ of the system only suggest what to change.
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,8 +29,6 @@ MOST_IN_A_ROW = 9
 ONE_ALONE = 1
 """Missed periods that are always allowed: a short look cannot tell one from none."""
 QUICK_SECONDS = 0.3
-EDGES_US = (10, 20, 50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000)
-"""Edges of the histogram [µs]."""
 PERCENTS = {"p50": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}
 HOST_ADVICE = "the host took the processor: nothing set in here helps; a machine, or a processor, of one's own"
 OTHERS_ADVICE = "other work had the processor: end it, or set a processor aside (isolcpus) and name it (--cpu)"
@@ -70,26 +68,25 @@ def measure_wakeups(rate: float, seconds: float, wishes: RealTimeWishes) -> Wake
     it was, no memory stays locked, and the garbage collector is left alone.
     """
     stopping = threading.Event()
+
+    def measure() -> Wakeups:
+        # The first call compiles or loads the kernel, which is not waiting.
+        wait_periods(_deadlines(1_000), np.zeros(1, np.int64))
+        mode = become_real_time(replace(wishes, freeze_gc=False))
+        accounts = CpuAccounts(None if mode["cpu"] < 0 else mode["cpu"])
+        try:
+            with processors_awake(wishes, mode):
+                return _wait(rate, seconds, stopping, accounts, mode)
+        finally:
+            accounts.close()
+            if mode["memory_locked"]:
+                unlock_memory()
+
     with ThreadPoolExecutor(1, "hhsim-wakeups") as thread:
         try:
-            return thread.submit(_measure, rate, seconds, wishes, stopping).result()
+            return thread.submit(measure).result()
         finally:
             stopping.set()
-
-
-def _measure(rate: float, seconds: float, wishes: RealTimeWishes, stopping: threading.Event) -> Wakeups:
-    """Measure in this thread; see `measure_wakeups`."""
-    # The first call compiles or loads the kernel, which is not waiting.
-    wait_periods(_deadlines(1_000), np.zeros(1, np.int64))
-    mode = become_real_time(replace(wishes, freeze_gc=False))
-    accounts = CpuAccounts(None if mode["cpu"] < 0 else mode["cpu"])
-    try:
-        with processors_awake(wishes, mode):
-            return _wait(rate, seconds, stopping, accounts, mode)
-    finally:
-        accounts.close()
-        if mode["memory_locked"]:
-            unlock_memory()
 
 
 def _wait(
@@ -97,13 +94,12 @@ def _wait(
 ) -> Wakeups:
     period = round(1e9 / rate)
     count = max(1, round(seconds * rate))
-    size = max(1, round(BLOCK_SECONDS * rate))
-    block, deadlines = np.zeros(size, np.int64), _deadlines(period)
+    block, deadlines = np.zeros(max(1, round(BLOCK_SECONDS * rate)), np.int64), _deadlines(period)
     late, missed, streak = [], 0, 0
     causes = dict.fromkeys(CAUSES, 0)
     first = before = accounts.run_delay_ns(), accounts.steal_ns()
     while count > 0 and not stopping.is_set():
-        waits = block[: min(size, count)]
+        waits = block[:count]
         passed = int(wait_periods(deadlines, waits))
         after = accounts.run_delay_ns(), accounts.steal_ns()
         woken = waits[waits != PASSED]
@@ -112,8 +108,7 @@ def _wait(
             overslept = woken[woken >= period]
             kept = max(int(overslept.sum()), passed * period)
             delay, steal = (risen(was, now) for was, now in zip(before, after, strict=True))
-            cause = TimeTaken(computed=0, kept=kept, run_delay=delay, steal=steal, device=0).cause()
-            causes[cause] += passed
+            causes[TimeTaken(computed=0, kept=kept, run_delay=delay, steal=steal, device=0).cause()] += passed
             in_a_row = int(np.diff(np.flatnonzero(np.r_[True, waits != PASSED, True])).max()) - 1
             streak = max(streak, in_a_row, int(overslept.max(initial=0)) // period)
         late.append(woken)
@@ -137,16 +132,12 @@ class Measure:
     name: str
     value: float
     limit: float
-    unit: str
+    unit: str = ""
 
     @property
     def kept(self) -> bool:
         """True if the limit is kept."""
         return self.value <= self.limit
-
-    def __str__(self) -> str:
-        unit = f" {self.unit}" if self.unit else ""
-        return f"{self.name} {self.value:,.0f}{unit} (at most {self.limit:,.0f}{unit})"
 
 
 @dataclass(frozen=True)
@@ -162,8 +153,8 @@ class Diagnosis:
         wakeups = self.wakeups
         allowed = int(max(MOST_MISSED * wakeups.periods, ONE_ALONE))
         return (
-            Measure("missed periods", wakeups.missed, float(allowed), ""),
-            Measure("missed in a row", wakeups.streak, MOST_IN_A_ROW, ""),
+            Measure("missed periods", wakeups.missed, float(allowed)),
+            Measure("missed in a row", wakeups.streak, MOST_IN_A_ROW),
             Measure("wake-up, p99", 1e6 * wakeups.percentile(99.0), 1e6 * MOST_LATE / wakeups.rate, "µs"),
         )
 
@@ -175,12 +166,20 @@ class Diagnosis:
     @property
     def verdict(self) -> str:
         """Verdict in one sentence, with who took the time of missed periods."""
-        rate = f"{self.wakeups.rate:,g} Hz"
-        if self.good:
-            return f"this machine keeps {rate}: {_missed(self.wakeups)}"
+        wakeups = self.wakeups
+        missed = f"none of {wakeups.periods:,} periods was missed"
+        if wakeups.missed:
+            by = ", ".join(f"{WORDS[cause]} {count:,}" for cause, count in wakeups.causes.items() if count)
+            missed = f"{wakeups.missed:,} of {wakeups.periods:,} periods were missed ({by})"
         # The first measure is that of the missed periods, which end the sentence with their causes.
-        beyond = [str(measure) for measure in self.measures[1:] if not measure.kept]
-        return f"this machine does not keep {rate}: {', '.join([*beyond, _missed(self.wakeups)])}"
+        beyond = [
+            f"{each.name} {each.value:,.0f} {each.unit} (at most {each.limit:,.0f})".replace("  ", " ")
+            for each in self.measures[1:]
+            if not each.kept
+        ]
+        return f"this machine {'keeps' if self.good else 'does not keep'} {wakeups.rate:,g} Hz: " + ", ".join(
+            [*beyond, missed]
+        )
 
     @property
     def advice(self) -> list[str]:
@@ -208,17 +207,10 @@ class Diagnosis:
             "missed_in_a_row": wakeups.streak,
             "missed_by": by_name(wakeups.causes.values()),
             **{f"wakeup_{name}": wakeups.percentile(percent) for name, percent in PERCENTS.items()},
-            "histogram": [
-                {"above": low / 1e6, "up_to": None if high is None else high / 1e6, "count": count}
-                for low, high, count in histogram(wakeups)
-            ],
             **{name: None if value is None else 1e-9 * value for name, value in accounts.items()},
-            "limits": [
-                {name: getattr(measure, name) for name in ("name", "value", "limit", "unit", "kept")}
-                for measure in self.measures
-            ],
+            "limits": [asdict(measure) | {"kept": measure.kept} for measure in self.measures],
             "real_time": wakeups.mode,
-            "facts": [{"name": fact.name, "value": fact.value, "advice": fact.advice or None} for fact in self.facts],
+            "facts": [asdict(fact) | {"advice": fact.advice or None} for fact in self.facts],
             "advice": self.advice,
         }
 
@@ -234,21 +226,5 @@ def quick_warning(rate: float, wishes: RealTimeWishes) -> str:
 
     Memory is not locked: that would take longer than the check.
     """
-    wakeups = measure_wakeups(rate, QUICK_SECONDS, replace(wishes, lock_memory=False))
-    diagnosis = Diagnosis(wakeups, [])
+    diagnosis = Diagnosis(measure_wakeups(rate, QUICK_SECONDS, replace(wishes, lock_memory=False)), [])
     return "" if diagnosis.good else f"{diagnosis.verdict}; hhsim doctor tells more"
-
-
-def histogram(wakeups: Wakeups) -> list[tuple[float, float | None, int]]:
-    """Count wake-ups by lateness: lower edge, upper edge [µs] (None: no end), count; up to the last one that occurs."""
-    counts = np.bincount(np.searchsorted(EDGES_US, 1e-3 * wakeups.late, side="left"), minlength=len(EDGES_US) + 1)
-    last = int(np.flatnonzero(counts).max(initial=0))
-    edges = [0.0, *map(float, EDGES_US)]
-    return list(zip(edges, [*edges[1:], None], map(int, counts), strict=True))[: last + 1]
-
-
-def _missed(wakeups: Wakeups) -> str:
-    if not wakeups.missed:
-        return f"none of {wakeups.periods:,} periods was missed"
-    by = ", ".join(f"{WORDS[cause]} {count:,}" for cause, count in wakeups.causes.items() if count)
-    return f"{wakeups.missed:,} of {wakeups.periods:,} periods were missed ({by})"

@@ -15,7 +15,7 @@ SINGLE_RATE = 200.0
 
 @dataclass(eq=False)
 class Playback:
-    """A trajectory and the instant at which it began; one object keeps fingers and palm together.
+    """A trajectory on the clock, again and again; one object keeps the fingers and the palm of a motion together.
 
     It begins anew `RETURN_TIME` after its end.
     """
@@ -49,3 +49,11 @@ class Playback:
         newest = int(np.searchsorted(self.stamps, elapsed, side="right")) - 1
         step = self.stamps[newest + 1] - self.stamps[newest]
         return newest, newest + 1, float((elapsed - self.stamps[newest]) / step)
+
+    def fingers(self, before: int, after: int, share: float) -> tuple[FloatArray, FloatArray]:
+        """Return flexion (5, 3) and abduction (5,) [rad] between two samples; those of the first where `share` is 0."""
+        own = self.trajectory
+        if share == 0.0:
+            return own.flexion[before], own.abduction[before]
+        flexion = (1.0 - share) * own.flexion[before] + share * own.flexion[after]
+        return flexion, (1.0 - share) * own.abduction[before] + share * own.abduction[after]

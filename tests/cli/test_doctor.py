@@ -1,6 +1,7 @@
 """`hhsim doctor`: the verdict, why, and the exit code by the stated limits."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -8,8 +9,8 @@ from conftest import Run
 
 from hhsim.live import doctor
 from hhsim.live.doctor import Wakeups
-from hhsim.live.ipc.config import RATE_RANGE
 from hhsim.live.real_time import RealTimeWishes
+from hhsim.live.session.settings import RATE_RANGE
 from hhsim.result.miss_cause import CAUSES, MissCause
 
 
@@ -33,11 +34,9 @@ def test_a_machine_that_keeps_the_rate(run: Run, missed: dict[MissCause, int]) -
     answer = run("doctor")
     assert answer.code == 0
     assert "this machine keeps 1,000 Hz: none of 10,000 periods was missed" in answer.out
-    assert "20 to 50     10,000" in answer.out
-    assert "run delay                 not told" in answer.out
+    assert re.search(r"run delay +not told", answer.out)
     document = json.loads(run("doctor", "--rate", "500", "--duration", "2", "--json").out)
     assert (document["good"], document["periods"], document["advice"]) == (True, 1000, [])
-    assert document["histogram"][2] == {"above": 2e-05, "up_to": 5e-05, "count": 1000}
 
 
 @pytest.mark.parametrize("rate", RATE_RANGE)
@@ -67,5 +66,4 @@ def test_a_real_measurement_names_every_missed_period(run: Run) -> None:
     assert answer.code == (0 if document["good"] else 1)
     assert document["periods"] >= 200
     assert sum(document["missed_by"].values()) == document["missed"]
-    assert sum(row["count"] for row in document["histogram"]) == document["periods"] - document["missed"]
     assert document["real_time"]["fifo"] == 0

@@ -52,7 +52,7 @@ WRITERS = {
     "hhsim/sweep/repair_row.py": "the mark of a row, in its own folder",
     "hhsim/recordings/formats/hhsim.py": "an image in memory",
     "hhsim/system/checksummed_file.py": "adds the seal to a file that was just written",
-    "hhsim/live/shared_memory.py": "memory, no file",
+    "hhsim/live/processes.py": "memory, no file",
     "hhsim/live/real_time.py": "the system's, not the user's",
     "cli/repair.py": "lines as they come, into a file that was not there",
     "cli/gate.py": "appends to CI's summary",

@@ -90,7 +90,7 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
     from hhsim.bench.paper import bench as bench_paper
     from hhsim.gate.suite import default_suite
     from hhsim.live.devices.registry import configure
-    from hhsim.live.ipc import config as live_setup
+    from hhsim.live.session import settings as live_setup
     from hhsim.solver import options as solver_options
 
     usual, paper = (solver_options.SolverOptions(method=method) for method in ("coupled", "paper"))
@@ -120,7 +120,7 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
             values = value if isinstance(value, tuple) else (value,)
             yield f"hhsim bench {suite}", f"--{one or field}", ",".join(map(str, values))
     yield "hhsim gate", "--processes", f"as the suite says, else {default_suite().time.processes}"
-    served: list[Any] = [(kind, configure(kind).options) for kind in ("dexmo", "manus", "openxr", "udp")]
+    served: list[Any] = [(kind, configure(kind).options) for kind in ("dexmo", "openxr", "udp")]
     ports = ", ".join(f"{options.port} for {kind}" for kind, options in served)
     yield "hhsim live glove", "--port", ports
     yield "hhsim live glove", "--stiffness", f"{live_setup.OutputLimits().stiffness[0]:g}"

@@ -12,10 +12,10 @@ from live_scripted import make_setup
 
 from hhsim.live import real_time
 from hhsim.live.devices.registry import configure
-from hhsim.live.ipc.session_memory import SessionMemory
-from hhsim.live.ipc.status import Stage
+from hhsim.live.processes import RingReader
 from hhsim.live.real_time import RealTimeWishes, described, keep_off, processors_awake
-from hhsim.live.shared_memory import RingReader
+from hhsim.live.session.memory import SessionMemory
+from hhsim.live.session.status import Stage
 from hhsim.result.schema import FAULT
 
 ASK = """
@@ -99,7 +99,7 @@ def opened() -> set[Path]:
 LOCKED = """
 import numpy, re
 from hhsim.live.real_time import lock_memory
-from hhsim.live.shared_memory import SharedBlock
+from hhsim.live.processes import SharedBlock
 block = SharedBlock.create("block", numpy.dtype((numpy.int64, 100_000)))
 try:
     lock_memory()
@@ -130,7 +130,7 @@ def run_loop(**changes: object) -> tuple[subprocess.CompletedProcess[str], Sessi
     memory = SessionMemory.create()
     setup = memory.with_setup(make_setup(**({"real_time": wishes} | changes)))
     child = subprocess.run(
-        [sys.executable, "-m", "hhsim.live.loop.process", "--setup", str(setup)],
+        [sys.executable, "-m", "hhsim.live.session.loop", "--setup", str(setup)],
         pass_fds=(setup, *memory.descriptors),
         capture_output=True,
         text=True,

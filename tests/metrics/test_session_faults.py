@@ -10,8 +10,8 @@ from sealed_change import changed
 
 from hhsim.errors import DamagedFileError
 from hhsim.live.device import COUNTERS, DeviceCounters
-from hhsim.live.ipc.session_memory import EVENT
-from hhsim.live.loop.loop import loop_options
+from hhsim.live.session.loop import loop_options
+from hhsim.live.session.memory import EVENT
 from hhsim.live.session.recorder import LOOP_DIED, SessionWriter
 from hhsim.live.session.statistics import LiveTally
 from hhsim.live.session.supervisor import SessionOutcome

@@ -13,8 +13,8 @@ from short_grasp import short_result
 
 from hhsim.hand.fingers import FINGERS
 from hhsim.live.device import COUNTERS
-from hhsim.live.ipc.session_memory import EVENT
-from hhsim.live.loop.loop import loop_options
+from hhsim.live.session.loop import loop_options
+from hhsim.live.session.memory import EVENT
 from hhsim.live.session.recorder import LOOP_DIED, SessionWriter
 from hhsim.metrics.session_faults import recorded_faults
 from hhsim.report.figure import ReportFigure

@@ -14,7 +14,7 @@ from sphere_scenes import bumpy_ball
 
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
-from hhsim.live.ipc.session_memory import SessionMemory
+from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.recorder import Recorder
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.registry import read_recording

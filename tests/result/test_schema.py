@@ -14,7 +14,7 @@ from hhsim.kernels.contact import detection
 from hhsim.kernels.tick import state, step
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.device import GLOVE_SAMPLE
-from hhsim.live.ipc.session_memory import EVENT, LIVE_TICK
+from hhsim.live.session.memory import EVENT, LIVE_TICK
 from hhsim.result.schema import (
     EVENT_COLUMNS,
     HAPTIC_FIELDS,

@@ -20,13 +20,12 @@ from sampled import first_of_each, sampled
 
 from hhsim.kernels.live import plausibility as looked_at
 from hhsim.kernels.live import tick as live_loop
-from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
-from hhsim.live.ipc.session_memory import SessionMemory
-from hhsim.live.loop import story
-from hhsim.live.loop.loop import loop_options
-from hhsim.live.session import recorder
+from hhsim.live.processes import RingReader
+from hhsim.live.session import recorder, story
+from hhsim.live.session.loop import loop_options
+from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.recorder import Recorder, SessionWriter
-from hhsim.live.shared_memory import RingReader
+from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.recordings.dexmo_regression import DexmoRegression
 from hhsim.result.miss_cause import by_name
 from hhsim.result.reader import Result, load_result

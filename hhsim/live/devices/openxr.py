@@ -1,11 +1,10 @@
-"""Hand that any OpenXR headset tracks, through a bridge that sends its joints."""
+"""Hand that any OpenXR headset tracks, through a bridge that sends its joints in the open packet."""
 
-from hhsim.live.devices.registry import Glove, ReachedOptions
+from hhsim.live.devices.registry import Glove, PacketOptions
 
 GLOVE = Glove(
-    about="a bare hand that an OpenXR headset tracks, by a bridge",
-    driver="hhsim.live.drivers.openxr:OpenXrHand",
-    options=ReachedOptions,
-    holds=False,
+    about="a hand that an OpenXR headset tracks, bare or in a glove, by a bridge",
+    driver="hhsim.live.drivers.udp:UdpGlove",
+    options=PacketOptions,
     palm=True,
 )

@@ -1,7 +1,8 @@
-"""Registry of the gloves: each is a module of this package, with the glove's name, that holds a record `GLOVE`.
+"""Registry of the gloves and of the sources of the palm's pose, with their settings.
 
-A new glove is one such file with its settings and the name of its driver. Drivers are in a package of their own,
-`hhsim.live.drivers`, and imported when their glove is opened: the command's help imports only this package.
+Each glove is a module of this package, with the glove's name, that holds a record `GLOVE`: a new one is one such file
+with its settings and the name of its driver. Drivers are in a package of their own, `hhsim.live.drivers`, and imported
+when their glove is opened: the command's help imports only this package.
 """
 
 from dataclasses import dataclass, field, fields
@@ -16,16 +17,16 @@ if TYPE_CHECKING:
     from hhsim.live.playback import Playback
 
 Hand = Literal["right", "left"]
+TAKES = ("limits", "forces")
 
 
 @dataclass(frozen=True)
 class Setting:
-    """Command-line option of a setting; `text` is its help without a full stop, `flags` are names beside its own."""
+    """Command-line option of a setting; `text` is its help without a full stop."""
 
     text: str
     metavar: str
     unit: str = ""
-    flags: tuple[str, ...] = ()
     least: float | None = None
     most: float | None = None
     choices: tuple[str, ...] = ()
@@ -55,6 +56,18 @@ class ServedOptions(ReachedOptions):
 
     calibration: str = setting("", "Calibration of the glove: our TOML, or the vendor's JSON of profiles", "FILE")
     profile: str = setting("", "Profile of a calibration file that holds several", "NAME")
+
+
+@dataclass(frozen=True)
+class PacketOptions(ReachedOptions):
+    """Settings of a glove with a bridge that speaks the open packet."""
+
+    takes: str = setting(
+        "limits", "Whether it takes where fingers are stopped, or forces on their tips", "limits|forces", choices=TAKES
+    )
+    most_force: float = setting(
+        5.0, "Most force on a fingertip, of a glove that takes forces", "N", unit="N", least=0.1, most=1000.0
+    )
 
 
 @dataclass(frozen=True)
@@ -117,6 +130,42 @@ def open_release(config: GloveConfig) -> "FingerRelease":
     """Make the connection that frees a glove's fingers beside its driver, not yet opened."""
     if GLOVES[config.kind].holds:
         return open_device(config)
-    from hhsim.live.device import NothingHeld
+    from hhsim.live.device import FingerRelease
 
-    return NothingHeld()
+    return FingerRelease()
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Source of the palm's pose that can be chosen."""
+
+    about: str  # description in half a line
+    placed: bool = False  # True if it is, or begins, at a configured pose
+    plays: bool = False  # True if it plays a motion
+    back: float = 0.0  # distance of the default beginning from the grasp [m]
+    by_glove: bool = False  # True if the glove gives it
+
+
+POSES = {
+    # Its user comes to the object.
+    "keyboard": Pose("moved with keys", placed=True, back=0.06),
+    "fixed": Pose("at one place", placed=True),
+    "replay": Pose("as in --trajectory", plays=True),
+    "udp": Pose("by packets of a tracker"),
+    "glove": Pose("as a glove says that knows it", placed=True, back=0.06, by_glove=True),
+}
+"""Sources of the palm's pose by name, which few gloves give; `hhsim.live.drivers.poses` has their classes."""
+USUAL_POSE_PORT = 24172
+
+
+@dataclass(frozen=True)
+class PoseConfig:
+    """Settings of a pose source."""
+
+    kind: str = "fixed"  # one of `POSES`
+    # Pose of `fixed`, and first one of `keyboard` and `glove` [m], (w, x, y, z), world.
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    orientation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    playback: "Playback | None" = None  # motion of `replay`; the same as the glove's keeps palm and fingers together
+    host: str = "127.0.0.1"  # sender of the packets of `udp`
+    port: int = USUAL_POSE_PORT  # port at which they arrive

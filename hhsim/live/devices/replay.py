@@ -4,7 +4,7 @@ from hhsim.live.devices.registry import Glove
 
 GLOVE = Glove(
     about="a recording in the place of one",
-    driver="hhsim.live.drivers.replay:ReplayGlove",
+    driver="hhsim.live.drivers.played:ReplayGlove",
     plays=True,
     ends=True,
     holds=False,

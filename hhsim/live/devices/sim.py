@@ -3,5 +3,8 @@
 from hhsim.live.devices.registry import Glove
 
 GLOVE = Glove(
-    about="a simulated one, which needs no hardware", driver="hhsim.live.drivers.sim:SimGlove", plays=True, holds=False
+    about="a simulated one, which needs no hardware",
+    driver="hhsim.live.drivers.played:SimGlove",
+    plays=True,
+    holds=False,
 )

@@ -1,22 +1,13 @@
-"""Any glove, through a bridge that speaks the open packet of `hhsim.live.link.udp_codec`."""
+"""Any glove, through a bridge that speaks the open packet of `hhsim.live.open_packet`."""
 
 from dataclasses import dataclass
 
-from hhsim.live.devices.registry import Glove, ServedOptions, setting
-
-TAKES = ("limits", "forces")
+from hhsim.live.devices.registry import Glove, PacketOptions, ServedOptions
 
 
 @dataclass(frozen=True)
-class UdpOptions(ServedOptions):
-    """Settings of a glove with a bridge."""
-
-    takes: str = setting(
-        "limits", "Whether it takes where fingers are stopped, or forces on their tips", "limits|forces", choices=TAKES
-    )
-    most_force: float = setting(
-        5.0, "Most force on a fingertip, of a glove that takes forces", "N", unit="N", least=0.1, most=1000.0
-    )
+class UdpOptions(PacketOptions, ServedOptions):
+    """Settings of a glove with a bridge, whose bends and channels can be calibrated."""
 
 
 GLOVE = Glove(

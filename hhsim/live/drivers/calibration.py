@@ -1,14 +1,12 @@
-"""Calibration of a live glove: the vendor's JSON of profiles, or our TOML (`hhsim.recordings.dexmo_regression`).
+"""Calibration of a live glove: our TOML (`hhsim.recordings.dexmo_regression`), or the vendor's JSON of profiles.
 
 The vendor's server keeps raw 12-bit counts of the open and the closed hand, in named profiles::
 
     {"RIGHT": {"anna": {"max": {"thumb_bend": 3166, …}, "min": {"thumb_bend": 712, …}}}, "LEFT": {…}}
 
-It sends channels already normalised to 0 to 1, so its counts are used only where a server sends counts.
+It sends channels already normalised to 0 to 1: its counts only say which channels are too narrow to be believed.
 """
 
-import json
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,7 +17,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.live.devices.registry import ServedOptions
-from hhsim.live.link.dexmo_codec import CHANNELS
+from hhsim.live.drivers.dexmo import CHANNELS
 from hhsim.recordings.dexmo_regression import BEND, LEAST_SPAN, DexmoRegression, read_calibration
 from hhsim.system.input_file import read_input_text
 from hhsim.system.settings_file import typed
@@ -31,10 +29,11 @@ MOST_COUNT = 4095.0
 MOST_FILE = 4 << 20
 """Largest calibration file [bytes]."""
 BENDS = list(BEND)
-Count = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6, description=f"a count, 0 to {MOST_COUNT:.0f}")]
-_COUNTS = msgspec.defstruct("_COUNTS", [(name, Count) for name in CHANNELS])
 FAR = (-0.5, 1.5)
 """Range of the normalised bends of a hand; splits are clipped to it."""
+Count = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6, description=f"a count, 0 to {MOST_COUNT:.0f}")]
+_Counts = msgspec.defstruct("_Counts", [(name, Count) for name in CHANNELS])
+_Profile = msgspec.defstruct("_Profile", [("min", _Counts), ("max", _Counts)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,38 +41,13 @@ class GloveCalibration:
     """Calibration of a live glove."""
 
     regression: DexmoRegression  # from the channels that the glove sends to joint angles
-    # Regression for raw counts; None where the counts of the open and the closed hand are unknown.
-    counts: DexmoRegression | None = None
     doubtful: tuple[str, ...] = ()  # messages about channels of too small a span
     kept_free: tuple[int, ...] = ()  # numbers of the fingers whose bend has too small a span to push on
-    name: str = ""  # source, for messages; "" for the default
-
-    @property
-    def counted(self) -> bool:
-        """True if the regression is for raw counts."""
-        return self.regression is self.counts
 
     @property
     def in_counts(self) -> bool:
         """True if the calibrated range of the regression is in raw counts."""
         return bool(np.abs(self.regression.closed - self.regression.open).max() > MOST_NORMALISED)
-
-    def fitting(self, channels: Sequence[float]) -> "GloveCalibration":
-        """Return the calibration for a glove that sends these channels, finite, shape (11,); InputError if none is."""
-        most = max(abs(value) for value in channels)
-        if most > MOST_NORMALISED:
-            if self.counts is None:
-                raise InputError(
-                    f"the glove sends raw counts (up to {most:g}): expected 0 to 1, or a calibration with the counts "
-                    "of the open and of the closed hand"
-                )
-            return replace(self, regression=self.counts)
-        if self.in_counts:
-            raise InputError(
-                f"{self.name}: its [channel] ends are raw counts, but the glove sends 0 to 1: "
-                "expected a calibration without [channel]"
-            )
-        return self
 
     def bend_lines(self) -> tuple[FloatArray, FloatArray]:
         """See `hhsim.live.device.Calibration`."""
@@ -84,10 +58,15 @@ class GloveCalibration:
         return self.regression.open[BENDS], self.regression.closed[BENDS]
 
     def angles(self, readings: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Return flexion (5, 3) and abduction (5,) [rad] of finite readings (11,); None beyond a hand's range."""
+        """Return flexion (5, 3) and abduction (5,) [rad] of finite readings (11,); None beyond a hand's range.
+
+        So are numbers from 0 to 1 where the calibration is for counts, and counts where it is not.
+        """
         normalised = self.regression.normalised(readings)
         least, most = FAR
         if not all(least <= bend <= most for bend in normalised[BENDS].tolist()):
+            return None
+        if self.in_counts and np.abs(readings).max() <= MOST_NORMALISED:
             return None
         angles = self.regression.slope @ np.minimum(np.maximum(normalised, least), most) + self.regression.offset
         return angles[:15].reshape(5, 3), angles[15:]
@@ -108,75 +87,52 @@ def glove_calibration(options: ServedOptions, hand: str) -> GloveCalibration:
     if not options.calibration:
         return GloveCalibration(DexmoRegression.default())
     path = Path(options.calibration)
-    if path.suffix.lower() == ".json":
-        return _parse_vendor(path, hand, options.profile)
-    regression = read_calibration(path)
-    found = GloveCalibration(regression, name=str(path))
-    if found.in_counts:
-        low, high = regression.open, regression.closed
-        return replace(found, counts=regression, doubtful=_narrow(low, high), kept_free=_kept_free(low, high))
-    return found
-
-
-def _parse_vendor(path: Path, hand: str, profile: str) -> GloveCalibration:
+    if path.suffix.lower() != ".json":
+        found = GloveCalibration(read_calibration(path))
+        return _spanned(found.regression, found.regression.open, found.regression.closed) if found.in_counts else found
     where = str(path)
     try:
-        whole = json.loads(read_input_text(path, "utf-8-sig", most=MOST_FILE))
+        # Some files call the little finger so, where the glove's channels have its other name.
+        text = read_input_text(path, "utf-8-sig", most=MOST_FILE).replace('"little_', '"pinky_')
+        whole = msgspec.json.decode(text)
     except OSError as error:
         raise InputError(f"{where}: cannot be read: {error.strerror or error}") from error
-    except UnicodeDecodeError:
-        raise InputError(f"{where}: not a text file; expected a calibration of the vendor's server") from None
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{where}: not JSON: {error}") from None
+        raise InputError(f"{where}: not JSON: {error}; expected a calibration of the vendor's server") from None
     sides = {key.lower(): value for key, value in typed(whole, dict[str, Any], where).items()}
     if hand not in sides:
         raise InputError(f"{where}: no {hand.upper()}; it has {', '.join(whole) or 'nothing'}")
     where = f"{where}: {hand.upper()}"
     profiles = typed(sides[hand], dict[str, Any], where)
-    if not profile:
-        if len(profiles) != 1:
-            raise InputError(
-                f"{where} has {len(profiles)} profiles: name one of {', '.join(map(repr, profiles)) or 'them'}"
-            )
-        profile = next(iter(profiles))
+    if not options.profile and len(profiles) != 1:
+        known = ", ".join(map(repr, profiles)) or "them"
+        raise InputError(f"{where} has {len(profiles)} profiles: name one of {known}")
+    profile = options.profile or next(iter(profiles))
     if profile not in profiles:
         raise InputError(f"{where}: {UnknownNameError('profile', profile, profiles)}")
     where = f"{where}.{profile}"
-    ends = typed(profiles[profile], _Profile, where)
-    low, high = (_ends(f"{where}.{key}", getattr(ends, key)) for key in ("min", "max"))
-    base = DexmoRegression.default()
+    ends: Any = typed(profiles[profile], _Profile, where)
+    low, high = (np.array(msgspec.structs.astuple(end)) for end in (ends.min, ends.max))
     dead = high - low <= 0.0
     if dead[BENDS].any():
         name = next(CHANNELS[k] for k in BEND if dead[k])
         raise InputError(f"{where}: {name}: min is not below max; expected the counts of a finger that moves")
-    hints = _narrow(low, high)
-    beyond = [name for name, a, b in zip(CHANNELS, low, high) if a < 0.0 or b > MOST_COUNT]
+    base = DexmoRegression.default()
+    # A channel without span says nothing: its joints stay at their offset.
+    return _spanned(replace(base, slope=np.where(dead, 0.0, base.slope)), low, high)
+
+
+def _spanned(regression: DexmoRegression, low: FloatArray, high: FloatArray) -> GloveCalibration:
+    """Return a calibration with doubts about channels of too narrow a range of counts, or one beyond the sensor's."""
+    span = np.abs(high - low)
+    doubtful = [
+        f"{name} spans {count:.0f} counts of {MOST_COUNT:.0f}: it says little"
+        for name, count in zip(CHANNELS, span)
+        if count < LEAST_SPAN
+    ]
+    beyond = [name for name, a, b in zip(CHANNELS, low, high) if min(a, b) < 0.0 or max(a, b) > MOST_COUNT]
     if beyond:
-        hints += (f"counts beyond 0 to {MOST_COUNT:.0f}: {', '.join(beyond)}",)
-    # A channel without span would divide by zero: its joints stay at their offset.
-    slope = np.where(dead, 0.0, base.slope)
-    counts = replace(base, open=low, closed=np.where(dead, low + 1.0, high), slope=slope)
-    return GloveCalibration(replace(base, slope=slope), counts, hints, _kept_free(low, high), where)
-
-
-def _narrow(low: FloatArray, high: FloatArray) -> tuple[str, ...]:
-    return tuple(
-        f"{name} spans {abs(b - a):.0f} counts of {MOST_COUNT:.0f}: it says little"
-        for name, a, b in zip(CHANNELS, low, high)
-        if abs(b - a) < LEAST_SPAN
+        doubtful.append(f"counts beyond 0 to {MOST_COUNT:.0f}: {', '.join(beyond)}")
+    return GloveCalibration(
+        regression, tuple(doubtful), tuple(finger for finger, k in enumerate(BEND) if span[k] < LEAST_SPAN)
     )
-
-
-def _kept_free(low: FloatArray, high: FloatArray) -> tuple[int, ...]:
-    return tuple(finger for finger, k in enumerate(BEND) if abs(high[k] - low[k]) < LEAST_SPAN)
-
-
-def _ends(where: str, counts: dict[str, Any]) -> FloatArray:
-    """Return the counts of all channels; other keys are ignored."""
-    named = {key.replace("little_", "pinky_"): count for key, count in counts.items()}
-    return np.array(msgspec.structs.astuple(typed(named, _COUNTS, where)))
-
-
-class _Profile(msgspec.Struct):
-    min: dict[str, Any]
-    max: dict[str, Any]

@@ -1,4 +1,8 @@
-"""Driver of a Dexmo glove at the TCP server of its vendor.
+"""Driver of a Dexmo glove at the TCP server of its vendor, and the messages between that and its clients.
+
+Both ways: the length of a message as a little-endian int32, then the message in proto3. The server sends `Frame`, the
+client `Command`. Field numbers and meanings are those of the vendor's example client for its Linux server 1.1.6, names
+are ours; unused fields of a command (rumble, other) are skipped. A frame has neither a stamp nor a number nor a force.
 
 A server may have several gloves and clients. The driver picks one glove by its number or hand, and keeps it until it is
 opened again. Forces cannot be commanded: each finger takes the bend at which it is stopped and a unitless stiffness.
@@ -7,19 +11,22 @@ opened again. Forces cannot be commanded: each finger takes the bend at which it
 import contextlib
 import itertools
 import math
+import struct
 import time
 from collections import deque
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, cast
+from functools import cache
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.errors import InputError
+from hhsim.errors import HhsimError
 from hhsim.live.device import (
     FINGER_COUNT,
+    LIMITS,
     UNKNOWN,
-    Capability,
     DeviceCounters,
     DeviceError,
     FingerCommand,
@@ -28,12 +35,32 @@ from hhsim.live.device import (
 )
 from hhsim.live.devices.dexmo import DexmoOptions
 from hhsim.live.devices.registry import GloveConfig
-from hhsim.live.link import dexmo_codec
-from hhsim.live.link.tcp import TcpLink
+from hhsim.live.tcp import TcpLink
 
 if TYPE_CHECKING:
     from hhsim.live.drivers.calibration import GloveCalibration
 
+CHANNELS = (
+    *("thumb_rotate", "thumb_split", "thumb_bend", "index_split", "index_bend", "middle_split", "middle_bend"),
+    *("ring_split", "ring_bend", "pinky_split", "pinky_bend"),
+)
+"""Channels of a hand in the order of their field numbers, 3 to 13; pinky is the little finger."""
+FINGER_FIELDS = ("thumb", "index", "middle", "ring", "pinky")
+
+MESSAGES = {
+    "Hand": [(number, name, "float") for number, name in enumerate(CHANNELS, start=3)],
+    "Device": [(2, "is_right", "bool"), (3, "battery_percent", "int32")],
+    "FrameMessage": [(1, "id", "int32"), (2, "hand", "Hand"), (3, "device", "Device")],
+    "Frame": [(1, "frame_len", "int32"), (2, "messages", "*FrameMessage")],
+    "ImpedanceData": [(1, "stiffness", "float"), (2, "set_point", "float")],
+    "Impedance": [*((k, f, "ImpedanceData") for k, f in enumerate(FINGER_FIELDS, start=1)), (6, "has_index", "bool")],
+    "Command": [(1, "id", "int32"), (2, "impedance", "*Impedance")],
+}
+"""Number, name and type of each field; a star marks a repeated message."""
+
+MOST_BYTES = 8192
+"""Longest message [bytes]; a glove takes about 80. A longer one means that the framing is lost."""
+LENGTH = struct.Struct("<i")
 MOST_MESSAGES = 256
 """Most messages read in one call, so that a flood cannot delay the driver."""
 MOST_MALFORMED = 20
@@ -48,39 +75,125 @@ LEAST_SET_POINT = 1e-3
 MOST_KEPT = 1 << 20
 """Most bytes before the glove is found."""
 
+_channels = attrgetter(*CHANNELS)
+
+
+class FramingError(HhsimError):
+    """A length that no message has: the framing is lost until a new connection."""
+
+
+class WireError(HhsimError):
+    """Bytes that are no message."""
+
+
+class GloveMessage(NamedTuple):
+    """Data of one glove in a frame."""
+
+    device_id: int
+    # Values in the order of `CHANNELS`, None without hand data; they may be NaN or infinite.
+    channels: tuple[float, ...] | None = None
+    right: bool | None = None  # True for a right hand, None if unknown
+    battery: int | None = None  # charge [%], None if unknown
+
+
+@cache
+def message_classes() -> dict[str, Any]:
+    """Return the protobuf class of each of `MESSAGES`; the first call imports protobuf, which takes some 50 ms."""
+    from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+
+    proto = descriptor_pb2.FieldDescriptorProto
+    scalars = {"float": proto.TYPE_FLOAT, "int32": proto.TYPE_INT32, "bool": proto.TYPE_BOOL}
+    file = descriptor_pb2.FileDescriptorProto(name="dexmo.proto", package="dexmo", syntax="proto3")
+    for name, fields in MESSAGES.items():
+        message = file.message_type.add(name=name)
+        for number, field, kind in fields:
+            added = message.field.add(name=field, number=number)
+            added.label = proto.LABEL_REPEATED if kind.startswith("*") else proto.LABEL_OPTIONAL
+            added.type = scalars.get(kind, proto.TYPE_MESSAGE)
+            if kind not in scalars:
+                added.type_name = f".dexmo.{kind.lstrip('*')}"
+    pool = descriptor_pool.DescriptorPool()
+    pool.Add(file)
+    return {name: message_factory.GetMessageClass(pool.FindMessageTypeByName(f"dexmo.{name}")) for name in MESSAGES}
+
+
+def framed(payload: bytes) -> bytes:
+    """Return a message with its length before it."""
+    return LENGTH.pack(len(payload)) + payload
+
+
+def next_message(waiting: bytearray) -> bytes | None:
+    """Take the next message off what has arrived; None until it is whole, FramingError for a length of none."""
+    if len(waiting) < LENGTH.size:
+        return None
+    (length,) = LENGTH.unpack_from(waiting)
+    if not 0 <= length <= MOST_BYTES:
+        raise FramingError(f"a message of {length} bytes: expected 0 to {MOST_BYTES}")
+    end = LENGTH.size + length
+    if end > len(waiting):
+        return None
+    message = bytes(waiting[LENGTH.size : end])
+    del waiting[:end]
+    return message
+
+
+def parse_message(name: str, payload: bytes) -> Any:
+    """Parse one of `MESSAGES`; raises WireError if it is none."""
+    from google.protobuf.message import DecodeError
+
+    try:
+        return message_classes()[name].FromString(payload)
+    except DecodeError:
+        raise WireError(f"{len(payload)} bytes that are no {name}") from None
+
+
+def decode_frame(payload: bytes) -> list[GloveMessage]:
+    """Return the gloves of a frame; raises WireError if it is none."""
+    found = []
+    for message in parse_message("Frame", payload).messages:
+        channels = _channels(message.hand) if message.HasField("hand") else None
+        told = (message.device.is_right, message.device.battery_percent) if message.HasField("device") else ()
+        found.append(GloveMessage(message.id, channels, *told))
+    return found
+
+
+def encode_impedance(device_id: int, stiffness: Sequence[float], set_point: Sequence[float], *, kept: bool) -> bytes:
+    """Encode a command to the fingers of one glove, thumb to little finger, with its length.
+
+    `stiffness` is 0 (free) to 1, `set_point` the bend at which a force begins, 0 to 1, positive against closing,
+    negative against opening. The server may not drop a `kept` command for a newer one (has_index).
+    """
+    fingers = zip(FINGER_FIELDS, stiffness, set_point, strict=True)
+    commands = {name: {"stiffness": hard, "set_point": place} for name, hard, place in fingers}
+    command = message_classes()["Command"](id=device_id, impedance=[{"has_index": kept, **commands}])
+    return framed(command.SerializeToString())
+
 
 class DexmoGlove(GloveDevice):
     """One glove of a Dexmo server; its configuration has a `GloveCalibration` unless it is opened for release."""
 
-    _calibration: "GloveCalibration"
+    _lost: DeviceError | None  # reason why the glove is gone; None while it is there
+    _stiffness: list[float]
 
     def __init__(self, config: GloveConfig) -> None:
         assert isinstance(config.options, DexmoOptions)
-        dexmo_codec.message_classes()  # built here, not when the fingers are to be freed
+        message_classes()  # built here, not when the fingers are to be freed
         host, port, self._wanted_id = config.options.host, config.options.port, config.options.device_id
         self._link = TcpLink(host, port, f"dexmo at {host}:{port}")
-        self._connection = 0
         # Whole frames that were not read yet, each with CLOCK_MONOTONIC of its last byte [ns].
         self._waiting: deque[tuple[bytes, int]] = deque()
-        self._lost: DeviceError | None = None  # reason why the glove is gone; None while it is there
-        self._malformed_run = 0
         self.counters = DeviceCounters()
-        self._configured = cast("GloveCalibration", config.calibration)
+        self._calibration = cast("GloveCalibration", config.calibration)
         self._hand = config.hand
         self._device_id: int | None = None
         self._battery = UNKNOWN
-        self._stiffness = list(UNKNOWN_STIFFNESS)
         self._other_hand = False
+        self._begin_stream()
 
     def open(self, timeout: float = 5.0) -> None:
         """See `GloveDevice.open`; waits for a finite sample."""
-        sample = self._find(timeout)
-        assert sample.channels is not None
-        try:
-            self._fit(sample.channels)
-        except InputError as error:
-            self._link.close()
-            raise DeviceError(f"{self._link.name}: {error}") from None
+        self._find(timeout)
+        self.describe()
 
     def open_for_release(self, timeout: float = 5.0) -> None:
         """See `GloveDevice.open_for_release`; waits for the glove, without which no release can be sent."""
@@ -94,7 +207,9 @@ class DexmoGlove(GloveDevice):
         """See `GloveDevice.read`."""
         if self._lost is None:
             try:
-                self._receive()
+                self._take_bytes()
+            except FramingError as error:
+                self._give_up(f"the stream from its server makes no sense: {error}")
             except DeviceError as error:
                 # Messages received before the end are still read.
                 self._lost = error
@@ -116,7 +231,7 @@ class DexmoGlove(GloveDevice):
         if self._device_id is None:
             raise DeviceError(f"{self._link.name}: not open")
         stiffness, bend = command.stiffness.tolist(), command.bend.tolist()
-        if all(map(math.isfinite, stiffness)) and all(map(math.isfinite, bend)):
+        if all(map(math.isfinite, [*stiffness, *bend])):
             stiffness = [min(max(value, 0.0), 1.0) for value in stiffness]
             # From our calibrated range to the server's.
             set_point = [
@@ -127,11 +242,11 @@ class DexmoGlove(GloveDevice):
             stiffness, set_point = list(FREE), list(FREE)
         # A command that frees a finger must be kept; others are replaced within a tick, and would only queue up.
         kept = any(now < before for now, before in zip(stiffness, self._stiffness))
-        sent = self._send(
-            dexmo_codec.framed(dexmo_codec.encode_impedance(self._device_id, stiffness, set_point, kept=kept))
-        )
+        sent = self._link.send(encode_impedance(self._device_id, stiffness, set_point, kept=kept))
         if sent:
             self._stiffness = stiffness
+        self.counters.commands += sent
+        self.counters.commands_refused += not sent
         return sent
 
     def release(self, timeout: float = 0.05) -> bool:
@@ -157,40 +272,41 @@ class DexmoGlove(GloveDevice):
         """See `GloveDevice.close`."""
         self._link.close()
 
-    def _fit(self, channels: Sequence[float]) -> None:
-        """Select the calibration for the channels that the glove sends, and set `info`."""
-        self._calibration = calibration = self._configured.fitting(channels)
-        counted = calibration.counted
+    def describe(self) -> None:
+        """Set `info`, and what follows from the calibration."""
+        calibration = self._calibration
+        counted = calibration.in_counts
         # A server that sends counts still takes set points from 0 to 1.
         low, high = (np.zeros(FINGER_COUNT), np.ones(FINGER_COUNT)) if counted else calibration.bend_ends()
         self._bend_open, self._bend_span = low.tolist(), (high - low).tolist()
-        self._flexion, self._abduction = calibration.regression.angles(calibration.regression.open)
+        self._angles = calibration.regression.angles(calibration.regression.open)
         self.info = GloveInfo(
             name=self._link.name,
-            capabilities=Capability.POSITION_LIMIT | Capability.STIFFNESS | Capability.SPLAY | Capability.BATTERY,
-            channels=dexmo_codec.CHANNELS,
+            channels=CHANNELS,
+            capabilities=LIMITS,
             hand=self._hand,
             unit="count" if counted else "",
             doubtful=calibration.doubtful,
             kept_free=calibration.kept_free,
         )
 
-    def _find(self, timeout: float) -> dexmo_codec.GloveMessage:
-        """Connect and wait for a finite sample of the glove; received frames are kept for `read`."""
+    def _find(self, timeout: float) -> None:
+        """Connect and wait for finite channels of the glove; received frames are kept for `read`."""
         deadline = time.monotonic() + timeout
-        self._connect(timeout)
-        self._device_id = None
-        self._other_hand = False
-        seen: dict[int, dexmo_codec.GloveMessage] = {}
+        self._link.connect(timeout)
+        self._waiting.clear()
+        self._begin_stream()
+        self._device_id, self._other_hand = None, False
+        seen: dict[int, GloveMessage] = {}
         settled, received, looked_at = deadline, 0, 0
         try:
             while (now := time.monotonic()) < min(deadline, settled):
                 self._link.wait(min(deadline, settled) - now)
                 received += self._take_bytes()
                 if received > MOST_KEPT:
-                    raise dexmo_codec.FramingError(f"more than {MOST_KEPT >> 20} MB without its glove")
+                    raise FramingError(f"more than {MOST_KEPT >> 20} MB without its glove")
                 for frame, _ in itertools.islice(self._waiting, looked_at, None):
-                    for message in dexmo_codec.decode_frame(frame):
+                    for message in decode_frame(frame):
                         if message.channels is not None and all(map(math.isfinite, message.channels)):
                             seen[message.device_id] = message
                 looked_at = len(self._waiting)
@@ -198,52 +314,42 @@ class DexmoGlove(GloveDevice):
                     break
                 if self._wanted_id is None and settled == deadline and self._candidates(seen):
                     settled = time.monotonic() + SETTLE
-        except (dexmo_codec.FramingError, dexmo_codec.WireError) as error:
+        except (FramingError, WireError) as error:
             self._link.close()
             raise DeviceError(f"{self._link.name}: what answers there is no Dexmo server: {error}") from None
-        return self._chosen(seen, timeout)
-
-    def _candidates(self, seen: dict[int, dexmo_codec.GloveMessage]) -> list[dexmo_codec.GloveMessage]:
-        """Return the gloves of our hand; without any, those of unknown hand."""
-        wanted = self._hand == "right"
-        ours = [message for message in seen.values() if message.right is wanted]
-        return ours or [message for message in seen.values() if message.right is None]
-
-    def _chosen(self, seen: dict[int, dexmo_codec.GloveMessage], timeout: float) -> dexmo_codec.GloveMessage:
-        number = self._wanted_id
-        if number is None:
-            found, wanted = self._candidates(seen), f"{self._hand} glove"
-        else:
-            found, wanted = [seen[number]] if number in seen else [], f"glove {number}"
-        if len(found) == 1 and found[0].right in (None, self._hand == "right"):
+        found = self._candidates(seen)
+        if len(found) == 1 and self._is_ours(found[0]):
             self._device_id = found[0].device_id
-            return found[0]
+            return
         self._link.close()
         sides = {True: "right", False: "left", None: "hand not said"}
         there = ", ".join(f"{message.device_id} ({sides[message.right]})" for message in seen.values()) or "none"
-        if found and number is not None:
+        wanted = f"{self._hand} glove" if self._wanted_id is None else f"glove {self._wanted_id}"
+        if len(found) == 1:
             raise DeviceError(f"{self._link.name}: {wanted} is not a {self._hand} hand's")
         if found:
             raise DeviceError(f"{self._link.name} has {len(found)} {wanted}s: {there}; name one by its number")
         raise DeviceError(f"{self._link.name}: no {wanted} within {timeout:g} s; gloves there: {there}")
 
-    def _begin_stream(self) -> None:
-        self._stream = dexmo_codec.MessageStream()
-        self._stiffness = list(UNKNOWN_STIFFNESS)
+    def _candidates(self, seen: dict[int, GloveMessage]) -> list[GloveMessage]:
+        """Return the glove that is named, or those of our hand; without any, those of unknown hand."""
+        if self._wanted_id is not None:
+            return [seen[self._wanted_id]] if self._wanted_id in seen else []
+        ours = [message for message in seen.values() if message.right is (self._hand == "right")]
+        return ours or [message for message in seen.values() if message.right is None]
 
-    def _connect(self, timeout: float) -> None:
-        """Connect within `timeout` [s], and forget what came before; raises DeviceError if there is no glove."""
-        self._link.connect(timeout)
-        self._connection = self._link.connection
-        self._waiting.clear()
+    def _is_ours(self, glove: GloveMessage) -> bool:
+        return glove.right in (None, self._hand == "right")
+
+    def _begin_stream(self) -> None:
+        """Forget the stream of an earlier connection."""
+        self._connection, self._bytes = self._link.connection, bytearray()
         self._lost, self._malformed_run = None, 0
-        self._begin_stream()
+        self._stiffness = list(UNKNOWN_STIFFNESS)
 
     def _renew(self) -> None:
         """Begin the stream anew if the link has a new connection."""
         if self._link.connection != self._connection:
-            self._connection = self._link.connection
-            self._lost, self._malformed_run = None, 0
             self._begin_stream()
             self.counters.resyncs += 1
 
@@ -251,24 +357,10 @@ class DexmoGlove(GloveDevice):
         """Cut what has arrived into `_waiting`; returns how many bytes that was."""
         data = self._link.receive() or b""
         now = time.monotonic_ns()
-        self._stream.feed(data)
-        while (frame := self._stream.next()) is not None:
+        self._bytes += data
+        while (frame := next_message(self._bytes)) is not None:
             self._waiting.append((frame, now))
         return len(data)
-
-    def _send(self, data: bytes) -> bool:
-        """Send a command, and count it."""
-        if self._link.send(data):
-            self.counters.commands += 1
-            return True
-        self.counters.commands_refused += 1
-        return False
-
-    def _receive(self) -> None:
-        try:
-            self._take_bytes()
-        except dexmo_codec.FramingError as error:
-            self._give_up(f"the stream from its server makes no sense: {error}")
 
     def _give_up(self, reason: str) -> None:
         """Free the fingers and end an unusable connection."""
@@ -285,11 +377,11 @@ class DexmoGlove(GloveDevice):
 
     def _release_message(self) -> bytes:
         assert self._device_id is not None
-        return dexmo_codec.framed(dexmo_codec.encode_impedance(self._device_id, FREE, FREE, kept=True))
+        return encode_impedance(self._device_id, FREE, FREE, kept=True)
 
-    def _is_of_our_hand(self, glove: dexmo_codec.GloveMessage) -> bool:
+    def _is_of_our_hand(self, glove: GloveMessage) -> bool:
         """True if our glove's samples can be used; the first of the other hand frees the fingers and is an error."""
-        ours = glove.right in (None, self._hand == "right")
+        ours = self._is_ours(glove)
         if not ours and not self._other_hand:
             self._free_fingers()
             now = "left" if self._hand == "right" else "right"
@@ -301,8 +393,8 @@ class DexmoGlove(GloveDevice):
     def _store(self, message: bytes, now: int, row: np.void) -> int:
         self.counters.frames += 1
         try:
-            gloves = dexmo_codec.decode_frame(message)
-        except dexmo_codec.WireError as error:
+            gloves = decode_frame(message)
+        except WireError as error:
             self.counters.malformed += 1
             self._malformed_run += 1
             if self._malformed_run >= MOST_MALFORMED:
@@ -318,8 +410,6 @@ class DexmoGlove(GloveDevice):
         readings = np.array(glove.channels)
         # Python's loop is faster than numpy's on eleven numbers with cold caches.
         found = self._calibration.angles(readings) if all(map(math.isfinite, glove.channels)) else None
-        if found is not None:
-            self._flexion, self._abduction = found
-        angles = self._flexion, self._abduction
-        self._write_sample(row, now, found is not None, readings, angles, battery=self._battery)
+        self._angles = found or self._angles
+        self._write_sample(row, now, found is not None, readings, self._angles, battery=self._battery)
         return 1

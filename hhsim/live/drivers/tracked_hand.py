@@ -17,7 +17,6 @@ from hhsim.recordings.joint_positions import HAND_LENGTHS
 
 FARTHEST = 100.0
 """Largest coordinate of a joint [m]; a larger one was sent in another unit."""
-CHANNELS = tuple(f"{name}_{axis}" for name in KEYPOINTS for axis in "xyz")
 # A joint has eight numbers: orientation (x, y, z, w), position, radius.
 _POSITIONS = np.array([8 * OPENXR_JOINTS.index(name) + 4 + k for name in KEYPOINTS for k in range(3)])
 

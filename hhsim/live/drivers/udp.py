@@ -1,101 +1,284 @@
-"""Driver of any glove, through a bridge that speaks the open packet of `hhsim.live.link.udp_codec`."""
+"""Driver of any glove, or hand that a headset tracks, through a bridge that speaks `hhsim.live.open_packet`.
 
+Order and frames of a tracked hand's joints are those of XR_EXT_hand_tracking (OpenXR 1.1).
+"""
+
+import contextlib
 import math
+import os
+import socket
 import time
+from collections import deque
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
-from hhsim.live.device import FINGER_COUNT, Capability, FingerCommand, GloveInfo
-from hhsim.live.devices.registry import GloveConfig
-from hhsim.live.devices.udp import TAKES, UdpOptions
-from hhsim.live.drivers.packet_glove import PacketGlove
-from hhsim.live.link.udp_codec import Kind, Packet, encode_packet
+from hhsim.live.device import (
+    FINGER_COUNT,
+    FORCES,
+    LIMITS,
+    UNKNOWN,
+    DeviceCounters,
+    DeviceError,
+    FingerCommand,
+    GloveDevice,
+    GloveInfo,
+    PalmReading,
+)
+from hhsim.live.devices.registry import GLOVES, TAKES, GloveConfig, PacketOptions
+from hhsim.live.open_packet import NONE_YET, Kind, Packet, PacketOrder, UdpPort, encode_packet, resolve
 
 if TYPE_CHECKING:
     from hhsim.live.drivers.calibration import GloveCalibration
+    from hhsim.live.drivers.tracked_hand import TrackedHand
 
+SILENCE_NS = 500_000_000
+"""Silence after which a bridge counts as gone [ns]; the fingers are free long before."""
+RELEASE_COPIES = 3
+"""Datagrams a release is sent in, as one may be lost."""
 MOST_ANGLE = 2.0 * math.pi
 NO_LIMIT = np.zeros(10)
 NO_FORCE = np.zeros((FINGER_COUNT, 3))
 
 
-class UdpGlove(PacketGlove):
-    """Glove of a bridge that takes limits of fingers or forces on tips; InputError for other commands, a force ≤ 0."""
+class UdpGlove(GloveDevice):
+    """Glove of a bridge that takes limits of fingers or forces on tips; InputError for other commands, a force ≤ 0.
 
-    SAMPLES = (Kind.BENDS, Kind.CHANNELS, Kind.JOINTS)
+    Samples arrive at its port, and commands go to the next one. Samples are used in the order of their sequence
+    numbers; late ones are left out and counted. The first packet sets the kind of numbers that the bridge sends: of a
+    glove that gives the palm the joints of a hand, else bends, channels or angles.
+    """
+
+    _tracked: "TrackedHand"
 
     def __init__(self, config: GloveConfig) -> None:
         options = config.options
-        assert isinstance(options, UdpOptions)
-        super().__init__(options.host, options.port, "udp bridge")
+        assert isinstance(options, PacketOptions)
         if options.takes not in TAKES:
             raise InputError(f"a glove that takes '{options.takes}'; expected {' or '.join(TAKES)}")
         if not 0.0 < options.most_force < math.inf:
             raise InputError(f"most force {options.most_force:g} N; expected more than 0")
-        self._forces = options.takes == "forces"
-        self._most_force = options.most_force
-        self._calibration = self._configured = cast("GloveCalibration", config.calibration)
-        self._hand = config.hand
+        self._config, self._options = config, options
+        self._name = f"{config.kind} bridge at {options.host}, samples to port {options.port}"
+        self._kinds = (Kind.HAND,) if GLOVES[config.kind].palm else (Kind.BENDS, Kind.CHANNELS, Kind.JOINTS)
+        self._kind: Kind | None = None
+        self._calibration = cast("GloveCalibration", config.calibration)
+        self.palm = PalmReading() if GLOVES[config.kind].palm else None
+        self.counters = DeviceCounters()
+        self._port: UdpPort | None = None
+        self._out: socket.socket | None = None
+        self._target = ("", 0)
+        self._session = int.from_bytes(os.urandom(4), "little")
+        self._sent, self._answers = 0, NONE_YET
+        self._order = PacketOrder()
+        self._unused: Kind | None = None
+        self._hint_raised = False
+        self._waiting: deque[tuple[Packet, int]] = deque()
+        self._heard_ns = 0
+        self._angles = np.zeros((FINGER_COUNT, 3)), np.zeros(FINGER_COUNT)
 
-    def _command(self, command: FingerCommand | None) -> bytes:
-        if self._forces:
-            kind, numbers = Kind.FORCES, NO_FORCE if command is None else limited(command.force[:, 2], self._most_force)
+    def open(self, timeout: float = 5.0) -> None:
+        """See `GloveDevice.open`; waits for the first sample."""
+        if self.palm is not None:
+            # A release alone needs neither the hand nor a compiled kernel.
+            from hhsim.live.drivers.tracked_hand import TrackedHand
+
+            self._tracked = TrackedHand(self._config.hand)
+        self.open_for_release(timeout)
+        self._waiting.clear()
+        self._kind = self._unused = None
+        try:
+            self._port = UdpPort(self._options.host, self._options.port)
+        except DeviceError:
+            self.close()
+            raise
+        deadline = time.monotonic() + timeout
+        while not self._waiting:
+            left = deadline - time.monotonic()
+            if left <= 0.0:
+                hint = self._rejected_input() or "is the bridge running, and does it send to that port?"
+                self.close()
+                raise DeviceError(f"{self._name}: no sample came within {timeout:g} s: {hint}")
+            self._port.wait(left)
+            self._receive(1)
+        self.info = self._describe(self._waiting[0][0])
+
+    def open_for_release(self, timeout: float = 5.0) -> None:
+        """See `GloveDevice.open_for_release`; the port of the samples stays with the loop."""
+        self.close()
+        self._target = (resolve(self._options.host), self._options.port + 1)
+        self._out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._out.setblocking(False)
+
+    def read(self, samples_out: NDArray[np.void]) -> int:
+        """See `GloveDevice.read`."""
+        if self._port is None:
+            raise DeviceError(f"{self._name}: not open")
+        self._receive(len(samples_out) - len(self._waiting))
+        count = 0
+        while self._waiting and count < len(samples_out):
+            packet, now = self._waiting.popleft()
+            values = packet.values.astype(np.float64)
+            good = self._take(values, now)
+            self._answers = packet.seq
+            self._write_sample(
+                samples_out[count],
+                now,
+                good,
+                values if self.palm is None else self._tracked.joints.ravel(),
+                self._angles,
+                device_time_ns=packet.t_ns if packet.t_ns < 2**63 else UNKNOWN,
+                device_seq=packet.seq,
+                battery=packet.battery if 0 <= packet.battery <= 100 else UNKNOWN,
+            )
+            count += 1
+        if count == 0 and time.monotonic_ns() - self._heard_ns > SILENCE_NS:
+            hint = self._rejected_input()
+            self._hint_raised = bool(hint)
+            what = "no sample" if hint else "nothing"
+            raise DeviceError(f"{self._name}: {what} came for {1e-9 * SILENCE_NS:g} s{hint and ': '}{hint}")
+        return count
+
+    def descriptors(self) -> tuple[int, ...]:
+        """See `GloveDevice.descriptors`."""
+        return () if self._port is None else (self._port.descriptor,)
+
+    def send(self, command: FingerCommand) -> bool:
+        """See `GloveDevice.send`; fingers of a command that is not finite are free."""
+        sent = self._send(command)
+        self.counters.commands_refused += not sent
+        return sent
+
+    def release(self, timeout: float = 0.05) -> bool:
+        """See `GloveDevice.release`."""
+        sent = False
+        for _ in range(RELEASE_COPIES):
+            with contextlib.suppress(DeviceError):
+                sent = self._send(None) or sent
+        return sent
+
+    def reconnect(self) -> bool:
+        """See `GloveDevice.reconnect`; the bridge is back with its next sample."""
+        if self._port is None:
+            return self._out is not None
+        if not self._waiting:
+            self._receive(1)
+        if not self._waiting and not self._hint_raised and (hint := self._rejected_input()):
+            self._hint_raised = True
+            raise DeviceError(f"{self._name}: {hint}")
+        return bool(self._waiting)
+
+    def close(self) -> None:
+        """See `GloveDevice.close`."""
+        for end in (self._port, self._out):
+            if end is not None:
+                end.close()
+        self._port = self._out = None
+
+    def _send(self, command: FingerCommand | None) -> bool:
+        """Send a command, or a release."""
+        if self._out is None:
+            raise DeviceError(f"{self._name}: not open")
+        if self._options.takes == "forces":
+            most = self._options.most_force
+            kind, numbers = Kind.FORCES, NO_FORCE if command is None else limited(command.force[:, 2], most)
         else:
             kind, numbers = Kind.COMMAND, NO_LIMIT
             if command is not None:
                 told = np.concatenate([command.bend, command.stiffness])
                 numbers = np.clip(told, 0.0, 1.0) if np.isfinite(told).all() else NO_LIMIT
-        now = time.monotonic_ns()
-        return encode_packet(kind, numbers, session=self._session, seq=self._sent, t_ns=now, answers=self._answers)
-
-    def _take(self, values: FloatArray, now_ns: int) -> bool:
-        if not np.isfinite(values).all():
+        stamp = time.monotonic_ns()
+        data = encode_packet(kind, numbers, session=self._session, seq=self._sent, t_ns=stamp, answers=self._answers)
+        try:
+            self._out.sendto(data, self._target)
+        except (BlockingIOError, InterruptedError):
             return False
-        if self._kind is Kind.JOINTS:
-            if (np.abs(values) > MOST_ANGLE).any():
-                return False
-            self._flexion, self._abduction = values[:15].reshape(FINGER_COUNT, 3), values[15:]
-            return True
-        calibration = self._calibration
-        if self._kind is Kind.BENDS:
-            low, high = calibration.bend_ends()
-            values = calibration.readings(low + values * (high - low))
-        found = calibration.angles(values)
-        if found is None:
-            return False
-        self._flexion, self._abduction = found
+        except OSError as error:
+            raise DeviceError(f"{self._name}: cannot send: {error.strerror or error}") from None
+        self._sent += 1
+        self.counters.commands += 1
         return True
 
+    def _receive(self, most: int) -> None:
+        """Take at most so many samples of what has arrived; each datagram is counted."""
+        assert self._port is not None
+        if most < 1:
+            return
+        counters, before = self.counters, self._port.malformed
+        for packet, now in self._port.arrived():
+            counters.frames += 1
+            if packet.kind not in (self._kinds if self._kind is None else (self._kind,)):
+                counters.other += 1
+                self._unused = packet.kind
+            elif self._order.take(packet.session, packet.seq, now):
+                self._port.keep_to_sender()
+                self._waiting.append((packet, now))
+                self._heard_ns = now
+                self._kind = packet.kind
+                self._unused, self._port.hint = None, ""
+                most -= 1
+                if most < 1:
+                    break
+            else:
+                counters.other += 1
+        malformed = self._port.malformed - before
+        counters.malformed += malformed
+        counters.frames += malformed
+        counters.dropped = self._order.lost
+        counters.resyncs = max(0, self._order.sessions - 1)
+
+    def _rejected_input(self) -> str:
+        """Describe packets since the last sample that are none; "" without any."""
+        if self._unused is None:
+            return self._port.hint if self._port is not None else ""
+        wanted = ", ".join(str(int(kind)) for kind in (self._kinds if self._kind is None else (self._kind,)))
+        return f"packets of kind {int(self._unused)} come; this glove's are of kind {wanted}"
+
+    def _take(self, values: FloatArray, now_ns: int) -> bool:
+        """Set the angles, and the palm, from a sample's numbers; False beyond a hand's range."""
+        if self.palm is not None:
+            fit = self._tracked
+            if not fit.take(values):
+                return False
+            self._angles = fit.flexion, fit.abduction
+            self.palm.position[:], self.palm.orientation[:], self.palm.came_ns = fit.position, fit.orientation, now_ns
+            return True
+        if not np.isfinite(values).all():
+            return False
+        found: tuple[FloatArray, FloatArray] | None
+        if self._kind is Kind.JOINTS:
+            usable = (np.abs(values) <= MOST_ANGLE).all()
+            found = (values[:15].reshape(FINGER_COUNT, 3), values[15:]) if usable else None
+        else:
+            if self._kind is Kind.BENDS:
+                low, high = self._calibration.bend_ends()
+                values = self._calibration.readings(low + values * (high - low))
+            found = self._calibration.angles(values)
+        self._angles = found or self._angles
+        return found is not None
+
     def _describe(self, first: Packet) -> GloveInfo:
+        """Describe the glove from its first packet."""
         from hhsim.recordings.column_map import JOINT_NAMES
         from hhsim.recordings.dexmo_regression import BEND, CHANNELS
+        from hhsim.recordings.joint_names import KEYPOINTS
 
-        self._calibration = self._configured
-        if first.kind is Kind.CHANNELS and np.isfinite(first.values).all():
-            self._calibration = self._configured.fitting(first.values.tolist())
-        names = {
-            Kind.BENDS: tuple(CHANNELS[index] for index in BEND),
-            Kind.CHANNELS: CHANNELS,
-            Kind.JOINTS: JOINT_NAMES,
-        }
-        calibrated = self._kind is Kind.CHANNELS
-        can = Capability.FORCE if self._forces else Capability.POSITION_LIMIT | Capability.STIFFNESS
-        can |= Capability.STAMPS
-        if self._kind is not Kind.BENDS:
-            can |= Capability.SPLAY
-        if self._kind is Kind.JOINTS:
-            can |= Capability.JOINTS
-        if first.battery >= 0:
-            can |= Capability.BATTERY
+        channels, unit = {
+            Kind.BENDS: (tuple(CHANNELS[index] for index in BEND), ""),
+            Kind.CHANNELS: (CHANNELS, ""),
+            Kind.JOINTS: (JOINT_NAMES, "rad"),
+            Kind.HAND: (tuple(f"{name}_{axis}" for name in KEYPOINTS for axis in "xyz"), "m"),
+        }[first.kind]
+        calibrated = first.kind is Kind.CHANNELS
         return GloveInfo(
             name=self._name,
-            capabilities=can,
-            channels=names[self._kind],
-            hand=self._hand,
-            unit="rad" if self._kind is Kind.JOINTS else "",
+            channels=channels,
+            capabilities=FORCES if self._options.takes == "forces" else LIMITS,
+            hand=self._config.hand,
+            unit=unit,
             doubtful=self._calibration.doubtful if calibrated else (),
             kept_free=self._calibration.kept_free if calibrated else (),
         )

@@ -26,17 +26,20 @@ import numpy as np
 from hhsim.arrays import AnyArray, Records
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
+from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.device import COUNTERS
-from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import SessionMemory, TickReader, exit_code, session_process
-from hhsim.live.ipc.status import LoopProcess, Stage
-from hhsim.live.loop.loop import loop_options
+from hhsim.live.processes import RingReader, exit_code
 from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
+from hhsim.live.session.loop import loop_options
+from hhsim.live.session.memory import FREE_TICK_CAPACITY, SessionMemory, TickReader, session_process
+from hhsim.live.session.settings import LiveSetup
 from hhsim.live.session.statistics import LiveTally, session_figures
-from hhsim.live.session.tick_block import SessionColumns
-from hhsim.live.shared_memory import RingReader
+from hhsim.live.session.status import LoopProcess, Stage
 from hhsim.metrics.metrics import distance_of_hands
-from hhsim.replay.stored_scene import describe_scene, hand_arrays
+from hhsim.motion.trajectory import RigidMotion
+from hhsim.replay.stored_scene import body_parts, describe_scene, hand_arrays
+from hhsim.replay.tick_columns import TickColumns
+from hhsim.replay.tick_rows import body_rows, contact_rows, free_columns, shown_columns, stored_contacts
 from hhsim.result.miss_cause import by_name
 from hhsim.result.reader import CHUNK_TICKS, check_result_path
 from hhsim.result.schema import (
@@ -58,7 +61,9 @@ from hhsim.result.schema import (
 from hhsim.result.writer import HandPart, ResultWriter
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import warm_up
+from hhsim.solver.one_tick import bodies_ticks
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.scene_solver import seen_hand
 from hhsim.solver.world_solver import keeps_hands_apart
 
 RINGS = ("ticks", "samples", "events")
@@ -73,6 +78,61 @@ BLOCK_RECORDS = 2 * CHUNK_TICKS
 """Most records of a ring in one block: no more are lost to a full disk."""
 CUT_SHORT = "the recorder was told to stop before the session ended"
 LOOP_DIED = "the loop failed or was killed"
+
+
+Columns = dict[str, AnyArray]
+
+
+class SessionColumns:
+    """Builds columns of a hand and of bodies, and of /contact, block by block, with the options of the loop."""
+
+    def __init__(self, setup: LiveSetup, options: SolverOptions, hand: int = 0) -> None:
+        seen = setup.seen
+        self._hands = len(setup.hands)
+        parts = seen.parts
+        # With room for the poses of as many ticks as a block may have.
+        self.parts = parts and replace(parts, world=np.zeros((FREE_TICK_CAPACITY, len(parts.names), 7)))
+        self.bodies = body_parts(setup.scene, seen)
+        surface = seen.surface(options.surface)
+        self._columns = TickColumns(surface.arrays, setup.hands[hand].hand, options, self.parts)
+        self._is_free = setup.recorded_bodies > 0
+        self._pose = seen.place
+        self._next = 0
+
+    def block(
+        self, first: int, records: Records, began_ns: int, bodies: Records | None = None
+    ) -> tuple[Columns, dict[str, Columns]]:
+        """Build the columns of the next ticks, of the hand, and of bodies that move by their groups.
+
+        `records` are one or more of the ring, `first` the number of the first one, counted from the loop's beginning;
+        earlier ones may be lost. `began_ns` is CLOCK_MONOTONIC at which the session's first tick was due [ns].
+        `bodies` are records with the fields of bodies, by default these.
+        """
+        bodies = records if bodies is None else bodies
+        if first != self._next:
+            self._columns.forget()
+        self._next = first + len(records)
+        haptic = HandConfiguration(*(records[f"haptic_{name}"] for name in HandConfiguration._fields))
+        record = TickRecord(*(np.ascontiguousarray(records[name]) for name in TickRecord._fields))
+        time = 1e-9 * (records["time_ns"] - began_ns)
+        moved = next(iter(self.moved(bodies)), None)
+        free, every = bodies_ticks(bodies) if self._is_free else (None, None)
+        own = {} if free is None else free_columns(free, *self._pose)
+        self._columns.rewind()
+        of_bodies = body_rows(self.parts, every, list(self.bodies), slice(0, len(records)), own)
+        block = self._columns.block(time, records["input_seq"], seen_hand(haptic, moved), record)
+        return shown_columns(block, haptic, moved), of_bodies
+
+    def contacts(self, first: int, records: Records) -> Columns:
+        """Build the rows of /contact of these ticks; `first` is the number of their first row in /tick."""
+        return stored_contacts(contact_rows(bodies_ticks(records)[0], first), self._hands) if self._is_free else {}
+
+    def moved(self, records: Records) -> tuple[RigidMotion, ...]:
+        """Return the motion of bodies since before the first tick, at the end of each; none of one that is fixed."""
+        if not self._is_free:
+            return ()
+        first, every = bodies_ticks(records)
+        return tuple(RigidMotion(body.turn, body.shift) for body in ((first,) if every is None else every.bodies))
 
 
 class HandRecords:
@@ -179,11 +239,6 @@ class SessionWriter:
     def ticks(self) -> int:
         """Number of ticks written so far."""
         return self._writer.ticks
-
-    @property
-    def waiting_ticks(self) -> int:
-        """Number of ticks in the next block."""
-        return sum(len(records) for _, records in self.hands[0].waiting["ticks"])
 
     def take(self, ring: str, first: int, records: Records, hand: int = 0) -> None:
         """Keep records of one of `RINGS` of a hand for the next block; `first` is the number of the first one.
@@ -349,7 +404,8 @@ class Recorder:
                 more = more or len(records) == BLOCK_RECORDS
             now = time.monotonic()
             over = not more and (bool(ended) or self._stop)
-            if over or writer.waiting_ticks >= CHUNK_TICKS or now - written >= LONGEST_WAIT:
+            waiting = sum(len(records) for _, records in writer.hands[0].waiting["ticks"])
+            if over or waiting >= CHUNK_TICKS or now - written >= LONGEST_WAIT:
                 writer.write(self._counters)
                 written = now
             self._tell(writer)

@@ -10,9 +10,8 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
-from hhsim.live.devices.registry import GLOVES, GloveConfig
+from hhsim.live.devices.registry import GLOVES, POSES, GloveConfig, PoseConfig
 from hhsim.live.playback import Playback
-from hhsim.live.pose.registry import POSES, PoseConfig
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.stored_scene import body_name
 from hhsim.scene.body import Body, Driven, Fixed, Free

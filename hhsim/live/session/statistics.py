@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES
-from hhsim.live.shared_memory import RingReader, SharedRing
+from hhsim.live.processes import RingReader, SharedRing
 from hhsim.metrics.session_faults import FREED_FOR_SAFETY
 from hhsim.result.safety import Safety, free_counts
 from hhsim.system.log_histogram import LogHistogram

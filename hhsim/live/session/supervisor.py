@@ -23,14 +23,13 @@ from types import FrameType
 from typing import Any, Self
 
 from hhsim.errors import HhsimError
-from hhsim.live.child_process import ChildProcess
 from hhsim.live.device import DeviceCounters, DeviceError
-from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import SessionMemory
-from hhsim.live.ipc.status import Stage
+from hhsim.live.processes import ChildProcess, RingReader, write_setup
 from hhsim.live.real_time import keep_off
+from hhsim.live.session.memory import SessionMemory
+from hhsim.live.session.settings import LiveSetup
 from hhsim.live.session.statistics import LiveTally
-from hhsim.live.shared_memory import RingReader, write_setup
+from hhsim.live.session.status import Stage
 from hhsim.result.miss_cause import by_name
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
 
@@ -50,8 +49,8 @@ Say = Callable[[str, int], None]
 
 LOOP, WATCHDOG, RECORDER, VIEWER = "loop", "watchdog", "recorder", "viewer"
 MODULES = {
-    LOOP: "hhsim.live.loop.process",
-    WATCHDOG: "hhsim.live.loop.watchdog",
+    LOOP: "hhsim.live.session.loop",
+    WATCHDOG: "hhsim.live.session.watchdog",
     RECORDER: "hhsim.live.session.recorder",
     VIEWER: "hhsim.live.session.viewer",
 }
@@ -101,14 +100,14 @@ def stop_signals() -> Iterator[Callable[[], str]]:
 
 @dataclass
 class SessionOutcome:
-    """Outcome of a session."""
+    """Outcome of a session, of a hand; `facts` are those that the loop wrote (`SessionMemory.facts`)."""
 
     reason: str
     seconds: float  # duration of the loop
     ticks: int
     missed: int  # periods without a tick
     tally: LiveTally
-    facts: dict[str, Any]  # facts that the loop wrote (`SessionMemory.facts`)
+    facts: dict[str, Any]
     counters: DeviceCounters
     record: Path | None = None  # file of the recording, with `recorded` ticks; it lacks `record_lost`
     recorded: int = 0
@@ -148,7 +147,7 @@ class Supervisor:
         descriptor = self.memory.with_setup(setup)
         self._setups = dict.fromkeys((LOOP, RECORDER, VIEWER), descriptor)
         each = zip(setup.hands, self.memory.hands)
-        self._setups[WATCHDOG] = write_setup(*(own.for_watchdog(hand.descriptors.status) for own, hand in each))
+        self._setups[WATCHDOG] = write_setup(*(own.for_watchdog(hand.descriptors.memory) for own, hand in each))
         self._children: dict[str, ChildProcess] = {}
         self._notices: list[tuple[float, int, str]] = []
         self._reason = self._loop_failed = self._record_failed = self._fault_at_end = ""
@@ -161,7 +160,7 @@ class Supervisor:
     def __enter__(self) -> Self:
         """Start all processes; HhsimError if one cannot be started, with none left running."""
         setup = self.setup
-        started = {
+        wanted = {
             RECORDER: setup.record is not None,
             WATCHDOG: setup.safety.watchdog and not setup.dry_run,
             LOOP: True,
@@ -169,14 +168,12 @@ class Supervisor:
         }
         self._began = time.monotonic()
         try:
-            for name in started:
-                if started[name]:
-                    self._start(name)
-        except OSError as error:
-            self.end("a process could not be started")
-            raise HhsimError(f"cannot start the processes of the session: {error.strerror or error}") from error
-        except BaseException:
-            self.end("interrupted")
+            for name in filter(wanted.get, wanted):
+                self._start(name)
+        except BaseException as error:
+            self.end("a process could not be started" if isinstance(error, OSError) else "interrupted")
+            if isinstance(error, OSError):
+                raise HhsimError(f"cannot start the processes of the session: {error.strerror or error}") from error
             raise
         keep_off(setup.real_time.loop_cpu)
         return self
@@ -267,9 +264,8 @@ class Supervisor:
                 hand.status[name] = value
 
     def _watch_loop(self) -> None:
-        heartbeat = int(self.memory.status["heartbeat_ns"])
+        heartbeat, running = int(self.memory.status["heartbeat_ns"]), self.stage == Stage.RUNNING
         silent = 1e-9 * (time.monotonic_ns() - heartbeat)
-        running = self.stage == Stage.RUNNING
         hangs = heartbeat > 0 and running and silent > SILENCE
         if hangs and not self._loop_hangs:
             text = f"the loop has given no sign of life for {silent:.1f} s: the watchdog keeps the fingers free"
@@ -372,32 +368,32 @@ class Supervisor:
             self._say = lambda text, level: None
 
     def _outcome_now(self) -> SessionOutcome:
-        status = self.memory.status
+        status, setup = self.memory.status, self.setup
         facts = [hand.facts.read() for hand in self.memory.hands]
         if not self._record_failed and status["recorder_failed"]:
             self._record_failed = "the recorder failed"
-        first, *others = (
-            SessionOutcome(
-                reason=self._reason or str(facts[0].get("reason", "")) or "the loop ended",
-                seconds=float((status["ticks"] + status["missed"]) / self.setup.rate),
-                ticks=int(status["ticks"]),
-                missed=int(status["missed"]),
-                missed_by=by_name(status["missed_by"]),
-                tally=tally,
-                facts=own,
-                counters=DeviceCounters(*map(int, hand.status["counters"])),
-                record=self.setup.record,
-                side=setup.hand.side,
-                recorded=int(status["recorder_ticks"]),
-                record_lost=int(status["recorder_lost"]),
-                record_failed=self._record_failed,
-                notices=self._notices,
-                watchdog_restarts=self._watchdog_restarts,
-                watchdog_releases=int(hand.status["watchdog_releases"]),
-                loop_failed=self._loop_failed,
-                fault_at_end=self._fault_at_end,
-            )
-            for setup, hand, tally, own in zip(self.setup.hands, self.memory.hands, self.tallies, facts)
-        )
-        first.beside = next(iter(others), None)
-        return first
+        common: dict[str, Any] = {
+            "reason": self._reason or str(facts[0].get("reason", "")) or "the loop ended",
+            "seconds": float((status["ticks"] + status["missed"]) / setup.rate),
+            "ticks": int(status["ticks"]),
+            "missed": int(status["missed"]),
+            "missed_by": by_name(status["missed_by"]),
+            "record": setup.record,
+            "recorded": int(status["recorder_ticks"]),
+            "record_lost": int(status["recorder_lost"]),
+            "record_failed": self._record_failed,
+            "notices": self._notices,
+            "watchdog_restarts": self._watchdog_restarts,
+            "loop_failed": self._loop_failed,
+            "fault_at_end": self._fault_at_end,
+        }
+        found = None
+        for own, hand, tally, told in reversed(
+            list(zip(setup.hands, self.memory.hands, self.tallies, facts, strict=True))
+        ):
+            counters = DeviceCounters(*map(int, hand.status["counters"]))
+            releases = int(hand.status["watchdog_releases"])
+            more = {"side": own.hand.side, "watchdog_releases": releases, "beside": found}
+            found = SessionOutcome(tally=tally, facts=told, counters=counters, **common, **more)
+        assert found is not None
+        return found

@@ -22,12 +22,12 @@ import numpy as np
 
 from hhsim.errors import OutputError
 from hhsim.hand.fingers import FINGERS
-from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import SessionMemory, TickReader, exit_code, session_process
-from hhsim.live.ipc.status import Stage
+from hhsim.live.processes import RingReader, exit_code
 from hhsim.live.real_time import keep_off
-from hhsim.live.session.tick_block import SessionColumns
-from hhsim.live.shared_memory import RingReader
+from hhsim.live.session.memory import SessionMemory, TickReader, session_process
+from hhsim.live.session.recorder import SessionColumns
+from hhsim.live.session.settings import LiveSetup
+from hhsim.live.session.status import Stage
 from hhsim.result.safety import why_free_or_held
 from hhsim.view.blueprint import blueprint
 from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, loop_values, shown_ticks

@@ -46,7 +46,7 @@ HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
         (["--no-record", "--record", "a.h5"], "--no-record and --record a.h5 exclude each other"),
         (["--device", "udp", "--trajectory", "pinch"], "--trajectory is for --device replay or sim"),
         (["--pose", "replay", "--palm", "0,0,0"], "--palm and --palm-turn are for --pose keyboard or fixed or glove"),
-        (["--device", "udp", "--pose", "glove"], "--pose glove is for --device manus or openxr"),
+        (["--device", "udp", "--pose", "glove"], "--pose glove is for --device openxr"),
         (["--device", "openxr", "--palm", "0,0,0", "--palm-turn", "1,0,0,0"], "--palm-turn is for --pose fixed and"),
         (["--pose", "fixed", "--palm-turn", "1,0,0,0"], "--palm-turn needs --palm, where the palm is"),
         (["--stiffness", "1.5"], "Invalid value for '--stiffness': '1.5', expected 0 (free) to 1, or five of that"),
@@ -122,7 +122,7 @@ def test_a_session_of_a_simulated_glove_and_the_hand_in_a_file_is_one_document_a
 def test_a_session_whose_glove_could_not_be_told_to_free_the_fingers_ends_with_1(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    deaf = "from hhsim.live.drivers.sim import SimGlove\nSimGlove.release = lambda self, timeout=0.05: False\n"
+    deaf = "from hhsim.live.drivers.played import SimGlove\nSimGlove.release = lambda self, timeout=0.05: False\n"
     (tmp_path / "site").mkdir()
     (tmp_path / "site" / "sitecustomize.py").write_text(deaf)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path / "site"))

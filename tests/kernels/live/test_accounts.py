@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hhsim.kernels.live.accounts import COMPUTED, DEVICE, HOST, WOKEN_LATE, read_run_delay, read_steal
-from hhsim.live.loop.loop import system_files
+from hhsim.live.session.loop import system_files
 from hhsim.result.miss_cause import CAUSES
 from hhsim.system.cpu_accounts import CpuAccounts
 

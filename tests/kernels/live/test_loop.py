@@ -16,13 +16,13 @@ from sphere_scenes import UNTIMED
 from hhsim.kernels.live.deadlines import EARLIEST
 from hhsim.kernels.live.phase import LARGEST_SHIFT
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
-from hhsim.live.ipc.config import OutputLimits, SafetyLimits
-from hhsim.live.ipc.session_memory import SessionMemory
-from hhsim.live.loop.driver import GloveDriver
-from hhsim.live.loop.loop import LiveLoop, loop_options
-from hhsim.live.pose.registry import PoseConfig
-from hhsim.live.pose.sources import FixedPose
-from hhsim.live.shared_memory import RingReader
+from hhsim.live.devices.registry import PoseConfig
+from hhsim.live.drivers.poses import FixedPose
+from hhsim.live.processes import RingReader
+from hhsim.live.session.driver import GloveDriver
+from hhsim.live.session.loop import LiveLoop, loop_options
+from hhsim.live.session.memory import SessionMemory
+from hhsim.live.session.settings import OutputLimits, SafetyLimits
 from hhsim.solver.hand_solver import HandSolver
 
 ENOUGH = 300

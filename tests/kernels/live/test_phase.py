@@ -18,7 +18,7 @@ from hhsim.kernels.live.phase import (
     count_phase,
     deadline_shift,
 )
-from hhsim.live.loop.loop import deadline_record
+from hhsim.live.session.loop import deadline_record
 from hhsim.solver.workspace import zeroed
 
 

@@ -1,6 +1,5 @@
-"""The Dexmo driver against a server in another process that misbehaves when told to."""
+"""The Dexmo driver: the bytes of its messages, and a server in another process that misbehaves when told to."""
 
-import json
 import math
 import random
 import socket
@@ -16,21 +15,90 @@ import live_peers
 import numpy as np
 import pytest
 from fake_gloves import FakeDexmo
+from hypothesis import given
+from hypothesis import strategies as st
 from live_peers import PATIENCE, until
 from numpy.typing import NDArray
 from sampled import sampled
 
-from hhsim.live.device import GLOVE_SAMPLE, Capability, DeviceError, FingerCommand
+from hhsim.live.device import GLOVE_SAMPLE, DeviceError, FingerCommand
 from hhsim.live.devices.registry import configure, open_device
-from hhsim.live.drivers.dexmo import MOST_MALFORMED, DexmoGlove
-from hhsim.live.link.dexmo_codec import CHANNELS, GloveMessage, framed
+from hhsim.live.drivers.dexmo import (
+    CHANNELS,
+    MOST_MALFORMED,
+    DexmoGlove,
+    FramingError,
+    GloveMessage,
+    WireError,
+    decode_frame,
+    encode_impedance,
+    framed,
+    next_message,
+)
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
-from tools.dexmo_server import COUNT_LOW, COUNT_SPAN, encode_frame
-from tools.fake_peer import fake_channels
+from tools.dexmo_server import decode_impedances, encode_frame, fake_channels
 
 RIGHT = 337785601
 DEFAULT = DexmoRegression.default()
+HALF = (0.5,) * 11
 MADE: list[DexmoGlove] = []
+
+
+def floats(first: int, *values: float) -> bytes:
+    """Fields of floats by ascending number, as proto3 writes them."""
+    return b"".join(bytes([first + k << 3 | 5]) + struct.pack("<f", value) for k, value in enumerate(values))
+
+
+def within(tag: int, body: bytes) -> bytes:
+    return bytes([tag, len(body)]) + body
+
+
+def test_the_bytes_are_those_of_the_published_format() -> None:
+    channels = tuple((k + 1) / 16 for k in range(len(CHANNELS)))
+    glove = b"\x08\x05" + within(0x12, floats(3, *channels)) + within(0x1A, b"\x10\x01\x18\x57")
+    whole = GloveMessage(5, channels, True, 87)
+    assert encode_frame([whole]) == within(0x12, glove)
+    five = [0.5, 0.25, 0.75, 1.0, 0.125]
+    fingers = b"".join(within(k + 1 << 3 | 2, floats(1, hard, -hard)) for k, hard in enumerate(five))
+    command = b"\x08\x07" + within(0x12, fingers + b"\x30\x01")
+    assert encode_impedance(7, five, [-hard for hard in five], kept=True) == framed(command)
+    # A finger at zero is named all the same.
+    free = b"\x08\x07" + within(0x12, b"".join(bytes([k + 1 << 3 | 2, 0]) for k in range(5)))
+    assert encode_impedance(7, [0.0] * 5, [0.0] * 5, kept=False) == framed(free)
+    gloves = [whole, GloveMessage(5, channels[::-1], False, 0), GloveMessage(-7), GloveMessage(6, None, True, 3)]
+    assert decode_frame(encode_frame(gloves)) == gloves
+
+
+@given(st.binary(max_size=120))
+def test_any_bytes_are_refused_or_read(data: bytes) -> None:
+    for decode in (decode_frame, decode_impedances):
+        try:
+            assert isinstance(decode(data), list)
+        except WireError as error:
+            assert str(error).startswith(f"{len(data)} bytes that are no ")
+
+
+@given(st.lists(st.binary(max_size=40), max_size=12), st.lists(st.integers(1, 60), min_size=1), st.integers(0, 60))
+def test_the_cuts_of_a_stream_do_not_matter(sent: list[bytes], cuts: list[int], missing: int) -> None:
+    whole = b"".join(map(framed, sent))
+    given = whole[: max(0, len(whole) - missing)]
+    waiting, found, at, k = bytearray(), [], 0, 0
+    while at < len(given):
+        waiting += given[at : at + cuts[k % len(cuts)]]
+        at, k = at + cuts[k % len(cuts)], k + 1
+        while (message := next_message(waiting)) is not None:
+            found.append(message)
+    arrived = [payload for i, payload in enumerate(sent) if len(b"".join(map(framed, sent[: i + 1]))) <= len(given)]
+    assert found == arrived and bytes(waiting) == given[sum(4 + len(payload) for payload in arrived) :]
+
+
+@pytest.mark.parametrize("length", [-1, -(2**31), 2**31 - 1, 8193])
+def test_a_length_that_no_message_has_is_refused_at_once_and_again(length: int) -> None:
+    waiting = bytearray(framed(b"good") + struct.pack("<i", length) + b"rest")
+    assert next_message(waiting) == b"good"
+    for _ in range(2):
+        with pytest.raises(FramingError, match=f"a message of {length} bytes: expected 0 to 8192"):
+            next_message(waiting)
 
 
 @pytest.fixture
@@ -46,43 +114,38 @@ def no_glove_stays_open() -> Iterator[None]:
         MADE.pop().close()
 
 
-def glove_of(server: FakeDexmo, **settings: Any) -> DexmoGlove:
-    glove = open_device(configure("dexmo", port=server.port, **settings))
+def glove_at(port: int, **settings: Any) -> DexmoGlove:
+    glove = open_device(configure("dexmo", port=port, **settings))
     assert isinstance(glove, DexmoGlove)
     MADE.append(glove)
     return glove
 
 
-def opened(server: FakeDexmo, **settings: Any) -> DexmoGlove:
-    glove = glove_of(server, **settings)
-    glove.open(PATIENCE)
-    return glove
-
-
 class Reader(live_peers.Reader):
-    """All samples that a glove gives, `room` a call."""
+    """A glove that is open, and all samples that it gives."""
 
-    def __init__(self, glove: DexmoGlove, room: int = 64) -> None:
-        super().__init__(glove)
-        self.glove = glove
+    def __init__(self, server: FakeDexmo, room: int = 64, **settings: Any) -> None:
+        self.glove = glove_at(server.port, **settings)
+        self.glove.open(PATIENCE)
+        super().__init__(self.glove)
         self._buffer = self._buffer[:room]
 
     def more(self, count: int) -> None:
         wanted = self.count() + count
         self.until(lambda: self.count() >= wanted)
 
-    def all_of(self, server: FakeDexmo) -> None:
-        """The server sends no more, and all that it sent was read."""
-        server.order("stall")
-        sent = len(server.frames)
-        self.until(lambda: self.glove.counters.frames >= sent)
 
-    def column(self, name: str) -> NDArray[Any]:
-        return np.asarray(self.samples[name])
+def heard(server: FakeDexmo, count: int) -> NDArray[Any]:
+    """What the server was told, once it is so many commands."""
+    until(lambda: len(server.commands) >= count)
+    commands = server.commands
+    assert len(commands) == count
+    return commands
 
 
-def heard(server: FakeDexmo, count: int) -> None:
-    until(lambda: len(server.commands) == count)
+def assert_freed(command: Any) -> None:
+    """A command that the server may not drop frees all fingers."""
+    assert not command["stiffness"].any() and not command["set_point"].any() and command["kept"]
 
 
 def command(stiffness: float | list[float], bend: float | list[float] = 0.5) -> FingerCommand:
@@ -91,103 +154,92 @@ def command(stiffness: float | list[float], bend: float | list[float] = 0.5) -> 
     return made
 
 
-def motion(first: int, count: int, seed: int = 4, rate: float = 200.0) -> NDArray[np.float64]:
-    rows = [fake_channels(seed, (first + k) / rate) for k in range(count)]
-    return np.array(rows).astype(np.float32).astype(np.float64)
-
-
 @pytest.mark.parametrize("way", ["frames", "bytes"])
 def test_every_frame_arrives_once_and_as_it_was_sent(server: FakeDexmo, way: str) -> None:
     server.order(way)
-    reader = Reader(opened(server))
-    info = reader.glove.info
-    assert (info.channels, info.hand, info.unit) == (CHANNELS, "right", "")
-    assert Capability.STAMPS not in info.capabilities
+    reader = Reader(server)
+    assert (reader.glove.info.channels, reader.glove.info.hand, reader.glove.info.unit) == (CHANNELS, "right", "")
     reader.more(60)
-    reader.all_of(server)
-    sent = server.frames
-    counters = reader.glove.counters
-    assert counters.frames == counters.samples == len(sent) == reader.count()
-    assert counters.rejected == counters.other == counters.malformed == counters.resyncs == counters.dropped == 0
-    wanted = np.array([motion(int(k), 1)[0] for k in sent["number"]])
-    assert np.array_equal(reader.column("channels")[:, :11], wanted)
-    assert np.isnan(reader.column("channels")[:, 11:]).all()
+    server.order("stall")
+    sent, counters = server.frames, reader.glove.counters
+    reader.until(lambda: counters.frames >= len(sent))
+    assert counters.values() == [len(sent), len(sent), 0, 0, 0, 0, 0, 0, 0] and reader.count() == len(sent)
+    wanted = np.array([fake_channels(4, int(k) / 200.0) for k in sent["number"]]).astype(np.float32).astype(float)
+    samples = reader.samples
+    assert np.array_equal(samples["channels"][:, :11], wanted) and np.isnan(samples["channels"][:, 11:]).all()
     flexion, abduction = DEFAULT.angles(wanted)
-    assert np.allclose(reader.column("flexion"), flexion) and np.allclose(reader.column("abduction"), abduction)
-    assert np.array_equal(reader.column("seq"), np.arange(len(sent)))
-    assert reader.column("good").all() and (reader.column("battery") == 87).all()
-    assert (reader.column("device_seq") == -1).all() and (reader.column("device_time_ns") == -1).all()
-    assert (reader.column("time_ns") >= sent["time_ns"]).all(), "nothing is read before it was sent"
+    assert np.allclose(samples["flexion"], flexion) and np.allclose(samples["abduction"], abduction)
+    assert np.array_equal(samples["seq"], np.arange(len(sent)))
+    assert samples["good"].all() and (samples["battery"] == 87).all()
+    assert (samples["device_seq"] == -1).all() and (samples["device_time_ns"] == -1).all()
+    assert (samples["time_ns"] >= sent["time_ns"]).all(), "nothing is read before it was sent"
 
 
 def test_commands_arrive_as_they_were_given(server: FakeDexmo) -> None:
-    glove = opened(server)
+    glove = Reader(server).glove
     stiffness, bend = [0.0, 0.25, 0.5, 0.75, 1.0], [1.0, 0.0, 0.125, 0.5, 0.25]
     assert glove.send(command(stiffness, bend))
     assert glove.send(command([0.0, 0.25, 0.5, 0.75, 0.5], bend))
     assert glove.send(command(stiffness, bend))
     assert glove.send(command([2.0] * 5, [-1.0, 2.0, 0.5, 0.5, 0.5]))
     assert glove.release()
-    heard(server, 5)
-    received = server.commands
+    received = heard(server, 5)
     assert (received["number"] == RIGHT).all() and glove.counters.commands == 5
     assert np.array_equal(received["stiffness"][0], np.array(stiffness, np.float32))
-    assert np.array_equal(received["set_point"][0], np.array([1.0, 1e-3, 0.125, 0.5, 0.25], np.float32)), (
-        "a direction has a sign"
-    )
+    # A direction has a sign.
+    assert np.array_equal(received["set_point"][0], np.array([1.0, 1e-3, 0.125, 0.5, 0.25], np.float32))
     assert np.array_equal(received["stiffness"][3], np.ones(5))
     assert np.array_equal(received["set_point"][3], np.array([1e-3, 1.0, 0.5, 0.5, 0.5], np.float32))
-    assert not received["stiffness"][4].any() and not received["set_point"][4].any()
-    assert received["kept"].tolist() == [1, 1, 0, 0, 1], (
-        "the server must keep the first one, and what lets go of a finger"
-    )
-
-
-def test_a_command_that_is_not_finite_frees_all_fingers(server: FakeDexmo) -> None:
-    glove, sent = opened(server), 0
+    assert_freed(received[4])
+    # The server must keep the first one, and what lets go of a finger.
+    assert received["kept"].tolist() == [1, 1, 0, 0, 1]
     for bad, which in product((math.nan, math.inf, -math.inf), ("stiffness", "bend")):
-        assert glove.send(command(0.5))
         broken = command(0.5)
         getattr(broken, which)[2] = bad
-        assert glove.send(broken)
-        sent += 2
-        heard(server, sent)
-        last = server.commands[-1]
-        assert not last["stiffness"].any() and not last["set_point"].any() and last["kept"], (bad, which)
+        assert glove.send(command(0.5)) and glove.send(broken)
+    for freed in heard(server, 17)[6::2]:
+        assert_freed(freed)
 
 
-def test_set_points_are_the_servers_bends(server: FakeDexmo, tmp_path: Path) -> None:
+@pytest.mark.parametrize("counts", [False, True])
+def test_readings_and_set_points_go_by_the_calibration(tmp_path: Path, counts: bool) -> None:
+    low, high = (700.0, 3100.0) if counts else (0.25, 0.75)
     ours = tmp_path / "ours.toml"
     names = [name.replace("pinky", "little") for name in CHANNELS]
-    ours.write_text("[channel]\n" + "\n".join(f"{name} = {{ open = 0.25, closed = 0.75 }}" for name in names))
-    glove = opened(server, calibration=str(ours))
-    glove.send(command(0.5, [0.0, 0.25, 0.5, 0.75, 1.0]))
-    heard(server, 1)
-    assert np.array_equal(server.commands[0]["set_point"], np.array([0.25, 0.375, 0.5, 0.625, 0.75], np.float32))
-    reader = Reader(glove)
-    reader.more(3)
-    wanted, _ = DEFAULT.angles((reader.column("channels")[:, :11] - 0.25) / 0.5)
-    assert np.allclose(reader.column("flexion"), wanted)
+    ours.write_text("[channel]\n" + "\n".join(f"{name} = {{ open = {low}, closed = {high} }}" for name in names))
+    with FakeDexmo(tmp_path / "log", "--seed", "4", *(["--counts"] if counts else [])) as server:
+        reader = Reader(server, calibration=str(ours))
+        assert reader.glove.info.unit == ("count" if counts else "")
+        reader.glove.send(command(0.5, [0.0, 0.25, 0.5, 0.75, 1.0]))
+        told = heard(server, 1)["set_point"][0]
+        # A server that sends counts still takes set points from 0 to 1.
+        wanted = [1e-3, 0.25, 0.5, 0.75, 1.0] if counts else [0.25, 0.375, 0.5, 0.625, 0.75]
+        assert np.array_equal(told, np.array(wanted, np.float32))
+        reader.more(5)
+        share = (reader.samples["channels"][:, :11] - low) / (high - low)
+        assert np.allclose(reader.samples["flexion"], DEFAULT.angles(np.clip(share, -0.5, 1.5))[0])
+        if counts:
+            plain = Reader(server)
+            plain.more(5)
+            assert not plain.samples["good"].any(), "counts are no numbers from 0 to 1"
 
 
 def test_which_of_several_gloves_must_be_clear(tmp_path: Path) -> None:
     with FakeDexmo(tmp_path / "log", "--gloves", "7:left,8:right,9:right") as server:
-        with pytest.raises(DeviceError, match=r"has 2 right gloves: 7 \(left\), 8 \(right\), 9 \(right\); name one"):
-            glove_of(server).open(PATIENCE)
-        with pytest.raises(DeviceError, match="glove 7 is not a right hand's"):
-            glove_of(server, device_id=7).open(PATIENCE)
-        with pytest.raises(DeviceError, match=r"no glove 6 within 3 s; gloves there: 7 \(left\), 8"):
-            glove_of(server, device_id=6).open(3.0)
-        reader = Reader(opened(server, device_id=9))
-        reader.more(5)
-        reader.glove.release()
-        until(lambda: server.commands["number"].tolist() == [9])
-
-
-def test_a_server_without_gloves(server: FakeDexmo) -> None:
-    server.order("unplug")
-    with pytest.raises(DeviceError, match=r"no right glove within 0\.2 s; gloves there: none"):
-        glove_of(server).open(0.2)
+        for number, seconds, said in (
+            (None, PATIENCE, r"has 2 right gloves: 7 \(left\), 8 \(right\), 9 \(right\); name one"),
+            (7, PATIENCE, "glove 7 is not a right hand's"),
+            (6, 3.0, r"no glove 6 within 3 s; gloves there: 7 \(left\), 8"),
+        ):
+            with pytest.raises(DeviceError, match=said):
+                glove_at(server.port, device_id=number).open(seconds)
+        glove = glove_at(server.port, device_id=9)
+        glove.open(PATIENCE)
+        glove.release()
+        assert heard(server, 1)["number"].tolist() == [9]
+        server.order("unplug")
+        with pytest.raises(DeviceError, match=r"no right glove within 0\.2 s; gloves there: none"):
+            glove_at(server.port).open(0.2)
 
 
 @contextmanager
@@ -212,9 +264,6 @@ def frame_of(*gloves: GloveMessage) -> bytes:
     return framed(encode_frame(gloves))
 
 
-HALF = (0.5,) * 11
-
-
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
@@ -224,10 +273,8 @@ HALF = (0.5,) * 11
     ],
 )
 def test_a_server_that_speaks_otherwise(text: bytes, reason: str) -> None:
-    with speaking(text) as port:
-        glove = open_device(configure("dexmo", port=port))
-        with pytest.raises(DeviceError, match=f"what answers there is no Dexmo server: {reason}"):
-            glove.open(PATIENCE)
+    with speaking(text) as port, pytest.raises(DeviceError, match=f"what answers there is no Dexmo server: {reason}"):
+        glove_at(port).open(PATIENCE)
 
 
 @pytest.mark.parametrize(
@@ -242,84 +289,48 @@ def test_a_server_that_speaks_otherwise(text: bytes, reason: str) -> None:
 )
 def test_which_glove_is_ours(gloves: list[GloveMessage], number: int) -> None:
     with speaking(frame_of(*gloves)) as port:
-        glove = open_device(configure("dexmo", port=port))
-        assert isinstance(glove, DexmoGlove)
+        glove = glove_at(port)
         glove.open(PATIENCE)
-        assert glove._device_id == number
+        samples = np.zeros(8, GLOVE_SAMPLE)
+        assert glove.read(samples) == 1 and glove._device_id == number
         glove.close()
 
 
-def test_a_charge_that_is_none_is_unknown() -> None:
-    frames = [frame_of(GloveMessage(RIGHT, HALF, True, charge)) for charge in (None, 80, -3, 101, 0, 100)]
-    frames[0] = frame_of(GloveMessage(RIGHT, HALF))
-    reader = Reader(glove_on(frames))
-    while len(reader.read()):
-        pass
-    assert reader.column("battery").tolist() == [-1, 80, -1, -1, 0, 100]
-
-
-def test_counts_need_a_calibration(tmp_path: Path) -> None:
-    profile = tmp_path / "vendor.json"
-    low, high = (dict.fromkeys(CHANNELS, value) for value in (COUNT_LOW, COUNT_LOW + COUNT_SPAN))
-    low["index_split"] = high["index_split"] - 37.0
-    profile.write_text(json.dumps({"RIGHT": {"anna": {"min": low, "max": high}}}))
-    with FakeDexmo(tmp_path / "log", "--counts", "--seed", "4") as server:
-        with pytest.raises(DeviceError, match="the glove sends raw counts"):
-            glove_of(server).open(PATIENCE)
-        reader = Reader(opened(server, calibration=str(profile)))
-        assert reader.glove.info.unit == "count"
-        assert reader.glove.info.doubtful == ("index_split spans 37 counts of 4095: it says little",)
-        reader.more(10)
-        assert reader.column("good").all(), "a spread that says little does not make a sample useless"
-        counts = reader.column("channels")[:, :11]
-        lowest, highest = (np.array(list(ends.values())) for ends in (low, high))
-        share = np.clip((counts - lowest) / (highest - lowest), -0.5, 1.5)
-        flexion, abduction = DEFAULT.angles(share)
-        assert np.allclose(reader.column("flexion"), flexion) and np.allclose(reader.column("abduction"), abduction)
-        reader.glove.send(command(0.5, 0.25))
-        heard(server, 1)
-        assert (server.commands[0]["set_point"] == 0.25).all(), "the server's own calibration is its own"
-
-
 def test_samples_that_are_not_finite_are_marked_and_their_angles_are_the_last_good_ones(server: FakeDexmo) -> None:
-    reader = Reader(opened(server))
+    reader = Reader(server)
     reader.more(5)
     server.order("nan 7")
     reader.until(lambda: reader.glove.counters.rejected == 7)
     reader.more(5)
-    good, flexion = reader.column("good"), reader.column("flexion")
+    good, flexion, counters = reader.samples["good"], reader.samples["flexion"], reader.glove.counters
     (bad,) = np.nonzero(~good)
-    assert len(bad) == 7 and np.isnan(reader.column("channels")[bad, CHANNELS.index("index_bend")]).all()
+    assert len(bad) == 7 and np.isnan(reader.samples["channels"][bad, CHANNELS.index("index_bend")]).all()
     assert np.isfinite(flexion).all() and (flexion[bad] == flexion[bad[0] - 1]).all()
-    counters = reader.glove.counters
     assert counters.samples + counters.rejected == counters.frames == reader.count()
 
 
 def test_a_glove_that_changes_hands_is_freed_and_used_again_when_it_is_ours(server: FakeDexmo) -> None:
-    reader = Reader(opened(server))
-    glove = reader.glove
+    reader = Reader(server)
+    glove, counters = reader.glove, reader.glove.counters
     reader.more(5)
     assert glove.send(command(0.75))
     server.order("swap")
     assert f"glove {RIGHT} says that it is a left hand's now" in reader.until_lost()
-    heard(server, 2)
-    last = server.commands[-1]
-    assert not last["stiffness"].any() and last["kept"]
+    assert_freed(heard(server, 2)[-1])
     assert glove.reconnect(), "its connection is sound"
-    used, other = reader.count(), glove.counters.other
-    reader.until(lambda: glove.counters.other > other + 20)
+    used, other = reader.count(), counters.other
+    reader.until(lambda: counters.other > other + 20)
     assert reader.count() == used, "nothing of the other hand is used, and it is said once"
     server.order("swap")
     reader.more(5)
-    assert np.array_equal(reader.column("seq"), np.arange(reader.count()))
-    counters = glove.counters
+    assert np.array_equal(reader.samples["seq"], np.arange(reader.count()))
     assert counters.samples + counters.other == counters.frames and counters.malformed == counters.resyncs == 0
 
 
 def test_the_server_dies_and_comes_back(server: FakeDexmo) -> None:
-    reader = Reader(opened(server))
-    reader.more(5)
+    reader = Reader(server)
     glove = reader.glove
+    reader.more(5)
     assert glove.send(command(0.75))
     server.kill()
     assert "gone" in reader.until_lost()
@@ -330,27 +341,31 @@ def test_the_server_dies_and_comes_back(server: FakeDexmo) -> None:
             reader.read()
         with pytest.raises(DeviceError):
             glove.send(command(0.75))
-    assert not glove.release()
+    assert not glove.release(), "it never raises"
     before = len(server.commands)
     server.start()
     until(glove.reconnect)
     assert glove.reconnect(), "and stays"
     reader.more(10)
-    assert np.array_equal(reader.column("seq"), np.arange(reader.count())) and reader.count() >= seen + 10
+    assert np.array_equal(reader.samples["seq"], np.arange(reader.count())) and reader.count() >= seen + 10
     assert len(server.commands) == before, "nothing from before is sent late"
     assert glove.send(command(0.25))
-    heard(server, before + 1)
-    assert (server.commands[-1]["stiffness"] == 0.25).all()
-    assert glove.counters.resyncs == 1
+    assert (heard(server, before + 1)[-1]["stiffness"] == 0.25).all() and glove.counters.resyncs == 1
 
 
-def test_what_came_before_the_end_is_still_handed_on(server: FakeDexmo) -> None:
-    reader = Reader(opened(server), room=3)
+def test_what_came_before_the_end_is_handed_on_and_a_release_takes_a_fresh_connection(server: FakeDexmo) -> None:
+    reader = Reader(server, room=3)
     until(lambda: len(server.frames) > 20)
     server.order("leave")
     sent = len(server.frames)
     reader.until_lost()
     assert reader.count() == sent == reader.glove.counters.samples
+    server.order("back")
+    assert reader.glove.release(PATIENCE)
+    told = heard(server, 1)
+    assert told["client"][0] == 1 and told["kept"][0]
+    assert reader.glove.reconnect(), "the fresh connection is the connection now"
+    reader.more(5)
 
 
 @pytest.mark.parametrize(
@@ -361,55 +376,28 @@ def test_what_came_before_the_end_is_still_handed_on(server: FakeDexmo) -> None:
     ),
 )
 def test_a_stream_that_makes_no_sense_frees_the_fingers_and_begins_anew(server: FakeDexmo, order: str) -> None:
-    reader = Reader(opened(server))
+    reader = Reader(server)
     reader.more(5)
     assert reader.glove.send(command(0.75))
     server.order(order)
     wanted = "frames in a row cannot be read" if order.startswith("garbage") else "makes no sense: a message of"
     assert wanted in reader.until_lost()
-    heard(server, 2)
-    last = server.commands[-1]
-    assert not last["stiffness"].any() and last["kept"]
+    assert_freed(heard(server, 2)[-1])
     until(reader.glove.reconnect)
     reader.more(5)
     assert reader.glove.counters.resyncs == 1
     assert reader.glove.counters.malformed == (MOST_MALFORMED if order.startswith("garbage") else 0)
 
 
-def test_release_takes_a_fresh_connection_where_its_own_is_gone(server: FakeDexmo) -> None:
-    reader = Reader(opened(server))
-    reader.more(5)
-    server.order("leave")
-    reader.until_lost()
-    server.order("back")
-    assert reader.glove.release(PATIENCE)
-    heard(server, 1)
-    assert server.commands[0]["client"] == 1 and server.commands[0]["kept"]
-    assert reader.glove.reconnect(), "the fresh connection is the connection now"
-    reader.more(5)
-
-
-def test_release_never_raises(server: FakeDexmo) -> None:
-    glove = glove_of(server)
-    assert not glove.release(), "nobody to tell"
-    glove.open(PATIENCE)
-    server.kill()
-    until(lambda: not glove.release(0.05))
-    glove.close()
-    assert not glove.release(0.05)
-    glove.close()
-
-
 def test_a_watchdog_beside_the_loop(server: FakeDexmo) -> None:
-    loop = Reader(opened(server))
-    watchdog = glove_of(server)
+    loop, watchdog = Reader(server), glove_at(server.port)
+    assert not watchdog.release(), "nobody to tell"
     watchdog.open_for_release(PATIENCE)
     for _ in range(20):
         watchdog.drain()
         loop.more(1)
     assert loop.glove.send(command(0.5)) and watchdog.release()
-    heard(server, 2)
-    assert server.commands["client"].tolist() == [0, 1]
+    assert heard(server, 2)["client"].tolist() == [0, 1]
     server.order("leave")
 
     def gone() -> bool:
@@ -433,7 +421,7 @@ class Chunks:
 
     def __init__(self, chunks: list[bytes]) -> None:
         self.chunks = chunks
-        self.connection = 1
+        self.connection = 0
 
     def receive(self) -> bytes | None:
         return self.chunks.pop(0) if self.chunks else None
@@ -444,37 +432,35 @@ class Chunks:
     def retire(self) -> None:
         self.chunks.clear()
 
-    def reconnect(self) -> bool:
-        return True
-
     def send_within(self, data: bytes, timeout: float) -> bool:
         self.connection += 1
         return True
 
 
-def glove_on(chunks: list[bytes]) -> DexmoGlove:
+def glove_on(*chunks: bytes) -> DexmoGlove:
     """A glove that is open, on such a link."""
     glove = DexmoGlove(configure("dexmo"))
-    glove._fit([0.5] * len(CHANNELS))
+    glove.describe()
     glove._device_id = RIGHT
-    glove._link = Chunks(chunks)  # type: ignore[assignment]
-    glove._connection = 1
-    glove._begin_stream()
+    glove._link = Chunks(list(chunks))  # type: ignore[assignment]
     return glove
 
 
-def test_a_fresh_connection_begins_with_a_new_message() -> None:
-    frame = framed(encode_frame([GloveMessage(RIGHT, tuple(fake_channels(1, 0.3).tolist()), True, 87)]))
-    reader = Reader(glove_on([frame + frame[:30], frame]))
-    assert len(reader.read()) == 1 and reader.glove.release()
-    assert len(reader.read()) == 1, "the half message of the old connection is no part of the new one's"
-    assert reader.glove.counters.resyncs == 1
+def test_a_fresh_connection_begins_with_a_new_message_and_a_charge_that_is_none_is_unknown() -> None:
+    frames = [frame_of(GloveMessage(RIGHT, HALF, True, charge)) for charge in (80, -3, 101, 0, 100)]
+    reader = live_peers.Reader(glove := glove_on(frame_of(GloveMessage(RIGHT, HALF)), frames[0][:30], *frames))
+    for count in (1, 0):
+        assert len(reader.read()) == count
+    assert glove.release()
+    for _ in frames:
+        # The half message of the old connection is no part of the new one's.
+        assert len(reader.read()) == 1
+    assert reader.samples["battery"].tolist() == [-1, 80, -1, -1, 0, 100] and glove.counters.resyncs == 1
 
 
 def test_nothing_that_is_not_finite_comes_out_of_broken_frames() -> None:
     source = random.Random(5)
-    channels = tuple(fake_channels(1, 0.3).tolist())
-    good = framed(encode_frame([GloveMessage(RIGHT, channels, True, 87)]))
+    good = frame_of(GloveMessage(RIGHT, tuple(fake_channels(1, 0.3).tolist()), True, 87))
     good_samples = bad_samples = gone = malformed = 0
     out = np.zeros(16, GLOVE_SAMPLE)
     for _ in range(1200):
@@ -482,7 +468,7 @@ def test_nothing_that_is_not_finite_comes_out_of_broken_frames() -> None:
         for _ in range(source.randrange(1, 12)):
             data[source.randrange(len(data))] = source.choice((0xFF, 0x7F, 0x80, 0, source.randrange(256)))
         cuts = sorted(source.sample(range(len(data)), 3))
-        glove = glove_on([bytes(data[a:b]) for a, b in zip([0, *cuts], [*cuts, len(data)])])
+        glove = glove_on(*(bytes(data[a:b]) for a, b in zip([0, *cuts], [*cuts, len(data)])))
         try:
             for _ in range(8):
                 rows = out[: glove.read(out)]

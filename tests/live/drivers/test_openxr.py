@@ -1,6 +1,5 @@
-"""A hand tracked by a headset, joints of our own hand that come back as its angles; the powers of a MANUS glove."""
+"""A hand tracked by a headset: joints of our own hand that come back as its angles."""
 
-import math
 import os
 import signal
 import socket
@@ -15,13 +14,12 @@ import numpy as np
 import pytest
 from joint_samples import JointSample, Side, joint_sample
 from live_peers import PATIENCE, Reader, example, free_ports, until_listened_to
-from openxr_peer import Haptic, Location, hand_datagram, read_haptic
+from openxr_peer import Location, hand_datagram
 
 from hhsim.errors import InputError
-from hhsim.live.device import Capability, FingerCommand, GloveDevice, NothingHeld
-from hhsim.live.devices.registry import configure, open_device, open_release
-from hhsim.live.drivers.openxr import ManusGlove, encode_haptic_command
-from hhsim.live.pose.registry import PoseConfig, make_pose_source
+from hhsim.live.device import FORCES, FingerCommand, GloveDevice
+from hhsim.live.devices.registry import PoseConfig, configure, open_device
+from hhsim.live.drivers.poses import make_pose_source
 from hhsim.recordings.joint_names import OPENXR_JOINTS
 
 BRIDGE = Path(__file__).resolve().parents[3] / "examples" / "openxr_bridge.py"
@@ -89,7 +87,6 @@ def test_our_own_hand_comes_back(side: Side) -> None:
         turn = sample.motion.orientation[29] / np.linalg.norm(sample.motion.orientation[29])
         assert abs(float(glove.palm.orientation @ turn)) == pytest.approx(1.0, abs=1e-9)
         assert glove.palm.came_ns == samples["time_ns"][-1]
-        assert glove.info.capabilities & (Capability.PALM | Capability.JOINTS) == Capability.PALM | Capability.JOINTS
         # What is recorded is where the joints were, wrist first.
         np.testing.assert_allclose(samples["channels"][29, :3], sample.named()[29, 0], atol=1e-6)
         assert len(glove.info.channels) == 63
@@ -118,20 +115,6 @@ def test_joints_of_no_hand_are_recorded_and_not_used() -> None:
         assert (glove.counters.samples, glove.counters.rejected) == (3, 4)
 
 
-def test_nothing_is_told_and_nothing_held() -> None:
-    sample = joint_sample("right")
-    with opened(sample, "right") as (glove, headset):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as commands:
-            commands.bind(("127.0.0.1", headset.port + 1))
-            commands.setblocking(False)
-            assert glove.send(FingerCommand(np.ones(5), np.ones(5)))
-            assert glove.release()
-            with pytest.raises(BlockingIOError):
-                commands.recv(512)
-        assert glove.counters.commands == 0
-    assert isinstance(open_release(configure("openxr")), NothingHeld)
-
-
 def test_the_palm_begins_where_it_is_told_to_and_moves_as_the_hand_does() -> None:
     sample = joint_sample("right")
     with opened(sample, "right") as (glove, headset):
@@ -151,11 +134,11 @@ def test_the_palm_begins_where_it_is_told_to_and_moves_as_the_hand_does() -> Non
 
 
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
-def test_the_example_bridge_sends_a_hand_and_hands_on_powers(stop: signal.Signals) -> None:
+def test_the_example_bridge_sends_a_hand_and_shakes_fingers(stop: signal.Signals) -> None:
     port = free_ports(socket.SOCK_DGRAM)
     with example(BRIDGE, port) as bridge:
         assert bridge.stdout is not None
-        with closing(open_device(configure("manus", port=port))) as glove:
+        with closing(open_device(configure("openxr", port=port, takes="forces"))) as glove:
             glove.open(PATIENCE)
             reader = Reader(glove)
             reader.until(lambda: reader.count() >= 20)
@@ -167,6 +150,7 @@ def test_the_example_bridge_sends_a_hand_and_hands_on_powers(stop: signal.Signal
             assert glove.palm is not None
             np.testing.assert_allclose(np.abs(glove.palm.orientation), [1.0, 0.0, 0.0, 0.0], atol=0.1)
             assert np.ptp(samples["flexion"][:, 1:, 1:], axis=(1, 2)).max() < np.radians(2.0)
+            assert glove.info.capabilities == FORCES
             command = FingerCommand()
             command.force[1, 2] = 0.0, 0.0, 0.5
             assert glove.send(command)
@@ -182,54 +166,5 @@ def test_the_example_bridge_sends_a_hand_and_hands_on_powers(stop: signal.Signal
 
 
 def test_a_glove_that_knows_no_palm_is_told_so() -> None:
-    with pytest.raises(InputError, match="this glove does not say where the palm is; expected openxr or manus"):
+    with pytest.raises(InputError, match="this glove does not say where the palm is; expected openxr"):
         make_pose_source(PoseConfig("glove"), None, open_device(configure("udp")))
-
-
-BUILT = {
-    "left": "0c000000 08000c00 04000800 08000000 20000000 04000000 05000000 00000000 0000803e 0000003f 0000403f"
-    " 0000803f 04000000 6c656674 00000000",
-    "right": "0c000000 08000c00 04000800 08000000 20000000 04000000 05000000 00000000 0000803e 0000003f 0000403f"
-    " 0000803f 05000000 72696768 74000000",
-}
-"""What flatbuffers 25.12.19 builds of the endpoint and of 0, 0.25, 0.5, 0.75, 1, its parts in the order of its C++."""
-PAYLOAD = 256
-"""Most bytes that Isaac Teleop's tracker pushes by default."""
-
-
-@pytest.mark.parametrize("endpoint", ["left", "right"])
-def test_the_bytes_are_those_of_flatbuffers_own_builder(endpoint: str) -> None:
-    data = encode_haptic_command(endpoint, [0.0, 0.25, 0.5, 0.75, 1.0])
-    assert data == bytes.fromhex(BUILT[endpoint])
-    assert len(data) <= PAYLOAD
-
-
-def test_a_finger_is_shaken_as_hard_as_it_is_pressed() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plugin:
-        plugin.bind(("127.0.0.1", 0))
-        plugin.settimeout(PATIENCE)
-        config = configure("manus", hand="left", port=plugin.getsockname()[1] - 1, full_force=4.0)
-        with closing(open_device(config)) as glove:
-            assert isinstance(glove, ManusGlove)
-            assert glove.TAKES is Capability.POWER
-            glove.open_for_release()
-            command = FingerCommand()
-            # Two phalanges of the thumb that are pressed together; a middle finger beyond the full force.
-            command.force[0, 1:] = (0.0, 0.0, 1.0), (0.0, 0.0, 2.0)
-            command.force[2, 0] = 3.0, 4.0, 0.0
-            assert glove.send(command)
-            assert read_haptic(plugin.recv(512)) == Haptic("left", [0.75, 0.0, 1.0, 0.0, 0.0])
-            command.force[4, 0, 0] = math.nan
-            assert glove.send(command)
-            assert read_haptic(plugin.recv(512)) == Haptic("left", [0.0] * 5)
-            assert glove.counters.commands == 2
-        with closing(open_release(config)) as watchdog:
-            watchdog.open_for_release()
-            assert watchdog.release(), "a motor that nobody stops goes on"
-            assert read_haptic(plugin.recv(512)) == Haptic("left", [0.0] * 5)
-
-
-@pytest.mark.parametrize("force", [0.0, -1.0, math.nan, math.inf])
-def test_a_full_force_that_is_none_is_refused(force: float) -> None:
-    with pytest.raises(InputError, match="expected more than 0"):
-        open_device(configure("manus", full_force=force))

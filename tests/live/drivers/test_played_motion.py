@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError
 from hhsim.live.device import GLOVE_SAMPLE, FingerCommand, GloveDevice
-from hhsim.live.devices.registry import configure, open_device
-from hhsim.live.ipc.status import LIVE_STATUS
+from hhsim.live.devices.registry import PoseConfig, configure, open_device
+from hhsim.live.drivers.poses import make_pose_source, write_keyboard_pose
 from hhsim.live.playback import RETURN_TIME, Playback
-from hhsim.live.pose.keyboard import write_keyboard_pose
-from hhsim.live.pose.registry import PoseConfig, make_pose_source
-from hhsim.live.shared_memory import SharedBlock
+from hhsim.live.processes import SharedBlock
+from hhsim.live.session.status import LIVE_STATUS
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.dexmo_regression import DexmoRegression
 
@@ -192,7 +191,7 @@ def test_a_repeated_motion_never_jumps() -> None:
 
 
 def test_the_keyboard_pose_is_never_half_of_one_and_half_of_another() -> None:
-    status = SharedBlock.create("test-status", LIVE_STATUS)
+    status = SharedBlock.create("test-status", LIVE_STATUS).array[0]
     source = make_pose_source(PoseConfig(kind="keyboard", position=(0.1, 0.2, 0.3)), status)
     position, orientation = np.empty(3), np.empty(4)
     assert source.read(5, position, orientation) == 5
@@ -201,7 +200,7 @@ def test_the_keyboard_pose_is_never_half_of_one_and_half_of_another() -> None:
     source.read(6, position, orientation)
     assert position.tolist() == [1.0, 1.0, 1.0]
     assert orientation.tolist() == [0.0, 1.0, 0.0, 0.0]
-    record = status.array[0]
+    record = status
     record["pose_version"] += 1
     record["pose_position"] = 2.0
     source.read(7, position, orientation)

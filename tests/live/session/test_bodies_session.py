@@ -10,12 +10,11 @@ from live_rings import ended
 from live_scripted import FIST, FREE, FakeAccounts, FakeClock, InStep, Moment, ScriptedGlove, make_setup
 
 from hhsim.hand.model import HandModel
-from hhsim.live.devices.registry import configure
-from hhsim.live.ipc.config import OutputLimits, SafetyLimits
-from hhsim.live.ipc.session_memory import SessionMemory
-from hhsim.live.pose.registry import PoseConfig
+from hhsim.live.devices.registry import PoseConfig, configure
+from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.recorder import Recorder
 from hhsim.live.session.scene import make_live_scene
+from hhsim.live.session.settings import OutputLimits, SafetyLimits
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.body import Fixed

@@ -15,9 +15,11 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +33,14 @@ from renewed import Renewed
 from sampled import sampled
 
 from hhsim.kernels.live.plausibility import TRUST
-from hhsim.live.ipc.status import Stage
+from hhsim.live.session.status import Stage
 from hhsim.live.session.supervisor import RECORDER, WATCHDOG
 from hhsim.result.reader import load_result
 
 pytestmark = [pytest.mark.slow, keeps_time]
 
+DRIVER = "driver"
+KILL, STOP = signal.SIGKILL, signal.SIGSTOP
 JUST_BEFORE = 1_000_000_000
 """A finger is held so shortly before a fault [ns]."""
 ENOUGH = 150
@@ -89,11 +93,11 @@ def held_last(commands: NDArray[Any], since: int) -> int:
     return int(times.max()) - since if times.size else -since
 
 
-def assert_free_in_time(commands: NDArray[Any], fault: Fault) -> None:
+def assert_free_in_time(commands: NDArray[Any], fault: Fault, late: int = 0) -> None:
     """Fingers were held right before a fault, and `commands` holds none of them any more soon after it."""
     before = commands[(commands["time_ns"] < fault.before) & (commands["time_ns"] > fault.before - JUST_BEFORE)]
     assert stiff(before).any(), "nothing was held: the drill shows nothing"
-    assert_in_time(held_last(commands, fault.since), fault.allowed)
+    assert_in_time(held_last(commands, fault.since), fault.allowed + late)
 
 
 def assert_ramp(drill: Drill, since: int) -> None:
@@ -110,44 +114,59 @@ def assert_ramp(drill: Drill, since: int) -> None:
     assert (held["stiffness"].max(axis=1) <= most).all(), "they come back by the ramp"
 
 
-def test_glove_unplugged_and_back(drill: Drill) -> None:
-    drill.grasp()
-    unplugged = drill.order("unplug")
-    drill.until_over(unplugged, lambda: drill.ticks)
-    drill.until_over(unplugged, drill.commands)
-    assert drill.session.memory.status["safety"] & Safety.STALE_INPUT
-    assert_free_in_time(drill.commands(), unplugged)
-    assert_free_in_time(drill.ticks, unplugged)
-    plugged = drill.order("plug")
-    assert_ramp(drill, plugged.before)
+def pid_of(drill: Drill, process: str) -> int:
+    pid = drill.drivers()[0] if process == DRIVER else drill.session.pid(process)
+    assert pid is not None
+    return pid
 
 
-def test_peer_stalls(drill: Drill) -> None:
+@dataclass(frozen=True)
+class Trouble:
+    """An order to the glove's server and the one that ends it, the bit of the status, and a word in the log."""
+
+    order: str
+    mend: str
+    bit: Safety | None
+    word: str = ""
+    told: bool = True
+    """Whether the glove's own log tells when it was freed."""
+
+
+TROUBLES = (
+    Trouble("unplug", "plug", Safety.STALE_INPUT),
+    Trouble("stall", "go", Safety.STALE_INPUT, told=False),
+    Trouble("swap", "swap", Safety.STALE_INPUT, "says that it is a left hand's now"),
+    Trouble("jump", "move", None, "finger jumped by"),
+)
+
+
+@pytest.mark.parametrize("trouble", TROUBLES, ids=lambda trouble: trouble.order)
+def test_a_glove_in_trouble_is_freed_and_held_again(drill: Drill, trouble: Trouble) -> None:
     drill.grasp()
-    stalled = drill.order("stall")
-    drill.until_over(stalled, lambda: drill.ticks)
-    assert drill.session.memory.status["safety"] & Safety.STALE_INPUT
-    assert_free_in_time(drill.ticks, stalled)
+    fault = drill.order(trouble.order)
+    drill.until_over(fault, lambda: drill.ticks)
+    ticks = drill.ticks
+    if trouble.bit is None:
+        # Who comes late to look may find the fingers trusted again.
+        ticks = ticks[ticks["time_ns"] < fault.before + 1e9 * TRUST]
+    else:
+        assert drill.session.memory.status["safety"] & trouble.bit
+    assert_free_in_time(ticks, fault)
+    if trouble.told and trouble.bit is not None:
+        drill.until_over(fault, drill.commands)
+        assert_free_in_time(drill.commands(), fault)
+    drill.until(lambda: trouble.word in " ".join(drill.log), "word of it")
     heard = len(drill.commands())
-    going = drill.order("go")
+    mended = drill.order(trouble.mend)
+    if trouble.told:
+        drill.until_held()
+        return
     drill.until_held()
     # What waited in the connection is read in its order: held fingers, then free ones, and then those of the ramp.
     commands = drill.commands()[heard:]
     free = commands["time_ns"][~stiff(commands)]
     assert free.size
-    assert_in_time(free[0] - going.since, going.allowed)
-
-
-def test_glove_changes_hands(drill: Drill) -> None:
-    drill.grasp()
-    swapped = drill.order("swap")
-    drill.until_over(swapped, lambda: drill.ticks)
-    assert drill.session.memory.status["safety"] & Safety.STALE_INPUT
-    assert_free_in_time(drill.ticks, swapped)
-    assert_free_in_time(drill.commands(), swapped)
-    drill.until(lambda: "says that it is a left hand's now" in " ".join(drill.log), "word of it")
-    drill.order("swap")
-    drill.until_held()
+    assert_in_time(free[0] - mended.since, mended.allowed)
 
 
 def test_peer_dies_and_comes_back(drill: Drill) -> None:
@@ -162,36 +181,63 @@ def test_peer_dies_and_comes_back(drill: Drill) -> None:
     assert_ramp(drill, back)
 
 
-def test_glove_jumps(drill: Drill) -> None:
-    drill.grasp()
-    jumped = drill.order("jump")
-    drill.until_over(jumped, lambda: drill.ticks)
-    # Who comes late to look may find the fingers trusted again.
-    ticks = drill.ticks
-    assert_free_in_time(ticks[ticks["time_ns"] < jumped.before + 1e9 * TRUST], jumped)
-    assert drill.session.stage == Stage.RUNNING
-    drill.until(lambda: any("finger jumped by" in text for text in drill.log), "word of it")
+@dataclass(frozen=True)
+class Loss:
+    """A process that gets a signal while a finger is held, the bit of the status, and a word in the log."""
+
+    process: str
+    number: signal.Signals
+    bit: Safety | None = None
+    word: str = ""
 
 
-def test_loop_hangs(drill: Drill) -> None:
+LOSSES = (
+    Loss(LOOP, STOP, word="the loop has given no sign of life"),
+    Loss(DRIVER, STOP, Safety.DEVICE_LOST, "its driver has given no sign of life"),
+    Loss(WATCHDOG, STOP, Safety.NO_WATCHDOG),
+    Loss(WATCHDOG, KILL, Safety.NO_WATCHDOG, "the watchdog was ended by SIGKILL"),
+    Loss(RECORDER, STOP),
+)
+
+
+@pytest.mark.parametrize("loss", LOSSES, ids=lambda loss: f"{loss.process} {loss.number.name}")
+def test_a_process_is_lost_and_the_session_goes_on(drill: Drill, loss: Loss) -> None:
     drill.grasp()
-    watchdog = drill.session.pid(WATCHDOG)
+    pid, watchdog = pid_of(drill, loss.process), drill.session.pid(WATCHDOG)
     assert watchdog is not None
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        # No signal ends the watchdog before the loop has ended.
         os.kill(watchdog, number)
-    hung = drill.kill(LOOP, signal.SIGSTOP)
+    lost = drill.kill_pid(pid, loss.number)
     try:
-        # The watchdog says it again and again.
-        drill.until(lambda: len(since(drill.commands(), hung)) > 3, "words of the watchdog")
-        drill.until_over(hung, drill.commands)
-        drill.until(lambda: any("the loop has given no sign of life" in text for text in drill.log), "word of it")
-        commands = drill.commands()
-        assert_free_in_time(commands, hung)
-        going = time.monotonic_ns()
+        if loss.process == RECORDER:
+            drill.still_holds()
+            return
+        if loss.process == WATCHDOG:
+            status = drill.session.memory.status
+            drill.until(lambda: bool(status["safety"] & Safety.NO_WATCHDOG), "word of the lost watchdog")
+            stale = round(1e9 * drill.session.setup.safety.watchdog_stale)
+            assert_free_in_time(drill.ticks, lost, stale)
+        else:
+            # The watchdog says it again and again.
+            drill.until(lambda: len(since(drill.commands(), lost)) > 3, "words of the watchdog")
+            drill.until_over(lost, drill.commands)
+            assert_free_in_time(drill.commands(), lost)
+        if loss.process == DRIVER:
+            drill.until_over(lost, lambda: drill.ticks)
+            assert_free_in_time(drill.ticks, lost)
+        if loss.bit is not None:
+            assert drill.session.memory.status["safety"] & loss.bit
+        drill.until(lambda: loss.word in " ".join(drill.log), "word of it")
     finally:
-        drill.kill(LOOP, signal.SIGCONT)
-    assert_ramp(drill, going)
-    assert drill.session.pid(WATCHDOG) == watchdog, "no signal ends it before the loop has ended"
+        going = time.monotonic_ns()
+        if loss.number == STOP:
+            os.kill(pid, signal.SIGCONT)
+    if loss.process == WATCHDOG:
+        drill.until_held()
+    else:
+        assert_ramp(drill, going)
+    assert (drill.session.pid(WATCHDOG) == watchdog) == ((loss.process, loss.number) != (WATCHDOG, KILL))
 
 
 def since(commands: NDArray[Any], fault: Fault) -> NDArray[Any]:
@@ -199,55 +245,25 @@ def since(commands: NDArray[Any], fault: Fault) -> NDArray[Any]:
     return commands[commands["time_ns"] > fault.since + fault.allowed]
 
 
-def test_driver_hangs(drill: Drill) -> None:
-    drill.grasp()
-    (pid,) = drill.drivers()
-    hung = drill.kill_pid(pid, signal.SIGSTOP)
-    try:
-        drill.until_over(hung, lambda: drill.ticks)
-        drill.until(lambda: len(since(drill.commands(), hung)) > 3, "words of the watchdog, again and again")
-        assert drill.session.memory.status["safety"] & Safety.DEVICE_LOST
-        assert_free_in_time(drill.commands(), hung)
-        assert_free_in_time(drill.ticks, hung)
-        going = time.monotonic_ns()
-    finally:
-        os.kill(pid, signal.SIGCONT)
-    assert_ramp(drill, going)
-
-
-def test_watchdog_killed(drill: Drill) -> None:
-    drill.grasp()
-    first = drill.session.pid(WATCHDOG)
-    killed = drill.kill(WATCHDOG)
-    status = drill.session.memory.status
-    drill.until(lambda: bool(status["safety"] & Safety.NO_WATCHDOG), "word of the lost watchdog")
-    stale = round(1e9 * drill.session.setup.safety.watchdog_stale)
-    assert_in_time(held_last(drill.ticks, killed.since), killed.allowed + stale)
-    drill.until_held()
-    assert drill.session.pid(WATCHDOG) not in (None, first)
-
-
 def test_disk_full(drill: Drill) -> None:
     drill.grasp()
     status, path = drill.session.memory.status, drill.session.setup.record
     drill.until(lambda: int(status["recorder_ticks"]) > ENOUGH, "recorded ticks")
-    pid = drill.session.pid(RECORDER)
-    assert pid is not None
     assert path is not None
     # The file may not grow any more: a full disk that needs no root.
     size = path.stat().st_size
-    resource.prlimit(pid, resource.RLIMIT_FSIZE, (size, size))
+    resource.prlimit(pid_of(drill, RECORDER), resource.RLIMIT_FSIZE, (size, size))
     drill.until(lambda: drill.session.pid(RECORDER) is None, "full disk")
     drill.still_holds()
     assert status["recorder_failed"]
     assert any("the recorder ended with code 2: " in text for text in drill.log), drill.log
     result = load_result(path)
-    assert not result.complete
-    assert result.ticks > ENOUGH
+    assert not result.complete and result.ticks > ENOUGH
 
 
+@pytest.mark.parametrize("process", sampled([LOOP, DRIVER], lambda _, process: process == LOOP))
 @pytest.mark.soak
-def test_recorder_killed_then_loop_killed(glove: FakeDexmo, tmp_path: Path) -> None:
+def test_a_process_is_killed_that_ends_the_session(glove: FakeDexmo, tmp_path: Path, process: str) -> None:
     with Drill(glove, tmp_path / "session.h5") as drill:
         drill.grasp()
         drill.until(lambda: int(drill.session.memory.status["recorder_ticks"]) > ENOUGH, "recorded ticks")
@@ -257,36 +273,73 @@ def test_recorder_killed_then_loop_killed(glove: FakeDexmo, tmp_path: Path) -> N
         drill.until(lambda: any("the recorder was ended by SIGKILL" in text for text in drill.log), "word of its end")
         drill.grasp()
         loop = drill.loop_client()
-        killed = drill.kill(LOOP)
+        killed = drill.kill_pid(pid_of(drill, process))
         drill.let_it_end(killed)
         commands = drill.commands()
     assert_free_in_time(commands, killed)
     # By the watchdog, on a connection of its own, soon enough and again.
     freed = commands[(commands["client"] != loop) & (commands["time_ns"] > killed.before)]
-    assert len(freed) >= 2
-    assert not stiff(freed).any()
+    assert len(freed) >= 2 and not stiff(freed).any() and not stiff(commands[-1:]).any()
     assert_in_time(freed["time_ns"].min() - killed.since, killed.allowed)
     outcome = drill.session.end()
-    assert "SIGKILL" in outcome.loop_failed
+    assert f"{process} was ended by SIGKILL" in outcome.loop_failed and "SIGKILL" in outcome.record_failed
     assert outcome.watchdog_releases >= 2
-    assert "SIGKILL" in outcome.record_failed
     result = load_result(tmp_path / "session.h5")
-    assert not result.complete
-    assert result.ticks > ENOUGH
-    assert np.isfinite(result["graphic/position"]).all()
+    assert not result.complete and result.ticks > ENOUGH and np.isfinite(result["graphic/position"]).all()
 
 
-@pytest.mark.soak
-def test_driver_killed(glove: FakeDexmo, tmp_path: Path) -> None:
-    with Drill(glove) as drill:
+@pytest.mark.parametrize("number", [KILL, STOP], ids=lambda number: number.name)
+@pytest.mark.parametrize("process", [LOOP, DRIVER, WATCHDOG, RECORDER])
+@pytest.mark.quick("driver-SIGSTOP")
+def test_a_process_is_lost_while_the_session_ends(
+    glove: FakeDexmo, tmp_path: Path, process: str, number: signal.Signals
+) -> None:
+    """The user ends the session, and in the same moment a process is killed or stopped, for a second."""
+    with Drill(glove, tmp_path / "session.h5") as drill:
         drill.grasp()
-        (pid,) = drill.drivers()
-        killed = drill.kill_pid(pid)
-        drill.let_it_end(killed)
+        pid = pid_of(drill, process)
+        going = threading.Timer(1.0, os.kill, (pid, signal.SIGCONT))
+
+        def end() -> None:
+            os.kill(pid, number)
+            drill.session.request_stop("a key")
+
+        lost = drill.fault(end)
+        if number == STOP:
+            going.start()
+        drill.let_it_end(lost)
+        going.cancel()
         commands = drill.commands()
-        assert_free_in_time(commands, killed)
-        assert not stiff(commands[-1:]).any()
-    assert "driver was ended by SIGKILL" in drill.session.end().loop_failed
+    assert_free_in_time(commands, lost)
+    # It is told so, and not only told nothing more.
+    freed = commands["time_ns"][~stiff(commands) & (commands["time_ns"] > lost.before)]
+    assert_in_time(int(freed.min()) - lost.since, lost.allowed)
+    assert not stiff(commands[-1:]).any()
+
+
+@pytest.mark.parametrize("number", [KILL, STOP], ids=lambda number: number.name)
+@pytest.mark.parametrize("process", [LOOP, DRIVER, WATCHDOG])
+@pytest.mark.soak
+def test_a_process_is_lost_while_the_session_begins(glove: FakeDexmo, process: str, number: signal.Signals) -> None:
+    """Nobody is told to hold a finger then, and the session ends, or goes on when the process does."""
+    with Drill(glove) as drill:
+        session, limit = drill.session, time.monotonic() + PATIENCE
+        while session.pid(LOOP) is None or not drill.drivers() or session.stage != Stage.STARTING:
+            assert time.monotonic() < limit
+            time.sleep(0.002)
+        pid = pid_of(drill, process)
+        os.kill(pid, number)
+        drill.go_on(0.3)
+        assert not stiff(drill.commands()).any()
+        if number == STOP:
+            os.kill(pid, signal.SIGCONT)
+        if number == STOP or process == WATCHDOG:
+            drill.grasp()
+        else:
+            while session.poll():
+                assert time.monotonic() < limit
+                time.sleep(0.01)
+            assert not stiff(drill.commands()).any() and session.end().loop_failed
 
 
 def test_a_session_ends_with_free_fingers(drill: Drill) -> None:
@@ -299,15 +352,16 @@ def test_a_session_ends_with_free_fingers(drill: Drill) -> None:
         assert not stiff(command).any(), f"client {client} left a finger held"
 
 
-@pytest.mark.parametrize("number", sampled([signal.SIGINT, signal.SIGKILL], lambda _, number: number == signal.SIGINT))
+@pytest.mark.parametrize("number", sampled([signal.SIGINT, KILL], lambda _, number: number == signal.SIGINT))
 @pytest.mark.soak
 def test_the_command_is_ended(glove: FakeDexmo, tmp_path: Path, number: signal.Signals) -> None:
     """As a user runs it; SIGKILL of the supervisor, too, ends in free fingers and no process left."""
     command = [*HHSIM, "live", "glove", "cube", "--device", "dexmo", "--port", str(glove.port), "--level", "3"]
     # A slow loop is late less often on a busy machine, which would begin the ramp anew.
     command += ["--pose", "fixed", "--stiffness", "1", "--rate", "250", "--stale", "100", "--no-record", "--json"]
+    pipe = subprocess.PIPE
     with subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
+        command, stdin=subprocess.DEVNULL, stdout=pipe, stderr=pipe, text=True, cwd=tmp_path
     ) as process:
         try:
             end_the_command(glove, process, number)

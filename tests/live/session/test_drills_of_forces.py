@@ -1,4 +1,4 @@
-"""The drills of the gloves that are told forces or powers: whatever breaks, they are told 0 in time.
+"""The drills of the gloves that are told forces: whatever breaks, they are told 0 in time.
 
 Their peers know the published formats alone (`openxr_peer`), and write down what they are told, and when the system had
 it: a peer that has to wait for a processor reads late what it was told in time.
@@ -19,7 +19,7 @@ import pytest
 from live_drill import LOOP, Watched, grasping_setup
 from live_peers import free_ports, until
 from machine_share import assert_in_time, keeps_time
-from openxr_peer import Location, hand_datagram, read_haptic
+from openxr_peer import Location, hand_datagram
 from renewed import Renewed
 from sampled import sampled
 
@@ -32,12 +32,8 @@ pytestmark = [pytest.mark.slow, keeps_time]
 CLOSED = 0.95
 """Bend at which the fingers rest on the cube, or would be in it."""
 RATE = 100.0
-RAMP = 0.1
-"""Of `grasping_setup` [s]."""
-FULL = 10.0
-"""More than a finger here presses [N]: full power would hide how far the ramp has come."""
 LEAST = 0.05
-"""A finger that feels so much, of full power or in newtons, is told of."""
+"""A finger that feels so much is told of [N]."""
 SO_TIMESTAMPNS = 35
 """Has the system say when a datagram was there, CLOCK_REALTIME (socket(7)); Python has no name for it."""
 
@@ -69,10 +65,6 @@ def bends(bend: float, seq: int) -> bytes:
     return header + struct.pack("<5f", *[bend] * 5)
 
 
-def told_power(data: bytes) -> float:
-    return max(read_haptic(data).values)
-
-
 def told_force(data: bytes) -> float:
     assert data[:6] == b"HHGL\x01\x11"
     return float(np.abs(struct.unpack("<15f", data[32:])).max())
@@ -96,8 +88,7 @@ class Peer(threading.Thread):
         self._socket.bind(("127.0.0.1", port + 1))
         self._offset = realtime_offset()
         self.heard: list[tuple[int, float]] = []
-        self._sending = threading.Lock()
-        self._stalled = self.ended = False
+        self.ended = False
 
     def run(self) -> None:
         with self._socket as link:
@@ -107,9 +98,7 @@ class Peer(threading.Thread):
                 left = due - time.monotonic()
                 # However many commands come: a sample that is due is sent before they are heard.
                 if left <= 0.0:
-                    with self._sending:
-                        if not self._stalled:
-                            link.sendto(self._sample(min(CLOSED, 0.6 * (due - begun)), seq), self._to)
+                    link.sendto(self._sample(min(CLOSED, 0.6 * (due - begun)), seq), self._to)
                     # Late ones are left out: what is heard is written down when it comes.
                     seq = max(seq + 1, int(RATE * (time.monotonic() - begun)))
                     continue
@@ -118,11 +107,6 @@ class Peer(threading.Thread):
                     data, ((_, _, stamp),), _, _ = link.recvmsg(2048, 256)
                     seconds, nanoseconds = struct.unpack("qq", stamp)
                     self.heard.append((10**9 * seconds + nanoseconds - self._offset, self._told(data)))
-
-    def stall(self, stalled: bool) -> None:
-        """Send nothing any more from now on, or go on."""
-        with self._sending:
-            self._stalled = stalled
 
     @property
     def feels(self) -> bool:
@@ -146,10 +130,8 @@ class Worn(Watched):
 @contextmanager
 def worn(kind: str) -> Iterator[Worn]:
     port = free_ports(socket.SOCK_DGRAM)
-    if kind == "manus":
-        peer, device = Peer(port, hand_of_bends, told_power), configure("manus", port=port, full_force=FULL)
-    else:
-        peer, device = Peer(port, bends, told_force), configure("udp", port=port, takes="forces")
+    sample = hand_of_bends if kind == "openxr" else bends
+    peer, device = Peer(port, sample, told_force), configure(kind, port=port, takes="forces")
     held = Worn(peer)
     peer.start()
     try:
@@ -161,7 +143,7 @@ def worn(kind: str) -> Iterator[Worn]:
         peer.join()
 
 
-@pytest.fixture(scope="module", params=sampled(["manus", "forces"], lambda _, kind: kind == "manus"))
+@pytest.fixture(scope="module", params=sampled(["openxr", "udp"], lambda _, kind: kind == "openxr"))
 def peers(request: pytest.FixtureRequest) -> Iterator[Renewed[Worn]]:
     with Renewed(lambda: worn(request.param), lambda held: held.sound) as shared:
         yield shared
@@ -170,33 +152,6 @@ def peers(request: pytest.FixtureRequest) -> Iterator[Renewed[Worn]]:
 @pytest.fixture
 def drill(request: pytest.FixtureRequest, peers: Renewed[Worn]) -> Iterator[Worn]:
     yield from peers.use(request.node)
-
-
-def test_a_peer_that_stalls_is_told_nothing_in_time_and_feels_again_when_it_goes_on(drill: Worn) -> None:
-    hand = drill.peer
-    # A machine that stalls frees the finger, and the ramp begins anew.
-    begun = time.monotonic_ns()
-    ramp = int(2e9 * RAMP)
-
-    def has_ramped() -> bool:
-        now = hand.heard[-1][0]
-        lately = [most for at, most in list(hand.heard) if at > now - ramp]
-        return now > begun + ramp and min(lately) > 10.0 * LEAST
-
-    drill.until(has_ramped, "whole force")
-    whole = hand.heard[-1][1]
-    stalled = drill.fault(lambda: hand.stall(True))
-    drill.until(lambda: stalled.is_over(hand.heard[-1][0]), "time in which fingers may be held")
-    assert_in_time(hand.felt_after(stalled.since), stalled.allowed)
-    heard = len(hand.heard)
-    going = time.monotonic_ns()
-    hand.stall(False)
-    drill.until(lambda: hand.feels, "word of a force")
-    # The first commands of the ramp may be behind a newer one, and are then not sent.
-    now, first = next((now, most) for now, most in hand.heard[heard:] if most > 0.0)
-    # It rises by the period, of which the first and the last one need not be whole.
-    risen = 1e-9 * (now - going) + 2.0 / drill.session.setup.rate
-    assert first <= 1.1 * whole * risen / RAMP, "it comes back by the ramp"
 
 
 def test_a_loop_that_is_killed_leaves_nobody_to_feel(drill: Worn) -> None:

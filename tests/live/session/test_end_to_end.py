@@ -10,11 +10,10 @@ from sphere_scenes import bumpy_ball
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.live.phase import LARGEST_SHIFT
-from hhsim.live.devices.registry import configure
-from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.pose.registry import PoseConfig
+from hhsim.live.devices.registry import PoseConfig, configure
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.session.scene import make_live_scene
+from hhsim.live.session.settings import LiveSetup
 from hhsim.live.session.supervisor import SessionOutcome, Supervisor
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.repeat import run_again

@@ -18,10 +18,9 @@ from numpy.lib import recfunctions as rfn
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
-from hhsim.live.ipc.session_memory import SessionMemory
-from hhsim.live.loop.loop import loop_options
-from hhsim.live.session.recorder import Recorder
-from hhsim.live.session.tick_block import SessionColumns
+from hhsim.live.session.loop import loop_options
+from hhsim.live.session.memory import SessionMemory
+from hhsim.live.session.recorder import Recorder, SessionColumns
 from hhsim.metrics.run.registry import tick_figures
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.replay.repeat import run_again

@@ -5,14 +5,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from live_rings import pour
 
-from hhsim.live.ipc.session_memory import LIVE_TICK
+from hhsim.live.processes import SharedRing, ring_type
+from hhsim.live.session.memory import LIVE_TICK
 from hhsim.live.session.statistics import LiveTally
-from hhsim.live.shared_memory import SharedRing
 from hhsim.result.safety import WORDS, Safety, why_free
 
 
 def ring_of(ticks: np.ndarray) -> SharedRing:
-    ring = SharedRing.create("test", LIVE_TICK, 64)
+    ring = SharedRing(np.zeros(1, ring_type(LIVE_TICK, 64)))
     pour(ring, ticks)
     return ring
 

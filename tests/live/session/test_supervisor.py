@@ -11,17 +11,17 @@ from sampled import sampled
 
 from hhsim.errors import HhsimError
 from hhsim.live.device import DeviceError
-from hhsim.live.ipc.status import Stage
 from hhsim.live.session import supervisor
+from hhsim.live.session.status import Stage
 from hhsim.live.session.supervisor import LOOP, RECORDER, VIEWER, WATCHDOG, Supervisor
 from hhsim.result.schema import FAULT, WARNING
 
 # Without hhsim's numerics, which every one of them would load.
 BEGIN = """
 import os, signal, sys, time
-from hhsim.live.ipc.session_memory import SessionMemory
-from hhsim.live.ipc.status import LIVE_STATUS, Stage
-from hhsim.live.shared_memory import SharedBlock, process_setup
+from hhsim.live.session.memory import SessionMemory
+from hhsim.live.session.status import LIVE_STATUS, Stage
+from hhsim.live.processes import SharedBlock, process_setup
 # The watchdog's setup names the status block, and it has nothing else.
 first = process_setup("stand-in", None)[0]
 if hasattr(first, "status"):

@@ -19,8 +19,8 @@ from sampled import sampled
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.model import SIDES
+from hhsim.live.processes import RingReader
 from hhsim.live.session.supervisor import LOOP
-from hhsim.live.shared_memory import RingReader
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import load_result
 from hhsim.result.safety import Safety

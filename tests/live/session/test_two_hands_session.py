@@ -15,14 +15,13 @@ from sampled import sampled
 
 from hhsim.hand.model import SIDES, HandModel
 from hhsim.live.device import DeviceError
-from hhsim.live.devices.registry import Hand, configure
-from hhsim.live.drivers.sim import SimGlove
-from hhsim.live.ipc.config import LiveSetup, OutputLimits, SafetyLimits
-from hhsim.live.ipc.session_memory import SessionMemory
-from hhsim.live.pose.registry import PoseConfig
-from hhsim.live.pose.sources import ReplayPose
+from hhsim.live.devices.registry import Hand, PoseConfig, configure
+from hhsim.live.drivers.played import SimGlove
+from hhsim.live.drivers.poses import ReplayPose
+from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.recorder import Recorder
 from hhsim.live.session.scene import LiveScene, grasping_hand, make_live_scene
+from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.mesh.catalogue import load_object
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result
@@ -72,7 +71,7 @@ def record(
     """Both hands do *lift-both*, by simulated gloves."""
     right, left = (scene_of_hand(side, free=free) for side in SIDES)
     both, clock = right.both(left), FakeClock()
-    patch.setattr("hhsim.live.drivers.sim.time", SimpleNamespace(monotonic_ns=clock.now))
+    patch.setattr("hhsim.live.drivers.played.time", SimpleNamespace(monotonic_ns=clock.now))
 
     def setup(own: LiveScene, beside: LiveSetup | None = None) -> LiveSetup:
         return LiveSetup(

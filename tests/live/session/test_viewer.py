@@ -21,12 +21,12 @@ from short_grasp import short_grasp, short_scene
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_TOUCHING
 from hhsim.live.devices.registry import configure
-from hhsim.live.ipc.config import LiveSetup
-from hhsim.live.ipc.session_memory import LIVE_TICK, SessionMemory
-from hhsim.live.ipc.status import Stage
+from hhsim.live.processes import RingReader
+from hhsim.live.session.memory import LIVE_TICK, SessionMemory
 from hhsim.live.session.recorder import SessionWriter
+from hhsim.live.session.settings import LiveSetup
+from hhsim.live.session.status import Stage
 from hhsim.live.session.viewer import LiveViewer
-from hhsim.live.shared_memory import RingReader
 from hhsim.render.triangle_soup import piece_poses
 from hhsim.result.reader import load_result
 from hhsim.result.safety import Safety

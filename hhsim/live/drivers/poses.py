@@ -1,0 +1,296 @@
+"""Sources of the palm's pose: one place, keys that move it, a glove that knows it, a motion, a tracker's packets."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_vector
+from hhsim.live.device import GloveDevice
+from hhsim.live.devices.registry import POSES, PoseConfig
+from hhsim.live.open_packet import Kind, PacketOrder, UdpPort
+
+
+def _axes(*pairs: str) -> dict[str, FloatArray]:
+    """Return the axis of each key, of the first of a pair the negative one."""
+    return {key: sign * np.eye(3)[axis] for axis, pair in enumerate(pairs) for key, sign in zip(pair, (-1.0, 1.0))}
+
+
+MOVES = _axes("ad", "sw", "fr")
+"""Direction of each moving key in the world: x to the right, y away, z up."""
+TURNS = _axes("ki", "uo", "lj")
+"""Axis of each turning key in the palm frame: fingers down and up, roll, fingers to the right and left."""
+HOME, FINER, COARSER = "h", "-", "+"
+STOP = ("q", " ", "\x1b", "\x03", "\x04")
+"""Keys that end the session: q, space, Escape, Ctrl-C and Ctrl-D."""
+HELP = (
+    ("a d", "left, right"),
+    ("s w", "nearer, away"),
+    ("f r", "down, up"),
+    ("i k", "fingers up, down"),
+    ("j l", "fingers left, right"),
+    ("u o", "roll"),
+    ("- +", "step"),
+    ("h", "home"),
+    ("q or space", "free the fingers and end"),
+)
+"""Keys and their meaning, for the command's help."""
+STEPS = (0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3)
+"""Steps of a key stroke [m]."""
+DEGREES_PER_METRE = 500.0
+SPEED = 0.25
+"""Largest speed of the palm [m/s]."""
+TURNING = 2.0
+"""Largest angular velocity of the palm [rad/s]."""
+REACH = 1.0
+"""Largest distance from the beginning along each axis [m]."""
+FARTHEST = 100.0
+"""Largest coordinate of a tracker's palm [m]; a larger one was sent in millimetres."""
+UNIT_WITHIN = 0.1
+"""Largest difference of a tracker's quaternion's length from 1."""
+
+
+class PoseSource(ABC):
+    """Source of the palm's pose in the world frame; `read` never blocks."""
+
+    name: str
+
+    def open(self) -> None:
+        """Connect; raises DeviceError if the source cannot be reached."""
+        return
+
+    def descriptors(self) -> tuple[int, ...]:
+        """File descriptors to poll for a new pose."""
+        return ()
+
+    @abstractmethod
+    def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
+        """Write the newest pose: palm origin [m], shape (3,), and unit (w, x, y, z), shape (4,), all finite.
+
+        Returns CLOCK_MONOTONIC [ns] at which it came; `now_ns`, that of the tick, if it cannot age, -1 if there is none
+        yet and nothing was written.
+        """
+
+    def close(self) -> None:
+        """Disconnect; never raises."""
+        return
+
+
+def make_pose_source(config: PoseConfig, status: Any = None, glove: GloveDevice | None = None) -> PoseSource:
+    """Make a source, not yet opened, of a session with a status (record of `LIVE_STATUS`) and a glove.
+
+    UnknownNameError for no such kind, InputError for an invalid pose, or a missing motion or palm.
+    """
+    if config.kind not in POSES:
+        raise UnknownNameError("pose source", config.kind, POSES)
+    if config.kind == "replay":
+        return ReplayPose(config)
+    if config.kind == "udp":
+        return UdpPose(config)
+    return GlovePose(config, glove) if config.kind == "glove" else FixedPose(config, status)
+
+
+def checked_pose(position: ArrayLike, orientation: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Return position [m] and unit quaternion (w, x, y, z); InputError for wrong shapes, NaN or no rotation."""
+    place, turn = np.asarray(position, np.float64), np.asarray(orientation, np.float64)
+    if place.shape != (3,) or turn.shape != (4,):
+        raise InputError(f"a pose of shapes {place.shape} and {turn.shape}; expected (3,) and (4,)")
+    length = float(np.linalg.norm(turn))
+    if not (np.isfinite(place).all() and np.isfinite(length) and length > 1e-6):
+        raise InputError(f"pose {place.tolist()}, {turn.tolist()}; expected finite numbers and a rotation")
+    return place, turn / length
+
+
+class FixedPose(PoseSource):
+    """Palm at the pose of its configuration, or where the supervisor's keys have moved it through the status.
+
+    Without a status (record of `LIVE_STATUS`) nothing moves it. InputError for an invalid first pose.
+    """
+
+    def __init__(self, config: PoseConfig, status: Any = None) -> None:
+        self.name = "fixed pose" if config.kind == "fixed" else config.kind
+        self._position, self._orientation = checked_pose(config.position, config.orientation)
+        self._status = status
+        self._seen = 0
+
+    def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
+        """See `PoseSource.read`."""
+        status = self._status
+        version = self._seen if status is None else int(status["pose_version"])
+        # Take a pose that is new, whole and finite.
+        if version != self._seen and version % 2 == 0:
+            position, orientation = status["pose_position"].copy(), status["pose_orientation"].copy()
+            if int(status["pose_version"]) == version:
+                self._seen = version
+                if np.isfinite(position).all() and np.isfinite(orientation).all():
+                    self._position, self._orientation = position, orientation
+        position_out[:] = self._position
+        orientation_out[:] = self._orientation
+        return now_ns
+
+
+class GlovePose(PoseSource):
+    """Palm that begins at the configured position and moves from there as the hand does.
+
+    The orientation is the hand's own: both worlds have the same up. InputError for an invalid pose, or a glove without
+    a `palm`.
+    """
+
+    name = "pose of the glove"
+
+    def __init__(self, config: PoseConfig, glove: GloveDevice | None) -> None:
+        if glove is None or glove.palm is None:
+            raise InputError("pose glove: this glove does not say where the palm is; expected openxr")
+        self._palm = glove.palm
+        self._begin = checked_pose(config.position, config.orientation)[0]
+        self._first: FloatArray | None = None
+
+    def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
+        """See `PoseSource.read`."""
+        palm = self._palm
+        if palm.came_ns >= 0:
+            if self._first is None:
+                self._first = palm.position.copy()
+            np.subtract(palm.position, self._first, out=position_out)
+            position_out += self._begin
+            orientation_out[:] = palm.orientation
+        return palm.came_ns
+
+
+class ReplayPose(PoseSource):
+    """Palm of the configuration's `playback`, begun by the first read, linear between samples; else InputError."""
+
+    def __init__(self, config: PoseConfig) -> None:
+        if config.playback is None:
+            raise InputError("pose replay has no motion; expected a trajectory")
+        self.name = f"replay of {config.playback.trajectory.name or 'a motion'}"
+        self._playback = config.playback
+
+    def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
+        """See `PoseSource.read`."""
+        motion = self._playback.trajectory
+        before, after, share = self._playback.place(self._playback.elapsed(now_ns))
+        position_out[:] = (1.0 - share) * motion.position[before] + share * motion.position[after]
+        first, second = motion.orientation[before], motion.orientation[after]
+        if first @ second < 0.0:
+            second = -second
+        orientation_out[:] = (1.0 - share) * first + share * second
+        length = np.linalg.norm(orientation_out)
+        if length > 1e-6:
+            orientation_out /= length
+        else:
+            orientation_out[:] = first
+        return now_ns
+
+
+class UdpPose(PoseSource):
+    """Newest valid pose sent by the tracker at the configuration's `host` and `port`; it ages while none comes."""
+
+    def __init__(self, config: PoseConfig) -> None:
+        self.name = f"udp pose from {config.host} at port {config.port}"
+        self._config = config
+        self._port: UdpPort | None = None
+        self._order = PacketOrder()
+        self._position, self._orientation = np.zeros(3), np.zeros(4)
+        self._came_ns = -1
+
+    def open(self) -> None:
+        """See `PoseSource.open`; does not wait for a pose."""
+        self.close()
+        self._port = UdpPort(self._config.host, self._config.port)
+
+    def descriptors(self) -> tuple[int, ...]:
+        """See `PoseSource.descriptors`."""
+        return () if self._port is None else (self._port.descriptor,)
+
+    def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
+        """See `PoseSource.read`."""
+        port = self._port
+        for packet, came in port.arrived() if port is not None else ():
+            if port is not None and packet.kind is Kind.POSE and self._order.take(packet.session, packet.seq, came):
+                port.keep_to_sender()
+                values = packet.values.astype(np.float64)
+                length = float(np.linalg.norm(values[3:]))
+                # NaN compares false.
+                if (np.abs(values[:3]) <= FARTHEST).all() and abs(length - 1.0) <= UNIT_WITHIN:
+                    self._position, self._orientation, self._came_ns = values[:3], values[3:] / length, came
+        if self._came_ns >= 0:
+            position_out[:] = self._position
+            orientation_out[:] = self._orientation
+        return self._came_ns
+
+    def close(self) -> None:
+        """See `PoseSource.close`."""
+        if self._port is not None:
+            self._port.close()
+        self._port = None
+
+
+class PalmKeys:
+    """Pose of a palm that keys move, world; begins at `position` [m] and the unit quaternion `orientation`.
+
+    A key moves the palm's target, and the palm glides there no faster than a hand moves. (The paper uses "several keys
+    on the keyboard" and names none.)
+    """
+
+    def __init__(self, position: ArrayLike, orientation: ArrayLike) -> None:
+        self.position: FloatArray = np.array(position, np.float64)
+        self.orientation: FloatArray = np.array(orientation, np.float64)
+        self._home = (self.position.copy(), self.orientation.copy())
+        self._target = (self.position.copy(), self.orientation.copy())
+        self._step = 2
+
+    @property
+    def step(self) -> float:
+        """Step of a key stroke [m]."""
+        return STEPS[self._step]
+
+    def press(self, keys: Iterable[str]) -> bool:
+        """Apply key strokes in any case up to one that ends the session, and return whether there was one."""
+        position, orientation = self._target
+        for key in keys:
+            key = "+" if key == "=" else key.lower()
+            if key in STOP:
+                return True
+            if key in MOVES:
+                moved = position + self.step * MOVES[key]
+                position[:] = np.clip(moved, self._home[0] - REACH, self._home[0] + REACH)
+            elif key in TURNS:
+                turn = math.radians(DEGREES_PER_METRE * self.step) * TURNS[key]
+                orientation[:] = quaternion_product(orientation, quaternion(turn))
+            elif key == HOME:
+                position[:], orientation[:] = self._home
+            elif key in (FINER, COARSER):
+                self._step = min(max(self._step + (1 if key == COARSER else -1), 0), len(STEPS) - 1)
+        return False
+
+    def advance(self, seconds: float) -> bool:
+        """Glide towards the target for a time [s], and return whether the palm moved."""
+        position, orientation = self._target
+        shift = position - self.position
+        turn = rotation_vector(quaternion_product(orientation, conjugate(self.orientation)))
+        distance, angle = float(np.linalg.norm(shift)), float(np.linalg.norm(turn))
+        if distance == 0.0 and angle < 1e-12:
+            return False
+        share = 1.0 if distance <= SPEED * seconds else SPEED * seconds / distance
+        self.position[:] = position if share == 1.0 else self.position + share * shift
+        if angle <= TURNING * seconds:
+            self.orientation[:] = orientation
+        else:
+            self.orientation[:] = quaternion_product(quaternion(TURNING * seconds / angle * turn), self.orientation)
+        return True
+
+
+def write_keyboard_pose(status: Any, position: ArrayLike, orientation: ArrayLike) -> None:
+    """Write the palm's pose, world, that `FixedPose` reads; there is one writer. InputError for an invalid pose."""
+    place, turn = checked_pose(position, orientation)
+    # Odd while the pose is written; a reader that meets an odd or a changed version tries again in the next tick.
+    status["pose_version"] += 1
+    status["pose_position"] = place
+    status["pose_orientation"] = turn
+    status["pose_version"] += 1

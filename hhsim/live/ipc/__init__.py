@@ -1,1 +1,0 @@
-"""Memory and settings shared by the processes of a session."""

@@ -1,1 +1,0 @@
-"""Loop of a session, its driver and its watchdog."""

@@ -1,0 +1,220 @@
+"""Open packet: datagrams that bring any glove's samples to hhsim, and hhsim's commands to the glove.
+
+docs/live-protocols.md has header, kinds, ports, and what a bridge owes the hand in the glove.
+"""
+
+import contextlib
+import ctypes
+import select
+import socket
+import struct
+import time
+from collections.abc import Iterator
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hhsim.live.device import DeviceError
+from hhsim.live.tcp import ready
+
+MAGIC = b"HHGL"
+VERSION = 1
+HEADER = struct.Struct("<4sBBHIIQIi")
+NONE_YET = 2**32 - 1
+MODULUS = 2**32
+NUMBERS = np.dtype("<f4")
+
+
+class Kind(IntEnum):
+    """Kind of the numbers of a packet."""
+
+    BENDS = 1
+    CHANNELS = 2
+    JOINTS = 3
+    POSE = 4
+    HAND = 5
+    COMMAND = 16
+    FORCES = 17
+
+
+COUNT = dict(zip(Kind, (5, 11, 20, 7, 208, 10, 15), strict=True))
+"""Number of numbers of each kind."""
+LONGEST = HEADER.size + 4 * max(COUNT.values())
+
+BUFFER = 1 << 20
+"""Receive buffer of the system [bytes]; some seconds at 1 kHz."""
+MOST_LOOKED_AT = 64
+"""Datagrams read at once."""
+MOST_IN_VAIN = 32
+"""Unusable datagrams read at once, so that a flood cannot delay the reader."""
+SESSION_SILENCE_NS = 100_000_000
+"""Silence of a session, and of a sender, after which another one is accepted [ns]."""
+
+_NOBODY = ctypes.create_string_buffer(16)
+"""A `sockaddr` of the family AF_UNSPEC, which disconnects a datagram socket from its sender."""
+_C = ctypes.CDLL(None, use_errno=True)
+
+
+class PacketError(ValueError):
+    """A datagram that is no open packet; the message names the difference."""
+
+
+class Packet(NamedTuple):
+    """One datagram, with the fields of the header; its numbers may be anything, NaN too."""
+
+    kind: Kind
+    session: int
+    seq: int
+    t_ns: int
+    answers: int
+    battery: int
+    values: NDArray[np.float32]
+
+
+def encode_packet(
+    kind: Kind, values: ArrayLike, *, session: int, seq: int, t_ns: int, answers: int = NONE_YET, battery: int = -1
+) -> bytes:
+    """Encode a packet; `seq` is taken modulo 2³². Raises PacketError if `kind` does not have as many values."""
+    numbers = np.asarray(values, dtype=NUMBERS).ravel()
+    if numbers.size != COUNT[kind]:
+        raise PacketError(f"{numbers.size} numbers of kind {kind}; expected {COUNT[kind]}")
+    header = HEADER.pack(MAGIC, VERSION, kind, numbers.size, session, seq % MODULUS, t_ns, answers, battery)
+    return header + numbers.tobytes()
+
+
+def decode_packet(data: bytes) -> Packet:
+    """Decode a datagram; raises PacketError for another magic, version, kind or length."""
+    if len(data) < HEADER.size:
+        raise PacketError(f"{len(data)} bytes; expected at least {HEADER.size}")
+    magic, version, kind, count, session, seq, t_ns, answers, battery = HEADER.unpack_from(data)
+    if magic != MAGIC or version != VERSION:
+        raise PacketError(f"begins with {magic!r}, version {version}, not {MAGIC!r}, {VERSION}")
+    if count != COUNT.get(kind):
+        known = ", ".join(f"{int(one)} with {size}" for one, size in COUNT.items())
+        raise PacketError(f"kind {kind} with {count} numbers; expected one of {known}")
+    if len(data) != HEADER.size + 4 * count:
+        raise PacketError(f"{len(data)} bytes; expected {HEADER.size + 4 * count} for {count} numbers")
+    values = np.frombuffer(data, NUMBERS, count, HEADER.size).astype(np.float32)
+    return Packet(Kind(kind), session, seq, t_ns, answers, battery, values)
+
+
+def resolve(host: str) -> str:
+    """Return the IPv4 address of a host; raises DeviceError if there is none."""
+    try:
+        return socket.gethostbyname(host)
+    except OSError as error:
+        raise DeviceError(f"udp: no host {host}: {error.strerror or error}") from None
+
+
+class UdpPort:
+    """Reads the datagrams of one host without waiting; DeviceError for no such host, or a port that is taken.
+
+    Once a sender is kept to, the system itself discards those of all others, other programs of the same host included:
+    their flood costs the reader nothing. A sender that is silent for `SESSION_SILENCE_NS` is kept to no longer.
+    `strangers` and `malformed` count datagrams from others and those that are no packets; `hint` describes the last
+    unusable one.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self.address = resolve(host)
+        self.strangers = self.malformed = 0
+        self.hint = ""
+        self._sender: tuple[str, int] | None = None
+        self._kept: tuple[str, int] | None = None
+        self._kept_ns = 0
+        self._used = False
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        # Packets of this machine are expected on its own address only.
+        own = self.address if self.address.startswith("127.") else ""
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
+            self._socket.bind((own, port))
+        except OSError as error:
+            self._socket.close()
+            raise DeviceError(f"udp port {port} from {host}: cannot listen: {error.strerror or error}") from None
+
+    def arrived(self) -> Iterator[tuple[Packet, int]]:
+        """Yield the packets that have arrived, oldest first, each with CLOCK_MONOTONIC when it was read [ns].
+
+        Ends after `MOST_LOOKED_AT` datagrams, or `MOST_IN_VAIN` after which `keep_to_sender` was not called.
+        """
+        in_vain = 0
+        for _ in range(MOST_LOOKED_AT):
+            if in_vain == MOST_IN_VAIN:
+                return
+            in_vain += 1
+            try:
+                data, sender = self._socket.recvfrom(LONGEST + 1)
+            except BlockingIOError:
+                # Only when nothing waits: a delayed reader has not read the newest datagrams yet.
+                if self._kept is not None and time.monotonic_ns() - self._kept_ns > SESSION_SILENCE_NS:
+                    self._kept = None
+                    _C.connect(self._socket.fileno(), _NOBODY, len(_NOBODY))
+                return
+            except OSError:
+                # An error of an earlier send, which does not concern what arrives.
+                continue
+            now = time.monotonic_ns()
+            # Datagrams of others may have been queued when the sender was kept to.
+            if sender[0] != self.address or (self._kept is not None and sender != self._kept):
+                self.strangers += 1
+                self.hint = f"packets come from {sender[0]} instead" if sender[0] != self.address else self.hint
+                continue
+            try:
+                packet = decode_packet(data)
+            except PacketError as error:
+                self.malformed += 1
+                self.hint = f"what came is no open packet: {error}"
+                continue
+            self._sender, self._used = sender, False
+            yield packet, now
+            in_vain -= self._used
+
+    def keep_to_sender(self) -> None:
+        """Accept packets of the newest one's sender alone while it goes on sending."""
+        self._kept_ns, self._used = time.monotonic_ns(), True
+        if self._kept is None and self._sender is not None:
+            # If the system cannot connect to the sender, `arrived` discards those of others.
+            with contextlib.suppress(OSError):
+                self._socket.connect(self._sender)
+            self._kept = self._sender
+
+    @property
+    def descriptor(self) -> int:
+        """File descriptor to poll for incoming datagrams."""
+        return self._socket.fileno()
+
+    def wait(self, timeout: float) -> bool:
+        """Wait until something has arrived, at most `timeout` [s]; True if it has."""
+        return ready(self._socket.fileno(), select.POLLIN, timeout)
+
+    def close(self) -> None:
+        """Close the port; never raises."""
+        self._socket.close()
+
+
+class PacketOrder:
+    """Order of datagrams by `seq`, per session; `lost` counts those that came late, or never."""
+
+    def __init__(self) -> None:
+        self.lost = self.sessions = 0
+        self._session = self._newest = -1
+        self._newest_ns = 0
+
+    def take(self, session: int, seq: int, now_ns: int) -> bool:
+        """Count a datagram that came at `now_ns`; True if it is newer than all before it."""
+        if session != self._session:
+            if self._session >= 0 and now_ns - self._newest_ns < SESSION_SILENCE_NS:
+                return False
+            self.sessions += 1
+            self._session = session
+        else:
+            ahead = (seq - self._newest) % MODULUS
+            if not 0 < ahead < MODULUS // 2:
+                return False
+            self.lost += ahead - 1
+        self._newest, self._newest_ns = seq, now_ns
+        return True

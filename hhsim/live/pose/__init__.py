@@ -1,1 +1,0 @@
-"""Sources of the palm's pose during a session."""

@@ -1,0 +1,246 @@
+"""Process of the driver: glove and palm's pose in, commands out; `python -m hhsim.live.session.driver --setup FD`.
+
+The loop starts it and ends with it. It stands below the loop under SCHED_FIFO and decides nothing: it puts each sample
+into its ring with the time when its bytes were read, and sends the newest command to the glove, never late. It releases
+the glove however it ends, short of being killed outright; then the watchdog does.
+
+Exit codes: 0 the session ended, 1 a fault of hhsim's own, 2 the glove or the pose cannot be reached.
+"""
+
+import contextlib
+import os
+import select
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+from types import FrameType
+from typing import Any
+
+import numpy as np
+
+from hhsim.live.device import GLOVE_SAMPLE, DeviceError, FingerCommand, GloveDevice, GloveInfo
+from hhsim.live.devices.registry import open_device
+from hhsim.live.drivers.poses import PoseSource, make_pose_source
+from hhsim.live.processes import exit_code
+from hhsim.live.real_time import RealTimeWishes, become_ordinary, become_real_time, end_with, keep_off
+from hhsim.live.session.memory import REASON, SessionMemory, session_process
+from hhsim.live.session.status import BEGIN, OPEN, GloveSetup, Stage
+from hhsim.result.safety import Safety
+from hhsim.result.schema import FAULT, WARNING
+
+MOST_SAMPLES = 64
+"""Samples read at once."""
+RECONNECT_NS = 10_000_000
+LOOK_SECONDS = 0.004
+"""Longest time between two looks [s]."""
+PALM_SECONDS = 0.001
+"""The same for a glove without descriptors: a palm that is played moves on meanwhile [s]."""
+FLOOD_SECONDS = 0.0005
+"""Pause between two looks at an endless stream, so that a flood takes the driver and not the processor [s]."""
+
+
+class GloveDriver:
+    """Carries samples and commands between a glove and the memory of a session; in a `dry_run` it sends nothing.
+
+    Glove and source of the palm's pose are not yet opened. A command is void where the loop's heartbeat is older than
+    `oldest_ns`; `now` is the clock, CLOCK_MONOTONIC [ns].
+    """
+
+    def __init__(
+        self,
+        memory: SessionMemory,
+        device: GloveDevice,
+        pose: PoseSource,
+        *,
+        dry_run: bool = False,
+        oldest_ns: int = 20_000_000,
+        now: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self.memory = memory
+        self.device, self.pose = device, pose
+        self._dry_run, self._oldest_ns, self._now = dry_run, oldest_ns, now
+        self._status = memory.status
+        self._command = FingerCommand()
+        self._version = memory.status["command_version"]
+        self._sent_version = 0
+        self._samples = np.zeros(MOST_SAMPLES, GLOVE_SAMPLE)
+        self._position, self._orientation = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+        self._lost = False
+        self._reconnect_ns = 0
+        self._empty_looks = 0
+        self._stop = False
+
+    def open(self) -> None:
+        """Connect, and describe the glove; raises HhsimError if glove or pose cannot be reached."""
+        self.pose.open()
+        self.device.open()
+        self._status["driver_ns"] = self._now()
+        self.memory.device.write(asdict(self.device.info) | {"pose": self.pose.name})
+
+    def close(self) -> None:
+        """Release the glove, and close the connections."""
+        if not self._dry_run and not self.device.release():
+            self.memory.say(FAULT, "the glove could not be told to free the fingers")
+        self._status["counters"][:] = self.device.counters.values()
+        self.device.close()
+        self.pose.close()
+
+    def run(self, wishes: RealTimeWishes) -> None:
+        """Open, carry and close below a loop, once it is ready, until it ends; HhsimError as `open`."""
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+            signal.signal(number, self._end)
+        if not self._until_loop(OPEN):
+            return
+        self.open()
+        try:
+            keep_off(wishes.loop_cpu)
+            become_real_time(replace(wishes, lock_memory=False, cpu=-1), above=-1)
+            if self._until_loop(BEGIN):
+                self._carry()
+        finally:
+            self.close()
+            become_ordinary()
+
+    def _end(self, number: int, frame: FrameType | None) -> None:
+        self._stop = True
+
+    def _until_loop(self, ready: int) -> bool:
+        """Wait until the loop is `OPEN` or `BEGIN`; False if it ends before."""
+        while self._status["loop_ready"] < ready:
+            if self._stop or self._status["stage"] >= Stage.ENDING:
+                return False
+            time.sleep(0.001)
+        return True
+
+    def _carry(self) -> None:
+        """Carry samples and commands until the loop has ended; earlier samples are taken first."""
+        ring = self.memory.samples
+        before = -MOST_SAMPLES
+        while ring.written - before >= MOST_SAMPLES:
+            before = ring.written
+            self.take()
+        self._status["driver_begun"] = 1
+        while not self._stop and self._status["stage"] < Stage.ENDING:
+            self._wait()
+            # The command first: a look for none costs nothing when a sample has come.
+            self.give()
+            self.take()
+
+    def _wait(self) -> None:
+        """Sleep until something comes from glove, tracker or loop, or it is time to look."""
+        if self._empty_looks > 1:
+            time.sleep(FLOOD_SECONDS)
+        sources = () if self._lost else (*self.device.descriptors(), *self.pose.descriptors())
+        timeout = LOOK_SECONDS if sources or self._lost else min(self.device.pause(), PALM_SECONDS)
+        with contextlib.suppress(OSError, ValueError):
+            ready, _, _ = select.select((self.memory.wake, *sources), (), (), timeout)
+            if self.memory.wake in ready:
+                os.eventfd_read(self.memory.wake)
+            self._empty_looks = self._empty_looks + 1 if any(source in ready for source in sources) else 0
+
+    def take(self) -> None:
+        """Put the glove's samples into their ring, and the palm's pose into the status."""
+        now = self._now()
+        status = self._status
+        status["driver_ns"] = now
+        if not self._lost or self._reconnected(now):
+            try:
+                count = self.device.read(self._samples)
+            except DeviceError as error:
+                self.lose(error)
+            else:
+                self._keep(count)
+                if 0 < count < MOST_SAMPLES:
+                    self._empty_looks = 0
+        came = self.pose.read(now, self._position, self._orientation)
+        if came >= 0:
+            status["palm_version"][0] += 1
+            status["palm_position"] = self._position
+            status["palm_orientation"] = self._orientation
+            status["palm_ns"] = came
+            status["palm_version"][0] += 1
+        status["counters"][:] = self.device.counters.values()
+
+    def give(self) -> None:
+        """Send the newest command if it was not sent yet."""
+        if not self._new_command() or self._dry_run or self._lost:
+            return
+        if self._now() - int(self._status["heartbeat_ns"]) > self._oldest_ns:
+            # The command is too old: the watchdog may have freed the fingers since.
+            self._command.stiffness[:] = 0.0
+            self._command.force[:] = 0.0
+        try:
+            self.device.send(self._command)
+        except DeviceError as error:
+            self.lose(error)
+
+    def lose(self, error: DeviceError) -> None:
+        """Tell the loop that the glove is gone, and why."""
+        self._lost = True
+        self._reconnect_ns = 0
+        self.memory.say(REASON, str(error))
+        self._status["device_lost"] = 1
+
+    def _new_command(self) -> bool:
+        version = int(self._version[0])
+        # A command that is being written wakes the driver when it is whole.
+        if version == self._sent_version or version % 2 == 1:
+            return False
+        for name in ("bend", "stiffness", "force"):
+            getattr(self._command, name)[:] = self._status[f"command_{name}"]
+        if int(self._version[0]) != version:
+            return False
+        self._sent_version = version
+        return True
+
+    def _keep(self, count: int) -> None:
+        ring = self.memory.samples
+        for sample in self._samples[:count]:
+            sample["handed_ns"] = self._now()
+            ring.records[ring.written % ring.capacity] = sample
+            ring.publish()
+        if count:
+            os.eventfd_write(self.memory.sampled, 1)
+
+    def _reconnected(self, now: int) -> bool:
+        # Not before the loop has restarted its ramp: its earlier command must not reach the glove again.
+        if now < self._reconnect_ns or not self._status["command_safety"] & int(Safety.DEVICE_LOST):
+            return False
+        self._reconnect_ns = now + RECONNECT_NS
+        try:
+            if not self.device.reconnect():
+                return False
+        except DeviceError as error:
+            self.memory.say(WARNING, f"the glove is still gone: {error}")
+            return False
+        self._lost = False
+        self._status["device_lost"] = 0
+        return True
+
+
+def glove_info(facts: dict[str, Any]) -> GloveInfo:
+    """Return the description of a glove from the plain values that its driver wrote."""
+    given: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in facts.items()}
+    del given["pose"]
+    return GloveInfo(**given)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Drive the glove of a session; returns the exit code."""
+    setup: GloveSetup
+    setup, memory = session_process("driver", arguments)
+
+    def body() -> None:
+        if end_with(setup.parent):
+            assert setup.pose is not None
+            device = open_device(setup.device)
+            pose = make_pose_source(setup.pose, memory.status, device)
+            GloveDriver(memory, device, pose, dry_run=setup.dry_run, oldest_ns=setup.oldest_ns).run(setup.real_time)
+
+    return exit_code(body)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

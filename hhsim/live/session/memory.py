@@ -1,0 +1,202 @@
+"""Shared memory of one live session: of each hand one block, and two events that wake processes.
+
+The supervisor makes it; every other process attaches by inherited descriptors, which are told with its setup.
+"""
+
+import json
+import os
+import time
+import weakref
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from hhsim.arrays import AnyArray
+from hhsim.live.device import GLOVE_SAMPLE
+from hhsim.live.processes import RingReader, SharedBlock, SharedRing, process_setup, ring_type, write_setup
+from hhsim.live.session.status import LIVE_STATUS
+from hhsim.result.schema import TICK_FIELDS, bodies_row, record_dtype
+
+TICK_CAPACITY = 16_384
+FREE_TICK_CAPACITY = 4_096
+"""Capacity for ticks with free bodies, which are five times as long: 36 MB, and 4 s at 1 kHz."""
+SAMPLE_CAPACITY = 16_384
+EVENT_CAPACITY = 1_024
+WORD_CAPACITY = 64
+FACT_BYTES = 65_520
+
+LIVE_TICK = record_dtype(*TICK_FIELDS)
+"""One tick of the loop; `hhsim.result.schema.LIVE_TICK_COLUMNS` explains the fields that only a session has.
+
+Missed periods leave gaps in `tick`; `input_seq` is the `seq` of the sample in use, -1 before the first.
+"""
+
+EVENT = np.dtype([("time_ns", np.int64), ("level", np.int64), ("text", "S240")], align=True)
+"""A line of the session's log: CLOCK_MONOTONIC [ns]; level 0 for information, 1 a warning, 2 a fault; UTF-8."""
+EVENT_BYTES = EVENT["text"].itemsize
+
+FACTS = np.dtype([("version", np.int64), ("size", np.int64), ("text", np.uint8, (FACT_BYTES,))], align=True)
+"""A JSON document; `version` is odd while it is being written, 0 before the first."""
+
+REASON = 3
+"""Level of the driver's words alone: the reason why the glove is gone, for the loop's next fault."""
+
+
+class Descriptors(NamedTuple):
+    """Descriptors of a hand's memory, which begins with its status, and of two events."""
+
+    memory: int
+    wake: int
+    sampled: int
+
+
+class FactPage:
+    """Page of plain values as JSON in memory of `FACTS`, shape (1,): one writer, any number of readers."""
+
+    def __init__(self, memory: AnyArray) -> None:
+        self._page = memory[0]
+
+    def write(self, facts: Mapping[str, Any]) -> None:
+        """Replace the content of the page; raises ValueError if it does not fit."""
+        encoded = json.dumps(facts).encode("utf-8")
+        if len(encoded) > FACT_BYTES:
+            raise ValueError(f"{len(encoded):,} bytes of facts; {FACT_BYTES:,} fit")
+        page = self._page
+        page["version"] += 1
+        page["text"][: len(encoded)] = np.frombuffer(encoded, np.uint8)
+        page["size"] = len(encoded)
+        page["version"] += 1
+
+    def read(self) -> dict[str, Any]:
+        """Return the content of the page, empty before the first write."""
+        page = self._page
+        while version := int(page["version"]):
+            if version % 2 == 0:
+                encoded = page["text"][: int(page["size"])].tobytes()
+                if int(page["version"]) == version:
+                    facts: dict[str, Any] = json.loads(encoded)
+                    return facts
+            time.sleep(1e-4)
+        return {}
+
+
+def memory_type(bodies: int) -> np.dtype[Any]:
+    """Return the type of the memory of a hand, of a session that records the motion of some bodies."""
+    capacity = FREE_TICK_CAPACITY if bodies else TICK_CAPACITY
+    return np.dtype(
+        [
+            ("status", LIVE_STATUS),
+            ("ticks", ring_type(LIVE_TICK, capacity)),
+            ("bodies", ring_type(bodies_row(bodies), capacity)),
+            ("samples", ring_type(GLOVE_SAMPLE, SAMPLE_CAPACITY)),
+            ("events", ring_type(EVENT, EVENT_CAPACITY)),
+            ("words", ring_type(EVENT, WORD_CAPACITY)),
+            ("facts", FACTS),
+            ("device", FACTS),
+        ],
+        align=True,
+    )
+
+
+class SessionMemory:
+    """Memory shared by the processes of a session: of a hand, with that of the other one `beside` it."""
+
+    def __init__(self, descriptors: Descriptors, *others: Descriptors, bodies: int) -> None:
+        self.descriptors, self._bodies = descriptors, bodies
+        self.beside = SessionMemory(*others, bodies=bodies) if others else None
+        block = SharedBlock(descriptors.memory, memory_type(bodies))
+        self.populate = block.populate
+        """Prefaults every page that a tick reads or writes."""
+        self.status_array = block.part("status")
+        # The one record of `LIVE_STATUS`; `status["heartbeat_ns"]` reads and writes in place.
+        self.status = self.status_array[0]
+        self.ticks = SharedRing(block.part("ticks"))  # written by the loop; the first hand's last
+        # Of `bodies_row`, before the tick of the same number is in its ring; the first hand's is used.
+        self.bodies = SharedRing(block.part("bodies"))
+        self.samples = SharedRing(block.part("samples"))  # written by the driver
+        self.events = SharedRing(block.part("events"))  # the session's log, written by the loop
+        self.words = SharedRing(block.part("words"))  # by the driver for the loop, which logs them
+        # By the loop, before it runs and when it has ended: `real_time`, the achieved mode; `device`, the fields of
+        # `hhsim.live.device.GloveInfo`; `pose`, the source of the palm's pose; `reason` of the end.
+        self.facts = FactPage(block.part("facts"))
+        self.device = FactPage(block.part("device"))  # by the driver: `GloveInfo`, and `pose`
+        # Descriptors of the events by which the loop wakes the driver for a command, and that one it for a sample.
+        self.wake, self.sampled = descriptors.wake, descriptors.sampled
+
+    @classmethod
+    def create(cls, *, bodies: int = 0, hands: int = 1) -> Self:
+        """Allocate memory for a session that records the motion of some bodies.
+
+        Its descriptors are for the children (`pass_fds`), and are closed with it.
+        """
+        kind = memory_type(bodies)
+        events = ([os.eventfd(0, os.EFD_NONBLOCK) for _ in range(2)] for _ in range(hands))
+        parts = [Descriptors(SharedBlock.create("session", kind).descriptor, *of) for of in events]
+        memory = cls(*parts, bodies=bodies)
+        for hand in memory.hands:
+            hand.status["battery"] = hand.status["sample_ns"] = -1
+            for descriptor in hand.descriptors:
+                weakref.finalize(hand, os.close, descriptor)
+        return memory
+
+    @property
+    def hands(self) -> "tuple[SessionMemory, ...]":
+        """Memory of all hands, this one first."""
+        return (self,) if self.beside is None else (self, self.beside)
+
+    @property
+    def inherited(self) -> list[int]:
+        """Descriptors of all hands, which a child inherits."""
+        return [descriptor for hand in self.hands for descriptor in hand.descriptors]
+
+    def with_setup(self, setup: object, *, alone: bool = False) -> int:
+        """Pickle this memory, or this hand's alone, and the setup of a child for `session_process`.
+
+        Returns the descriptor.
+        """
+        hands = (self,) if alone else self.hands
+        return write_setup(([hand.descriptors for hand in hands], self._bodies), setup)
+
+    def log(self, level: int, text: str, time_ns: int | None = None) -> None:
+        """Add an event (INFORMATION, WARNING, FAULT), by default of now [ns]; for the loop alone. Long text is cut."""
+        _add_line(self.events, level, text, time.monotonic_ns() if time_ns is None else time_ns)
+
+    def say(self, level: int, text: str) -> None:
+        """Hand the loop a line to log, or a REASON to know; for the driver alone."""
+        _add_line(self.words, level, text, time.monotonic_ns())
+
+
+class TickReader(RingReader):
+    """Reader of the ticks of a session: of its hands, with the rows of bodies at each."""
+
+    def __init__(self, memory: SessionMemory) -> None:
+        super().__init__(memory.ticks)
+        self._bodies = memory.bodies
+        self._others = [hand.ticks for hand in memory.hands[1:]]
+
+    def read_hands(self, most: int) -> tuple[int, list[AnyArray]]:
+        """Read the ticks of all hands, see `RingReader.read`; fields of bodies follow those of the first hand's."""
+        first, ticks = self.read(most)
+        at = first + np.arange(len(ticks))
+        bodies, *others = (ring.records[at % ring.capacity] for ring in (self._bodies, *self._others))
+        parts = [(part, name) for part in (ticks, bodies) for name in part.dtype.names or ()]
+        joined = np.empty(len(ticks), [(name, part.dtype[name]) for part, name in parts])
+        for part, name in parts:
+            joined[name] = part[name]
+        return first, [joined, *others]
+
+
+def _add_line(ring: SharedRing, level: int, text: str, time_ns: int) -> None:
+    slot = ring.slot()
+    slot["time_ns"] = time_ns
+    slot["level"] = level
+    encoded = text.encode("utf-8", "replace")[:EVENT_BYTES]
+    slot["text"] = encoded.decode("utf-8", "ignore").encode("utf-8")
+    ring.publish()
+
+
+def session_process(name: str, arguments: Sequence[str] | None = None) -> tuple[Any, SessionMemory]:
+    """Name this process of a session, and return its setup and its memory, which its command line names."""
+    (descriptors, bodies), setup = process_setup(name, arguments)
+    return setup, SessionMemory(*descriptors, bodies=bodies)

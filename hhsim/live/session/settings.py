@@ -1,0 +1,171 @@
+"""Settings of a live session; its processes read them pickled from memory that they inherit."""
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any
+
+from msgspec import Meta
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError
+from hhsim.hand.model import HandModel
+from hhsim.live.device import FINGER_COUNT
+from hhsim.live.devices.registry import GloveConfig, PoseConfig
+from hhsim.live.real_time import RealTimeWishes
+from hhsim.live.session.status import GloveSetup
+from hhsim.recordings.dexmo_regression import DexmoRegression
+from hhsim.result.safety import AFTER_STALL
+from hhsim.scene.body import Free
+from hhsim.scene.scene import Scene
+from hhsim.solver.options import SolverOptions
+from hhsim.solver.scene_solver import SeenScene, seen_scene, standing_apart
+from hhsim.system.settings_file import Positive, between, check_fields, one_of
+
+Stiffness = Annotated[float, between(0.0, 1.0)]
+OF_FINGERS = Meta(min_length=FINGER_COUNT, max_length=FINGER_COUNT, description="five numbers, 0 (free) to 1")
+RATE_RANGE = (10.0, 10_000.0)
+"""Least and largest rate of a loop [Hz]."""
+SLOW_PERIODS = 2.5
+"""Number of periods without a heartbeat that are allowed to a slow loop."""
+
+
+@dataclass(frozen=True)
+class OutputLimits:
+    """Limits of the finger commands; raises InputError for a value out of range."""
+
+    # Stiffness of each finger in contact, 0 (free) to 1, five numbers.
+    stiffness: Annotated[tuple[Stiffness, ...], OF_FINGERS] = (0.3,) * FINGER_COUNT
+    stiffness_rise: Positive = 20.0  # largest rate at which the stiffness grows [1/s]; it falls at once
+    bend_speed: Positive = 10.0  # largest rate at which the bend limit moves, both ways [1/s]
+    # Time in which the stiffness reaches its full value at the start and after every fault [s].
+    ramp: Annotated[float, between(0.0)] = 1.0
+    # Force on all phalanges of a finger together below which it is free [N].
+    contact_force: Annotated[float, between(0.0)] = 0.02
+    ease: Positive = 0.1  # time in which the full stiffness falls to 0 if a stall is eased [s]
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@dataclass(frozen=True)
+class SafetyLimits:
+    """Limits beyond which the fingers are freed; raises InputError for a value out of range."""
+
+    stale: Positive = 0.025  # age of the newest sample, or of the pose if its source can go silent [s]
+    overruns: Annotated[int, between(1, 1_000_000_000)] = 10  # number of periods missed in a row
+    watchdog: bool = True  # True if a watchdog is required
+    watchdog_stale: Positive = 0.1  # age of the watchdog's heartbeat [s]
+    heartbeat_stale: Positive = 0.02  # age of the loop's heartbeat at which the watchdog frees the fingers [s]
+    # Treatment of held fingers after `overruns` missed periods, one of `AFTER_STALL`.
+    after_stall: Annotated[str, one_of(AFTER_STALL)] = "release"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    def release_at(self, period_ns: int) -> int:
+        """Return the number of periods missed in a row at which the fingers are freed whatever `after_stall` is.
+
+        With hold and ease it is as many as fit between two ticks `heartbeat_stale` apart: the watchdog may have freed
+        the fingers by then, and only the ramp may bring the stiffness back. `period_ns` is that of a tick [ns].
+        """
+        if self.after_stall == "release":
+            return self.overruns
+        # Between the two ticks lie up to two periods more than were missed.
+        return max(self.overruns, round(1e9 * self.heartbeat_stale) // period_ns - 1)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LiveSetup:
+    """Settings of a live session, and of one of its hands.
+
+    Raises InputError for a rate or a duration out of range, or hands that do not go together.
+    """
+
+    scene: Scene  # of one tick: the bodies, and all hands
+    hand: HandModel
+    options: SolverOptions  # options of the solver; the loop replaces their period by its own
+    device: GloveConfig  # the glove; its calibration relates bend to joint angles, and so makes the set points
+    pose: PoseConfig  # source of the palm's pose
+    beside: "LiveSetup | None" = None  # of the left hand, in the setup of the right one
+    rate: float = 1000.0  # ticks a second [Hz]
+    duration: float | None = None  # duration [s]; None until it is stopped
+    output: OutputLimits = field(default_factory=OutputLimits)
+    safety: SafetyLimits = field(default_factory=SafetyLimits)
+    real_time: RealTimeWishes = field(default_factory=RealTimeWishes)
+    record: Path | None = None  # file of the session; None records nothing
+    rerun: str | None = None  # "spawn", an address or a file for the viewer; None shows nothing
+    dry_run: bool = False
+    command: tuple[str, ...] = ()
+    # Further plain values of the scene for the file.
+    description: Mapping[str, Any] = field(default_factory=dict)
+    supervisor: int = field(default_factory=os.getpid)  # process id of the supervisor; the loop ends with it
+
+    def __post_init__(self) -> None:
+        low, high = RATE_RANGE
+        if not low <= self.rate <= high:
+            raise InputError(f"the rate is {self.rate:g} Hz: expected {low:g} to {high:g} Hz")
+        if self.duration is not None and not 0.0 < self.duration < math.inf:
+            raise InputError(f"the duration is {self.duration:g} s: it must be positive and finite")
+        if self.scene.ticks.rate != self.rate:
+            raise InputError(f"a scene at {self.scene.ticks.rate:g} Hz in a loop at {self.rate:g} Hz")
+        sides = tuple(each.hand.side for each in self.hands)
+        # The left hand's setup is made first, and stands in that of the right one.
+        if sides != tuple(hand.model.side for hand in self.scene.hands)[-len(sides) :]:
+            raise InputError(f"gloves of the {' and the '.join(sides)} hand: expected those of the scene's hands")
+
+    @property
+    def hands(self) -> "tuple[LiveSetup, ...]":
+        """Setups of all hands, this one first."""
+        return (self,) if self.beside is None else (self, self.beside)
+
+    @property
+    def recorded_bodies(self) -> int:
+        """Number of bodies whose motion is recorded: none of fixed ones."""
+        solids = self.scene.solids
+        return len(solids) if any(isinstance(body.motion, Free) for body in solids) else 0
+
+    @property
+    def periods(self) -> int:
+        """Number of periods after which the loop ends by itself, -1 for none."""
+        return -1 if self.duration is None else max(1, round(self.duration * self.rate))
+
+    @property
+    def period_ns(self) -> int:
+        """Period of a tick [ns]."""
+        return round(1e9 / self.rate)
+
+    @property
+    def oldest_heartbeat_ns(self) -> int:
+        """Age of the loop's heartbeat beyond which the loop counts as gone [ns]: `SLOW_PERIODS` at least."""
+        return max(round(1e9 * self.safety.heartbeat_stale), round(SLOW_PERIODS * self.period_ns))
+
+    @cached_property
+    def seen(self) -> SeenScene:
+        """The scene as its engine sees it."""
+        return seen_scene(standing_apart(self.scene, self.options.surface))
+
+    def bend_lines(self) -> tuple[FloatArray, FloatArray]:
+        """Return `Calibration.bend_lines` of the glove; those of the default regression if it has no calibration."""
+        return (self.device.calibration or DexmoRegression.default()).bend_lines()
+
+    def for_watchdog(self, status: int) -> GloveSetup:
+        """Return the setup of the watchdog; `status` is the descriptor of the status."""
+        device = replace(self.device, playback=None, calibration=None)
+        own = (device, self.real_time, self.oldest_heartbeat_ns, self.supervisor)
+        return GloveSetup(*own, status=status, periods=self.periods)
+
+    def for_driver(self, loop: int) -> GloveSetup:
+        """Return the setup of the driver; `loop` is the process id of the loop."""
+        return GloveSetup(self.device, self.real_time, self.oldest_heartbeat_ns, loop, self.dry_run, self.pose)
+
+    def limits_json(self) -> dict[str, Any]:
+        """Return limits and requests as plain values, and the lines from bend to joint angle [rad]."""
+        slope, offset = self.bend_lines()
+        return {
+            **{name: asdict(getattr(self, name)) for name in ("output", "safety", "real_time")},
+            "bend": {"slope": slope.tolist(), "offset": offset.tolist()},
+        }

@@ -1,0 +1,136 @@
+"""Every missed period of a loop has one of four names, by what was measured: each cause planted."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from live_scripted import FIST, FREE, Moment, ScriptedSession
+
+from hhsim.kernels.live.accounts import LONG_STALL_NS
+from hhsim.result.miss_cause import CAUSES, MissCause, TimeTaken
+from hhsim.result.safety import Safety
+
+AT = 40
+"""The tick in which something is planted, before any phase is known; the one after it has missed periods before it."""
+MS = 1_000_000
+COMPUTED, WOKEN_LATE, HOST = MissCause.COMPUTED, MissCause.WOKEN_LATE, MissCause.HOST
+
+
+class Planted(ScriptedSession):
+    """A session in whose tick `AT`, or after it, something takes time."""
+
+    def __init__(self, ticks: int = 100) -> None:
+        super().__init__([Moment(FREE + (FIST - FREE) * min(i, 60) / 60) for i in range(ticks)])
+
+    def at(self, action: Callable[[], None], tick: int = AT) -> None:
+        """Let something happen while a tick is solved."""
+        sound = self.loop.one_tick.solve
+
+        def solve() -> None:
+            if self.loop.deadlines.at.tick == tick:
+                action()
+            sound()
+
+        self.loop.one_tick.solve = solve
+
+    def takes(self, wall: int = 0, cpu: int = 0, delay: int = 0, steal: int = 0, oversleep: int = 0) -> Any:
+        """What a tick takes, by the clock and by the accounts [ns], and how late the loop is woken after it."""
+
+        def happen() -> None:
+            self.clock.work(wall)
+            self.accounts.cpu += cpu
+            self.accounts.delay += delay
+            self.accounts.steal += steal
+            if oversleep:
+                self.clock.oversleep.append(oversleep)
+
+        return happen
+
+    def only_miss(self) -> Any:
+        (row,) = self.run().ticks[self.ticks["missed"] > 0]
+        return row
+
+
+@pytest.mark.parametrize(
+    ("given", "missed", "kept", "cause"),
+    [
+        ({"wall": 5 * MS, "cpu": 5 * MS}, 5, 100_000, COMPUTED),
+        ({"wall": 5 * MS, "cpu": MS // 5, "delay": 4 * MS}, 5, 4_900_000, WOKEN_LATE),
+        ({"wall": 5 * MS, "cpu": MS // 5, "steal": 10 * MS}, 5, 4_900_000, HOST),
+        ({"wall": 5 * MS, "cpu": MS // 5}, 5, 4_900_000, WOKEN_LATE),
+        # The clock tells where the system does not.
+        ({"wall": 5 * MS, "cpu": 5 * MS, "delay": -1, "steal": -1}, 5, 100_000, COMPUTED),
+        ({"oversleep": 4 * MS + 300_000}, 4, 4_400_000, WOKEN_LATE),
+        ({"oversleep": 4 * MS + 300_000, "steal": 10 * MS}, 4, 4_400_000, HOST),
+    ],
+)
+def test_a_tick_that_takes_too_long_or_is_woken_late_is_named(
+    given: dict[str, int], missed: int, kept: int, cause: MissCause
+) -> None:
+    planted = Planted()
+    planted.at(planted.takes(**given))
+    row = planted.only_miss()
+    assert (row["tick"], row["missed"], row["cause"]) == (AT + 1 + missed, missed, cause)
+    taken = dict(zip(TimeTaken._fields, row["taken"].tolist(), strict=True))
+    assert (taken["computed"], taken["kept"]) == (given.get("cpu", 0), kept)
+    assert (taken["run_delay"], taken["steal"]) == (max(given.get("delay", 0), 0), max(given.get("steal", 0), 0))
+    assert planted.memory.status["missed_by"].tolist() == [missed if each is cause else 0 for each in CAUSES]
+    others = planted.ticks[planted.ticks["missed"] == 0]
+    assert not others["cause"].any() and not others["taken"].any()
+
+
+def test_a_tick_that_was_woken_so_late_that_its_usual_work_was_too_much_is_named_by_that() -> None:
+    planted = Planted()
+    planted.at(planted.takes(oversleep=800_000, delay=800_000))
+    planted.at(planted.takes(700_000, cpu=700_000), AT + 1)
+    row = planted.only_miss()
+    assert (row["tick"], row["missed"], row["cause"]) == (AT + 3, 1, WOKEN_LATE)
+    assert row["taken"][:2].tolist() == [700_000, 900_000]
+
+
+@pytest.mark.parametrize(("more", "missed"), [(500_000, 0), (800_000, 1)])
+def test_a_tick_that_begins_at_once_is_accounted_for_with_the_one_before(more: int, missed: int) -> None:
+    planted = Planted()
+    planted.at(planted.takes(1_100_000, cpu=1_100_000))
+    planted.at(planted.takes(more, cpu=more), AT + 1)
+    ticks = planted.run().ticks
+    after = ticks[ticks["tick"] > AT]
+    assert after["at_once"][:3].tolist() == [1, 0, 0]
+    assert (after["tick"][0], after["wakeup_ns"][0]) == (AT + 1, 200_000)
+    assert (int(ticks["missed"].sum()), int(after["missed"][1])) == (missed, missed)
+    if missed:
+        assert (after["cause"][1], int(after["taken"][1][0])) == (COMPUTED, 1_100_000 + more)
+
+
+def test_what_the_host_took_long_before_is_not_charged_to_a_miss() -> None:
+    planted = Planted(ticks=150)
+    planted.at(planted.takes(steal=50 * MS))
+    planted.at(planted.loop.tell, AT + 1)
+    planted.at(planted.takes(oversleep=4 * MS), AT + 5)
+    row = planted.only_miss()
+    assert (row["missed"], row["cause"], row["taken"][3]) == (4, WOKEN_LATE, 0)
+
+
+@pytest.mark.parametrize(("short", "reads"), [(100_000, 0), (0, 1)])
+def test_what_the_host_took_is_read_in_a_tick_after_a_long_stall_alone(short: int, reads: int) -> None:
+    planted = Planted()
+    # Of it, 0.1 ms are the driver's, which is in step with the loop here.
+    planted.at(planted.takes(2 * MS + LONG_STALL_NS - 100_000 - short, cpu=2 * MS))
+    read, steal_ns = [], planted.accounts.steal_ns
+
+    def counted() -> int:
+        read.append(planted.loop.deadlines.at.tick)
+        return steal_ns()
+
+    planted.accounts.steal_ns = counted  # type: ignore[method-assign]
+    row = planted.only_miss()
+    assert (row["cause"], row["taken"][1]) == (COMPUTED, LONG_STALL_NS - short)
+    assert len([tick for tick in read if tick > AT]) == reads
+
+
+def test_a_stall_that_frees_the_fingers_is_logged_with_its_cause() -> None:
+    planted = Planted()
+    planted.at(planted.takes(oversleep=12 * MS, steal=20 * MS))
+    assert planted.only_miss()["safety"] & Safety.OVERRUN_STREAK
+    (line,) = (line for line in planted.events if "too many late ticks in a row" in line)
+    assert line.endswith(": 12 the last time, taken by the host")
