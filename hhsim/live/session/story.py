@@ -197,9 +197,11 @@ def implausible_reading(sample: Any, info: GloveInfo, known: NDArray[np.bool_]) 
     if not (values > most).any():
         return ""
     channel = int(np.nanargmax(values))
-    degrees = ": are the angles in degrees?" if info.unit == "rad" and values[channel] <= 360.0 else ""
+    hint = ": are the angles in degrees?" if info.unit == "rad" and values[channel] <= 360.0 else ""
+    if not info.unit:
+        hint = ": raw counts need --calibration with the readings of the open and of the closed hand"
     reading = f"{info.channels[channel]} is {sample['channels'][channel]:.4g}{unit}"
-    return f"{reading}, and {most:.3g}{unit} the most of a hand{degrees}"
+    return f"{reading}, and {most:.3g}{unit} the most of a hand{hint}"
 
 
 def interval_hint(usual_ns: float, stale: float) -> str:
