@@ -218,7 +218,11 @@ def test_a_fault_frees_the_fingers_in_its_ticks_and_the_ramp_follows(name: str) 
     [
         ("rad", 80.2, ": bend is 80.2 rad, and 6.28 rad the most of a hand: are the angles in degrees?"),
         ("rad", 8e9, ": bend is 8e+09 rad, and 6.28 rad the most of a hand"),
-        ("", -57.0, ": bend is -57, and 1.5 the most of a hand"),
+        (
+            "",
+            -57.0,
+            ": bend is -57, and 1.5 the most of a hand: raw counts need --calibration with the readings of the open and of the closed hand",
+        ),
         ("", 1.2, ""),
         ("", np.nan, ""),
         ("count", 3000.0, ""),
