@@ -52,7 +52,7 @@ def command(
 ) -> int:
     """Measure the poses that other software made of a scene.
 
-    SUBMISSION is a .csv or .h5 file with the hands, and the bodies that are free, for every tick of a scene that hhsim
+    SUBMISSION is a .csv file with the hands, and the bodies that are free, for every tick of a scene that hhsim
     scene wrote, with forces and times if there are any (docs/submissions.md). Everything that poses can tell is
     computed anew, as of a method of hhsim's own; the result is a file that hhsim report, view, compare and export read.
     Ticks, frames and units that are not the scene's are refused or named; the exit code is 1 where something is
@@ -65,7 +65,7 @@ def command(
     Examples:
       hhsim score bunny-grasp/example-submission.csv
       hhsim score unity.csv --scene bunny-grasp --out unity.h5
-      hhsim score bullet.h5 --surface mesh
+      hhsim score bullet.csv --surface mesh
       hhsim score theirs.npz --recorded seq.npz --object mug.stl --hand right
     """
     if recorded is not None:

@@ -19,7 +19,6 @@ from hhsim.motion.csv_file import POSE_COLUMNS, format_csv
 from hhsim.motion.trajectory import ObjectMotion
 from hhsim.scene.scene import Scene
 from hhsim.solver.scene_solver import seen_scene
-from hhsim.submissions.bodies_toml import BODIES_FILE, JOINTS_FILE, bodies_toml
 from hhsim.submissions.pose_file import Submission, format_poses
 from hhsim.submissions.scene_file import (
     free_bodies,
@@ -76,8 +75,6 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
     spheres = [(*leaf, body.name) for body, its in zip(bodies, leaves) for leaf in its]
     names = ("object_position", "object_orientation", "name", "source")
     about = [{name: getattr(hand.trajectory, name) for name in names} for hand in scene.hands]
-    # The one object has a name of its own there.
-    files_of = {body.name: bodies[0] for body in scene.solids} | {body.name: body for body in bodies if parts}
     files: dict[str, str | bytes] = {
         SCENE_FILE: scene_content(scene),
         "scene.json": json.dumps(description, indent=2) + "\n",
@@ -85,7 +82,6 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
         "spheres.csv": Table.of_cells(heading, spheres).csv(),
         "scene.xml": scene_mjcf(scene),
         EXAMPLE: format_poses(example_submission(scene)),
-        **bodies_toml(scene, {name: (f"{file.name}.obj", file.pose) for name, file in files_of.items()}),
     }
     for prefix, hand, of in zip(prefixes, scene.hands, about, strict=True):
         moved, model = tick_trajectory(hand.ticks.seen_from_object(), hand=hand.model.side, **of), hand.model
@@ -193,8 +189,6 @@ follow: docs/submissions.md of hhsim lists the columns.{moved}
 | {numbered} | the hand as numbers [m, rad], palm frame |
 | {models} | the same as URDF and MJCF; joints are called as the columns |
 | `scene.xml` | hand and object as MJCF: the mesh is seen, its spheres collide; keyframe `start` is the first tick |
-| `{BODIES_FILE}` | the bodies for hhsim: `hhsim replay {BODIES_FILE} {prefixes[0]}motion.csv` |
-| `{JOINTS_FILE}`, `NAME-poses.csv` | values of driven joints, and poses of bodies driven without one, if any |
 | `{EXAMPLE}` | the user's own hand as a submission, which goes through everything |
 {last}\
 | `{SCENE_FILE}` | all of it for hhsim; hands and motion under `/hands`, bodies under `/bodies` |

@@ -61,7 +61,7 @@ def test_what_is_suspected_is_said_and_the_exit_code_is_1(run: Run, tmp_path: Pa
     (tmp_path / "s" / "mm.csv").write_text("\n".join([*lines[: head + 1], *scaled]))
     found = run("score", "s/mm.csv", "--out", "r.h5", "--json")
     assert found.code == 1 and "suspected" in found.err
-    assert "millimetres?" in json.loads(found.out)["suspicions"][0]
+    assert "another unit, frame, order or time?" in json.loads(found.out)["suspicions"][0]
 
 
 @pytest.mark.soak

@@ -18,14 +18,13 @@ from live_session import write_session
 from sampled import sampled
 from sealed_change import changed
 from short_grasp import short_grasp, short_scene
-from written_submission import write_submission
 
 from hhsim.gate.gate import gate_result
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.result.reader import load_result
 from hhsim.result.safety import Safety
-from hhsim.submissions.pose_file import Submission, read_submission
+from hhsim.submissions.pose_file import Submission, format_poses, read_submission
 from hhsim.submissions.scene_file import read_scene
 from hhsim.submissions.scene_folder import write_scene_folder
 
@@ -94,7 +93,7 @@ level = 2
 motion_may_change = true
 [[scene]]
 name = "submission"
-submission = "poses.h5"
+submission = "poses.csv"
 arguments = ["--scene", "scene", "--surface", "mesh"]
 [[scene]]
 name = "session"
@@ -128,7 +127,7 @@ def write_poses(project: Path) -> None:
     result = load_result(project / "mesh.h5")
     example = read_submission(project / "scene" / "example-submission.csv")
     poses = HandConfiguration(*(np.array(result[f"graphic/{name}"]) for name in HandConfiguration._fields))
-    write_submission(Submission("engine", example.scene, scene.ticks.time, poses), project / "poses.h5")
+    (project / "poses.csv").write_text(format_poses(Submission("engine", example.scene, scene.ticks.time, poses)))
     (project / "mesh.h5").unlink()
 
 
@@ -200,9 +199,9 @@ def malformed(file: h5py.File) -> None:
 
 
 def deeper_poses(head: Path) -> None:
-    given = read_submission(head / "poses.h5")
+    given = read_submission(head / "poses.csv")
     flexion = given.poses.flexion + 0.01
-    write_submission(replace(given, poses=given.poses._replace(flexion=flexion)), head / "poses.h5")
+    (head / "poses.csv").write_text(format_poses(replace(given, poses=given.poses._replace(flexion=flexion))))
 
 
 SOME = slice(50, 60)

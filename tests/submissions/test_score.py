@@ -8,9 +8,7 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 import pytest
 from cut_scene import moved_hand
-from sampled import sampled
 from short_grasp import short_grasp, short_scene
-from written_submission import write_submission
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError, InputError
@@ -23,7 +21,7 @@ from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import Scene
 from hhsim.solver.known_methods import SUBMITTED, find_method
 from hhsim.solver.options import SolverOptions
-from hhsim.submissions.pose_file import Submission, read_submission
+from hhsim.submissions.pose_file import Submission, format_poses, read_submission
 from hhsim.submissions.scene_file import read_scene, scene_digest
 from hhsim.submissions.scene_folder import SCENE_FILE, example_submission, write_scene_folder
 from hhsim.submissions.score import Score, scene_of, score
@@ -62,12 +60,10 @@ def poses_of(result: Result, scene: Scene, *, forces: bool = True) -> Submission
     )
 
 
-@pytest.fixture(scope="module", params=sampled(["csv", "h5"], lambda _, suffix: suffix == "csv"))
-def as_file(
-    request: pytest.FixtureRequest, scene: Scene, as_class: Result, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[Score, Result]:
-    path = tmp_path_factory.mktemp("file") / f"poses.{request.param}"
-    write_submission(poses_of(as_class, scene), path)
+@pytest.fixture(scope="module")
+def as_file(scene: Scene, as_class: Result, tmp_path_factory: pytest.TempPathFactory) -> tuple[Score, Result]:
+    path = tmp_path_factory.mktemp("file") / "poses.csv"
+    path.write_text(format_poses(poses_of(as_class, scene)))
     found = score(read_submission(path), scene, path.with_name("result.h5"))
     return found, load_result(path.with_name("result.h5"))
 
