@@ -24,7 +24,7 @@ COMMANDS = {
     "live": "Put a glove in the loop at 1 kHz, safely, and record it.",
     "compare": "Set the figures of two results side by side.",
     "export": "Write the ticks of a result, or its hand as a recording.",
-    "view": "Look at results, motions and meshes in the rerun viewer.",
+    "view": "Look at results in the rerun viewer.",
     "report": "Make one HTML page of results: figures, curves, worst ticks.",
     "verify": "Check every claim of a result with independent code.",
     "objects": "List the objects that come with hhsim.",
