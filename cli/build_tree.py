@@ -171,7 +171,7 @@ def command(
     """
     from hhsim.linkage.file import names_a_linkage
     from hhsim.mesh.mesh import METRES_PER_UNIT
-    from hhsim.render.tree_figure import draw_tree
+    from hhsim.render.spheres_figure import draw_tree
     from hhsim.system.output_path import check_output_path, check_picture
     from hhsim.system.thread_pool import usual_threads
     from hhsim.trees.cache import cache_path, kept_sphere_tree

@@ -144,7 +144,7 @@ def robot_spheres(
     found = RobotSpheres(robot, path, tuple(built.values()), ignored)
     write_atomically(out, format_.write(found))
     if plot is not None:
-        from hhsim.render.robot_figure import draw_robot
+        from hhsim.render.spheres_figure import draw_robot
 
         draw_robot(plot, found)
     if rerun is not None:
