@@ -1,19 +1,29 @@
-"""MuJoCo: hand as bodies and position actuators, object as convex parts, triangles or spheres."""
+"""MuJoCo: hand as bodies and position actuators, object as convex parts, triangles or spheres.
+
+The coupling G of Eq. 1 is a spring and a damper between haptic and graphic hand: at rest, and without friction, MuJoCo
+then solves for the same hand as hhsim's own methods. Bodies have the virtual mass G τ², so that one time τ tunes
+everything: the free hand returns to the user's as exp(-t/τ), critically damped.
+"""
 
 import time
+from importlib.util import find_spec
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.engines.convex_parts import COARSE, FINE, Ball, Box, convex_parts
-from hhsim.engines.rigid_hand import PALM, PHALANX_MASS, STILL, RigidHand, lack_of, object_mesh, speed_between
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS, PHALANGES
+from hhsim.hand.quaternion import quaternion_from_matrix
+from hhsim.kernels.hand.kinematics import PALM_BODY
+from hhsim.mesh.mesh import Mesh
 from hhsim.solver.outside_method import MethodScene, TickAnswer
 
-BODIES = PALM + 1
+BODIES = PALM_BODY + 1
+PHALANX_MASS = 1e-3
+"""Mass of a phalanx itself [kg]: MuJoCo needs some; its resistance is the virtual inertia of its joint."""
 THICKNESS = 1e-6
 """Thickness of a triangle on either side [m]: MuJoCo needs some."""
 LONGEST = 8e-3
@@ -26,7 +36,7 @@ OBJECT = BODIES
 class Tuning(NamedTuple):
     """Settings of MuJoCo."""
 
-    response: float  # τ of `hhsim.engines.rigid_hand` [s]
+    response: float  # τ [s]
     steps: int  # steps in a tick
     # Time constant [s] and damping ratio of contacts and joint limits; None for MuJoCo's.
     solref: tuple[float, float] | None
@@ -43,6 +53,14 @@ FAST = Tuning(0.003, 1, (0.002, 1.0), SOFT, "mjINT_IMPLICITFAST", follow=True)
 """Settings whose solref is two steps, the least that MuJoCo's manual calls stable."""
 
 
+def lack_of(extra: str, *modules: str) -> str:
+    """Return a line about the first module that is not installed, with the extra of hhsim that brings it; else ""."""
+    for module in modules:
+        if find_spec(module) is None:
+            return f"needs {module}, which is not installed: pip install 'hhsim[{extra}]'"
+    return ""
+
+
 class MuJoCo:
     """MuJoCo, tuned, 4 sub-steps, the object in convex parts, phalanges as capsules."""
 
@@ -57,7 +75,14 @@ class MuJoCo:
 
         self._mujoco: Any = mujoco
         self._scene = scene
-        self._hand = RigidHand.of(scene.hand, scene.options.stiffness, self.tuning.response)
+        springs = scene.options.stiffness
+        # Of translation, rotation and flexion: N/m and N·m/rad, their critical damping, and mass [kg] and inertia.
+        self._stiffness = np.array([springs.translation, springs.rotation, springs.flexion])
+        self._damping = 2.0 * self.tuning.response * self._stiffness
+        self._inertia = self.tuning.response**2 * self._stiffness
+        # A finger's frame has x along the straight finger, y along the axis about which it flexes, z out of its back.
+        frames = np.stack([scene.hand.distal, scene.hand.flexion_axis, scene.hand.dorsal], axis=2)
+        self._fingers = quaternion_from_matrix(frames)
         spec = mujoco.MjSpec()
         spec.compiler.degree = False
         spec.option.timestep = scene.period / self.tuning.steps
@@ -69,7 +94,7 @@ class MuJoCo:
         self._model = spec.compile()
         self._data = mujoco.MjData(self._model)
         self._mounts = np.array([self._model.body(f"mount {finger}").id for finger in FINGERS])
-        bodies = {"palm": PALM} | {
+        bodies = {"palm": PALM_BODY} | {
             f"{finger} {k}": PHALANGES * f + k for f, finger in enumerate(FINGERS) for k in range(PHALANGES)
         }
         self._body_of_geom = np.full(self._model.ngeom + 1, OBJECT)
@@ -103,7 +128,7 @@ class MuJoCo:
         native = time.process_time_ns() - begun
         force = self._forces()
         pose = self.shown(haptic.abduction)
-        return TickAnswer(pose, force[:PALM].reshape(len(FINGERS), PHALANGES, 3), force[PALM], native)
+        return TickAnswer(pose, force[:PALM_BODY].reshape(len(FINGERS), PHALANGES, 3), force[PALM_BODY], native)
 
     def command(self, haptic: HandConfiguration) -> None:
         """Set the user's hand in the data."""
@@ -124,23 +149,33 @@ class MuJoCo:
     def _follow(self, haptic: HandConfiguration) -> None:
         """Give the dampers the haptic hand's speed, and the springs its place during the steps."""
         before, self._before = self._before, haptic
-        speed = STILL if before is None else speed_between(before, haptic, self._scene.period)
-        ahead = [
-            damping / stiffness - self._ahead for stiffness, damping in zip(self._hand.stiffness, self._hand.damping)
-        ]
+        if before is None:
+            return
+        mujoco, ahead = self._mujoco, (self._damping / self._stiffness - self._ahead) / self._scene.period
         w, x, y, z = haptic.orientation
-        back = np.array([w, -x, -y, -z])
+        moved, turned = np.empty(3), np.empty(3)
         # The first six actuators are the palm's, in the frame of the haptic palm.
-        for i, values in enumerate((speed.linear, speed.angular)):
-            turned = np.empty(3)
-            self._mujoco.mju_rotVecQuat(turned, values, back)
-            self._data.ctrl[3 * i : 3 * i + 3] = ahead[i] * turned
-        self._data.ctrl[6:] += ahead[2] * speed.flexion.ravel()
+        mujoco.mju_rotVecQuat(moved, haptic.position - before.position, np.array([w, -x, -y, -z]))
+        mujoco.mju_subQuat(turned, haptic.orientation, before.orientation)
+        self._data.ctrl[:3], self._data.ctrl[3:6] = ahead[0] * moved, ahead[1] * turned
+        self._data.ctrl[6:] += ahead[2] * (haptic.flexion - before.flexion).ravel()
 
     def _spread(self, haptic: HandConfiguration) -> None:
         """Turn the frames of the fingers by the user's abduction, which is no joint."""
-        for f, mount in enumerate(self._mounts):
-            self._model.body_quat[mount] = self._hand.mount(f, float(haptic.abduction[f]))
+        self._model.body_quat[self._mounts] = self._spread_frames(haptic.abduction)
+
+    def _spread_frames(self, abduction: FloatArray) -> FloatArray:
+        """Return the rotation from each finger's frame to the palm's at an abduction [rad], (w, x, y, z), (5, 4)."""
+        w, x, y, z = self._fingers.T
+        half = 0.5 * self._scene.hand.abduction_sign * abduction
+        c, s = np.cos(half), np.sin(half)
+        return np.stack([w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s], axis=1)
+
+    def _mesh(self) -> Mesh:
+        """Return the object's mesh; InputError if it is spheres alone."""
+        if self._scene.mesh is None:
+            raise InputError(f"method {self.name} needs the object's mesh, and it is spheres alone")
+        return self._scene.mesh
 
     def _forces(self) -> FloatArray:
         """Contact force on each body of the hand [N], world, shape (17, 3), the object's last."""
@@ -162,8 +197,7 @@ class MuJoCo:
         return {"condim": 1, **{name: value for name, value in tuned.items() if value is not None}}
 
     def _add_object(self, spec: Any, scene: MethodScene) -> None:
-        mesh = object_mesh(self.name, scene)
-        kind = self._mujoco.mjtGeom
+        mesh, kind = self._mesh(), self._mujoco.mjtGeom
         body = spec.worldbody.add_body(name="object")
         given = {**self._touching(), "contype": 0, "conaffinity": 1}
         for i, part in enumerate(convex_parts(mesh, self.concavity)):
@@ -176,29 +210,28 @@ class MuJoCo:
                 body.add_geom(type=kind.mjGEOM_MESH, meshname=f"part {i}", **given)
 
     def _add_hand(self, spec: Any) -> None:
-        mujoco, hand = self._mujoco, self._hand
-        world = spec.worldbody
+        mujoco, hand, world = self._mujoco, self._scene.hand, spec.worldbody
+        (mass, inertia, armature), radii = self._inertia, 0.5 * (hand.radius[:, :-1] + hand.radius[:, 1:])
         world.add_body(name="user", mocap=True).add_site(name="user")
-        palm = world.add_body(
-            name="palm", mass=hand.mass, inertia=[hand.inertia] * 3, ipos=[0.0] * 3, explicitinertial=True
-        )
+        palm = world.add_body(name="palm", mass=mass, inertia=[inertia] * 3, ipos=[0.0] * 3, explicitinertial=True)
         palm.add_freejoint()
         palm.add_site(name="palm")
         given = {**self._touching(), "contype": 1, "conaffinity": 0, "mass": 0.0}
-        for center, radius in zip(hand.palm_center, hand.palm_radius):
+        for center, radius in zip(hand.palm_tree.leaf_center, hand.palm_tree.leaf_radius):
             palm.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=center, size=[radius, 0.0, 0.0], **given)
         for gear in np.eye(6):
-            turns = bool(gear[3:].any())
+            turns = int(gear[3:].any())
             actuator = spec.add_actuator(trntype=mujoco.mjtTrn.mjTRN_SITE, target="palm", refsite="user", gear=gear)
-            actuator.set_to_position(kp=hand.stiffness[turns], kv=hand.damping[turns])
+            actuator.set_to_position(kp=self._stiffness[turns], kv=self._damping[turns])
+        mounts = self._spread_frames(np.zeros(len(FINGERS)))
         for f, finger in enumerate(FINGERS):
-            body = palm.add_body(name=f"mount {finger}", pos=hand.base[f], quat=hand.mount(f, 0.0))
+            body = palm.add_body(name=f"mount {finger}", pos=hand.base[f], quat=mounts[f])
             for k in range(PHALANGES):
                 body = body.add_body(
                     name=f"{finger} {k}",
-                    pos=hand.place(f, k),
+                    pos=[hand.length[f, k - 1] if k else 0.0, 0.0, 0.0],
                     mass=PHALANX_MASS,
-                    inertia=[1e-3 * hand.armature] * 3,
+                    inertia=[1e-3 * armature] * 3,
                     ipos=[0.5 * hand.length[f, k], 0.0, 0.0],
                     explicitinertial=True,
                 )
@@ -207,19 +240,19 @@ class MuJoCo:
                     type=mujoco.mjtJoint.mjJNT_HINGE,
                     axis=[0.0, 1.0, 0.0],
                     limited=True,
-                    range=hand.limits[f, k],
-                    armature=hand.armature,
+                    range=[hand.flexion_min[f, k], hand.flexion_max[f, k]],
+                    armature=armature,
                 )
                 if self.tuning.solref is not None:
                     joint.solref_limit = self.tuning.solref
                 body.add_geom(
                     type=mujoco.mjtGeom.mjGEOM_CAPSULE,
                     fromto=[0.0, 0.0, 0.0, hand.length[f, k], 0.0, 0.0],
-                    size=[hand.radius[f, k], 0.0, 0.0],
+                    size=[radii[f, k], 0.0, 0.0],
                     **given,
                 )
                 actuator = spec.add_actuator(trntype=mujoco.mjtTrn.mjTRN_JOINT, target=f"{finger} {k}")
-                actuator.set_to_position(kp=hand.stiffness[2], kv=hand.damping[2])
+                actuator.set_to_position(kp=self._stiffness[2], kv=self._damping[2])
 
 
 class MuJoCoPlain(MuJoCo):
@@ -254,7 +287,7 @@ class MuJoCoTriangles(MuJoCo):
         from trimesh import remesh
 
         split: Any = remesh.subdivide_to_size
-        mesh = object_mesh(self.name, scene)
+        mesh = self._mesh()
         vertices, faces = split(mesh.vertices, mesh.faces, LONGEST)
         spec.worldbody.add_body(name="object")
         flex = spec.add_flex()

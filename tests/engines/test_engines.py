@@ -8,8 +8,11 @@ import pytest
 from conftest import Run
 
 from hhsim.bench.peers import capsule_hand
-from hhsim.engines.rigid_hand import lack_of
+from hhsim.engines.mujoco import MuJoCoFast, lack_of
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel, Side
+from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.catalogue import load_object
 from hhsim.scene.scene import open_scene
@@ -72,3 +75,45 @@ def test_large_triangles_are_split_since_mujoco_misses_contacts_of_them() -> Non
     assert np.linalg.norm(np.diff(mesh.triangles, axis=1), axis=2).max() > LONGEST >= edges.max()
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
     np.testing.assert_allclose(area, 6.0 * mesh.extent[0] ** 2)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_its_joints_are_those_of_the_hand_and_its_coupling_is_critically_damped(side: Side) -> None:
+    pytest.importorskip("mujoco")
+    random, hand = np.random.default_rng(1), HandModel.default(side)
+    made: Any = MuJoCoFast(MethodScene(hand, load_object("sphere").mesh, None, SolverOptions(surface="mesh")))
+    pose = HandConfiguration(
+        random.normal(size=3),
+        quaternion(random.normal(size=3)),
+        random.uniform(0.0, 1.0, (5, 3)),
+        random.uniform(-0.2, 0.3, 5),
+    )
+    made.begin(pose)
+    made._mujoco.mj_forward(made._model, made._data)
+    found = [[made._data.body(f"{finger} {k}").xpos for k in range(3)] for finger in FINGERS]
+    np.testing.assert_allclose(found, hand.joints(*pose)[:, :3], atol=1e-12)
+    # The damping of a mass m on a spring k is 2 sqrt(k m).
+    spring, damper = made._model.actuator_gainprm[:, 0], -made._model.actuator_biasprm[:, 2]
+    masses = np.repeat([made._model.body("palm").mass[0], made._model.body("palm").inertia[0]], 3)
+    np.testing.assert_allclose(damper[:6], 2.0 * np.sqrt(spring[:6] * masses))
+    np.testing.assert_allclose(damper[6:], 2.0 * np.sqrt(spring[6:] * made._model.dof_armature[6:]))
+
+
+def test_dampers_get_the_speed_of_the_hand_in_its_palm() -> None:
+    pytest.importorskip("mujoco")
+    made: Any = MuJoCoFast(
+        MethodScene(HandModel.default(), load_object("sphere").mesh, None, SolverOptions(surface="mesh"))
+    )
+    turn, way = np.array([0.3, -0.2, 0.5]), np.array([0.01, 0.02, -0.03])
+    first = quaternion(np.array([0.4, 0.1, -0.7]))
+    before = HandConfiguration(np.zeros(3), first, np.full((5, 3), 0.2), np.zeros(5))
+    second = quaternion_product(quaternion(turn), first)
+    now = HandConfiguration(way, second, np.full((5, 3), 0.3), np.zeros(5))
+    made.begin(before)
+    made.command(before)
+    made.command(now)
+    ahead = (made._damping / made._stiffness - made._ahead) / made._scene.period
+    palm = rotation_matrix(second)
+    np.testing.assert_allclose(made._data.ctrl[:3], ahead[0] * way @ palm, rtol=1e-12)
+    np.testing.assert_allclose(made._data.ctrl[3:6], ahead[1] * turn @ palm, rtol=1e-9)
+    np.testing.assert_allclose(made._data.ctrl[6:], 0.3 + ahead[2] * 0.1, rtol=1e-12)
