@@ -106,7 +106,7 @@ def _field(
     repaired: Path, recorded: Path, thing: ObjectSettings, reading: FileSettings, data: HandData, output: options.Output
 ) -> int:
     """Print the figures of the field of a repaired recording; returns the exit code."""
-    from hhsim.linkage.object_mesh import resolve_object
+    from hhsim.linkage.file import resolve_object
     from hhsim.metrics.field.field_table import field_table, to_json
     from hhsim.metrics.field.score import field_score
     from hhsim.repair.request import MAX_CORRECTION

@@ -27,8 +27,8 @@ class MeshSize(OptionGroup, heading="Mesh file"):
     size: float | None = ranged("size", "MM", "Scale a mesh file to this longest extent [mm], whatever its unit.", 1e-3)
 
     def read(self, object_: str, *, solid: bool | None = True, link: str = "") -> tuple["Mesh", int]:
-        """Load the mesh [m] of OBJECT, and its usual tree level, as `hhsim.linkage.object_mesh.resolve_object`."""
-        from hhsim.linkage.object_mesh import resolve_object
+        """Load the mesh [m] of OBJECT, and its usual tree level, as `hhsim.linkage.file.resolve_object`."""
+        from hhsim.linkage.file import resolve_object
 
         thickness = metres(getattr(self, "thickness", None))
         return resolve_object(object_, self.unit, metres(self.size), thickness, solid, link)

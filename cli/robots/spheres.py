@@ -19,7 +19,7 @@ from ..arguments.rerun_target import RERUN, RERUN_METAVAR, read_target
 from ..console import print_json, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
-    from hhsim.linkage.robot import Robot
+    from hhsim.linkage.linkage import Robot
     from hhsim.mesh.mesh import Mesh
     from hhsim.robots.link_spheres import LinkSpheres
     from hhsim.robots.robot_spheres import RobotSpheres

@@ -18,8 +18,7 @@ import numpy as np
 from hhsim import __version__
 from hhsim.arrays import AnyArray, FloatArray
 from hhsim.errors import DamagedFileError, InputError
-from hhsim.exchange.hand_bodies import Inertial, hand_bodies
-from hhsim.exchange.hand_formats import add_inertial, numbers
+from hhsim.exchange.hand_formats import Inertial, add_inertial, hand_bodies, numbers
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import ObjectMotion, Phase, TickInput, Trajectory

@@ -11,8 +11,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import OutputError
-from hhsim.exchange.hand_bodies import STEP
-from hhsim.exchange.hand_formats import hand_mjcf, hand_urdf
+from hhsim.exchange.hand_formats import STEP, hand_mjcf, hand_urdf
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.motion.csv_file import POSE_COLUMNS, format_csv

@@ -36,8 +36,7 @@ from hhsim.solver.workspace import TickWorkspace
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.scene_file import named_scene, read_scene, scene_digest
 from hhsim.submissions.scene_folder import SCENE_FILE
-from hhsim.submissions.shown_bodies import as_seen, body_figures, shown_scene
-from hhsim.submissions.suspicions import require_scene, suspicions
+from hhsim.submissions.suspicions import as_seen, body_figures, require_scene, shown_scene, suspicions
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import contact_surface, encloses, put_parts
 

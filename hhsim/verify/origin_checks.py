@@ -8,7 +8,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
-from hhsim.linkage.object_mesh import resolve_object, solid_for
+from hhsim.linkage.file import resolve_object, solid_for
 from hhsim.mesh.catalogue import load_object, names_a_file, object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.run_ticks import leaves_in_reach

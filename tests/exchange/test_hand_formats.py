@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from hhsim.arrays import FloatArray
-from hhsim.exchange.hand_bodies import STEP, HandBodies, RoundCone, hand_bodies
-from hhsim.exchange.hand_formats import hand_mjcf, hand_urdf
+from hhsim.exchange.hand_formats import STEP, HandBodies, RoundCone, hand_bodies, hand_mjcf, hand_urdf
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel, Side
 from hhsim.hand.quaternion import rotation_matrix

@@ -19,7 +19,7 @@ from hhsim.submissions.pose_file import Submission, format_poses, read_submissio
 from hhsim.submissions.scene_file import free_bodies, named_scene, read_scene, scene_digest, scene_names, worded_scene
 from hhsim.submissions.scene_folder import SCENE_FILE, example_submission, write_scene_folder
 from hhsim.submissions.score import score
-from hhsim.submissions.shown_bodies import BODY_DEPTH, UNEXPLAINED
+from hhsim.submissions.suspicions import BODY_DEPTH, UNEXPLAINED
 
 KINDS = {
     "free": ("cube", "lift", None, FreeWords(mass=0.1)),
