@@ -10,8 +10,7 @@ import click
 from hhsim.system.counted import counted
 from hhsim.table.table import Table, number
 
-from .arguments.length import read_length
-from .arguments.object_argument import MeshFile, complete_object
+from .arguments.object_argument import MeshFile, complete_object, read_length
 from .arguments.option_group import GroupedCommand, OptionGroup, option, typed_options
 from .arguments.options import OUTPUT, UNITS, Output, file, seed
 from .console import print_json, print_line, print_notes, print_table, progress

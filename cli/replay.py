@@ -13,14 +13,12 @@ from hhsim.table.table import Table, number, words
 
 from .arguments import options, recording_options
 from .arguments.comma_list import number_list
-from .arguments.free_object import FreeChoice
-from .arguments.object_argument import MeshFile, complete_object
+from .arguments.object_argument import FreeChoice, MeshFile, TreeOrFile, complete_object
 from .arguments.option_group import GroupedCommand, option, shared
 from .arguments.options import COUNT, ranged
 from .arguments.recording_options import HandData, Sampling
-from .arguments.rerun_target import RERUN, RERUN_METAVAR, read_target
 from .arguments.solver_options import Linearising, SolverChoice, trust
-from .arguments.tree_choice import TreeOrFile
+from .arguments.written import RERUN, RERUN_METAVAR, read_target
 from .console import print_json, print_line, print_notes, print_table, progress
 from .run_again import names_a_result, run_again
 

@@ -9,7 +9,7 @@ import click
 from hhsim.system.counted import counted
 
 from .arguments import options
-from .arguments.rerun_target import RERUN, RERUN_METAVAR, read_target
+from .arguments.written import RERUN, RERUN_METAVAR, read_target
 from .console import print_json, print_line, print_notes, progress
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from hhsim.table.table import Table, number, words
 
 from ..arguments.option_group import OptionGroup, option
 from ..arguments.options import Output
-from ..arguments.rerun_target import RERUN, RERUN_METAVAR, read_target
+from ..arguments.written import RERUN, RERUN_METAVAR, read_target
 from ..console import print_json, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
