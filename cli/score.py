@@ -31,7 +31,7 @@ from .repair import ObjectSettings
     "folder",
     type=options.FILE,
     metavar="DIR",
-    help="Folder that hhsim scene made. Default: that of the submission, else the scene is made anew.",
+    help="Folder that hhsim scene made, for poses that do not say by what words their scene is made.",
 )
 @click.option(
     "--surface",

@@ -1,55 +1,35 @@
-"""Scene as one file, format `hhsim-scene` (HDF5): object, sphere tree, hand, and the motion at the tick rate.
+"""Scenes of submissions: the words that each is made by, its digest, its bodies, and the scene as MJCF.
 
-A submission names its scene by a digest of what poses depend on; the sphere tree is no part of it. The scene is also
-written as MJCF, the format of MuJoCo (mujoco.readthedocs.io): hand, bodies with masses and joints, table.
+A submission names its scene by a digest of what poses depend on; the sphere tree is no part of it. MJCF is the format
+of MuJoCo (mujoco.readthedocs.io): hand, bodies with masses and joints, table.
 """
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, replace
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 from xml.etree import ElementTree as Xml
 
-import h5py
 import numpy as np
 
-from hhsim import __version__
 from hhsim.arrays import AnyArray, FloatArray
-from hhsim.errors import DamagedFileError, InputError
+from hhsim.errors import InputError
 from hhsim.exchange.hand_formats import Inertial, add_inertial, hand_bodies, numbers
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.mesh.mesh import Mesh
-from hhsim.motion.trajectory import ObjectMotion, Phase, TickInput, Trajectory
-from hhsim.replay.stored_scene import body_arrays, checksums, hand_arrays, part_words
-from hhsim.result.reader import read_phases
-from hhsim.result.schema import BODIES, BODY_STATIC, FRAME, HAND_STATIC, HANDS, JOINT_COLUMN, POSE_COLUMNS, TICK, Column
-from hhsim.result.stored_hand import hand_of_arrays, sphere_tree_of
-from hhsim.scene.body import Body, BodyMotion, Driven, Fixed, Free, HalfSpace, Joint
+from hhsim.motion.trajectory import Phase, TickInput, Trajectory
+from hhsim.scene.body import Body, Free
 from hhsim.scene.described_scene import LoadedWords, SceneWords, load_words
-from hhsim.scene.scene import Hand, Scene
+from hhsim.scene.scene import Scene
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.scene_solver import seen_scene
-from hhsim.system.atomic_write import put_dataset, sealed_hdf5
-from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 from hhsim.system.settings_file import typed
 from hhsim.trees.contact_surface import encloses
 from hhsim.trees.sphere_tree import SphereTree
 
-FORMAT = "hhsim-scene"
-SCHEMA_VERSION = 3
 ROUNDED = 9
 """Decimals of m and rad in the digest: other machines round the last bits of a motion differently."""
-MOTION = {
-    "time": ("s", "since the start of the motion"),
-    "input_seq": ("1", "number of the motion's sample in use"),
-    "position": ("m", "palm origin of the user's hand, world"),
-    "orientation": ("1", "palm to world, unit quaternion w x y z"),
-    "flexion": ("rad", "thumb to little finger, proximal to distal"),
-    "abduction": ("rad", "thumb to little finger, positive towards the thumb side"),
-}
-"""Datasets of /hands/SIDE/tick, a row a tick: unit and meaning."""
 NAMES = ("object", "trajectory", "unit", "size_mm", "level", "hand", "rate", "samples", "seed", "free")
 """Words that `hhsim scene` makes a scene by, so that it can be made again for a submission."""
 
@@ -109,71 +89,6 @@ def worded_scene(loaded: LoadedWords) -> Scene:
     return replace(scene, description={**scene.description, **stated})
 
 
-def scene_content(scene: Scene) -> bytes:
-    """Return the bytes of the scene's file."""
-    arrays, checks = dict[str, tuple[AnyArray, str, str]](), dict[str, str]()
-    bodies = {body.name: body_arrays(body.mesh, body.tree, body.position, body.orientation) for body in scene.solids}
-    for hand in scene.hands:
-        side, of_hand, ticks = hand.model.side, hand_arrays(hand.model), hand.ticks
-        checks |= checksums(side, of_hand, bodies)
-        arrays |= _columns(f"{HANDS}/{side}", of_hand, HAND_STATIC)
-        for name, (units, meaning) in MOTION.items():
-            arrays[f"{HANDS}/{side}/{TICK}/{name}"] = getattr(ticks, name), units, meaning
-        if ticks.object_motion is not None:
-            arrays |= _columns(f"{HANDS}/{side}/{FRAME}", ticks.object_motion._asdict(), POSE_COLUMNS)
-    for body in scene.solids:
-        arrays |= _columns(f"{BODIES}/{body.name}", bodies[body.name], BODY_STATIC)
-        if isinstance(driven := body.motion, Driven):
-            values = {**driven.poses._asdict(), **({} if driven.values is None else {"joint": driven.values})}
-            of_ticks = (*POSE_COLUMNS, *((JOINT_COLUMN,) if "joint" in values else ()))
-            arrays |= _columns(f"{BODIES}/{body.name}/{TICK}", values, of_ticks)
-    phases, first = scene.ticks.phases, scene.hands[0]
-    stated = {
-        **scene.description,
-        "names": scene_names(scene),
-        "object_name": scene.name,
-        "motions": [[hand.trajectory.name, hand.trajectory.source] for hand in scene.hands],
-        "place": [first.trajectory.object_position.tolist(), first.trajectory.object_orientation.tolist()],
-        "rate": scene.ticks.rate,
-        "hands": [
-            {"side": hand.side, "length": hand.hand_length, "breadth": hand.hand_breadth}
-            for hand in (each.model for each in scene.hands)
-        ],
-        "checksums": checks,
-        "bodies": [_stated(body) for body in scene.bodies],
-    }
-
-    def fill(file: h5py.File) -> None:
-        file.attrs["format"], file.attrs["schema_version"] = FORMAT, SCHEMA_VERSION
-        file.attrs["hhsim_version"] = __version__
-        file.attrs["scene"], file.attrs["digest"] = json.dumps(stated), scene_digest(scene)
-        for name, (values, units, meaning) in arrays.items():
-            put_dataset(file, name, values, units, meaning)
-        names = np.array([phase.name for phase in phases], h5py.string_dtype())
-        put_dataset(file, "phase/name", names, "1", "name of each phase")
-        for name in ("first_tick", "last_tick"):
-            values = np.array([getattr(phase, name) for phase in phases], np.int64)
-            put_dataset(file, f"phase/{name}", values, "1", f"{name.replace('_', ' ')} of each phase")
-
-    return sealed_hdf5(fill)
-
-
-def _columns(
-    group: str, values: Mapping[str, AnyArray], columns: Sequence[Column]
-) -> dict[str, tuple[AnyArray, str, str]]:
-    """Return the datasets of a group, with their units and meaning."""
-    return {f"{group}/{one.name}": (values[one.name], one.units, one.long_name) for one in columns}
-
-
-def _stated(body: Body | HalfSpace) -> dict[str, Any]:
-    """Return what of a body is no array as plain values."""
-    if isinstance(body, HalfSpace):
-        return asdict(body)
-    free = asdict(body.motion) if isinstance(body.motion, Free) else None
-    joint = None if body.joint is None else asdict(body.joint)
-    return {"name": body.name, "friction": body.friction, "torsion": body.torsion, "free": free, "joint": joint}
-
-
 def tick_trajectory(ticks: TickInput, **about: Any) -> Trajectory:
     """Return the ticks as a motion with a sample a tick; `about` are the other fields of `Trajectory`."""
     last = ticks.tick_count - 1
@@ -182,91 +97,6 @@ def tick_trajectory(ticks: TickInput, **about: Any) -> Trajectory:
         for phase in ticks.phases
     )
     return Trajectory(ticks.time, *HandConfiguration.of(ticks), phases=phases, **about)
-
-
-def read_scene(path: Path) -> Scene:
-    """Read a scene's file; InputError for no such file, another format, or arrays that differ from its checksums."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; expected the scene.h5 of a folder that hhsim scene made")
-    try:
-        return _load(path)
-    except DamagedFileError as error:
-        raise InputError(f"{path}: {error}") from None
-    except DAMAGE as error:
-        raise InputError(f"{path} is no {FORMAT} file, or a damaged one: {type(error).__name__}: {error}") from None
-
-
-def _load(path: Path) -> Scene:
-    with open_hdf5(path) as file:
-        if file.attrs.get("format") != FORMAT:
-            raise InputError(f"{path}: format {file.attrs.get('format')}; expected {FORMAT}")
-        if file.attrs.get("schema_version") != SCHEMA_VERSION:
-            version = file.attrs.get("schema_version")
-            raise InputError(f"{path}: schema_version {version}; expected {SCHEMA_VERSION}: make it anew")
-        said = json.loads(file.attrs["scene"])
-        arrays = dict[str, AnyArray]()
-        file.visititems(lambda name, of: arrays.update({name: of[()]} if isinstance(of, h5py.Dataset) else {}))
-        phases = tuple(read_phases(file))
-
-    def of(group: str, names: Iterable[str]) -> dict[str, AnyArray]:
-        return {name: arrays[f"{group}/{name}"] for name in names}
-
-    solids = [body for body in said["bodies"] if "height" not in body]
-    bodies = {body["name"]: of(f"{BODIES}/{body['name']}", [one.name for one in BODY_STATIC]) for body in solids}
-    position, orientation = map(np.array, said["place"])
-    hands = list[Hand]()
-    for stated, (motion, source) in zip(said["hands"], said["motions"], strict=True):
-        group = f"{HANDS}/{stated['side']}"
-        of_hand = of(group, [one.name for one in HAND_STATIC])
-        for part, digest in checksums(stated["side"], of_hand, bodies).items():
-            if said["checksums"].get(part) != digest:
-                raise InputError(f"{path} is damaged: {part_words(part)} in the file is another (checksum)")
-        carried = f"{group}/{FRAME}"
-        moved = ObjectMotion(**of(carried, ObjectMotion._fields)) if f"{carried}/position" in arrays else None
-        given = of(f"{group}/{TICK}", MOTION)
-        ticks = TickInput(**given, phases=phases, rate=float(said["rate"]), object_motion=moved)
-        place = {"object_position": position, "object_orientation": orientation}
-        trajectory = tick_trajectory(ticks, name=motion, source=source, **place)
-        hands.append(Hand(hand_of_arrays(of_hand, stated, str(path)), trajectory, ticks))
-    own: list[Body | HalfSpace] = []
-    for one in said["bodies"]:
-        if "height" in one:
-            own.append(HalfSpace(**one))
-            continue
-        static, name = bodies[one["name"]], one["name"] if len(solids) > 1 else said["object_name"]
-        mesh = Mesh(static["mesh/vertices"], static["mesh/faces"], name=name, source=str(path))
-        own.append(_body(one, mesh, sphere_tree_of(static, "tree"), arrays))
-    more = ("names", "object_name", "motions", "place", "rate", "hands", "checksums", "bodies")
-    description = {name: value for name, value in said.items() if name not in more or name == "object_name"}
-    return Scene(tuple(hands), tuple(own), description)
-
-
-def _body(stated: Mapping[str, Any], mesh: Mesh, tree: SphereTree, arrays: Mapping[str, AnyArray]) -> Body:
-    """Return a body of a scene's file."""
-    free, joint, group = stated["free"], stated["joint"], f"{BODIES}/{stated['name']}"
-    ticks, place = f"{group}/{TICK}", ObjectMotion(*(arrays[f"{group}/{name}"] for name in ObjectMotion._fields))
-    motion: BodyMotion = Fixed()
-    if free is not None:
-        motion = Free(**{**_tuples(free), "inertia": tuple(map(tuple, free["inertia"]))})
-    elif f"{ticks}/position" in arrays:
-        poses = ObjectMotion(*(arrays[f"{ticks}/{of}"] for of in ObjectMotion._fields))
-        motion = Driven(poses, arrays.get(f"{ticks}/joint"))
-    hangs = None if joint is None else Joint(**_tuples(joint))
-    return Body(
-        stated["name"],
-        mesh,
-        tree,
-        place.position,
-        place.orientation,
-        motion,
-        hangs,
-        stated["friction"],
-        stated["torsion"],
-    )
-
-
-def _tuples(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
 
 
 class SceneBody(NamedTuple):

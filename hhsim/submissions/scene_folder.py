@@ -24,7 +24,6 @@ from hhsim.submissions.scene_file import (
     hand_prefixes,
     recorded_poses,
     scene_bodies,
-    scene_content,
     scene_digest,
     scene_mjcf,
     scene_names,
@@ -33,7 +32,8 @@ from hhsim.submissions.scene_file import (
 )
 from hhsim.table.table import Table
 
-SCENE_FILE = "scene.h5"
+SCENE_FILE = "scene.json"
+"""File of a folder that has the words that its scene is made by."""
 EXAMPLE = "example-submission.csv"
 DRIVEN_FILE = "driven.csv"
 
@@ -74,9 +74,8 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
     spheres = [(*leaf, body.name) for body, its in zip(bodies, leaves) for leaf in its]
     names = ("object_position", "object_orientation", "name", "source")
     about = [{name: getattr(hand.trajectory, name) for name in names} for hand in scene.hands]
-    files: dict[str, str | bytes] = {
-        SCENE_FILE: scene_content(scene),
-        "scene.json": json.dumps(description, indent=2) + "\n",
+    files = {
+        SCENE_FILE: json.dumps(description, indent=2) + "\n",
         **{f"{body.name}.obj": body.mesh.obj() for body in bodies},
         "spheres.csv": Table.of_cells(heading, spheres).csv(),
         "scene.xml": scene_mjcf(scene),
@@ -98,7 +97,7 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
     try:
         partial.mkdir()
         for name, content in files.items():
-            (partial / name).write_bytes(content.encode() if isinstance(content, str) else content)
+            (partial / name).write_text(content, encoding="utf-8", newline="")
         partial.replace(target)
     except OSError as error:
         raise OutputError(f"cannot write {folder}: {error.strerror or error}") from error
@@ -190,8 +189,7 @@ follow: docs/submissions.md of hhsim lists the columns.{moved}
 | `scene.xml` | hand and object as MJCF: the mesh is seen, its spheres collide; keyframe `start` is the first tick |
 | `{EXAMPLE}` | the user's own hand as a submission, which goes through everything |
 {last}\
-| `{SCENE_FILE}` | all of it for hhsim; hands and motion under `/hands`, bodies under `/bodies` |
-| `scene.json` | digest, rate, phases |
+| `{SCENE_FILE}` | digest, rate, phases, bodies, and the words that hhsim makes the scene by |
 
 ## Frames and units
 

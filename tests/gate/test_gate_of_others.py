@@ -24,9 +24,11 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.result.reader import load_result
 from hhsim.result.safety import Safety
+from hhsim.scene.described_scene import SceneWords, load_words
 from hhsim.submissions.pose_file import Submission, format_poses, read_submission
-from hhsim.submissions.scene_file import read_scene
+from hhsim.submissions.scene_file import worded_scene
 from hhsim.submissions.scene_folder import write_scene_folder
+from hhsim.submissions.score import scene_of
 
 pytestmark = pytest.mark.slow
 
@@ -122,10 +124,10 @@ def write_poses(project: Path) -> None:
     from hhsim.replay.replay import replay_scene as run
     from hhsim.solver.options import SolverOptions
 
-    scene = read_scene(project / "scene" / "scene.h5")
+    example = read_submission(project / "scene" / "example-submission.csv")
+    scene = scene_of(example)
     run(scene, SolverOptions(surface="mesh"), project / "mesh.h5")
     result = load_result(project / "mesh.h5")
-    example = read_submission(project / "scene" / "example-submission.csv")
     poses = HandConfiguration(*(np.array(result[f"graphic/{name}"]) for name in HandConfiguration._fields))
     (project / "poses.csv").write_text(format_poses(Submission("engine", example.scene, scene.ticks.time, poses)))
     (project / "mesh.h5").unlink()
@@ -144,7 +146,8 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "own_method.py").write_text(METHOD)
     (folder / "short.toml").write_text(SHORT)
     write_recording(folder / "recording.csv", 0.0)
-    write_scene_folder(short_scene(short_grasp()), folder / "scene")
+    words = SceneWords(object="cylinder", trajectory=str(folder / "short.toml"), level=2, place_object="recorded")
+    write_scene_folder(worded_scene(load_words(words)), folder / "scene")
     write_poses(folder)
     write_session(folder / "session.h5")
     (folder / "hhsim-gate.toml").write_text(SUITE)

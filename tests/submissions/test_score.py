@@ -18,12 +18,13 @@ from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
+from hhsim.scene.described_scene import SceneWords, load_words
 from hhsim.scene.scene import Scene
 from hhsim.solver.known_methods import SUBMITTED, find_method
 from hhsim.solver.options import SolverOptions
 from hhsim.submissions.pose_file import Submission, format_poses, read_submission
-from hhsim.submissions.scene_file import read_scene, scene_digest
-from hhsim.submissions.scene_folder import SCENE_FILE, example_submission, write_scene_folder
+from hhsim.submissions.scene_file import scene_digest, worded_scene
+from hhsim.submissions.scene_folder import example_submission, write_scene_folder
 from hhsim.submissions.score import Score, scene_of, score
 from hhsim.verify.verify import verify
 
@@ -131,22 +132,20 @@ def test_a_result_of_poses_cannot_be_run_again_and_says_so(as_file: tuple[Score,
         find_method(f"{SUBMITTED}project out").engine(None)
 
 
-def test_a_scene_comes_back_from_its_folder_bit_for_bit(scene: Scene, tmp_path: Path) -> None:
+def test_a_scene_comes_back_by_its_words_bit_for_bit(tmp_path: Path) -> None:
+    scene = worded_scene(
+        load_words(SceneWords(object="cylinder", trajectory="touch", level=2, place_object="recorded"))
+    )
     digest = write_scene_folder(scene, tmp_path / "s")
-    again = read_scene(tmp_path / "s" / SCENE_FILE)
+    again = scene_of(read_submission(tmp_path / "s" / "example-submission.csv"))
     assert scene_digest(again) == digest == scene_digest(scene)
     assert again.ticks.phases == scene.ticks.phases and again.ticks.rate == scene.ticks.rate
     for name in HandConfiguration._fields:
         np.testing.assert_array_equal(getattr(again.hands[0].ticks, name), getattr(scene.hands[0].ticks, name))
     np.testing.assert_array_equal(again.solids[0].placed_mesh.vertices, scene.solids[0].placed_mesh.vertices)
     np.testing.assert_array_equal(again.solids[0].placed_tree.center, scene.solids[0].placed_tree.center)
-    example = read_submission(tmp_path / "s" / "example-submission.csv")
-    assert scene_digest(scene_of(example)) == digest
     with pytest.raises(HhsimError, match="is not empty"):
         write_scene_folder(scene, tmp_path / "s")
-    (tmp_path / "s" / SCENE_FILE).write_bytes((tmp_path / "s" / SCENE_FILE).read_bytes()[:-200])
-    with pytest.raises(HhsimError, match=r"damaged|cut short"):
-        scene_of(example)
 
 
 def _turned_and_moved(scene: Scene) -> Scene:
@@ -226,9 +225,9 @@ def _turned(axis: FloatArray, angle: float) -> FloatArray:
 def test_a_scene_that_cannot_be_made_again_is_said(scene: Scene, tmp_path: Path) -> None:
     for wrong in ({"object": "cat"}, {"object": "cube", "level": "fine"}, {"object": "gone.stl"}):
         of = replace(example_submission(scene), made_by={"trajectory": "touch", **wrong})
-        with pytest.raises(InputError, match=r"cannot be made again: .*; --scene names its folder"):
+        with pytest.raises(InputError, match="cannot be made again: "):
             scene_of(of)
     with pytest.raises(InputError, match="does not say its scene"):
         scene_of(replace(example_submission(scene), made_by={}))
-    with pytest.raises(InputError, match=r"expected the scene\.h5"):
+    with pytest.raises(InputError, match="expected that of hhsim scene"):
         scene_of(example_submission(scene), tmp_path / "nowhere")

@@ -16,9 +16,9 @@ from hhsim.scene.scene import Scene
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SceneSolver
 from hhsim.submissions.pose_file import Submission, format_poses, read_submission
-from hhsim.submissions.scene_file import free_bodies, named_scene, read_scene, scene_digest, scene_names, worded_scene
-from hhsim.submissions.scene_folder import SCENE_FILE, example_submission, write_scene_folder
-from hhsim.submissions.score import score
+from hhsim.submissions.scene_file import free_bodies, scene_digest, worded_scene
+from hhsim.submissions.scene_folder import example_submission, write_scene_folder
+from hhsim.submissions.score import scene_of, score
 from hhsim.submissions.suspicions import BODY_DEPTH, UNEXPLAINED
 
 KINDS = {
@@ -72,8 +72,7 @@ def replayed(scene: Scene, path: Path) -> Submission:
 def test_a_scene_is_read_and_made_again_as_it_was(kind: str, tmp_path: Path) -> None:
     scene = made(kind)
     digest = write_scene_folder(scene, tmp_path / "s")
-    again = read_scene(tmp_path / "s" / SCENE_FILE)
-    assert digest == scene_digest(scene) == scene_digest(again) == scene_digest(named_scene(scene_names(scene)))
+    assert digest == scene_digest(scene) == scene_digest(scene_of(example_submission(scene), tmp_path / "s"))
     (tmp_path / "poses.csv").write_text(format_poses(example_submission(scene)))
     read = read_submission(tmp_path / "poses.csv")
     assert len(read.hands) == len(scene.hands) and set(read.bodies) == set(free_bodies(scene))
