@@ -39,7 +39,6 @@ COMMANDS = {
     "build-tree": "Cover an object, or a robot, with spheres, with a proof.",
     "doctor": "Tell whether this machine keeps 1 kHz, and if not, why.",
     "info": "Show versions, processor, clock and what is missing.",
-    "completion": "Print the script that completes hhsim commands in a shell.",
 }
 """Commands with one line each; a command's module is named like it, with underscores, and holds `command`."""
 

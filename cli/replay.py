@@ -13,7 +13,8 @@ from hhsim.table.table import Table, number, words
 
 from .arguments import options, recording_options
 from .arguments.comma_list import number_list
-from .arguments.object_argument import FreeChoice, MeshFile, TreeOrFile, complete_object
+from .arguments.free_object import FreeChoice
+from .arguments.object_argument import MeshFile, TreeOrFile, complete_object
 from .arguments.option_group import GroupedCommand, option, shared
 from .arguments.options import COUNT, ranged
 from .arguments.recording_options import HandData, Sampling

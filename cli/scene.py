@@ -8,7 +8,8 @@ import click
 from hhsim.system.counted import counted
 
 from .arguments import options
-from .arguments.object_argument import FreeChoice, MeshSize, complete_object
+from .arguments.free_object import FreeChoice
+from .arguments.object_argument import MeshSize, complete_object
 from .arguments.option_group import GroupedCommand
 from .arguments.recording_options import Sampling
 from .console import print_json, print_line, print_notes

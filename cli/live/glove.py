@@ -14,7 +14,8 @@ from hhsim.solver.method import METHODS
 
 from ..arguments import options
 from ..arguments.comma_list import number_list, one_or_five
-from ..arguments.object_argument import FreeChoice, MeshFile, TreeChoice, complete_object
+from ..arguments.free_object import FreeChoice
+from ..arguments.object_argument import MeshFile, TreeChoice, complete_object
 from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
 from ..arguments.solver_options import OWN_METHODS, SolverChoice
 from ..arguments.written import RERUN, RERUN_METAVAR, read_target
