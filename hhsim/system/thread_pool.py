@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from hhsim.errors import InputError
-from hhsim.system.posix import CREATE_FLAGS, can_pin, lock, own_processors, pin, user_number
+from hhsim.system.posix import CREATE_FLAGS, lock, own_processors, pin
 
 MOST_THREADS = 64
 
@@ -57,7 +58,7 @@ LOOK_AGAIN = 0.05
 
 def physical_cores() -> list[int]:
     """Return a processor of each physical core that this process may use; none if the system cannot pin threads."""
-    if not can_pin():
+    if sys.platform != "linux":
         return []
     found: dict[str, int] = {}
     for number in own_processors():
@@ -89,7 +90,7 @@ def on_own_core(work: Callable[[], Answer]) -> tuple[Answer, bool]:
 @contextlib.contextmanager
 def _claimed_core() -> Iterator[int | None]:
     cores = physical_cores()
-    folder = Path(tempfile.gettempdir()) / f"hhsim-cores-{user_number()}"
+    folder = Path(tempfile.gettempdir()) / f"hhsim-cores-{os.getuid()}"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
     except OSError:
