@@ -51,7 +51,7 @@ def command(
     """Write a scene as files for other software to solve.
 
     OBJECT and TRAJECTORY are as for hhsim replay. The folder gets the mesh (.obj), the spheres that cover it, the
-    user's hand at every tick (.csv and HDF5), the hand as numbers, URDF and MJCF, hand and object as one MJCF model
+    user's hand at every tick (.csv and HDF5), the hand as numbers and MJCF, hand and object as one MJCF model
     (scene.xml), a README with frames and units, and example-submission.csv, which shows what hhsim score takes back
     (docs/submissions.md). Several bodies have a mesh each, and joints in scene.xml; two hands have files each.
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from hhsim.arrays import AnyArray, FloatArray
 from hhsim.errors import InputError
-from hhsim.exchange.hand_formats import Inertial, add_inertial, hand_bodies, numbers
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import Phase, TickInput, Trajectory
@@ -24,6 +23,7 @@ from hhsim.scene.described_scene import LoadedWords, SceneWords, load_words
 from hhsim.scene.scene import Scene
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.scene_solver import seen_scene
+from hhsim.submissions.hand_mjcf import Inertial, add_inertial, hand_bodies, numbers
 from hhsim.system.settings_file import typed
 from hhsim.trees.contact_surface import encloses
 from hhsim.trees.sphere_tree import SphereTree

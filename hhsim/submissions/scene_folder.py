@@ -11,13 +11,13 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import OutputError
-from hhsim.exchange.hand_formats import STEP, hand_mjcf, hand_urdf
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.motion.csv_file import POSE_COLUMNS, format_csv
 from hhsim.motion.trajectory import ObjectMotion
 from hhsim.scene.scene import Scene
 from hhsim.solver.scene_solver import seen_scene
+from hhsim.submissions.hand_mjcf import STEP, hand_mjcf
 from hhsim.submissions.pose_file import Submission, format_poses
 from hhsim.submissions.scene_file import (
     free_bodies,
@@ -86,7 +86,6 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
         files |= {
             f"{prefix}motion.csv": format_csv(moved),
             f"{prefix}hand.json": json.dumps(_numbers(model), indent=1) + "\n",
-            f"{prefix}hand.urdf": hand_urdf(model),
             f"{prefix}hand.xml": hand_mjcf(model, prefix),
         }
     if parts is not None and recorded_poses(scene):
@@ -160,7 +159,7 @@ def _readme(scene: Scene, digest: str, files: Collection[str]) -> str:
     signs = " and ".join(f"{sign[side]}w" if len(sides) == 1 else f"{sign[side]}w ({side})" for side in sides)
     meshes = ", ".join(f"`{body.name}.obj`" for body in scene_bodies(scene))
     motion, numbered = (", ".join(f"`{prefix}{name}`" for prefix in prefixes) for name in ("motion.csv", "hand.json"))
-    models = ", ".join(f"`{prefix}hand.{suffix}`" for prefix in prefixes for suffix in ("urdf", "xml"))
+    models = ", ".join(f"`{prefix}hand.xml`" for prefix in prefixes)
     last = f"| `{DRIVEN_FILE}` | poses and joint values of driven bodies |\n" if DRIVEN_FILE in files else ""
     free = ", ".join(f"`{name}.obj`" for name in free_bodies(scene))
     moved = (
@@ -185,7 +184,7 @@ follow: docs/submissions.md of hhsim lists the columns.{moved}
 | `spheres.csv` | the leaf spheres that cover it [m]: what hhsim's own methods touch by default |
 | {motion} | the user's hand at every tick, with the phases of the motion |
 | {numbered} | the hand as numbers [m, rad], palm frame |
-| {models} | the same as URDF and MJCF; joints are called as the columns |
+| {models} | the same as MJCF; joints are called as the columns |
 | `scene.xml` | hand and object as MJCF: the mesh is seen, its spheres collide; keyframe `start` is the first tick |
 | `{EXAMPLE}` | the user's own hand as a submission, which goes through everything |
 {last}\
@@ -201,7 +200,7 @@ A finger begins at `base`. With u = `distal` and w = `dorsal`, abduction turns u
 what is beyond its joint about w × u, which has been turned by abduction too, positive to the palm. Phalanx k is the
 hull of two spheres, of `radius` k and k + 1, whose centres are `length` k apart: a round cone. The palm is its spheres.
 
-URDF and MJCF have these joints exactly. Their shapes are capsules where both radii are equal; a tapering phalanx is a
+The MJCF has these joints exactly. Its shapes are capsules where both radii are equal; a tapering phalanx is a
 sphere and capsules inside of it, no part of whose surface is more than {1e3 * STEP:g} mm too low. What is measured is
 the round cones. Masses are those of water; hhsim has none.
 

@@ -1,4 +1,4 @@
-"""Hands as rigid bodies and joints, and as MJCF (mujoco.readthedocs.io) and URDF (wiki.ros.org/urdf/XML).
+"""Hands as rigid bodies and joints, and as MJCF, the format of MuJoCo (mujoco.readthedocs.io).
 
 The frame of every body has its origin at its joint, and the palm's axes where all angles are zero. With a
 configuration's flexion and abduction the joint centres are those of `hhsim.hand.model.HandModel.joints`.
@@ -7,7 +7,6 @@ configuration's flexion and abduction the joint centres are those of `hhsim.hand
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 from xml.etree import ElementTree as Xml
 
 import numpy as np
@@ -155,18 +154,12 @@ def _of_cone(cone: RoundCone) -> Inertial:
     return Inertial(mass, 0.5 * cone.end, across * (np.eye(3) - along) + 0.5 * mass * radius**2 * along)
 
 
-LIMITS = {"effort": "10.0", "velocity": "100.0"}
-"""Limits of a joint [N·m, rad/s], which URDF demands and hhsim's hand has not."""
-KNUCKLE = Inertial(1e-4, np.zeros(3), 1e-8 * np.eye(3))
-"""Smallest sound mass of the link between a finger's abduction and first flexion, which represents no body."""
-
-
 def hand_mjcf(hand: HandModel, prefix: str = "") -> str:
     """Return the MJCF text of a hand, in m, rad and kg.
 
     The palm has a free joint `palm`, with position and orientation (w, x, y, z), world, in qpos; the hinges are named
     like the columns of a submission, and a site at each tip sphere's centre `thumb_tip`. The hand collides with usual
-    contact bits, and not with itself. Capsules lie inside of a phalanx, by `hhsim.exchange.hand_formats.STEP` at most.
+    contact bits, and not with itself. Capsules lie inside of a phalanx, by `hhsim.submissions.hand_mjcf.STEP` at most.
     A prefix precedes all names, where two hands are in one model.
     """
     model = Xml.Element("mujoco", model=f"{hand.side}_hand")
@@ -209,77 +202,3 @@ def add_inertial(element: Xml.Element, of: Inertial) -> None:
 def numbers(values: ArrayLike | Iterable[float]) -> str:
     """Format numbers of an attribute in full precision, separated by spaces."""
     return " ".join(repr(float(value) + 0.0) for value in np.ravel(np.asarray(values)))
-
-
-def hand_urdf(hand: HandModel) -> str:
-    """Return the URDF text of a hand, in m, rad and kg.
-
-    The root link is the palm, in its frame. A URDF joint has one axis, so each finger has a link `index_knuckle`
-    without a shape between abduction and first flexion; the other links are named like the bodies of
-    `hhsim.exchange.hand_formats`, and a massless link at each tip sphere's centre `thumb_tip`. URDF has no capsules:
-    each is a cylinder with a sphere at both ends. Leave collisions of the hand with itself off.
-    """
-    robot = Xml.Element("robot", name=f"{hand.side}_hand")
-    bodies = hand_bodies(hand).bodies
-    for body in bodies:
-        parent, offset = body.parent, body.offset
-        for joint in body.joints[:-1]:
-            knuckle = f"{body.name.rpartition('_')[0]}_knuckle"
-            _add_link(robot, knuckle, KNUCKLE)
-            _add_joint(robot, joint, parent, knuckle, offset)
-            parent, offset = knuckle, np.zeros(3)
-        link = _add_link(robot, body.name, body.inertial)
-        for shape, role in product(body.shapes, ("visual", "collision")):
-            _add_shape(link, role, shape)
-        if body.joints:
-            _add_joint(robot, body.joints[-1], parent, body.name, offset)
-    for body in bodies:
-        finger, _, number = body.name.partition("_")
-        if body.cone is not None and number == str(PHALANGES):
-            tip = f"{finger}_tip"
-            Xml.SubElement(robot, "link", name=tip)
-            fixed = Xml.SubElement(robot, "joint", name=f"{tip}_fixed", type="fixed")
-            _connect(fixed, body.name, tip, body.cone.end)
-    Xml.indent(robot)
-    return Xml.tostring(robot, encoding="unicode") + "\n"
-
-
-def _add_link(robot: Xml.Element, name: str, inertial: Inertial) -> Xml.Element:
-    link = Xml.SubElement(robot, "link", name=name)
-    part = Xml.SubElement(link, "inertial")
-    Xml.SubElement(part, "origin", xyz=numbers(inertial.center))
-    Xml.SubElement(part, "mass", value=numbers([inertial.mass]))
-    pairs = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-    Xml.SubElement(part, "inertia", {name: numbers([inertial.inertia[place]]) for name, place in pairs.items()})
-    return link
-
-
-def _add_shape(link: Xml.Element, role: str, shape: Capsule) -> None:
-    radius = numbers([shape.radius])
-    for center in (shape.start,) if shape.is_sphere else (shape.start, shape.end):
-        part = Xml.SubElement(link, role)
-        Xml.SubElement(part, "origin", xyz=numbers(center))
-        Xml.SubElement(Xml.SubElement(part, "geometry"), "sphere", radius=radius)
-    if not shape.is_sphere:
-        part = Xml.SubElement(link, role)
-        along = shape.end - shape.start
-        length = float(np.linalg.norm(along))
-        # Roll, pitch and yaw [rad] from z, the axis of a cylinder.
-        x, y, z = along / length
-        turn = numbers([0.0, np.arctan2(np.hypot(x, y), z), np.arctan2(y, x)])
-        Xml.SubElement(part, "origin", xyz=numbers(0.5 * (shape.start + shape.end)), rpy=turn)
-        Xml.SubElement(Xml.SubElement(part, "geometry"), "cylinder", radius=radius, length=numbers([length]))
-
-
-def _add_joint(robot: Xml.Element, joint: HandJoint, parent: str, child: str, offset: FloatArray) -> None:
-    element = Xml.SubElement(robot, "joint", name=joint.name, type="revolute")
-    _connect(element, parent, child, offset)
-    Xml.SubElement(element, "axis", xyz=numbers(joint.axis))
-    limits = {"lower": numbers([joint.lower]), "upper": numbers([joint.upper])}
-    Xml.SubElement(element, "limit", {**limits, **LIMITS})
-
-
-def _connect(element: Xml.Element, parent: str, child: str, offset: FloatArray) -> None:
-    Xml.SubElement(element, "parent", link=parent)
-    Xml.SubElement(element, "child", link=child)
-    Xml.SubElement(element, "origin", xyz=numbers(offset))
