@@ -120,7 +120,7 @@ def _hand_mistakes(submission: Submission, free: BoolArray, user: HandConfigurat
             for one, other in ((now.flexion, then.flexion), (now.abduction, then.abduction))
         ]
         off = [np.linalg.norm(now.position - then.position, axis=1), 2.0 * np.arccos(np.clip(turn, 0.0, 1.0)), *joints]
-        return np.median(off, axis=1)
+        return np.asarray(np.median(off, axis=1))
 
     lags = range(int(MOST_LAG * rate) + 1)
     off = min((median_off(lag) for lag in lags), key=lambda each: float(each[0]))
