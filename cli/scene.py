@@ -65,8 +65,7 @@ def command(
     from hhsim.scene.described_scene import SceneWords, load_words
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.solver.options import SolverOptions
-    from hhsim.submissions.scene_file import worded_scene
-    from hhsim.submissions.scene_folder import EXAMPLE, check_scene_folder, write_scene_folder
+    from hhsim.submissions.scene_folder import EXAMPLE, check_scene_folder, worded_scene, write_scene_folder
     from hhsim.system.output_path import dated_output_path
 
     folder = out or dated_output_path(f"{Path(object_).stem}-{Path(trajectory).stem}-scene", "")

@@ -92,7 +92,7 @@ class Submission:
     """Hand, or right hand of two, and free bodies that a method shows at every tick of a scene."""
 
     method: str  # name of the method
-    # Digest of the scene (`hhsim.submissions.scene_file.scene_digest`), or its first digits; "" if not stated.
+    # Digest of the scene (`hhsim.submissions.scene_folder.scene_digest`), or its first digits; "" if not stated.
     scene: str
     time: FloatArray  # time since the start of the motion [s], shape (T,)
     poses: HandConfiguration  # the shown hand, fields of T rows
@@ -101,7 +101,7 @@ class Submission:
     palm_force: FloatArray | None = None  # contact force on the palm [N], world, shape (T, 3); None for none
     # Computing time of each tick [s], measured by the method, shape (T,); None if not measured.
     duration: FloatArray | None = None
-    # Words that the scene is made by (`hhsim.submissions.scene_file.scene_names`).
+    # Words that the scene is made by (`hhsim.submissions.scene_folder.scene_names`).
     made_by: Mapping[str, Any] = field(default_factory=dict)
     hand: str = ""  # side of the hand, right or left; "" if not stated
     path: Path | None = None

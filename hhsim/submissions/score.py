@@ -35,8 +35,7 @@ from hhsim.solver.reference_optimum import best_hands
 from hhsim.solver.scene_solver import SceneSolver, SeenScene, along, seen_scene
 from hhsim.solver.workspace import TickWorkspace
 from hhsim.submissions.pose_file import Submission
-from hhsim.submissions.scene_file import named_scene, scene_digest
-from hhsim.submissions.scene_folder import SCENE_FILE
+from hhsim.submissions.scene_folder import SCENE_FILE, named_scene, scene_digest
 from hhsim.submissions.suspicions import as_seen, body_figures, require_scene, shown_scene, suspicions
 from hhsim.system.input_file import read_input_text
 from hhsim.system.progress import Progress, silent

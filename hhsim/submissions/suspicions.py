@@ -25,7 +25,7 @@ from hhsim.scene.overlap import Solid, overlap
 from hhsim.scene.scene import Scene
 from hhsim.solver.scene_solver import SeenScene, along, seen_hand, seen_scene
 from hhsim.submissions.pose_file import Submission
-from hhsim.submissions.scene_file import free_bodies, scene_digest, scene_names, scene_title
+from hhsim.submissions.scene_folder import free_bodies, scene_digest, scene_names, scene_title
 from hhsim.system.counted import counted
 
 FREE_DISTANCE = 2e-3

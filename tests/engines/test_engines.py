@@ -10,9 +10,8 @@ import pytest
 from conftest import Run
 
 from hhsim.bench.peers import capsule_hand
-from hhsim.engines import convex_parts as module
-from hhsim.engines.convex_parts import COARSE, FINE, Ball, Box, Hull, convex_parts
-from hhsim.engines.mujoco import MuJoCoFast, lack_of
+from hhsim.engines import mujoco as module
+from hhsim.engines.mujoco import COARSE, FINE, Ball, Box, Hull, MuJoCoFast, convex_parts, lack_of
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel, Side

@@ -26,8 +26,7 @@ from hhsim.result.reader import load_result
 from hhsim.result.safety import Safety
 from hhsim.scene.described_scene import SceneWords, load_words
 from hhsim.submissions.pose_file import Submission, format_poses, read_submission
-from hhsim.submissions.scene_file import worded_scene
-from hhsim.submissions.scene_folder import write_scene_folder
+from hhsim.submissions.scene_folder import worded_scene, write_scene_folder
 from hhsim.submissions.score import scene_of
 
 pytestmark = pytest.mark.slow

@@ -26,8 +26,13 @@ from hhsim.solver.known_methods import SUBMITTED, find_method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SceneSolver
 from hhsim.submissions.pose_file import Submission, format_poses, read_submission
-from hhsim.submissions.scene_file import free_bodies, scene_digest, worded_scene
-from hhsim.submissions.scene_folder import example_submission, write_scene_folder
+from hhsim.submissions.scene_folder import (
+    example_submission,
+    free_bodies,
+    scene_digest,
+    worded_scene,
+    write_scene_folder,
+)
 from hhsim.submissions.score import Score, scene_of, score
 from hhsim.submissions.suspicions import BODY_DEPTH, UNEXPLAINED
 from hhsim.verify.verify import verify
