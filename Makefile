@@ -23,7 +23,7 @@ KERNELS_NEED := numpy numba h5py msgspec
 # What a replay imports besides; the rest, nine tenths of the bytes, comes after the first result.
 REPLAY_NEEDS := click rich
 
-# A live session and what tells of its machine need Linux; the rest has types that hold on macOS and Windows too.
+# A live session and what tells of its machine need Linux; the rest has types that hold on macOS too.
 LINUX_ONLY := '/(live|doctor\.py|scheduling_facts\.py|cpu_accounts\.py|wakeups\.py)(/|$$)'
 
 .PHONY: replay test site gallery soak wheel sdist check-dist checks platforms kernels tests own-gate gate clean
@@ -62,7 +62,6 @@ check-dist: .venv/release.stamp
 
 platforms: .venv/test.stamp
 	$(BIN)/mypy --platform darwin --follow-imports silent --exclude $(LINUX_ONLY) hhsim cli
-	$(BIN)/mypy --platform win32 --follow-imports silent --exclude $(LINUX_ONLY) hhsim cli
 
 checks: .venv/test.stamp
 	$(BIN)/ruff check .

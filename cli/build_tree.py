@@ -10,8 +10,7 @@ import click
 from hhsim.system.counted import counted
 from hhsim.table.table import Table, number
 
-from .arguments.length import read_length
-from .arguments.object_argument import MeshFile, complete_object
+from .arguments.object_argument import MeshFile, complete_object, read_length
 from .arguments.option_group import GroupedCommand, OptionGroup, option, typed_options
 from .arguments.options import OUTPUT, UNITS, Output, file, seed
 from .console import print_json, print_line, print_notes, print_table, progress
@@ -171,7 +170,7 @@ def command(
     """
     from hhsim.linkage.file import names_a_linkage
     from hhsim.mesh.mesh import METRES_PER_UNIT
-    from hhsim.render.tree_figure import draw_tree
+    from hhsim.render.spheres_figure import draw_tree
     from hhsim.system.output_path import check_output_path, check_picture
     from hhsim.system.thread_pool import usual_threads
     from hhsim.trees.cache import cache_path, kept_sphere_tree

@@ -126,7 +126,6 @@ class Labels(OptionGroup, heading="Labels"):
     metavar="TOML",
     help="Write a hand with the recorded bones and radii for --hand-file, and lay the motion for it.",
 )
-@click.option("--plot", type=OUTPUT, metavar="FILE", help="Draw what came in and what went out.")
 def command(
     file: Path,
     reading: FileSettings,
@@ -136,7 +135,6 @@ def command(
     labels: Labels,
     output: Output,
     fit_hand: Path | None,
-    plot: Path | None,
 ) -> None:
     """Make a trajectory of a recording of a hand.
 
@@ -146,7 +144,7 @@ def command(
 
     \b
     Examples:
-      hhsim import grab.npz --out grab.h5 --plot grab.png
+      hhsim import grab.npz --out grab.h5
       hhsim import glove.csv --columns glove.toml --hand left
       hhsim import session.csv --from 2 --to 7.5 --length-unit mm
       hhsim import quest.csv --fit-hand me.toml --out quest.h5
@@ -163,12 +161,10 @@ def command(
     from hhsim.recordings.formats.dexmo import calibration_of
     from hhsim.recordings.registry import read_recording
     from hhsim.system.atomic_write import write_atomically
-    from hhsim.system.output_path import check_output_path, check_picture
+    from hhsim.system.output_path import check_output_path
 
     output_path = output.path(file.stem or "recording")
     check_trajectory_path(output_path)
-    if plot is not None:
-        check_picture(plot)
     if dexmo.save_calibration is not None:
         check_output_path(dexmo.save_calibration, "calibration", read_calibration)
     if fit_hand is not None:
@@ -191,13 +187,9 @@ def command(
     if fit_hand is not None:
         write_atomically(fit_hand, hand_text.encode())
     document = import_document(recording, cleaned)
-    if plot is not None:
-        from hhsim.render.import_figure import draw_import
-
-        draw_import(cleaned, plot)
     if output.as_json:
-        paths = {name: str(path) if path else None for name, path in (("hand_file", fit_hand), ("plot", plot))}
-        print_json({"file": str(file), **document, "path": str(output_path), **paths})
+        hand_file = str(fit_hand) if fit_hand else None
+        print_json({"file": str(file), **document, "path": str(output_path), "hand_file": hand_file})
     elif not output.quiet:
         written = [str(output_path)] + ([f"its hand to {fit_hand}"] if fit_hand else [])
         motion, length = cleaned.trajectory, cleaned.hand_length
@@ -217,6 +209,6 @@ def command(
         )
         if motion.may_hide_damage:
             print_line(UNCHECKED)
-        print_line(f"written to {', '.join(written)}" + (f", drawn in {plot}" if plot else ""))
+        print_line(f"written to {', '.join(written)}")
         if output_path.suffix.lower() == ".csv" and cleaned.trajectory.raw:
             print_notes(["raw channels are not part of a CSV file; --out FILE.h5 keeps them"])

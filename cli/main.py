@@ -24,7 +24,7 @@ COMMANDS = {
     "live": "Put a glove in the loop at 1 kHz, safely, and record it.",
     "compare": "Set the figures of two results side by side.",
     "export": "Write the ticks of a result, or its hand as a recording.",
-    "view": "Look at results, motions and meshes in the rerun viewer.",
+    "view": "Look at results in the rerun viewer.",
     "report": "Make one HTML page of results: figures, curves, worst ticks.",
     "verify": "Check every claim of a result with independent code.",
     "objects": "List the objects that come with hhsim.",
@@ -39,8 +39,6 @@ COMMANDS = {
     "build-tree": "Cover an object, or a robot, with spheres, with a proof.",
     "doctor": "Tell whether this machine keeps 1 kHz, and if not, why.",
     "info": "Show versions, processor, clock and what is missing.",
-    "help": "Show the help of hhsim, or of a command.",
-    "completion": "Print the script that completes hhsim commands in a shell.",
 }
 """Commands with one line each; a command's module is named like it, with underscores, and holds `command`."""
 
@@ -49,6 +47,7 @@ KEYWORDS = {"import": "import_"}
 
 MEANT = {
     **dict.fromkeys(("list", "ls"), "hhsim objects and hhsim trajectories list what there is"),
+    "help": "hhsim --help lists the commands, and hhsim COMMAND --help explains one",
     "version": "hhsim --version prints it, hhsim info all versions",
     "run": "did you mean replay?",
     "show": "did you mean view or report?",

@@ -1,7 +1,6 @@
 """`hhsim replay`."""
 
 import sys
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -15,13 +14,12 @@ from hhsim.table.table import Table, number, words
 from .arguments import options, recording_options
 from .arguments.comma_list import number_list
 from .arguments.free_object import FreeChoice
-from .arguments.object_argument import MeshFile, complete_object
+from .arguments.object_argument import MeshFile, TreeOrFile, complete_object
 from .arguments.option_group import GroupedCommand, option, shared
 from .arguments.options import COUNT, ranged
 from .arguments.recording_options import HandData, Sampling
-from .arguments.rerun_target import RERUN, RERUN_METAVAR, read_target
 from .arguments.solver_options import Linearising, SolverChoice, trust
-from .arguments.tree_choice import TreeOrFile
+from .arguments.written import RERUN, RERUN_METAVAR, read_target
 from .console import print_json, print_line, print_notes, print_table, progress
 from .run_again import names_a_result, run_again
 
@@ -241,28 +239,19 @@ def command(
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.solver.free_object import require_free
 
-    if moving.side == "both" and (output.repeat > 1 or rerun is not None):
-        raise click.UsageError("--repeat and --rerun are of one hand: hhsim view RESULT shows both after the replay")
+    if moving.side == "both" and output.repeat > 1:
+        raise click.UsageError("--repeat is of one hand")
     solver_options = solver.options()
     loaded = load_words(moving.words(object_, trajectory, mesh_file, tree, data, free), surface=solver.surface)
     motion, bodies = loaded.motions[0], loaded.bodies
     free.require(solver_options, motion, way_out=": --object-pose fixed keeps it where it is at first")
     remarks = import_remarks(motion, trajectory)
-    if len(bodies.solids) > 1 and rerun is not None:
-        raise click.UsageError(f"--free, --tree and --rerun are for one object, not for '{object_}'")
     if any(body.is_free for body in bodies.settings):
         require_free(solver_options)
     output_path = output.path(f"{bodies.name}-{motion.name}-{solver.word}")
     check_result_path(output_path)
     print_notes(bodies.mesh.warnings, prefix="warning")
-    with ExitStack() as stack:
-        viewer = None
-        if rerun is not None:
-            from hhsim.view.background_viewer import ViewAhead
-
-            # Before the progress bar starts a thread, which would not survive a fork.
-            viewer = stack.enter_context(ViewAhead(rerun))
-        report = stack.enter_context(progress(quiet=output.quiet))
+    with progress(quiet=output.quiet) as report:
         placed = loaded.placed(solver_options.fingers, report)
         scene, notes = placed.scene, placed.notes
         remarks += filter(None, [placed.note])
@@ -275,15 +264,16 @@ def command(
             document = both.to_json()
             remarks.append(both.note)
         else:
-            about["before_ticks"] = viewer.settle if viewer is not None else None
             runs = [replay_scene(scene, solver_options, output_path, **about) for _ in range(output.repeat)]
             hands[scene.hands[0].model.side], document = runs[-1], runs[-1].to_json()
             document |= {"placement": placed.to_json()} if placed.placement else {}
         if output.repeat > 1:
             document["repeated"] = repeated_document(runs)
             add_document(output_path, "repeated", document["repeated"])
-        if viewer is not None:
-            viewer.show(output_path, report)
+        if rerun is not None:
+            from hhsim.view.viewer import view_files
+
+            view_files([output_path], rerun, progress=report)
     stuck = [summary.verdict.line for summary in hands.values() if summary.verdict.mostly_stuck]
     if output.as_json:
         print_json({**document, "notes": [*remarks, *document.get("notes", ())]})

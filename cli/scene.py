@@ -51,7 +51,7 @@ def command(
     """Write a scene as files for other software to solve.
 
     OBJECT and TRAJECTORY are as for hhsim replay. The folder gets the mesh (.obj), the spheres that cover it, the
-    user's hand at every tick (.csv and HDF5), the hand as numbers, URDF and MJCF, hand and object as one MJCF model
+    user's hand at every tick (.csv and HDF5), the hand as numbers and MJCF, hand and object as one MJCF model
     (scene.xml), a README with frames and units, and example-submission.csv, which shows what hhsim score takes back
     (docs/submissions.md). Several bodies have a mesh each, and joints in scene.xml; two hands have files each.
 
@@ -65,8 +65,7 @@ def command(
     from hhsim.scene.described_scene import SceneWords, load_words
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.solver.options import SolverOptions
-    from hhsim.submissions.scene_file import worded_scene
-    from hhsim.submissions.scene_folder import EXAMPLE, check_scene_folder, write_scene_folder
+    from hhsim.submissions.scene_folder import EXAMPLE, check_scene_folder, worded_scene, write_scene_folder
     from hhsim.system.output_path import dated_output_path
 
     folder = out or dated_output_path(f"{Path(object_).stem}-{Path(trajectory).stem}-scene", "")

@@ -31,7 +31,7 @@ from .repair import ObjectSettings
     "folder",
     type=options.FILE,
     metavar="DIR",
-    help="Folder that hhsim scene made. Default: that of the submission, else the scene is made anew.",
+    help="Folder that hhsim scene made, for poses that do not say by what words their scene is made.",
 )
 @click.option(
     "--surface",
@@ -52,7 +52,7 @@ def command(
 ) -> int:
     """Measure the poses that other software made of a scene.
 
-    SUBMISSION is a .csv or .h5 file with the hands, and the bodies that are free, for every tick of a scene that hhsim
+    SUBMISSION is a .csv file with the hands, and the bodies that are free, for every tick of a scene that hhsim
     scene wrote, with forces and times if there are any (docs/submissions.md). Everything that poses can tell is
     computed anew, as of a method of hhsim's own; the result is a file that hhsim report, view, compare and export read.
     Ticks, frames and units that are not the scene's are refused or named; the exit code is 1 where something is
@@ -65,7 +65,7 @@ def command(
     Examples:
       hhsim score bunny-grasp/example-submission.csv
       hhsim score unity.csv --scene bunny-grasp --out unity.h5
-      hhsim score bullet.h5 --surface mesh
+      hhsim score bullet.csv --surface mesh
       hhsim score theirs.npz --recorded seq.npz --object mug.stl --hand right
     """
     if recorded is not None:
@@ -106,7 +106,7 @@ def _field(
     repaired: Path, recorded: Path, thing: ObjectSettings, reading: FileSettings, data: HandData, output: options.Output
 ) -> int:
     """Print the figures of the field of a repaired recording; returns the exit code."""
-    from hhsim.linkage.object_mesh import resolve_object
+    from hhsim.linkage.file import resolve_object
     from hhsim.metrics.field.field_table import field_table, to_json
     from hhsim.metrics.field.score import field_score
     from hhsim.repair.request import MAX_CORRECTION

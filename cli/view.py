@@ -9,8 +9,8 @@ import click
 from hhsim.system.counted import counted
 
 from .arguments import options
-from .arguments.rerun_target import RERUN, RERUN_METAVAR, read_target
-from .console import print_json, print_notes, progress
+from .arguments.written import RERUN, RERUN_METAVAR, read_target
+from .console import print_json, print_line, print_notes, progress
 
 if TYPE_CHECKING:
     from hhsim.view.sink import RerunTarget
@@ -36,7 +36,6 @@ SLOW, PIXELS = 1.0, 640
     help="Show only every K-th tick; the plots keep the worst of those between, except for forces.",
 )
 @click.option("--spheres", is_flag=True, help="Show the spheres of the object's tree in place of its mesh.")
-@click.option("--unit", type=options.UNITS, help="Length unit of a mesh file. Default: the one that it states, or m.")
 @click.option("--video", type=options.OUTPUT, metavar="FILE.gif|.webp|.mp4", help="Make a film of a result.")
 @click.option(
     "--slow",
@@ -51,19 +50,16 @@ def command(
     target: "RerunTarget | None",
     every: int,
     spheres: bool,
-    unit: str | None,
     video: Path | None,
     slow: float | None,
     pixels: int | None,
     printing: options.Printing,
 ) -> None:
-    """Look at results, motions and meshes in the rerun viewer.
+    """Look at results in the rerun viewer.
 
-    FILE is what hhsim replay or hhsim live wrote, a trajectory (.h5, .csv), a sphere tree, or a mesh; which it is,
-    its content tells. A right and a left hand on the same object at the same time are in one picture. Of a result
-    both hands are shown, the object, contacts, forces and plots of every tick: the graphic hand in skin colour, the
-    haptic hand (the user's) in blue, contact forces in red. Several files stand side by side on one time axis. With
-    half a million ticks, --every 10 keeps the viewer quick.
+    FILE is what hhsim replay or hhsim live wrote. Both hands are shown, the object, contacts, forces and plots of every
+    tick: the graphic hand in skin colour, the haptic hand (the user's) in blue, contact forces in red. Several files
+    stand side by side on one time axis. With half a million ticks, --every 10 keeps the viewer quick.
 
     --video makes a film of one result, 25 frames a second: a GIF, a smaller WebP, or an MP4 where the program ffmpeg is
     installed.
@@ -71,7 +67,7 @@ def command(
     \b
     Examples:
       hhsim view results/grasp.h5
-      hhsim view coupled.h5 progressive.h5 motion.h5 mug.stl --unit mm
+      hhsim view coupled.h5 progressive.h5
       hhsim view grasp.h5 --rerun grasp.rrd --spheres
       hhsim view grasp.h5 --video grasp.gif --slow 2
       hhsim view session.h5 --every 10 --rerun connect=127.0.0.1:9876
@@ -79,71 +75,38 @@ def command(
     if video is None and (slow is not None or pixels is not None):
         raise click.UsageError("--slow and --pixels are of a film: name its file with --video")
     from hhsim.result.reader import load_result
-    from hhsim.view.gallery import file_kind
 
-    kinds = [file_kind(path) for path in files]
+    results = [load_result(path) for path in files]
     begin = time.perf_counter()
     document: dict[str, object] = {}
+    quiet, silent = printing.quiet, printing.quiet or printing.as_json
     if video is not None:
-        if kinds != ["result"]:
+        from hhsim.view.film import FPS, check_video_path, write_video
+
+        if len(results) > 1:
             raise click.UsageError("--video is of one result: name one file that hhsim replay or hhsim live wrote")
-        document |= _make_video(files[0], video, slow or SLOW, pixels or PIXELS, printing)
-    if target is None and video is None:
+        check_video_path(video)
+        first, *others = results[0].hands.values()
+        with progress(quiet=silent) as report:
+            frames = write_video(first, video, slow or SLOW, pixels or PIXELS, report, *others)
+        if not silent:
+            seconds = f"{frames / FPS:.1f} s"
+            print_line(f"{counted(frames, 'frame')} of {counted(first.ticks, 'tick')}, {seconds}, in {video}")
+        document |= {"video": str(video), "frames": frames}
+    if target is not None or video is None:
         from hhsim.view.sink import check_target, parse_target
+        from hhsim.view.viewer import MANY_TICKS, view_files
 
-        target = parse_target("spawn")
-        check_target(target)
-    if target is not None:
-        if kinds == ["result"] and load_result(files[0]).name:
-            document |= _view_result(files[0], target, every, printing, spheres=spheres)
-        else:
-            document |= _view_files(files, target, every, unit, printing, spheres=spheres)
+        if target is None:
+            target = parse_target("spawn")
+            check_target(target)
+        most = max(result.ticks for result in results)
+        if most // every > MANY_TICKS and not quiet:
+            print_notes([f"{most:,} ticks: a viewer is quicker with --every {-(-most // 60_000)}"])
+        with progress(quiet=quiet) as report:
+            viewed = view_files(files, target, every=every, spheres=spheres, progress=report)
+        if not silent:
+            print_line(f"{viewed.shown:,} of {viewed.ticks:,} ticks went to {viewed.target}")
+        document |= viewed.to_json()
     if printing.as_json:
-        print_json({**document, "seconds": time.perf_counter() - begin})
-
-
-def _make_video(path: Path, video: Path, slow: float, pixels: int, printing: options.Printing) -> dict[str, object]:
-    from hhsim.result.reader import load_result
-    from hhsim.view.film import FPS, check_video_path, write_video
-
-    check_video_path(video)
-    result, *others = load_result(path).hands.values()
-    with progress(quiet=printing.quiet or printing.as_json) as report:
-        frames = write_video(result, video, slow, pixels, report, *others)
-    if not printing.quiet and not printing.as_json:
-        print(f"{counted(frames, 'frame')} of {counted(result.ticks, 'tick')}, {frames / FPS:.1f} s, in {video}")
-    return {"result": str(path), "video": str(video), "frames": frames}
-
-
-def _view_result(
-    path: Path, target: "RerunTarget", every: int, printing: options.Printing, *, spheres: bool
-) -> dict[str, object]:
-    from hhsim.result.reader import load_result
-    from hhsim.view.viewer import MANY_TICKS, view_result
-
-    loaded = load_result(path)
-    if loaded.ticks // every > MANY_TICKS and not printing.quiet:
-        print_notes([f"{loaded.ticks:,} ticks: a viewer is quicker with --every {-(-loaded.ticks // 60_000)}"])
-    with progress(quiet=printing.quiet) as report:
-        viewed = view_result(loaded, target, every=every, spheres=spheres, progress=report)
-    if not printing.quiet and not printing.as_json:
-        print(f"{viewed.shown:,} of {viewed.ticks:,} ticks went to {viewed.target}")
-    return {"result": str(path), **viewed.to_json()}
-
-
-def _view_files(
-    paths: tuple[Path, ...],
-    target: "RerunTarget",
-    every: int,
-    unit: str | None,
-    printing: options.Printing,
-    *,
-    spheres: bool,
-) -> dict[str, object]:
-    from hhsim.view.gallery import view_files
-
-    with progress(quiet=printing.quiet) as report:
-        shown = view_files(paths, target, every=every, spheres=spheres, unit=unit, progress=report)
-    if not printing.quiet and not printing.as_json:
-        print(f"{', '.join(f'{one.path.name} ({one.kind})' for one in shown)} went to {target}")
-    return {"files": [one.to_json() for one in shown], "rerun": str(target)}
+        print_json({"results": [str(path) for path in files], **document, "seconds": time.perf_counter() - begin})

@@ -102,7 +102,7 @@ KINDS = (
 OTHER_KINDS = (
     *(Kind(name, "anew", MORE_OF_RESULTS) for name in ("result.h5", "driven.h5", "free.h5")),
     Kind("session.h5", "anew", SESSION_COMMANDS),
-    Kind("motion.h5", "anew", (*MOTION_COMMANDS, "view FILE --rerun out.rrd")),
+    Kind("motion.h5", "anew", MOTION_COMMANDS),
     Kind("tree.h5", "anew", TREE_COMMANDS),
     *(Kind(f"ball.{suffix}", "bare", MESH_COMMANDS) for suffix in ("obj", "off", "ply", "glb")),
     Kind("script.toml", "bare", ("replay cube FILE --level 2 --ticks 50 --out again.h5",)),

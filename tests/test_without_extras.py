@@ -33,8 +33,6 @@ class Line(NamedTuple):
 ENGINES = [name for name, entry in declared_methods().items() if entry.value.startswith("hhsim.engines.")]
 LINES = (
     Line("info"),
-    Line("help replay"),
-    Line("completion bash"),
     Line("objects"),
     Line("trajectories"),
     Line("methods"),
@@ -50,7 +48,7 @@ LINES = (
     Line("verify a.h5"),
     Line("scene sphere short.toml --out scene"),
     Line("score scene/example-submission.csv --out scored.h5"),
-    Line("import grab.csv --out grab.h5 --plot grab.png"),
+    Line("import grab.csv --out grab.h5"),
     Line("repair grab.csv --object sphere --out repaired.csv", codes=(0, 1)),
     Line("sweep plan.toml"),
     Line("sweep plan.toml --scheduler local --out other", "sweep"),

@@ -14,7 +14,7 @@ LAYERS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("shown, and with a glove", ("report", "live", "view", "render")),
     ("judged", ("gate", "verify", "bench", "submissions", "robots")),
     ("a run, tick by tick", ("replay", "scene", "solver", "metrics")),
-    ("motions, files", ("linkage", "exchange", "recordings", "result", "motion")),
+    ("motions, files", ("linkage", "recordings", "result", "motion")),
     ("objects, the hand", ("system", "table", "mesh", "trees", "hand")),
     ("kernels: numba only", KERNELS),
 )

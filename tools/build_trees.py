@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from hhsim.hand.model import MIRROR, HandModel
-from hhsim.linkage.object_mesh import solid_for
+from hhsim.linkage.file import solid_for
 from hhsim.mesh.catalogue import BODIES, MESH_LEVEL, load_object, object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.scene.declared_bodies import load_bodies

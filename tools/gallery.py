@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from PIL import Image
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 PAGE = REPOSITORY / "docs" / "gallery.md"
@@ -27,8 +26,6 @@ WIDTH = 400
 MOST_BYTES, MOST_OF_ALL = 400_000, 4_000_000
 """Largest film, and all of them [byte]."""
 FOLD = "<details><summary>What it prints</summary>"
-QUALITY = 80
-"""Quality of a picture, 0 to 100."""
 HEADING = (
     "# Gallery\n\n"
     "Runs as films, each with the commands that make it and the table that it prints: skin is the graphic hand,\n"
@@ -40,18 +37,18 @@ HEADING = (
 
 
 class Tile(NamedTuple):
-    """Film or picture with what is seen in it, and the commands that make it: the last one's table is shown."""
+    """Film with what is seen in it, and the commands that make it: the last one's table is shown."""
 
     name: str
     title: str
     seen: str
     make: tuple[str, ...]
-    result: str = ""  # what is filmed; "" for a picture that the command draws
+    result: str  # what is filmed
     faster: int = 1  # times that the film is faster than the motion
 
     @property
     def file(self) -> str:
-        """Name of the film or picture."""
+        """Name of the film."""
         return f"{self.name}.webp"
 
     @property
@@ -59,7 +56,7 @@ class Tile(NamedTuple):
         """Command lines."""
         slow = "" if self.faster == 1 else f" --slow {1 / self.faster:g}"
         film = f"hhsim view {self.result} --video {self.file} --pixels {WIDTH}{slow}"
-        return (*self.make, film) if self.result else self.make
+        return (*self.make, film)
 
 
 def replayed(name: str, title: str, seen: str, words: str, faster: int = 1) -> Tile:
@@ -97,17 +94,6 @@ TILES = (
         ("hhsim repair grab.csv --object mug.stl --unit mm --out grab-free.csv",),
         "grab-free-result.h5",
     ),
-    Tile(
-        *(
-            "spheres",
-            "A robot's spheres",
-            "A hand of 16 links in URDF, here hhsim's own: each link in spheres that cover it.",
-        ),
-        (
-            "hhsim scene cube touch --out scene",
-            "hhsim build-tree scene/hand.urdf --leaves 8 --as urdf --out hand-spheres.urdf --plot spheres.png",
-        ),
-    ),
 )
 INPUTS = ("grab.csv", "mug.stl")
 """Files of examples/ that commands read."""
@@ -134,14 +120,9 @@ def made(tile: Tile, folder: Path) -> str:
         answer = subprocess.run(program, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True, check=True)
         printed.append(answer.stdout)
     FILMS.mkdir(exist_ok=True)
-    if tile.result:
-        shutil.copy(folder / tile.file, FILMS)
-        if tile.name in TURNED:
-            (FILMS / f"{tile.name}.glb").write_bytes(scene_to_turn(folder / tile.result, TURNED[tile.name]))
-    else:
-        with Image.open(folder / f"{tile.name}.png") as picture:
-            picture.thumbnail((2 * WIDTH, 2 * WIDTH))
-            picture.convert("RGB").save(FILMS / tile.file, quality=QUALITY, method=6)
+    shutil.copy(folder / tile.file, FILMS)
+    if tile.name in TURNED:
+        (FILMS / f"{tile.name}.glb").write_bytes(scene_to_turn(folder / tile.result, TURNED[tile.name]))
     size = (FILMS / tile.file).stat().st_size
     if size > MOST_BYTES:
         sys.exit(f"{tile.file} has {size:,} bytes, the most are {MOST_BYTES:,}: make it faster or smaller")

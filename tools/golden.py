@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cli.console import print_table
+from hhsim.system.hdf5_input import open_hdf5
 from hhsim.table.table import Table, number, words
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -111,7 +112,7 @@ def _ticks(file: h5py.File) -> Iterator[tuple[str, NDArray[Any]]]:
 
 def keep(result: Path) -> Arrays:
     """Return what is kept of a result: `digests` as JSON, `ticks`, and values at these by their datasets' names."""
-    with h5py.File(result, "r") as file:
+    with open_hdf5(result) as file:
         arrays = dict(_ticks(file))
     touching = sum(values > 0 for path, values in arrays.items() if path.endswith("contacts/touching"))
     at = np.flatnonzero(touching)
@@ -203,7 +204,7 @@ def times(python: str, name: str, out: Path) -> NDArray[np.float64]:
     command = [python, "-P", "-m", "cli.main", "replay", *SCENES[name].split(), "--out", str(out), "--quiet"]
     if subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL, check=False).returncode not in (0, 1):
         raise RuntimeError(f"{name}: {' '.join(command)} failed")
-    with h5py.File(out, "r") as file:
+    with open_hdf5(out) as file:
         arrays = [hand["tick"] for hand in file["hands"].values()]
         touching = sum(hand["contacts/touching"][()] > 0 for hand in arrays)
         spent = np.sum([hand["duration/total_cpu"][()] for hand in arrays], axis=0)

@@ -15,7 +15,7 @@ PACKAGES = (
         for part in ("", ".hand", ".parallel", ".mesh", ".cover", ".contact", ".surfaces", ".qp", ".tick")
     ),
     *("hhsim.kernels.parts", "hhsim.kernels.free", "hhsim.kernels.live"),
-    *("hhsim.system", "hhsim.table", "hhsim.mesh", "hhsim.trees", "hhsim.hand", "hhsim.exchange"),
+    *("hhsim.system", "hhsim.table", "hhsim.mesh", "hhsim.trees", "hhsim.hand"),
     *("hhsim.linkage", "hhsim.robots", "hhsim.robots.formats", "hhsim.motion"),
     "hhsim.result",
     *(

@@ -2,9 +2,12 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
+
+if TYPE_CHECKING:
+    from hhsim.view.sink import RerunTarget
 
 
 class WrittenPath(click.Path):
@@ -51,3 +54,18 @@ def _paths(value: Any) -> Iterator[Path]:
             yield from _paths(each)
     elif hasattr(value, "path"):
         yield from _paths(value.path)
+
+
+RERUN = WrittenWord()
+RERUN_METAVAR = "spawn|FILE.rrd|connect[=URL]"
+
+
+def read_target(context: click.Context, parameter: click.Parameter, value: str | None) -> "RerunTarget | None":
+    """Read `spawn`, FILE.rrd, `connect` or `connect=URL` of --rerun, and check at once that it can work."""
+    if value is None:
+        return None
+    from hhsim.view.sink import check_target, parse_target
+
+    target = parse_target(value)
+    check_target(target)
+    return target

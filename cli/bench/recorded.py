@@ -103,7 +103,7 @@ def command(
         recording_files,
         totals,
     )
-    from hhsim.linkage.object_mesh import resolve_object
+    from hhsim.linkage.file import resolve_object
     from hhsim.mesh.catalogue import names_a_file
     from hhsim.trees.cache import cached_sphere_tree
     from hhsim.trees.options import TreeOptions

@@ -14,11 +14,10 @@ from hhsim.solver.method import METHODS
 from ..arguments import options
 from ..arguments.comma_list import number_list, one_or_five
 from ..arguments.free_object import FreeChoice
-from ..arguments.object_argument import MeshFile, complete_object
+from ..arguments.object_argument import MeshFile, TreeChoice, complete_object
 from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
-from ..arguments.rerun_target import RERUN, RERUN_METAVAR, read_target
 from ..arguments.solver_options import OWN_METHODS, SolverChoice
-from ..arguments.tree_choice import TreeChoice
+from ..arguments.written import RERUN, RERUN_METAVAR, read_target
 from ..console import print_json, print_notes, progress
 from ..replay import complete_trajectory
 from .glove_settings import GloveChoice, glove_choice, own_options

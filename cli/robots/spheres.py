@@ -15,18 +15,16 @@ from hhsim.table.table import Table, number, words
 
 from ..arguments.option_group import OptionGroup, option
 from ..arguments.options import Output
-from ..arguments.rerun_target import RERUN, RERUN_METAVAR, read_target
 from ..console import print_json, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
-    from hhsim.linkage.robot import Robot
+    from hhsim.linkage.linkage import Robot
     from hhsim.mesh.mesh import Mesh
     from hhsim.robots.link_spheres import LinkSpheres
     from hhsim.robots.robot_spheres import RobotSpheres
     from hhsim.robots.touching_pairs import Touching
     from hhsim.trees.foreign_tree import ImportedTree
     from hhsim.trees.options import TreeOptions
-    from hhsim.view.sink import RerunTarget
 
 USUAL_LEAVES = 16
 """Spheres of a link where nothing says how many."""
@@ -63,24 +61,18 @@ class RobotOptions(OptionGroup, heading="Robot"):
     compare: bool = option(
         is_flag=True, help="Beside --from: build as many spheres of each link, and print both. The file's are written."
     )
-    rerun: "RerunTarget | None" = option(
-        type=RERUN,
-        callback=read_target,
-        metavar=RERUN_METAVAR,
-        help="Show links and spheres in rerun: open a viewer, write a file, or send to an open viewer at HOST:PORT.",
-    )
 
     def means(self, object_: str, out: Path | None) -> bool:
         """Return True if OBJECT is a robot: a URDF or MJCF whose links move, unless one link's tree is asked for."""
         from hhsim.linkage.file import names_a_linkage, read_robot
         from hhsim.robots.formats.registry import format_of
 
-        named = self.compare or self.visual or (self.kind, self.total, self.ignore, self.rerun) != (None,) * 4
+        named = self.compare or self.visual or (self.kind, self.total, self.ignore) != (None,) * 3
         if not names_a_linkage(object_):
             if named:
                 raise click.UsageError(
-                    "--as, --total, --visual, --ignore, --compare and --rerun are for a robot, a URDF or MJCF file, "
-                    f"and {object_} is none"
+                    "--as, --total, --visual, --ignore and --compare are for a robot, a URDF or MJCF file, and "
+                    f"{object_} is none"
                 )
             return False
         named = named or (out is not None and format_of(out) not in ("", "h5"))
@@ -108,7 +100,7 @@ def robot_spheres(
     from hhsim.trees.options import TreeOptions
 
     out_kind = "" if output.out is None else format_of(output.out)
-    total, rerun = robot_options.total, robot_options.rerun
+    total = robot_options.total
     name = robot_options.kind or out_kind or "h5"
     format_ = FORMATS[name]
     out = output.path(f"{path.stem}-spheres", format_.suffixes[0])
@@ -144,13 +136,9 @@ def robot_spheres(
     found = RobotSpheres(robot, path, tuple(built.values()), ignored)
     write_atomically(out, format_.write(found))
     if plot is not None:
-        from hhsim.render.robot_figure import draw_robot
+        from hhsim.render.spheres_figure import draw_robot
 
         draw_robot(plot, found)
-    if rerun is not None:
-        from hhsim.view.robot_log import show_robot
-
-        show_robot(found, rerun)
     seconds = time.process_time() - start
     print_notes(notes)
     if output.as_json:

@@ -1,19 +1,125 @@
-"""MuJoCo: hand as bodies and position actuators, object as convex parts, triangles or spheres."""
+"""MuJoCo: hand as bodies and position actuators, object as convex parts, triangles or spheres.
 
+The coupling G of Eq. 1 is a spring and a damper between haptic and graphic hand: at rest, and without friction, MuJoCo
+then solves for the same hand as hhsim's own methods. Bodies have the virtual mass G τ², so that one time τ tunes
+everything: the free hand returns to the user's as exp(-t/τ), critically damped.
+"""
+
+import hashlib
+import io
 import time
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Any, ClassVar, NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.engines.convex_parts import COARSE, FINE, Ball, Box, convex_parts
-from hhsim.engines.rigid_hand import PALM, PHALANX_MASS, STILL, RigidHand, lack_of, object_mesh, speed_between
-from hhsim.errors import InputError
+from hhsim.errors import InputError, OutputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS, PHALANGES
+from hhsim.hand.quaternion import quaternion_from_matrix
+from hhsim.kernels.cache_folder import cache_root
+from hhsim.kernels.hand.kinematics import PALM_BODY
+from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.topology import is_closed
 from hhsim.solver.outside_method import MethodScene, TickAnswer
+from hhsim.system.atomic_write import write_atomically
 
-BODIES = PALM + 1
+COARSE, FINE = 0.02, 0.01
+"""CoACD's thresholds over the object's half size: the lower end of its range (0.01 to 1), since parts fill hollows."""
+SEED = 0
+CONVEX = 1e-6
+"""Largest share of its hull that a convex mesh leaves empty."""
+ROUND = 2e-3
+"""Largest relative difference of the distances of a ball's vertices from its centre."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ball:
+    """A ball, world [m]."""
+
+    center: FloatArray
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A box along the axes of the world [m]."""
+
+    center: FloatArray
+    half: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """Convex hull of points, world [m], shape (V, 3)."""
+
+    points: FloatArray
+
+
+Part = Ball | Box | Hull
+
+
+def convex_parts(mesh: Mesh, concavity: float = COARSE) -> list[Part]:
+    """Return the parts of a mesh [m], world; one if it is convex, else those of CoACD's threshold `concavity`."""
+    simple = _simple(mesh)
+    return [simple] if simple is not None else [Hull(points) for points in _decomposition(mesh, concavity)]
+
+
+def _simple(mesh: Mesh) -> Part | None:
+    from scipy.spatial import ConvexHull
+
+    points = mesh.vertices
+    low, high = points.min(axis=0), points.max(axis=0)
+    center = 0.5 * (low + high)
+    hull = ConvexHull(points)
+    if abs(mesh.volume - hull.volume) > CONVEX * hull.volume:
+        return None
+    if abs(hull.volume - float(np.prod(high - low))) <= CONVEX * hull.volume:
+        return Box(center, 0.5 * (high - low))
+    away = np.linalg.norm(points[hull.vertices] - center, axis=1)
+    if len(hull.vertices) > 100 and np.ptp(away) <= ROUND * away.max():
+        # A ball of the same volume: as far out at the corners as in at the faces.
+        return Ball(center, float((0.75 * hull.volume / np.pi) ** (1.0 / 3.0)))
+    return Hull(points[hull.vertices])
+
+
+def _decomposition(mesh: Mesh, concavity: float) -> list[FloatArray]:
+    digest = hashlib.sha256(f"{mesh.sha256} {concavity} {_preparation(mesh)} {SEED}".encode()).hexdigest()
+    path = cache_root() / "convex-parts" / f"{digest[:32]}.npz"
+    with suppress(OSError, ValueError, BadZipFile), np.load(path) as kept:
+        return [kept[name] for name in kept.files]
+    parts = _decompose(mesh, concavity)
+    image = io.BytesIO()
+    kept_parts: dict[str, Any] = {f"part{i:04d}": part for i, part in enumerate(parts)}
+    np.savez(image, **kept_parts)
+    with suppress(OSError, OutputError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, image.getvalue())
+    return parts
+
+
+def _decompose(mesh: Mesh, concavity: float) -> list[FloatArray]:
+    import coacd
+
+    coacd.set_log_level("error")
+    found = coacd.run_coacd(
+        coacd.Mesh(mesh.vertices, mesh.faces), threshold=concavity, preprocess_mode=_preparation(mesh), seed=SEED
+    )
+    return [np.array(points, np.float64) for points, _ in found]
+
+
+def _preparation(mesh: Mesh) -> str:
+    """CoACD's preprocessing: by default it remeshes a mesh whose triangles touch, 0.6 mm too large."""
+    return "off" if is_closed(mesh.faces) else "auto"
+
+
+BODIES = PALM_BODY + 1
+PHALANX_MASS = 1e-3
+"""Mass of a phalanx itself [kg]: MuJoCo needs some; its resistance is the virtual inertia of its joint."""
 THICKNESS = 1e-6
 """Thickness of a triangle on either side [m]: MuJoCo needs some."""
 LONGEST = 8e-3
@@ -26,7 +132,7 @@ OBJECT = BODIES
 class Tuning(NamedTuple):
     """Settings of MuJoCo."""
 
-    response: float  # τ of `hhsim.engines.rigid_hand` [s]
+    response: float  # τ [s]
     steps: int  # steps in a tick
     # Time constant [s] and damping ratio of contacts and joint limits; None for MuJoCo's.
     solref: tuple[float, float] | None
@@ -43,6 +149,14 @@ FAST = Tuning(0.003, 1, (0.002, 1.0), SOFT, "mjINT_IMPLICITFAST", follow=True)
 """Settings whose solref is two steps, the least that MuJoCo's manual calls stable."""
 
 
+def lack_of(extra: str, *modules: str) -> str:
+    """Return a line about the first module that is not installed, with the extra of hhsim that brings it; else ""."""
+    for module in modules:
+        if find_spec(module) is None:
+            return f"needs {module}, which is not installed: pip install 'hhsim[{extra}]'"
+    return ""
+
+
 class MuJoCo:
     """MuJoCo, tuned, 4 sub-steps, the object in convex parts, phalanges as capsules."""
 
@@ -57,7 +171,14 @@ class MuJoCo:
 
         self._mujoco: Any = mujoco
         self._scene = scene
-        self._hand = RigidHand.of(scene.hand, scene.options.stiffness, self.tuning.response)
+        springs = scene.options.stiffness
+        # Of translation, rotation and flexion: N/m and N·m/rad, their critical damping, and mass [kg] and inertia.
+        self._stiffness = np.array([springs.translation, springs.rotation, springs.flexion])
+        self._damping = 2.0 * self.tuning.response * self._stiffness
+        self._inertia = self.tuning.response**2 * self._stiffness
+        # A finger's frame has x along the straight finger, y along the axis about which it flexes, z out of its back.
+        frames = np.stack([scene.hand.distal, scene.hand.flexion_axis, scene.hand.dorsal], axis=2)
+        self._fingers = quaternion_from_matrix(frames)
         spec = mujoco.MjSpec()
         spec.compiler.degree = False
         spec.option.timestep = scene.period / self.tuning.steps
@@ -69,7 +190,7 @@ class MuJoCo:
         self._model = spec.compile()
         self._data = mujoco.MjData(self._model)
         self._mounts = np.array([self._model.body(f"mount {finger}").id for finger in FINGERS])
-        bodies = {"palm": PALM} | {
+        bodies = {"palm": PALM_BODY} | {
             f"{finger} {k}": PHALANGES * f + k for f, finger in enumerate(FINGERS) for k in range(PHALANGES)
         }
         self._body_of_geom = np.full(self._model.ngeom + 1, OBJECT)
@@ -103,7 +224,7 @@ class MuJoCo:
         native = time.process_time_ns() - begun
         force = self._forces()
         pose = self.shown(haptic.abduction)
-        return TickAnswer(pose, force[:PALM].reshape(len(FINGERS), PHALANGES, 3), force[PALM], native)
+        return TickAnswer(pose, force[:PALM_BODY].reshape(len(FINGERS), PHALANGES, 3), force[PALM_BODY], native)
 
     def command(self, haptic: HandConfiguration) -> None:
         """Set the user's hand in the data."""
@@ -124,23 +245,33 @@ class MuJoCo:
     def _follow(self, haptic: HandConfiguration) -> None:
         """Give the dampers the haptic hand's speed, and the springs its place during the steps."""
         before, self._before = self._before, haptic
-        speed = STILL if before is None else speed_between(before, haptic, self._scene.period)
-        ahead = [
-            damping / stiffness - self._ahead for stiffness, damping in zip(self._hand.stiffness, self._hand.damping)
-        ]
+        if before is None:
+            return
+        mujoco, ahead = self._mujoco, (self._damping / self._stiffness - self._ahead) / self._scene.period
         w, x, y, z = haptic.orientation
-        back = np.array([w, -x, -y, -z])
+        moved, turned = np.empty(3), np.empty(3)
         # The first six actuators are the palm's, in the frame of the haptic palm.
-        for i, values in enumerate((speed.linear, speed.angular)):
-            turned = np.empty(3)
-            self._mujoco.mju_rotVecQuat(turned, values, back)
-            self._data.ctrl[3 * i : 3 * i + 3] = ahead[i] * turned
-        self._data.ctrl[6:] += ahead[2] * speed.flexion.ravel()
+        mujoco.mju_rotVecQuat(moved, haptic.position - before.position, np.array([w, -x, -y, -z]))
+        mujoco.mju_subQuat(turned, haptic.orientation, before.orientation)
+        self._data.ctrl[:3], self._data.ctrl[3:6] = ahead[0] * moved, ahead[1] * turned
+        self._data.ctrl[6:] += ahead[2] * (haptic.flexion - before.flexion).ravel()
 
     def _spread(self, haptic: HandConfiguration) -> None:
         """Turn the frames of the fingers by the user's abduction, which is no joint."""
-        for f, mount in enumerate(self._mounts):
-            self._model.body_quat[mount] = self._hand.mount(f, float(haptic.abduction[f]))
+        self._model.body_quat[self._mounts] = self._spread_frames(haptic.abduction)
+
+    def _spread_frames(self, abduction: FloatArray) -> FloatArray:
+        """Return the rotation from each finger's frame to the palm's at an abduction [rad], (w, x, y, z), (5, 4)."""
+        w, x, y, z = self._fingers.T
+        half = 0.5 * self._scene.hand.abduction_sign * abduction
+        c, s = np.cos(half), np.sin(half)
+        return np.stack([w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s], axis=1)
+
+    def _mesh(self) -> Mesh:
+        """Return the object's mesh; InputError if it is spheres alone."""
+        if self._scene.mesh is None:
+            raise InputError(f"method {self.name} needs the object's mesh, and it is spheres alone")
+        return self._scene.mesh
 
     def _forces(self) -> FloatArray:
         """Contact force on each body of the hand [N], world, shape (17, 3), the object's last."""
@@ -162,8 +293,7 @@ class MuJoCo:
         return {"condim": 1, **{name: value for name, value in tuned.items() if value is not None}}
 
     def _add_object(self, spec: Any, scene: MethodScene) -> None:
-        mesh = object_mesh(self.name, scene)
-        kind = self._mujoco.mjtGeom
+        mesh, kind = self._mesh(), self._mujoco.mjtGeom
         body = spec.worldbody.add_body(name="object")
         given = {**self._touching(), "contype": 0, "conaffinity": 1}
         for i, part in enumerate(convex_parts(mesh, self.concavity)):
@@ -176,29 +306,28 @@ class MuJoCo:
                 body.add_geom(type=kind.mjGEOM_MESH, meshname=f"part {i}", **given)
 
     def _add_hand(self, spec: Any) -> None:
-        mujoco, hand = self._mujoco, self._hand
-        world = spec.worldbody
+        mujoco, hand, world = self._mujoco, self._scene.hand, spec.worldbody
+        (mass, inertia, armature), radii = self._inertia, 0.5 * (hand.radius[:, :-1] + hand.radius[:, 1:])
         world.add_body(name="user", mocap=True).add_site(name="user")
-        palm = world.add_body(
-            name="palm", mass=hand.mass, inertia=[hand.inertia] * 3, ipos=[0.0] * 3, explicitinertial=True
-        )
+        palm = world.add_body(name="palm", mass=mass, inertia=[inertia] * 3, ipos=[0.0] * 3, explicitinertial=True)
         palm.add_freejoint()
         palm.add_site(name="palm")
         given = {**self._touching(), "contype": 1, "conaffinity": 0, "mass": 0.0}
-        for center, radius in zip(hand.palm_center, hand.palm_radius):
+        for center, radius in zip(hand.palm_tree.leaf_center, hand.palm_tree.leaf_radius):
             palm.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=center, size=[radius, 0.0, 0.0], **given)
         for gear in np.eye(6):
-            turns = bool(gear[3:].any())
+            turns = int(gear[3:].any())
             actuator = spec.add_actuator(trntype=mujoco.mjtTrn.mjTRN_SITE, target="palm", refsite="user", gear=gear)
-            actuator.set_to_position(kp=hand.stiffness[turns], kv=hand.damping[turns])
+            actuator.set_to_position(kp=self._stiffness[turns], kv=self._damping[turns])
+        mounts = self._spread_frames(np.zeros(len(FINGERS)))
         for f, finger in enumerate(FINGERS):
-            body = palm.add_body(name=f"mount {finger}", pos=hand.base[f], quat=hand.mount(f, 0.0))
+            body = palm.add_body(name=f"mount {finger}", pos=hand.base[f], quat=mounts[f])
             for k in range(PHALANGES):
                 body = body.add_body(
                     name=f"{finger} {k}",
-                    pos=hand.place(f, k),
+                    pos=[hand.length[f, k - 1] if k else 0.0, 0.0, 0.0],
                     mass=PHALANX_MASS,
-                    inertia=[1e-3 * hand.armature] * 3,
+                    inertia=[1e-3 * armature] * 3,
                     ipos=[0.5 * hand.length[f, k], 0.0, 0.0],
                     explicitinertial=True,
                 )
@@ -207,19 +336,19 @@ class MuJoCo:
                     type=mujoco.mjtJoint.mjJNT_HINGE,
                     axis=[0.0, 1.0, 0.0],
                     limited=True,
-                    range=hand.limits[f, k],
-                    armature=hand.armature,
+                    range=[hand.flexion_min[f, k], hand.flexion_max[f, k]],
+                    armature=armature,
                 )
                 if self.tuning.solref is not None:
                     joint.solref_limit = self.tuning.solref
                 body.add_geom(
                     type=mujoco.mjtGeom.mjGEOM_CAPSULE,
                     fromto=[0.0, 0.0, 0.0, hand.length[f, k], 0.0, 0.0],
-                    size=[hand.radius[f, k], 0.0, 0.0],
+                    size=[radii[f, k], 0.0, 0.0],
                     **given,
                 )
                 actuator = spec.add_actuator(trntype=mujoco.mjtTrn.mjTRN_JOINT, target=f"{finger} {k}")
-                actuator.set_to_position(kp=hand.stiffness[2], kv=hand.damping[2])
+                actuator.set_to_position(kp=self._stiffness[2], kv=self._damping[2])
 
 
 class MuJoCoPlain(MuJoCo):
@@ -254,7 +383,7 @@ class MuJoCoTriangles(MuJoCo):
         from trimesh import remesh
 
         split: Any = remesh.subdivide_to_size
-        mesh = object_mesh(self.name, scene)
+        mesh = self._mesh()
         vertices, faces = split(mesh.vertices, mesh.faces, LONGEST)
         spec.worldbody.add_body(name="object")
         flex = spec.add_flex()

@@ -20,13 +20,14 @@ from hhsim.linkage.linkage import (
     Linkage,
     LinkJoint,
     Mimic,
+    Robot,
     merged_linkage,
     required_axis,
     required_inertial,
     required_limits,
     required_shape,
+    robot_of,
 )
-from hhsim.linkage.robot import Robot, robot_of
 from hhsim.mesh.shapes import ENCLOSING, Triangles, box, capsule, cylinder, ellipsoid
 from hhsim.reproducible import matmul
 
@@ -51,7 +52,7 @@ def read_mjcf(root: Element, path: Path) -> Linkage:
     for where, expected in ELEMENTS.items():
         for element in root.iterfind(f".//{where}"):
             raise InputError(f"<{element.tag}> '{element.get('name', '')}'; expected {expected}")
-    return _compiled(path).linkage()
+    return _Model(path, of_scene=True).linkage()
 
 
 def read_mjcf_robot(root: Element, path: Path, looks: bool) -> Robot:
@@ -59,31 +60,33 @@ def read_mjcf_robot(root: Element, path: Path, looks: bool) -> Robot:
 
     Shapes of the world are left out; of several joints of a body all but the last move links of no shape.
     """
-    return _compiled(path, ENCLOSING).robot(root.get("model") or path.stem, looks)
-
-
-def _compiled(path: Path, round_factor: float = 1.0) -> "_Model":
-    import mujoco
-
-    # Its warnings go to a file in the current folder otherwise.
-    mujoco.set_mju_user_warning(lambda text: None)
-    try:
-        model: Any = mujoco.MjSpec.from_file(str(path)).compile()
-    except ValueError as error:
-        raise InputError(f"MuJoCo cannot read it: {' '.join(str(error).split())}") from None
-    except RuntimeError as error:
-        # It has one message for whatever it does not expect, which is most often that there is not enough memory.
-        raise InputError(f"MuJoCo breaks down over it, as over a shape that is too large: {error}") from None
-    return _Model(model, mujoco, round_factor)
+    return _Model(path, of_scene=False, looks=looks).robot(root.get("model") or path.stem)
 
 
 class _Model:
-    """A compiled model, and what is made of it."""
+    """A compiled model, and what is made of it: bodies of a scene, or links of a robot as they are.
 
-    def __init__(self, model: Any, mujoco: Any, round_factor: float) -> None:
-        self.round_factor = round_factor
-        self.model, self.kinds, self.joint_kinds = model, mujoco.mjtGeom, mujoco.mjtJoint
-        self.equalities = mujoco.mjtEq
+    Triangles of a robot's round shapes enclose them, and its bodies may have any mass. With `looks`, a body in which
+    nothing collides is as it looks.
+    """
+
+    def __init__(self, path: Path, *, of_scene: bool, looks: bool = True) -> None:
+        import mujoco
+
+        # Its warnings go to a file in the current folder otherwise.
+        mujoco.set_mju_user_warning(lambda text: None)
+        try:
+            model: Any = mujoco.MjSpec.from_file(str(path)).compile()
+        except ValueError as error:
+            raise InputError(f"MuJoCo cannot read it: {' '.join(str(error).split())}") from None
+        except RuntimeError as error:
+            # It has one message for whatever it does not expect, which is most often that there is not enough memory.
+            raise InputError(f"MuJoCo breaks down over it, as over a shape that is too large: {error}") from None
+        if model.ngeom > MOST_GEOMS:
+            raise InputError(f"{model.ngeom:,} geoms; expected {MOST_GEOMS:,} at most")
+        self.model, self.of_scene, self.looks = model, of_scene, looks
+        self.round_factor, self.most_mass = (1.0, LARGEST) if of_scene else (ENCLOSING, np.inf)
+        self.kinds, self.joint_kinds, self.equalities = mujoco.mjtGeom, mujoco.mjtJoint, mujoco.mjtEq
         self.names = [model.body(body).name or f"body{body}" for body in range(model.nbody)]
         self.notes: list[str] = []
         self.table: float | None = None
@@ -94,24 +97,20 @@ class _Model:
             if getattr(model, count):
                 what = where.partition("/")[0]
                 raise InputError(f"a file that it includes has a <{what}>; expected {ELEMENTS[where]}")
-        if model.ngeom > MOST_GEOMS:
-            raise InputError(f"{model.ngeom:,} geoms; expected {MOST_GEOMS:,} at most")
         for count, what in LEFT_OUT.items():
             if getattr(model, count):
                 self.notes.append(f"its {what} are left out: the motion moves the joints")
         links = [self.link(body) for body in range(model.nbody)]
-        joints = [self.joint(body) for body in range(1, model.nbody)]
+        joints = [joint for body in range(1, model.nbody) for joint in self.joints(body)]
         moves = any(joint.type != "fixed" for joint in joints)
         return merged_linkage(links, joints, self.notes, on_world=moves, table=self.table)
 
-    def robot(self, name: str, looks: bool) -> Robot:
-        if self.model.ngeom > MOST_GEOMS:
-            raise InputError(f"{self.model.ngeom:,} geoms; expected {MOST_GEOMS:,} at most")
-        links, joints, seen = [Link(self.names[0])], [], []
+    def robot(self, name: str) -> Robot:
+        links, joints, seen = [Link(self.names[0])], list[LinkJoint](), []
         for body in range(1, self.model.nbody):
-            moving = self.moving_joints(body)
+            moving = self.joints(body)
             links += [Link(joint.child) for joint in moving[:-1]]
-            links.append(self.robot_link(body, looks))
+            links.append(self.link(body))
             joints += moving
             if not links[-1].shapes and self.model.body_geomnum[body]:
                 seen.append(links[-1].name)
@@ -141,73 +140,69 @@ class _Model:
             self.notes.append(f"equality '{name}' ({word}) is left out: kept is what makes a joint follow another one")
         return found
 
-    def robot_link(self, body: int, looks: bool) -> Link:
-        model = self.model
-        with named(f"body '{self.names[body]}'"):
-            own = np.flatnonzero(model.geom_bodyid == body)
-            collides = (model.geom_contype[own] != 0) | (model.geom_conaffinity[own] != 0)
-            geoms = [int(geom) for geom in (own[collides] if collides.any() or not looks else own)]
-            geoms = [geom for geom in geoms if self.kinds(int(model.geom_type[geom])) not in self.endless]
-            balls = [
-                [*model.geom_pos[geom], model.geom_size[geom, 0]]
-                for geom in geoms
-                if self.kinds(int(model.geom_type[geom])) == self.kinds.mjGEOM_SPHERE
-            ]
-            shapes = tuple(self.shape(geom) for geom in geoms)
-            round_ = np.array(balls) if balls and len(balls) == len(geoms) else None
-            return Link(self.names[body], shapes, self.inertial(body, np.inf), balls=round_)
-
-    @property
-    def endless(self) -> tuple[Any, ...]:
-        """Kinds of geoms that are of the ground."""
-        return self.kinds.mjGEOM_PLANE, self.kinds.mjGEOM_HFIELD
-
-    def moving_joints(self, body: int) -> list[LinkJoint]:
-        """Return the joints of a body in their order; those before its last one move links of no shape."""
-        model, name = self.model, self.names[body]
-        parent = self.names[model.body_parentid[body]]
-        frame = _frame(model.body_quat[body], model.body_pos[body])
-        count, first = int(model.body_jntnum[body]), int(model.body_jntadr[body])
-        if not count:
-            return [LinkJoint(f"of {name}", "fixed", parent, name, frame)]
-        found = []
-        for joint in range(first, first + count):
-            word = self._joint(joint)
-            child = name if joint == first + count - 1 else f"{name}#{word}"
-            kind = self.joint_kinds(int(model.jnt_type[joint]))
-            if kind in (self.joint_kinds.mjJNT_FREE, self.joint_kinds.mjJNT_BALL):
-                type_: Literal["free", "ball"] = "free" if kind == self.joint_kinds.mjJNT_FREE else "ball"
-                origin = frame.points(np.array(model.jnt_pos[joint]))
-                found.append(LinkJoint(word, type_, parent, child, frame, origin=origin))
-            else:
-                with named(f"joint '{word}'"):
-                    found.append(self.single_joint(joint, parent, child, frame))
-            parent, frame = child, HERE
-        return found
-
     def link(self, body: int) -> Link:
         model = self.model
         with named(f"body '{self.names[body]}'"):
             own = np.flatnonzero(model.geom_bodyid == body)
             collides = (model.geom_contype[own] != 0) | (model.geom_conaffinity[own] != 0)
             # What touches is what collides; a body without such geoms is as it looks.
-            geoms = [int(geom) for geom in (own[collides] if collides.any() else own)]
-            solid = [geom for geom in geoms if not self._is_floor(geom, body)]
-            shapes = tuple(self.shape(geom) for geom in solid)
-            touching = [geom for geom in solid if shapes]
+            geoms = [int(geom) for geom in (own[collides] if collides.any() or not self.looks else own)]
+            geoms = [geom for geom in geoms if not self._is_ground(geom, body)]
+            shapes = tuple(self.shape(geom) for geom in geoms)
             frictions = [
                 (float(model.geom_friction[geom, 0]), float(model.geom_friction[geom, 1]), int(model.geom_condim[geom]))
-                for geom in touching
+                for geom in geoms
             ]
             friction, torsion, dimensions = max(frictions, default=(None, None, 0))
             # Below 4 dimensions a contact of MuJoCo bears no moment.
             torsion = None if friction is None else torsion if dimensions >= 4 else 0.0
-            return Link(self.names[body], shapes, self.inertial(body) if body else None, friction, torsion)
+            are_balls = geoms and all(model.geom_type[geom] == self.kinds.mjGEOM_SPHERE for geom in geoms)
+            balls = np.column_stack([model.geom_pos[geoms], model.geom_size[geoms, 0]]) if are_balls else None
+            inertial = self.inertial(body) if body else None
+            return Link(self.names[body], shapes, inertial, friction, torsion, balls)
 
-    def _is_floor(self, geom: int, body: int) -> bool:
-        """Return True for a plane, which becomes the table; InputError for one that is not level, or moves."""
-        model = self.model
-        if self.kinds(int(model.geom_type[geom])) != self.kinds.mjGEOM_PLANE:
+    def joints(self, body: int) -> list[LinkJoint]:
+        """Return the joints of a body in their order; those before its last one move links of no shape."""
+        model, name, kinds = self.model, self.names[body], self.joint_kinds
+        parent = self.names[model.body_parentid[body]]
+        frame = _frame(model.body_quat[body], model.body_pos[body])
+        count, first = int(model.body_jntnum[body]), int(model.body_jntadr[body])
+        words = {joint: self._joint(joint) for joint in range(first, first + count)}
+        with named(f"body '{name}'"):
+            if self.of_scene and not (np.abs(frame.position) <= LARGEST).all():
+                raise InputError(f"its pos is {frame.position.tolist()}; expected numbers within ±{LARGEST:g} m")
+            if self.of_scene and model.body_mocapid[body] >= 0:
+                self.notes.append(f"body '{name}' is moved from outside (mocap): it stands still")
+            if self.of_scene and count > 1:
+                listed = ", ".join(f"'{word}'" for word in words.values())
+                raise InputError(f"it has {count} joints, {listed}; expected one a body")
+        if not count:
+            return [LinkJoint(f"of {name}", "fixed", parent, name, frame)]
+        found = []
+        for joint, word in words.items():
+            child = name if joint == first + count - 1 else f"{name}#{word}"
+            kind = kinds(int(model.jnt_type[joint]))
+            with named(f"joint '{word}'"):
+                if self.of_scene and kind == kinds.mjJNT_BALL:
+                    raise InputError("its type is ball; expected hinge, slide or free")
+                if kind in (kinds.mjJNT_FREE, kinds.mjJNT_BALL):
+                    type_: Literal["free", "ball"] = "free" if kind == kinds.mjJNT_FREE else "ball"
+                    origin = frame.points(np.array(model.jnt_pos[joint]))
+                    found.append(LinkJoint(word, type_, parent, child, frame, origin=origin))
+                else:
+                    found.append(self.single_joint(joint, parent, child, frame))
+            parent, frame = child, HERE
+        return found
+
+    def _is_ground(self, geom: int, body: int) -> bool:
+        """Return True for a plane, which becomes the table of a scene, and for any ground of a robot.
+
+        InputError for a plane of a scene that is not level, or moves.
+        """
+        model, kind = self.model, self.kinds(int(self.model.geom_type[geom]))
+        if not self.of_scene:
+            return bool(kind in (self.kinds.mjGEOM_PLANE, self.kinds.mjGEOM_HFIELD))
+        if kind != self.kinds.mjGEOM_PLANE:
             return False
         turn = rotation_matrix(model.geom_quat[geom])
         if body or turn[2, 2] < 1.0 - 1e-9:
@@ -244,35 +239,12 @@ class _Model:
         vertices = np.array(model.mesh_vert[first : first + count], np.float64)
         return vertices, np.array(model.mesh_face[start : start + faces], np.int64)
 
-    def inertial(self, body: int, most: float = LARGEST) -> Inertial | None:
+    def inertial(self, body: int) -> Inertial | None:
         model = self.model
         turn = rotation_matrix(model.body_iquat[body])
         inertia = matmul(turn * model.body_inertia[body], turn.T)
-        return required_inertial(float(model.body_mass[body]), np.array(model.body_ipos[body]), inertia, most)
-
-    def joint(self, body: int) -> LinkJoint:
-        model, name = self.model, self.names[body]
-        parent = self.names[model.body_parentid[body]]
-        frame = _frame(model.body_quat[body], model.body_pos[body])
-        count, first = int(model.body_jntnum[body]), int(model.body_jntadr[body])
-        with named(f"body '{name}'"):
-            if not (np.abs(frame.position) <= LARGEST).all():
-                raise InputError(f"its pos is {frame.position.tolist()}; expected numbers within ±{LARGEST:g} m")
-            if model.body_mocapid[body] >= 0:
-                self.notes.append(f"body '{name}' is moved from outside (mocap): it stands still")
-            if not count:
-                return LinkJoint(f"of {name}", "fixed", parent, name, frame)
-            if count > 1:
-                names = ", ".join(f"'{self._joint(first + k)}'" for k in range(count))
-                raise InputError(f"it has {count} joints, {names}; expected one a body")
-        word = self._joint(first)
-        with named(f"joint '{word}'"):
-            kind = self.joint_kinds(int(model.jnt_type[first]))
-            if kind == self.joint_kinds.mjJNT_FREE:
-                return LinkJoint(word, "free", parent, name, frame)
-            if kind == self.joint_kinds.mjJNT_BALL:
-                raise InputError("its type is ball; expected hinge, slide or free")
-            return self.single_joint(first, parent, name, frame)
+        mass, center = float(model.body_mass[body]), np.array(model.body_ipos[body])
+        return required_inertial(mass, center, inertia, self.most_mass)
 
     def single_joint(self, joint: int, parent: str, child: str, frame: Frame) -> LinkJoint:
         """Return a hinge or a slider."""

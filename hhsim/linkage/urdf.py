@@ -18,13 +18,14 @@ from hhsim.linkage.linkage import (
     Linkage,
     LinkJoint,
     Mimic,
+    Robot,
     merged_linkage,
     required_axis,
     required_inertial,
     required_limits,
     required_shape,
+    robot_of,
 )
-from hhsim.linkage.robot import Robot, robot_of
 from hhsim.mesh.file import read_triangles
 from hhsim.mesh.shapes import ENCLOSING, Triangles, box, capsule, cylinder, ellipsoid
 from hhsim.reproducible import matmul, sine_and_cosine

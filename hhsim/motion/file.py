@@ -75,16 +75,16 @@ def load_trajectory(path: str | Path) -> Trajectory:
     """
     source = Path(path)
     suffix = source.suffix.lower()
-    if source.is_dir():
-        raise TrajectoryError(f"{source}: a folder; expected a trajectory file, .h5 or .csv")
-    if not source.exists():
-        raise TrajectoryError(f"{source}: no such file; expected a trajectory or a recording that hhsim import reads")
-    if suffix != CSV_SUFFIX and suffix not in HDF5_SUFFIXES:
-        raise TrajectoryError(f"{source}: unknown suffix '{suffix}'; expected .h5 or .csv")
     try:
+        if source.is_dir():
+            raise TrajectoryError("a folder; expected a trajectory file, .h5 or .csv")
+        if not source.exists():
+            raise TrajectoryError("no such file; expected a trajectory or a recording that hhsim import reads")
         if suffix == CSV_SUFFIX:
             # A byte order mark is what spreadsheets put first.
             return parse_csv(read_input_text(source, "utf-8-sig"), name=source.stem)
+        if suffix not in HDF5_SUFFIXES:
+            raise TrajectoryError(f"unknown suffix '{suffix}'; expected .h5 or .csv")
         return Trajectory(**read_fields(source))
     except UnicodeDecodeError:
         raise TrajectoryError(f"{source}: not UTF-8 text; expected a CSV file") from None
@@ -125,21 +125,15 @@ def read_fields(path: Path) -> dict[str, Any]:
     Raises TrajectoryError for another format or schema, a missing part, or a damaged file.
     """
     try:
-        file = open_hdf5(path)
-    except DamagedFileError as error:
-        raise TrajectoryError(str(error)) from None
-    except PermissionError:
-        raise
-    except OSError:
-        raise TrajectoryError(f"not an HDF5 file, or a damaged one; expected format {FORMAT}") from None
-    try:
-        with file:
+        with open_hdf5(path) as file:
             return _fields(file)
     except (TrajectoryError, PermissionError):
         raise
+    except DamagedFileError as error:
+        raise TrajectoryError(str(error)) from None
     except DAMAGE as error:
         reason = str(error).splitlines()[0][:120] if str(error) else type(error).__name__
-        raise TrajectoryError(f"a damaged HDF5 file: {reason}") from None
+        raise TrajectoryError(f"no {FORMAT} file, or a damaged one: {reason}") from None
 
 
 def _fields(file: h5py.File) -> dict[str, Any]:
@@ -174,7 +168,4 @@ def _get(file: h5py.File, key: str) -> Any:
     dataset = file.get(key)
     if not isinstance(dataset, h5py.Dataset):
         raise TrajectoryError(f"no dataset {key}; expected one in every {FORMAT} file")
-    try:
-        return dataset.asstr()[()] if h5py.check_string_dtype(dataset.dtype) else dataset[()]
-    except OSError as error:
-        raise TrajectoryError(f"dataset {key} is damaged: {str(error).splitlines()[0]}") from None
+    return dataset.asstr()[()] if h5py.check_string_dtype(dataset.dtype) else dataset[()]

@@ -11,7 +11,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError, named
-from hhsim.motion.validation import as_numbers
+from hhsim.motion.trajectory import as_numbers
 from hhsim.system.input_file import most_unpacked
 
 DAMAGE = (MemoryError, SyntaxError, TypeError, KeyError, OverflowError, RecursionError, tokenize.TokenError)

@@ -15,8 +15,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.motion.resample import interpolate_orientation
 from hhsim.motion.sample_flags import MENDED, SampleFlag, marked
-from hhsim.motion.trajectory import ObjectMotion, Phase, Trajectory
-from hhsim.motion.validation import MIN_QUATERNION_NORM, continuous_orientation
+from hhsim.motion.trajectory import MIN_QUATERNION_NORM, ObjectMotion, Phase, Trajectory, continuous_orientation
 from hhsim.recordings.column_map import JOINT_NAMES
 from hhsim.recordings.finger_ik import finger_axes, finger_joints, usual_fingers
 from hhsim.recordings.frames import axis_flip, mirrored

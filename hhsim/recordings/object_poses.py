@@ -33,8 +33,7 @@ from hhsim.motion.csv_table import Table, lacks_names, read_header, read_table
 from hhsim.motion.npz_arrays import read_npy, read_npz
 from hhsim.motion.pickled_data import MOST_DEPTH
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
-from hhsim.motion.trajectory import ObjectMotion
-from hhsim.motion.validation import as_numbers
+from hhsim.motion.trajectory import ObjectMotion, as_numbers
 from hhsim.recordings.frames import OURS, mirrored, quaternions_of, turned
 from hhsim.recordings.json_document import keys_of, number, read_json, vector
 from hhsim.recordings.pose_lines import OBJECT_UID

@@ -24,8 +24,7 @@ from hhsim.errors import TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_vector
 from hhsim.motion.sample_flags import SampleFlag, mark
-from hhsim.motion.trajectory import Checksums, HandSide, ObjectMotion, Phase, RawChannel
-from hhsim.motion.validation import as_numbers
+from hhsim.motion.trajectory import Checksums, HandSide, ObjectMotion, Phase, RawChannel, as_numbers
 from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles
 from hhsim.recordings.frames import FileFrame, in_palm
 from hhsim.recordings.joint_names import joint_name

@@ -19,7 +19,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.round_cone_distance import cone_slope
 from hhsim.mesh.mesh import require_usable_arrays
 from hhsim.motion.npz_arrays import numbers, read_npz
-from hhsim.motion.validation import check_finite
+from hhsim.motion.trajectory import check_finite
 from hhsim.recordings.correction import BONES, Correction, moved_joints
 from hhsim.recordings.frames import FileFrame
 from hhsim.recordings.mano_model import KEYPOINT_JOINTS, ManoModel

@@ -5,7 +5,7 @@ Without a free object each hand is solved as if it were alone, on a thread of it
 cannot meet. All other ticks of two such hands, and all beside a free object, are one program of both.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -55,15 +55,13 @@ def replay_scene(
     *,
     description: Mapping[str, Any] | None = None,
     command: Sequence[str] = (),
-    before_ticks: Callable[[], None] | None = None,
     progress: Progress | None = None,
 ) -> ReplaySummary:
     """Replay a scene of one hand (of two: `replay_two_hands`), write a result file, and return the table's figures.
 
     An existing file is replaced when the new one is complete. `description` is further description as plain values,
-    over the scene's own; `command` the command line for the file to record, empty in a program. `before_ticks` is
-    called once before the first tick: the place to wait for disturbances to end; `progress` with the stage, how much is
-    done and how much there is.
+    over the scene's own; `command` the command line for the file to record, empty in a program. `progress` is called
+    with the stage, how much is done and how much there is.
 
     Raises InputError for invalid options, or a method that lacks what it needs, OutputError where the file cannot be
     written, and HhsimError where more pairs were near than the solver holds.
@@ -71,8 +69,6 @@ def replay_scene(
     with SceneSolver(scene, _checked(options)) as solver:
         run = Replay(solver, description)
         with run.writer(Path(output_path), command):
-            if before_ticks is not None:
-                before_ticks()
             run.go(progress or silent)
             return run.finish()[0]
 

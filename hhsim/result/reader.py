@@ -41,7 +41,6 @@ View: TypeAlias = Callable[[str, AnyArray, ObjectMotion, ObjectMotion], AnyArray
 _HINTS = {
     "hhsim-trajectory": " (to replay a trajectory, give an object first: hhsim replay OBJECT FILE)",
     "hhsim-poses": " (to measure a submission: hhsim score FILE)",
-    "hhsim-scene": " (to measure a submission of this scene: hhsim score SUBMISSION --scene FILE)",
     "hhsim-tree": " (to replay with a sphere tree: hhsim replay OBJECT --tree FILE)",
 }
 """Hints on files of other formats."""

@@ -10,8 +10,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError, named
-from hhsim.linkage.linkage import Link
-from hhsim.linkage.robot import Robot
+from hhsim.linkage.linkage import Link, Robot
 from hhsim.mesh.mesh import Mesh, with_inside
 from hhsim.mesh.shapes import Triangles, ellipsoid
 from hhsim.mesh.topology import merged_vertices

@@ -6,8 +6,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import quaternion, rotation_matrix
-from hhsim.linkage.linkage import LinkJoint
-from hhsim.linkage.robot import Robot
+from hhsim.linkage.linkage import LinkJoint, Robot
 
 LOOSE = 1.0
 """Reach [m] of a joint that moves freely, and of a slider without limits, to each side."""

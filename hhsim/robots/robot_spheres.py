@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hhsim.arrays import FloatArray
-from hhsim.linkage.robot import Robot
+from hhsim.linkage.linkage import Robot
 from hhsim.robots.link_spheres import LinkSpheres
 from hhsim.robots.touching_pairs import Ignored
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.linkage.robot import Robot
+from hhsim.linkage.linkage import Robot
 from hhsim.robots.poses import Poses, drawn_poses, start_poses
 
 POSES = 10_000

@@ -14,8 +14,7 @@ from msgspec import structs
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, check_known, named
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.linkage.file import names_a_linkage
-from hhsim.linkage.object_mesh import resolve_object
+from hhsim.linkage.file import names_a_linkage, resolve_object
 from hhsim.mesh.catalogue import (
     BODIES,
     MESH_LEVEL,
@@ -351,7 +350,7 @@ def load_object(
     """Load what OBJECT means: a name of the catalogue, a mesh file, a URDF or MJCF, a file of bodies, or a mesh [m].
 
     `free` is of a URDF or MJCF, see `linkage_bodies`. Other arguments and errors are those of `load_bodies`, and of
-    `hhsim.linkage.object_mesh.resolve_object`.
+    `hhsim.linkage.file.resolve_object`.
     """
     if isinstance(object_, Mesh):
         return DeclaredBodies.of_mesh(object_)

@@ -17,8 +17,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import SIDES, HandModel, Side
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.linkage.file import names_a_linkage
-from hhsim.linkage.object_mesh import solid_for
+from hhsim.linkage.file import names_a_linkage, solid_for
 from hhsim.mesh.catalogue import names_a_file, object_description
 from hhsim.mesh.mesh import Mesh, unit_length_of
 from hhsim.metrics.metrics import hand_clearance

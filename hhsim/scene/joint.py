@@ -14,8 +14,7 @@ from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matri
 from hhsim.motion.csv_table import read_table
 from hhsim.motion.npz_arrays import numbers, read_npy, read_npz
 from hhsim.motion.pickled_data import flat, npy_dictionary
-from hhsim.motion.trajectory import ObjectMotion, RigidMotion
-from hhsim.motion.validation import as_numbers
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion, as_numbers
 from hhsim.ranges import RANGES
 from hhsim.reproducible import norm
 from hhsim.scene.body import LEAST_LENGTH

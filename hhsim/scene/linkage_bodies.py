@@ -16,9 +16,8 @@ import numpy as np
 
 from hhsim.errors import InputError, check_known, named
 from hhsim.hand.quaternion import quaternion_from_matrix
-from hhsim.linkage.file import read_linkage
+from hhsim.linkage.file import link_mesh, read_linkage
 from hhsim.linkage.linkage import HERE, Link, Linkage, LinkJoint
-from hhsim.linkage.object_mesh import link_mesh
 from hhsim.mesh.mesh import Mesh
 from hhsim.scene.body import triple
 from hhsim.scene.body_file import BodyFile, BodySettings

@@ -199,11 +199,6 @@ class WarmUp(NamedTuple):
     compiled: bool
 
 
-def start_numba() -> None:
-    """Make numba start, a third of a second, by the smallest kernel that every replay runs."""
-    quaternion_to_matrix(np.array([1.0, 0.0, 0.0, 0.0]), np.empty((3, 3)))
-
-
 @collector_at_rest()
 def warm_up(
     hand: HandModel, options: SolverOptions, free: FreeObject | None = None, *, jointed: bool = False

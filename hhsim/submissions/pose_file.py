@@ -1,8 +1,8 @@
-"""Submissions, format `hhsim-poses`: hands and bodies as other software shows them at every tick, CSV or HDF5.
+"""Submissions, format `hhsim-poses`: hands and bodies as other software shows them at every tick, as CSV.
 
 A block of columns is of a hand, or of a body that is free: its name and `_` precede them, but for a file of one hand.
 
-docs/submissions.md lists columns, datasets and keys.
+docs/submissions.md lists columns and keys.
 """
 
 import json
@@ -12,23 +12,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import h5py
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import DamagedFileError, InputError, UnknownNameError
+from hhsim.errors import InputError, UnknownNameError, named
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import SIDES
 from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS
 from hhsim.motion.csv_table import format_table, read_table
 from hhsim.motion.trajectory import ObjectMotion
-from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 from hhsim.system.input_file import read_input_text
 
 FORMAT = "hhsim-poses"
-KEYS = ("scene", "made_by", "method", "hand")
-HDF5_SUFFIXES = (".h5", ".hdf5")
 FORCES = ("phalanx_force", "palm_force")
 LOOSE_UNIT = 1e-3
 """Largest deviation of a quaternion from unit length; one in single precision or of six digits is nearer."""
@@ -75,7 +71,7 @@ class Block(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Name of the dataset."""
+        """Its name in messages."""
         return "/".join(filter(None, self))
 
     @property
@@ -96,7 +92,7 @@ class Submission:
     """Hand, or right hand of two, and free bodies that a method shows at every tick of a scene."""
 
     method: str  # name of the method
-    # Digest of the scene (`hhsim.submissions.scene_file.scene_digest`), or its first digits; "" if not stated.
+    # Digest of the scene (`hhsim.submissions.scene_folder.scene_digest`), or its first digits; "" if not stated.
     scene: str
     time: FloatArray  # time since the start of the motion [s], shape (T,)
     poses: HandConfiguration  # the shown hand, fields of T rows
@@ -105,7 +101,7 @@ class Submission:
     palm_force: FloatArray | None = None  # contact force on the palm [N], world, shape (T, 3); None for none
     # Computing time of each tick [s], measured by the method, shape (T,); None if not measured.
     duration: FloatArray | None = None
-    # Words that the scene is made by (`hhsim.submissions.scene_file.scene_names`).
+    # Words that the scene is made by (`hhsim.submissions.scene_folder.scene_names`).
     made_by: Mapping[str, Any] = field(default_factory=dict)
     hand: str = ""  # side of the hand, right or left; "" if not stated
     path: Path | None = None
@@ -129,7 +125,7 @@ class Submission:
         return {block: array for block, array in found.items() if array is not None}
 
     def keys(self) -> dict[str, str]:
-        """Return its non-empty values of `KEYS`."""
+        """Return its non-empty remarks: scene, made_by, method and hand."""
         made = json.dumps(dict(self.made_by)) if self.made_by else ""
         hand = self.hand if self.left is None else ""
         said = {"scene": self.scene, "made_by": made, "method": self.method, "hand": hand}
@@ -137,29 +133,23 @@ class Submission:
 
 
 def read_submission(path: Path) -> Submission:
-    """Read and check a submission, .csv or .h5, as far as it can be checked without its scene.
+    """Read and check a submission, .csv, as far as it can be checked without its scene.
 
     Raises InputError for no such file, another format, a column that is missing or of another unit, a wrong shape, a
     number that is not finite, or no unit quaternion; one line that begins with the path.
     """
-    if not path.exists():
-        raise InputError(f"{path}: no such file; expected a submission, .csv or .h5")
-    suffix = path.suffix.lower()
-    if suffix not in (".csv", *HDF5_SUFFIXES):
-        raise InputError(f"{path}: unknown suffix '{suffix}'; expected a submission, .csv or .h5")
-    try:
-        if suffix == ".csv":
+    if path.suffix.lower() != ".csv":
+        raise InputError(f"{path}: unknown suffix '{path.suffix}'; expected a submission, .csv")
+    with named(path):
+        try:
             # A byte order mark is what spreadsheets put first.
-            said, arrays = parse_poses(read_input_text(path, "utf-8-sig"))
-        else:
-            said, arrays = _read_hdf5(path)
-        return _submission(said, arrays, path)
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: not UTF-8 text; expected a CSV file") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (DamagedFileError, InputError) as error:
-        raise InputError(f"{path}: {error}") from None
+            return _submission(*parse_poses(read_input_text(path, "utf-8-sig")), path)
+        except FileNotFoundError:
+            raise InputError("no such file; expected a submission, .csv") from None
+        except UnicodeDecodeError:
+            raise InputError("not UTF-8 text; expected a CSV file") from None
+        except OSError as error:
+            raise InputError(f"cannot be read: {error.strerror or error}") from None
 
 
 def format_poses(submission: Submission) -> str:
@@ -237,46 +227,13 @@ def _required(blocks: Iterable[Block]) -> list[Block]:
     return [*ticks, *found]
 
 
-def _read_hdf5(path: Path) -> tuple[dict[str, str], dict[Block, FloatArray]]:
-    try:
-        with open_hdf5(path) as file:
-            if file.attrs.get("format") != FORMAT:
-                raise InputError(f"format {file.attrs.get('format')}; expected an attribute format, {FORMAT}")
-            said = {key: str(file.attrs[key]) for key in KEYS if key in file.attrs}
-            arrays = {}
-            owners = [name for name, of in file.items() if isinstance(of, h5py.Group)]
-            there = [Block(owner, part) for owner in owners for part in _parts_of(owner)]
-            there += [Block(ALONE, name) for name in PARTS if name in file]
-            for block in _required(there):
-                name, part = block.name, PARTS[block.part]
-                dataset = file.get(name)
-                if not isinstance(dataset, h5py.Dataset):
-                    if not part.optional:
-                        raise InputError(f"no dataset {name}; expected one of shape {_spelled(part.shape)}")
-                    continue
-                unit = dataset.attrs.get("units", part.unit)
-                if unit != part.unit:
-                    raise InputError(f"dataset {name} is in {unit}; expected {part.unit}")
-                if dataset.dtype.kind not in "fiu":
-                    raise InputError(f"dataset {name} holds no numbers")
-                arrays[block] = np.asarray(dataset[()], dtype=np.float64)
-            return said, arrays
-    except InputError:
-        raise
-    except DAMAGE as error:
-        raise InputError(f"no HDF5 file, or a damaged one: {str(error).splitlines()[0][:120]}") from None
-
-
 def _submission(said: Mapping[str, str], arrays: dict[Block, FloatArray], path: Path) -> Submission:
     time = arrays[Block(ALONE, "time")]
-    ticks = len(time) if time.ndim else 0
+    ticks = len(time)
     if ticks == 0:
         raise InputError("no ticks; expected a pose for every tick of the scene")
     for block, array in arrays.items():
-        name, shape = block.name, PARTS[block.part].shape
-        if array.shape != (ticks, *shape):
-            wanted = _spelled(shape)
-            raise InputError(f"{name} has shape {array.shape}; expected {wanted}, T = {ticks:,} as time has")
+        name = block.name
         bad = np.flatnonzero(~np.isfinite(array).reshape(ticks, -1).all(axis=1))
         if bad.size:
             others = f", and of {bad.size - 1:,} more" if bad.size > 1 else ""
@@ -319,7 +276,3 @@ def _submission(said: Mapping[str, str], arrays: dict[Block, FloatArray], path: 
         made = Submission(method, said.get("scene", ""), time, poses, **about)
         about["left"] = made
     return made
-
-
-def _spelled(shape: tuple[int, ...]) -> str:
-    return f"({', '.join(map(str, ('T', *shape)))}{'' if shape else ','})"

@@ -1,5 +1,6 @@
 """Score of a submission: its poses through the same code that measures a method, and its errors and suspicions."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -34,10 +35,9 @@ from hhsim.solver.reference_optimum import best_hands
 from hhsim.solver.scene_solver import SceneSolver, SeenScene, along, seen_scene
 from hhsim.solver.workspace import TickWorkspace
 from hhsim.submissions.pose_file import Submission
-from hhsim.submissions.scene_file import named_scene, read_scene, scene_digest
-from hhsim.submissions.scene_folder import SCENE_FILE
-from hhsim.submissions.shown_bodies import as_seen, body_figures, shown_scene
-from hhsim.submissions.suspicions import require_scene, suspicions
+from hhsim.submissions.scene_folder import SCENE_FILE, named_scene, scene_digest
+from hhsim.submissions.suspicions import as_seen, body_figures, require_scene, shown_scene, suspicions
+from hhsim.system.input_file import read_input_text
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import contact_surface, encloses, put_parts
 
@@ -154,25 +154,26 @@ class Score:
 
 
 def scene_of(submission: Submission, folder: Path | None = None) -> Scene:
-    """Find the scene of a submission: in a folder that `hhsim scene` made, beside the submission, or made by its names.
+    """Make the scene of a submission again, by its own words or those of a folder that `hhsim scene` made.
 
     Raises InputError for another scene, or an unknown one.
     """
+    who, names = submission.path or submission.method, dict(submission.made_by)
     if folder is not None:
-        return read_scene(folder / SCENE_FILE if folder.is_dir() else folder)
-    beside = (submission.path or Path()).parent / SCENE_FILE
-    if submission.path is not None and beside.is_file():
-        return read_scene(beside)
-    if not submission.scene or not submission.made_by:
+        who = folder / SCENE_FILE
+        try:
+            names = json.loads(read_input_text(who))["made_by"]
+        except (OSError, ValueError, KeyError, TypeError):
+            raise InputError(f"{who}: no such file, or a damaged one; expected that of hhsim scene") from None
+    if not submission.scene or not names:
         raise InputError(
-            f"{submission.path or submission.method} does not say its scene: expected # scene: and # made_by: as in "
-            "the example of hhsim scene, or --scene with the folder"
+            f"{who} does not say its scene: expected # scene: and # made_by: as in the example of hhsim scene, or "
+            "--scene with the folder"
         )
     try:
-        return named_scene(submission.made_by)
+        return named_scene(names)
     except InputError as error:
-        who = submission.path or submission.method
-        raise InputError(f"the scene of {who} cannot be made again: {error}; --scene names its folder") from error
+        raise InputError(f"the scene of {who} cannot be made again: {error}") from error
 
 
 def submitted_method(name: str, submission: Submission) -> Method:

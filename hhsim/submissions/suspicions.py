@@ -1,10 +1,12 @@
-"""Mistakes of a submission, by name: wrong ticks, frames, units, and hands that lag behind.
+"""Mistakes of a submission: another scene or other ticks are refused, poses and forces that no method makes suspected.
 
-Where nothing is near the user's hand, every method shows it as it is. A deviation there that another unit, frame or
-order would remove is a mistake in that one.
+Where nothing is near the user's hand, every method shows it as it is. A deviation there is a mistake in unit, frame,
+order or time.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -13,16 +15,17 @@ from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import conjugate, quaternion_from_matrix, quaternion_product, rotation_matrix
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.metrics.mesh_penetration import sampled
 from hhsim.metrics.metrics import hand_clearance
-from hhsim.motion.trajectory import RigidMotion
-from hhsim.replay.conformance import FOLLOWS, same_but_for
-from hhsim.scene.body import Driven
+from hhsim.metrics.run_metric import Figure
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion
+from hhsim.scene.body import Body, Driven, Free
+from hhsim.scene.overlap import Solid, overlap
 from hhsim.scene.scene import Scene
-from hhsim.solver.scene_solver import seen_scene
+from hhsim.solver.scene_solver import SeenScene, along, seen_hand, seen_scene
 from hhsim.submissions.pose_file import Submission
-from hhsim.submissions.scene_file import free_bodies, scene_digest, scene_names, scene_title
-from hhsim.submissions.shown_bodies import shown_scene
+from hhsim.submissions.scene_folder import free_bodies, scene_digest, scene_names, scene_title
 from hhsim.system.counted import counted
 
 FREE_DISTANCE = 2e-3
@@ -31,25 +34,18 @@ LEAST_FREE_TICKS = 20
 """Least number of free ticks; of a scene with fewer, all ticks are compared."""
 MOST_BEGUN = 2e-3
 """Largest way [m] that a body may have made in the first tick."""
+FOLLOWS = 1e-3
+"""Deviation of palms from the user's [m] above which they do not follow it."""
 ANGLE_TOLERANCE = 0.02
 """Deviation of palms and joints from the user's [rad] above which they do not follow it."""
-UNEXPLAINED_SHARE = 0.1
-"""Largest share of a deviation that is left without the mistake that is named."""
-MOST_SHIFT = 300
-"""Largest shift of a motion that is looked for [ticks]."""
-LEAST_SHIFT = 1e-5
-"""Deviation [m] below which no lag can be measured."""
 MOST_LAG = 5e-3
 """Lag behind the user's hand that is no mistake [s]: of a mass, or of a hand that shows the last reading."""
-REST_DISPLACEMENT = 1e-6
-"""Displacement of a palm in a tick [m] above which it moves."""
-MOST_RESTING = 0.05
-"""Share of the ticks in which the user's hand moves and the shown one may rest."""
+MOST_OFF = 0.25
+"""Largest deviation of a stamp from its tick [ticks]."""
 MOST_FORCE = 1000.0
 """Largest plausible contact force [N]."""
 MOST_DURATION = 1.0
 """Longest plausible time of a tick [s]; a longer one is in another unit."""
-SCALES = (("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9))
 
 
 def require_scene(submission: Submission, scene: Scene) -> None:
@@ -74,44 +70,17 @@ def require_scene(submission: Submission, scene: Scene) -> None:
         if (name in free) != (name in submission.bodies):
             there, found = ", ".join(free) or "none", ", ".join(submission.bodies) or "none"
             raise InputError(f"{_name(submission)} has poses of bodies {found}; expected those that are free: {there}")
-    wrong = _wrong_ticks(submission.time, scene.ticks.time, scene.ticks.rate)
-    if wrong:
-        raise InputError(f"{_name(submission)}: {wrong}")
+    time, wanted, rate = submission.time, scene.ticks.time, scene.ticks.rate
+    both = min(len(time), len(wanted))
+    off = np.flatnonzero(np.abs(time[:both] - wanted[:both]) * rate > MOST_OFF)
+    if off.size or len(time) != len(wanted):
+        first = f"tick {off[0]:,} is at {time[off[0]]:.6g} s" if off.size else f"it has {counted(len(time), 'tick')}"
+        expected = f"expected {counted(len(wanted), 'tick')}, {rate:g} a second, from 0 s on"
+        raise InputError(f"{_name(submission)}: {first}; {expected}")
 
 
 def _name(submission: Submission) -> str:
     return str(submission.path or submission.method)
-
-
-def _wrong_ticks(time: FloatArray, wanted: FloatArray, rate: float) -> str:
-    """Describe what is wrong with the times [s]; "" for nothing."""
-    ticks, total = len(time), len(wanted)
-    expected = f"expected {counted(total, 'tick')}, {rate:g} a second, from 0 s on"
-    step = np.diff(time)
-    back = np.flatnonzero(step <= 0.0)
-    if back.size:
-        what = "is there twice" if abs(step[back[0]]) < 0.1 / rate else "goes back in time"
-        return f"tick {back[0] + 1:,} {what} ({time[back[0] + 1]:.6g} s); {expected}"
-    usual = float(np.median(step)) * rate if ticks > 1 else 1.0
-    for unit, scale in SCALES:
-        if abs(usual / scale - 1.0) < 0.01:
-            return f"times in {unit}? The last one is {time[-1]:,.6g}; {expected}"
-    if abs(usual - 1.0) > 0.01:
-        return f"another rate: {rate / usual:.6g} ticks a second; {expected}"
-    if abs(time[0]) * rate > 0.5 and ticks == total:
-        return f"shifted time: it begins at {time[0]:.6g} s; {expected}"
-    place = np.round(time * rate).astype(np.int64)
-    missing = np.setdiff1d(np.arange(total), place)
-    if missing.size:
-        cut = " at its end: cut short?" if missing[0] + missing.size == total else ""
-        more = f" and {missing.size - 1:,} more are" if missing.size > 1 else " is"
-        return f"tick {missing[0]:,}{more} missing{cut}; {expected}"
-    if ticks > total:
-        return f"{counted(ticks - total, 'tick')} too many; {expected}"
-    off = np.abs(time - wanted) * rate
-    if off.max() > 0.25:
-        return f"the stamp of tick {int(off.argmax()):,} is {time[off.argmax()]:.6g} s; {expected}"
-    return ""
 
 
 def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
@@ -138,22 +107,51 @@ def _body_mistakes(submission: Submission) -> Iterator[str]:
             yield f"{name} begins {place}: another unit, frame or order, or the pose of another frame of it?"
 
 
-def _hand_mistakes(submission: Submission, free: BoolArray, user: HandConfiguration, rate: float) -> list[str]:
+def _hand_mistakes(submission: Submission, free: BoolArray, user: HandConfiguration, rate: float) -> Iterator[str]:
     """Describe mistakes in the poses and forces of one hand; `free` are the ticks in which nothing is near."""
-    shown = submission.poses
-    found = [*_still(shown, user, free)]
-    lag = _shift(shown.position, user.position, free)
-    seconds = lag / rate
-    if not 0.0 <= seconds <= MOST_LAG:
-        which = "behind" if lag > 0 else "ahead of"
-        found.append(f"shifted time: {counted(abs(lag), 'tick')} ({1e3 * abs(seconds):g} ms) {which} the user's hand?")
-    else:
-        then = user.at(np.maximum(np.arange(user.ticks) - lag, 0)).at(np.flatnonzero(free))
-        now = shown.at(np.flatnonzero(free))
-        found += _position(now.position, then.position, then.orientation)
-        found += _orientation(now.orientation, then.orientation)
-        found += _fingers(now.flexion, now.abduction, then.flexion, then.abduction)
-    return [*found, *_forces(submission, None if found else user)]
+    shown, ticks = submission.poses, np.flatnonzero(free)
+
+    def median_off(lag: int) -> FloatArray:
+        """Return how far palm [m], its turn, flexion and abduction [rad] are from the user's, so many ticks before."""
+        now, then = shown.at(ticks), user.at(np.maximum(ticks - lag, 0))
+        turn = np.abs(np.einsum("ti,ti->t", now.orientation, then.orientation))
+        joints = [
+            np.abs(one - other).reshape(len(ticks), -1).max(axis=1)
+            for one, other in ((now.flexion, then.flexion), (now.abduction, then.abduction))
+        ]
+        off = [np.linalg.norm(now.position - then.position, axis=1), 2.0 * np.arccos(np.clip(turn, 0.0, 1.0)), *joints]
+        return np.asarray(np.median(off, axis=1))
+
+    lags = range(int(MOST_LAG * rate) + 1)
+    off = min((median_off(lag) for lag in lags), key=lambda each: float(each[0]))
+    parts = (
+        "the palm is {:.3g} m",
+        "the palm is turned by {:.3g} rad",
+        "flexion is {:.3g} rad",
+        "abduction is {:.3g} rad",
+    )
+    wrong = [
+        text.format(value)
+        for text, value, limit in zip(parts, off, (FOLLOWS, *[ANGLE_TOLERANCE] * 3), strict=True)
+        if value > limit
+    ]
+    for text in wrong:
+        yield f"{text} off the user's where nothing is near: another unit, frame, order or time?"
+    if submission.phalanx_force is None:
+        return
+    total = submission.phalanx_force.sum(axis=(1, 2))
+    total = total if submission.palm_force is None else total + submission.palm_force
+    size = np.linalg.norm(total, axis=1)
+    if size.max() > MOST_FORCE:
+        yield f"a force of {size.max():,.6g} N: millinewtons?"
+    if wrong:
+        # Of poses in another frame no direction tells anything.
+        return
+    # Contact forces point from the user's hand to the shown one.
+    away = shown.position - user.position
+    along = float(np.einsum("ti,ti->t", total, away).sum())
+    if along < -0.5 * float((size * np.linalg.norm(away, axis=1)).sum()):
+        yield "forces pull the hand towards the user's: meant are those on the hand; those on the object?"
 
 
 def _free(scene: Scene, hand: HandModel, user: HandConfiguration) -> BoolArray:
@@ -169,139 +167,126 @@ def _free(scene: Scene, hand: HandModel, user: HandConfiguration) -> BoolArray:
     return free if free.sum() >= LEAST_FREE_TICKS else np.ones(len(free), bool)
 
 
-def _still(shown: HandConfiguration, user: HandConfiguration, free: BoolArray) -> Iterator[str]:
-    moves = np.linalg.norm(np.diff(user.position, axis=0), axis=1) > REST_DISPLACEMENT
-    moves &= free[1:]
-    rests = np.ones(len(moves), bool)
-    for values in shown:
-        rests &= (np.diff(values, axis=0) == 0.0).reshape(len(moves), -1).all(axis=1)
-    share = float(rests[moves].mean()) if moves.any() else 0.0
-    if share > MOST_RESTING:
-        rest = f"in {100.0 * share:.0f} % of the ticks the hand rests while the user's moves"
-        yield f"repeated ticks: {rest}: another rate?"
+LOOKED_AT = 200
+"""Ticks at most in which bodies are looked for in each other, evenly spread."""
+ALONE = 1e-3
+"""Distance [m] of boxes around two bodies from which on they do not touch."""
+
+BODY_DEPTH = Figure("body_depth_max", "bodies in each other, max", 3, "mm")
+UNEXPLAINED = Figure("unexplained_force_mean", "force that the body's motion lacks, mean", 3, "N")
 
 
-def _shift(shown: FloatArray, user: FloatArray, free: BoolArray) -> int:
-    """Return the lag of the shown palm behind the user's [ticks]; 0 if it does not explain the deviation."""
-    ticks = len(shown)
-    moves = free & (np.linalg.norm(np.gradient(user, axis=0), axis=1) > REST_DISPLACEMENT) if ticks > 1 else free
-    inner = np.flatnonzero(moves)
-    inner = inner[(inner >= MOST_SHIFT // 10) & (inner < ticks - MOST_SHIFT // 10)]
-    if inner.size < LEAST_FREE_TICKS:
-        return 0
-    most = min(MOST_SHIFT, ticks // 2)
-    off = {}
-    for lag in range(-most, most + 1):
-        there = inner[(inner - lag >= 0) & (inner - lag < ticks)]
-        if there.size >= LEAST_FREE_TICKS:
-            off[lag] = float(np.median(np.linalg.norm(shown[there] - user[there - lag], axis=1)))
-    best = min(off, key=lambda lag: (off[lag], abs(lag)))
-    return best if off[0] > LEAST_SHIFT and off[best] < UNEXPLAINED_SHARE * off[0] else 0
+def shown_scene(scene: Scene, submission: Submission) -> Scene:
+    """Return the scene with its free bodies driven by the poses of a submission."""
+    moved = {body.name: _driven(body, submission.bodies[name]) for name, body in free_bodies(scene).items()}
+    return replace(scene, bodies=tuple(moved.get(body.name, body) for body in scene.bodies))
 
 
-def _named(what: str, off: float, limit: float, mended: Iterator[tuple[str, float]], other: str) -> Iterator[str]:
-    """Describe a deviation above a limit by the mistake that explains most of it, or as another thing altogether."""
-    if off > limit:
-        text, least = min(mended, key=lambda each: each[1])
-        why = text if least < UNEXPLAINED_SHARE * off else other
-        yield f"{what} off the user's where nothing is near: {why}?"
+def _driven(body: Body, shown: ObjectMotion) -> Body:
+    to, count = RigidMotion(shown.orientation, shown.position), (len(shown.position), 1)
+    places, turns = to.points(np.tile(body.position, count)), to.orientations(np.tile(body.orientation, count))
+    first = {"position": places[0], "orientation": turns[0]}
+    return replace(body, motion=Driven(ObjectMotion(places, turns)), joint=None, **first)
 
 
-def _position(shown: FloatArray, user: FloatArray, turn: FloatArray) -> Iterator[str]:
-    off = float(np.median(np.linalg.norm(shown - user, axis=1)))
-    candidates = [*same_but_for(shown)]
-    # Where the palm does not turn, the one cannot be told from the other.
-    world = np.median(shown - user, axis=0)
-    matrix = rotation_matrix(turn)
-    palm = np.median(np.einsum("tji,tj->ti", matrix, shown - user), axis=0)
-    said = [" ".join(f"{round(1e3 * x, 1) + 0.0:g}" for x in offset) for offset in (world, palm)]
-    text = f"another origin ({said[0]} mm), or another point of the hand, the wrist ({said[1]} mm in the palm's frame)"
-    candidates += [(text, shown - world), (text, shown - matrix @ palm)]
-    mended = ((text, float(np.median(np.linalg.norm(changed - user, axis=1)))) for text, changed in candidates)
-    far = f"{off:,.0f} m" if off >= 10.0 else f"{1e3 * off:,.0f} mm"
-    yield from _named(f"the palm is {far}", off, FOLLOWS, mended, "another motion")
+def as_seen(submission: Submission, seen: SeenScene, shown: SeenScene) -> Submission:
+    """Return a submission, in the frame of its scene, in that of the shown one, which may go along with a body."""
+    if seen.carrier is shown.carrier:
+        return submission
+
+    def moved(hand: Submission) -> Submission:
+        world = hand.poses
+        if seen.carrier is not None:
+            frame = along(seen.carrier)
+            places, turns = frame.points(world.position), frame.orientations(world.orientation)
+            world = world._replace(position=places, orientation=turns)
+        poses = world if shown.carrier is None else seen_hand(world, along(shown.carrier))
+        turned = [] if seen.carrier is None else [rotation_matrix(along(seen.carrier).turn)]
+        turned += [] if shown.carrier is None else [rotation_matrix(along(shown.carrier).turn).swapaxes(1, 2)]
+        phalanx, palm = hand.phalanx_force, hand.palm_force
+        for turn in turned:
+            phalanx = None if phalanx is None else np.einsum("tij,tfkj->tfki", turn, phalanx)
+            palm = None if palm is None else np.einsum("tij,tj->ti", turn, palm)
+        left = None if hand.left is None else moved(hand.left)
+        return replace(hand, poses=HandConfiguration(*poses), phalanx_force=phalanx, palm_force=palm, left=left)
+
+    return moved(submission)
 
 
-def _orientation(shown: FloatArray, user: FloatArray) -> Iterator[str]:
-    def apart(changed: FloatArray) -> float:
-        near = np.abs(np.einsum("ti,ti->t", changed, user))
-        return float(np.median(2.0 * np.arccos(np.clip(near, 0.0, 1.0))))
-
-    off = apart(shown)
-    mended = ((text, apart(changed)) for text, changed in _turned(shown))
-    yield from _named(f"the palm is turned by {off:.3g} rad", off, ANGLE_TOLERANCE, mended, "another frame")
-
-
-def _turned(shown: FloatArray) -> Iterator[tuple[str, FloatArray]]:
-    """Yield the mistakes in orientations, and the orientations without each."""
-    yield "quaternion x y z w", shown[:, [3, 0, 1, 2]]
-    yield "quaternion of the world in the palm's frame", conjugate(shown)
-    yield "quaternion x y z w of the world in the palm's frame", conjugate(shown[:, [3, 0, 1, 2]])
-    for axis, name in enumerate("xyz"):
-        # A mirror turns rotations round, but for those about its own axis.
-        flip = np.full(4, -1.0)
-        flip[[0, 1 + axis]] = 1.0
-        yield f"left-handed ({name} mirrored)", shown * flip
-    axes = np.eye(3)
-    for text, places in same_but_for(axes):
-        turn = places.T
-        if text.startswith(("another", "left-handed, ")):
-            # Only the world was turned, or the palm's frame with it.
-            proper = turn if np.linalg.det(turn) > 0.0 else -turn
-            other = quaternion_from_matrix(proper)
-            inside = conjugate(other)
-            yield text, quaternion_product(quaternion_product(other, shown), inside)
-            if np.linalg.det(turn) > 0.0:
-                yield text, quaternion_product(other, shown)
-                yield "another palm frame", quaternion_product(shown, inside)
-    for axis, name in enumerate("xyz"):
-        half = np.zeros(4)
-        half[1 + axis] = 1.0
-        yield f"another palm frame, half a turn about {name}", quaternion_product(shown, half)
-
-
-def _fingers(
-    flexion: FloatArray, abduction: FloatArray, user_flexion: FloatArray, user_abduction: FloatArray
-) -> Iterator[str]:
-    bent, wanted = (values.reshape(-1, 5, 3) for values in (flexion, user_flexion))
-    bend_mistakes = {
-        "degrees": np.radians(bent),
-        "the other way round": -bent,
-        "little finger first": bent[:, ::-1],
-        "fingertip first": bent[:, :, ::-1],
-        "each angle from the palm, not from the phalanx before": np.diff(bent, axis=2, prepend=0.0),
-    }
-    spread_mistakes = {
-        "degrees": np.radians(abduction),
-        "the other way round, a left hand's": -abduction,
-        "little finger first": abduction[:, ::-1],
-    }
-    for name, found, user, mistakes in (
-        ("flexion", bent, wanted, bend_mistakes),
-        ("abduction", abduction, user_abduction, spread_mistakes),
-    ):
-        off = _angle_off(found, user)
-        mended = ((text, _angle_off(changed, user)) for text, changed in mistakes.items())
-        yield from _named(f"{name} is {off:.3g} rad", off, ANGLE_TOLERANCE, mended, "another motion")
-
-
-def _angle_off(found: FloatArray, user: FloatArray) -> float:
-    return float(np.median(np.abs(found - user).reshape(len(user), -1).max(axis=1)))
-
-
-def _forces(submission: Submission, user: HandConfiguration | None) -> Iterator[str]:
-    """Describe mistakes in the forces; in their directions only if the poses have none."""
+def body_figures(scene: Scene, shown: Scene, submission: Submission) -> tuple[dict[Figure, float], tuple[str, ...]]:
+    """Measure where and how free bodies are shown; returns figures, SI, and sentences on what is not judged."""
+    free = free_bodies(scene)
+    if not free:
+        return {}, ()
+    found, notes = {}, []
+    if len(scene.bodies) > 1:
+        found[BODY_DEPTH] = _depth(shown, {body.name for body in free.values()})
+    (name, body), *more = free.items()
+    why = ""
     if submission.phalanx_force is None:
-        return
-    total = submission.phalanx_force.sum(axis=(1, 2))
-    total = total if submission.palm_force is None else total + submission.palm_force
-    size = np.linalg.norm(total, axis=1)
-    if size.max() > MOST_FORCE:
-        yield f"a force of {size.max():,.6g} N: millinewtons?"
-    if user is None:
-        return
-    # Contact forces point from the user's hand to the shown one.
-    off = submission.poses.position - user.position
-    along = float(np.einsum("ti,ti->t", total, off).sum())
-    if along < -0.5 * float((size * np.linalg.norm(off, axis=1)).sum()):
-        yield "forces pull the hand towards the user's: meant are those on the hand; those on the object?"
+        why = "the submission has no forces"
+    elif more or body.joint is not None:
+        why = f"several bodies, or a joint, bear forces that are not those on the hand{'' if body.joint else 's'}"
+    else:
+        lacks = _unexplained(shown, body, submission.bodies[name], submission)
+        if lacks.size:
+            found[UNEXPLAINED] = float(lacks.mean())
+        else:
+            why = "the body is never clear of what else bears it"
+    if why:
+        notes.append(f"the motion of {', '.join(free)} by mass and forces is not judged: {why}")
+    return found, tuple(notes)
+
+
+def _depth(shown: Scene, moving: set[str]) -> float:
+    """Return the largest depth of a free body in another body or below the plane [m]."""
+    ticks, deepest = sampled(np.arange(shown.ticks.tick_count), LOOKED_AT), 0.0
+    joined = {frozenset((body.name, body.joint.on)) for body in shown.solids if body.joint}
+    pairs = [
+        (one, other)
+        for one, other in combinations(shown.solids, 2)
+        if {one.name, other.name} & moving and frozenset((one.name, other.name)) not in joined
+    ]
+    for i in ticks.tolist():
+        meshes = {body.name: body.mesh.transformed(*_place(body, i)) for body in shown.solids}
+        if shown.plane is not None:
+            low = min(float(meshes[name].bounds[0, 2]) for name in moving)
+            deepest = max(deepest, shown.plane.height - low)
+        near = [pair for pair in pairs if _gap(*(meshes[body.name].bounds for body in pair)) <= 0.0]
+        deepest = max(deepest, *(overlap(*(Solid(meshes[body.name]) for body in pair)) for pair in near), 0.0)
+    return deepest
+
+
+def _place(body: Body, i: int) -> tuple[FloatArray, FloatArray]:
+    poses = body.motion.poses.at(i) if isinstance(body.motion, Driven) else (body.position, body.orientation)
+    return rotation_matrix(poses[1]), poses[0]
+
+
+def _gap(one: FloatArray, other: FloatArray) -> float:
+    """Return the largest distance of two boxes along an axis [m], negative where they meet."""
+    return float(np.maximum(one[0] - other[1], other[0] - one[1]).max())
+
+
+def _unexplained(shown: Scene, body: Body, poses: ObjectMotion, submission: Submission) -> FloatArray:
+    """Return the forces [N] that a body's motion lacks in ticks in which hands alone touch it."""
+    free, rate = body.motion, shown.ticks.rate
+    assert isinstance(free, Free)
+    center = RigidMotion(poses.orientation, poses.position).points(np.tile(free.center, (len(poses.position), 1)))
+    speed = rate * np.diff(center, axis=0)
+    lacks = free.mass * (rate * np.diff(speed, axis=0) + free.damping * speed[1:] - np.array(free.gravity))
+    for hand in submission.hands:
+        for forces in (hand.phalanx_force, hand.palm_force):
+            # What a hand bears the body bears the other way round.
+            lacks += 0.0 if forces is None else forces.reshape(len(forces), -1, 3).sum(axis=1)[2:]
+    return np.asarray(np.linalg.norm(lacks, axis=1)[[*_alone(shown, body.name)]])
+
+
+def _alone(shown: Scene, name: str) -> Iterator[int]:
+    """Yield the ticks, counted from the third one on, in which nothing but a hand may touch a body."""
+    for i in range(2, shown.ticks.tick_count):
+        boxes: Mapping[str, FloatArray] = {
+            body.name: body.mesh.transformed(*_place(body, i)).bounds for body in shown.solids
+        }
+        clear = all(_gap(boxes[name], box) > ALONE for other, box in boxes.items() if other != name)
+        if clear and (shown.plane is None or boxes[name][0, 2] - shown.plane.height > ALONE):
+            yield i - 2

@@ -23,7 +23,7 @@ from hhsim.sweep.folder import PARTIAL, content_digest, write_row
 from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, read_files
 from hhsim.sweep.plan import OF_THE_SCENE, Cell, source_digest
 from hhsim.system import environment as info
-from hhsim.system.own_core import on_own_core
+from hhsim.system.thread_pool import on_own_core
 
 OF_THE_ROW = (
     *("object", "object_mesh", "level", "max_error", "trajectory", "samples", "place_object", "hand_file"),

@@ -15,9 +15,9 @@ from hhsim.sweep.repair_manifest import load_manifest
 from hhsim.sweep.repair_page import RepairedRow, repair_page, repair_table, worst_rows
 from hhsim.sweep.repair_row import RowOutcome, RowTask, finished, is_done, keep_lost, read_outcome, row_digest
 from hhsim.system.atomic_write import write_atomically, write_together
-from hhsim.system.own_core import physical_cores
 from hhsim.system.plain_json import plain_json
 from hhsim.system.progress import Progress, silent
+from hhsim.system.thread_pool import physical_cores
 from hhsim.table.table import Table, stored_unit
 
 MARK = "repairs.json"

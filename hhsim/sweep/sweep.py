@@ -17,8 +17,8 @@ from hhsim.sweep.cell_run import CellTask, load_cell
 from hhsim.sweep.engines import LOCAL, TaskEnd, require_dask, run_tasks
 from hhsim.sweep.folder import SweepFolder, kind, lasting, pace_of
 from hhsim.sweep.plan import Cell, PlannedCell, SweepPlan, source_digest
-from hhsim.system.own_core import physical_cores
 from hhsim.system.progress import Progress, silent
+from hhsim.system.thread_pool import physical_cores
 
 TRIALS = 12
 """Number of trial cells, at least one of each method, surface and options of which none is done."""

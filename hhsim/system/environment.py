@@ -62,7 +62,7 @@ def file_attributes() -> dict[str, str | bool]:
 
 def machine() -> dict[str, str | int]:
     """Describe what decides how fast a tick is, without naming the computer; `cores` are those of this process."""
-    # Affinity of the process: a thread may be pinned to one core (`hhsim.system.own_core`).
+    # Affinity of the process: a thread may be pinned to one core (`hhsim.system.thread_pool`).
     cores = len(own_processors())
     system = f"{platform.system()} {platform.release()} {platform.machine()}"
     return {"cpu": _cpu_name(), "cores": cores, "system": system, "python": platform.python_version()}

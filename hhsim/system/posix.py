@@ -1,4 +1,4 @@
-"""Calls that only POSIX systems or Linux alone have, and what stands in for them elsewhere.
+"""Calls that Linux alone has, and what stands in for them on other POSIX systems; processes, files, output.
 
 A live session and `hhsim doctor` need Linux and call it themselves. So does the cache folder of the kernels, which
 import nothing else of hhsim. All other code asks here.
@@ -7,28 +7,26 @@ import nothing else of hhsim. All other code asks here.
 import contextlib
 import ctypes
 import faulthandler
+import fcntl
 import gc
 import os
+import resource
+import signal
 import sys
 import tempfile
 import threading
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO, cast
 
-READ_FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+READ_FLAGS = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
 """Flags to open a file that may turn out to be a pipe, which must not block."""
-CREATE_FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0)
+CREATE_FLAGS = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
 """Flags to open a file for a lock."""
 KILLED, TIMED_OUT = -1, -2
 """Codes of a child that ended without an answer, and of one that reached a limit of time."""
-
-
-def user_number() -> int:
-    """Return the user's number; 0 where the system has none."""
-    return int(getattr(os, "getuid", int)())
 
 
 def own_processors() -> list[int]:
@@ -38,30 +36,15 @@ def own_processors() -> list[int]:
     return list(range(os.cpu_count() or 1))
 
 
-def can_pin() -> bool:
-    """Return True if a thread can be pinned to a processor."""
-    return sys.platform == "linux"
-
-
 def pin(processor: int) -> None:
-    """Pin the calling thread to a processor; without effect where `can_pin` is False."""
+    """Pin the calling thread to a processor; without effect but on Linux."""
     if sys.platform == "linux":
         os.sched_setaffinity(0, {processor})
 
 
 def lock(descriptor: int) -> None:
     """Lock a file until its descriptor is closed; BlockingIOError if another process has it, OSError without locks."""
-    if sys.platform == "win32":
-        import msvcrt
-
-        try:
-            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
-        except OSError as error:
-            raise BlockingIOError(*error.args) from None
-    else:
-        import fcntl
-
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def allocate(path: Path, end: int, size: int) -> None:
@@ -74,17 +57,28 @@ def allocate(path: Path, end: int, size: int) -> None:
             os.close(descriptor)
 
 
-def flush_c_output() -> None:
-    """Write out what compiled code has left in the buffers of the C library."""
-    (ctypes.CDLL("msvcrt") if sys.platform == "win32" else ctypes.CDLL(None)).fflush(None)
+@contextlib.contextmanager
+def quiet_libraries() -> Iterator[None]:
+    """Keep what compiled code prints off the terminal until the block ends."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    kept = os.dup(1), os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        os.dup2(nowhere, 2)
+        yield
+        # The C library's own buffer would be written out later.
+        ctypes.CDLL(None).fflush(None)
+    finally:
+        for place, was in zip((1, 2), kept):
+            os.dup2(was, place)
+            os.close(was)
+        os.close(nowhere)
 
 
 def used_memory() -> tuple[float, float]:
-    """Return this process's resident memory and the most that it has been [byte]; NaN for what nothing tells."""
-    if sys.platform == "win32":
-        return float("nan"), float("nan")
-    import resource
-
+    """Return this process's resident memory and the most that it has been [byte]."""
     with contextlib.suppress(OSError):
         # The system's own counters: `getrusage` counts the memory of the parent process too.
         lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text("ascii").splitlines())
@@ -97,8 +91,6 @@ def thread_clock() -> int:
     """Return the number of the calling thread's CPU clock, for any thread to read; that of the reader elsewhere."""
     if sys.platform == "linux":
         return time.pthread_getcpuclockid(threading.get_ident())
-    if sys.platform == "win32":
-        return 0
     return time.CLOCK_THREAD_CPUTIME_ID
 
 
@@ -110,7 +102,7 @@ def memory_file() -> BinaryIO:
 
 
 def call_in_child(work: Callable[[], None], seconds: int, patience: float, memory: int) -> int:
-    """Call a function in a forked child with limits; where the system has no fork, call it here without any.
+    """Call a function in a forked child with limits.
 
     Args:
         work: Leaves its answer in a `memory_file`.
@@ -121,11 +113,6 @@ def call_in_child(work: Callable[[], None], seconds: int, patience: float, memor
     Returns:
         0 where it returned, `TIMED_OUT` where it reached a limit of time, else `KILLED`.
     """
-    if sys.platform == "win32":
-        work()
-        return 0
-    import signal
-
     with warnings.catch_warnings():
         # Python warns of threads, whose locks a child may find held: `work` takes none of them.
         warnings.simplefilter("ignore", DeprecationWarning)
@@ -143,10 +130,6 @@ def call_in_child(work: Callable[[], None], seconds: int, patience: float, memor
 
 def _be_the_child(work: Callable[[], None], seconds: int, patience: float, memory: int) -> None:
     """Call the function, and exit with 0 if it returns; the output of libraries is discarded."""
-    if sys.platform == "win32":
-        return
-    import resource
-    import signal
 
     def limit(what: int, value: int) -> None:
         most = resource.getrlimit(what)[1]

@@ -133,6 +133,7 @@ class RerunScene:
 
     stream: "rr.RecordingStream"
     scene: ShownScene
+    root: str = ""  # begin of its entities' names, such as "file-2/"
 
     def log_static(self, plots: Sequence[Plot]) -> None:
         """Send what does not change: meshes, spheres, names and colours of the plots, the text."""
@@ -223,10 +224,10 @@ class RerunScene:
         self._columns("log", [rr.TimeColumn("time", duration=[time])], rr.TextLog.columns(text=[text], level=[level]))
 
     def _fixed(self, path: str, what: Any) -> None:
-        self.stream.log(path, what, static=True, strict=True)
+        self.stream.log(f"{self.root}{path}", what, static=True, strict=True)
 
     def _columns(self, path: str, times: Sequence["rr.TimeColumn"], columns: Any) -> None:
-        self.stream.send_columns(path, indexes=times, columns=columns, strict=True)
+        self.stream.send_columns(f"{self.root}{path}", indexes=times, columns=columns, strict=True)
 
 
 def contact_points(scene: ShownScene, ticks: ShownTicks) -> ContactPoints:

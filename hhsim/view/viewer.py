@@ -1,29 +1,39 @@
-"""A result in the rerun viewer."""
+"""Results in the rerun viewer: one by itself, or several side by side on one time axis."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import AnyArray
+from hhsim.arrays import AnyArray, FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
-from hhsim.hand.model import HandModel
-from hhsim.kernels.sphere_tree import TreeArrays
-from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.moving_parts import bodies_mesh, result_parts
 from hhsim.replay.stored_scene import stored_hand
-from hhsim.result.reader import Result
+from hhsim.result.reader import Result, load_result
 from hhsim.result.safety import why_free_or_held
 from hhsim.result.schema import LIVE_EVENT, LIVE_TICK
 from hhsim.result.stored_hand import sphere_tree_of
 from hhsim.solver.options import TOUCH
 from hhsim.system.progress import Progress, silent
-from hhsim.view.blueprint import blueprint
-from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, RESULT_PLOTS, SHOWN_COLUMNS, TIME, Plot, loop_values, shown_ticks
+from hhsim.view.plots import (
+    GLOVE,
+    LIVE_PLOTS,
+    LOOP,
+    RESULT_PLOTS,
+    SHOWN_COLUMNS,
+    TIME,
+    Plot,
+    blueprint,
+    loop_values,
+    scene_view,
+    shown_ticks,
+    whole_blueprint,
+)
 from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, OBJECT, RerunScene, ShownScene, status_words
 from hhsim.view.sink import NOTEBOOK, RerunTarget, rerun_stream
 
@@ -42,9 +52,33 @@ MANY_TICKS = 200_000
 """Number of ticks from which on a viewer needs gigabytes."""
 
 
+class Shown(NamedTuple):
+    """One hand's result with the beginning of its entities' names, and its scene."""
+
+    root: str
+    result: Result
+    scene: ShownScene
+
+    def bounds(self) -> FloatArray:
+        """Return least and largest corner [m], shape (2, 3), of object and hand while they touch."""
+        result, touching = self.result, np.flatnonzero(self.result["contacts/touching"])
+        some = touching[:: max(1, len(touching) // MOST_FRAMED)] if len(touching) else np.arange(1)
+        joints = (result.at(int(tick), ("graphic/joints",))["graphic/joints"] for tick in some)
+        hand = np.concatenate([placed.reshape(-1, 3) for placed in joints])
+        bodies = (self.scene.placed(result.meshes_moved(int(tick))).bounds for tick in some)
+        points = np.concatenate([hand, *bodies])
+        return np.stack([points.min(axis=0), points.max(axis=0)])
+
+    def hidden(self) -> list[str]:
+        """Return the entities that are not shown at first."""
+        # The viewer draws spheres with flat facets: the mesh would show through where no sphere leaves it.
+        names = {OBJECT: self.scene.spheres, "world/graphic": self.result.skin_faces is not None}
+        return [f"{self.root}{name}" for name, is_hidden in names.items() if is_hidden]
+
+
 @dataclass(frozen=True)
 class Viewed:
-    """Number of ticks of a result, of those with a pose in the viewer, and where they went."""
+    """Number of ticks of the hands that are shown, of those with a pose in the viewer, and where they went."""
 
     ticks: int
     shown: int
@@ -69,15 +103,37 @@ def view_result(
     `spheres` the leaf spheres stand in place of the object's mesh. Raises InputError for a result without a tick, or
     that cannot be read; and as `rerun_stream`, OutputError too.
     """
-    if result.ticks == 0:
-        raise InputError(f"{result.path} holds no tick")
+    return _view([[result]], target, every, progress, spheres=spheres)
+
+
+def view_files(
+    paths: Sequence[Path], target: RerunTarget, *, every: int = 1, spheres: bool = False, progress: Progress = silent
+) -> Viewed:
+    """Show every hand of result files, the hands of a file in one view; arguments and errors as of `view_result`."""
+    files = [[*load_result(path).hands.values()] for path in paths]
+    return _view(files, target, every, progress, spheres=spheres)
+
+
+def _view(
+    files: Sequence[Sequence[Result]], target: RerunTarget, every: int, progress: Progress, *, spheres: bool
+) -> Viewed:
+    """Show results, those of a file in one view."""
     if every < 1:
         raise InputError(f"every {every} ticks: expected 1 or more")
-    scene = shown_scene(result, spheres=spheres)
-    with rerun_stream(target, APPLICATION, arranged(result, scene)) as stream:
-        stream.send_recording_name(result.path.name)
-        send_ticks(RerunScene(stream, scene), result, every, progress)
-    return Viewed(result.ticks, -(-result.ticks // every), target)
+    alone = len(files) == 1 and len(files[0]) == 1
+    shown = []
+    for number, file in enumerate(files, 1):
+        for result in file:
+            if result.ticks == 0:
+                raise InputError(f"{result.label} holds no tick")
+            root = "" if alone else f"file-{number}/{f'{result.name}/' if len(file) > 1 else ''}"
+            shown.append(Shown(root, result, shown_scene(result, spheres=spheres)))
+    with rerun_stream(target, APPLICATION, arranged(shown[0]) if alone else _side_by_side(shown)) as stream:
+        stream.send_recording_name(", ".join(dict.fromkeys(one.result.path.name for one in shown)))
+        for one in shown:
+            send_ticks(RerunScene(stream, one.scene, one.root), one.result, every, progress)
+    ticks = [one.result.ticks for one in shown]
+    return Viewed(sum(ticks), sum(-(-count // every) for count in ticks), target)
 
 
 def send_ticks(viewer: RerunScene, result: Result, every: int, progress: Progress) -> None:
@@ -117,16 +173,6 @@ def send_ticks(viewer: RerunScene, result: Result, every: int, progress: Progres
     progress("ticks", result.ticks, result.ticks)
 
 
-def get_ready() -> None:
-    """Import and load what `view_result` needs, which takes a third of a second."""
-    import rerun.blueprint  # noqa: F401
-
-    none, sphere = np.zeros(1, np.int64), np.zeros(1)
-    tree = TreeArrays(sphere, sphere, sphere, sphere, none, none, 0)
-    nowhere = PlacedHand(np.zeros((0, 5, 4, 3)), np.zeros((0, 3)), np.zeros((0, 4)))
-    find_contact_points(tree, hand_shape(HandModel.default()), nowhere, TOUCH)
-
-
 def shown_scene(result: Result, *, spheres: bool = False) -> ShownScene:
     """Return what does not change with time; raise InputError for an unknown hand or a damaged mesh or tree."""
     solver = result.scene.get("solver", {})
@@ -149,23 +195,39 @@ def result_plots(result: Result) -> tuple[Plot, ...]:
     return RESULT_PLOTS if result.live is None else LIVE_PLOTS
 
 
-def arranged(result: Result, scene: ShownScene) -> "rrb.Blueprint":
+def arranged(shown: Shown) -> "rrb.Blueprint":
     """Arrange the views of a result; the scene is seen from where object and hand fill it while they touch."""
-    touching = np.flatnonzero(result["contacts/touching"])
-    some = touching[:: max(1, len(touching) // MOST_FRAMED)] if len(touching) else np.arange(1)
-    joints = (result.at(int(tick), ("graphic/joints",))["graphic/joints"] for tick in some)
-    hand = np.concatenate([placed.reshape(-1, 3) for placed in joints])
-    points = np.concatenate([hand, *(scene.placed(result.meshes_moved(int(tick))).bounds for tick in some)])
-    low, high = points.min(axis=0), points.max(axis=0)
+    result, (low, high) = shown.result, shown.bounds()
     duration = 1e-3 * result["duration/total"]
     # A pause of the machine is a thousand ticks long: it would flatten all that the plot is for.
     top = min(float(duration.max()), 4.0 * float(np.quantile(duration, 0.99)))
     title = f"{result.path.name}: graphic hand, haptic hand (blue), contact forces (red)"
-    extent = float(np.linalg.norm(high - low))
-    # The viewer draws spheres with flat facets: the mesh would show through where no sphere leaves it.
-    hidden = [*([OBJECT] if scene.spheres else []), *(["world/graphic"] if result.skin_faces is not None else [])]
-    tops = {TIME: max(top, 1.0)}
-    return blueprint(0.5 * (low + high), extent, title, result_plots(result), hidden=hidden, tops=tops)
+    extent, tops = float(np.linalg.norm(high - low)), {TIME: max(top, 1.0)}
+    return blueprint(0.5 * (low + high), extent, title, result_plots(result), hidden=shown.hidden(), tops=tops)
+
+
+def _side_by_side(shown: Sequence[Shown]) -> "rrb.Blueprint":
+    """Arrange a view for each file, and beside them the plots of each hand."""
+    import rerun.blueprint as rrb
+
+    views = []
+    for file, of_it in groupby(shown, key=lambda one: one.root.partition("/")[0]):
+        hands = list(of_it)
+        bounds = np.concatenate([one.bounds() for one in hands])
+        extent = float(np.linalg.norm(np.ptp(bounds, axis=0)))
+        middle = 0.5 * (bounds.min(axis=0) + bounds.max(axis=0))
+        # Two hands have one object, which is drawn once.
+        hidden = [*(name for one in hands for name in one.hidden()), *(f"{one.root}{OBJECT}" for one in hands[1:])]
+        origin = f"{hands[0].root}world" if len(hands) == 1 else file
+        views.append(scene_view(origin, hands[0].result.path.name, middle, extent, hidden))
+    plots = [
+        rrb.Vertical(
+            *(rrb.TimeSeriesView(origin=f"{one.root}{plot.path}", name=plot.title) for plot in RESULT_PLOTS),
+            name=one.result.label,
+        )
+        for one in shown
+    ]
+    return whole_blueprint(rrb.Horizontal(rrb.Grid(*views), rrb.Tabs(*plots), column_shares=[3, 2]))
 
 
 def description(result: Result) -> str:

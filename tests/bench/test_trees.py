@@ -103,7 +103,7 @@ def test_the_command_as_json_and_a_missed_bar(
 
 
 def test_build_tree_draws(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hhsim.render.tree_figure.PIXELS", 100)
+    monkeypatch.setattr("hhsim.render.spheres_figure.PIXELS", 100)
     answer = run("build-tree", "cube", "--level", "1", "--out", "c.h5", "--plot", "c.png", "--json")
     assert answer.code == 0, answer.err
     assert json.loads(answer.out)["plot"] == "c.png"

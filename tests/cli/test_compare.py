@@ -1,4 +1,4 @@
-"""`hhsim compare`, `hhsim export` and `hhsim help` as users meet them."""
+"""`hhsim compare` and `hhsim export` as users meet them."""
 
 import shutil
 from pathlib import Path
@@ -78,17 +78,3 @@ def test_a_result_is_exported(run: Run, results: Path, tmp_path: Path) -> None:
     assert lines[0] == "tick,time [s],force/total[0] [N],force/total[1] [N],force/total[2] [N]"
     wrong = run("export", str(results / "coupled.h5"), "ticks.csv", "--columns", "tme")
     assert wrong.code == 2 and "unknown dataset 'tme': did you mean time" in wrong.err
-
-
-@pytest.mark.parametrize("words", [(), ("replay",), ("bench", "recorded")])
-def test_help_is_that_of_the_command(run: Run, words: tuple[str, ...]) -> None:
-    assert run("help", *words) == run(*words, "--help")
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [(("repllay",), "unknown command 'repllay': did you mean replay"), (("replay", "x"), "has no command 'x'")],
-)
-def test_help_of_what_is_not_there(run: Run, words: tuple[str, ...], message: str) -> None:
-    answer = run("help", *words)
-    assert (answer.code, answer.out) == (2, "") and message in answer.err

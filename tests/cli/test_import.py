@@ -37,16 +37,15 @@ def damaged(tmp_path: Path) -> Path:
 
 
 def test_a_damaged_recording_is_mended_and_said_to_be(run: Run, damaged: Path, tmp_path: Path) -> None:
-    code, out, err = run("import", str(damaged), "--out", "good.h5", "--plot", "good.png")
+    code, out, err = run("import", str(damaged), "--out", "good.h5")
     assert (code, err) == (0, "")
     assert "session.csv, hhsim csv: right hand" in out
     for words in ("palm outlier", "fingers filled", "another number of cells", "299 samples where the file says"):
         assert words in out
-    assert "299 of 299 samples" in out and "written to good.h5, drawn in good.png" in out
+    assert "299 of 299 samples" in out and "written to good.h5" in out
     motion = load_trajectory(tmp_path / "good.h5")
     assert motion.flags is not None and np.count_nonzero(motion.flags) == 2
     assert np.abs(motion.position - np.delete(MOTION.position, 70, axis=0)).max() < 0.01
-    assert (tmp_path / "good.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_machines_get_one_document(run: Run, damaged: Path) -> None:
@@ -95,7 +94,6 @@ def test_refusals_are_one_line_and_leave_nothing(run: Run, damaged: Path, tmp_pa
         (("import", str(damaged), "--out", "good.txt"), "good.txt is no name for a trajectory: it has to end"),
         (("import", str(damaged), "--out", "other.csv"), "other.csv exists and is no trajectory, so it is"),
         (("import", str(damaged), "--out", str(damaged)), "is an input of this command"),
-        (("import", str(damaged), "--plot", "plot.doc"), "plot.doc is no picture by its ending"),
     ]
     for arguments, words in cases:
         code, out, err = run(*arguments)

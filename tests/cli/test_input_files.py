@@ -19,8 +19,6 @@ from hhsim.motion.file import load_trajectory
 from hhsim.recordings.registry import read_recording
 from hhsim.result.motion import load_result_motion
 from hhsim.result.reader import load_result
-from hhsim.submissions.pose_file import read_submission
-from hhsim.submissions.scene_file import read_scene
 from hhsim.system.hdf5_input import hdf5_format, open_hdf5
 from hhsim.trees.file import load_tree
 from hhsim.trees.foreign_tree import import_tree
@@ -72,7 +70,7 @@ KINDS: dict[str, tuple[Callable[[h5py.File, str], None], str]] = {
 READERS: tuple[Callable[[Path], object], ...] = (
     *(load_result, load_result_motion, load_trajectory, read_recording, load_tree),
     lambda path: import_tree(path, load_object("cube").mesh),
-    *(read_submission, read_scene, load_table),
+    load_table,
 )
 COMMANDS = (
     "verify FILE.h5",
@@ -99,7 +97,7 @@ COMMANDS = (
     "scene cube FILE.h5",
     "scene FILE.stl touch",
     "score FILE.csv",
-    "score FILE.h5",
+    "score FILE.csv",
     "live glove cube --device replay --trajectory FILE.h5 --no-record",
     "compare FILE.h5 result.h5",
     "compare result.h5 FILE.h5",

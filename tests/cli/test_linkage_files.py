@@ -96,5 +96,5 @@ def test_a_damaged_file_is_one_line_and_leaves_nothing(run: Run, work: Path) -> 
 def test_a_scene_of_links_is_written_for_other_software(run: Run, work: Path) -> None:
     answer = run("scene", "pot.urdf", "opens.toml", "--level", "1", "--out", "folder")
     assert answer.code == 0, answer.err
-    names = {"block.obj", "lid.obj", "bodies.toml", "joints.csv"}
+    names = {"block.obj", "lid.obj", "scene.xml", "driven.csv"}
     assert names <= {path.name for path in (work / "folder").iterdir()}

@@ -1,6 +1,8 @@
-"""The engines themselves: how the missing ones are refused, and that those here stop at a ball and push back."""
+"""MuJoCo and its convex parts: how the missing ones are refused, and that those here stop at a ball and push back."""
 
 import json
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,8 +10,12 @@ import pytest
 from conftest import Run
 
 from hhsim.bench.peers import capsule_hand
-from hhsim.engines.rigid_hand import lack_of
+from hhsim.engines import mujoco as module
+from hhsim.engines.mujoco import COARSE, FINE, Ball, Box, Hull, MuJoCoFast, convex_parts, lack_of
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel, Side
+from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.catalogue import load_object
 from hhsim.scene.scene import open_scene
@@ -72,3 +78,98 @@ def test_large_triangles_are_split_since_mujoco_misses_contacts_of_them() -> Non
     assert np.linalg.norm(np.diff(mesh.triangles, axis=1), axis=2).max() > LONGEST >= edges.max()
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
     np.testing.assert_allclose(area, 6.0 * mesh.extent[0] ** 2)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_its_joints_are_those_of_the_hand_and_its_coupling_is_critically_damped(side: Side) -> None:
+    pytest.importorskip("mujoco")
+    random, hand = np.random.default_rng(1), HandModel.default(side)
+    made: Any = MuJoCoFast(MethodScene(hand, load_object("sphere").mesh, None, SolverOptions(surface="mesh")))
+    pose = HandConfiguration(
+        random.normal(size=3),
+        quaternion(random.normal(size=3)),
+        random.uniform(0.0, 1.0, (5, 3)),
+        random.uniform(-0.2, 0.3, 5),
+    )
+    made.begin(pose)
+    made._mujoco.mj_forward(made._model, made._data)
+    found = [[made._data.body(f"{finger} {k}").xpos for k in range(3)] for finger in FINGERS]
+    np.testing.assert_allclose(found, hand.joints(*pose)[:, :3], atol=1e-12)
+    # The damping of a mass m on a spring k is 2 sqrt(k m).
+    spring, damper = made._model.actuator_gainprm[:, 0], -made._model.actuator_biasprm[:, 2]
+    masses = np.repeat([made._model.body("palm").mass[0], made._model.body("palm").inertia[0]], 3)
+    np.testing.assert_allclose(damper[:6], 2.0 * np.sqrt(spring[:6] * masses))
+    np.testing.assert_allclose(damper[6:], 2.0 * np.sqrt(spring[6:] * made._model.dof_armature[6:]))
+
+
+def test_dampers_get_the_speed_of_the_hand_in_its_palm() -> None:
+    pytest.importorskip("mujoco")
+    made: Any = MuJoCoFast(
+        MethodScene(HandModel.default(), load_object("sphere").mesh, None, SolverOptions(surface="mesh"))
+    )
+    turn, way = np.array([0.3, -0.2, 0.5]), np.array([0.01, 0.02, -0.03])
+    first = quaternion(np.array([0.4, 0.1, -0.7]))
+    before = HandConfiguration(np.zeros(3), first, np.full((5, 3), 0.2), np.zeros(5))
+    second = quaternion_product(quaternion(turn), first)
+    now = HandConfiguration(way, second, np.full((5, 3), 0.3), np.zeros(5))
+    made.begin(before)
+    made.command(before)
+    made.command(now)
+    ahead = (made._damping / made._stiffness - made._ahead) / made._scene.period
+    palm = rotation_matrix(second)
+    np.testing.assert_allclose(made._data.ctrl[:3], ahead[0] * way @ palm, rtol=1e-12)
+    np.testing.assert_allclose(made._data.ctrl[3:6], ahead[1] * turn @ palm, rtol=1e-9)
+    np.testing.assert_allclose(made._data.ctrl[6:], 0.3 + ahead[2] * 0.1, rtol=1e-12)
+
+
+def test_a_sphere_is_a_ball_and_a_cube_a_box() -> None:
+    (ball,) = convex_parts(load_object("sphere").mesh)
+    assert isinstance(ball, Ball)
+    away = np.linalg.norm(load_object("sphere").mesh.vertices - ball.center, axis=1)
+    assert abs(ball.radius - away.max()) < 2e-3 * ball.radius
+    cube = load_object("cube").mesh
+    (box,) = convex_parts(cube)
+    assert isinstance(box, Box)
+    np.testing.assert_allclose(2.0 * box.half, cube.extent)
+
+
+def test_what_is_convex_is_one_hull_and_needs_no_decomposition(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_decompose", None)
+    mesh = load_object("hexagonal-prism").mesh
+    (hull,) = convex_parts(mesh)
+    assert isinstance(hull, Hull)
+    assert {tuple(point) for point in hull.points} == {tuple(vertex) for vertex in mesh.vertices[np.unique(mesh.faces)]}
+
+
+def test_parts_are_found_once_and_a_damaged_file_is_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh, made = load_object("cup").mesh, []
+
+    def decompose(given: object, concavity: float) -> list[np.ndarray]:
+        made.append(given)
+        return [mesh.vertices[:5], mesh.vertices[5:9]]
+
+    monkeypatch.setattr(module, "_decompose", decompose)
+    monkeypatch.setattr(module, "cache_root", lambda: tmp_path)
+    first, again = convex_parts(mesh), convex_parts(mesh)
+    assert made == [mesh]
+    for one, other in zip(first, again, strict=True):
+        assert isinstance(one, Hull) and isinstance(other, Hull)
+        np.testing.assert_array_equal(one.points, other.points)
+    (file,) = (tmp_path / "convex-parts").iterdir()
+    file.write_bytes(b"not a file of numpy's")
+    convex_parts(mesh)
+    assert len(made) == 2
+
+
+def test_finer_parts_are_others_and_a_closed_mesh_is_not_remeshed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mesh = load_object("cup").mesh
+    monkeypatch.setattr(module, "cache_root", lambda: tmp_path)
+    monkeypatch.setattr(module, "_decompose", lambda mesh, concavity: [mesh.vertices[: round(1000 * concavity)]])
+    sizes = [
+        len(part.points) for limit in (COARSE, FINE) for part in convex_parts(mesh, limit) if isinstance(part, Hull)
+    ]
+    assert sizes == [20, 10]
+    assert module._preparation(mesh) == "off"
+    assert module._preparation(replace(mesh, faces=mesh.faces[1:])) == "auto"

@@ -18,16 +18,16 @@ from live_session import write_session
 from sampled import sampled
 from sealed_change import changed
 from short_grasp import short_grasp, short_scene
-from written_submission import write_submission
 
 from hhsim.gate.gate import gate_result
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.result.reader import load_result
 from hhsim.result.safety import Safety
-from hhsim.submissions.pose_file import Submission, read_submission
-from hhsim.submissions.scene_file import read_scene
-from hhsim.submissions.scene_folder import write_scene_folder
+from hhsim.scene.described_scene import SceneWords, load_words
+from hhsim.submissions.pose_file import Submission, format_poses, read_submission
+from hhsim.submissions.scene_folder import worded_scene, write_scene_folder
+from hhsim.submissions.score import scene_of
 
 pytestmark = pytest.mark.slow
 
@@ -94,7 +94,7 @@ level = 2
 motion_may_change = true
 [[scene]]
 name = "submission"
-submission = "poses.h5"
+submission = "poses.csv"
 arguments = ["--scene", "scene", "--surface", "mesh"]
 [[scene]]
 name = "session"
@@ -123,12 +123,12 @@ def write_poses(project: Path) -> None:
     from hhsim.replay.replay import replay_scene as run
     from hhsim.solver.options import SolverOptions
 
-    scene = read_scene(project / "scene" / "scene.h5")
+    example = read_submission(project / "scene" / "example-submission.csv")
+    scene = scene_of(example)
     run(scene, SolverOptions(surface="mesh"), project / "mesh.h5")
     result = load_result(project / "mesh.h5")
-    example = read_submission(project / "scene" / "example-submission.csv")
     poses = HandConfiguration(*(np.array(result[f"graphic/{name}"]) for name in HandConfiguration._fields))
-    write_submission(Submission("engine", example.scene, scene.ticks.time, poses), project / "poses.h5")
+    (project / "poses.csv").write_text(format_poses(Submission("engine", example.scene, scene.ticks.time, poses)))
     (project / "mesh.h5").unlink()
 
 
@@ -145,7 +145,8 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "own_method.py").write_text(METHOD)
     (folder / "short.toml").write_text(SHORT)
     write_recording(folder / "recording.csv", 0.0)
-    write_scene_folder(short_scene(short_grasp()), folder / "scene")
+    words = SceneWords(object="cylinder", trajectory=str(folder / "short.toml"), level=2, place_object="recorded")
+    write_scene_folder(worded_scene(load_words(words)), folder / "scene")
     write_poses(folder)
     write_session(folder / "session.h5")
     (folder / "hhsim-gate.toml").write_text(SUITE)
@@ -200,9 +201,9 @@ def malformed(file: h5py.File) -> None:
 
 
 def deeper_poses(head: Path) -> None:
-    given = read_submission(head / "poses.h5")
+    given = read_submission(head / "poses.csv")
     flexion = given.poses.flexion + 0.01
-    write_submission(replace(given, poses=given.poses._replace(flexion=flexion)), head / "poses.h5")
+    (head / "poses.csv").write_text(format_poses(replace(given, poses=given.poses._replace(flexion=flexion))))
 
 
 SOME = slice(50, 60)

@@ -7,7 +7,7 @@ import pytest
 from linkage_samples import BOX, joint, link, urdf
 
 from hhsim.errors import InputError, MeshError
-from hhsim.linkage.object_mesh import resolve_object
+from hhsim.linkage.file import resolve_object
 
 
 def test_a_file_of_one_link_is_its_mesh_where_the_file_begins(tmp_path: Path) -> None:

@@ -142,7 +142,7 @@ def test_files_that_are_not_there_or_no_trajectories(motion: Trajectory, tmp_pat
         ("m.h5", "no such file; expected a trajectory"),
         ("", "a folder; expected"),
         ("m.npz", "unknown suffix '.npz'"),
-        ("text.h5", "text.h5: not an HDF5 file, or a damaged one; expected format hhsim-tr"),
+        ("text.h5", "text.h5: no hhsim-trajectory file, or a damaged one: no HDF5 file"),
         ("cut.h5", "a damaged HDF5 file: cut short, 13,495 of 26,912 bytes are there"),
     ):
         with pytest.raises(TrajectoryError, match=message):

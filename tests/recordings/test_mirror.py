@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.linkage.object_mesh import resolve_object
+from hhsim.linkage.file import resolve_object
 from hhsim.metrics.field.score import field_score
 from hhsim.motion.csv_file import format_csv
 from hhsim.motion.file import load_trajectory, save_trajectory

@@ -8,7 +8,7 @@ import trimesh
 from msgspec.structs import replace
 from sampled import sampled
 
-from hhsim.linkage.object_mesh import resolve_object
+from hhsim.linkage.file import resolve_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay_scene

@@ -24,8 +24,7 @@ from hhsim.scene.scene import Scene, open_scene
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import seen_scene
-from hhsim.submissions.scene_file import scene_digest
-from hhsim.submissions.scene_folder import write_scene_folder
+from hhsim.submissions.scene_folder import scene_digest, write_scene_folder
 
 SINGLE = 1e-6
 """Bound of distances [m] of vertices, of which MuJoCo keeps 32 bits."""

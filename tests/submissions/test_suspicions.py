@@ -5,16 +5,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from written_submission import write_submission
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_matrix
+from hhsim.hand.quaternion import conjugate
 from hhsim.scene.scene import Scene, open_scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
@@ -97,77 +95,45 @@ def poses(position: Change, orientation: Change) -> Damage:
     return lambda a: {"position": position(a["position"]), "orientation": orientation(a["orientation"])}
 
 
-def mirrored(axis: int) -> Damage:
-    flip = np.where(np.isin(range(4), (0, 1 + axis)), 1.0, -1.0)
-    return poses(lambda p: p * (1.0 - 2.0 * np.eye(3)[axis]), lambda q: q * flip)
-
-
-def wrist(arrays: Arrays) -> Arrays:
-    return {"position": arrays["position"] + rotation_matrix(arrays["orientation"]) @ np.array([0.0, -0.07, 0.0])}
-
-
 def a_number(name: str, tick: int, value: float) -> Damage:
     return put(name, lambda a: np.where((np.arange(len(a)) == tick).reshape(-1, *[1] * (a.ndim - 1)), value, a))
 
 
-y_up = poses(
-    lambda p: p[:, [0, 2, 1]] * [1, 1, -1], lambda q: quaternion_product(quaternion([-np.pi / 2.0, 0.0, 0.0]), q)
-)
-y_up_left_handed = poses(lambda p: p[:, [0, 2, 1]], lambda q: q[:, [0, 1, 3, 2]] * [1, -1, -1, -1])
-repeated = rows(lambda a: a[np.arange(len(a)) // 4 * 4], HandConfiguration._fields)
 other_motion = put("position", lambda p: p[::-1] + 0.05 * np.sin(np.arange(p.size)).reshape(-1, 3))
 POSES: dict[str, tuple[Damage, str]] = {
-    "millimetres": (scaled("position", 1e3), "millimetres?"),
-    "centimetres": (scaled("position", 1e2), "centimetres?"),
-    "inches": (scaled("position", 1.0 / 0.0254), "inches?"),
-    "mirrored x": (mirrored(0), "left-handed (x mirrored)?"),
-    "mirrored y": (mirrored(1), "left-handed (y mirrored)?"),
-    "mirrored z": (mirrored(2), "left-handed (z mirrored)?"),
-    "y up": (y_up, "another axis up?"),
-    "y up, left-handed": (y_up_left_handed, "left-handed, another axis up?"),
-    "quaternion x y z w": (put("orientation", lambda q: q[:, [1, 2, 3, 0]]), "quaternion x y z w?"),
-    "world to palm": (put("orientation", conjugate), "quaternion of the world in the palm's frame?"),
-    "palm half turned": (
-        put("orientation", lambda q: quaternion_product(q, np.array([0.0, 0.0, 1.0, 0.0]))),
-        "another palm frame, half a turn about y?",
-    ),
-    "flexion in degrees": (scaled("flexion", 180.0 / np.pi), "where nothing is near: degrees?"),
-    "abduction in degrees": (scaled("abduction", 180.0 / np.pi), "degrees?"),
-    "flexion negative": (scaled("flexion", -1.0), "the other way round?"),
-    "a left hand's abduction": (scaled("abduction", -1.0), "a left hand's?"),
-    "little finger first": (put("flexion", lambda bent: bent[:, ::-1]), "little finger first?"),
-    "fingertip first": (put("flexion", lambda bent: bent[:, :, ::-1]), "fingertip first?"),
-    "angles from the palm": (put("flexion", lambda bent: np.cumsum(bent, axis=2)), "each angle from the palm"),
-    "late": (lag(5), "shifted time: 5 ticks (20 ms) behind"),
-    "early": (lag(-12), "shifted time: 12 ticks (48 ms) ahead"),
-    "a quarter of the rate": (repeated, "repeated ticks: in 75 %"),
-    "another origin": (put("position", lambda p: p + [0.1, 0.0, -0.02]), "another origin (100 0 -20 mm), or"),
-    "the wrist": (wrist, "the wrist (0 -70 0 mm in the palm's frame)?"),
-    "another motion": (other_motion, "another motion?"),
+    "millimetres": (scaled("position", 1e3), "m off the user's where nothing is near"),
+    "another axis up": (put("position", lambda p: p[:, [0, 2, 1]] * [1, 1, -1]), "m off the user's"),
+    "quaternion x y z w": (put("orientation", lambda q: q[:, [1, 2, 3, 0]]), "the palm is turned by"),
+    "world to palm": (put("orientation", conjugate), "the palm is turned by"),
+    "flexion in degrees": (scaled("flexion", 180.0 / np.pi), "flexion is"),
+    "abduction in degrees": (scaled("abduction", 180.0 / np.pi), "abduction is"),
+    "a left hand's abduction": (scaled("abduction", -1.0), "abduction is"),
+    "little finger first": (put("flexion", lambda bent: bent[:, ::-1]), "flexion is"),
+    "fingertip first": (put("flexion", lambda bent: bent[:, :, ::-1]), "flexion is"),
+    "late": (lag(5), "frame, order or time?"),
+    "early": (lag(-12), "frame, order or time?"),
+    "another origin": (put("position", lambda p: p + [0.1, 0.0, -0.02]), "the palm is 0.102 m off"),
+    "another motion": (other_motion, "m off the user's"),
     "forces in mN": (scaled("palm_force", 1e3), "millinewtons?"),
     "forces on the object": (scaled("palm_force", -1.0), "those on the object?"),
     "durations in µs": (scaled("duration", 1e6), "microseconds?"),
     "negative duration": (a_number("duration", 3, -1.0), "duration of tick 3 is negative"),
-    "NaN": (a_number("position", 41, np.nan), "position of tick 41 is not finite"),
     "infinity": (a_number("flexion", 7, np.inf), "flexion of tick 7 is not finite"),
     "no quaternion": (scaled("orientation", 0.5), "orientation of tick 0 has length 0.5"),
-    "a tick is missing": (rows(lambda a: np.delete(a, 100, 0)), "tick 100 is missing"),
-    "ticks are missing": (rows(lambda a: np.delete(a, [100, 200, 300], 0)), "tick 100 and 2 more are missing"),
-    "cut short": (rows(lambda a: a[:-50]), "at its end: cut short?"),
-    "a tick is there twice": (rows(lambda a: np.insert(a, 100, a[100], 0)), "tick 101 is there twice"),
-    "backwards": (rows(lambda a: a[::-1]), "goes back in time"),
-    "half the rate": (rows(lambda a: a[::2]), "another rate: 125 ticks a second"),
-    "time in ms": (scaled("time", 1e3), "times in milliseconds?"),
-    "time begins later": (put("time", lambda t: t + 0.02), "shifted time: it begins at 0.02 s"),
-    "no tick": (rows(lambda a: a[:0]), "no ticks"),
+    "a tick is missing": (rows(lambda a: np.delete(a, 100, 0)), "tick 100 is at 0.404 s; expected 750 ticks, 250 a"),
+    "cut short": (rows(lambda a: a[:-50]), "it has 700 ticks; expected 750 ticks"),
+    "a tick is there twice": (rows(lambda a: np.insert(a, 100, a[100], 0)), "tick 101 is at 0.4 s"),
+    "half the rate": (rows(lambda a: a[::2]), "tick 1 is at 0.008 s"),
+    "time in ms": (scaled("time", 1e3), "tick 1 is at 4 s"),
+    "time begins later": (put("time", lambda t: t + 0.02), "tick 0 is at 0.02 s"),
 }
 
 
 @pytest.mark.parametrize("case", POSES)
 def test_damaged_poses_are_named(case: str, tmp_path: Path) -> None:
     damage, word = POSES[case]
-    path = tmp_path / "poses.h5"
-    write_submission(as_submission(sound() | damage(sound())), path)
+    path = tmp_path / "poses.csv"
+    path.write_text(format_poses(as_submission(sound() | damage(sound()))))
     assert word in word_on(path)
 
 
@@ -185,8 +151,8 @@ SAID: dict[str, tuple[dict[str, Any], str]] = {
 @pytest.mark.parametrize("case", SAID)
 def test_what_it_says_of_itself_has_to_be_the_scenes(case: str, tmp_path: Path) -> None:
     said, word = SAID[case]
-    path = tmp_path / "poses.h5"
-    write_submission(as_submission(sound(), **said), path)
+    path = tmp_path / "poses.csv"
+    path.write_text(format_poses(as_submission(sound(), **said)))
     assert word in word_on(path)
 
 
@@ -229,7 +195,7 @@ TEXTS: dict[str, tuple[Callable[[Path], object], str]] = {
 @pytest.mark.parametrize("separator", [";", "\t"])
 def test_semicolons_or_tabs_between_columns_are_the_same_submission(separator: str, tmp_path: Path) -> None:
     path = tmp_path / "poses.csv"
-    write_submission(as_submission(sound()), path)
+    path.write_text(format_poses(as_submission(sound())))
     lines = path.read_text().splitlines()
     (tmp_path / "others.csv").write_text(
         "\n".join(line if line.startswith("#") else line.replace(",", separator) for line in lines) + "\n"
@@ -242,54 +208,21 @@ def test_damaged_text_is_named(case: str, tmp_path: Path) -> None:
     damage, word = TEXTS[case]
     arrays = {name: values for name, values in sound().items() if name in PARTS and not PARTS[name].optional}
     path = tmp_path / "poses.csv"
-    write_submission(as_submission(arrays), path)
+    path.write_text(format_poses(as_submission(arrays)))
     damage(path)
     assert word in word_on(path)
 
 
-def reshaped(name: str, make: Change) -> Callable[[h5py.File], None]:
-    def damage(file: h5py.File) -> None:
-        file[name] = make(file.pop(name)[()])
-
-    return damage
-
-
-HDF5: dict[str, tuple[Callable[[h5py.File], object], str]] = {
-    "flat flexion": (reshaped("flexion", lambda a: a.reshape(-1, 15)), "expected (T, 5, 3), T = 750"),
-    "position of four": (reshaped("position", lambda a: np.c_[a, a[:, 0]]), "expected (T, 3)"),
-    "fewer poses than stamps": (reshaped("abduction", lambda a: a[:-1]), "abduction has shape (749, 5)"),
-    "transposed": (reshaped("position", lambda a: a.T), "position has shape (3, 750)"),
-    "no flexion": (lambda file: file.pop("flexion"), "no dataset flexion; expected one of shape (T, 5, 3)"),
-    "palm force alone": (lambda file: file.pop("phalanx_force"), "palm_force without phalanx_force"),
-    "another unit": (lambda file: file["position"].attrs.update(units="mm"), "dataset position is in mm"),
-    "text": (reshaped("time", lambda a: a.astype("S8")), "holds no numbers"),
-}
-
-
-@pytest.mark.parametrize("case", HDF5)
-def test_damaged_hdf5_is_named(case: str, tmp_path: Path) -> None:
-    damage, word = HDF5[case]
-    path = tmp_path / "poses.h5"
-    write_submission(as_submission(sound()), path)
-    with h5py.File(path, "r+") as file:
-        damage(file)
-    assert word in word_on(path)
-
-
-def test_a_cut_hdf5_file_and_no_file_are_named(tmp_path: Path) -> None:
-    path = tmp_path / "poses.h5"
-    write_submission(as_submission(sound()), path)
-    path.write_bytes(path.read_bytes()[:5000])
-    assert "damaged" in word_on(path)
+def test_no_file_and_another_file_are_named(tmp_path: Path) -> None:
     assert "no such file" in word_on(tmp_path / "none.csv")
     assert "unknown suffix" in word_on(Path(__file__))
 
 
-@pytest.mark.parametrize(("suffix", "kind"), [("csv", np.float64), ("h5", np.float64), ("h5", np.float32)])
-def test_a_sound_submission_is_read_bit_for_bit_and_not_suspected(suffix: str, kind: type, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+def test_a_sound_submission_is_read_bit_for_bit_and_not_suspected(kind: type, tmp_path: Path) -> None:
     arrays = {name: values.astype(kind).astype(np.float64) for name, values in sound().items()}
-    path = tmp_path / f"poses.{suffix}"
-    write_submission(as_submission(arrays), path)
+    path = tmp_path / "poses.csv"
+    path.write_text(format_poses(as_submission(arrays)))
     assert word_on(path) == ""
     for (_, name), values in read_submission(path).arrays.items():
         # A quaternion is made unit.
@@ -297,10 +230,9 @@ def test_a_sound_submission_is_read_bit_for_bit_and_not_suspected(suffix: str, k
         assert np.abs(values - arrays[name]).max() <= off
 
 
-def test_a_hand_may_be_a_tick_behind_and_not_ahead() -> None:
-    """A method with inertia is behind, as `penalty` is; what the user will do none can know."""
-    for ticks, word in ((1, ""), (-1, "shifted time: 1 tick (4 ms) ahead of the user's hand?")):
-        assert "; ".join(suspicions(as_submission(sound() | lag(ticks)(sound())), scene())) == word
+def test_a_hand_may_be_a_tick_behind() -> None:
+    """A method with inertia is behind, as `penalty` is."""
+    assert suspicions(as_submission(sound() | lag(1)(sound())), scene()) == ()
 
 
 @pytest.mark.parametrize("method", METHODS.names())

@@ -1,7 +1,5 @@
 """What a reader in a child gives back, and what becomes of one that fails; its limits by hdf5_input's own tests."""
 
-import os
-import sys
 import time
 from pathlib import Path
 
@@ -41,13 +39,6 @@ def test_errors_of_hhsim_come_back_as_they_are_and_others_as_damage() -> None:
         read_in_child(lambda: failing(KeyError()), "a damaged file")
     with pytest.raises(DamagedFileError, match="its reader breaks down"):
         read_in_child(lambda: failing(SystemExit(3)), "a damaged file")
-
-
-def test_where_there_is_no_fork_the_reader_is_called_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "platform", "win32")
-    assert read_in_child(os.getpid, "a damaged file") == os.getpid()
-    monkeypatch.undo()
-    assert read_in_child(os.getpid, "a damaged file") != os.getpid()
 
 
 def test_the_page_on_security_states_the_limits_as_they_are(repository: Path) -> None:

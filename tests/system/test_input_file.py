@@ -18,7 +18,6 @@ from hhsim.result.reader import load_result
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.system.input_file import check_ordinary, media_kind, open_input, read_input, read_input_text
 from hhsim.system.settings_file import read_toml_text
-from hhsim.view.gallery import file_kind
 
 
 def test_an_ordinary_file_is_read(tmp_path: Path) -> None:
@@ -87,8 +86,7 @@ def test_other_media_are_told_and_data_is_none(head: bytes, kind: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "read",
-    [file_kind, load_result, read_triangles, resolve_trajectory, read_recording, partial(read_toml_text, what="x")],
+    "read", [load_result, read_triangles, resolve_trajectory, read_recording, partial(read_toml_text, what="x")]
 )
 def test_whatever_reads_a_picture_says_that_it_is_one(read: Callable[[Path], Any], tmp_path: Path) -> None:
     path = tmp_path / "picture.png"

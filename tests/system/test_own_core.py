@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from hhsim.system import own_core
-from hhsim.system.own_core import on_own_core, physical_cores
+from hhsim.system import thread_pool as own_core
+from hhsim.system.thread_pool import on_own_core, physical_cores
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="the system keeps no thread on a core")
 

@@ -29,8 +29,7 @@ from hhsim.live.session.recorder import SessionColumns
 from hhsim.live.session.settings import LiveSetup
 from hhsim.live.session.status import Stage
 from hhsim.result.safety import why_free_or_held
-from hhsim.view.blueprint import blueprint
-from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, loop_values, shown_ticks
+from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, blueprint, loop_values, shown_ticks
 from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, RerunScene, ShownScene, status_words
 from hhsim.view.sink import parse_target, rerun_stream
 

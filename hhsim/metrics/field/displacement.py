@@ -15,7 +15,7 @@ from hhsim.errors import InputError
 from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, largest, mean, of_frames
 from hhsim.metrics.field.solid import hand_solids
 from hhsim.metrics.run_metric import each_with
-from hhsim.system.silent import silent
+from hhsim.system.posix import quiet_libraries
 
 STEPS, STEP = 35, 1.0 / 240.0
 """Number of steps, and their length [s]."""
@@ -54,7 +54,7 @@ def simulation_displacements(hands: FieldHands, frames: tuple[int, ...]) -> Floa
     if outside:
         raise InputError(f"no frame {outside[0]} for the simulation displacement; expected 0 to {len(hands.time) - 1}")
     try:
-        with silent():
+        with quiet_libraries():
             import pybullet
     except ImportError:
         raise InputError("the simulation displacement needs PyBullet: pip install 'hhsim[pybullet]'") from None
@@ -69,7 +69,7 @@ def simulation_displacements(hands: FieldHands, frames: tuple[int, ...]) -> Floa
     with tempfile.TemporaryDirectory() as folder:
         whole, parts, hand = (Path(folder) / name for name in ("object.obj", "parts.obj", "hand.obj"))
         _write(whole, hands.mesh.vertices - center, hands.mesh.faces)
-        with silent():
+        with quiet_libraries():
             pybullet.vhacd(str(whole), str(parts), str(Path(folder) / "log.txt"), **DECOMPOSITION)
         for row, frame in enumerate(frames):
             solids = solids_of(frame) if hands.known[frame] else None

@@ -1,13 +1,16 @@
-"""Rigid bodies and joints of the hand, for URDF, MJCF and physics engines.
+"""Hands as rigid bodies and joints, and as MJCF, the format of MuJoCo (mujoco.readthedocs.io).
 
 The frame of every body has its origin at its joint, and the palm's axes where all angles are zero. With a
 configuration's flexion and abduction the joint centres are those of `hhsim.hand.model.HandModel.joints`.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from xml.etree import ElementTree as Xml
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS, PHALANGES
@@ -149,3 +152,53 @@ def _of_cone(cone: RoundCone) -> Inertial:
     along = np.outer(cone.end, cone.end) / length**2
     across = mass * (0.25 * radius**2 + length**2 / 12.0)
     return Inertial(mass, 0.5 * cone.end, across * (np.eye(3) - along) + 0.5 * mass * radius**2 * along)
+
+
+def hand_mjcf(hand: HandModel, prefix: str = "") -> str:
+    """Return the MJCF text of a hand, in m, rad and kg.
+
+    The palm has a free joint `palm`, with position and orientation (w, x, y, z), world, in qpos; the hinges are named
+    like the columns of a submission, and a site at each tip sphere's centre `thumb_tip`. The hand collides with usual
+    contact bits, and not with itself. Capsules lie inside of a phalanx, by `hhsim.submissions.hand_mjcf.STEP` at most.
+    A prefix precedes all names, where two hands are in one model.
+    """
+    model = Xml.Element("mujoco", model=f"{hand.side}_hand")
+    Xml.SubElement(model, "compiler", angle="radian", autolimits="true")
+    usual = Xml.SubElement(model, "default")
+    # Contact bits that match all others and not their own: fingers pass through each other.
+    Xml.SubElement(usual, "geom", contype="1", conaffinity="0")
+    world = Xml.SubElement(model, "worldbody")
+    placed: dict[str, Xml.Element] = {"": world}
+    tips = {f"{finger}_{PHALANGES}": f"{finger}_tip" for finger in FINGERS}
+    for body in hand_bodies(hand).bodies:
+        about = {"name": f"{prefix}{body.name}", "pos": numbers(body.offset), "gravcomp": "1"}
+        element = Xml.SubElement(placed[body.parent], "body", about)
+        placed[body.name] = element
+        if body.name == PALM:
+            Xml.SubElement(element, "freejoint", name=f"{prefix}{PALM}")
+        for joint in body.joints:
+            limits = numbers((joint.lower, joint.upper))
+            about = {"name": f"{prefix}{joint.name}", "type": "hinge", "axis": numbers(joint.axis), "range": limits}
+            Xml.SubElement(element, "joint", about)
+        add_inertial(element, body.inertial)
+        for shape in body.shapes:
+            if shape.is_sphere:
+                Xml.SubElement(element, "geom", type="sphere", pos=numbers(shape.start), size=numbers([shape.radius]))
+            else:
+                ends = numbers((*shape.start, *shape.end))
+                Xml.SubElement(element, "geom", type="capsule", fromto=ends, size=numbers([shape.radius]))
+        if body.cone is not None and body.name in tips:
+            Xml.SubElement(element, "site", name=f"{prefix}{tips[body.name]}", pos=numbers(body.cone.end), size="0.001")
+    Xml.indent(model)
+    return Xml.tostring(model, encoding="unicode") + "\n"
+
+
+def add_inertial(element: Xml.Element, of: Inertial) -> None:
+    """Add mass properties to a body of MJCF."""
+    inertia = numbers(of.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    Xml.SubElement(element, "inertial", pos=numbers(of.center), mass=numbers([of.mass]), fullinertia=inertia)
+
+
+def numbers(values: ArrayLike | Iterable[float]) -> str:
+    """Format numbers of an attribute in full precision, separated by spaces."""
+    return " ".join(repr(float(value) + 0.0) for value in np.ravel(np.asarray(values)))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from hhsim.render.tree_figure import draw_tree
+from hhsim.render.spheres_figure import draw_tree
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions
 from tools.shapes.generators import cube
@@ -14,7 +14,7 @@ from tools.shapes.generators import cube
 
 @pytest.mark.soak
 def test_it_draws_a_tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hhsim.render.tree_figure.PIXELS", 150)
+    monkeypatch.setattr("hhsim.render.spheres_figure.PIXELS", 150)
     path = tmp_path / "cube.png"
     draw_tree(path, cube(0.1), build_sphere_tree(cube(0.1), TreeOptions(level=2, leaves=30)))
     shown = imread(path)[:, :, :3]

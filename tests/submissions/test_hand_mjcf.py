@@ -1,4 +1,4 @@
-"""URDF and MJCF of the hand: other software that sets the same angles has the joints where hhsim has them."""
+"""MJCF of the hand: other software that sets the same angles has the joints where hhsim has them."""
 
 import math
 from collections.abc import Callable
@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from hhsim.arrays import FloatArray
-from hhsim.exchange.hand_bodies import STEP, HandBodies, RoundCone, hand_bodies
-from hhsim.exchange.hand_formats import hand_mjcf, hand_urdf
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel, Side
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.round_cone_distance import cone_slope
+from hhsim.submissions.hand_mjcf import STEP, HandBodies, RoundCone, hand_bodies, hand_mjcf
 
 SIDES = ("right", "left")
 
@@ -40,45 +39,21 @@ def _turned(axis: FloatArray, angle: float) -> FloatArray:
     return np.asarray(np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross)
 
 
-def _urdf_frames(
-    text: str, angles: dict[str, float], rotation: FloatArray, position: FloatArray
-) -> dict[str, FloatArray]:
-    """Origins of all links in the world; written from the format's definition, with nothing of hhsim."""
-    joints = Xml.fromstring(text).findall("joint")
-    frames = {"palm": (rotation, position)}
-    waiting = list(joints)
-    while waiting:
-        joint = waiting.pop(0)
-        parent, child = (joint.find(tag).get("link", "") for tag in ("parent", "child"))  # type: ignore[union-attr]
-        if parent not in frames:
-            waiting.append(joint)
-            continue
-        turn, place = frames[parent]
-        origin = joint.find("origin")
-        assert origin is not None and origin.get("rpy") is None
-        place = place + turn @ _vector(origin.get("xyz", ""))
-        axis = joint.find("axis")
-        if axis is not None:
-            turn = turn @ _turned(_vector(axis.get("xyz", "")), angles[joint.get("name", "")])
-        frames[child] = (turn, place)
-    return {name: place for name, (_, place) in frames.items()}
-
-
 def _joint_centres(place: Callable[[str], FloatArray]) -> FloatArray:
     names = [[f"{finger}_1", f"{finger}_2", f"{finger}_3", f"{finger}_tip"] for finger in FINGERS]
     return np.array([[place(name) for name in row] for row in names])
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_urdf_and_mjcf_have_the_joints_where_hhsim_has_them(side: Side) -> None:
+def test_mjcf_has_the_joints_where_hhsim_has_them(side: Side) -> None:
     hand = HandModel.default(side)
-    text, bodies, palm = hand_urdf(hand), hand_bodies(hand), Xml.fromstring(hand_mjcf(hand)).find("worldbody/body")
+    bodies, palm = hand_bodies(hand), Xml.fromstring(hand_mjcf(hand)).find("worldbody/body")
     assert palm is not None and palm.find("freejoint") is not None
     for position, orientation, flexion, abduction in _poses(hand, 20):
         angles, turn = bodies.angles(flexion, abduction), rotation_matrix(orientation)
         wanted = hand.joints(position, orientation, flexion, abduction)
-        for found in (_urdf_frames(text, angles, turn, position), _mjcf_frames(palm, angles, turn, position)):
-            assert np.abs(_joint_centres(found.__getitem__) - wanted).max() < 1e-12
+        found = _mjcf_frames(palm, angles, turn, position)
+        assert np.abs(_joint_centres(found.__getitem__) - wanted).max() < 1e-12
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -119,9 +94,7 @@ def test_every_degree_of_freedom_is_a_joint_with_its_limits() -> None:
         assert by_name[f"{finger}_abd"].upper == hand.abduction_max[f]
         for k in range(3):
             assert by_name[f"{finger}_flex{k + 1}"].lower == hand.flexion_min[f, k]
-    for text, tag in ((hand_urdf(hand), "joint"), (hand_mjcf(hand), "joint")):
-        names = {element.get("name") for element in Xml.fromstring(text).iter(tag)}
-        assert set(by_name) <= names
+    assert set(by_name) <= {element.get("name") for element in Xml.fromstring(hand_mjcf(hand)).iter("joint")}
 
 
 def test_masses_are_those_of_a_hand_and_every_inertia_is_one() -> None:

@@ -1,1 +1,0 @@
-"""Export of the hand to URDF and MJCF."""
