@@ -8,9 +8,10 @@ import io
 import json
 import pickle
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import h5py
@@ -30,7 +31,7 @@ from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.dexmo_regression import CHANNELS, Poses
 from hhsim.recordings.formats.aria import landmark_columns
 from hhsim.recordings.formats.egodex import arkit_joints
-from hhsim.recordings.joint_names import KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS, UNITY_JOINTS, WEBXR_JOINTS
+from hhsim.recordings.joint_names import MANO_JOINTS, OPENXR_JOINTS, UNITY_JOINTS
 from hhsim.recordings.registry import ReadOptions, is_written_back, read_recording, write_recording
 from hhsim.system.settings_file import parse_settings
 
@@ -50,8 +51,8 @@ class Case(NamedTuple):
     """Recording of the first of some files, read by options of which names of files become paths."""
 
     files: dict[str, str | bytes]
-    options: dict[str, Any] = {}
-    cleaning: dict[str, Any] = {}
+    options: Mapping[str, Any] = MappingProxyType({})
+    cleaning: Mapping[str, Any] = MappingProxyType({})
     writes: bool = True  # False where a correction is not written back
 
 
@@ -416,7 +417,7 @@ def imported(case: Case, folder: Path) -> dict[str, Any]:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(data.encode() if isinstance(data, str) else data)
     paths = {key: folder / case.options[key] for key in ("mano_model", "profile") if key in case.options}
-    options, path = ReadOptions(**case.options | paths), folder / next(iter(case.files))
+    options, path = ReadOptions(**{**case.options, **paths}), folder / next(iter(case.files))
     recording = read_recording(path, options)
     cleaned = clean_recording(recording, CleaningOptions(**case.cleaning))
     motion = cleaned.trajectory

@@ -24,14 +24,14 @@ from hhsim.recordings.joint_names import (
     hand_statement,
     joint_name,
     recognised,
+    side_in,
+    stated_value,
 )
 from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.json_document import PlacedJson, keys_of, number, vector
 from hhsim.recordings.object_poses import poses_in, record_arrays
 from hhsim.recordings.recording import frames_with_hand, unused
 from hhsim.recordings.registry import Content, ReadOptions
-from hhsim.recordings.stated_fields import side_in
-from hhsim.recordings.stated_validity import stated_value
 from hhsim.recordings.unit_detection import time_column
 
 ORDERS = {len(joints): joints for joints in (KEYPOINTS, WEBXR_JOINTS, OPENXR_JOINTS)}

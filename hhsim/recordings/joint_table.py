@@ -12,12 +12,11 @@ from hhsim.motion.csv_table import Table, format_table
 from hhsim.motion.text_edit import NewColumn, NumberEdit, cell_edits
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import ANGLE_DIGITS, Changes
-from hhsim.recordings.joint_names import KEYPOINTS, JointName, hand_statement, recognised
+from hhsim.recordings.joint_names import KEYPOINTS, VALIDITY_WORDS, JointName, hand_statement, recognised, stated_value
 from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.object_poses import poses_in, table_arrays
 from hhsim.recordings.recording import HandMotion, chosen_side, note, unreadable, unused
 from hhsim.recordings.registry import ReadOptions
-from hhsim.recordings.stated_validity import VALIDITY_WORDS, stated_value
 from hhsim.recordings.unit_detection import time_column
 
 WORLD_JOINTS = {"palm", *(f"{finger}_metacarpal" for finger in FINGERS[1:])}

@@ -28,10 +28,8 @@ from hhsim.motion.trajectory import Checksums, HandSide, ObjectMotion, Phase, Ra
 from hhsim.motion.validation import as_numbers
 from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles
 from hhsim.recordings.frames import FileFrame, in_palm
-from hhsim.recordings.joint_names import joint_name
+from hhsim.recordings.joint_names import VALIDITY_WORDS, joint_name, kind_of
 from hhsim.recordings.recorded_bones import RecordedBones
-from hhsim.recordings.stated_fields import kind_of
-from hhsim.recordings.stated_validity import VALIDITY_WORDS
 from hhsim.system.counted import counted
 
 MOST_SAMPLES = 10_000_000

@@ -24,9 +24,9 @@ from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.correction import Correction
 from hhsim.recordings.dexmo_regression import DexmoRegression, Poses
 from hhsim.recordings.frames import FileFrame, axes_matrix
+from hhsim.recordings.joint_names import StatedFields, kind_of
 from hhsim.recordings.json_document import nested, read_json
 from hhsim.recordings.recording import Finding, HandMotion, Recording, chosen_side, note
-from hhsim.recordings.stated_fields import StatedFields, kind_of
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import media_kind, open_input, read_input
 

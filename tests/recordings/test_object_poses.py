@@ -20,8 +20,8 @@ from hhsim.motion.trajectory import ObjectMotion
 from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.joint_names import WEBXR_JOINTS
-from hhsim.recordings.object_poses import read_object_poses, with_object_poses
-from hhsim.recordings.recording import Finding, Recording, unused_poses
+from hhsim.recordings.object_poses import with_object_poses
+from hhsim.recordings.recording import Recording, unused_poses
 from hhsim.recordings.registry import ReadOptions
 from hhsim.system.settings_file import parse_settings
 
@@ -125,9 +125,15 @@ FILES: dict[str, tuple[str, bytes]] = {
 def read(tmp_path: Path, data: bytes, suffix: str, time: FloatArray = TIME, **options: Any) -> tuple[ObjectMotion, str]:
     path = tmp_path / f"poses{suffix}"
     path.write_bytes(data)
-    findings: list[Finding] = []
-    motion = read_object_poses(path, time, ReadOptions(**options), findings)
-    return motion, " | ".join(finding.text for finding in findings)
+    recording = with_object_poses(hand_at(time), path, ReadOptions(**options))
+    assert recording.object_motion is not None
+    return recording.object_motion, words(recording)
+
+
+def hand_at(time: FloatArray) -> Recording:
+    """A hand that stands still beside the origin at stamps, shape (T,)."""
+    rows = np.tile([0.1, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (len(time), 1))
+    return Recording(time, rows[:, :3], rows[:, 3:], np.zeros((len(time), 5, 3)), np.zeros((len(time), 5)))
 
 
 def assert_pose(motion: ObjectMotion | None, place: FloatArray = PLACE, turn: FloatArray = MATRIX[:, :3, :3]) -> None:
@@ -497,8 +503,7 @@ def test_of_a_table_of_several_objects_one_is_chosen(tmp_path: Path) -> None:
     with pytest.raises(
         TrajectoryError, match=r"poses of the objects mug, 8\.0; expected one of them as --object-track"
     ):
-        read_object_poses(path, TIME, ReadOptions(), [])
-    found: list[Finding] = []
-    moved = read_object_poses(path, TIME, ReadOptions(object_track="mug"), found)
-    np.testing.assert_allclose(moved.position, PLACE, atol=1e-9)
-    assert not any("object_uid" in finding.text for finding in found)
+        with_object_poses(hand_at(TIME), path, ReadOptions())
+    moved = with_object_poses(hand_at(TIME), path, ReadOptions(object_track="mug"))
+    assert_pose(moved.object_motion)
+    assert "object_uid" not in words(moved)

@@ -11,10 +11,9 @@ from pose_samples import lerobot_bytes
 from recording_samples import read_as
 
 from hhsim.errors import TrajectoryError
-from hhsim.recordings.joint_names import KEYPOINTS
+from hhsim.recordings.joint_names import KEYPOINTS, StatedFields
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import Content, ReadOptions, read_content
-from hhsim.recordings.stated_fields import StatedFields
 
 SAMPLE, LEFT = joint_sample(), joint_sample("left")
 TIME, COUNT = SAMPLE.motion.time, len(SAMPLE.motion.time)

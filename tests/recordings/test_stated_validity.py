@@ -11,9 +11,15 @@ from recording_samples import read_as
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, marked
-from hhsim.recordings.joint_names import KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS, hand_statement
+from hhsim.recordings.joint_names import (
+    KEYPOINTS,
+    MANO_JOINTS,
+    OPENXR_JOINTS,
+    hand_statement,
+    missing_and_doubtful,
+    stated_value,
+)
 from hhsim.recordings.recording import Recording
-from hhsim.recordings.stated_validity import missing_and_doubtful, stated_value
 
 SAMPLE = joint_sample()
 TIP = KEYPOINTS.index("index_tip")

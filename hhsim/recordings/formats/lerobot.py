@@ -19,13 +19,12 @@ from hhsim.recordings.column_map import mapped
 from hhsim.recordings.correction import Correction, joint_changes
 from hhsim.recordings.formats.csv import columns_of, with_columns
 from hhsim.recordings.formats.keypoints import order_by_bones
-from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS
+from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS, StatedFields, kind_of
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.json_document import number
 from hhsim.recordings.object_poses import is_objects, poses_in
 from hhsim.recordings.recording import Finding, Recording, chosen_side, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
-from hhsim.recordings.stated_fields import StatedFields, kind_of
 from hhsim.system.child_reader import read_in_child
 from hhsim.system.input_file import most_unpacked
 

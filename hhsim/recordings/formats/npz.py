@@ -1,7 +1,7 @@
 """Recordings from `.npz`.
 
 Arrays: t [s] (T,), wrist_pos [m] (T, 3), wrist_quat or wrist_quat_wxyz (T, 4), flex [rad] (T, 5, 3), abd [rad] (T, 5),
-and, if they are there, valid (T,) or others of `hhsim.recordings.stated_validity`, the object's pose, object_pos [m]
+and, if they are there, valid (T,) or others of `hhsim.recordings.joint_names`, the object's pose, object_pos [m]
 (T, 3) and object_quat or object_quat_wxyz (T, 4) or other names of `hhsim.recordings.object_poses`, and meta, a JSON
 text with source, frame and hand.
 
@@ -18,12 +18,11 @@ from hhsim.motion.npz_arrays import npz_of, npz_with, numbers, read_npz
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.correction import Correction, angle_unit, changes
 from hhsim.recordings.frames import OURS, FileFrame, to_our_frames
-from hhsim.recordings.joint_names import hand_statement
+from hhsim.recordings.joint_names import hand_statement, missing_and_doubtful
 from hhsim.recordings.json_document import nested
 from hhsim.recordings.object_poses import ORDERS, placed, poses_in
 from hhsim.recordings.recording import Finding, HandMotion, Recording, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
-from hhsim.recordings.stated_validity import missing_and_doubtful
 
 QUATERNIONS = {"wrist_quat_wxyz": "wxyz", "wrist_quat": None, "wrist_quat_xyzw": "xyzw"}
 """Names of the orientation, and the order of its rows; None takes that of `--pose-order`, else w, x, y, z."""
