@@ -47,7 +47,8 @@ OBJECT_WORDS = {"object", "obj", "objects", "objs"}
 _KINDS = {
     "position": "t pos position positions trans transl translation translations location",
     "vector": "rotvec axisangle",
-    "turn": "q quat quaternion quaternions rot rotation rotations orient orientation orientations r globalorient rotmat",
+    "turn": "q quat quaternion quaternions rot rotation rotations orient orientation orientations r "
+    "globalorient rotmat",
     "pose": "pose poses transform transforms transformation matrix matrices",
 }
 KIND_OF = {word: kind for kind, words in _KINDS.items() for word in words.split()}

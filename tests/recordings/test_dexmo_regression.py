@@ -9,10 +9,10 @@ from conftest import Run
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import HandModel
 from hhsim.motion.csv_table import read_table
 from hhsim.motion.file import load_trajectory
 from hhsim.motion.sample_flags import SampleFlag, marked
-from hhsim.recordings.cleaning import default_limits
 from hhsim.recordings.column_map import JOINT_NAMES
 from hhsim.recordings.dexmo_regression import (
     BEND,
@@ -37,7 +37,7 @@ def test_the_default_opens_closes_and_stays_within_the_hand() -> None:
     fist, _ = DEFAULT.angles(np.isin(np.arange(11), BEND).astype(float))
     assert np.allclose(np.degrees(fist[1:]), [85.0, 100.0, 200.0 / 3.0])
     assert np.allclose(fist[1:, 2] / fist[1:, 1], 2.0 / 3.0)
-    limits = default_limits()
+    limits = HandModel.default()
     random = np.random.default_rng(1).uniform(0.0, 1.0, (200, 11))
     flexion, abduction = DEFAULT.angles(random)
     assert flexion.shape == (200, 5, 3) and abduction.shape == (200, 5)
