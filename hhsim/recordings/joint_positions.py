@@ -18,12 +18,19 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import DEFAULT_HAND_LENGTH
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.finger_ik import finger_axes, finger_joints, palm_from_knuckles, palm_origin
+from hhsim.recordings.finger_ik import (
+    finger_axes,
+    finger_joints,
+    median_bones,
+    misplaced_joints,
+    palm_from_knuckles,
+    palm_origin,
+    recorded_bones,
+)
 from hhsim.recordings.frames import FileFrame, axis_flip, in_palm, to_our_world, world_matrix
 from hhsim.recordings.joint_fit import fitted_angles
 from hhsim.recordings.joint_names import KEYPOINTS, missing_and_doubtful
 from hhsim.recordings.object_poses import ObjectPoses, placed
-from hhsim.recordings.recorded_bones import median_bones, misplaced_joints, recorded_bones
 from hhsim.recordings.recording import UNITY, Finding, Recording, in_right_handed_world, known_side, note, readings
 from hhsim.recordings.registry import Content, ReadOptions, stated_hand
 from hhsim.recordings.unit_detection import LENGTH_UNITS, TIME_UNITS

@@ -38,7 +38,6 @@ from hhsim.motion.validation import as_numbers
 from hhsim.recordings.frames import OURS, mirrored, quaternions_of, turned
 from hhsim.recordings.joint_names import StatedFields
 from hhsim.recordings.json_document import keys_of, number, read_json, vector
-from hhsim.recordings.pose_lines import OBJECT_UID
 from hhsim.recordings.recording import MOST, Finding, Recording, note, unreadable, unused
 from hhsim.recordings.registry import Content, ReadOptions
 from hhsim.recordings.unit_detection import CERTAINLY_FAR, FAR, LENGTH_UNITS, TIME_UNITS, time_column
@@ -436,6 +435,8 @@ def _stamped(
     return poses, None if stamps is None else factor * stamps
 
 
+OBJECT_UID = "object_uid"
+"""Column of the object of each row in a table of several, as HOT3D's."""
 ROWS = "rows"
 """Name of an array or a list that has none."""
 STATED = ("unit", "units", "length_unit")

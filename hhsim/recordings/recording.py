@@ -26,10 +26,9 @@ from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_vector
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import Checksums, HandSide, ObjectMotion, Phase, RawChannel
 from hhsim.motion.validation import as_numbers
-from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles
+from hhsim.recordings.finger_ik import RecordedBones, finger_angles, palm_from_knuckles
 from hhsim.recordings.frames import FileFrame, in_palm
 from hhsim.recordings.joint_names import VALIDITY_WORDS, joint_name, kind_of
-from hhsim.recordings.recorded_bones import RecordedBones
 from hhsim.system.counted import counted
 
 MOST_SAMPLES = 10_000_000

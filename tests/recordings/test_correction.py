@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.recordings.correction import BONE_OF, BONES, changes, nearest_parameters
+from hhsim.recordings.correction import BONE_OF, BONES, changes
+from hhsim.recordings.formats.mano import nearest_parameters
 from hhsim.recordings.frames import FileFrame, euler_angles
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 

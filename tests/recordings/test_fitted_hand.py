@@ -8,7 +8,7 @@ from sampled import sampled
 
 from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
-from hhsim.recordings.fitted_hand import fitted_hand
+from hhsim.recordings.joint_fit import fitted_hand
 
 
 @pytest.mark.parametrize(

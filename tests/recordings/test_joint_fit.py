@@ -13,7 +13,6 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.model import SIDES, HandModel
 from hhsim.recordings.cleaning import CleaningOptions, clean_recording
 from hhsim.recordings.finger_ik import FingerAxes, finger_angles, finger_axes, finger_joints
-from hhsim.recordings.fitted_hand import fitted_hand
 from hhsim.recordings.joint_fit import (
     LARGEST_STEP,
     USUAL_STEP,
@@ -21,6 +20,7 @@ from hhsim.recordings.joint_fit import (
     anatomic_limits,
     fitted_angles,
     fitted_axes,
+    fitted_hand,
     recorded_limits,
 )
 

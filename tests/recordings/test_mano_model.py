@@ -13,7 +13,7 @@ from scipy.sparse import csc_matrix
 from scipy.spatial.transform import Rotation
 
 from hhsim.errors import TrajectoryError
-from hhsim.recordings.mano_model import KEYPOINT_JOINTS, TIPS, read_mano_model
+from hhsim.recordings.formats.mano import KEYPOINT_JOINTS, TIPS, read_mano_model
 
 
 def any_fields() -> dict[str, Any]:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from joint_samples import array_npy, joint_sample
 
-from hhsim.recordings.recorded_bones import BONE_CHANGE, misplaced_joints
+from hhsim.recordings.finger_ik import BONE_CHANGE, misplaced_joints
 from hhsim.recordings.registry import ReadOptions, read_recording
 
 OPTIONS = ReadOptions(rate=100.0, world_up="y", hand="right")

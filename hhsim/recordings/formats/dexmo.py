@@ -87,12 +87,10 @@ def calibration_of(path: Path, options: ReadOptions) -> DexmoRegression:
     return _calibrated(Content(path), options)[1]
 
 
-def _sniff(content: Content, options: ReadOptions) -> bool:
-    return options.columns is None and has_dexmo_channels(content.header)
-
-
-def _read(content: Content, options: ReadOptions) -> Recording:
-    return _calibrated(content, options)[0]
-
-
-FORMAT = RecordingFormat("dexmo", "a table of a Dexmo glove's eleven channels", (CSV_SUFFIX,), _sniff, _read)
+FORMAT = RecordingFormat(
+    "dexmo",
+    "a table of a Dexmo glove's eleven channels",
+    (CSV_SUFFIX,),
+    lambda content, options: options.columns is None and has_dexmo_channels(content.header),
+    lambda content, options: _calibrated(content, options)[0],
+)

@@ -26,7 +26,17 @@ from hhsim.motion.csv_table import Table, lacks_names, read_table
 from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, numbers, read_npy
 from hhsim.recordings.correction import Changes, Correction, joint_changes
 from hhsim.recordings.finger_ik import usual_bones
-from hhsim.recordings.joint_frames import frame_edits, joints_of_frames, listed_joints, read_frames
+from hhsim.recordings.joint_frames import (
+    frame_edits,
+    joint_columns,
+    joint_edits,
+    joints_of_frames,
+    joints_of_table,
+    listed_joints,
+    located,
+    read_frames,
+    table_of_joints,
+)
 from hhsim.recordings.joint_names import (
     KEYPOINTS,
     MANO_JOINTS,
@@ -38,7 +48,6 @@ from hhsim.recordings.joint_names import (
     joint_name,
 )
 from hhsim.recordings.joint_positions import TINY, JointPositions, recording_of_joints
-from hhsim.recordings.joint_table import joint_columns, joint_edits, joints_of_table, located, table_of_joints
 from hhsim.recordings.json_document import PlacedJson
 from hhsim.recordings.object_poses import poses_in
 from hhsim.recordings.recording import HandMotion, Recording, note, readings, unused

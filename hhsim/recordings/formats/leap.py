@@ -15,11 +15,10 @@ from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import HandSide, RawChannel
-from hhsim.recordings.finger_ik import palm_rotation
+from hhsim.recordings.finger_ik import misplaced_joints, palm_rotation, recorded_bones
 from hhsim.recordings.frames import FileFrame, axis_flip, to_our_world, world_matrix
 from hhsim.recordings.joint_positions import fitted_posture
 from hhsim.recordings.json_document import keys_of, number, objects, read_json, vector
-from hhsim.recordings.recorded_bones import misplaced_joints, recorded_bones
 from hhsim.recordings.recording import SIDES, Recording, frames_with_hand, known_side, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 from hhsim.system.child_reader import read_in_child

@@ -9,7 +9,6 @@ The pose is that of the palm. Its axes are those of the options, else of the wor
 """
 
 import json
-from typing import Any
 
 import numpy as np
 
@@ -57,7 +56,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     turn = next(key for key in QUATERNIONS if key in arrays)
     position, orientation = numbers(arrays, "wrist_pos", count, 3), numbers(arrays, turn, count, 4)
     orientation = orientation[:, _places(turn, options)]
-    meta = _meta(arrays)
+    meta = {key: value for key, value in nested(arrays.get("meta")).items() if isinstance(value, str)}
     frame = meta.get("frame", "").lower()
     findings: list[Finding] = []
     axes = options.palm_axes or next((axes for words, axes in FRAMES if words in frame), None)
@@ -99,8 +98,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         findings.append(note(f"the file says: {meta['note']}"))
     recording = placed(recording.found(*findings), poses)
     lost, doubtful = (each[:, 0] for each in missing_and_doubtful(validity, (count, 1)))
-    motion = np.concatenate([position, orientation, recording.angles], axis=1)
-    held = np.isclose(motion[1:], motion[:-1], rtol=0.0, atol=0.0, equal_nan=True).all(axis=1)
+    motion = np.nan_to_num(np.concatenate([position, orientation, recording.angles], axis=1), nan=np.inf)
+    held = (motion[1:] == motion[:-1]).all(axis=1)
     none = lost & (np.append(False, held) | (position == 0.0).all(axis=1))
     for values in (recording.position, recording.orientation, recording.flexion, recording.abduction):
         values[none] = np.nan
@@ -136,19 +135,11 @@ def _places(name: str, options: ReadOptions) -> list[int]:
     return list(ORDERS[QUATERNIONS[name] or options.pose_order or "wxyz"])
 
 
-def _meta(arrays: dict[str, Any]) -> dict[str, str]:
-    return {key: value for key, value in nested(arrays.get("meta")).items() if isinstance(value, str)}
-
-
-def _sniff(content: Content, options: ReadOptions) -> bool:
-    return content.head.startswith((b"PK\x03\x04", b"PK\x05\x06"))
-
-
 FORMAT = RecordingFormat(
     "npz",
     "NumPy arrays t, wrist_pos, wrist_quat, flex, abd",
     (".npz",),
-    _sniff,
+    lambda content, options: content.head.startswith((b"PK\x03\x04", b"PK\x05\x06")),
     _read,
     write=_write,
     make=_make,
