@@ -7,16 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from joint_samples import Side, joint_sample, openxr_csv
-from recording_samples import read_as
+from recording_samples import read_as, smooth_recording
+from sampled import sampled
 
 from hhsim.arrays import FloatArray
+from hhsim.errors import TrajectoryError
 from hhsim.hand.model import SIDES, HandModel
 from hhsim.recordings.cleaning import CleaningOptions, clean_recording
 from hhsim.recordings.finger_ik import FingerAxes, finger_angles, finger_axes, finger_joints
 from hhsim.recordings.joint_fit import (
     LARGEST_STEP,
     USUAL_STEP,
-    _Finger,
     anatomic_limits,
     fitted_angles,
     fitted_axes,
@@ -68,23 +69,6 @@ def test_known_angles_come_back(side: Side, length: float, seed: int, count: int
     )
     clear = np.linalg.norm(reach, axis=(2, 3)) > 0.01
     assert np.abs(np.where(clear, aside - abduction, 0.0)).max() < 1e-5
-
-
-def test_the_derivatives_are_those_of_finite_differences() -> None:
-    random = np.random.default_rng(2)
-    axes, angles = finger_axes("right"), random.uniform(-1.0, 1.5, (20, 4))
-    own = FingerAxes(*(part[2] for part in axes))
-    finger = _Finger(np.zeros((20, 3, 3)), np.array([0.04, 0.03, 0.02]), own, np.full(4, -3.0), np.full(4, 3.0))
-    joints, slope = finger.jacobian(angles)
-    base = np.zeros((5, 3))
-    lengths = np.tile(finger.length, (5, 1))
-    flexion = np.repeat(angles[:, None, 1:], 5, axis=1)
-    whole = finger_joints(base, lengths, flexion, np.repeat(angles[:, :1], 5, axis=1), axes)
-    assert np.allclose(joints, whole[:, 2, 1:], atol=1e-15)
-    for k in range(4):
-        step = 1e-6 * np.eye(4)[k]
-        difference = (finger.jacobian(angles + step)[0] - finger.jacobian(angles - step)[0]) / 2e-6
-        assert np.abs(difference - slope[..., k]).max() < 1e-10
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -196,3 +180,41 @@ def test_a_fitted_hand_holds_its_motion_without_a_cut(side: Side) -> None:
     # The file's fingertips are balls' centres, and its numbers have six decimals.
     rms = np.sqrt((off**2).mean(axis=(0, 2)))
     assert np.allclose(rms, moved.bones.rms, atol=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("side", "radii"),
+    sampled([(side, radii) for side in ("right", "left") for radii in (True, False)], lambda place, _: place in (0, 3)),
+)
+@pytest.mark.quick("right-True")
+def test_a_hand_of_another_size_is_found(side: Side, radii: bool) -> None:
+    sample = joint_sample(side, length=0.17)
+    moved, text = fitted_hand(read_as("openxr", openxr_csv(sample, side, radii=radii)), "take.csv")
+    assert ("radius" in text.split("\n", 1)[1]) is radii
+    # A hand file has micrometres.
+    hand = HandModel.of_text(text, "take.toml", side)
+    assert hand.hand_length == pytest.approx(0.17, abs=1e-3 if radii else 0.008)
+    assert hand.hand_breadth == pytest.approx(sample.hand.hand_breadth, abs=2e-6)
+    bones = slice(None) if radii else slice(2)
+    assert np.allclose(hand.length[:, bones], sample.hand.length[:, bones], atol=1e-6)
+    assert np.allclose(hand.radius, sample.hand.radius, atol=1e-6) or not radii
+    k = 11
+    joints = hand.joints(moved.position[k], moved.orientation[k], moved.flexion[k], moved.abduction[k])
+    own = sample.hand.joints(
+        sample.motion.position[k], sample.motion.orientation[k], sample.motion.flexion[k], sample.motion.abduction[k]
+    )
+    assert np.abs(joints[:, :3] - own[:, :3]).max() < 5e-6
+
+
+@pytest.mark.soak
+def test_a_tracker_whose_bones_breathe_gives_one_hand() -> None:
+    still, noisy = (
+        HandModel.of_text(fitted_hand(read_as("openxr", openxr_csv(joint_sample(count=400, noise=noise))), "")[1], "")
+        for noise in (0.0, 0.001)
+    )
+    assert np.abs(noisy.length - still.length).max() < 3.0 * 1e-3 * np.sqrt(2.0 * np.pi / 400.0) + 1e-4
+
+
+def test_what_gives_no_hand_is_refused() -> None:
+    with pytest.raises(TrajectoryError, match="needs the centres of the joints, and test holds"):
+        fitted_hand(smooth_recording(), "")

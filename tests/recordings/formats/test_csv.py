@@ -2,33 +2,15 @@
 
 import numpy as np
 import pytest
-from column_map_sample import GLOVE, TABLE
 from joint_samples import words
 from recording_samples import read_as, smooth_recording
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.csv_file import format_csv
-from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.cleaning import CleaningOptions, clean_recording
 from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.frames import turned, world_matrix
 from hhsim.system.settings_file import parse_settings
-
-
-def test_a_mapping_says_what_columns_are() -> None:
-    recording = read_as("csv", TABLE, columns=parse_settings(GLOVE, ColumnMap, "glove.toml"), name="take 1")
-    assert np.allclose(recording.time, [0.0, 0.01, 0.02])
-    assert np.allclose(recording.flexion[:, 1], np.radians([[10, 10, 6.67], [20, 20, 13.34], [30, 30, 20.01]]))
-    assert np.allclose(recording.abduction[:, 1], 0.1)
-    assert (recording.flexion[:, [0, 2, 3, 4]] == 0.0).all()
-    assert (recording.device, recording.hand, recording.hand_length) == ("ExampleGlove 2", "left", 0.182)
-    assert recording.raw[0].unit == "V" and recording.raw[0].values.tolist() == [0.5, 0.6, 0.7]
-    assert marked(recording.flags, SampleFlag.ESTIMATED).all()
-    # The recording's world has y up and its palm x to the fingers, z out of the back: ours, seen from our world.
-    palm = rotation_matrix(recording.orientation[0])
-    assert np.allclose(palm[:, 1], [1.0, 0.0, 0.0]) and np.allclose(palm[:, 2], [0.0, -1.0, 0.0])
-    assert np.allclose(recording.position[0], [0.1 + 0.075, -0.3, 0.2])
 
 
 def test_stamps_of_two_columns_are_one() -> None:

@@ -7,12 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 from correction_samples import a_correction
-from joint_samples import Y_UP, arrays_npz, assert_our_own, joint_sample, words
+from joint_samples import arrays_npz, joint_sample, words
 from pose_samples import mano_fields, mano_poses
-from scipy.spatial.transform import Rotation
 
-from hhsim.errors import InputError, TrajectoryError
-from hhsim.hand.quaternion import rotation_matrix
+from hhsim.errors import InputError
 from hhsim.recordings.joint_names import JOINT_ORDERS
 from hhsim.recordings.registry import ReadOptions, read_recording, write_recording
 
@@ -33,35 +31,6 @@ LEFT["pose"] = LEFT["pose"] - LEFT_FIELDS["hands_mean"]
 def options(tmp_path: Path) -> ReadOptions:
     np.savez(tmp_path / "MANO_RIGHT.npz", **FIELDS)
     return ReadOptions(mano_model=tmp_path / "MANO_RIGHT.npz", world_up="y", hand="right")
-
-
-def assert_object(recording: Any) -> None:
-    moved = recording.object_motion
-    assert moved is not None
-    np.testing.assert_allclose(moved.position, PLACE @ Y_UP, atol=1e-12)
-    np.testing.assert_allclose(
-        rotation_matrix(moved.orientation), Y_UP.T @ Rotation.from_rotvec(SPIN).as_matrix(), atol=1e-12
-    )
-
-
-def test_arctics_hands_and_the_object_beside_them(tmp_path: Path, options: ReadOptions) -> None:
-    path = tmp_path / "mug_grab_01.mano.npy"
-    other = RIGHT | {"trans": SHIFT + 0.2}
-    np.save(path, np.array({"right": RIGHT | {"fitting_err": np.zeros(COUNT)}, "left": other}, dtype=object))
-    alone = read_recording(path, options)
-    assert (alone.form, alone.name, alone.object_motion) == ("grab", "mug_grab_01", None)
-    assert_our_own(alone, SAMPLE)
-    assert np.allclose(np.diff(alone.time), 1.0 / 30.0)
-    assert "axis-angle-mean" in words(alone) and f"not used: right/fitting_err ({COUNT},)" in words(alone)
-    rows = np.concatenate([RANDOM.uniform(0, 1, (COUNT, 1)), SPIN, 1e3 * PLACE], axis=1)
-    np.save(tmp_path / "mug_grab_01.object.npy", rows)
-    recording = read_recording(path, options)
-    assert_our_own(recording, SAMPLE)
-    assert_object(recording)
-    assert "as mug_grab_01.object.npy beside it has it" in words(recording)
-    np.save(tmp_path / "mug_grab_01.object.npy", rows[:-1])
-    with pytest.raises(TrajectoryError, match=rf"object\.npy: {COUNT - 1} poses of the object .* for {COUNT} samples"):
-        read_recording(path, options)
 
 
 def test_of_two_models_each_hand_takes_its_own(tmp_path: Path, options: ReadOptions) -> None:
@@ -121,12 +90,3 @@ def flat(path: Path) -> dict[str, Any]:
             return dict(held)
     sides = pickle.loads(path.read_bytes()) if path.suffix == ".pkl" else np.load(path, allow_pickle=True).item()
     return {f"{side}/{key}": values for side, held in sides.items() for key, values in held.items()}
-
-
-def test_whole_numbers_hold_no_correction(tmp_path: Path, options: ReadOptions) -> None:
-    path = tmp_path / "take.mano.npy"
-    np.save(path, np.array({"right": RIGHT | {"trans": np.zeros((COUNT, 3), dtype=np.int64)}}, dtype=object))
-    recording = read_recording(path, options)
-    with pytest.raises(InputError, match="'right/trans' is of int64, which does not hold a correction"):
-        write_recording(path, options, recording, a_correction(recording), tmp_path / "new.npy")
-    assert not (tmp_path / "new.npy").exists()

@@ -12,8 +12,7 @@ from recording_samples import read_as, smooth_recording
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.cleaning import clean_recording
-from hhsim.recordings.formats.npz import FRAMES
-from hhsim.recordings.frames import WORLD_UP, axes_matrix, to_our_frames, to_our_world, turned, world_matrix
+from hhsim.recordings.frames import turned, world_matrix
 from hhsim.recordings.registry import read_recording
 
 CLEAN = smooth_recording(50)
@@ -31,20 +30,6 @@ def archive(**changes: Any) -> bytes:
     stream = io.BytesIO()
     np.savez_compressed(stream, **arrays)
     return stream.getvalue()
-
-
-def test_an_order_of_quaternions_that_no_name_tells_is_told_and_an_option_states_it() -> None:
-    text = "wrist_quat: no name tells the order of the quaternions, taken as w, x, y, z: --pose-order"
-    assert text in [finding.text for finding in read_as("npz", archive()).findings]
-    assert not any("order" in f.text for f in read_as("npz", archive(), pose_order="wxyz").findings)
-    named = read_as("npz", archive(wrist_quat=None, wrist_quat_wxyz=CLEAN.orientation), pose_order="xyzw")
-    assert np.allclose(named.orientation, CLEAN.orientation) and not any("order" in f.text for f in named.findings)
-    turned_ = CLEAN.orientation[:, [1, 2, 3, 0]]
-    data = archive(wrist_quat=turned_, object_pos=CLEAN.position, object_quat=turned_)
-    recording = read_as("npz", data, pose_order="xyzw")
-    assert np.allclose(recording.orientation, CLEAN.orientation) and recording.object_motion is not None
-    assert np.allclose(recording.object_motion.orientation, CLEAN.orientation)
-    assert "wrist_quat and object_quat: no name tells" in " ".join(f.text for f in read_as("npz", data).findings)
 
 
 def test_what_the_file_says_of_itself() -> None:
@@ -78,20 +63,6 @@ def test_samples_that_are_not_valid_and_held_or_at_zero_are_missing(name: str) -
     assert np.flatnonzero(np.isnan(recording.position).all(axis=1)).tolist() == [20, 21, 40]
     assert np.flatnonzero(np.isnan(recording.abduction).all(axis=1)).tolist() == [20, 21, 40]
     assert np.flatnonzero(marked(recording.flags, SampleFlag.INVALID)).tolist() == [7, 20, 21, 40]
-
-
-def test_every_frame_is_right_handed_and_every_world_stands_up() -> None:
-    for _, axes in FRAMES:
-        assert np.linalg.det(axes_matrix(axes)) == pytest.approx(1.0)
-    for up in WORLD_UP:
-        matrix = world_matrix(up)
-        axis = (-1.0 if up.startswith("-") else 1.0) * np.eye(3)["xyz".index(up[-1])]
-        assert np.allclose(matrix @ axis, [0.0, 0.0, 1.0]) and np.linalg.det(matrix) == pytest.approx(1.0)
-        position, orientation = to_our_world(CLEAN.position, CLEAN.orientation, up)
-        assert np.allclose(position, CLEAN.position @ matrix.T)
-        assert np.allclose(rotation_matrix(orientation[0]), matrix @ rotation_matrix(CLEAN.orientation[0]))
-    theirs = to_our_frames(CLEAN.position, CLEAN.orientation, ("-x", "z", "y"), None)[1]
-    assert np.allclose(rotation_matrix(theirs[0])[:, 1], rotation_matrix(CLEAN.orientation[0])[:, 2])
 
 
 def test_every_real_recording_comes_in(shared_data: Path) -> None:

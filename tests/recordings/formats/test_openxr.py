@@ -28,17 +28,6 @@ def test_an_open_hand_whose_thumb_is_level_with_it_is_taken_for_right_handed_wit
     )
 
 
-@pytest.mark.parametrize("unity", [False, True])
-def test_both_hands_in_one_table(unity: bool) -> None:
-    right, left = (openxr_csv(joint_sample(side), side, unity=unity).splitlines() for side in ("right", "left"))
-    both = "\n".join(f"{a},{b.split(',', 2)[2]}" for a, b in zip(right, left)) + "\n"
-    assert "the left one is there too: --hand" in words(read_as("openxr", both))
-    recording = read_as("openxr", both, hand="left")
-    assert recording.hand == "left"
-    assert np.abs(recording.flexion - joint_sample("left").motion.flexion).max() < 1e-6
-    assert ("left-handed, as Unity's" in words(recording)) is unity
-
-
 @pytest.mark.parametrize("named", ["right_", ""])
 def test_the_users_word_for_the_hand_turns_a_left_handed_world_as_the_files_own_does(named: str) -> None:
     text = openxr_csv(joint_sample(), unity=True).replace("right_", named)

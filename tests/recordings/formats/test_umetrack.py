@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from joint_samples import joint_sample, words
+from joint_samples import joint_sample
 from pose_samples import umetrack_lines, umetrack_profile
 
 from hhsim.errors import InputError
@@ -53,16 +53,3 @@ def test_the_object_beside_the_hand_is_taken_where_it_is_the_one_or_named(folder
     assert named is not None and named.position[8].tobytes() == moved.position[8].tobytes()
     with pytest.raises(InputError, match=r"--object-track 18: dynamic_objects\.csv beside the recording holds 17"):
         read_recording(path, ReadOptions(object_track="18"))
-
-
-def test_two_cameras_of_one_moment_are_one_sample(folder: Path) -> None:
-    lines = umetrack_lines(joint_sample()).splitlines()
-    twice = [each for line in lines for each in (line, _shifted(line, 91_000))]
-    (folder / "poses.jsonl").write_text("\n".join(twice) + "\n")
-    recording = read_recording(folder / "poses.jsonl")
-    assert recording.sample_count == 40 and "40 of 80 poses" in words(recording)
-
-
-def _shifted(line: str, nanoseconds: int) -> str:
-    document = json.loads(line)
-    return json.dumps(document | {"timestamp_ns": document["timestamp_ns"] + nanoseconds})
