@@ -175,7 +175,7 @@ def joints_of_frames(
         radius=radius if np.isfinite(radius).any(axis=0).all() else None,
         validity=validity,
         device=device,
-        object_poses=poses and poses._replace(position=poses.position[shown], orientation=poses.orientation[shown]),
+        object_poses=poses and poses.at(shown),
         findings=tuple(findings),
         rows=shown,
     )

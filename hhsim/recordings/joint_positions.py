@@ -77,11 +77,9 @@ class JointPositions:
     def chosen(self, shown: BoolArray, rows: IntArray) -> Self:
         """Return the samples of a mask, shape (T,), which are of these rows of the file, shape (T,)."""
         given = {name: getattr(self, name) for name in ("position", "time", "radius")}
-        poses = self.object_poses
-        if poses is not None:
-            poses = poses._replace(position=poses.position[shown], orientation=poses.orientation[shown])
         some = {name: values[shown] for name, values in given.items() if values is not None}
         validity = {kind: values[shown] for kind, values in self.validity.items()}
+        poses = self.object_poses and self.object_poses.at(shown)
         return replace(self, **some, validity=validity, object_poses=poses, rows=rows[shown])
 
     def __post_init__(self) -> None:

@@ -22,7 +22,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -79,6 +79,10 @@ class ObjectPoses(NamedTuple):
     metre: float | None  # unit of the positions [m]; None if the file does not say
     names: tuple[str, ...]  # names of the arrays or columns that were read
     findings: tuple[Finding, ...] = ()  # remarks about what was read
+
+    def at(self, rows: Any) -> Self:
+        """Return the poses of these rows, indices or a mask."""
+        return self._replace(position=self.position[rows], orientation=self.orientation[rows])
 
 
 class _Name(NamedTuple):
@@ -201,9 +205,7 @@ def _counted(poses: ObjectPoses, count: int) -> ObjectPoses:
     if rows != 1:
         names = " and ".join(poses.names)
         raise TrajectoryError(f"{rows} poses of the object ({names}) for {count} samples of the hand; expected as many")
-    return poses._replace(
-        position=np.repeat(poses.position, count, axis=0), orientation=np.repeat(poses.orientation, count, axis=0)
-    )
+    return poses.at(np.zeros(count, dtype=np.int64))
 
 
 def _rows(name: str, given: Any, *tails: tuple[int, ...]) -> FloatArray:
