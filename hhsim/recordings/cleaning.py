@@ -22,7 +22,7 @@ from hhsim.recordings.column_map import JOINT_NAMES
 from hhsim.recordings.finger_ik import finger_axes, finger_joints, usual_fingers
 from hhsim.recordings.frames import axis_flip, mirrored
 from hhsim.recordings.outliers import clean_glitches
-from hhsim.recordings.recording import MOTION, OTHER, Finding, Recording, change, deviation, finding_of, note
+from hhsim.recordings.recording import MOTION, OTHER, Finding, Recording, change, finding_of, note
 from hhsim.recordings.unit_detection import clean_units, in_units, near_origin
 from hhsim.system.counted import counted
 from hhsim.table.table import number, words
@@ -222,12 +222,16 @@ def _contradicting(recording: Recording, order: IntArray, moved: BoolArray) -> B
     rank[order] = np.arange(count)
     by_rank = np.sort(rank[~moved])
     wrong = np.zeros(count, dtype=bool)
+
+    def apart(sample: int, others: IntArray) -> float:
+        """Compute the distance of a sample from the nearest of others [m]; 0 without any."""
+        return float(change(recording, others, np.full(others.shape, sample)).min()) if others.size else 0.0
+
     for i in np.flatnonzero(moved).tolist():
-        in_file = deviation(recording, i, tuple(j for j in (i - 1, i + 1) if 0 <= j < count))
+        in_file = apart(i, np.array([j for j in (i - 1, i + 1) if 0 <= j < count]))
         # By stamp, only the samples that keep their order count: other moved ones say nothing.
         place = int(np.searchsorted(by_rank, rank[i]))
-        beside = by_rank[max(place - 1, 0) : place + 1]
-        by_stamp = deviation(recording, i, tuple(int(order[r]) for r in beside))
+        by_stamp = apart(i, order[by_rank[max(place - 1, 0) : place + 1]])
         wrong[i] = by_stamp > DEVIATION_RATIO * in_file + NOISE
     return wrong
 

@@ -96,8 +96,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         elif options.joint_order is None:
             order_by_bones(joints.position, {"openxr": KEYPOINTS})
     else:
-        joints = _from_table(content, options)
-        joints = replace(joints, **_ordered(joints.position, content, options))
+        table, names, notes = _named_table(content)
+        joints = joints_of_table(table, names, "keypoints", options)
+        found = (*map(note, notes), *joints.findings)
+        joints = replace(joints, findings=found, **_ordered(joints.position, content, options))
     return recording_of_joints(joints, content, options).changed(checksums="held" if zipped else "")
 
 
@@ -170,11 +172,8 @@ def order_by_bones(points: FloatArray, orders: Mapping[str, tuple[str, ...]]) ->
         return next(iter(orders))
     fitting = [fit for fit in found if fit.fits]
     if not fitting:
-        off = "; ".join(fit.text for fit in found)
-        raise TrajectoryError(
-            f"{points.shape[1]} joints in no order that is known, by their bones: {off}; name them in a field "
-            "joint_names, or say --joint-order if it is one of these"
-        )
+        what = f"{points.shape[1]} joints in no order that is known, by their bones: {'; '.join(f.text for f in found)}"
+        raise TrajectoryError(f"{what}; name them in a field joint_names, or say --joint-order if it is one of these")
     return min(fitting, key=lambda fit: fit.misfit).word
 
 
@@ -283,15 +282,10 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
     read = _joints_read(recording)
     if content.is_json:
         placed = PlacedJson(content.exact_text)
-        frames = [
-            frame._replace(
-                hands={
-                    side: {read.get(name, name): joint for name, joint in hand.items()}
-                    for side, hand in frame.hands.items()
-                }
-            )
-            for frame in read_frames(placed.document)[0]
-        ]
+        frames = []
+        for frame in read_frames(placed.document)[0]:
+            hands = {side: {read.get(name, name): hand[name] for name in hand} for side, hand in frame.hands.items()}
+            frames.append(frame._replace(hands=hands))
         return content.edited(frame_edits(placed, frames, options, made))
     table, names, _ = _named_table(content)
     names = {column: name._replace(joint=read.get(name.joint, name.joint)) for column, name in names.items()}
@@ -340,12 +334,6 @@ def _numbered_names(header: tuple[str, ...]) -> dict[str, JointName]:
     names = {column: name for column in header if (name := _numbered(column)) is not None}
     whole = {side for side, joints in joint_columns(names).items() if len(located(joints)) == COUNT}
     return {column: name for column, name in names.items() if name.side in whole}
-
-
-def _from_table(content: Content, options: ReadOptions) -> JointPositions:
-    table, names, notes = _named_table(content)
-    joints = joints_of_table(table, names, "keypoints", options)
-    return replace(joints, findings=(*map(note, notes), *joints.findings))
 
 
 def _named_table(content: Content) -> tuple[Table, Mapping[str, JointName], list[str]]:

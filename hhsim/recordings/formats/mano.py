@@ -137,14 +137,12 @@ def read_mano_model(path: Path) -> ManoModel:
     """Read a MANO model; TrajectoryError for no such file, other content, or arrays missing or of another shape."""
     with named(path):
         data = Content(path, what="a MANO model").data
-        return model_of(read_npz(data) if data.startswith(b"PK") else _fields(data))
-
-
-def _fields(data: bytes) -> Mapping[str, Any]:
-    try:
-        return unpickled(data, "a MANO model")
-    except TrajectoryError as error:
-        raise TrajectoryError(f"{error}; {CONVERT}" if "not loaded" in str(error) else str(error)) from None
+        if data.startswith(b"PK"):
+            return model_of(read_npz(data))
+        try:
+            return model_of(unpickled(data, "a MANO model"))
+        except TrajectoryError as error:
+            raise TrajectoryError(f"{error}; {CONVERT}" if "not loaded" in str(error) else str(error)) from None
 
 
 def model_of(fields: Mapping[str, Any]) -> ManoModel:
@@ -226,10 +224,8 @@ def recording_of_poses(
     count = poses.pose.shape[1]
     reading = _reading(count, options.mano_pose or usual)
     if options.mano_model is None:
-        raise TrajectoryError(
-            f"{len(poses.pose)} poses of a MANO hand, {count} numbers each; the joints need the model's file, "
-            "which is the user's own: --mano-model MANO_RIGHT.pkl"
-        )
+        what = f"{len(poses.pose)} poses of a MANO hand, {count} numbers each; the joints need the model's file"
+        raise TrajectoryError(f"{what}, which is the user's own: --mano-model MANO_RIGHT.pkl")
     hand = options.hand or poses.hand
     path = _file_of(hand, options.mano_model)
     model, file = read_mano_model(path), path.name
@@ -265,7 +261,11 @@ def parameters_of(poses: ManoPoses, options: ReadOptions, usual: str | None = No
 
 
 def _poses(content: Content, options: ReadOptions) -> ManoPoses:
-    return _from_npz(content, options) if content.head.startswith(b"PK") else _from_lines(content, options)
+    if content.head.startswith(b"PK"):
+        return _from_npz(content, options)
+    lines = read_pose_lines(content.document, "pose", options.hand)
+    poses = rotation_vector(lines.orientation), lines.translation, lines.numbers, lines.betas, lines.hand
+    return ManoPoses(*poses, lines.stamps, "ns", findings=lines.findings, rows=lines.rows)
 
 
 def _angles(pose: FloatArray, reading: str, model: ManoModel) -> FloatArray:
@@ -412,28 +412,18 @@ def _reading(count: int, wanted: str | None) -> str:
     raise TrajectoryError(f"{count} numbers a pose can be read in several ways; say which: --mano-pose {choices}")
 
 
-def _from_lines(content: Content, options: ReadOptions) -> ManoPoses:
-    lines = read_pose_lines(content.document, "pose", options.hand)
-    turns, stamps = rotation_vector(lines.orientation), lines.stamps
-    poses = turns, lines.translation, lines.numbers, lines.betas, lines.hand
-    return ManoPoses(*poses, stamps, "ns", findings=lines.findings, rows=lines.rows)
-
-
 def _from_npz(content: Content, options: ReadOptions) -> ManoPoses:
     arrays = content.arrays
     key = next((key for key in POSES if key in arrays), None)
     if key is None:
-        raise TrajectoryError(
-            f"no array of poses, it holds {', '.join(sorted(arrays)[:6])}; expected {', '.join(POSES)}"
-        )
+        held = ", ".join(sorted(arrays)[:6])
+        raise TrajectoryError(f"no array of poses, it holds {held}; expected {', '.join(POSES)}")
     pose = numbers(arrays, key)
-    if not len(pose):
-        raise TrajectoryError(f"array '{key}' has shape {pose.shape}: no samples")
-    if pose.ndim == 3:
-        pose = pose.reshape(len(pose), -1)
-    if pose.ndim != 2:
-        raise TrajectoryError(f"array '{key}' has shape {pose.shape}; expected (T, 48) or (T, 3 + n)")
     count = len(pose)
+    if not count or pose.ndim not in (2, 3):
+        wrong = "expected (T, 48) or (T, 3 + n)" if count else "no samples"
+        raise TrajectoryError(f"array '{key}' has shape {pose.shape}: {wrong}")
+    pose = pose.reshape(count, -1)
     turn = next((each for each in TURNS if each in arrays), None)
     if turn is not None:
         rotation = numbers(arrays, turn).reshape(count, -1)
