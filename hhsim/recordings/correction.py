@@ -94,10 +94,23 @@ class Changes(NamedTuple):
         return quaternion_product(quaternion_from_matrix(self.turn[:, BONE_OF[joint]]), orientation)
 
     def motion(
-        self, position: FloatArray, orientation: FloatArray, angles: FloatArray, unit: float
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Correct palm poses, shapes (N, 3) and (N, 4), and `Recording.angles` in a unit [rad], shape (N, 20)."""
-        return self.moved("palm", position), self.turned("palm", orientation), angles + self.angles / unit
+        self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray, unit: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return all samples of palm poses, and of angles in a unit [rad], with the changes; NaN stays what it was.
+
+        The shapes are (T, 3), (T, 4), (T, 5, 3) and (T, 5).
+        """
+        given, rows = (position.copy(), orientation.copy(), flexion.copy(), abduction.copy()), self.rows
+        bend = (self.angles[:, :15].reshape(-1, 5, 3), self.angles[:, 15:])
+        new = (
+            self.moved("palm", position[rows]),
+            self.turned("palm", orientation[rows]),
+            flexion[rows] + bend[0] / unit,
+            abduction[rows] + bend[1] / unit,
+        )
+        for values, corrected in zip(given, new):
+            values[rows] = np.where(np.isfinite(corrected), corrected, values[rows])
+        return given
 
 
 def changes(recording: Recording, correction: Correction) -> Changes:

@@ -25,12 +25,12 @@ from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.frames import in_palm, quaternions_of, turned
 
 
-def finger_angles(bones: FloatArray, side: HandSide) -> tuple[FloatArray, FloatArray, FloatArray]:
+def finger_angles(bones: FloatArray, side: HandSide) -> tuple[FloatArray, FloatArray]:
     """Compute the flexion and abduction that fit recorded bones best.
 
     `bones` are directions of the three bones of each finger from base to tip (thumb: metacarpal first), palm frame, any
-    length, NaN where missing, shape (T, 5, 3, 3). Returns flexion [rad], shape (T, 5, 3); abduction [rad], shape (T,
-    5); and the angle between each bone and its fit [rad], shape (T, 5, 3); NaN where a bone of the finger is missing.
+    length, NaN where missing, shape (T, 5, 3, 3). Returns flexion, shape (T, 5, 3), and abduction, shape (T, 5) [rad];
+    NaN where a bone of the finger is missing.
     """
     distal, dorsal, across = finger_axes(side)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -48,9 +48,7 @@ def finger_angles(bones: FloatArray, side: HandSide) -> tuple[FloatArray, FloatA
     # by up to 90°, so it turns within (-π/2, 3π/2].
     turn = (np.diff(total, axis=2) + 0.5 * np.pi) % (2.0 * np.pi) - 0.5 * np.pi
     total[..., 1:] = total[..., :1] + np.cumsum(turn, axis=2)
-    flexion = np.diff(total, axis=2, prepend=0.0)
-    off = np.arcsin(np.clip(np.abs(cosine * aside - sine * along), 0.0, 1.0))
-    return flexion, abduction, off
+    return np.diff(total, axis=2, prepend=0.0), abduction
 
 
 @lru_cache

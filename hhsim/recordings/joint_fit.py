@@ -170,9 +170,8 @@ def _leaning(points: FloatArray, usual: FingerAxes, bounds: Bounds) -> FingerAxe
     for _ in range(PASSES):
         off = residuals(tilt, noise)[: 3 * len(points)]
         scale = max(3.0 * float(np.median(np.abs(off))), FINEST)
-        tilt = least_squares(
-            residuals, tilt, bounds=bounds, loss="soft_l1", f_scale=scale, args=(noise,), **TOLERANCES
-        ).x
+        loss: dict[str, Any] = {"loss": "soft_l1", "f_scale": scale, **TOLERANCES}
+        tilt = least_squares(residuals, tilt, bounds=bounds, args=(noise,), **loss).x
         off = residuals(tilt, noise)[: 3 * len(points)].reshape(-1, 3)
         noise = _noise((off**2).sum(axis=1), 2)
     distal, dorsal, across = _tilted(usual, tilt)
@@ -391,10 +390,8 @@ def fitted_hand(recording: Recording, source: str) -> tuple[Recording, str]:
     short = np.argwhere(~(length > SHORTEST))
     if len(short):
         finger, bone = short[0]
-        raise TrajectoryError(
-            f"--fit-hand: bone {bone + 1} of the {FINGERS[finger]} is {1e3 * length[finger, bone]:.1f} mm long; "
-            f"expected more than {1e3 * SHORTEST:g} mm"
-        )
+        what = f"bone {bone + 1} of the {FINGERS[finger]} is {1e3 * length[finger, bone]:.1f} mm long"
+        raise TrajectoryError(f"--fit-hand: {what}; expected more than {1e3 * SHORTEST:g} mm")
     mirror = model.MIRROR if bones.hand == "left" else np.ones(3)
     axes: dict[str, FloatArray] = {}
     if recording.joints is not None:
@@ -405,9 +402,8 @@ def fitted_hand(recording: Recording, source: str) -> tuple[Recording, str]:
     sizes = {"base": base - shift, "length": length} | axes | ({} if bones.radius is None else {"radius": radius})
     fingers = {finger: {key: rows[f] for key, rows in sizes.items()} for f, finger in enumerate(FINGERS)}
     radii = "radii in proportion to its length and breadth" if bones.radius is None else "radii as recorded"
-    text = model.format_hand_file(
-        bones.hand_length, breadth, fingers, f"Fitted to {source}: bones as medians, {radii}."
-    )
+    said = f"Fitted to {source}: bones as medians, {radii}."
+    text = model.format_hand_file(bones.hand_length, breadth, fingers, said)
     # What no hand file may hold is refused before it is written.
     HandModel.of_text(text, FITTED)
     moved = recording.changed(position=recording.position + turned(recording.orientation, shift * mirror))

@@ -158,12 +158,12 @@ def poses_in(
         if meaning is not None and {shape, shape[1:]} & {*tails[meaning.kind]}:
             meanings[name] = meaning
     # Of those at several depths the uppermost; of several objects none, since nobody knows which one is held.
-    for kind in {meaning.kind for meaning in meanings.values()}:
-        depth = {name: m.above.count("/") for name, m in meanings.items() if m.kind == kind}
-        top = {name for name, below in depth.items() if below == min(depth.values())}
-        one = len({meanings[name].above for name in top}) == 1
-        meanings = {name: m for name, m in meanings.items() if m.kind != kind or (one and name in top)}
-    names = {meaning.kind: name for name, meaning in reversed(meanings.items())}
+    names: dict[str, str] = {}
+    for kind in tails:
+        depth = {name: meaning.above.count("/") for name, meaning in meanings.items() if meaning.kind == kind}
+        top = [name for name, below in depth.items() if below == min(depth.values())]
+        if len({meanings[name].above for name in top}) == 1:
+            names[kind] = top[0]
     if not names or (len(names) < 2 and "pose" not in names and not strict):
         return None
     if "pose" in names:
@@ -182,12 +182,11 @@ def poses_in(
             orientation = conjugate(orientation)
             text = f"'{turn}' as in GRAB: vertices times the matrix, so the object turns by its transpose"
             findings = (note(text),)
-        if len(position) != len(orientation) and 1 not in (len(position), len(orientation)):
-            raise TrajectoryError(
-                f"'{place}' has {len(position)} rows and '{turn}' {len(orientation)}; expected as many"
-            )
-        rows = max(len(position), len(orientation))
-        position, orientation = (np.broadcast_to(each, (rows, each.shape[1])) for each in (position, orientation))
+        counts = len(position), len(orientation)
+        if counts[0] != counts[1] and 1 not in counts:
+            raise TrajectoryError(f"'{place}' has {counts[0]} rows and '{turn}' {counts[1]}; expected as many")
+        rows = max(counts)
+        position, orientation = np.broadcast_to(position, (rows, 3)), np.broadcast_to(orientation, (rows, 4))
         poses = ObjectPoses(position, orientation, meanings[place].metre, (place, turn), findings)
     if options.pose_unit is not None:
         poses = poses._replace(metre=UNITS[options.pose_unit])
@@ -199,13 +198,10 @@ def poses_in(
 
 def _counted(poses: ObjectPoses, count: int) -> ObjectPoses:
     """Return one pose a sample, of a single one that of an object at rest; TrajectoryError for another number."""
-    rows = len(poses.position)
-    if rows == count:
-        return poses
-    if rows != 1:
-        names = " and ".join(poses.names)
+    rows, names = len(poses.position), " and ".join(poses.names)
+    if rows not in (1, count):
         raise TrajectoryError(f"{rows} poses of the object ({names}) for {count} samples of the hand; expected as many")
-    return poses.at(np.zeros(count, dtype=np.int64))
+    return poses if rows == count else poses.at(np.zeros(count, dtype=np.int64))
 
 
 def _rows(name: str, given: Any, *tails: tuple[int, ...]) -> FloatArray:
@@ -407,13 +403,12 @@ def _read(
 ) -> ObjectMotion:
     with named(path):
         poses, stamps = _stamped(path, options, findings, hand)
-        if stamps is None or len(poses.position) == 1:
-            motion = ObjectMotion(poses.position, poses.orientation)
-            if len(time) < len(poses.position) > int(rows.max(initial=0)) and (rows != np.arange(len(time))).any():
-                # The recording has no samples of frames without a hand, where the object has its pose.
-                return motion.at(rows)
-            return ObjectMotion(*_counted(poses, len(time))[:2])
-        return _at(poses, stamps, time)
+        if stamps is not None and len(poses.position) > 1:
+            return _at(poses, stamps, time)
+        if len(time) < len(poses.position) > int(rows.max(initial=0)) and (rows != np.arange(len(time))).any():
+            # The recording has no samples of frames without a hand, where the object has its pose.
+            return ObjectMotion(*poses.at(rows)[:2])
+        return ObjectMotion(*_counted(poses, len(time))[:2])
 
 
 def _stamped(
@@ -483,8 +478,9 @@ def _arrays_of(content: Content, wanted: str | None, findings: list[Finding]) ->
 
 
 def _of_json(document: Any) -> tuple[dict[str, Any], str]:
-    unit = _stated(document) if isinstance(document, dict) else ""
+    unit = ""
     if isinstance(document, dict):
+        unit = _stated(document)
         lists = [value for value in document.values() if isinstance(value, list) and value]
         records = next((value for value in lists if isinstance(value[0], dict)), None)
         if records is None:

@@ -35,8 +35,8 @@ from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 OWN = ColumnMap(
     joints={name: name for name in COLUMNS[8:]},
     time=TimeColumn(COLUMNS[0]),
-    position=PositionColumns(COLUMNS[1:4]),
-    orientation=OrientationColumns(COLUMNS[4:8]),
+    position=PositionColumns(("px", "py", "pz")),
+    orientation=OrientationColumns(("qw", "qx", "qy", "qz")),
 )
 """Our own columns."""
 UNKNOWN = ("", "none", "nan")

@@ -118,16 +118,11 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
     arrays = read_npz(content.data)
     made = changes(recording, correction)
     key = next(key for key in QUATERNIONS if key in arrays)
-    old = {name: numbers(arrays, name) for name in ("wrist_pos", key, "flex", "abd")}
-    place, turn, flexion, abduction = (values[made.rows] for values in old.values())
-    angles = np.concatenate([flexion.reshape(-1, 15), abduction], axis=1)
-    unit = angle_unit(recording, _read(content, options))
-    places = _places(key, options)
-    place, turn, angles = made.motion(place, turn[:, places], angles, unit)
-    new = (place, turn[:, np.argsort(places)], angles[:, :15].reshape(-1, 5, 3), angles[:, 15:])
-    for values, corrected in zip(old.values(), new):
-        values[made.rows] = np.where(np.isfinite(corrected), corrected, values[made.rows])
-    return npz_with(content.data, old)
+    place, turn, flexion, abduction = (numbers(arrays, name) for name in ("wrist_pos", key, "flex", "abd"))
+    unit, places = angle_unit(recording, _read(content, options)), _places(key, options)
+    place, turn, flexion, abduction = made.motion(place, turn[:, places], flexion, abduction, unit)
+    new = {"wrist_pos": place, key: turn[:, np.argsort(places)], "flex": flexion, "abd": abduction}
+    return npz_with(content.data, new)
 
 
 def _places(name: str, options: ReadOptions) -> list[int]:
