@@ -194,10 +194,8 @@ class ColumnMap(Settings, frozen=True, kw_only=True, rename={"joints": "joint"})
     def names(self) -> set[str]:
         """Names of all columns that the mapping names."""
         single = [self.time, *self.joint_columns.values(), *self.raw_columns.values()]
-        listed = [part.columns for part in (self.position, self.orientation) if part is not None]
-        return {part.column for part in single if part is not None and part.column} | {
-            n for part in listed for n in part
-        }
+        names = {part.column for part in single if part is not None and part.column}
+        return names.union(*(part.columns for part in (self.position, self.orientation) if part is not None))
 
     @property
     def stated(self) -> frozenset[str]:

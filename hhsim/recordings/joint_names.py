@@ -4,26 +4,10 @@ A joint lies at the proximal end of the bone that it is named after: index_proxi
 thumb_metacarpal the saddle joint (CMC). OpenXR has 26 joints, WebXR 25 (no palm), MediaPipe and MANO 21 (no palm, and
 of the metacarpals the thumb's alone): these 21 are what our hand is fitted to.
 
-What a recording says of a joint, or of all joints of a hand; a missing joint has no position, whatever stands there:
-
-| kind | words of a name | a joint is missing | it is doubtful |
-|---|---|---|---|
-| flags | flags, locationFlags | without OpenXR's XR_SPACE_LOCATION_POSITION_VALID_BIT | without …_TRACKED_BIT |
-| valid | valid, active | at 0 | |
-| tracked | tracked | at 0, unless its validity is stated: OpenXR's positions may be valid and inferred | at 0 |
-| confidence | confidence | at 0 or less, unless its validity is stated | below 0.5 |
-
-Fields beside the samples; names are read without capitals and punctuation, of nested ones the last part:
-
-| names | hold |
-|---|---|
-| hand, side, handedness, hand_side | right or left, r or l, rhand or lhand: text or bytes, one, or one a sample |
-| is_right, is_rhand, is_right_hand, is_left, is_lhand, is_left_hand | 1 or 0, true or false; the same |
-| fps, rate, frame_rate, frequency, mocap_frame_rate, sample_rate, sampling_rate | samples a second [Hz] |
-| unit, units, length_unit; scale | m, cm, mm or inch, in words too; or the metres in one of it |
-| joint_names, joint_order | names of the joints of a row in their order, or mediapipe, mano, smplx, openxr, unity |
-
-A field has no effect but where a reader takes it, and what is taken is told.
+What a recording says of a joint, or of all joints of a hand, has a kind of `VALIDITY_WORDS`; a missing joint has no
+position, whatever stands there. Fields beside the samples have the names of `_FIELD_NAMES`, read without capitals and
+punctuation, of nested ones the last part; one has no effect but where a reader takes it, and what is taken is told.
+docs/recordings.md has both as tables.
 """
 
 import math

@@ -183,9 +183,8 @@ def _motion(lines: list[tuple[int, list[str]]], joints: tuple[Joint, ...], *, co
         raise TrajectoryError(f"Frame Time: {step:g}; expected seconds between frames")
     rows = lines[2:]
     if not 0 < len(rows) <= MOST_SAMPLES:
-        raise TrajectoryError(
-            f"{len(rows) or 'no'} frames; expected one line of numbers each, at most {MOST_SAMPLES:,}"
-        )
+        expected = f"one line of numbers each, at most {MOST_SAMPLES:,}"
+        raise TrajectoryError(f"{len(rows) or 'no'} frames; expected {expected}")
     width = sum(len(joint.channels) for joint in joints)
     values = np.full((len(rows), width), np.nan)
     findings: list[Finding] = []

@@ -57,10 +57,8 @@ def _calibrated(content: Content, options: ReadOptions) -> tuple[Recording, Dexm
         fist = _within(time, readings, poses.fist, "a fist")
         chosen = calibrated(chosen, flat, fist, spread)
     elif not chosen.counts_raw and np.nanpercentile(np.abs(readings), 95.0) > MOST_NORMALISED:
-        raise InputError(
-            f"channels reach {np.nanmax(np.abs(readings)):g}: raw counts; expected 0 to 1, or a calibration: "
-            "--calibration, or --open and --fist"
-        )
+        expected = "expected 0 to 1, or a calibration: --calibration, or --open and --fist"
+        raise InputError(f"channels reach {np.nanmax(np.abs(readings)):g}: raw counts; {expected}")
     flexion, abduction = chosen.angles(readings)
     recording = recording.found(*unused(dict.fromkeys(table.header), columns.names | {*CHANNELS}))
     recording = recording.changed(

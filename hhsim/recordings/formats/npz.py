@@ -43,12 +43,11 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if rate is not None and "flex" in arrays:
         arrays = arrays | {"t": np.arange(len(np.atleast_1d(arrays["flex"]))) / rate}
     missing = [key for key in ("t", "wrist_pos", "flex", "abd") if key not in arrays]
-    if missing or not any(key in arrays for key in QUATERNIONS):
-        have = ", ".join(sorted(arrays)[:8]) or "nothing"
-        missing.append("wrist_quat_wxyz")
-        raise TrajectoryError(
-            f"no array '{missing[0]}', it holds {have}; expected t, wrist_pos, wrist_quat, flex and abd"
-        )
+    missing += [] if any(key in arrays for key in QUATERNIONS) else ["wrist_quat_wxyz"]
+    if missing:
+        held = ", ".join(sorted(arrays)[:8]) or "nothing"
+        expected = "expected t, wrist_pos, wrist_quat, flex and abd"
+        raise TrajectoryError(f"no array '{missing[0]}', it holds {held}; {expected}")
     time = numbers(arrays, "t")
     if time.ndim != 1:
         raise TrajectoryError(f"array 't' has shape {time.shape}; expected (T,)")
