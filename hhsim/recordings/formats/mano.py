@@ -93,11 +93,9 @@ class ManoModel:
         shape (T, 45); the translation [m] has shape (T, 3), `betas` at most 10 coefficients of the shape.
         """
         rest, joints = self._at_rest(betas)
-        turns = _turns(rotation, pose)
+        bend, world, shift = self._posed(joints, rotation, pose)
         tips = list(TIPS)
-        bend = (turns[:, 1:] - np.eye(3)).reshape(len(pose), -1)
         skin = rest[tips] + np.einsum("vip,tp->tvi", self.corrections[tips], bend)
-        world, shift = posed_tree(self.parents.tolist(), joints, turns)
         at = np.einsum("tjik,jk->tji", world, joints) + shift
         blended = np.einsum("vj,tjik,tvk->tvi", self.weights[tips], world, skin) + self.weights[tips] @ shift
         chains = at[:, list(KEYPOINT_JOINTS)]
@@ -112,13 +110,19 @@ class ManoModel:
         found = np.empty((len(pose), VERTICES, 3))
         for first in range(0, len(pose), BLOCK_POSES):
             block = slice(first, first + BLOCK_POSES)
-            turns = _turns(rotation[block], pose[block])
-            bend = (turns[:, 1:] - np.eye(3)).reshape(len(turns), -1)
+            bend, world, shift = self._posed(joints, rotation[block], pose[block])
             skin = rest + (bend @ self.corrections.reshape(-1, bend.shape[1]).T).reshape(-1, VERTICES, 3)
-            world, shift = posed_tree(self.parents.tolist(), joints, turns)
             blend = (self.weights @ world.reshape(-1, JOINTS, 9)).reshape(-1, VERTICES, 3, 3)
             found[block] = (blend @ skin[..., None])[..., 0] + self.weights @ shift + translation[block, None]
         return found
+
+    def _posed(
+        self, joints: FloatArray, rotation: FloatArray, pose: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Compute what the pose bends, shape (T, 135), and the motion of each joint, as `posed_tree` does."""
+        vectors = np.concatenate([rotation, pose], axis=1).reshape(len(pose), JOINTS, 3)
+        turns = rotation_matrix(quaternion(vectors))
+        return (turns[:, 1:] - np.eye(3)).reshape(len(pose), -1), *posed_tree(self.parents.tolist(), joints, turns)
 
     def _at_rest(self, betas: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Compute the vertices and joints of a shape at rest [m], shapes (778, 3) and (16, 3)."""
@@ -126,11 +130,6 @@ class ManoModel:
         shape[: len(betas)] = betas
         rest = self.template + self.shapes @ shape
         return rest, self.regressor @ rest
-
-
-def _turns(rotation: FloatArray, pose: FloatArray) -> FloatArray:
-    """Compute the rotation matrices of wrist and joints, shape (T, 16, 3, 3)."""
-    return rotation_matrix(quaternion(np.concatenate([rotation, pose], axis=1).reshape(len(pose), JOINTS, 3)))
 
 
 def read_mano_model(path: Path) -> ManoModel:
