@@ -152,13 +152,14 @@ def command(
       hhsim import dexmo.csv --open 0,1 --fist 2,3 --save-calibration glove.toml
     """
     from hhsim.errors import named
+    from hhsim.hand.fingers import FINGERS
     from hhsim.hand.model import HandModel
     from hhsim.motion.file import check_trajectory_path, save_trajectory
     from hhsim.motion.trajectory import UNCHECKED
-    from hhsim.recordings.cleaning import FINDING_COLUMNS, FIT_COLUMNS, clean_recording, fit_rows, import_document
+    from hhsim.recordings.cleaning import FINDING_COLUMNS, FIT_COLUMNS, clean_recording, import_document
     from hhsim.recordings.dexmo_regression import format_calibration, read_calibration
-    from hhsim.recordings.fitted_hand import check_hand_path, fitted_hand
     from hhsim.recordings.formats.dexmo import calibration_of
+    from hhsim.recordings.joint_fit import check_hand_path, fitted_hand
     from hhsim.recordings.registry import read_recording
     from hhsim.system.atomic_write import write_atomically
     from hhsim.system.output_path import check_output_path
@@ -200,8 +201,9 @@ def command(
             print_table(Table(FINDING_COLUMNS, cleaned.findings, title))
         else:
             print_line(f"{title}; nothing was found")
-        if recording.bones is not None:
-            print_table(Table(FIT_COLUMNS, fit_rows(recording.bones), "a hand with the recorded bones"))
+        if (fit := recording.bones) is not None:
+            rows = list(zip(FINGERS, fit.rms, fit.largest, *fit.length.T))
+            print_table(Table(FIT_COLUMNS, rows, "a hand with the recorded bones"))
         print_line(
             f"{motion.sample_count:,} of {recording.sample_count:,} samples, {motion.duration:.3f} s at "
             f"{motion.mean_rate:.1f} Hz, longest step {1e3 * document['longest_step']:.1f} ms, "

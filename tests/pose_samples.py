@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
+from hhsim.recordings.formats.mano import KEYPOINT_JOINTS, TIPS
 from hhsim.recordings.joint_names import WEBXR_JOINTS
-from hhsim.recordings.mano_model import KEYPOINT_JOINTS, TIPS
 
 
 def _flat_joints(hand: HandModel) -> FloatArray:

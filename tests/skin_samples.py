@@ -15,8 +15,8 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.recordings.correction import Correction, moved_joints
+from hhsim.recordings.formats.mano import KEYPOINT_JOINTS, TIPS, ManoModel, model_of
 from hhsim.recordings.frames import FileFrame
-from hhsim.recordings.mano_model import KEYPOINT_JOINTS, TIPS, ManoModel, _model
 from hhsim.repair.skin import Skin, mano_skin
 from hhsim.repair.written_hand import bone_frames
 
@@ -128,7 +128,7 @@ class SkinSample(NamedTuple):
 def skin_sample(side: Side = "right", count: int = 12) -> SkinSample:
     """A smooth motion of the fleshed hand."""
     sample = joint_sample(side, count)
-    model = _model(skin_fields(sample.hand))
+    model = model_of(skin_fields(sample.hand))
     poses = mano_poses(sample)
     fitted = HandConfiguration.of(sample.motion)
     skin = mano_skin(model, *poses, np.zeros(0), Y_FRAME)

@@ -4,26 +4,26 @@ Order: units, the part to keep, stamps, quaternions, outliers, missing values, s
 What is not safe to mend raises one line: what is wrong, where, and what would be right.
 """
 
+from bisect import bisect_right
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.motion.resample import interpolate_orientation
-from hhsim.motion.sample_flags import MENDED, SampleFlag, marked
+from hhsim.motion.sample_flags import MENDED, SampleFlag, mark, marked
 from hhsim.motion.trajectory import MIN_QUATERNION_NORM, ObjectMotion, Phase, Trajectory, continuous_orientation
 from hhsim.recordings.column_map import JOINT_NAMES
 from hhsim.recordings.finger_ik import finger_axes, finger_joints, usual_fingers
 from hhsim.recordings.frames import axis_flip, mirrored
 from hhsim.recordings.outliers import clean_glitches
-from hhsim.recordings.recorded_bones import RecordedBones
-from hhsim.recordings.recording import OTHER, Finding, Recording, note
-from hhsim.recordings.timestamp_cleaning import clean_stamps
+from hhsim.recordings.recording import MOTION, OTHER, Finding, Recording, change, finding_of, note
 from hhsim.recordings.unit_detection import clean_units, in_units, near_origin
+from hhsim.system.counted import counted
 from hhsim.table.table import number, words
 
 NORM_TOLERANCE = 1e-3
@@ -36,6 +36,21 @@ LIMIT_TOLERANCE = 1e-6
 """Excess over a joint limit that is rounding [rad]."""
 OFTEN = 0.3
 """Share of samples beyond a limit above which the joint's zero is probably elsewhere."""
+
+SAME_STAMP = 1e-6
+"""Smallest time between different stamps [s]: no glove samples at 1 MHz."""
+GAP_STEPS = 3.0 - 1e-6
+"""Least length of a gap [median steps]: three, but for rounding."""
+MOST_DROPPED = 0.25
+"""Largest share of samples that may be left out."""
+MAIN_PIECE_SHARE = 0.9
+"""Share of the samples from which on a piece far from the others is the recording."""
+PATH_RATIO = 1.02
+"""Ratio of the hand's path sorted by stamps to its path in the file above which some stamps are wrong."""
+DEVIATION_RATIO = 3.0
+"""Ratio of the deviation by stamp to that in the file above which a stamp is wrong."""
+NOISE = 2e-3
+"""Largest deviation that says nothing about an order [m]."""
 
 FINDING_COLUMNS = (
     words("finding", lambda finding: finding.kind.replace("_", " ")),
@@ -51,20 +66,6 @@ FIT_COLUMNS = (
 )
 
 
-class JointLimits(NamedTuple):
-    """Range of a hand's joints [rad]: flexion (5, 3), abduction (5,)."""
-
-    flexion_min: FloatArray
-    flexion_max: FloatArray
-    abduction_min: FloatArray
-    abduction_max: FloatArray
-
-
-def default_limits() -> JointLimits:
-    """Return the limits of the default hand; they do not depend on its size."""
-    return JointLimits(*(usual_fingers()[key] for key in JointLimits._fields))
-
-
 @dataclass(frozen=True)
 class CleaningOptions:
     """Options of the cleaning."""
@@ -76,8 +77,8 @@ class CleaningOptions:
     time_unit: str | None = None
     length_unit: str | None = None
     angle_unit: str | None = None
-    # Limits, or the hand with the limits, that joint angles are clipped to; None keeps them.
-    limits: JointLimits | HandModel | None = field(default_factory=default_limits)
+    # Hand whose limits the joint angles are clipped to, by default the usual one; None keeps them.
+    limits: HandModel | None = field(default_factory=HandModel.default)
     # Make a right hand's motion of a left hand's, or the other way round: mirrored in the world's yz-plane.
     other_hand: bool = False
     hand_length: float | None = None  # length of the recorded hand [m]; None if the recording says it or it is unknown
@@ -116,14 +117,29 @@ def clean_recording(recording: Recording, options: CleaningOptions | None = None
     recording = in_units(recording, time=options.time_unit, length=options.length_unit, angle=options.angle_unit)
     (recording,) = near_origin(clean_units(recording))
     given = _cut(recording, options.start, options.end)
-    recording = clean_stamps(given, options.max_gap)
-    recording = _unit_quaternions(recording)
-    recording = clean_glitches(recording)
-    recording = _object_filled(_filled(recording, options.max_gap), options.max_gap)
-    recording = _steady_signs(recording)
-    recording = _mirrored(_scaled(recording, options), options.other_hand)
-    recording = _limited(recording, options.limits)
-    return CleanedRecording(_trajectory(recording), recording.findings, recording.hand_length, given)
+    recording = clean_glitches(_unit_quaternions(_clean_stamps(given, options.max_gap)))
+    recording = _filled(recording, options.max_gap)
+    steady = continuous_orientation(recording.orientation, recording.time)
+    flipped = (steady * recording.orientation).sum(axis=1) < 0.0
+    text = "quaternions of the other sign than the one before: turned, the rotation is the same"
+    recording = recording.changed(orientation=steady).flagged(flipped, SampleFlag.FLIPPED, text)
+    recording = _scaled(recording, options)
+    if options.other_hand:
+        other = OTHER[recording.hand]
+        position, orientation = mirrored(recording.position, recording.orientation, axis_flip("x"))
+        recording = recording.changed(position=position, orientation=orientation, hand=other)
+        recording = recording.found(note(f"mirrored: x became -x{f', a {other} hand' if other else ''}"))
+    if options.limits is not None:
+        recording = _limited(recording, options.limits)
+    first, last = float(recording.time[0]), float(recording.time[-1])
+    phases = tuple(
+        Phase(phase.name, max(phase.start_time, first), min(phase.end_time, last))
+        for phase in recording.phases
+        if phase.end_time > first and phase.start_time < last
+    )
+    held = {each.name: getattr(recording, each.name) for each in fields(Trajectory)}
+    motion = Trajectory(**{key: value for key, value in held.items() if value is not None} | {"phases": phases})
+    return CleanedRecording(motion, recording.findings, recording.hand_length, given)
 
 
 def _cut(recording: Recording, start: float | None, end: float | None) -> Recording:
@@ -135,6 +151,144 @@ def _cut(recording: Recording, start: float | None, end: float | None) -> Record
         span = f"{np.nanmin(recording.time):.6g} to {np.nanmax(recording.time):.6g} s"
         raise InputError(f"no sample from {low:g} to {high:g} s; the recording has stamps from {span}")
     return recording.chosen(inside).found(note(f"cut to the samples from {low:g} to {high:g} s, as asked"))
+
+
+def _clean_stamps(recording: Recording, max_gap: float) -> Recording:
+    """Return samples with strictly increasing stamps, of stamps [s] in any state with gaps up to `max_gap` [s].
+
+    A sample out of order is sorted in if its place by stamp fits its neighbours at least as well as its place in the
+    file; otherwise its stamp is wrong, and it is left out. Raises TrajectoryError if too many stamps are missing,
+    repeat or contradict the motion, as of two clocks or recordings that are mixed, or a gap is too long.
+    """
+    missing = np.isnan(recording.time)
+    if missing.any():
+        recording = _dropped(recording, ~missing, "without a time stamp: left out", "have no time stamp")
+    recording = _one_piece(_without_repeats(_in_order(recording)), max_gap)
+    step = np.diff(recording.time)
+    usual = float(np.median(step))
+    gap = np.concatenate([[False], step > GAP_STEPS * usual])
+    lengths = f"the longest {1e3 * step.max():.0f} ms where {1e3 * usual:.1f} ms is usual"
+    return recording.flagged(gap, SampleFlag.GAP_BEFORE, f"gaps, {lengths}: the stamps stay, replays interpolate")
+
+
+def _in_order(recording: Recording) -> Recording:
+    time = recording.time
+    if (np.diff(time) >= 0.0).all():
+        return recording
+    order = np.argsort(time, kind="stable")
+    moved = ~_longest_rise(time)
+    wrong = np.zeros(time.shape, dtype=bool)
+    # The way of the hand through all samples in an order [m].
+    ways = [float(change(recording, by[:-1], by[1:]).sum()) for by in (order, np.arange(len(time)))]
+    if ways[0] > PATH_RATIO * ways[1]:
+        wrong = _contradicting(recording, order, moved)
+    if wrong.sum() > MOST_DROPPED * recording.sample_count:
+        first = int(np.argmax(np.diff(time) < 0.0)) + 1
+        raise TrajectoryError(
+            f"the stamps go backwards at sample {first} ({time[first - 1]:.6g} s, then {time[first]:.6g} s) and "
+            f"sorting them does not give one motion: {wrong.sum()} samples do not fit where their stamps put them; "
+            "are these two recordings in one file?"
+        )
+    if wrong.any():
+        recording = _dropped(recording, ~wrong, "whose stamp contradicts the motion around it: left out")
+        moved = moved[~wrong]
+        order = np.argsort(recording.time, kind="stable")
+    return recording.flagged(moved, SampleFlag.REORDERED, "out of order: sorted by their stamps").chosen(order)
+
+
+def _longest_rise(time: FloatArray) -> BoolArray:
+    """Return members of a longest non-decreasing subsequence (patience sorting), shape (T,)."""
+    ends: list[int] = []
+    tails: list[float] = []
+    before = np.full(len(time), -1)
+    for i, stamp in enumerate(time.tolist()):
+        place = bisect_right(tails, stamp)
+        if place:
+            before[i] = ends[place - 1]
+        tails[place : place + 1], ends[place : place + 1] = [stamp], [i]
+    member = np.zeros(len(time), dtype=bool)
+    i = ends[-1]
+    while i >= 0:
+        member[i] = True
+        i = int(before[i])
+    return member
+
+
+def _contradicting(recording: Recording, order: IntArray, moved: BoolArray) -> BoolArray:
+    """Return moved samples that fit their place in the file much better than their place by stamp, shape (T,)."""
+    count = recording.sample_count
+    rank = np.empty(count, dtype=np.int64)
+    rank[order] = np.arange(count)
+    by_rank = np.sort(rank[~moved])
+    wrong = np.zeros(count, dtype=bool)
+
+    def apart(sample: int, others: IntArray) -> float:
+        """Compute the distance of a sample from the nearest of others [m]; 0 without any."""
+        return float(change(recording, others, np.full(others.shape, sample)).min()) if others.size else 0.0
+
+    for i in np.flatnonzero(moved).tolist():
+        in_file = apart(i, np.array([j for j in (i - 1, i + 1) if 0 <= j < count]))
+        # By stamp, only the samples that keep their order count: other moved ones say nothing.
+        place = int(np.searchsorted(by_rank, rank[i]))
+        by_stamp = apart(i, order[by_rank[max(place - 1, 0) : place + 1]])
+        wrong[i] = by_stamp > DEVIATION_RATIO * in_file + NOISE
+    return wrong
+
+
+def _without_repeats(recording: Recording) -> Recording:
+    time = recording.time
+    repeat = np.concatenate([[False], np.diff(time) < SAME_STAMP])
+    if not repeat.any():
+        return recording
+    # A run of close stamps must not be eaten up one by one: what counts is the distance to the last one kept.
+    kept = -np.inf
+    for i, stamp in enumerate(time.tolist()):
+        repeat[i] = stamp - kept < SAME_STAMP
+        kept = kept if repeat[i] else stamp
+    pairs = ((getattr(recording, key)[1:], getattr(recording, key)[:-1]) for key in MOTION)
+    same = all(np.array_equal(now[repeat[1:]], before[repeat[1:]], equal_nan=True) for now, before in pairs)
+    how = "with the same values" if same else "with other values, of which the first are kept"
+    what = "repeat the stamp before them"
+    return _dropped(recording, ~repeat, f"{what}, {how}: left out", what)
+
+
+def _one_piece(recording: Recording, max_gap: float) -> Recording:
+    time = recording.time
+    if time.shape[0] < 2:
+        raise TrajectoryError(f"{counted(time.shape[0], 'usable sample')}; expected at least 2 with stamps that differ")
+    broken = np.flatnonzero(np.diff(time) > max_gap) + 1
+    if not broken.size:
+        return recording
+    edges = [0, *broken.tolist(), time.shape[0]]
+    sizes = np.diff(edges)
+    largest = int(np.argmax(sizes))
+    if sizes[largest] >= MAIN_PIECE_SHARE * time.shape[0]:
+        place = np.arange(time.shape[0])
+        keep = (place >= edges[largest]) & (place < edges[largest + 1])
+        return _dropped(recording, keep, f"more than {max_gap:g} s away from the others: left out")
+    i = int(broken[0])
+    raise TrajectoryError(
+        f"no sample for {time[i] - time[i - 1]:.3g} s after {time[i - 1]:.6g} s, "
+        f"{counted(broken.size, 'such hole')} of more than {max_gap:g} s: too long to bridge; cut a part out with "
+        "--from and --to, or allow it with --max-gap"
+    )
+
+
+def _dropped(recording: Recording, keep: BoolArray, why: str, fault: str = "") -> Recording:
+    """Return the recording without the samples that are not kept; the next one in the file is flagged.
+
+    Raises TrajectoryError if none is left, or if too many have a fault of their stamps.
+    """
+    lost = int((~keep).sum())
+    if fault and lost > MOST_DROPPED * len(keep):
+        raise TrajectoryError(f"{lost} of {len(keep)} samples {fault}; expected a stamp of its own for each")
+    if not keep.any():
+        raise TrajectoryError("no usable sample is left; expected at least 2")
+    kept = np.flatnonzero(keep)
+    after = np.concatenate([[kept[0] > 0], np.diff(kept) > 1])
+    left = recording.chosen(keep)
+    mark(left.flags, after, SampleFlag.CUT_BEFORE)
+    return left.found(finding_of(recording.time[~keep], SampleFlag.CUT_BEFORE, why))
 
 
 def _unit_quaternions(recording: Recording) -> Recording:
@@ -159,6 +313,7 @@ def _unit_quaternions(recording: Recording) -> Recording:
 
 
 def _filled(recording: Recording, max_gap: float) -> Recording:
+    """Return the recording with the gaps in palm, angles and object interpolated, and findings about them."""
     time, angles = recording.time, recording.angles
     position, orientation, lost = _pose_filled(time, recording.position, recording.orientation, max_gap, "palm")
     missing = np.isnan(angles)
@@ -170,7 +325,18 @@ def _filled(recording: Recording, max_gap: float) -> Recording:
     new = lost & ~marked(filled.flags, SampleFlag.PALM_FILLED | SampleFlag.PALM_OUTLIER)
     filled = filled.flagged(new, SampleFlag.PALM_FILLED, f"palm pose missing: {_way_filled(lost)}")
     new = missing.any(axis=1) & ~marked(filled.flags, SampleFlag.FINGERS_OUTLIER)
-    return filled.flagged(new, SampleFlag.FINGERS_FILLED, f"joint angles missing: {_way_filled(missing)}")
+    filled = filled.flagged(new, SampleFlag.FINGERS_FILLED, f"joint angles missing: {_way_filled(missing)}")
+    moved = recording.object_motion
+    if moved is None:
+        return filled
+    none = np.linalg.norm(moved.orientation, axis=1) < MIN_QUATERNION_NORM
+    whole = np.where(none[:, None], np.nan, moved.orientation)
+    position, orientation, lost = _pose_filled(time, moved.position, whole, max_gap, "object")
+    filled = filled.changed(object_motion=ObjectMotion(position, orientation))
+    if not lost.any():
+        return filled
+    text = f"object pose missing: {_way_filled(lost)}"
+    return filled.found(Finding("object", text, int(lost.sum()), float(time[np.argmax(lost)])))
 
 
 def _way_filled(missing: BoolArray) -> str:
@@ -181,21 +347,6 @@ def _way_filled(missing: BoolArray) -> str:
         return "interpolated"
     held = "the nearest one is held at the beginning or the end"
     return f"interpolated; {held}" if between.any() else held
-
-
-def _object_filled(recording: Recording, max_gap: float) -> Recording:
-    """Return the recording with the gaps in its object's motion filled as the palm's are."""
-    moved = recording.object_motion
-    if moved is None:
-        return recording
-    none = np.linalg.norm(moved.orientation, axis=1) < MIN_QUATERNION_NORM
-    whole = np.where(none[:, None], np.nan, moved.orientation)
-    position, orientation, lost = _pose_filled(recording.time, moved.position, whole, max_gap, "object")
-    filled = recording.changed(object_motion=ObjectMotion(position, orientation))
-    if not lost.any():
-        return filled
-    text = f"object pose missing: {_way_filled(lost)}"
-    return filled.found(Finding("object", text, int(lost.sum()), float(recording.time[np.argmax(lost)])))
 
 
 def _pose_filled(
@@ -237,13 +388,6 @@ def _holes_filled(
     return np.where(lost[:, None], made, values), lost
 
 
-def _steady_signs(recording: Recording) -> Recording:
-    steady = continuous_orientation(recording.orientation, recording.time)
-    flipped = (steady * recording.orientation).sum(axis=1) < 0.0
-    text = "quaternions of the other sign than the one before: turned, the rotation is the same"
-    return recording.changed(orientation=steady).flagged(flipped, SampleFlag.FLIPPED, text)
-
-
 def _scaled(recording: Recording, options: CleaningOptions) -> Recording:
     length = options.hand_length if options.hand_length is not None else recording.hand_length
     if options.scale_to is None:
@@ -258,18 +402,7 @@ def _scaled(recording: Recording, options: CleaningOptions) -> Recording:
     return scaled.found(note(text))
 
 
-def _mirrored(recording: Recording, wanted: bool) -> Recording:
-    if not wanted:
-        return recording
-    other = OTHER[recording.hand]
-    position, orientation = mirrored(recording.position, recording.orientation, axis_flip("x"))
-    changed = recording.changed(position=position, orientation=orientation, hand=other)
-    return changed.found(note(f"mirrored: x became -x{f', a {other} hand' if other else ''}"))
-
-
-def _limited(recording: Recording, limits: JointLimits | HandModel | None) -> Recording:
-    if limits is None:
-        return recording
+def _limited(recording: Recording, limits: HandModel) -> Recording:
     angles = recording.angles
     least = np.concatenate([limits.flexion_min.ravel(), limits.abduction_min])
     most = np.concatenate([limits.flexion_max.ravel(), limits.abduction_max])
@@ -285,36 +418,15 @@ def _limited(recording: Recording, limits: JointLimits | HandModel | None) -> Re
     names = ", ".join(f"{JOINT_NAMES[c]} {100.0 * share[c]:.0f} %" for c in worst)
     more = int((share > 0.0).sum()) - len(worst)
     hint = "; is a zero elsewhere? A mapping can shift it" if share.max() > OFTEN else ""
+    length = usual_fingers()["length"] if recording.bones is None else recording.bones.length
+    origin, axes = np.zeros((len(FINGERS), 3)), finger_axes(recording.hand)
+    tips = [finger_joints(origin, length, r.flexion, r.abduction, axes)[:, :, 3] for r in (recording, changed)]
     text = (
         f"joints beyond the hand's limits by up to {np.degrees(excess.max()):.0f}° ({names}"
         f"{f' and {more} more' if more else ''}): set to the limit, which moves a fingertip by up to "
-        f"{1e3 * _tips_moved(recording, changed):.0f} mm{hint}"
+        f"{1e3 * np.linalg.norm(tips[1] - tips[0], axis=2).max():.0f} mm{hint}"
     )
     return changed.flagged(limited, SampleFlag.LIMITED, text)
-
-
-def _tips_moved(first: Recording, second: Recording) -> float:
-    """Compute the largest distance between the fingertips of two recordings of one hand, palm frame [m]."""
-    length = usual_fingers()["length"] if first.bones is None else first.bones.length
-    origin, axes = np.zeros((len(FINGERS), 3)), finger_axes(first.hand)
-    tips = [finger_joints(origin, length, r.flexion, r.abduction, axes)[:, :, 3] for r in (first, second)]
-    return float(np.linalg.norm(tips[1] - tips[0], axis=2).max())
-
-
-def _trajectory(recording: Recording) -> Trajectory:
-    first, last = float(recording.time[0]), float(recording.time[-1])
-    phases = tuple(
-        Phase(phase.name, max(phase.start_time, first), min(phase.end_time, last))
-        for phase in recording.phases
-        if phase.end_time > first and phase.start_time < last
-    )
-    given = {field.name: getattr(recording, field.name) for field in fields(Trajectory)}
-    return Trajectory(**{key: value for key, value in given.items() if value is not None} | {"phases": phases})
-
-
-def fit_rows(fit: RecordedBones) -> list[tuple[Any, ...]]:
-    """Return rows of finger, RMS and largest error of the fit [m], and its bones [m], for `FIT_COLUMNS`."""
-    return list(zip(FINGERS, fit.rms, fit.largest, *fit.length.T))
 
 
 def import_document(recording: Recording, cleaned: CleanedRecording) -> dict[str, Any]:

@@ -194,10 +194,8 @@ class ColumnMap(Settings, frozen=True, kw_only=True, rename={"joints": "joint"})
     def names(self) -> set[str]:
         """Names of all columns that the mapping names."""
         single = [self.time, *self.joint_columns.values(), *self.raw_columns.values()]
-        listed = [part.columns for part in (self.position, self.orientation) if part is not None]
-        return {part.column for part in single if part is not None and part.column} | {
-            n for part in listed for n in part
-        }
+        names = {part.column for part in single if part is not None and part.column}
+        return names.union(*(part.columns for part in (self.position, self.orientation) if part is not None))
 
     @property
     def stated(self) -> frozenset[str]:
@@ -314,42 +312,34 @@ def map_edits(text: str, table: Table, columns: ColumnMap, made: Changes, unit: 
         return table.numbers(names)[0][made.rows]
 
     new: dict[str, NewColumn] = {}
-    for what, given, moves in (
+    for what, held, moves in (
         ("position", columns.position, np.abs(made.move).max(initial=0.0) > STILL),
         ("orientation", columns.orientation, np.abs(made.turn[:, 0] - np.eye(3)).max(initial=0.0) > STILL),
     ):
-        if given is None and moves:
-            raise InputError(
-                f"the correction moves the palm, whose {what} no column holds: export it in another format"
-            )
+        if held is None and moves:
+            raise InputError(f"the correction moves the palm, whose {what} no column holds: export it otherwise")
     if columns.position is not None:
         at = made.moved("palm", numbers(columns.position.columns))
         new |= {name: NewColumn(values, made.digits) for name, values in zip(columns.position.columns, at.T)}
-    if columns.orientation is not None:
-        turns = _turned(columns.orientation, numbers(columns.orientation.columns), made)
-        new |= {name: NewColumn(values, ANGLE_DIGITS) for name, values in zip(columns.orientation.columns, turns.T)}
+    if (turned_by := columns.orientation) is not None:
+        given, order = numbers(turned_by.columns), turned_by.order
+        if turned_by.euler:
+            from scipy.spatial.transform import Rotation
+
+            angles = given * ANGLE_UNITS[turned_by.unit]
+            turns = made.turn[:, 0] @ Rotation.from_euler(order, angles).as_matrix()
+            turns = euler_angles(turns, order, angles) / ANGLE_UNITS[turned_by.unit]
+        else:
+            places = [order.index(part) for part in "wxyz"]
+            turns = made.turned("palm", given[:, places])[:, np.argsort(places)]
+        new |= {name: NewColumn(values, ANGLE_DIGITS) for name, values in zip(turned_by.columns, turns.T)}
     for k, joint in enumerate(JOINT_NAMES):
         source = columns.joint_columns.get(joint, JointColumn(joint=joint))
         if source.column is not None and source.scale != 0.0:
             if source.column in new:
-                raise InputError(
-                    f"column '{source.column}' holds more than one number of the hand: export it otherwise"
-                )
+                raise InputError(f"column '{source.column}' holds more than one number: export it otherwise")
             factor = source.scale * ANGLE_UNITS[source.unit or columns.angle.unit or "rad"] * unit
             new[source.column] = NewColumn(numbers((source.column,))[:, 0] + made.angles[:, k] / factor, ANGLE_DIGITS)
         elif np.abs(made.angles[:, k]).max(initial=0.0) > STILL:
             raise InputError(f"the correction bends {joint}, which no column holds: export it in another format")
     return cell_edits(text, table, made.rows.tolist(), new)
-
-
-def _turned(columns: OrientationColumns, given: FloatArray, made: Changes) -> FloatArray:
-    """Return orientations turned with the palm, as the columns hold them."""
-    order = columns.order
-    if not columns.euler:
-        places = [order.index(part) for part in "wxyz"]
-        return made.turned("palm", given[:, places])[:, np.argsort(places)]
-    from scipy.spatial.transform import Rotation
-
-    unit = ANGLE_UNITS[columns.unit]
-    turns = made.turn[:, 0] @ Rotation.from_euler(order, given * unit).as_matrix()
-    return euler_angles(turns, order, given * unit) / unit

@@ -4,7 +4,7 @@ A corrected bone is the recorded one, moved rigidly: its length, and whatever el
 recorded. A sample that needs no correction comes back as it was.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -28,12 +28,6 @@ BONE_OF = dict.fromkeys(("wrist", "palm", *(f"{finger}_metacarpal" for finger in
 """Bone that turns with each of OpenXR's joints: the one that begins there, of a tip the one that ends there."""
 ANGLE_DIGITS = 7
 """Decimals of an angle [rad] or of a quaternion's component in a text: 0.01 µm at a fingertip."""
-STEP = 1e-6
-"""Step of a difference that stands for a derivative [rad]."""
-GAIN = 1e-6
-"""Relative decrease of the squared distance that is no gain."""
-REACHED = 1e-20
-"""Squared distance of all joints that counts as none [m²]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +94,23 @@ class Changes(NamedTuple):
         return quaternion_product(quaternion_from_matrix(self.turn[:, BONE_OF[joint]]), orientation)
 
     def motion(
-        self, position: FloatArray, orientation: FloatArray, angles: FloatArray, unit: float
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Correct palm poses, shapes (N, 3) and (N, 4), and `Recording.angles` in a unit [rad], shape (N, 20)."""
-        return self.moved("palm", position), self.turned("palm", orientation), angles + self.angles / unit
+        self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray, unit: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return all samples of palm poses, and of angles in a unit [rad], with the changes; NaN stays what it was.
+
+        The shapes are (T, 3), (T, 4), (T, 5, 3) and (T, 5).
+        """
+        given, rows = (position.copy(), orientation.copy(), flexion.copy(), abduction.copy()), self.rows
+        bend = (self.angles[:, :15].reshape(-1, 5, 3), self.angles[:, 15:])
+        new = (
+            self.moved("palm", position[rows]),
+            self.turned("palm", orientation[rows]),
+            flexion[rows] + bend[0] / unit,
+            abduction[rows] + bend[1] / unit,
+        )
+        for values, corrected in zip(given, new):
+            values[rows] = np.where(np.isfinite(corrected), corrected, values[rows])
+        return given
 
 
 def changes(recording: Recording, correction: Correction) -> Changes:
@@ -139,39 +146,3 @@ def angle_unit(recording: Recording, again: Recording) -> float:
     read = again.angles[[place[row] for row in recording.rows.tolist()]]
     known = np.isfinite(read) & (np.abs(read) > 0.0)
     return float(np.median(recording.angles[known] / read[known])) if known.any() else 1.0
-
-
-def nearest_parameters(joints: Callable[[FloatArray], FloatArray], start: FloatArray, target: FloatArray) -> FloatArray:
-    """Compute parameters of a hand, shape (N, P), whose joints are nearest to a target [m], shape (N, 21, 3).
-
-    Damped Gauss-Newton steps from `start` with differences as derivatives (Marquardt, J. SIAM 11(2), 1963), at most 30
-    rounds. A sample with a missing number keeps its start.
-    """
-    parameters, count = start.copy(), len(start)
-
-    def residual(tried: FloatArray) -> FloatArray:
-        with np.errstate(invalid="ignore"):
-            return np.asarray((joints(tried) - target).reshape(count, 3 * len(KEYPOINTS)))
-
-    off, damping = residual(parameters), np.full(count, 1e-6)
-    square = (off**2).sum(axis=1)
-    active = np.isfinite(start).all(axis=1) & np.isfinite(square)
-    for _ in range(30):
-        if not active.any():
-            break
-        steps = STEP * np.eye(start.shape[1])
-        slope = np.nan_to_num(np.stack([(residual(parameters + step) - off) / STEP for step in steps], axis=2))
-        across = np.swapaxes(slope, 1, 2)
-        normal = across @ slope
-        scale = np.trace(normal, axis1=1, axis2=2) + np.finfo(np.float64).tiny
-        normal += (damping * scale)[:, None, None] * np.eye(start.shape[1])
-        tried = parameters - np.linalg.solve(normal, across @ np.nan_to_num(off)[:, :, None])[:, :, 0]
-        beyond = residual(tried)
-        lower = (beyond**2).sum(axis=1)
-        better = active & (lower < square)
-        # No more is gained by a step, or even a short one gains nothing.
-        settled = np.where(better, lower > (1.0 - GAIN) * square, damping > 1.0) | (lower < REACHED)
-        parameters, off = np.where(better[:, None], tried, parameters), np.where(better[:, None], beyond, off)
-        square, damping = np.where(better, lower, square), np.where(better, 0.1 * damping, 10.0 * damping)
-        damping, active = np.maximum(damping, 1e-12), active & ~settled
-    return parameters

@@ -203,8 +203,8 @@ def parse_calibration(text: str, *, where: str) -> DexmoRegression:
     found = DexmoRegression.of_terms(joints)
     if not table.channel:
         return found
-    ends = [table.channel[name] for name in CHANNELS]
-    return replace(found, open=np.array([each.open for each in ends]), closed=np.array([each.closed for each in ends]))
+    low, high = np.array([[table.channel[name].open, table.channel[name].closed] for name in CHANNELS]).T
+    return replace(found, open=low, closed=high)
 
 
 class _Ends(Settings, frozen=True):

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from hhsim.errors import DamagedFileError, InputError, TrajectoryError
-from hhsim.recordings.stated_fields import kind_of
+from hhsim.recordings.joint_names import kind_of
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5, require_own_data
 
 

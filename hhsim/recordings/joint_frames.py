@@ -7,31 +7,37 @@ transform, or a matrix: 16 numbers, column by column as WebXR has them, or row b
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
+from hhsim.hand.fingers import FINGERS
+from hhsim.motion.csv_table import Table, format_table
 from hhsim.motion.pickled_data import flat
-from hhsim.motion.text_edit import NumberEdit
+from hhsim.motion.text_edit import NewColumn, NumberEdit, cell_edits
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import ANGLE_DIGITS, Changes
 from hhsim.recordings.joint_names import (
     KEYPOINTS,
     OPENXR_JOINTS,
     UNITY_JOINTS,
+    VALIDITY_WORDS,
     WEBXR_JOINTS,
+    JointName,
     hand_statement,
     joint_name,
     recognised,
+    side_in,
+    stated_value,
 )
 from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.json_document import PlacedJson, keys_of, number, vector
-from hhsim.recordings.object_poses import poses_in, record_arrays
-from hhsim.recordings.recording import frames_with_hand, unused
+from hhsim.recordings.object_poses import poses_in, record_arrays, table_arrays
+from hhsim.recordings.recording import HandMotion, chosen_side, frames_with_hand, note, unreadable, unused
 from hhsim.recordings.registry import Content, ReadOptions
-from hhsim.recordings.stated_fields import side_in
-from hhsim.recordings.stated_validity import stated_value
 from hhsim.recordings.unit_detection import time_column
 
 ORDERS = {len(joints): joints for joints in (KEYPOINTS, WEBXR_JOINTS, OPENXR_JOINTS)}
@@ -63,15 +69,12 @@ class Joint(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """Joints of each hand by their names, and a stamp, NaN where missing, in a unit that is None if unknown.
+    """Frame of a document."""
 
-    `beside` has the other values of the frame by their keys.
-    """
-
-    hands: Mapping[HandSide, Mapping[str, Joint]]
-    stamp: float
-    unit: str | None
-    beside: Mapping[str, Any] = {}
+    hands: Mapping[HandSide, Mapping[str, Joint]]  # joints of each hand by their names
+    stamp: float  # stamp, NaN where missing
+    unit: str | None  # unit of the stamp; None if unknown
+    beside: Mapping[str, Any] = {}  # other values by their keys
 
 
 def read_frames(document: Any) -> tuple[list[Frame], dict[str, Any]]:
@@ -93,21 +96,21 @@ def read_frames(document: Any) -> tuple[list[Frame], dict[str, Any]]:
 
 def listed_joints(content: Content) -> int:
     """Return the number of joints of the first hand that is a list without names in a document; 0 for none."""
+
+    def counted(node: Any, depth: int) -> int:
+        entries = list(node.values()) if isinstance(node, dict) else node
+        if not isinstance(entries, list) or depth > DEEPEST:
+            return 0
+        named = any(joint_name(_label(entry)).joint for entry in entries if isinstance(entry, dict))
+        if named or (isinstance(node, dict) and sum(bool(joint_name(str(key)).joint) for key in node) >= FEWEST):
+            return 0
+        inner = (counted(entry, depth + 1) for entry in entries[:MOST_ENTRIES])
+        return len(_listed_hand(entries)) or next((count for count in inner if count), 0)
+
     try:
-        return _listed_joints(content.document, 0) if content.is_json else 0
+        return counted(content.document, 0) if content.is_json else 0
     except TrajectoryError:
         return 0
-
-
-def _listed_joints(node: Any, depth: int) -> int:
-    entries = list(node.values()) if isinstance(node, dict) else node
-    if not isinstance(entries, list) or depth > DEEPEST:
-        return 0
-    named = sum(bool(joint_name(_label(entry)).joint) for entry in entries if isinstance(entry, dict))
-    if named or (isinstance(node, dict) and sum(bool(joint_name(str(key)).joint) for key in node) >= FEWEST):
-        return 0
-    inner = (_listed_joints(entry, depth + 1) for entry in entries[:MOST_ENTRIES])
-    return len(_listed_hand(entries)) or next((count for count in inner if count), 0)
 
 
 def _frame(frame: Any, hand_keys: set[str]) -> Frame:
@@ -118,9 +121,7 @@ def _frame(frame: Any, hand_keys: set[str]) -> Frame:
     if not isinstance(frame, dict):
         return Frame(hands, np.nan, None)
     # A message of ROS has its stamp in its header.
-    clock = frame | dict(
-        flat({key: value for key, value in frame.items() if key in STAMPED and isinstance(value, dict)})
-    )
+    clock = frame | dict(flat({key: frame[key] for key in frame if key in STAMPED and isinstance(frame[key], dict)}))
     column = time_column(clock)
     names = () if column is None else column.names
     unknown = {key: value for key, value in frame.items() if key not in hand_keys and not joint_name(key).joint}
@@ -152,18 +153,13 @@ def joints_of_frames(
     arrays = record_arrays([beside]) | record_arrays(frame.beside for frame in frames)
     arrays = {name: values[0] if name in beside else values for name, values in arrays.items()}
     poses = poses_in(arrays, len(frames), options)
-    used = {name.split(".")[0] for name in poses.names} if poses is not None else set()
-    used |= {
-        key
-        for frame in frames
-        for key, value in frame.beside.items()
-        if hand_statement(key) and not isinstance(value, list | dict)
-    }
-    findings += unused(dict.fromkeys([*beside, *(key for frame in frames for key in frame.beside)]), used)
-    kinds = {kind for hand in joints for joint in hand for kind in joint.validity}
+    held = [(key, value) for frame in frames for key, value in frame.beside.items()]
+    used = {key for key, value in held if hand_statement(key) and not isinstance(value, list | dict)}
+    used |= {name.split(".")[0] for name in poses.names} if poses is not None else set()
+    findings += unused(dict.fromkeys([*beside, *(key for key, _ in held)]), used)
     validity = {
         kind: np.array([[joint.validity.get(kind, np.nan) for joint in hand] for hand in joints])
-        for kind in sorted(kinds)
+        for kind in sorted({kind for hand in joints for joint in hand for kind in joint.validity})
     }
     radius = np.array([[joint.radius for joint in hand] for hand in joints])
     stamps = np.array([frames[k].stamp for k in shown])
@@ -179,7 +175,7 @@ def joints_of_frames(
         radius=radius if np.isfinite(radius).any(axis=0).all() else None,
         validity=validity,
         device=device,
-        object_poses=poses and poses._replace(position=poses.position[shown], orientation=poses.orientation[shown]),
+        object_poses=poses and poses.at(shown),
         findings=tuple(findings),
         rows=shown,
     )
@@ -238,21 +234,19 @@ def _hands(node: Any, side: HandSide, depth: int) -> Iterator[tuple[HandSide, Ma
 
 def _also_stated(hand: Mapping[str, Joint], stated: Mapping[str, float]) -> Mapping[str, Joint]:
     """Return a hand whose joints have a further statement each; of two of a kind the smaller one is kept."""
-    if not stated:
-        return hand
-    least = {
-        name: {kind: np.fmin(value, joint.validity.get(kind, np.nan)) for kind, value in stated.items()}
-        for name, joint in hand.items()
-    }
-    return {name: joint._replace(validity={**joint.validity, **least[name]}) for name, joint in hand.items()}
+
+    def least(joint: Joint) -> Joint:
+        both = {kind: np.fmin(value, joint.validity.get(kind, np.nan)) for kind, value in stated.items()}
+        return joint._replace(validity={**joint.validity, **both})
+
+    return {name: least(joint) for name, joint in hand.items()} if stated else hand
 
 
 def _listed_hand(node: list[Any]) -> dict[str, Joint]:
     """Return the joints in a list, by their names or by its length; empty if it is no hand."""
-    names = [joint_name(_label(entry)).joint for entry in node if isinstance(entry, dict)]
-    if sum(map(bool, names)) >= FEWEST:
-        entries = (entry for entry in node if isinstance(entry, dict))
-        return {name: _joint(entry) for name, entry in zip(names, entries) if name}
+    named = [(joint_name(_label(entry)).joint, entry) for entry in node if isinstance(entry, dict)]
+    if sum(bool(name) for name, _ in named) >= FEWEST:
+        return {name: _joint(entry) for name, entry in named if name}
     size = MATRIX if len(node) in {MATRIX * count for count in ORDERS} else 3
     if len(node) == 3 * len(KEYPOINTS) or size == MATRIX:
         node = [node[k : k + size] for k in range(0, len(node), size)]
@@ -293,9 +287,8 @@ def _joint(value: Any) -> Joint:
         place = _shift(value)
         return Joint(vector(place), place=place, turn=None if place is value else value)
     inner = next((value[key] for key in ("pose", "transform") if isinstance(value.get(key), dict)), value)
-    place = next(
-        (inner[key] for key in ("position", "translation", "pos") if key in inner), inner if "x" in inner else None
-    )
+    whole = inner if "x" in inner else None
+    place = next((inner[key] for key in ("position", "translation", "pos") if key in inner), whole)
     if place is None:
         keys = ("matrix", "transform", "pose")
         place = next((_shift(node[key]) for node in (inner, value) for key in keys if key in node), None)
@@ -307,3 +300,125 @@ def _validity(node: Mapping[str, Any], side: HandSide = "") -> dict[str, float]:
     """Return what an object says of the joint, or of all joints of the hand of a side, that it is or holds."""
     found = {name.part: node[key] for key in node if (name := hand_statement(str(key))) and name.side in ("", side)}
     return {kind: stated_value(value) for kind, value in found.items()}
+
+
+WORLD_JOINTS = {"palm", *(f"{finger}_metacarpal" for finger in FINGERS[1:])}
+"""Joints that OpenXR and WebXR alone have, whose world has y up."""
+
+Columns = dict[HandSide, dict[str, dict[str, str]]]
+"""Columns by hand, joint and part."""
+
+
+def joint_columns(names: Mapping[str, JointName]) -> Columns:
+    """Return the columns of each hand that has a joint with all three coordinates, from the meanings of columns."""
+    found: Columns = {}
+    for column, name in names.items():
+        if name.joint and name.part in ("x", "y", "z", "radius", *VALIDITY_WORDS):
+            found.setdefault(name.side, {}).setdefault(name.joint, {}).setdefault(name.part, column)
+    return {side: joints for side, joints in found.items() if located(joints)}
+
+
+def located(joints: Mapping[str, Mapping[str, str]]) -> set[str]:
+    """Return the joints that have columns of all three coordinates."""
+    return {joint for joint, parts in joints.items() if {"x", "y", "z"} <= set(parts)}
+
+
+def joints_of_table(
+    table: Table, names: Mapping[str, JointName], form: str, options: ReadOptions, *, may_be_mirrored: bool = False
+) -> JointPositions:
+    """Return the joint centres of the hand of the options, else of the one with more columns, whose meanings are given.
+
+    Raises TrajectoryError for no joints, no such hand, or a missing one of the 21 joints.
+    """
+    hands = joint_columns(names)
+    if not hands:
+        raise TrajectoryError("no columns named after the joints of a hand, such as left_index_tip_x")
+    side, findings = chosen_side({side: len(located(joints)) for side, joints in hands.items()}, options.hand)
+    joints = hands[side]
+    what = recognised(located(joints), side)
+    findings = [*map(note, table.notes), *findings]
+
+    def numbers(*columns: str) -> FloatArray:
+        values, broken = table.numbers(columns)
+        findings.extend(unreadable(broken, f" of {columns[0]} and its like"))
+        return values
+
+    stamps = time_column(column for column in table.header if column not in names or not names[column].joint)
+    if stamps is not None and stamps.others:
+        findings.append(note(f"stamps from column '{stamps.name}'; there are also {', '.join(stamps.others[:3])}"))
+    arrays, moved = table_arrays(table, findings)
+    parts_used = {column for parts in joints.values() for column in parts.values()}
+    of_hand = {
+        column: name.part
+        for column in table.header
+        if column not in parts_used and (name := hand_statement(column)) and name.side in ("", side)
+    }
+    stamped = {*stamps.names, *stamps.others} if stamps is not None else set()
+    others = {column for column, name in names.items() if name.joint and name.side in hands and name.side != side}
+    findings += unused(dict.fromkeys(table.header), parts_used | moved | stamped | others | of_hand.keys())
+
+    def stated(columns: list[str]) -> FloatArray:
+        """Return the statements in columns, shape (T, n), NaN for a column "" that there is not."""
+        missing = [np.nan] * len(table.rows)
+        return np.array([[*map(stated_value, table.text(column))] if column else missing for column in columns]).T
+
+    validity: dict[str, FloatArray] = {}
+    for kind in dict.fromkeys(VALIDITY_WORDS.values()):
+        columns = [joints[joint].get(kind, "") for joint in KEYPOINTS]
+        whole = [column for column, part in of_hand.items() if part == kind]
+        if any(columns) or whole:
+            validity[kind] = reduce(np.fmin, [stated(each) for each in (columns, *([name] for name in whole))])
+    has_radii = all("radius" in joints[joint] for joint in KEYPOINTS)
+    return JointPositions(
+        position=np.stack([numbers(*(joints[joint][axis] for axis in "xyz")) for joint in KEYPOINTS], axis=1),
+        form=form,
+        what=what,
+        time=None if stamps is None else stamps.stamps(lambda name: numbers(name)[:, 0]),
+        time_unit=None if stamps is None else stamps.unit,
+        hand=side,
+        up="y" if located(joints) & WORLD_JOINTS else None,
+        may_be_mirrored=may_be_mirrored,
+        radius=numbers(*(joints[joint]["radius"] for joint in KEYPOINTS)) if has_radii else None,
+        validity=validity,
+        object_poses=poses_in(arrays, len(table.rows), options),
+        findings=tuple(findings),
+    )
+
+
+def joint_edits(
+    text: str, table: Table, names: Mapping[str, JointName], options: ReadOptions, made: Changes
+) -> Iterator[NumberEdit]:
+    """Return the edits of a table's text for a correction of the hand that `joints_of_table` reads.
+
+    Joints beyond the 21 move with the palm; orientations turn with their bone. Raises InputError for orientations that
+    are no quaternions.
+    """
+    hands = joint_columns(names)
+    side, _ = chosen_side({side: len(located(joints)) for side, joints in hands.items()}, options.hand)
+    columns: dict[str, NewColumn] = {}
+
+    def put(cells: list[str], values: FloatArray, digits: int) -> None:
+        columns.update({cell: NewColumn(column, digits) for cell, column in zip(cells, values.T)})
+
+    for joint in located(hands[side]):
+        places = [hands[side][joint][axis] for axis in "xyz"]
+        put(places, made.moved(joint, table.numbers(places)[0][made.rows]), made.digits)
+    # Columns of each joint's orientation by the last letter of their names.
+    orientations: dict[str, dict[str, str]] = {}
+    for column, name in names.items():
+        if name.joint and name.side == side and name.part == "rotation":
+            orientations.setdefault(name.joint, {})[column.strip().lower()[-1:]] = column
+    for joint, turns in orientations.items():
+        cells = [turns.get(part, "") for part in "wxyz"]
+        if not all(cells) or len(turns) > 4:
+            known = ", ".join(turns.values())
+            raise InputError(f"the orientation of {joint} is {known}: no quaternion, so it cannot be corrected")
+        put(cells, made.turned(joint, table.numbers(cells)[0][made.rows]), ANGLE_DIGITS)
+    return cell_edits(text, table, made.rows.tolist(), columns)
+
+
+def table_of_joints(motion: HandMotion, names: Sequence[str], points: FloatArray) -> bytes:
+    """Return a new table of stamps [s] and of points, shape (T, n, 3), whose columns begin with the side and a name."""
+    header = ["time_s", *(f"{motion.side}_{name}_{axis}" for name in names for axis in "xyz")]
+    rows = np.column_stack([motion.time, points.reshape(len(points), -1)]).tolist()
+    return format_table({}, header, (list(map(repr, row)) for row in rows)).encode()

@@ -1,19 +1,27 @@
-"""Joints of a hand by the names that makers give them, mapped to the names of OpenXR.
+"""What names in a file mean: joints of a hand, statements on their validity, and fields beside the samples.
 
 A joint lies at the proximal end of the bone that it is named after: index_proximal is the knuckle (MCP),
 thumb_metacarpal the saddle joint (CMC). OpenXR has 26 joints, WebXR 25 (no palm), MediaPipe and MANO 21 (no palm, and
 of the metacarpals the thumb's alone): these 21 are what our hand is fitted to.
+
+What a recording says of a joint, or of all joints of a hand, has a kind of `VALIDITY_WORDS`; a missing joint has no
+position, whatever stands there. Fields beside the samples have the names of `_FIELD_NAMES`, read without capitals and
+punctuation, of nested ones the last part; one has no effect but where a reader takes it, and what is taken is told.
+docs/recordings.md has both as tables.
 """
 
+import math
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.stated_validity import VALIDITY_WORDS
 from hhsim.system.counted import counted
 
 SEGMENTS = ("proximal", "intermediate", "distal", "tip")
@@ -39,6 +47,17 @@ JOINT_ORDERS = {
     "mediapipe": KEYPOINTS, "mano": MANO_JOINTS, "smplx": MANO_JOINTS, "openxr": OPENXR_JOINTS, "unity": UNITY_JOINTS,
 }  # fmt: skip
 """Orders of joints in rows without names; WebXR's is that of OpenXR without the palm."""
+VALIDITY_WORDS = {
+    "flags": "flags", "flag": "flags", "locationflags": "flags",
+    "valid": "valid", "isvalid": "valid", "active": "valid", "isactive": "valid",
+    "tracked": "tracked", "istracked": "tracked", "confidence": "confidence",
+}  # fmt: skip
+"""Kind of a statement by a word of its name."""
+POSITION_VALID, POSITION_TRACKED = 2, 8
+"""XR_SPACE_LOCATION_POSITION_VALID_BIT and XR_SPACE_LOCATION_POSITION_TRACKED_BIT."""
+SMALLEST_CONFIDENCE = 0.5
+"""Confidence below which a joint is doubtful."""
+_TRUTHS = {"true": 1.0, "yes": 1.0, "high": 1.0, "false": 0.0, "no": 0.0, "low": 0.25}
 
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+")
 _FINGER_WORDS = {finger: finger for finger in FINGERS} | {"pointer": "index", "pinky": "little", "pinkie": "little"}
@@ -49,6 +68,17 @@ _COORDINATES = {"x": "x", "y": "y", "z": "z", "px": "x", "py": "y", "pz": "z"}
 _TURN_WORDS = {"rot", "rotation", "quat", "quaternion", "orientation", "euler", "q", "qx", "qy", "qz", "qw", "w"}
 _HAND_WORDS = {"is", "has", "hand", "location", "position", "pose", "joint", "tracking"} | _SIDE_WORDS.keys()
 """Words beside those of `VALIDITY_WORDS` in the name of a statement on a whole hand."""
+_UNITS = {1.0: ("m", "met"), 1e-2: ("cm", "centimet"), 1e-3: ("mm", "millimet"), 0.0254: ("inch", "inch")}
+"""Word for a unit, and how a longer one begins, by its metres."""
+_SIDE = re.compile(r"(r(?=ight|h|$)|l(?=eft|h|$))|(nan|none|$)")
+_FIELD_NAMES = {
+    "side": "hand side handedness handside isright isrhand isrighthand isleft islhand islefthand",
+    "rate": "fps rate framerate frequency mocapframerate samplerate samplingrate",
+    "unit": "unit units lengthunit",
+    "scale": "scale",
+    "order": "jointnames jointorder",
+}
+_KINDS = {name: kind for kind, names in _FIELD_NAMES.items() for name in names.split()}
 
 
 class JointName(NamedTuple):
@@ -56,8 +86,7 @@ class JointName(NamedTuple):
 
     side: HandSide  # right, left, or "" if the name does not say
     joint: str  # one of `OPENXR_JOINTS`; "" if the name has none
-    # "x", "y", "z", "radius", "rotation", or a kind of `hhsim.recordings.stated_validity`; "" for the joint alone.
-    part: str
+    part: str  # "x", "y", "z", "radius", "rotation", or a kind of `VALIDITY_WORDS`; "" for the joint alone
 
 
 @lru_cache(maxsize=4096)
@@ -72,12 +101,8 @@ def joint_name(text: str) -> JointName:
     if set(words) & _TURN_WORDS:
         # A statement on an orientation says nothing of a position.
         part = "" if part else "rotation"
-    elif part:
-        pass
-    elif "radius" in words:
-        part = "radius"
-    elif words and words[-1] in _COORDINATES:
-        part = _COORDINATES[words[-1]]
+    elif not part:
+        part = "radius" if "radius" in words else _COORDINATES.get(words[-1], "") if words else ""
     return JointName(side, joint if joint in OPENXR_JOINTS else "", part)
 
 
@@ -99,7 +124,128 @@ def recognised(joints: Collection[str], side: HandSide = "") -> str:
     missing = [joint for joint in KEYPOINTS if joint not in known]
     if missing:
         more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
-        raise TrajectoryError(
-            f"{what}, but none that is {', '.join(missing[:4])}{more}; expected at least MediaPipe's 21"
-        )
+        raise TrajectoryError(f"{what}, but none that is {', '.join(missing[:4])}{more}; expected MediaPipe's 21")
     return what
+
+
+def stated_value(value: Any) -> float:
+    """Return a number, a truth, or a word for one such as true, high or 0x0f; NaN for anything else."""
+    text = str(value).strip().lower()
+    try:
+        return _TRUTHS[text] if text in _TRUTHS else float(int(text, 16) if text.startswith("0x") else text)
+    except (ValueError, OverflowError):
+        return np.nan
+
+
+def missing_and_doubtful(stated: Mapping[str, FloatArray], shape: tuple[int, int]) -> tuple[BoolArray, BoolArray]:
+    """Return which joints are missing and which are doubtful, shape (T, J), by statements of shapes (T, J) or (T, 1).
+
+    NaN states nothing.
+    """
+    kinds = ("flags", "valid", "tracked", "confidence")
+    flags, valid, tracked, sure = (np.broadcast_to(stated.get(kind, np.nan), shape) for kind in kinds)
+    known = np.isfinite(flags) | np.isfinite(valid)
+    bits = np.nan_to_num(flags, nan=POSITION_VALID | POSITION_TRACKED, posinf=0.0, neginf=0.0).astype(np.int64)
+    missing = (bits & POSITION_VALID == 0) | (valid == 0.0) | (((tracked == 0.0) | (sure <= 0.0)) & ~known)
+    doubtful = (bits & POSITION_TRACKED == 0) | (tracked == 0.0) | (sure < SMALLEST_CONFIDENCE)
+    return missing, doubtful & ~missing
+
+
+class StatedFields:
+    """Fields of a file by their kind: "side", "rate", "unit", "scale" or "order"; of two of a kind the first."""
+
+    def __init__(self, held: Mapping[str, Any]) -> None:
+        # Of each kind the value, and a sentence for when it is taken.
+        self._fields: dict[str, tuple[Any, str]] = {}
+        self._names: dict[str, str] = {}
+        self._taken: set[str] = set()
+        for name, values in held.items():
+            if kind := kind_of(name):
+                found = _parsed(kind, _key(name), _words(values)) if kind not in self._fields else None
+                self._names[name] = "" if found is None else kind
+                if found is not None:
+                    self._fields[kind] = found[0], f"{found[1]}, as '{name}' says"
+
+    def seen(self, kind: str) -> Any:
+        """Return the value of a kind without taking it, None without any."""
+        return self._fields.get(kind, (None, ""))[0]
+
+    def take(self, kind: str) -> Any:
+        """Return the value of a kind, None without any, and tell of it from now on."""
+        self._taken.add(kind)
+        return self.seen(kind)
+
+    def hide(self, kind: str) -> None:
+        """Leave out a kind that the format reads by itself: it is neither used nor told."""
+        self._fields.pop(kind, None)
+        self._names = {name: of for name, of in self._names.items() if of != kind}
+
+    def told(self) -> list[str]:
+        """Return a sentence on each field that was taken, and one that names the others."""
+        left = [name for name, kind in self._names.items() if kind not in self._taken]
+        said = [text for kind, (_, text) in self._fields.items() if kind in self._taken]
+        return said + ([f"not used: {', '.join(left)}"] if left else [])
+
+
+def kind_of(name: str) -> str:
+    """Return the kind of the field of a name: "side", "rate", "unit", "scale" or "order"; "" for any other."""
+    return _KINDS.get(_key(name), "")
+
+
+def side_in(node: Mapping[str, Any]) -> HandSide:
+    """Return the side that an object's own keys state, "" where they do not."""
+    sides: tuple[HandSide, ...] = StatedFields({key: node[key] for key in node if kind_of(key)}).seen("side") or ("",)
+    return sides[0] if len(sides) == 1 else ""
+
+
+@lru_cache(maxsize=4096)
+def _key(name: str) -> str:
+    return re.sub("[^a-z]", "", re.split(r"[/.]", name)[-1].lower())
+
+
+def _words(value: Any) -> list[str]:
+    """Return a value, or those of a list, as words; none of anything nested."""
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        return []
+    is_list = array.size == max(array.shape, default=1) and array.dtype.kind != "O"
+    entries = array.ravel().tolist() if is_list else []
+    return [(each.decode("latin1") if isinstance(each, bytes) else str(each)).strip() for each in entries]
+
+
+def _parsed(kind: str, key: str, words: list[str]) -> tuple[Any, str] | None:
+    """Return the value of a field and what it says; None where it says nothing."""
+    if kind == "side":
+        return _sides(key, words)
+    if kind == "order":
+        # "" for what is none of OpenXR's joints; each of the 21 is there once.
+        names = re.split(r"[,;\s]+", words[0]) if len(words) == 1 else words
+        joints = JOINT_ORDERS.get(names[0].lower() if names else "") or tuple(joint_name(name).joint for name in names)
+        once = all(joints.count(joint) == 1 for joint in KEYPOINTS)
+        return (joints, "joints in the order of the file") if once else None
+    try:
+        value = float(words[0]) if len(words) == 1 else math.nan
+    except ValueError:
+        value = math.nan
+    if kind == "rate":
+        return (value, f"{value:g} samples a second") if 0.1 <= value <= 1e5 else None
+    word = "".join(words).lower()
+    value = next((metre for metre, (unit, long) in _UNITS.items() if word == unit or word.startswith(long)), value)
+    unit = _UNITS[value][0] if value in _UNITS else f"{value:g} m"
+    return (value, f"positions in {unit}") if 0.0 < value < math.inf else None
+
+
+def _sides(key: str, words: list[str]) -> tuple[tuple[HandSide, ...], str] | None:
+    """Return the side of all samples, or that of each, "" where it is missing."""
+    if key.startswith("is"):
+        right, left = ("r", "l") if key[2] == "r" else ("l", "r")
+        truths = dict.fromkeys(("1", "1.0", "true"), right) | dict.fromkeys(("0", "0.0", "false"), left)
+        words = [truths.get(word.lower(), word) for word in words]
+    found = [_SIDE.match(re.sub("[^a-z]", "", word.lower())) for word in words]
+    letters: dict[str | None, HandSide] = {"r": "right", "l": "left", None: ""}
+    sides = tuple(letters[each[1]] for each in found if each)
+    known = [side for side in letters.values() if side and side in sides]
+    if len(sides) < len(words) or not known:
+        return None
+    return ((known[0],), f"{known[0]} hand") if len(known) == 1 else (sides, "right and left hands by turns")

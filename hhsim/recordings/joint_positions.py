@@ -18,15 +18,21 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import DEFAULT_HAND_LENGTH
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.finger_ik import finger_axes, finger_joints, palm_from_knuckles, palm_origin
+from hhsim.recordings.finger_ik import (
+    finger_axes,
+    finger_joints,
+    median_bones,
+    misplaced_joints,
+    palm_from_knuckles,
+    palm_origin,
+    recorded_bones,
+)
 from hhsim.recordings.frames import FileFrame, axis_flip, in_palm, to_our_world, world_matrix
 from hhsim.recordings.joint_fit import fitted_angles
-from hhsim.recordings.joint_names import KEYPOINTS
+from hhsim.recordings.joint_names import KEYPOINTS, missing_and_doubtful
 from hhsim.recordings.object_poses import ObjectPoses, placed
-from hhsim.recordings.recorded_bones import median_bones, misplaced_joints, recorded_bones
 from hhsim.recordings.recording import UNITY, Finding, Recording, in_right_handed_world, known_side, note, readings
 from hhsim.recordings.registry import Content, ReadOptions, stated_hand
-from hhsim.recordings.stated_validity import missing_and_doubtful
 from hhsim.recordings.unit_detection import LENGTH_UNITS, TIME_UNITS
 from hhsim.system.counted import counted
 
@@ -71,11 +77,9 @@ class JointPositions:
     def chosen(self, shown: BoolArray, rows: IntArray) -> Self:
         """Return the samples of a mask, shape (T,), which are of these rows of the file, shape (T,)."""
         given = {name: getattr(self, name) for name in ("position", "time", "radius")}
-        poses = self.object_poses
-        if poses is not None:
-            poses = poses._replace(position=poses.position[shown], orientation=poses.orientation[shown])
         some = {name: values[shown] for name, values in given.items() if values is not None}
         validity = {kind: values[shown] for kind, values in self.validity.items()}
+        poses = self.object_poses and self.object_poses.at(shown)
         return replace(self, **some, validity=validity, object_poses=poses, rows=rows[shown])
 
     def __post_init__(self) -> None:
@@ -125,7 +129,7 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         given = points
         points = in_right_handed_world(points, side, findings)
         frame = frame if points is given else frame._replace(flip=UNITY)
-    side = known_side(points, side, findings, options.mirror, structural=named, misfit=joints.misfit)
+    side = known_side(points, side, findings, options.mirror, named, joints.misfit)
     fingers, wrist = points[:, 1:].reshape(-1, len(FINGERS), 4, 3), points[:, 0]
     palm = palm_from_knuckles(fingers[:, 1:, 0], wrist, side)
     posture, off = fitted_posture(fingers, palm, side, fits_angles=options.fits_angles)
@@ -161,7 +165,7 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         orientation=orientation,
         flexion=posture.flexion,
         abduction=posture.abduction,
-        stated=frozenset({"length", "angle"} | ({"time"} if stated else set())),
+        stated=frozenset({"length", "angle", "time"} if stated else {"length", "angle"}),
         scaled=True,
         form=joints.form,
         name=content.name,
@@ -217,9 +221,8 @@ def _times(
     if joints.time is None:
         rate = options.rate or content.stated.take("rate") or joints.rate
         if rate is None:
-            raise TrajectoryError(
-                f"{joints.what}, but no stamps of the samples; say how many there are a second: --rate"
-            )
+            expected = "say how many there are a second: --rate"
+            raise TrajectoryError(f"{joints.what}, but no stamps of the samples; {expected}")
         findings.append(note(f"no stamps: made from the rate, {rate:g} Hz"))
         return np.arange(count) / rate, True, 0.0
     if joints.time_unit is None:
@@ -246,10 +249,8 @@ def _scale(joints: JointPositions, content: Content, options: ReadOptions, findi
         metre = content.stated.take("scale")
     if metre is not None:
         if not low <= metre * length <= high:
-            raise TrajectoryError(
-                f"the hand is {metre * length:.4g} m long from wrist to middle fingertip; expected {low:g} to "
-                f"{high:g} m: say --length-unit"
-            )
+            far = f"the hand is {metre * length:.4g} m long from wrist to middle fingertip"
+            raise TrajectoryError(f"{far}; expected {low:g} to {high:g} m: say --length-unit")
         return metre
     for word, metre in LENGTH_UNITS.items():
         if low <= metre * length <= high:
@@ -257,11 +258,9 @@ def _scale(joints: JointPositions, content: Content, options: ReadOptions, findi
             return metre
     if not length > 0.0:
         raise TrajectoryError(f"{said}; expected the joints of a hand")
-    wanted = options.hand_length or DEFAULT_HAND_LENGTH
-    text = (
-        f"no scale: {said}, which is no hand in m, cm, mm or inch: taken for a hand of {1e3 * wanted:.0f} mm "
-        f"({'as --hand-length says' if options.hand_length else 'the usual one, else say --hand-length'}); angles are "
-        "right if x, y and z have one scale"
-    )
-    findings.append(note(text))
+    wanted, why = options.hand_length, "as --hand-length says"
+    if not wanted:
+        wanted, why = DEFAULT_HAND_LENGTH, "the usual one, else say --hand-length"
+    taken = f"which is no hand in m, cm, mm or inch: taken for a hand of {1e3 * wanted:.0f} mm ({why})"
+    findings.append(note(f"no scale: {said}, {taken}; angles are right if x, y and z have one scale"))
     return wanted / length

@@ -99,11 +99,9 @@ class PlacedJson:
                 yield NumberEdit(*self._spans[item.place], float(value), decimals)
 
     def _decode(self, text: str) -> Any:
-        before = self._count
+        before, whole, decimal = self._count, partial(self._placed, _Whole), partial(self._placed, _Decimal)
         try:
-            return json.loads(
-                text, parse_int=partial(self._placed, _Whole), parse_float=partial(self._placed, _Decimal)
-            )
+            return json.loads(text, parse_int=whole, parse_float=decimal)
         except (ValueError, RecursionError):
             self._count = before
             raise
@@ -118,9 +116,8 @@ def keys_of(document: Any) -> str:
     """Describe the content of a document, for messages."""
     if isinstance(document, dict):
         names = [str(key)[:24] for key in document]
-        return f"an object with {', '.join(names[:SHOWN_KEYS]) or 'nothing'}" + (
-            ", …" if len(names) > SHOWN_KEYS else ""
-        )
+        more = ", …" if len(names) > SHOWN_KEYS else ""
+        return f"an object with {', '.join(names[:SHOWN_KEYS]) or 'nothing'}{more}"
     if isinstance(document, list):
         return f"a list of {len(document)}, the first {keys_of(document[0])}" if document else "an empty list"
     return repr(document)[:40]

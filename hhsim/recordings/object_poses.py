@@ -22,7 +22,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -35,19 +35,22 @@ from hhsim.motion.pickled_data import MOST_DEPTH
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import ObjectMotion, as_numbers
 from hhsim.recordings.frames import OURS, mirrored, quaternions_of, turned
+from hhsim.recordings.joint_names import StatedFields
 from hhsim.recordings.json_document import keys_of, number, read_json, vector
-from hhsim.recordings.pose_lines import OBJECT_UID
 from hhsim.recordings.recording import MOST, Finding, Recording, note, unreadable, unused
 from hhsim.recordings.registry import Content, ReadOptions
-from hhsim.recordings.stated_fields import StatedFields
 from hhsim.recordings.unit_detection import CERTAINLY_FAR, FAR, LENGTH_UNITS, TIME_UNITS, time_column
 
 OBJECT_WORDS = {"object", "obj", "objects", "objs"}
-POSITIONS = {"t", "pos", "position", "positions", "trans", "transl", "translation", "translations", "location"}
-VECTORS = {"rotvec", "axisangle"}
-TURNS = {"q", "quat", "quaternion", "quaternions", "rot", "rotation", "rotations", "orient", "orientation"}
-TURNS |= {"orientations", "r", "globalorient", "rotmat", *VECTORS}
-POSES = {"pose", "poses", "transform", "transforms", "transformation", "matrix", "matrices"}
+_KINDS = {
+    "position": "t pos position positions trans transl translation translations location",
+    "vector": "rotvec axisangle",
+    "turn": "q quat quaternion quaternions rot rotation rotations orient orientation orientations r "
+    "globalorient rotmat",
+    "pose": "pose poses transform transforms transformation matrix matrices",
+}
+KIND_OF = {word: kind for kind, words in _KINDS.items() for word in words.split()}
+"""What the words of a name hold."""
 ORDERS = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}
 """Places of w, x, y, z in a quaternion of each order."""
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
@@ -76,9 +79,13 @@ class ObjectPoses(NamedTuple):
     names: tuple[str, ...]  # names of the arrays or columns that were read
     findings: tuple[Finding, ...] = ()  # remarks about what was read
 
+    def at(self, rows: Any) -> Self:
+        """Return the poses of these rows, indices or a mask."""
+        return self._replace(position=self.position[rows], orientation=self.orientation[rows])
+
 
 class _Name(NamedTuple):
-    """Meaning of a name: "position", "turn", "vector" or "pose", the order of a quaternion, and a unit [m]."""
+    """Meaning of a name: "position", "turn" or "pose", the order of a quaternion, and a unit [m]."""
 
     kind: str
     order: str | None
@@ -100,7 +107,7 @@ def _words(name: str, alone: bool) -> tuple[list[str], float | None] | None:
 def _bare(words: list[str]) -> list[str]:
     """Return words without those that only say what the last one is part of, such as pose.position."""
     words = [word for word in words if word not in ("world", "wo", "params")]
-    while len(words) > 1 and words[0] in POSES:
+    while len(words) > 1 and KIND_OF.get(words[0]) == "pose":
         words = words[1:]
     return words
 
@@ -119,10 +126,8 @@ def _meaning(name: str, alone: bool) -> _Name | None:
         return None
     words, metre = found
     order = next((word for word in words if word in ORDERS), None)
-    word = "".join(_bare([word for word in words if word != order]))
-    kinds = {"position": POSITIONS, "vector": VECTORS, "turn": TURNS, "pose": POSES}
-    kind = next((kind for kind, known in kinds.items() if word in known), None)
-    return None if kind is None else _Name(kind, order, metre)
+    kind = KIND_OF.get("".join(_bare([word for word in words if word != order])), "")
+    return _Name(kind.replace("vector", "turn"), order, metre) if kind else None
 
 
 def is_objects(name: str) -> bool:
@@ -145,33 +150,28 @@ def poses_in(
     of another shape are none; a position or an orientation without the other is none, or refused if `strict`. Raises
     TrajectoryError for another number of rows, no rotation, a quaternion of unknown order, or as `strict` says.
     """
-    tails = {"position": ((3,),), "pose": POSE_SHAPES}
+    tails = {"position": ((3,),), "turn": TURN_SHAPES, "pose": POSE_SHAPES}
     meanings = {}
     for name, values in arrays.items():
         meaning, shape = _meaning(name, alone), np.shape(values)
-        if meaning is not None and {shape, shape[1:]} & {*tails.get(meaning.kind, TURN_SHAPES)}:
+        if meaning is not None and {shape, shape[1:]} & {*tails[meaning.kind]}:
             meanings[name] = meaning
     # Of those at several depths the uppermost; of several objects none, since nobody knows which one is held.
-    for kind in {meaning.kind for meaning in meanings.values()}:
-        depth = {name: m.above.count("/") for name, m in meanings.items() if m.kind == kind}
-        top = {name for name, below in depth.items() if below == min(depth.values())}
-        one = len({meanings[name].above for name in top}) == 1
-        meanings = {name: m for name, m in meanings.items() if m.kind != kind or (one and name in top)}
-    names = {meaning.kind.replace("vector", "turn"): name for name, meaning in reversed(meanings.items())}
-    if not names:
+    names: dict[str, str] = {}
+    for kind in tails:
+        depth = {name: meaning.above.count("/") for name, meaning in meanings.items() if meaning.kind == kind}
+        top = [name for name, below in depth.items() if below == min(depth.values())]
+        if len({meanings[name].above for name in top}) == 1:
+            names[kind] = top[0]
+    if not names or (len(names) < 2 and "pose" not in names and not strict):
         return None
     if "pose" in names:
-        names = {"pose": names["pose"]}
         meaning = meanings[names["pose"]]
         poses = _of_rows(names["pose"], arrays[names["pose"]], meaning.order or order, options)
         poses = poses._replace(metre=meaning.metre or poses.metre)
-    elif len(names) < 2 and not strict:
-        return None
     elif len(names) < 2:
         (name,) = names.values()
-        raise TrajectoryError(
-            f"'{name}' is only one of an object's position and orientation; expected both, or neither"
-        )
+        raise TrajectoryError(f"'{name}' is only one of an object's position and orientation; expected both or neither")
     else:
         place, turn = names["position"], names["turn"]
         position = _rows(place, arrays[place], (3,))
@@ -181,12 +181,11 @@ def poses_in(
             orientation = conjugate(orientation)
             text = f"'{turn}' as in GRAB: vertices times the matrix, so the object turns by its transpose"
             findings = (note(text),)
-        if len(position) != len(orientation) and 1 not in (len(position), len(orientation)):
-            raise TrajectoryError(
-                f"'{place}' has {len(position)} rows and '{turn}' {len(orientation)}; expected as many"
-            )
-        rows = max(len(position), len(orientation))
-        position, orientation = (np.broadcast_to(each, (rows, each.shape[1])) for each in (position, orientation))
+        counts = len(position), len(orientation)
+        if counts[0] != counts[1] and 1 not in counts:
+            raise TrajectoryError(f"'{place}' has {counts[0]} rows and '{turn}' {counts[1]}; expected as many")
+        rows = max(counts)
+        position, orientation = np.broadcast_to(position, (rows, 3)), np.broadcast_to(orientation, (rows, 4))
         poses = ObjectPoses(position, orientation, meanings[place].metre, (place, turn), findings)
     if options.pose_unit is not None:
         poses = poses._replace(metre=UNITS[options.pose_unit])
@@ -198,19 +197,14 @@ def poses_in(
 
 def _counted(poses: ObjectPoses, count: int) -> ObjectPoses:
     """Return one pose a sample, of a single one that of an object at rest; TrajectoryError for another number."""
-    rows = len(poses.position)
-    if rows == count:
-        return poses
-    if rows != 1:
-        names = " and ".join(poses.names)
+    rows, names = len(poses.position), " and ".join(poses.names)
+    if rows not in (1, count):
         raise TrajectoryError(f"{rows} poses of the object ({names}) for {count} samples of the hand; expected as many")
-    return poses._replace(
-        position=np.repeat(poses.position, count, axis=0), orientation=np.repeat(poses.orientation, count, axis=0)
-    )
+    return poses if rows == count else poses.at(np.zeros(count, dtype=np.int64))
 
 
 def _rows(name: str, given: Any, *tails: tuple[int, ...]) -> FloatArray:
-    """Return rows of one of these shapes as numbers; a single one without the first axis is one row."""
+    """Return rows of one of these shapes as numbers; one without the first axis is a single row."""
     values = as_numbers(f"'{name}'", given)
     if values.shape in tails:
         values = values[None]
@@ -281,14 +275,15 @@ def table_arrays(table: Table, findings: list[Finding], *, alone: bool = False) 
         part = _COLUMN.fullmatch(words[-1]) if words else None
         # Digits stand apart from the letter before them: m00 is m and 00.
         stem = "".join(_bare([word for word in words[:-1] if word != "m"]))
-        if part is None or not (stem in POSITIONS | TURNS | POSES or (not stem and len(words) < 3)):
+        if part is None or not (stem in KIND_OF or (not stem and len(words) < 3)):
             continue
+        stem = KIND_OF.get(stem, "")
         kind, axis = {"p": "position", "t": "position", "q": "quat_wxyz"}.get(part["kind"] or "", ""), part["axis"]
         suffix = next((f"_{word}" for word, size in UNITS.items() if size == metre), "")
         if axis is None:
-            kind = "rotmat" if stem in TURNS else "pose" + suffix
+            kind = "rotmat" if stem in ("turn", "vector") else "pose" + suffix
         elif not kind:
-            kind = "rotvec" if stem in VECTORS else "quat_wxyz" if stem in TURNS else "position"
+            kind = {"vector": "rotvec", "turn": "quat_wxyz"}.get(stem, "position")
         if kind == "position":
             kind += suffix
         groups.setdefault(f"object_{kind}", {})["wxyz".index(axis) if axis else int(part["place"])] = column
@@ -329,15 +324,10 @@ def _leaves(node: Mapping[str, Any], above: str = "", depth: int = 0) -> Iterato
         elif isinstance(value, int | float) and not isinstance(value, bool):
             yield name, np.array(number(value))
         elif isinstance(value, list):
-            yield name, _array(value)
-
-
-def _array(values: list[Any]) -> FloatArray:
-    """Return nested lists as numbers, NaN for null; one NaN if they are none."""
-    try:
-        return np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        return np.array(np.nan)
+            try:
+                yield name, np.array(value, dtype=np.float64)
+            except (TypeError, ValueError):
+                yield name, np.array(np.nan)
 
 
 def placed(recording: Recording, poses: ObjectPoses | None) -> Recording:
@@ -369,44 +359,26 @@ def placed(recording: Recording, poses: ObjectPoses | None) -> Recording:
 def with_object_poses(recording: Recording, path: Path, options: ReadOptions) -> Recording:
     """Return a recording in our units, whose object moves as the poses of a file say.
 
-    Raises TrajectoryError for a hand without a place, which stays at the origin; others as of `read_object_poses`.
+    Poses with stamps are interpolated, others are one a sample, or one a frame of the recording's file, and a single
+    one is of an object at rest. With `options.camera_poses` they are relative to a camera that moves. Raises
+    TrajectoryError, in one line that begins with the path, for no such file, another content, number of rows, unit or
+    order, or stamps that end before the recording's; and for a hand without a place, which stays at the origin.
     """
     if not np.nan_to_num(recording.position).any():
         raise TrajectoryError("the hand stays at the origin, so an object cannot be beside it; expected --world-up")
     findings: list[Finding] = []
-    time = recording.time + recording.first_stamp
-    frame = recording.file_frame
+    time, rows, frame = recording.time + recording.first_stamp, recording.rows, recording.file_frame
     hand = np.nanmedian(frame.to_file(recording.position), axis=0) * frame.metre
-    moved = read_object_poses(path, time, options, findings, rows=recording.rows, hand=hand)
-    before = [note("the object's pose in the recording is replaced")] if recording.object_motion is not None else []
-    poses = ObjectPoses(*moved, 1.0, (path.name,), (*before, *findings))
-    return placed(recording, poses)
-
-
-def read_object_poses(
-    path: Path,
-    time: FloatArray,
-    options: ReadOptions,
-    findings: list[Finding],
-    rows: IntArray | None = None,
-    hand: FloatArray | None = None,
-) -> ObjectMotion:
-    """Read the poses of an object at stamps [s], shape (T,), in the recording's file coordinates [m].
-
-    Poses with stamps are interpolated, others are one a sample, or one a frame of which the samples are `rows`, shape
-    (T,), and a single one is of an object at rest; `hand` is the place of the hand in these coordinates [m]. With
-    `options.camera_poses` they are relative to a camera that moves, and camera · object is returned. What was assumed
-    is added to `findings`. Raises TrajectoryError for no such file, another content, number of rows, unit or order, or
-    stamps that end before the recording's, in one line that begins with the path.
-    """
-    rows = np.arange(len(time)) if rows is None else rows
     if options.camera_poses is None:
-        return _read(path, time, rows, options, findings, hand)
-    motion = _read(path, time, rows, options, findings)
-    camera = _read(options.camera_poses, time, rows, options, findings)
-    findings.append(note(f"the object is relative to the camera of {options.camera_poses.name}"))
-    place = camera.position + turned(camera.orientation, motion.position)
-    return ObjectMotion(place, quaternion_product(camera.orientation, motion.orientation))
+        place, turn = _read(path, time, rows, options, findings, hand)
+    else:
+        place, turn = _read(path, time, rows, options, findings)
+        camera = _read(options.camera_poses, time, rows, options, findings)
+        findings.append(note(f"the object is relative to the camera of {options.camera_poses.name}"))
+        place = camera.position + turned(camera.orientation, place)
+        turn = quaternion_product(camera.orientation, turn)
+    before = [note("the object's pose in the recording is replaced")] if recording.object_motion is not None else []
+    return placed(recording, ObjectPoses(place, turn, 1.0, (path.name,), (*before, *findings)))
 
 
 def read_stamped_poses(path: Path, options: ReadOptions) -> tuple[FloatArray | None, ObjectMotion]:
@@ -430,13 +402,12 @@ def _read(
 ) -> ObjectMotion:
     with named(path):
         poses, stamps = _stamped(path, options, findings, hand)
-        if stamps is None or len(poses.position) == 1:
-            motion = ObjectMotion(poses.position, poses.orientation)
-            if len(time) < len(poses.position) > int(rows.max(initial=0)) and (rows != np.arange(len(time))).any():
-                # The recording has no samples of frames without a hand, where the object has its pose.
-                return motion.at(rows)
-            return ObjectMotion(*_counted(poses, len(time))[:2])
-        return _at(poses, stamps, time)
+        if stamps is not None and len(poses.position) > 1:
+            return _at(poses, stamps, time)
+        if len(time) < len(poses.position) > int(rows.max(initial=0)) and (rows != np.arange(len(time))).any():
+            # The recording has no samples of frames without a hand, where the object has its pose.
+            return ObjectMotion(*poses.at(rows)[:2])
+        return ObjectMotion(*_counted(poses, len(time))[:2])
 
 
 def _stamped(
@@ -460,6 +431,8 @@ def _stamped(
     return poses, None if stamps is None else factor * stamps
 
 
+OBJECT_UID = "object_uid"
+"""Column of the object of each row in a table of several, as HOT3D's."""
 ROWS = "rows"
 """Name of an array or a list that has none."""
 STATED = ("unit", "units", "length_unit")
@@ -482,36 +455,31 @@ def _arrays_of(content: Content, wanted: str | None, findings: list[Finding]) ->
     bare = lacks_names(header)
     table = read_table(content.text, names=[f"number {k}" for k in range(len(header))] if bare else None)
     if OBJECT_UID in header:
-        table = _of_one_object(table, wanted)
+        owner = [cells[header.index(OBJECT_UID)].strip() for cells in table.rows]
+        wanted = owner[0] if wanted is None and len({*owner}) == 1 else wanted
+        if wanted not in owner:
+            known = ", ".join(dict.fromkeys(owner))
+            raise TrajectoryError(f"poses of the objects {known}; expected one of them as --object-track")
+        kept = [row for row, uid in enumerate(owner) if uid == wanted]
+        table = replace(table, rows=tuple(table.rows[row] for row in kept), lines=[table.lines[row] for row in kept])
     findings += [note(text) for text in table.notes]
     if bare:
         rows, broken = table.numbers(table.header)
         findings += unreadable(broken)
         return {ROWS: rows}, _stated(table.remarks)
     arrays, used = table_arrays(table, findings, alone=True)
-    column = time_column(table.header)
     if not arrays:
         raise TrajectoryError(f"columns {', '.join(header[:6])}; expected px, py, pz, qw, qx, qy, qz, or m00 to m33")
-    if column is not None:
+    if (column := time_column(header)) is not None:
         arrays |= {name: table.numbers([name])[0][:, 0] for name in column.names}
     findings += unused(dict.fromkeys(header), {*used, *arrays, OBJECT_UID})
     return arrays, _stated(table.remarks)
 
 
-def _of_one_object(table: Table, wanted: str | None) -> Table:
-    owner = [cells[table.header.index(OBJECT_UID)].strip() for cells in table.rows]
-    objects = tuple(dict.fromkeys(owner))
-    if wanted is None and len(objects) == 1:
-        wanted = objects[0]
-    if wanted not in objects:
-        raise TrajectoryError(f"poses of the objects {', '.join(objects)}; expected one of them as --object-track")
-    kept = [row for row, uid in enumerate(owner) if uid == wanted]
-    return replace(table, rows=tuple(table.rows[row] for row in kept), lines=[table.lines[row] for row in kept])
-
-
 def _of_json(document: Any) -> tuple[dict[str, Any], str]:
-    unit = _stated(document) if isinstance(document, dict) else ""
+    unit = ""
     if isinstance(document, dict):
+        unit = _stated(document)
         lists = [value for value in document.values() if isinstance(value, list) and value]
         records = next((value for value in lists if isinstance(value[0], dict)), None)
         if records is None:
@@ -533,9 +501,9 @@ def _unnamed(arrays: Mapping[str, Any]) -> tuple[str, FloatArray, FloatArray | N
     tails = [*POSE_SHAPES, *((width + 1,) for width in WIDTHS)]
     fitting = [name for name, values in arrays.items() if np.shape(values)[1:] in tails or np.shape(values) in tails]
     if len(fitting) != 1:
-        held = ", ".join(f"{name} {np.shape(values)}" for name, values in list(arrays.items())[:6])
+        held = ", ".join(f"{name} {np.shape(values)}" for name, values in list(arrays.items())[:6]) or "nothing"
         reason = "several arrays that may be poses" if fitting else "no poses"
-        raise TrajectoryError(f"{reason}, it holds {held or 'nothing'}; expected (T, 4, 4), (T, 3, 4) or (T, 7)")
+        raise TrajectoryError(f"{reason}, it holds {held}; expected (T, 4, 4), (T, 3, 4) or (T, 7)")
     rows = as_numbers(f"'{fitting[0]}'", arrays[fitting[0]])
     stamped = rows.ndim == 2 and rows.shape[1] - 1 in WIDTHS
     return (fitting[0], rows[:, 1:], rows[:, 0]) if stamped else (fitting[0], rows, None)

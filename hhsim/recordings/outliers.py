@@ -6,9 +6,9 @@ their numbers become NaN, to be interpolated. What a hand could have done stays;
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,10 +18,10 @@ from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.recording import FINGER_ARM, PALM_ARM, Recording, change, turn
 
 Vectors = Callable[[IntArray, IntArray], FloatArray]
+"""Vectors between the samples of two arrays of indices, shape (N, C)."""
 
 
-@dataclass(frozen=True)
-class Kind:
+class Kind(NamedTuple):
     """Limits of a hand's motion in one kind of coordinate."""
 
     key: str  # field of a `Recording` that holds it; of joints, "angles"
@@ -63,42 +63,57 @@ def clean_glitches(recording: Recording) -> Recording:
 
     Raises TrajectoryError for jumps all over: the rows are no motion.
     """
-    _refuse_disorder(recording)
+    if recording.sample_count >= 8:
+        # Medians: a few spikes are no disorder.
+        one, two = (float(np.median(way)) for way in _ways(recording))
+        if one > DISORDER_FLOOR and one > MOST_DISORDER * two:
+            reason = f"neighbouring samples are as far apart ({1e3 * one:.0f} mm) as others"
+            raise TrajectoryError(f"{reason}: the rows are no motion; are they out of order?")
     for kind in (POSITION, ORIENTATION, JOINT):
         recording = _without_outliers(recording, kind)
     return _suspects(_frozen(recording))
 
 
-def _refuse_disorder(recording: Recording) -> None:
-    if recording.sample_count < 8:
-        return
+def _ways(recording: Recording) -> tuple[FloatArray, FloatArray]:
+    """Compute the distances of samples from the next ones, and from those after them [m]."""
     index = np.arange(recording.sample_count)
-    # Medians: a few spikes are no disorder.
-    one = float(np.median(change(recording, index[:-1], index[1:])))
-    two = float(np.median(change(recording, index[:-2], index[2:])))
-    if one > DISORDER_FLOOR and one > MOST_DISORDER * two:
-        apart = f"neighbouring samples are as far apart ({1e3 * one:.0f} mm) as others"
-        raise TrajectoryError(f"{apart}: the rows are no motion; are they out of order?")
+    return change(recording, index[:-1], index[1:]), change(recording, index[:-2], index[2:])
 
 
 def _without_outliers(recording: Recording, kind: Kind) -> Recording:
-    values = getattr(recording, kind.key)
+    values, time, total = getattr(recording, kind.key), recording.time, recording.sample_count
     # The palm's coordinates are one vector, every joint moves by itself.
     width = 1 if kind is JOINT else values.shape[1]
-    bad, jump, worst = np.zeros(values.shape, dtype=bool), np.zeros(len(values), dtype=bool), 0.0
+    bad, jump, worst = np.zeros(values.shape, dtype=bool), np.zeros(total, dtype=bool), 0.0
     for first in range(0, values.shape[1], width):
         part = values[:, first : first + width]
         valid = np.isfinite(part).all(axis=1)
         if kind is ORIENTATION:
             valid &= np.linalg.norm(np.nan_to_num(part), axis=1) > 0.0
-        vector = partial(_way, part, kind)
-        outliers, jumps, most = impossible(recording.time, np.flatnonzero(valid), vector, kind)
-        bad[:, first : first + width] = outliers[:, None]
-        jump |= jumps
-        worst = max(worst, most)
-    clean = np.where(bad, np.nan, values)
-    changed = recording.with_angles(clean) if kind is JOINT else recording.changed(**{kind.key: clean})
-    return _judged(recording, kind, np.asarray(bad.any(axis=1)), jump, worst, changed)
+        index, out, vector = np.flatnonzero(valid), np.zeros(total, dtype=bool), partial(_way, part, kind)
+        if index.size >= 3:
+            fast = np.linalg.norm(vector(index[:-1], index[1:]), axis=1)
+            fast = fast > kind.noise + kind.speed * np.diff(time[index])
+            if fast.any():
+                worst = max(worst, _mark_runs(time, index, vector, kind, fast, out, jump))
+            index = index[~out[index]]
+            if index.size >= 3:
+                worst = max(worst, _mark_spikes(time, index, vector, kind, out))
+        bad[:, first : first + width] = out[:, None]
+    outliers = np.asarray(bad.any(axis=1))
+    found = int((outliers | jump).sum())
+    if found > MOST_JUMPS * total + 3:
+        raise TrajectoryError(
+            f"the {kind.name} jumps at {found} of {total} samples, faster than {kind.speed:g} {kind.unit}/s: no hand "
+            "moves so; are the rows out of order, or the stamps wrong?"
+        )
+    if outliers.any():
+        clean = np.where(bad, np.nan, values)
+        recording = recording.with_angles(clean) if kind is JOINT else recording.changed(**{kind.key: clean})
+    text = f"{kind.name} off by up to {_amount(worst, kind.unit)}, which no hand does: interpolated"
+    recording = recording.flagged(outliers, kind.outlier, text)
+    text = f"{kind.name} jumps faster than {kind.speed:g} {kind.unit}/s and stays there: left as it is"
+    return recording.flagged(jump, SampleFlag.JUMP, text)
 
 
 def _way(values: FloatArray, kind: Kind, a: IntArray, b: IntArray) -> FloatArray:
@@ -106,30 +121,10 @@ def _way(values: FloatArray, kind: Kind, a: IntArray, b: IntArray) -> FloatArray
     return turn(values[a], values[b]) if kind is ORIENTATION else np.asarray(values[b] - values[a])
 
 
-def impossible(time: FloatArray, index: IntArray, vector: Vectors, kind: Kind) -> tuple[BoolArray, BoolArray, float]:
-    """Return masks of outliers and of samples after a jump, and the largest deviation of an outlier.
-
-    The stamps [s], shape (T,), increase; the samples of `index` have a value; `vector` gives the vectors (N, C) between
-    those of two arrays of indices.
-    """
-    bad, jump = np.zeros(time.shape[0], dtype=bool), np.zeros(time.shape[0], dtype=bool)
-    worst = 0.0
-    if index.size < 3:
-        return bad, jump, worst
-    step = np.linalg.norm(vector(index[:-1], index[1:]), axis=1)
-    fast = step > kind.noise + kind.speed * np.diff(time[index])
-    if fast.any():
-        worst = _runs(time, index, vector, kind, fast, bad, jump)
-    index = index[~bad[index]]
-    if index.size >= 3:
-        worst = max(worst, _spikes(time, index, vector, kind, bad))
-    return bad, jump, worst
-
-
-def _runs(
+def _mark_runs(
     time: FloatArray, index: IntArray, vector: Vectors, kind: Kind, fast: BoolArray, bad: BoolArray, jump: BoolArray
 ) -> float:
-    """Mark runs that the main motion cannot reach, or jumps where they are too long to be outliers."""
+    """Mark runs that the main motion cannot reach, or jumps where they are too long; return the largest deviation."""
     edges = [0, *(np.flatnonzero(fast) + 1).tolist(), index.size]
     runs = [index[a:b] for a, b in pairwise(edges)]
     longest = int(np.argmax([run.size for run in runs]))
@@ -151,8 +146,8 @@ def _runs(
     return worst
 
 
-def _spikes(time: FloatArray, index: IntArray, vector: Vectors, kind: Kind, bad: BoolArray) -> float:
-    """Mark single samples that no force could have moved there and back."""
+def _mark_spikes(time: FloatArray, index: IntArray, vector: Vectors, kind: Kind, bad: BoolArray) -> float:
+    """Mark single samples that no force could have moved there and back; return the largest deviation."""
     a, b, c = index[:-2], index[1:-1], index[2:]
     before, after = time[b] - time[a], time[c] - time[b]
     over = vector(a, c)
@@ -165,44 +160,28 @@ def _spikes(time: FloatArray, index: IntArray, vector: Vectors, kind: Kind, bad:
     return float(off[spike].max(initial=0.0))
 
 
-def _judged(given: Recording, kind: Kind, bad: BoolArray, jump: BoolArray, worst: float, clean: Recording) -> Recording:
-    """Return `clean`, which lacks what is bad, or the given recording if nothing is; flag what was found."""
-    total = given.sample_count
-    if (bad | jump).sum() > MOST_JUMPS * total + 3:
-        raise TrajectoryError(
-            f"the {kind.name} jumps at {int((bad | jump).sum())} of {total} samples, faster than {kind.speed:g} "
-            f"{kind.unit}/s: no hand moves so; are the rows out of order, or the stamps wrong?"
-        )
-    text = f"{kind.name} off by up to {_amount(worst, kind.unit)}, which no hand does: interpolated"
-    recording = clean.flagged(bad, kind.outlier, text) if bad.any() else given
-    text = f"{kind.name} jumps faster than {kind.speed:g} {kind.unit}/s and stays there: left as it is"
-    return recording.flagged(jump, SampleFlag.JUMP, text)
-
-
 def _frozen(recording: Recording) -> Recording:
-    count = recording.sample_count
     rows = np.concatenate([recording.position, recording.orientation, recording.angles], axis=1)
     same = (rows[1:] == rows[:-1]).all(axis=1)
-    if same.all():
-        return recording
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int8), [0]])))
-    frozen = np.zeros(count, dtype=bool)
-    for first, last in edges.reshape(-1, 2):
-        if last - first + 1 >= FROZEN_RUN:
-            frozen[first : last + 1] = True
+    frozen = np.zeros(len(rows), dtype=bool)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int8), [0]]))).reshape(-1, 2)
+    for first, last in [] if same.all() else edges.tolist():
+        frozen[first : last + 1] |= last - first + 1 >= FROZEN_RUN
     text = "the same numbers over and over: the tracker may have lost the hand; left as they are"
     return recording.flagged(frozen, SampleFlag.FROZEN, text)
 
 
 def _suspects(recording: Recording) -> Recording:
-    """Flag samples that a hand could do, but that differ from their neighbours."""
+    """Flag samples that a hand could do, but that differ from their neighbours, or stand in no order."""
     count = recording.sample_count
     if count < 2 * WINDOW + 2:
         return recording
     off = np.zeros(count)
     off[1:-1] = bend(recording)
     suspect = (off > SUSPECT_FLOOR) & (off > SUSPECT_RATIO * _usual(off))
-    suspect |= _local_disorder(recording)
+    one, two = _ways(recording)
+    ways, wide = (np.convolve(way, np.ones(2 * WINDOW), "same") / (2 * WINDOW) for way in (one[:-1], two))
+    suspect[1:-1] |= (ways > SUSPECT_FLOOR) & (ways > MOST_DISORDER * wide)
     most = _amount(off[suspect].max(initial=0.0), "m")
     text = f"out of line with the samples around by up to {most} of a fingertip: left"
     return recording.flagged(suspect, SampleFlag.SUSPECT, text)
@@ -239,27 +218,14 @@ def _usual(off: FloatArray) -> FloatArray:
 
 def bend(recording: Recording) -> FloatArray:
     """Compute the distance of each sample but the ends from the chord of its neighbours [m of a fingertip]."""
-    time, count = recording.time, recording.sample_count
+    time, q = recording.time, recording.orientation
     share = ((time[1:-1] - time[:-2]) / (time[2:] - time[:-2]))[:, None]
-    angles = FINGER_ARM * recording.angles
-    square = np.zeros(count - 2)
-    for values in (recording.position, angles):
-        off = values[1:-1] - values[:-2] - share * (values[2:] - values[:-2])
-        square += np.nansum(off * off, axis=1)
-    q = recording.orientation
-    off = PALM_ARM * (turn(q[:-2], q[1:-1]) - share * turn(q[:-2], q[2:]))
-    return np.asarray(np.sqrt(square + np.nansum(off * off, axis=1)))
-
-
-def _local_disorder(recording: Recording) -> BoolArray:
-    """Return a mask of windows of samples in no order."""
-    index = np.arange(recording.sample_count)
-    one = change(recording, index[:-1], index[1:])
-    two = change(recording, index[:-2], index[2:])
-    ways, wide = (np.convolve(way, np.ones(2 * WINDOW), "same") / (2 * WINDOW) for way in (one[:-1], two))
-    found = np.zeros(recording.sample_count, dtype=bool)
-    found[1:-1] = (ways > SUSPECT_FLOOR) & (ways > MOST_DISORDER * wide)
-    return found
+    parts = [
+        values[1:-1] - values[:-2] - share * (values[2:] - values[:-2])
+        for values in (recording.position, FINGER_ARM * recording.angles)
+    ]
+    parts.append(PALM_ARM * (turn(q[:-2], q[1:-1]) - share * turn(q[:-2], q[2:])))
+    return np.asarray(np.sqrt(sum(np.nansum(off * off, axis=1) for off in parts)))
 
 
 def _amount(value: float, unit: str) -> str:

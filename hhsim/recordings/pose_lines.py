@@ -21,13 +21,13 @@ from hhsim.motion.text_edit import NumberEdit
 from hhsim.motion.trajectory import HandSide, ObjectMotion
 from hhsim.recordings.correction import ANGLE_DIGITS, Changes
 from hhsim.recordings.json_document import PlacedJson, keys_of, number, objects
+from hhsim.recordings.object_poses import OBJECT_UID
 from hhsim.recordings.recording import Finding, frames_with_hand, note, unused
 from hhsim.system.input_file import read_input_text
 
 HANDS: dict[str, HandSide] = {"0": "left", "1": "right"}
 MOST_NUMBERS = 256
 OBJECTS = "dynamic_objects.csv"
-OBJECT_UID = "object_uid"
 OBJECT_COLUMNS = ("timestamp[ns]", *(f"t_wo_{axis}[m]" for axis in "xyz"), *(f"q_wo_{part}" for part in "wxyz"))
 SAME_MOMENT = 1e6
 """Largest time between stamps of one moment, of two cameras [ns]."""
@@ -58,7 +58,11 @@ def read_pose_lines(document: Any, key: str, wanted: HandSide) -> PoseLines:
     The document is as of `read_json`. Raises TrajectoryError for other content, or no such hand in it.
     """
     lines = list(objects(document if isinstance(document, list) else [document]))
-    frames = [_hands(line.get("hand_poses"), key) for line in lines]
+    frames: list[dict[HandSide, dict[str, Any]]] = []
+    for line in lines:
+        poses = line["hand_poses"] if isinstance(line.get("hand_poses"), dict) else {}
+        given = {side: pose for index, side in HANDS.items() if isinstance(pose := poses.get(index), dict)}
+        frames.append({side: pose for side, pose in given.items() if isinstance(pose.get(key), list)})
     if not any(frames):
         raise TrajectoryError(f"no hand_poses with {key} in JSON that is {keys_of(document)}")
     side, shown, findings = frames_with_hand(frames, wanted)
@@ -109,22 +113,13 @@ def pose_line_edits(
     entry = {row: k for k, row in enumerate(made.rows.tolist())}
     shown = [(entry[row], pose) for sample, pose in lines.shown if (row := lines.rows[sample]) in entry]
     wrists = [pose["wrist_xform"] if isinstance(pose.get("wrist_xform"), dict) else {} for _, pose in shown]
-    given = [
-        _rows([wrist.get("q_wxyz") for wrist in wrists], 4),
-        _rows([wrist.get("t_xyz") for wrist in wrists], 3),
-        _rows([pose[key] for _, pose in shown], lines.numbers.shape[1]),
-    ]
-    turns, places, numbers = corrected(given[0], given[1], given[2], made.at([k for k, _ in shown]))
+    turns, places = (_rows([wrist.get(name) for wrist in wrists], n) for name, n in (("q_wxyz", 4), ("t_xyz", 3)))
+    numbers = _rows([pose[key] for _, pose in shown], lines.numbers.shape[1])
+    turns, places, numbers = corrected(turns, places, numbers, made.at([k for k, _ in shown]))
     for k, (wrist, (_, pose)) in enumerate(zip(wrists, shown)):
         yield from placed.edits(wrist.get("q_wxyz"), turns[k], ANGLE_DIGITS)
         yield from placed.edits(wrist.get("t_xyz"), places[k], made.digits)
         yield from placed.edits(pose[key], numbers[k], ANGLE_DIGITS)
-
-
-def _hands(poses: Any, key: str) -> dict[HandSide, dict[str, Any]]:
-    """Return the poses of a line that have numbers under the key."""
-    given = {side: poses.get(index) for index, side in HANDS.items()} if isinstance(poses, dict) else {}
-    return {side: pose for side, pose in given.items() if isinstance(pose, dict) and isinstance(pose.get(key), list)}
 
 
 def _rows(values: list[Any], width: int) -> FloatArray:

@@ -25,12 +25,9 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_vector
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import Checksums, HandSide, ObjectMotion, Phase, RawChannel, as_numbers
-from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles
+from hhsim.recordings.finger_ik import RecordedBones, finger_angles, palm_from_knuckles
 from hhsim.recordings.frames import FileFrame, in_palm
-from hhsim.recordings.joint_names import joint_name
-from hhsim.recordings.recorded_bones import RecordedBones
-from hhsim.recordings.stated_fields import kind_of
-from hhsim.recordings.stated_validity import VALIDITY_WORDS
+from hhsim.recordings.joint_names import VALIDITY_WORDS, joint_name, kind_of
 from hhsim.system.counted import counted
 
 MOST_SAMPLES = 10_000_000
@@ -47,22 +44,8 @@ UNUSED_POSE = "unused pose"
 """Kind of the finding that names what looks like the pose of an object and is not used."""
 POSE_WORDS = ("pos", "rot", "quat", "trans", "orient", "matri")
 """Beginnings of words for a pose or a part of one."""
-OF_OTHERS = (
-    "cam",
-    "hand",
-    "wrist",
-    "palm",
-    "head",
-    "root",
-    "mano",
-    "body",
-    "view",
-    "proj",
-    "intr",
-    "extr",
-    "left",
-    "right",
-)
+OF_OTHERS = ("cam", "hand", "wrist", "palm", "head", "root", "mano", "body", "view", "proj", "intr", "extr", "left",
+             "right")  # fmt: skip
 """Beginnings of words for what else has a pose."""
 SIDES: tuple[HandSide, HandSide] = ("right", "left")
 OTHER: dict[HandSide, HandSide] = {"right": "left", "left": "right", "": ""}
@@ -108,15 +91,18 @@ def unused(held: Mapping[str, Any], used: Collection[str | None] = ()) -> list[F
     left = [name for name in held if name not in used and not kind_of(name)]
     # What states that a reading is not one comes first.
     left.sort(key=lambda name: joint_name(name).part not in VALIDITY_WORDS)
-    poses = [name for name in left if looks_like_pose(name, np.shape(held[name]))]
-    others = [name for name in left if name not in poses]
-    said = ("note", "not used", others), (UNUSED_POSE, "not used, though it looks like the pose of an object", poses)
-    found = []
-    for kind, what, some in said:
-        names = [f"{name} {shape}" if (shape := np.shape(held[name])) else name for name in some]
-        more = f" and {len(names) - SHOWN_NAMES} more" if len(names) > SHOWN_NAMES else ""
-        found += [Finding(kind, f"{what}: {', '.join(names[:SHOWN_NAMES])}{more}")] if names else []
-    return found
+    told: dict[str, list[str]] = {"note": [], UNUSED_POSE: []}
+    for name in left:
+        shape = np.shape(held[name])
+        kind = UNUSED_POSE if looks_like_pose(name, shape) else "note"
+        told[kind].append(f"{name} {shape}" if shape else name)
+    what = {"note": "not used", UNUSED_POSE: "not used, though it looks like the pose of an object"}
+    more = {kind: f" and {n - SHOWN_NAMES} more" for kind, names in told.items() if (n := len(names)) > SHOWN_NAMES}
+    return [
+        Finding(kind, f"{what[kind]}: {', '.join(names[:SHOWN_NAMES])}{more.get(kind, '')}")
+        for kind, names in told.items()
+        if names
+    ]
 
 
 def unused_poses(recording: "Recording") -> tuple[str, ...]:
@@ -132,10 +118,9 @@ def looks_like_pose(name: str, shape: tuple[int, ...]) -> bool:
     says_pose = any(word.startswith(POSE_WORDS) for word in words)
     if any(word.startswith("obj") for word in words):
         return says_pose and (not shape or shape[-1] in (3, 4, 6, 7, 9, 12, 16))
-    is_pose = not {shape, shape[1:]}.isdisjoint(((4, 4), (3, 4))) or (
-        says_pose and shape[1:] == (7,) and words[1:] != []
-    )
-    return is_pose and not any(word.startswith(OF_OTHERS) for word in words)
+    is_matrix = not {shape, shape[1:]}.isdisjoint(((4, 4), (3, 4)))
+    is_row = says_pose and shape[1:] == (7,) and len(words) > 1
+    return (is_matrix or is_row) and not any(word.startswith(OF_OTHERS) for word in words)
 
 
 def readings(key: str, given: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
@@ -195,6 +180,7 @@ class Recording:
         if count > MOST_SAMPLES:
             raise TrajectoryError(f"{count:,} samples; expected at most {MOST_SAMPLES:,}")
         tails = {"time": (), "position": (3,), "orientation": (4,), "flexion": (5, 3), "abduction": (5,)}
+        tails |= {} if self.joints is None else {"joints": (21, 3)}
         for key, tail in tails.items():
             object.__setattr__(self, key, readings(key, getattr(self, key), (count, *tail)))
         if self.object_motion is not None:
@@ -204,8 +190,6 @@ class Recording:
         for channel in self.raw:
             if np.ndim(channel.values) == 0 or len(channel.values) != count:
                 raise TrajectoryError(f"raw channel '{channel.name}' has not {counted(count, 'row')}, one a stamp")
-        if self.joints is not None:
-            object.__setattr__(self, "joints", readings("joints", self.joints, (count, 21, 3)))
         rows = self.rows if len(self.rows) else np.arange(count)
         object.__setattr__(self, "rows", np.asarray(rows, dtype=np.int64))
         flags = np.array(self.flags, dtype=np.uint32) if len(self.flags) else np.zeros(count, dtype=np.uint32)
@@ -221,8 +205,7 @@ class Recording:
     def chosen(self, index: AnyArray) -> Self:
         """Return the samples of these indices (or of a mask), in this order."""
         samples = {key: getattr(self, key)[index] for key in ("time", *MOTION, "flags", "rows")}
-        if self.joints is not None:
-            samples["joints"] = self.joints[index]
+        samples |= {} if self.joints is None else {"joints": self.joints[index]}
         raw = tuple(replace(channel, values=channel.values[index]) for channel in self.raw)
         return replace(self, **samples, raw=raw, object_motion=self.object_motion and self.object_motion.at(index))
 
@@ -302,16 +285,7 @@ def change(recording: Recording, first: IntArray, second: IntArray) -> FloatArra
         FINGER_ARM * (recording.flexion[second] - recording.flexion[first]).reshape(len(first), -1),
         FINGER_ARM * (recording.abduction[second] - recording.abduction[first]),
     ]
-    square = sum(np.nansum(part * part, axis=1) for part in parts)
-    return np.asarray(np.sqrt(square))
-
-
-def deviation(recording: Recording, sample: int, neighbours: tuple[int, ...]) -> float:
-    """Compute the distance of a sample from the nearest of the given neighbours [m]; 0 without any."""
-    if not neighbours:
-        return 0.0
-    others = np.array(neighbours, dtype=np.int64)
-    return float(change(recording, others, np.full(others.shape, sample)).min())
+    return np.asarray(np.sqrt(sum(np.nansum(part * part, axis=1) for part in parts)))
 
 
 def chosen_side(samples: Mapping[HandSide, int], wanted: HandSide) -> tuple[HandSide, list[Finding]]:
@@ -347,13 +321,7 @@ def frames_with_hand(
 
 
 def known_side(
-    points: FloatArray,
-    hand: HandSide,
-    findings: list[Finding],
-    mirror: str | None = None,
-    *,
-    structural: bool = False,
-    misfit: str = "",
+    points: FloatArray, hand: HandSide, findings: list[Finding], mirror: str | None, structural: bool, misfit: str = ""
 ) -> HandSide:
     """Return the side of the hand, as named or by the bend of its fingers; add what is doubtful to `findings`.
 
@@ -365,10 +333,9 @@ def known_side(
     if not hand:
         if not side:
             raise TrajectoryError("the file names no hand, and its fingers are too straight to tell: say --hand")
-        unless = (
-            "" if mirror or misfit else f", a {OTHER[side]} one in left-handed coordinates, as Unity's: --mirror x|y|z"
-        )
-        text = f"the file does not say which hand it is: a {side} one by the bend of its fingers{unless}"
+        text = f"the file does not say which hand it is: a {side} one by the bend of its fingers"
+        if not mirror and not misfit:
+            text += f", a {OTHER[side]} one in left-handed coordinates, as Unity's: --mirror x|y|z"
         findings.append(note(f"{text}; else say --hand"))
         return side
     bend = _bend(points, hand)
@@ -379,9 +346,9 @@ def known_side(
         remedy = misfit or f"{way}, {other} if it is the {side} hand"
         bent = f"its fingers bend as a {side} one's, by {np.degrees(-bend):.0f}° on average"
         raise TrajectoryError(f"named a {hand} hand, but {bent}: {remedy}")
-    if bend < -LEAST_BEND or looks_as(points) not in ("", hand):
-        bent = f"fingers bend backwards by {np.degrees(-bend):.0f}° on average"
-        wrong = bent if bend < -LEAST_BEND else "thumb is behind its palm"
+    bent = f"fingers bend backwards by {np.degrees(-bend):.0f}° on average" if bend < -LEAST_BEND else ""
+    if bent or looks_as(points) not in ("", hand):
+        wrong = bent or "thumb is behind its palm"
         findings.append(note(f"as a {hand} hand its {wrong}: is it the other hand, or mirrored?"))
     return hand
 
@@ -414,18 +381,13 @@ def in_right_handed_world(points: FloatArray, hand: HandSide, findings: list[Fin
     seen = looks_as(points)
     if not hand or seen == hand:
         return points
-    if seen:
-        text = (
-            f"the {hand} hand of the file is the mirror of one: its coordinates are left-handed, as Unity's, and z is "
-            "turned round; if it is the other hand, say --other-hand"
-        )
-    else:
-        text = (
-            "its fingers are too straight, and its thumb too level with them, to tell whether its coordinates are "
-            "left-handed, as Unity's: taken for right-handed"
-        )
-    findings.append(note(text))
-    return np.asarray(points * UNITY) if seen else points
+    if not seen:
+        text = "its fingers are too straight, and its thumb too level with them, to tell whether its coordinates are"
+        findings.append(note(f"{text} left-handed, as Unity's: taken for right-handed"))
+        return points
+    text = f"the {hand} hand of the file is the mirror of one: its coordinates are left-handed, as Unity's, and z is"
+    findings.append(note(f"{text} turned round; if it is the other hand, say --other-hand"))
+    return np.asarray(points * UNITY)
 
 
 def _bend(points: FloatArray, side: HandSide) -> float:

@@ -24,9 +24,9 @@ from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.correction import Correction
 from hhsim.recordings.dexmo_regression import DexmoRegression, Poses
 from hhsim.recordings.frames import FileFrame, axes_matrix
+from hhsim.recordings.joint_names import StatedFields, kind_of
 from hhsim.recordings.json_document import nested, read_json
 from hhsim.recordings.recording import Finding, HandMotion, Recording, chosen_side, note
-from hhsim.recordings.stated_fields import StatedFields, kind_of
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import media_kind, open_input, read_input
 
@@ -249,10 +249,9 @@ class Content:
     def exact_text(self) -> str:
         """Its text with every byte, in lines as those of `text`; TrajectoryError if it cannot be written back."""
         try:
-            text = self.data.decode(*_exact_encoding(self.data))
+            return self.data.decode(*_exact_encoding(self.data))
         except UnicodeDecodeError:
             raise TrajectoryError("text of UTF-16 with a damaged letter: it cannot be written back") from None
-        return text
 
     def edited(self, edits: Iterable[NumberEdit], decimal: str = ".") -> bytes:
         """Return its bytes with numbers of `exact_text` replaced."""
@@ -432,10 +431,10 @@ def format_of(content: Content, options: ReadOptions) -> RecordingFormat:
         raise TrajectoryError(f"{media}; expected a recording of one of {', '.join(formats)}")
     if reason := why_not_read(content.head):
         raise TrajectoryError(reason)
-    form = next((form for form in formats.values() if form.sniff(content, options)), None)
-    if form is None:
-        raise TrajectoryError(f"neither text nor a known format; expected one of {', '.join(formats)}")
-    return form
+    for form in formats.values():
+        if form.sniff(content, options):
+            return form
+    raise TrajectoryError(f"neither text nor a known format; expected one of {', '.join(formats)}")
 
 
 NEW_SUFFIXES = (".npz", ".csv")
@@ -481,46 +480,31 @@ def write_recording(
     corrected one [m]; None for a recording of angles, or a new file. Raises OutputError as `check_target`, or for no
     permission; InputError, in one line that begins with the path, for a correction that the file cannot hold.
     """
-    source, target = Path(path), Path(out)
+    source, target, frame = Path(path), Path(out), recording.file_frame
     check_target(source, recording, target)
     if not is_written_back(recording):
-        write_atomically(target, _new_file(target.suffix.lower(), recording, correction))
+        suffix, joints = target.suffix.lower(), _axes(recording).to_file(correction.joints)
+        # The stamps of a new file are those of the old one.
+        motion = HandMotion(recording.time + recording.first_stamp, joints, correction.posture, recording.hand)
+        form = "keypoints" if recording.joints is not None else suffix[1:]
+        write_atomically(target, exported(form, suffix, motion))
         return None
     with named(source):
         content = Content.of_recording(source)
-        form = format_of(content, options)
+        kind, off = format_of(content, options), None
         data = content.packed or content.data
         if correction.changed.any():
-            assert form.write is not None
-            data = content.packed_with(form.write(content, options, recording, correction))
-        again = replace(options, fits_angles=recording.joints is None)
-        off = _distance_read_back(form, Content.of_recording(source, data), again, recording, correction)
+            assert kind.write is not None
+            data = content.packed_with(kind.write(content, options, recording, correction))
+        if recording.joints is not None:
+            again = kind.read(Content.of_recording(source, data), replace(options, fits_angles=False))
+            assert again.joints is not None
+            place = {row: k for k, row in enumerate(again.rows.tolist())}
+            found = again.file_frame.to_file(again.joints[[place[row] for row in recording.rows.tolist()]])
+            apart = frame.metre * np.linalg.norm(found - frame.to_file(correction.joints), axis=2)
+            off = float(apart[np.isfinite(apart)].max(initial=0.0))
     write_atomically(target, data)
     return off
-
-
-def _distance_read_back(
-    form: RecordingFormat, content: Content, options: ReadOptions, recording: Recording, correction: Correction
-) -> float | None:
-    if recording.joints is None:
-        return None
-    again = form.read(content, options)
-    if again.joints is None:
-        return None
-    place = {row: k for k, row in enumerate(again.rows.tolist())}
-    found = again.file_frame.to_file(again.joints[[place[row] for row in recording.rows.tolist()]])
-    frame = recording.file_frame
-    off = frame.metre * np.linalg.norm(found - frame.to_file(correction.joints), axis=2)
-    return float(off[np.isfinite(off)].max(initial=0.0))
-
-
-def _new_file(suffix: str, recording: Recording, correction: Correction) -> bytes:
-    """Return a new file of a corrected recording, whose stamps [s] are those of its file."""
-    axes = _axes(recording)
-    motion = HandMotion(
-        recording.time + recording.first_stamp, axes.to_file(correction.joints), correction.posture, recording.hand
-    )
-    return exported("keypoints" if recording.joints is not None else suffix[1:], suffix, motion)
 
 
 def read_new_file(path: Path, recording: Recording) -> Recording:
@@ -541,10 +525,10 @@ def _axes(recording: Recording) -> FileFrame:
 
 def exported(form: str, suffix: str, motion: HandMotion) -> bytes:
     """Return the content of a new file of a format; InputError if none is made, or for another suffix."""
-    formats = {name: each for name, each in recording_formats().items() if each.make is not None}
-    if form not in formats:
-        raise UnknownNameError("format", form, formats)
-    make, suffixes = formats[form].make, formats[form].made
-    if make is None or suffix.lower() not in suffixes:
+    makers = {name: (each.make, each.made) for name, each in recording_formats().items() if each.make is not None}
+    if form not in makers:
+        raise UnknownNameError("format", form, makers)
+    make, suffixes = makers[form]
+    if suffix.lower() not in suffixes:
         raise InputError(f"a file of format {form} does not end in '{suffix}'; expected {' or '.join(suffixes)}")
     return make(suffix.lower(), motion)

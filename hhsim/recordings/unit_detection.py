@@ -78,7 +78,12 @@ def clean_units(recording: Recording) -> Recording:
 
 def in_seconds(recording: Recording) -> Recording:
     """Convert stamps to s, from the first one if they count from long ago; TrajectoryError for a wrong unit."""
-    return _from_zero(_stamps(recording))
+    recording = _stamps(recording)
+    time = recording.time[np.isfinite(recording.time)]
+    if not time.size or float(np.median(time)) <= LATE:
+        return recording
+    found = note(f"stamps begin at {time[0]:.6f} s: they count from the first one now")
+    return _with_clock(recording, 1.0, -float(time[0])).found(found)
 
 
 def _stamps(recording: Recording) -> Recording:
@@ -98,21 +103,17 @@ def _stamps(recording: Recording) -> Recording:
     return _with_clock(_converted(recording, text), TIME_UNITS[fitting[0]])
 
 
-def _from_zero(recording: Recording) -> Recording:
-    time = recording.time[np.isfinite(recording.time)]
-    if not time.size or float(np.median(time)) <= LATE:
-        return recording
-    found = note(f"stamps begin at {time[0]:.6f} s: they count from the first one now")
-    return _with_clock(recording, 1.0, -float(time[0])).found(found)
-
-
 def _lengths(recording: Recording) -> Recording:
     place = recording.position[np.isfinite(recording.position).all(axis=1)]
     if not place.size:
         return recording
     distance = float(np.median(np.linalg.norm(place, axis=1)))
     sweep = float(np.linalg.norm(np.subtract(*np.percentile(place, (95.0, 5.0), axis=0))))
-    speed = _usual_speed(recording)
+    way, step = np.linalg.norm(np.diff(recording.position, axis=0), axis=1), np.diff(recording.time)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        speeds = (way / step)[(step > 0.0) & (way > 0.0)]
+    # A hand rests at times, a unit never does: the faster half decides.
+    speed = float(np.percentile(speeds, 75.0)) if speeds.size else 0.0
     if distance <= FAR and speed <= FAST:
         return recording
     by_hand = sweep <= FAR and speed <= FAST
@@ -139,50 +140,35 @@ def near_origin(*recordings: Recording) -> tuple[Recording, ...]:
     return tuple(each.shifted(-middle).found(note(text)) for each in recordings)
 
 
-def _usual_speed(recording: Recording) -> float:
-    """Return the upper quartile of the palm's speed [m/s] where it moves; 0 without any motion."""
-    way = np.linalg.norm(np.diff(recording.position, axis=0), axis=1)
-    step = np.diff(recording.time)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        speed = (way / step)[(step > 0.0) & (way > 0.0)]
-    # A hand rests at times, a unit never does: the faster half decides.
-    return float(np.percentile(speed, 75.0)) if speed.size else 0.0
-
-
 def _angles(recording: Recording) -> Recording:
-    angles = recording.angles
+    angles, stated = recording.angles, "angle" in recording.stated
+    if not angles.size:
+        return recording
     beyond = np.abs(angles) > JOINT_LIMIT
-    share = float(beyond.any(axis=1).mean()) if beyond.size else 0.0
+    share = float(beyond.any(axis=1).mean())
     if share <= FEW:
-        _refuse_few_degrees(recording)
+        # As degrees within ±200°, as radians maybe beyond what a hand bends.
+        sizes = usual_fingers()
+        least, most = (
+            np.concatenate([sizes[f"flexion_{end}"].ravel(), sizes[f"abduction_{end}"]]) for end in ("min", "max")
+        )
+        open_joints = (np.maximum(least - angles, angles - most) > SLACK).sum(axis=1)
+        share = float((open_joints >= JOINTS_BEYOND).mean())
+        if share > MANY and not stated:
+            raise TrajectoryError(
+                f"joint angles reach {np.nanmax(np.abs(angles)):.3g}: as radians, {JOINTS_BEYOND} or more are over "
+                f"{np.degrees(SLACK):.0f}° beyond a hand's range in {100.0 * share:.0f} % of the samples; say "
+                "--angle-unit deg, or --angle-unit rad if that is what they are"
+            )
         return recording
     worst = float(np.nanmax(np.abs(angles)))
     reason = f"joint angles reach {worst:.4g} rad, beyond what a joint can do in {100.0 * share:.0f} % of the samples"
-    if "angle" in recording.stated:
+    if stated:
         raise TrajectoryError(f"{reason}: are they in another unit than the one stated? {_corrected('angle')}")
     if share <= MANY:
         raise TrajectoryError(f"{reason}; expected [rad]: are they in degrees? Say --angle-unit")
     converted = _converted(recording, f"{reason}: taken for degrees; if they are not, say --angle-unit")
     return converted.with_angles(angles * ANGLE_UNITS["deg"])
-
-
-def _refuse_few_degrees(recording: Recording) -> None:
-    """Refuse angles that as degrees are within ±200° and as radians are beyond what a hand bends."""
-    if "angle" in recording.stated:
-        return
-    sizes = usual_fingers()
-    least, most = (
-        np.concatenate([sizes[f"flexion_{end}"].ravel(), sizes[f"abduction_{end}"]]) for end in ("min", "max")
-    )
-    angles = recording.angles
-    beyond = np.maximum(least - angles, angles - most) > SLACK
-    share = float((beyond.sum(axis=1) >= JOINTS_BEYOND).mean()) if beyond.size else 0.0
-    if share > MANY:
-        raise TrajectoryError(
-            f"joint angles reach {float(np.nanmax(np.abs(angles))):.3g}: as radians, {JOINTS_BEYOND} or more are over "
-            f"{np.degrees(SLACK):.0f}° beyond a hand's range in {100.0 * share:.0f} % of the samples; say "
-            "--angle-unit deg, or --angle-unit rad if that is what they are"
-        )
 
 
 def _corrected(key: str) -> str:
@@ -241,11 +227,8 @@ class TimeColumn(NamedTuple):
         """Return the stamps in the unit, of columns whose numbers are given by their names, shape (T,)."""
         if not self.fraction:
             return numbers(self.name)
-        seconds, fraction, second = (
-            numbers(self.name),
-            numbers(self.fraction),
-            round(1.0 / TIME_UNITS[self.unit or "ns"]),
-        )
+        seconds, fraction = numbers(self.name), numbers(self.fraction)
+        second = round(1.0 / TIME_UNITS[self.unit or "ns"])
         known = np.isfinite(seconds) & np.isfinite(fraction)
         is_part = ((fraction >= 0.0) & (fraction < second) & (seconds == np.round(seconds)))[known].all()
         # Otherwise it is the same stamp in another unit.

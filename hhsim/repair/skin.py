@@ -21,8 +21,8 @@ from hhsim.mesh.mesh import require_usable_arrays
 from hhsim.motion.npz_arrays import numbers, read_npz
 from hhsim.motion.trajectory import check_finite
 from hhsim.recordings.correction import BONES, Correction, moved_joints
+from hhsim.recordings.formats.mano import KEYPOINT_JOINTS, ManoModel
 from hhsim.recordings.frames import FileFrame
-from hhsim.recordings.mano_model import KEYPOINT_JOINTS, ManoModel
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import Content
 from hhsim.system.counted import counted

@@ -13,7 +13,7 @@ from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.motion.trajectory import ObjectMotion, Phase, RawChannel
-from hhsim.recordings.cleaning import CleanedRecording, CleaningOptions, clean_recording, default_limits
+from hhsim.recordings.cleaning import CleanedRecording, CleaningOptions, clean_recording
 from hhsim.recordings.formats.hhsim import recording_of
 from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording, turn
@@ -321,7 +321,7 @@ def test_joints_stay_within_the_hand() -> None:
     flexion[30:40, 1, 0] = np.linspace(1.2, 2.6, 10)
     flexion[40:50, 1, 0] = np.linspace(2.6, flexion[50, 1, 0], 10)
     repaired = clean_recording(changed(flexion=flexion))
-    limits = default_limits()
+    limits = HAND
     assert flagged(repaired, SampleFlag.LIMITED) and "index_flex1" in repaired.findings[-1].text
     assert (repaired.trajectory.flexion <= limits.flexion_max).all()
     kept = clean_recording(changed(flexion=flexion), CleaningOptions(limits=None))

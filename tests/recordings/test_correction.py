@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from correction_samples import a_correction
 from joint_samples import joint_sample
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.recordings.correction import BONE_OF, BONES, changes, nearest_parameters
+from hhsim.recordings.correction import BONE_OF, BONES, changes
 from hhsim.recordings.frames import FileFrame, euler_angles
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 
@@ -41,31 +39,6 @@ def test_changes_are_those_of_the_world_in_the_coordinates_of_the_file() -> None
         turned = rotation_matrix(made.turned(name, np.tile([1.0, 0.0, 0.0, 0.0], (6, 1)))) @ vector
         world = correction.rotation[made.samples, BONE_OF[name]] @ frame.to_world(vector)
         assert np.allclose(frame.to_world(turned), world)
-
-
-@pytest.mark.parametrize("start", [0.0, 0.8])
-def test_nearest_parameters_are_those_of_another_solver(start: float) -> None:
-    random = np.random.default_rng(2)
-    ways = random.normal(0.0, 0.05, (63, 4))
-
-    def joints(parameters: FloatArray) -> FloatArray:
-        return np.asarray((np.sin(parameters) @ ways.T + 0.3 * parameters**2 @ ways[::-1].T).reshape(-1, 21, 3))
-
-    target = joints(random.normal(0.0, 0.4, (5, 4))) + random.normal(0.0, 0.002, (5, 21, 3))
-    target[3, 7, 1] = np.nan
-    first = np.full((5, 4), start)
-    found = nearest_parameters(joints, first, target)
-    assert np.array_equal(found[3], first[3])
-    for k in (0, 1, 2, 4):
-
-        def off(parameters: FloatArray, goal: FloatArray = target[k]) -> FloatArray:
-            return np.asarray((joints(parameters[None]) - goal).ravel())
-
-        oracle = least_squares(off, first[k], xtol=1e-12)
-        assert np.allclose(found[k], oracle.x, atol=1e-5)
-        # A sample alone comes to the same.
-        assert np.allclose(nearest_parameters(joints, first[k : k + 1], target[k : k + 1])[0], found[k], atol=1e-9)
-    assert nearest_parameters(joints, first[:0], target[:0]).shape == (0, 4)
 
 
 @pytest.mark.parametrize("order", ["XYZ", "zyx", "ZXZ", "yxy"])

@@ -9,10 +9,8 @@ from conftest import Run
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
-from hhsim.motion.csv_table import read_table
+from hhsim.hand.model import HandModel
 from hhsim.motion.file import load_trajectory
-from hhsim.motion.sample_flags import SampleFlag, marked
-from hhsim.recordings.cleaning import default_limits
 from hhsim.recordings.column_map import JOINT_NAMES
 from hhsim.recordings.dexmo_regression import (
     BEND,
@@ -23,8 +21,7 @@ from hhsim.recordings.dexmo_regression import (
     parse_calibration,
     read_calibration,
 )
-from hhsim.recordings.formats.dexmo import calibration_of, has_dexmo_channels
-from hhsim.recordings.registry import ReadOptions, read_recording
+from hhsim.recordings.formats.dexmo import has_dexmo_channels
 
 DEFAULT = DexmoRegression.default()
 LOW = np.linspace(700.0, 1300.0, 11)
@@ -37,7 +34,7 @@ def test_the_default_opens_closes_and_stays_within_the_hand() -> None:
     fist, _ = DEFAULT.angles(np.isin(np.arange(11), BEND).astype(float))
     assert np.allclose(np.degrees(fist[1:]), [85.0, 100.0, 200.0 / 3.0])
     assert np.allclose(fist[1:, 2] / fist[1:, 1], 2.0 / 3.0)
-    limits = default_limits()
+    limits = HandModel.default()
     random = np.random.default_rng(1).uniform(0.0, 1.0, (200, 11))
     flexion, abduction = DEFAULT.angles(random)
     assert flexion.shape == (200, 5, 3) and abduction.shape == (200, 5)
@@ -115,25 +112,6 @@ def test_a_calibration_is_kept_as_toml(tmp_path: Path) -> None:
     assert np.allclose(np.delete(some.slope, row, axis=0), np.delete(DEFAULT.slope, row, axis=0))
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("[angle]\nunit = 'grad'", "angle.unit: unknown unit 'grad'"),
-        ("[channel]\nindex_bent = {}", "channel: unknown key 'index_bent': did you mean index_bend"),
-        ("[channel]\nindex_bend = { open = 1, closed = 2 }", "expected all 11 channels, or none"),
-        ("[joint]\nindex_flex1 = { pinky = 1 }", "joint.index_flex1: unknown key 'pinky'"),
-    ],
-)
-def test_calibrations_that_are_none(text: str, words: str) -> None:
-    with pytest.raises(InputError, match=f"glove.toml: .*{words}"):
-        parse_calibration(text, where="glove.toml")
-    ends = format_calibration(calibrated(DEFAULT, LOW[None], HIGH[None], HIGH[None]))
-    with pytest.raises(InputError, match="open and closed are both 5"):
-        parse_calibration(ends.replace("open = 700.0, closed = 2700.0", "open = 5, closed = 5"), where="glove.toml")
-    with pytest.raises(InputError, match=r"none.toml: no such file"):
-        read_calibration(Path("none.toml"))
-
-
 def session(tmp_path: Path, *, raw: bool) -> Path:
     """A flat hand, a fist, a spread hand, and then a fist again and again, 3 s each at 100 Hz; pinky names, no palm."""
     time = np.arange(1200) / 100.0
@@ -150,19 +128,6 @@ def session(tmp_path: Path, *, raw: bool) -> Path:
     lines = [f"{t:.3f}," + ",".join(f"{value:.4f}" for value in row) for t, row in zip(time, rows)]
     path.write_text(f"time,{names}\n" + "\n".join(lines) + "\n")
     return path
-
-
-def test_normalised_channels_come_in_with_the_default(tmp_path: Path) -> None:
-    path = session(tmp_path, raw=False)
-    recording = read_recording(path)
-    assert recording.form == "dexmo" and recording.device == "Dexmo"
-    assert np.degrees(recording.flexion[450, 1]) == pytest.approx([85.0, 100.0, 66.6667], abs=0.01)
-    assert marked(recording.flags, SampleFlag.ESTIMATED).all()
-    assert [channel.name for channel in recording.raw] == list(CHANNELS)
-    assert any("no columns of the palm's place" in finding.text for finding in recording.findings)
-    table = read_table(path.read_text())
-    assert has_dexmo_channels(table.header) and not has_dexmo_channels(table.header[:-1])
-    assert calibration_of(path, ReadOptions()).slope.tobytes() == DEFAULT.slope.tobytes()
 
 
 def test_a_session_calibrates_itself_and_others(run: Run, tmp_path: Path) -> None:

@@ -6,23 +6,27 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from joint_samples import Side, joint_sample, openxr_csv
-from recording_samples import read_as
+from joint_samples import Side, arrays_npz, joint_sample, openxr_csv, words
+from recording_samples import read_as, smooth_recording
+from sampled import sampled
 
 from hhsim.arrays import FloatArray
+from hhsim.errors import TrajectoryError
 from hhsim.hand.model import SIDES, HandModel
+from hhsim.hand.quaternion import quaternion
 from hhsim.recordings.cleaning import CleaningOptions, clean_recording
-from hhsim.recordings.finger_ik import FingerAxes, finger_angles, finger_axes, finger_joints
-from hhsim.recordings.fitted_hand import fitted_hand
+from hhsim.recordings.finger_ik import FingerAxes, finger_angles, finger_axes, finger_joints, palm_origin
+from hhsim.recordings.frames import in_palm
 from hhsim.recordings.joint_fit import (
     LARGEST_STEP,
     USUAL_STEP,
-    _Finger,
     anatomic_limits,
     fitted_angles,
     fitted_axes,
+    fitted_hand,
     recorded_limits,
 )
+from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 
 
 def turned_axes(side: Side, along: float, across: float) -> FingerAxes:
@@ -68,23 +72,6 @@ def test_known_angles_come_back(side: Side, length: float, seed: int, count: int
     )
     clear = np.linalg.norm(reach, axis=(2, 3)) > 0.01
     assert np.abs(np.where(clear, aside - abduction, 0.0)).max() < 1e-5
-
-
-def test_the_derivatives_are_those_of_finite_differences() -> None:
-    random = np.random.default_rng(2)
-    axes, angles = finger_axes("right"), random.uniform(-1.0, 1.5, (20, 4))
-    own = FingerAxes(*(part[2] for part in axes))
-    finger = _Finger(np.zeros((20, 3, 3)), np.array([0.04, 0.03, 0.02]), own, np.full(4, -3.0), np.full(4, 3.0))
-    joints, slope = finger.jacobian(angles)
-    base = np.zeros((5, 3))
-    lengths = np.tile(finger.length, (5, 1))
-    flexion = np.repeat(angles[:, None, 1:], 5, axis=1)
-    whole = finger_joints(base, lengths, flexion, np.repeat(angles[:, :1], 5, axis=1), axes)
-    assert np.allclose(joints, whole[:, 2, 1:], atol=1e-15)
-    for k in range(4):
-        step = 1e-6 * np.eye(4)[k]
-        difference = (finger.jacobian(angles + step)[0] - finger.jacobian(angles - step)[0]) / 2e-6
-        assert np.abs(difference - slope[..., k]).max() < 1e-10
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -196,3 +183,98 @@ def test_a_fitted_hand_holds_its_motion_without_a_cut(side: Side) -> None:
     # The file's fingertips are balls' centres, and its numbers have six decimals.
     rms = np.sqrt((off**2).mean(axis=(0, 2)))
     assert np.allclose(rms, moved.bones.rms, atol=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("side", "radii"),
+    sampled([(side, radii) for side in ("right", "left") for radii in (True, False)], lambda place, _: place in (0, 3)),
+)
+@pytest.mark.quick("right-True")
+def test_a_hand_of_another_size_is_found(side: Side, radii: bool) -> None:
+    sample = joint_sample(side, length=0.17)
+    moved, text = fitted_hand(read_as("openxr", openxr_csv(sample, side, radii=radii)), "take.csv")
+    assert ("radius" in text.split("\n", 1)[1]) is radii
+    # A hand file has micrometres.
+    hand = HandModel.of_text(text, "take.toml", side)
+    assert hand.hand_length == pytest.approx(0.17, abs=1e-3 if radii else 0.008)
+    assert hand.hand_breadth == pytest.approx(sample.hand.hand_breadth, abs=2e-6)
+    bones = slice(None) if radii else slice(2)
+    assert np.allclose(hand.length[:, bones], sample.hand.length[:, bones], atol=1e-6)
+    assert np.allclose(hand.radius, sample.hand.radius, atol=1e-6) or not radii
+    k = 11
+    joints = hand.joints(moved.position[k], moved.orientation[k], moved.flexion[k], moved.abduction[k])
+    own = sample.hand.joints(
+        sample.motion.position[k], sample.motion.orientation[k], sample.motion.flexion[k], sample.motion.abduction[k]
+    )
+    assert np.abs(joints[:, :3] - own[:, :3]).max() < 5e-6
+
+
+@pytest.mark.soak
+def test_a_tracker_whose_bones_breathe_gives_one_hand() -> None:
+    still, noisy = (
+        HandModel.of_text(fitted_hand(read_as("openxr", openxr_csv(joint_sample(count=400, noise=noise))), "")[1], "")
+        for noise in (0.0, 0.001)
+    )
+    assert np.abs(noisy.length - still.length).max() < 3.0 * 1e-3 * np.sqrt(2.0 * np.pi / 400.0) + 1e-4
+
+
+def test_what_gives_no_hand_is_refused() -> None:
+    with pytest.raises(TrajectoryError, match="needs the centres of the joints, and test holds"):
+        fitted_hand(smooth_recording(), "")
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_the_angles_of_our_own_hand_come_back(side: Literal["right", "left"]) -> None:
+    hand = HandModel.default(side)
+    random = np.random.default_rng(7)
+    count = 40
+    flexion = random.uniform(hand.flexion_min, hand.flexion_max, (count, 5, 3))
+    abduction = random.uniform(hand.abduction_min, hand.abduction_max, (count, 5))
+    orientation = quaternion(random.normal(0.0, 1.0, (count, 3)))
+    position = random.normal(0.0, 0.2, (count, 3))
+    joints = np.stack(
+        [hand.joints(*pose) for pose in zip(position, orientation, flexion, abduction)]  # world
+    )
+    bones = in_palm(np.diff(joints, axis=2), orientation)
+    fitted_flexion, fitted_abduction = finger_angles(bones, side)
+    assert np.abs(fitted_flexion - flexion).max() < 1e-9, "a fist has not turned the other way round"
+    assert np.abs(fitted_abduction - abduction).max() < 1e-9
+    local = finger_joints(hand.base, hand.length, flexion, abduction, finger_axes(side))
+    assert np.allclose(in_palm(joints - position[:, None, None], orientation), local, atol=1e-12)
+    knuckles = joints[:, 1:, 0]
+    assert np.allclose(palm_origin(knuckles, orientation, side), position, atol=1e-9)
+
+
+def test_a_missing_bone_makes_its_finger_missing() -> None:
+    bones = np.random.default_rng(9).normal(size=(3, 5, 3, 3))
+    bones[1, 2, 0] = np.nan
+    bones[2, 4, 1] = 0.0
+    flexion, abduction = finger_angles(bones, "right")
+    lost = np.isnan(abduction)
+    assert np.argwhere(lost).tolist() == [[1, 2], [2, 4]]
+    assert np.isnan(flexion).any(axis=2).tolist() == lost.tolist()
+
+
+def test_where_the_bones_decide_nothing_a_finger_is_not_spread() -> None:
+    # All three straight down from the palm: any abduction has that plane, and noise would choose one at random.
+    hand = HandModel.default()
+    flexion = np.tile([0.5 * np.pi, 0.0, 0.0], (200, 5, 1))
+    joints = finger_joints(hand.base, hand.length, flexion, np.zeros((200, 5)), finger_axes("right"))
+    noisy = joints + np.random.default_rng(11).normal(0.0, 2e-4, joints.shape)
+    _, abduction = finger_angles(np.diff(noisy, axis=2), "right")
+    # A hundredth of a radian a bone, squared, over a weight of 0.05.
+    assert np.abs(abduction).max() < 0.1
+    _, none = finger_angles(np.diff(joints, axis=2), "right")
+    assert np.abs(none).max() < 0.2
+
+
+@pytest.mark.parametrize("each", [True, False])
+def test_radii_beside_an_array_of_points_are_the_hand_s(each: bool) -> None:
+    sample = joint_sample(length=0.17)
+    points = sample.named(KEYPOINTS)
+    radius = np.array([sample.radius[OPENXR_JOINTS.index(name)] for name in KEYPOINTS])
+    stated = np.tile(radius, (len(points), 1)) if each else radius
+    recording = read_as("keypoints", arrays_npz(joints=points, t=sample.motion.time, radius=stated))
+    hand = HandModel.of_text(fitted_hand(recording, "take.npz")[1], "take.toml", "right")
+    assert np.allclose(hand.radius, sample.hand.radius, atol=1e-6)
+    assert "radius" not in words(recording)

@@ -1,9 +1,31 @@
-"""Names of joints, and of columns of stamps, as makers write them."""
+"""Names of joints, stamps, statements on joints and fields beside samples, as makers write them, in every file."""
+
+import json
+import pickle
+from typing import Any
 
 import numpy as np
 import pytest
+from joint_samples import arrays_npz, assert_our_own, joint_sample, openxr_csv, webxr_json, words
+from pose_samples import lerobot_bytes
+from recording_samples import read_as
 
-from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, WEBXR_JOINTS, joint_name
+from hhsim.arrays import FloatArray
+from hhsim.errors import TrajectoryError
+from hhsim.motion.sample_flags import SampleFlag, marked
+from hhsim.recordings.joint_names import (
+    KEYPOINTS,
+    MANO_JOINTS,
+    OPENXR_JOINTS,
+    WEBXR_JOINTS,
+    StatedFields,
+    hand_statement,
+    joint_name,
+    missing_and_doubtful,
+    stated_value,
+)
+from hhsim.recordings.recording import Recording
+from hhsim.recordings.registry import Content, ReadOptions, read_content
 from hhsim.recordings.unit_detection import TimeColumn, time_column
 
 
@@ -82,3 +104,276 @@ def test_what_a_name_says(text: str, said: tuple[str, str, str]) -> None:
 )
 def test_the_stamps_are_found_with_their_unit(names: list[str], found: TimeColumn | None) -> None:
     assert time_column(names) == found
+
+
+SAMPLE, LEFT = joint_sample(), joint_sample("left")
+TIME, COUNT = SAMPLE.motion.time, len(SAMPLE.motion.time)
+NONE = {"poses": np.zeros(3)}
+
+
+def read(data: bytes, **options: Any) -> Recording:
+    return read_content(Content.of_recording(None, data), ReadOptions(world_up="y", **options))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "kind", "wanted"),
+    [
+        *((name, value, "side", ("right",)) for name in ("hand", "side", "Handedness", "meta/hand_side", "handSide")
+          for value in ("right", "Right Hand", b"right", np.array(["R"]), ["rhand"] * 3, ["right", "", "right"])),
+        *((name, value, "side", ("right",)) for name in ("is_right", "is_rhand", "isRight", "hands.is_right_hand")
+          for value in (1, True, 1.0, "1", "true", np.array([1]), np.ones(5), [True, True])),
+        *((name, value, "side", ("left",)) for name in ("is_right", "is_rhand")
+          for value in (0, False, np.zeros((4, 1)))),
+        *((name, value, "side", ("left",)) for name in ("is_left", "is_lhand") for value in (1, [1.0, np.nan])),
+        ("hand", "l", "side", ("left",)),
+        ("is_right", [1, 0, 1], "side", ("right", "left", "right")),
+        ("hand", 1, "side", None),
+        ("hand", "both", "side", None),
+        ("is_right", 0.7, "side", None),
+        ("hand", {"right": 1}, "side", None),
+        *((name, 30, "rate", 30.0) for name in
+          ("fps", "rate", "frequency", "mocap_frame_rate", "framerate", "frameRate")),
+        ("fps", "29.97", "rate", 29.97),
+        ("fps", [30, 30], "rate", None),
+        ("fps", 0, "rate", None),
+        ("rate", "fast", "rate", None),
+        ("unit", "mm", "unit", 1e-3),
+        ("units", b"Millimetres", "unit", 1e-3),
+        ("length_unit", "inches", "unit", 0.0254),
+        ("unit", "meter", "unit", 1.0),
+        ("scale", 0.01, "scale", 0.01),
+        ("scale", "cm", "scale", 1e-2),
+        ("unit", "furlong", "unit", None),
+        ("scale", -1.0, "scale", None),
+        ("joint_names", list(KEYPOINTS), "order", KEYPOINTS),
+        ("joint_order", " ".join(KEYPOINTS), "order", KEYPOINTS),
+        ("joint_names", [*KEYPOINTS[:-1], "x"], "order", None),
+    ],
+)  # fmt: skip
+def test_what_a_field_says(name: str, value: Any, kind: str, wanted: Any) -> None:
+    fields = StatedFields(NONE | {name: value})
+    assert fields.seen(kind) == wanted
+    assert fields.told() == [f"not used: {name}"]
+    assert fields.take(kind) == wanted and fields.take("rate" if kind != "rate" else "unit") is None
+    (told,) = fields.told()
+    assert told == f"not used: {name}" if wanted is None else told.endswith(f", as '{name}' says")
+
+
+def test_of_two_of_a_kind_the_first_counts_and_the_other_is_told() -> None:
+    fields = StatedFields({"fps": 30.0, "mocap_frame_rate": 120.0, "a.fps": "x"})
+    assert fields.take("rate") == 30.0
+    assert fields.told() == ["30 samples a second, as 'fps' says", "not used: mocap_frame_rate, a.fps"]
+
+
+POINTS = SAMPLE.named()
+HELD: dict[str, Any] = {"fps": 50, "hand": "right", "unit": "mm", "joint_order": "mediapipe"}
+ROWS = {f"{axis}{k}": 1e3 * POINTS[:, k, a] for k in range(21) for a, axis in enumerate("xyz")}
+
+
+def a_table(**columns: Any) -> bytes:
+    remarks = "".join(f"# {key}: {value}\n" for key, value in HELD.items() if key not in columns)
+    cells = zip(*(np.broadcast_to(values, COUNT).tolist() for values in (ROWS | columns).values()))
+    lines = [",".join(ROWS | columns), *(",".join(map(str, row)) for row in cells)]
+    return (remarks + "\n".join(lines) + "\n").encode()
+
+
+STATED = {
+    "npz": arrays_npz(points=1e3 * POINTS, **HELD),
+    "npz, meta": arrays_npz(points=1e3 * POINTS, meta=np.array(json.dumps(HELD))),
+    "pickle": pickle.dumps({"points": 1e3 * POINTS, "by": {"who": "me", **HELD}}),
+    "pickle of texts as bytes": pickle.dumps({"points": 1e3 * POINTS, **HELD, "hand": b"right"}),
+    "json": json.dumps({"info": HELD, "frames": [{"landmarks": p} for p in (1e3 * POINTS).tolist()]}).encode(),
+    "csv, remarks": a_table(),
+    "csv, column of texts": a_table(hand="Right"),
+    "csv, column of numbers": a_table(is_right=1, hand=""),
+}
+
+
+@pytest.mark.parametrize("form", STATED)
+def test_every_container_states_side_rate_unit_and_order(form: str) -> None:
+    recording = read(STATED[form])
+    assert_our_own(recording, SAMPLE)
+    assert recording.hand == "right" and np.allclose(recording.time, np.arange(COUNT) / 50.0)
+    told = words(recording)
+    for text in ("right hand", "50 samples a second", "positions in mm", "joints in the order of the file"):
+        assert f"{text}, as '" in told, told
+    assert "by the bend" not in told and "no unit named" not in told
+    # What the user says goes before.
+    other = read(STATED[form], rate=100.0, joint_order="mediapipe")
+    assert np.allclose(other.time, np.arange(COUNT) / 100.0) and "as 'fps' says" not in words(other)
+    with pytest.raises(TrajectoryError, match="named a left hand, but its fingers bend as a right one's"):
+        read(STATED[form], hand="left")
+
+
+def test_frames_and_columns_of_a_table_name_their_hand() -> None:
+    frames = [{"t": t, "is_right": 1, "landmarks": p} for t, p in zip(TIME.tolist(), POINTS.tolist())]
+    recording = read(json.dumps(frames).encode())
+    assert recording.hand == "right" and "the file does not say" not in words(recording)
+    unnamed = webxr_json(SAMPLE).replace('"right"', '"hand_a"')
+    assert read_as("webxr", unnamed.replace('{"timeStamp"', '{"handedness": "right", "timeStamp"')).hand == "right"
+    text = openxr_csv(SAMPLE).replace("right_", "").splitlines()
+    table = "\n".join([f"side,{text[0]}", *(f"Right,{line}" for line in text[1:])]) + "\n"
+    assert "right hand, as 'side' says" in words(read_as("openxr", table))
+    assert "the file does not say" in words(read_as("openxr", "\n".join(text) + "\n"))
+
+
+def test_rows_of_both_hands_are_parted_by_their_field() -> None:
+    points = np.stack([POINTS, LEFT.named()], axis=1).reshape(-1, 21, 3)
+    data = arrays_npz(keypoints=points, t=TIME.repeat(2), is_right=np.tile([1, 0], COUNT))
+    for sample in (SAMPLE, LEFT):
+        recording = read(data, hand=sample.motion.hand)
+        assert_our_own(recording, sample)
+        assert np.allclose(recording.time, TIME) and f"40 of 80 rows are of the {recording.hand} hand" in words(
+            recording
+        )
+    assert "right hand; the left one is there too: --hand" in words(read(data))
+    with pytest.raises(TrajectoryError, match="3 sides of a hand for 80 samples; expected one, or one a sample"):
+        read(arrays_npz(keypoints=points, t=TIME.repeat(2), is_right=[1, 0, 1]))
+
+
+def test_recordings_of_angles_take_side_rate_and_unit() -> None:
+    motion = SAMPLE.motion
+    palm = {"wrist_pos": 1e3 * motion.position, "wrist_quat": motion.orientation}
+    arrays = {**palm, "flex": motion.flexion, "abd": motion.abduction}
+    recording = read_as("npz", arrays_npz(**arrays, handedness=b"left", mocap_frame_rate=60.0, units="mm"))
+    assert recording.hand == "left" and np.allclose(recording.time, np.arange(COUNT) / 60.0)
+    np.testing.assert_allclose(recording.position, motion.position, atol=1e-12)
+    assert "length" in recording.stated and "60 samples a second, as 'mocap_frame_rate' says" in words(recording)
+    # An object whose names say its unit has that one, whatever the unit of the hand.
+    beside = {"object_pos_cm": 100.0 * motion.position, "object_quat": motion.orientation}
+    recording = read_as("npz", arrays_npz(**arrays, **beside, t=TIME, units="mm"))
+    assert recording.object_motion is not None
+    np.testing.assert_allclose(recording.object_motion.position, recording.position, atol=1e-12)
+    by_turns = read_as("npz", arrays_npz(**arrays, t=TIME, is_right=np.arange(COUNT) % 2), hand="left")
+    assert by_turns.rows.tolist() == list(range(0, COUNT, 2)) and by_turns.hand == "left"
+
+
+def test_a_rate_beside_stamps_and_a_scale_that_makes_no_hand_are_not_used() -> None:
+    told = words(read(arrays_npz(keypoints=POINTS, t=TIME, fps=30, scale=5.0)))
+    assert "not used: fps, scale" in told and "taken for m;" in told
+    scaled = read(arrays_npz(keypoints=POINTS / 3.0, t=TIME, scale=3.0))
+    assert_our_own(scaled, SAMPLE)
+    assert "positions in 3 m, as 'scale' says" in words(scaled)
+    with pytest.raises(TrajectoryError, match=r"the hand is 0\.000183\d* m long .* say --length-unit"):
+        read(arrays_npz(keypoints=POINTS, t=TIME, unit="mm"))
+
+
+def test_a_data_set_of_one_hand_names_it_in_a_column() -> None:
+    import pyarrow
+    from pyarrow import parquet
+
+    table = parquet.read_table(pyarrow.BufferReader(lerobot_bytes(SAMPLE)))
+    one = pyarrow.array([row[1] for row in table["observation.hand_joints"].to_pylist()])
+    table = table.set_column(table.column_names.index("observation.hand_joints"), "observation.hand_joints", one)
+    table = table.append_column("observation.is_right", pyarrow.array([True] * COUNT))
+    out = pyarrow.BufferOutputStream()
+    parquet.write_table(table, out)
+    recording = read_as("lerobot", out.getvalue().to_pybytes())
+    assert recording.hand == "right" and "right hand, as 'observation.is_right' says" in words(recording)
+
+
+LOST = [7, 8]
+"""Samples without a valid position."""
+WHERE = [k in LOST for k in range(40)]
+
+
+def assert_lost(recording: Recording, finger: int | None) -> None:
+    """Assert that the samples `LOST` of a finger, or of the whole hand, are missing, and no others."""
+    fingers = range(5) if finger is None else [finger]
+    lost = [[sample, each] for sample in LOST for each in fingers]
+    assert np.argwhere(np.isnan(recording.abduction)).tolist() == lost
+    assert np.flatnonzero(np.isnan(recording.position).any(axis=1)).tolist() == (LOST if finger is None else [])
+    assert np.flatnonzero(marked(recording.flags, SampleFlag.INVALID)).tolist() == LOST
+    assert "joints without a valid position, says the device: missing" in words(recording)
+
+
+def with_column(name: str, good: str, bad: str) -> str:
+    header, *rows = openxr_csv(SAMPLE).splitlines()
+    cells = [bad if lost else good for lost in WHERE]
+    return "\n".join([f"{header},{name}", *(f"{row},{cell}" for row, cell in zip(rows, cells))]) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "good", "bad", "finger"),
+    [
+        ("right_index_tip_locationFlags", "15", "1", 1),
+        ("right_index_tip_flags", "0xf", "0x0", 1),
+        ("right_index_tip_isValid", "True", "False", 1),
+        ("right_index_tip_tracked", "1", "0", 1),
+        ("right_index_tip_confidence", "0.9", "0", 1),
+        ("right_isActive", "1", "0", None),
+        ("right_hand_is_tracked", "true", "false", None),
+        ("valid", "1.0", "0.0", None),
+        ("right_confidence", "High", "-1", None),
+    ],
+)
+def test_a_column_that_states_it(name: str, good: str, bad: str, finger: int | None) -> None:
+    recording = read_as("openxr", with_column(name, good, bad))
+    assert_lost(recording, finger)
+    assert not any(name in each.text for each in recording.findings if each.text.startswith("not used"))
+
+
+@pytest.mark.parametrize("name", ["left_isActive", "head_isTracked", "right_index_tip_orientationValid", "eye_valid"])
+def test_a_column_that_states_something_else_is_not_taken(name: str) -> None:
+    recording = read_as("openxr", with_column(name, "1", "0"))
+    assert np.isfinite(recording.abduction).all() and not recording.flags.any()
+
+
+@pytest.mark.parametrize(
+    ("key", "good", "bad", "at"),
+    [
+        ("locationFlags", 15, 13, "joint"),
+        ("isValid", True, False, "joint"),
+        ("isActive", True, False, "hand"),
+        ("tracked", 1, 0, "hand"),
+        ("right_isActive", True, False, "frame"),
+    ],
+)
+def test_a_key_that_states_it(key: str, good: Any, bad: Any, at: str) -> None:
+    document = json.loads(webxr_json(SAMPLE))
+    for frame, lost in zip(document["frames"], WHERE):
+        hand = frame["hands"]["right"]
+        {"joint": hand["index-finger-tip"], "hand": hand, "frame": frame}[at][key] = bad if lost else good
+    recording = read_as("webxr", json.dumps(document))
+    assert_lost(recording, 1 if at == "joint" else None)
+    assert key not in words(recording).partition("not used:")[2]
+
+
+@pytest.mark.parametrize("names", [KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS])
+def test_an_array_that_states_it(names: tuple[str, ...]) -> None:
+    points, time = SAMPLE.named(names), SAMPLE.motion.time
+    of_joints = np.ones((40, len(names)))
+    of_joints[LOST, names.index("index_tip")] = 0.0
+    for values, finger in ((of_joints, 1), (~np.array(WHERE), None)):
+        data = arrays_npz(joints=points, t=time, is_valid=values)
+        assert_lost(read_as("keypoints", data, world_up="y"), finger)
+
+
+def test_a_file_that_says_that_no_joint_is_valid_is_refused() -> None:
+    with pytest.raises(TrajectoryError, match=r"no joint has a valid position in any sample, says the file \(valid\)"):
+        read_as("openxr", with_column("right_isActive", "0", "0"))
+
+
+@pytest.mark.parametrize(
+    ("stated", "missing", "doubtful"),
+    [
+        ({"flags": [15, 7, 2, 13, 0]}, [3, 4], [1, 2]),
+        ({"valid": [1, 1, 0, 1, 0]}, [2, 4], []),
+        ({"tracked": [1, 0, np.nan, 1, 1]}, [1], []),
+        ({"tracked": [1, 0, 0, 1, 1], "valid": [1, 1, 0, np.nan, 1]}, [2], [1]),
+        ({"confidence": [1.0, 0.4, 0.0, -1.0, np.nan]}, [2, 3], [1]),
+        ({"confidence": [0.0, 1.0, 1.0, 1.0, 1.0], "flags": [15] * 5}, [], [0]),
+        ({}, [], []),
+    ],
+)
+def test_what_each_statement_means(stated: dict[str, Any], missing: list[int], doubtful: list[int]) -> None:
+    given: dict[str, FloatArray] = {kind: np.array(values, np.float64)[:, None] for kind, values in stated.items()}
+    for found, rows in zip(missing_and_doubtful(given, (5, 21)), (missing, doubtful)):
+        assert found.shape == (5, 21) and (found == found[:, :1]).all()
+        assert np.flatnonzero(found[:, 0]).tolist() == rows
+
+
+def test_words_for_a_value() -> None:
+    found = [stated_value(each) for each in (True, "false", "0x0F", " 3 ", "High", None, [1], "1e999")]
+    np.testing.assert_array_equal(found, [1.0, 0.0, 15.0, 3.0, 1.0, np.nan, np.nan, np.inf])
+    assert hand_statement("right_isActive") == ("right", "", "valid") and hand_statement("right") is None

@@ -1,22 +1,24 @@
 """From joint centres to a recording: held against our own forward kinematics, and against noise of known size."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from joint_samples import JointSample, Side, joint_sample, words
+from joint_samples import JointSample, Side, array_npy, joint_sample, words
 from sampled import sampled
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError, TrajectoryError
+from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.cleaning import clean_recording
+from hhsim.recordings.finger_ik import BONE_CHANGE
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.recording import Recording
-from hhsim.recordings.registry import Content, ReadOptions
+from hhsim.recordings.registry import Content, ReadOptions, read_recording
 
 
 def read(sample: JointSample, options: ReadOptions | None = None, **fields: Any) -> Recording:
@@ -81,16 +83,6 @@ def test_lengths_are_found_stated_or_scaled() -> None:
     assert image.hand_length == pytest.approx(0.18) and np.allclose(image.flexion, exact)
 
 
-def test_without_a_world_the_wrist_stands_still_and_says_so() -> None:
-    sample = joint_sample()
-    still = read(sample, up=None)
-    assert (still.position == 0.0).all() and (still.orientation == [1.0, 0.0, 0.0, 0.0]).all()
-    assert "the wrist stands still" in words(still) and np.allclose(still.flexion, sample.motion.flexion)
-    moving = read(sample, ReadOptions(world_up="y"), up=None)
-    assert "stands still" not in words(moving) and np.allclose(moving.position, sample.motion.position)
-    assert clean_recording(still).trajectory.sample_count == 40
-
-
 def test_the_side_is_said_or_told_by_the_fingers_or_asked_for() -> None:
     for side in ("right", "left"):
         told = read(joint_sample(side))
@@ -130,13 +122,6 @@ def test_missing_joints_are_holes_and_doubtful_samples_are_marked() -> None:
     assert clean_recording(recording).trajectory.sample_count == 40
 
 
-def test_held_samples_are_told() -> None:
-    sample = joint_sample()
-    held = sample.named()[np.arange(40) // 3 * 3]
-    assert "repeat the one before: the device gives" in words(read(sample, position=held))
-    assert "repeat" not in words(read(sample))
-
-
 def test_samples_that_the_import_fills_are_not_called_held_by_the_device() -> None:
     points = joint_sample().named().copy()
     points[:10] = 0.0
@@ -169,6 +154,25 @@ def test_what_is_no_hand_is_refused(position: FloatArray, message: str) -> None:
         read(joint_sample(), position=position, unit=None)
 
 
-def test_joint_centres_have_no_palm_frame() -> None:
-    with pytest.raises(InputError, match="--palm-axes: there is no palm frame here"):
-        read(joint_sample(), ReadOptions(palm_axes=("x", "y", "z")))
+OPTIONS = ReadOptions(rate=100.0, world_up="y", hand="right")
+
+
+def test_a_misplaced_joint_is_told_with_its_sample_and_distance(tmp_path: Path) -> None:
+    points = joint_sample().named().copy()
+    bone = points[7, 6] - points[7, 5]
+    # Along the bone, so that its length changes by as much.
+    points[7, 6:9] += 3.0 * BONE_CHANGE * bone / np.linalg.norm(bone)
+    path = tmp_path / "take.npy"
+    path.write_bytes(array_npy(points))
+    told = [finding.text for finding in read_recording(path, OPTIONS).findings if "misplaced" in finding.text]
+    assert len(told) == 1 and "1 of 40 samples" in told[0] and "first sample 7" in told[0] and "30 mm" in told[0]
+
+
+def test_a_signalling_nan_of_float32_is_missing_without_a_warning(tmp_path: Path) -> None:
+    points = joint_sample().named().astype(np.float32)
+    points.view(np.uint32)[3, 4, 1] = 0x7F800001
+    path = tmp_path / "take.npy"
+    path.write_bytes(array_npy(points))
+    with np.errstate(invalid="raise"):
+        recording = read_recording(path, OPTIONS)
+    assert np.isnan(recording.flexion[3]).any() and np.isfinite(recording.flexion[4]).all()

@@ -195,23 +195,6 @@ def test_poses_of_a_file_are_mirrored_as_those_beside_the_hand(tmp_path: Path) -
         assert_same(with_object_poses(mirrored, path, ReadOptions(pose_unit="m")), beside)
 
 
-@pytest.mark.parametrize("axis", FLIPS)
-def test_an_object_at_rest_of_our_own_csv_stays_where_it_is_beside_the_hand(axis: str) -> None:
-    moving, motion = angles(FLIPS[axis]), clean_recording(MOTION).trajectory
-    first = {
-        "object_position": moving.object_motion.position[0],
-        "object_orientation": moving.object_motion.orientation[0],
-    }
-    hand = {key: getattr(moving, key) for key in ("position", "orientation")}
-    still = read_as("csv", format_csv(replace(motion, **hand, **first)), mirror=axis, world_up="y")
-    whole = read_as("csv", own_csv(NONE), world_up="y")
-    assert whole.object_motion is not None
-    assert still.object_position is not None and still.object_orientation is not None
-    np.testing.assert_allclose(still.object_position, whole.object_motion.position[0], atol=1e-12)
-    assert abs(still.object_orientation @ whole.object_motion.orientation[0]) == pytest.approx(1.0)
-    np.testing.assert_allclose(still.position, whole.position, atol=1e-12)
-
-
 def test_where_nothing_names_the_hand_the_note_says_that_coordinates_may_be_left_handed() -> None:
     data = arrays_npz(keypoints=seen(FLIPS["z"]).named(), t=TIME, **object_of(FLIPS["z"]))
     told = read_as("keypoints", data, world_up="y")

@@ -6,24 +6,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from joint_samples import Y_UP, array_npy, arrays_npz, joint_sample, openxr_csv, webxr_json, words
+from joint_samples import Y_UP, array_npy, arrays_npz, joint_sample, openxr_csv, words
 from leap_document import document
-from pose_samples import mano_fields, mano_poses
-from recording_samples import read_as, smooth_recording
+from recording_samples import read_as
 from scipy.spatial.transform import Rotation, Slerp
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.motion.csv_file import format_csv
 from hhsim.motion.trajectory import ObjectMotion
-from hhsim.recordings.cleaning import clean_recording
-from hhsim.recordings.column_map import ColumnMap
-from hhsim.recordings.joint_names import WEBXR_JOINTS
-from hhsim.recordings.object_poses import read_object_poses, with_object_poses
-from hhsim.recordings.recording import Finding, Recording, unused_poses
+from hhsim.recordings.object_poses import with_object_poses
+from hhsim.recordings.recording import Recording, unused_poses
 from hhsim.recordings.registry import ReadOptions
-from hhsim.system.settings_file import parse_settings
 
 SAMPLE = joint_sample()
 TIME = SAMPLE.motion.time
@@ -125,9 +119,15 @@ FILES: dict[str, tuple[str, bytes]] = {
 def read(tmp_path: Path, data: bytes, suffix: str, time: FloatArray = TIME, **options: Any) -> tuple[ObjectMotion, str]:
     path = tmp_path / f"poses{suffix}"
     path.write_bytes(data)
-    findings: list[Finding] = []
-    motion = read_object_poses(path, time, ReadOptions(**options), findings)
-    return motion, " | ".join(finding.text for finding in findings)
+    recording = with_object_poses(hand_at(time), path, ReadOptions(**options))
+    assert recording.object_motion is not None
+    return recording.object_motion, words(recording)
+
+
+def hand_at(time: FloatArray) -> Recording:
+    """A hand that stands still beside the origin at stamps, shape (T,)."""
+    rows = np.tile([0.1, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (len(time), 1))
+    return Recording(time, rows[:, :3], rows[:, 3:], np.zeros((len(time), 5, 3)), np.zeros((len(time), 5)))
 
 
 def assert_pose(motion: ObjectMotion | None, place: FloatArray = PLACE, turn: FloatArray = MATRIX[:, :3, :3]) -> None:
@@ -337,50 +337,6 @@ def test_in_unitys_left_handed_world_the_object_is_mirrored_with_the_hand() -> N
     assert "object's own axes are mirrored along z" in words(recording)
 
 
-def test_own_and_mapped_tables_and_archives_name_what_they_do_not_use(tmp_path: Path) -> None:
-    motion = smooth_recording(COUNT)
-    own = format_csv(clean_recording(motion).trajectory)
-    recording = read_as("csv", with_columns(own, "gain", TIME), world_up="y")
-    assert words(recording) == "not used: gain"
-    header = "object_px,object_py,object_pz,object_qw,object_qx,object_qy,object_qz,gain"
-    table = csv(f"clock,{header},bend", TIME, PLACE, WXYZ, TIME, TIME)
-    columns = parse_settings(
-        'world_up = "y"\n[time]\ncolumn = "clock"\nunit = "s"\n[joint]\nindex_flex1 = "bend"', ColumnMap, "map.toml"
-    )
-    recording = read_as("csv", table, columns=columns)
-    assert_pose(recording.object_motion, FRAME_PLACE, FRAME_TURN)
-    assert "not used: gain" in words(recording)
-    arrays = {"t": motion.time, "wrist_pos": motion.position, "wrist_quat": motion.orientation, "flex": motion.flexion}
-    data = arrays_npz(**arrays, abd=motion.abduction, meta='{"frame": "y up"}', object_pose_xyzw=POSE7, foo=TIME)
-    recording = read_as("npz", data)
-    assert_pose(recording.object_motion, FRAME_PLACE, FRAME_TURN)
-    assert "not used: foo (40,)" in words(recording)
-
-
-def test_an_objects_pose_beside_mano_poses_and_in_parquet(tmp_path: Path) -> None:
-    turn, pose, shift = mano_poses(SAMPLE)
-    np.savez(tmp_path / "model.npz", **mano_fields(SAMPLE.hand))
-    data = arrays_npz(
-        poses=np.concatenate([turn, pose], axis=1), trans=shift, t=TIME, hand="right", obj_transform=MATRIX, a=3
-    )
-    options: dict[str, Any] = {"mano_model": tmp_path / "model.npz", "mano_pose": "axis-angle", "world_up": "y"}
-    recording = read_as("mano", data, **options)
-    assert_pose(recording.object_motion, FRAME_PLACE, FRAME_TURN)
-    assert "not used: a" in words(recording)
-    pyarrow = pytest.importorskip("pyarrow")
-    from pyarrow import parquet
-
-    hands = np.stack([0.0 * SAMPLE.named(WEBXR_JOINTS), SAMPLE.named(WEBXR_JOINTS)], axis=1)
-    columns = {"action.hand_joints": hands.tolist(), "observation.object_pose": POSE7.tolist(), "task": [0] * COUNT}
-    parquet.write_table(pyarrow.table(columns | {"timestamp": TIME.tolist()}), tmp_path / "a.parquet")
-    parts = (tmp_path / "a.parquet").read_bytes()
-    with pytest.raises(TrajectoryError, match=r"'observation\.object_pose' does not say .* --pose-order"):
-        read_as("lerobot", parts)
-    recording = read_as("lerobot", parts, pose_order="xyzw")
-    assert_pose(recording.object_motion, FRAME_PLACE, FRAME_TURN)
-    assert "not used: task" in words(recording)
-
-
 def test_wrong_rows_and_units_in_a_recording_are_refused() -> None:
     for arrays, said in (
         ({"obj_pose": MATRIX[:-1]}, f"{COUNT - 1} poses of the object .obj_pose. for {COUNT} samples"),
@@ -479,15 +435,6 @@ def test_a_file_of_poses_by_leaps_clock_and_in_its_axes(tmp_path: Path) -> None:
     assert_pose(recording.object_motion, FRAME_PLACE[:count], FRAME_TURN[:count])
 
 
-def test_json_of_webxr_names_the_keys_that_it_does_not_use() -> None:
-    webxr = json.loads(webxr_json(SAMPLE))
-    webxr["camera"] = "left"
-    for frame in webxr["frames"]:
-        frame["gaze"] = [0.0, 0.0, 1.0]
-    webxr["frames"][0]["hands"] = {}
-    assert "not used: camera, gaze" in words(read_as("webxr", json.dumps(webxr)))
-
-
 def test_of_a_table_of_several_objects_one_is_chosen(tmp_path: Path) -> None:
     header = "object_uid,timestamp[ns],t_wo_x[m],t_wo_y[m],t_wo_z[m],q_wo_w,q_wo_x,q_wo_y,q_wo_z"
     table = csv(header, np.full(COUNT, 7), np.round(1e9 * TIME), PLACE, WXYZ).decode().replace("\n7.0,", "\nmug,")
@@ -497,8 +444,7 @@ def test_of_a_table_of_several_objects_one_is_chosen(tmp_path: Path) -> None:
     with pytest.raises(
         TrajectoryError, match=r"poses of the objects mug, 8\.0; expected one of them as --object-track"
     ):
-        read_object_poses(path, TIME, ReadOptions(), [])
-    found: list[Finding] = []
-    moved = read_object_poses(path, TIME, ReadOptions(object_track="mug"), found)
-    np.testing.assert_allclose(moved.position, PLACE, atol=1e-9)
-    assert not any("object_uid" in finding.text for finding in found)
+        with_object_poses(hand_at(TIME), path, ReadOptions())
+    moved = with_object_poses(hand_at(TIME), path, ReadOptions(object_track="mug"))
+    assert_pose(moved.object_motion)
+    assert "object_uid" not in words(moved)

@@ -6,7 +6,6 @@ import json
 import re
 import zipfile
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,7 +16,6 @@ from correction_samples import a_correction
 from joint_samples import array_npy, arrays_npz, joint_sample, mcap_bytes, openxr_csv, webxr_json
 from leap_document import document as leap
 from pose_samples import lerobot_bytes, mano_fields, mano_poses, umetrack_lines, umetrack_profile
-from sampled import sampled
 from scipy.spatial.transform import Rotation
 
 from hhsim.errors import InputError, OutputError, UnknownNameError
@@ -43,7 +41,6 @@ from hhsim.recordings.registry import (
     repaired_suffix,
     write_recording,
 )
-from hhsim.recordings.unit_detection import in_units
 from hhsim.system.checksummed_file import seal_holds
 from hhsim.system.settings_file import parse_settings
 
@@ -274,16 +271,6 @@ def test_joints_of_an_array_beyond_the_21_move_with_the_palm(names: tuple[str, .
         assert np.allclose(new[:, k] - new[:, wrist], expected, atol=1e-12)
 
 
-def test_manos_order_is_written_in_its_places_beside_an_object_that_stays(tmp_path: Path) -> None:
-    before, after, recording, correction, *_ = written(tmp_path, "npz, MANO's order")
-    assert recording.joint_order == tuple(MANO_JOINTS.index(joint) for joint in KEYPOINTS)
-    with np.load(io.BytesIO(before)) as old, np.load(io.BytesIO(after)) as new:
-        assert [key for key in old if not np.array_equal(old[key], new[key])] == ["joints"]
-        for place, joint in enumerate(MANO_JOINTS):
-            moved = recording.file_frame.to_file(correction.joints[:, KEYPOINTS.index(joint)])
-            assert np.allclose(new["joints"][:, place], moved, atol=1e-12)
-
-
 def test_other_members_of_an_archive_stay(tmp_path: Path) -> None:
     before, after, *_ = written(tmp_path, "npz")
     with zipfile.ZipFile(io.BytesIO(before)) as old, zipfile.ZipFile(io.BytesIO(after)) as new:
@@ -320,58 +307,6 @@ def test_what_cannot_be_written_says_so(tmp_path: Path) -> None:
             write_recording(tmp_path / "e.json", options, recording, a_correction(recording), tmp_path / "f.json")
 
 
-MANO = list(
-    product(["right", "left"], ["axis-angle", "axis-angle-mean", "pca", "pca-flat"], ["npz", "npz apart", "jsonl"])
-)
-
-
-@pytest.mark.parametrize(
-    ("side", "reading", "form"),
-    # Each way of reading, and each form and side.
-    sampled(MANO, lambda _, case: case[1] == "axis-angle" or case[::2] == ("right", "npz")),
-)
-def test_mano(side: Any, reading: str, form: str, tmp_path: Path) -> None:
-    sample = joint_sample(side)
-    fields = mano_fields(sample.hand)
-    np.savez(tmp_path / "model.npz", **fields)
-    turn, pose, shift = mano_poses(sample)
-    numbers = pose - (fields["hands_mean"] if reading in ("pca", "axis-angle-mean") else 0.0)
-    numbers = numbers @ fields["hands_components"].T if reading.startswith("pca") else numbers
-    if form == "jsonl":
-        path = tmp_path / "take.jsonl"
-        path.write_text(mano_lines(side, turn, shift, numbers, sample.motion.time))
-    else:
-        path = tmp_path / "take.npz"
-        apart = {"global_orient": turn, "hand_pose": numbers.reshape(-1, 15, 3)}
-        whole = {"poses": np.concatenate([turn, numbers], axis=1)}
-        arrays: dict[str, Any] = apart if form == "npz apart" else whole
-        path.write_bytes(arrays_npz(**arrays, trans=shift, t=sample.motion.time, hand=side, betas=np.zeros(10)))
-    options = ReadOptions(mano_model=tmp_path / "model.npz", mano_pose=reading, world_up="y", hand=side)
-    recording = read_recording(path, options)
-    off = write_recording(path, options, recording, a_correction(recording), out := tmp_path / f"new{path.suffix}")
-    assert off is not None and off < 1e-6
-    joints = read_recording(out, options).joints
-    assert joints is not None and np.nanmax(np.abs(joints - a_correction(recording).joints)) < 1e-6
-    if form == "jsonl":
-        old, new = path.read_text().splitlines(), out.read_text().splitlines()
-        # The second camera's line of a sample is corrected with it.
-        assert [k for k, pair in enumerate(zip(old, new)) if pair[0] != pair[1]] == list(range(6, 18))
-
-
-def mano_lines(side: str, turn: Any, shift: Any, numbers: Any, time: Any) -> str:
-    """HOT3D's lines, each moment twice, as of two cameras."""
-    quaternions = Rotation.from_rotvec(turn).as_quat(scalar_first=True)
-    lines = []
-    for k, stamp in enumerate(time):
-        wrist = {"t_xyz": shift[k].tolist(), "q_wxyz": quaternions[k].tolist()}
-        pose = {"wrist_xform": wrist, "pose": numbers[k].tolist(), "betas": [0] * 10}
-        for late in (0, 2000):
-            moment = 10**12 + round(1e9 * float(stamp)) + late
-            hands = {"0": {"other": 1.50}, "01"[side == "right"]: pose}
-            lines.append(json.dumps({"timestamp_ns": moment, "hand_poses": hands}))
-    return "\n".join(lines) + "\n"
-
-
 def test_few_coefficients_of_mano_come_as_near_as_they_can(tmp_path: Path) -> None:
     sample = joint_sample()
     fields = mano_fields(sample.hand)
@@ -399,41 +334,6 @@ def same_motion(again: Any, recording: Any, correction: Any, atol: float) -> Non
     for key in ("flexion", "abduction"):
         step = getattr(correction.posture, key) - getattr(correction.fitted, key)
         assert np.allclose(getattr(again, key), getattr(recording, key) + step, atol=atol)
-
-
-def angles_npz(side: str, **arrays: Any) -> bytes:
-    motion = SAMPLE.motion
-    given = {"t": motion.time, "wrist_pos": motion.position, "flex": motion.flexion, "abd": motion.abduction}
-    return arrays_npz(other=np.arange(3), **(given | arrays), meta=json.dumps({"hand": side, "frame": "y up"}))
-
-
-@pytest.mark.parametrize("unit", [1.0, np.pi / 180.0])
-@pytest.mark.parametrize("order", ["wrist_quat_wxyz", "wrist_quat_xyzw"])
-def test_npz_of_angles(order: str, unit: float, tmp_path: Path) -> None:
-    turns = SAMPLE.motion.orientation[:, [1, 2, 3, 0] if order.endswith("xyzw") else [0, 1, 2, 3]]
-    angles = {"flex": SAMPLE.motion.flexion / unit, "abd": SAMPLE.motion.abduction / unit}
-    position = np.where(np.arange(40)[:, None] == 30, np.nan, SAMPLE.motion.position).astype(np.float32)
-    path, out = tmp_path / "take.npz", tmp_path / "new.npz"
-    path.write_bytes(angles_npz("right", **{order: turns}, wrist_pos=position, **angles))
-    options = ReadOptions(palm_axes=("-y", "x", "z"))
-    recording = in_units(read_recording(path, options), angle="rad" if unit == 1.0 else "deg")
-    correction = a_correction(recording)
-    assert write_recording(path, options, recording, correction, out) is None
-    again = in_units(read_recording(out, options), angle="rad" if unit == 1.0 else "deg")
-    whole = np.arange(40) != 30
-    same_motion(again.chosen(whole), recording.chosen(whole), of(correction, whole), atol=1e-7)
-    still = ~correction.changed
-    assert again.position[still].tobytes() == recording.position[still].tobytes()
-    assert again.orientation[still].tobytes() == recording.orientation[still].tobytes()
-    with np.load(path) as old, np.load(out) as new:
-        assert {key: old[key].dtype for key in old} == {key: new[key].dtype for key in new}
-
-
-def of(correction: Any, where: Any) -> Any:
-    fitted, posture = (
-        correction_part.at(np.flatnonzero(where)) for correction_part in (correction.fitted, correction.posture)
-    )
-    return replace(correction, fitted=fitted, posture=posture, rotation=correction.rotation[where])
 
 
 def own(suffix: str, folder: Path) -> Path:
@@ -554,23 +454,6 @@ def test_a_joint_with_few_channels_is_not_turned(tmp_path: Path) -> None:
     assert np.flatnonzero((old != new).any(axis=0)).tolist() == [0, 1, 2, 6, 7, 8]
 
 
-def test_angles_of_bvh_stay_near_those_of_the_file(tmp_path: Path) -> None:
-    path, out = tmp_path / "take.bvh", tmp_path / "new.bvh"
-    text = bvh_text(SAMPLE.motion, RIGS["poser"])
-    top, frames = text.split("Frame Time: 0.010000\n")
-    # Whole turns more, and the other Euler angles of the same rotation, in the last joint's channels.
-    rows = [line.split() for line in frames.splitlines()]
-    for row in rows:
-        a, b, c = map(float, row[-3:])
-        row[-3:] = [f"{a + 180.0:.6f}", f"{180.0 - b:.6f}", f"{c + 180.0 - 720.0:.6f}"]
-    path.write_text(top + "Frame Time: 0.010000\n" + "".join(" ".join(row) + "\n" for row in rows))
-    recording = read_recording(path)
-    off = write_recording(path, ReadOptions(), recording, a_correction(recording), out)
-    assert off is not None and off < 1e-7
-    old, new = (np.array([line.split() for line in file.read_text().splitlines()[-40:]], float) for file in (path, out))
-    assert 0.1 < np.abs(new - old)[:, 6:].max() < 25.0
-
-
 def test_parquet_keeps_its_other_columns_and_the_schema(tmp_path: Path) -> None:
     import pyarrow
     from pyarrow import parquet
@@ -630,20 +513,6 @@ def test_a_new_file_of_a_format_is_read_back(form: str, suffix: str, options: di
         assert np.allclose(again.flexion, motion.flexion, atol=1e-6)
 
 
-def test_palm_and_metacarpals_of_an_export_are_those_of_our_model() -> None:
-    motion = SAMPLE.motion
-    joints = SAMPLE.joints[:, [OPENXR_JOINTS.index(name) for name in KEYPOINTS]]
-    data = exported("openxr", ".csv", HandMotion(motion.time, joints, HandConfiguration.of(motion), "right"))
-    row = next(csv.DictReader(io.StringIO(data.decode())))
-    assert len(row) == 1 + 3 * 26
-    found = {name: np.array([float(row[f"right_{name}_{axis}"]) for axis in "xyz"]) for name in OPENXR_JOINTS}
-    # y up: our z.
-    assert np.allclose(found["palm"], np.array([1.0, 1.0, -1.0]) * motion.position[0][[0, 2, 1]])
-    # A metacarpal of the model is as long as this, but for its knuckle's height over the palm.
-    bones = [np.linalg.norm(found[f"{f}_proximal"] - found[f"{f}_metacarpal"]) for f in ("index", "middle", "ring")]
-    assert np.allclose(bones, 0.19 * np.array([0.374, 0.373, 0.336]), rtol=0.02)
-
-
 def test_an_export_of_another_kind_is_refused() -> None:
     motion = HandMotion(SAMPLE.motion.time, np.zeros((40, 21, 3)), HandConfiguration.of(SAMPLE.motion), "right")
     with pytest.raises(UnknownNameError, match=r"unknown format 'bvh': .*keypoints"):
@@ -692,23 +561,3 @@ def test_what_is_read_and_not_written_has_a_new_file(name: str, suffix: str, tmp
 def test_the_formats_that_are_read_and_not_written() -> None:
     found = {form.name for form in recording_formats().values() if form.write is None}
     assert found == {"aria", "dexmo", "leap", "mcap", "umetrack", "webxr"}
-
-
-def test_numbers_that_are_missing_stay_missing(tmp_path: Path) -> None:
-    sample, path, out = joint_sample(), tmp_path / "take.jsonl", tmp_path / "new.jsonl"
-    np.savez(tmp_path / "model.npz", **mano_fields(sample.hand))
-    turn, pose, shift = mano_poses(sample)
-    lines = mano_lines("right", turn, shift, pose, sample.motion.time).splitlines()
-    # Of a second camera, in a corrected sample.
-    line = json.loads(lines[9])
-    line["hand_poses"]["1"]["wrist_xform"]["q_wxyz"] = None
-    line["hand_poses"]["1"]["pose"][3] = None
-    lines[9] = json.dumps(line)
-    path.write_text("\n".join(lines) + "\n")
-    for reading in ("axis-angle", "pca"):
-        options = ReadOptions(mano_model=tmp_path / "model.npz", mano_pose=reading, world_up="y")
-        recording = read_recording(path, options)
-        off = write_recording(path, options, recording, a_correction(recording), out)
-        assert off is not None and off < 1e-6
-        moved = json.loads(out.read_text().splitlines()[9])["hand_poses"]["1"]
-        assert moved["wrist_xform"]["q_wxyz"] is None and moved["pose"] == line["hand_poses"]["1"]["pose"]

@@ -18,6 +18,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import islice, takewhile
+from typing import NamedTuple
 
 import numpy as np
 
@@ -80,6 +81,16 @@ class Joint:
     is_end: bool = False
     children: list[int] = field(default_factory=list)  # indices of its children
 
+    @property
+    def turns(self) -> list[str]:
+        """Channels of rotation."""
+        return [channel for channel in self.channels if channel in ROTATIONS]
+
+    @property
+    def order(self) -> str:
+        """Letters of the axes of rotation, as scipy's."""
+        return "".join(channel[0].upper() for channel in self.turns)
+
 
 @dataclass(frozen=True, eq=False)
 class Bvh:
@@ -93,34 +104,24 @@ class Bvh:
 
     def pose(self) -> tuple[FloatArray, FloatArray]:
         """Compute world positions of all joints and ends in the file's unit, (T, J, 3), and rotations, (T, J, 3, 3)."""
-        count = len(self.values)
-        at = np.empty((count, len(self.joints), 3))
-        turned = np.empty((count, len(self.joints), 3, 3))
-        for index, joint in enumerate(self.joints):
-            shift, turn = self._local(joint)
-            if joint.parent < 0:
-                at[:, index], turned[:, index] = shift, turn
-            else:
-                parent = turned[:, joint.parent]
-                at[:, index] = at[:, joint.parent] + np.einsum("tij,tj->ti", parent, shift)
-                turned[:, index] = parent @ turn
-        return at, turned
-
-    def _local(self, joint: Joint) -> tuple[FloatArray, FloatArray]:
-        """Return position and rotation of a joint in its parent's frame, shapes (T, 3) and (T, 3, 3)."""
         from scipy.spatial.transform import Rotation
 
         count = len(self.values)
-        columns = {channel: self.values[:, joint.first + k] for k, channel in enumerate(joint.channels)}
-        # Position channels stand for the offset, they do not add to it; but for those that are 0 (`_without_zeros`).
-        offsets = zip(POSITIONS, joint.offset)
-        shift = np.stack([columns.get(key, np.full(count, offset)) for key, offset in offsets], axis=1)
-        turns = [channel for channel in joint.channels if channel in ROTATIONS]
-        if not turns:
-            return shift, np.tile(np.eye(3), (count, 1, 1))
-        angles = np.stack([columns[channel] for channel in turns], axis=1)
-        order = "".join(channel[0].upper() for channel in turns)
-        return shift, Rotation.from_euler(order, angles, degrees=True).as_matrix()
+        at, turned = np.empty((count, len(self.joints), 3)), np.empty((count, len(self.joints), 3, 3))
+        for index, joint in enumerate(self.joints):
+            columns = {channel: self.values[:, joint.first + k] for k, channel in enumerate(joint.channels)}
+            # Position channels stand for the offset, they do not add to it; but for those that are 0.
+            offsets = zip(POSITIONS, joint.offset)
+            shift = np.stack([columns.get(key, np.full(count, offset)) for key, offset in offsets], axis=1)
+            turn = np.tile(np.eye(3), (count, 1, 1))
+            if joint.turns:
+                angles = np.stack([columns[channel] for channel in joint.turns], axis=1)
+                turn = Rotation.from_euler(joint.order, angles, degrees=True).as_matrix()
+            if joint.parent >= 0:
+                parent = turned[:, joint.parent]
+                shift, turn = at[:, joint.parent] + np.einsum("tij,tj->ti", parent, shift), parent @ turn
+            at[:, index], turned[:, index] = shift, turn
+        return at, turned
 
 
 def read_bvh(text: str) -> Bvh:
@@ -159,22 +160,18 @@ def _hierarchy(lines: list[tuple[int, list[str]]]) -> tuple[tuple[Joint, ...], i
         elif key == "OFFSET" and open_joints and pending is None:
             joints[open_joints[-1]].offset = np.array(_numbers(words[1:], 3, where, "OFFSET"))
         elif key == "CHANNELS" and open_joints and pending is None:
-            joint = joints[open_joints[-1]]
-            joint.channels, joint.first = _channels(words, where), columns
-            columns += len(joint.channels)
+            joint, channels = joints[open_joints[-1]], tuple(word.lower() for word in words[2:])
+            once = len(channels) == len({*channels} & {*POSITIONS, *ROTATIONS})
+            if words[1:2] != [str(len(channels))] or not once:
+                expected = "expected CHANNELS, their number, names as Xposition"
+                raise TrajectoryError(f"{where}: {' '.join(words)[:60]}; {expected}")
+            joint.channels, joint.first = channels, columns
+            columns += len(channels)
         elif key == "MOTION" and not open_joints and joints:
             return tuple(joints), count
         else:
             raise TrajectoryError(f"{where} is '{' '.join(words)[:40]}', which no BVH hierarchy holds there")
     raise TrajectoryError("a BVH hierarchy without MOTION; was the file cut short?")
-
-
-def _channels(words: list[str], where: str) -> tuple[str, ...]:
-    channels = tuple(word.lower() for word in words[2:])
-    fits = len(words) > 1 and words[1].isdecimal() and int(words[1]) == len(channels) == len(set(channels))
-    if not fits or not set(channels) <= {*POSITIONS, *ROTATIONS}:
-        raise TrajectoryError(f"{where}: {' '.join(words)[:60]}; expected CHANNELS, their number, names as Xposition")
-    return channels
 
 
 def _motion(lines: list[tuple[int, list[str]]], joints: tuple[Joint, ...], *, complete: bool) -> Bvh:
@@ -185,10 +182,9 @@ def _motion(lines: list[tuple[int, list[str]]], joints: tuple[Joint, ...], *, co
     if not 0.0 < step < 10.0:
         raise TrajectoryError(f"Frame Time: {step:g}; expected seconds between frames")
     rows = lines[2:]
-    if not rows:
-        raise TrajectoryError("no frames; expected one line of numbers each")
-    if len(rows) > MOST_SAMPLES:
-        raise TrajectoryError(f"{len(rows):,} frames; expected at most {MOST_SAMPLES:,}")
+    if not 0 < len(rows) <= MOST_SAMPLES:
+        expected = f"one line of numbers each, at most {MOST_SAMPLES:,}"
+        raise TrajectoryError(f"{len(rows) or 'no'} frames; expected {expected}")
     width = sum(len(joint.channels) for joint in joints)
     values = np.full((len(rows), width), np.nan)
     findings: list[Finding] = []
@@ -204,29 +200,22 @@ def _motion(lines: list[tuple[int, list[str]]], joints: tuple[Joint, ...], *, co
             values[row] = _numbers(words, width, f"line {number}", "frame")
         except TrajectoryError:
             broken.append(number)
-    if len(broken) > 0.25 * len(rows):
-        what = f"frames without {width} numbers, one a channel; first line {broken[0]}"
-        raise TrajectoryError(f"{len(broken)} of {len(rows)} {what}")
     if broken:
         text = f"{counted(len(broken), 'frame')} without {width} numbers: missing, first line {broken[0]}"
+        if len(broken) > 0.25 * len(rows):
+            raise TrajectoryError(f"{text}; expected one a channel in each of {len(rows)}")
         findings.append(note(text))
-    joints, zeros = _without_zeros(joints, values)
-    if zeros:
-        text = f"{counted(zeros, 'joint')} with position channels that are 0 in every frame: each stands at its OFFSET"
-        findings.append(note(text))
-    return Bvh(joints, float(step), values, tuple(findings), tuple(number for number, _ in rows))
-
-
-def _without_zeros(joints: tuple[Joint, ...], values: FloatArray) -> tuple[tuple[Joint, ...], int]:
-    """Return the joints without names of position channels that are 0 in every frame, and how many had them."""
-    kept = []
+    zeros = 0
     for joint in joints:
         places = [joint.first + k for k, channel in enumerate(joint.channels) if channel in POSITIONS]
         known = np.nan_to_num(np.abs(values[:, places]), nan=0.0)
         if joint.parent >= 0 and places and known.max() < STILL_OFFSET * np.linalg.norm(joint.offset):
-            joint = replace(joint, channels=tuple("" if name in POSITIONS else name for name in joint.channels))
-        kept.append(joint)
-    return tuple(kept), sum(old is not new for old, new in zip(joints, kept))
+            joint.channels = tuple("" if name in POSITIONS else name for name in joint.channels)
+            zeros += 1
+    if zeros:
+        text = f"{counted(zeros, 'joint')} with position channels that are 0 in every frame: each stands at its OFFSET"
+        findings.append(note(text))
+    return Bvh(joints, float(step), values, tuple(findings), tuple(number for number, _ in rows))
 
 
 def _numbers(words: list[str], count: int, where: str, key: str) -> list[float]:
@@ -239,11 +228,10 @@ def _numbers(words: list[str], count: int, where: str, key: str) -> list[float]:
     return numbers
 
 
-@dataclass(frozen=True)
-class _Chain:
+class _Chain(NamedTuple):
     """Indices of a finger's three joints and its tip; no tip where the last bone has no end."""
 
-    joints: tuple[int, int, int]
+    joints: list[int]
     tip: int | None
 
 
@@ -253,8 +241,14 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     side, chains, findings = _hand(bvh, options)
     wrist = _wrist(bvh.joints, chains)
     at, turned = bvh.pose()
-    joints = JointPositions(
-        position=np.concatenate([at[:, [wrist]], _finger_points(bvh, chains, at, turned)], axis=1),
+    points = [at[:, wrist]]
+    for joints, tip in (chains[finger] for finger in FINGERS):
+        points += [at[:, joint] for joint in joints]
+        # A last bone without an end continues the one before in the rest pose, at a usual length.
+        last = at[:, joints[2]] + turned[:, joints[2]] @ (0.7 * bvh.joints[joints[2]].offset)
+        points.append(last if tip is None else at[:, tip])
+    made = JointPositions(
+        position=np.stack(points, axis=1),
         form="bvh",
         what=f"{side} hand at '{bvh.joints[wrist].name}'".strip(),
         time=np.arange(len(bvh.values), dtype=np.float64) * bvh.frame_time,
@@ -262,7 +256,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         up="y",
         findings=(*bvh.findings, *findings),
     )
-    return recording_of_joints(joints, content, options)
+    return recording_of_joints(made, content, options)
 
 
 def _hand(bvh: Bvh, options: ReadOptions) -> tuple[HandSide, dict[str, _Chain], list[Finding]]:
@@ -275,11 +269,9 @@ def _hand(bvh: Bvh, options: ReadOptions) -> tuple[HandSide, dict[str, _Chain], 
             for side, lines in fingers.items()
             if lines
         )
-        names = ", ".join(joint.name for joint in bvh.joints if not joint.is_end)
-        raise TrajectoryError(
-            f"no hand with five fingers of three joints each among {len(bvh.joints)} joints ({some or 'none'}), such "
-            f"as {names[:60]}…; {NO_HAND}"
-        )
+        names = ", ".join(joint.name for joint in bvh.joints if not joint.is_end)[:60]
+        what = f"{len(bvh.joints)} joints ({some or 'none'}), such as {names}…"
+        raise TrajectoryError(f"no hand with five fingers of three joints each among {what}; {NO_HAND}")
     side, findings = chosen_side({side: 1 for side, hands in found.items() if hands}, options.hand)
     if len(found[side]) > 1:
         at = " and ".join(f"'{bvh.joints[_wrist(bvh.joints, hand)].name}'" for hand in found[side][:2])
@@ -313,25 +305,30 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
         carrier = _carrier(joints, wrist)
         if carrier is None:
             far = 1e3 * recording.file_frame.metre * np.linalg.norm(shift, axis=1).max()
-            raise InputError(
-                f"the correction moves the wrist '{joints[wrist].name}' by {far:.1f} mm, and neither it nor a joint "
-                "that moves this hand alone has position channels: export the result in another format"
-            )
+            moves = f"the correction moves the wrist '{joints[wrist].name}' by {far:.1f} mm, and neither it nor a joint"
+            raise InputError(f"{moves} that moves this hand alone has position channels: export it in another format")
         if carrier.parent >= 0:
             shift = np.einsum("tji,tj->ti", world[:, carrier.parent], shift)
         places = [carrier.first + carrier.channels.index(channel) for channel in POSITIONS]
         new |= {k: NewColumn(old.values[:, k] + step, made.digits) for k, step in zip(places, shift.T)}
-    return content.edited(_frame_edits(content.exact_text, [bvh.lines[row] for row in made.rows], new))
+    text = content.exact_text
+    starts, lines = line_starts(text), text.splitlines()
+    edits: list[NumberEdit] = []
+    for k, row in enumerate(made.rows):
+        line = bvh.lines[row] - 1
+        spans = word_spans(lines[line])
+        for place, column in new.items():
+            first, last = (starts[line] + end for end in spans[place])
+            edits.append(NumberEdit(first, last, float(column.values[k]), column.decimals))
+    return content.edited(edits)
 
 
 def _rotation_columns(joint: Joint, local: FloatArray, values: FloatArray) -> dict[int, NewColumn]:
     """Return the new columns of a joint's rotation in its parent's frame; InputError if it has too few channels."""
-    turns = [channel for channel in joint.channels if channel in ROTATIONS]
-    if len(turns) < len(ROTATIONS):
-        raise InputError(f"joint '{joint.name}' has {len(turns)} channels of rotation; expected 3 to correct it")
-    places = [joint.first + joint.channels.index(channel) for channel in turns]
-    order = "".join(channel[0].upper() for channel in turns)
-    angles = np.degrees(euler_angles(local, order, np.radians(values[:, places])))
+    if len(joint.turns) < len(ROTATIONS):
+        raise InputError(f"joint '{joint.name}' has {len(joint.turns)} channels of rotation; expected 3 to correct it")
+    places = [joint.first + joint.channels.index(channel) for channel in joint.turns]
+    angles = np.degrees(euler_angles(local, joint.order, np.radians(values[:, places])))
     return {place: NewColumn(column, DEGREE_DIGITS) for place, column in zip(places, angles.T)}
 
 
@@ -345,16 +342,6 @@ def _carrier(joints: tuple[Joint, ...], wrist: int) -> Joint | None:
             return joints[index]
         below = index
     return None
-
-
-def _frame_edits(text: str, numbers: list[int], new: dict[int, NewColumn]) -> Iterator[NumberEdit]:
-    """Yield the edits of frames in lines of these numbers for new values of some channels."""
-    starts, lines = line_starts(text), text.splitlines()
-    for k, number in enumerate(numbers):
-        spans = word_spans(lines[number - 1])
-        for place, column in new.items():
-            first, last = (starts[number - 1] + end for end in spans[place])
-            yield NumberEdit(first, last, float(column.values[k]), column.decimals)
 
 
 def side_of(name: str) -> HandSide:
@@ -438,7 +425,7 @@ def _chain(joints: tuple[Joint, ...], line: list[int]) -> _Chain:
     tip = line[3] if len(line) > 3 else ends[0] if ends else None
     if tip is not None and not np.linalg.norm(joints[tip].offset) > 0.0:
         tip = None
-    return _Chain((line[0], line[1], line[2]), tip)
+    return _Chain(line[:3], tip)
 
 
 def _ancestors(joints: tuple[Joint, ...], index: int) -> Iterator[int]:
@@ -457,18 +444,6 @@ def _wrist(joints: tuple[Joint, ...], chains: dict[str, _Chain]) -> int:
     """Return the nearest common ancestor of all fingers."""
     lines = [list(_ancestors(joints, joints[chain.joints[0]].parent)) for chain in chains.values()]
     return next(index for index in lines[0] if all(index in line for line in lines))
-
-
-def _finger_points(bvh: Bvh, chains: dict[str, _Chain], at: FloatArray, turned: FloatArray) -> FloatArray:
-    """Return three joints and tip of each finger in the file's unit, shape (T, 20, 3)."""
-    points = []
-    for finger in FINGERS:
-        chain = chains[finger]
-        last = chain.joints[2]
-        # A last bone without an end continues the one before in the rest pose, at a usual length.
-        tip = at[:, last] + turned[:, last] @ (0.7 * bvh.joints[last].offset) if chain.tip is None else at[:, chain.tip]
-        points += [*(at[:, joint] for joint in chain.joints), tip]
-    return np.stack(points, axis=1)
 
 
 FORMAT = RecordingFormat(

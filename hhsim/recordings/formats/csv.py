@@ -16,15 +16,29 @@ from hhsim.motion.csv_file import (
     format_csv,
 )
 from hhsim.motion.csv_table import Table, read_table
-from hhsim.motion.text_edit import NewColumn, cell_edits
 from hhsim.motion.trajectory import ObjectMotion, Trajectory
-from hhsim.recordings.column_map import ColumnMap, map_edits, mapped, stamp_columns
-from hhsim.recordings.correction import ANGLE_DIGITS, Correction, angle_unit, changes
+from hhsim.recordings.column_map import (
+    ColumnMap,
+    OrientationColumns,
+    PositionColumns,
+    TimeColumn,
+    map_edits,
+    mapped,
+    stamp_columns,
+)
+from hhsim.recordings.correction import Correction, angle_unit, changes
 from hhsim.recordings.frames import FileFrame, to_our_frames
 from hhsim.recordings.object_poses import placed, poses_in, table_arrays
 from hhsim.recordings.recording import SIDES, Finding, HandMotion, Recording, note, unreadable, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
+OWN = ColumnMap(
+    joints={name: name for name in COLUMNS[8:]},
+    time=TimeColumn(COLUMNS[0]),
+    position=PositionColumns(("px", "py", "pz")),
+    orientation=OrientationColumns(("qw", "qx", "qy", "qz")),
+)
+"""Our own columns."""
 UNKNOWN = ("", "none", "nan")
 """Words for the hand of a file that does not tell it."""
 
@@ -65,19 +79,11 @@ def columns_of(options: ReadOptions) -> ColumnMap | None:
 
 
 def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
-    columns = columns_of(options)
-    made = changes(recording, correction)
+    columns = columns_of(options) or OWN
     unit = angle_unit(recording, _read(content, options))
-    if columns is not None:
-        table = read_table(content.text, delimiter=columns.delimiter, decimal=columns.decimal)
-        return content.edited(map_edits(content.exact_text, table, columns, made, unit), table.decimal)
-    table = read_table(content.text)
-    names = COLUMNS[1:]
-    values = table.numbers(names)[0][made.rows]
-    new = np.concatenate(made.motion(values[:, :3], values[:, 3:7], values[:, 7:], unit), axis=1)
-    digits = [made.digits] * 3 + [ANGLE_DIGITS] * (len(names) - 3)
-    edits = {name: NewColumn(column, least) for name, column, least in zip(names, new.T, digits)}
-    return content.edited(cell_edits(content.exact_text, table, made.rows.tolist(), edits), table.decimal)
+    table = read_table(content.text, delimiter=columns.delimiter, decimal=columns.decimal)
+    edits = map_edits(content.exact_text, table, columns, changes(recording, correction), unit)
+    return content.edited(edits, table.decimal)
 
 
 def _make(suffix: str, motion: HandMotion) -> bytes:

@@ -57,10 +57,8 @@ def _calibrated(content: Content, options: ReadOptions) -> tuple[Recording, Dexm
         fist = _within(time, readings, poses.fist, "a fist")
         chosen = calibrated(chosen, flat, fist, spread)
     elif not chosen.counts_raw and np.nanpercentile(np.abs(readings), 95.0) > MOST_NORMALISED:
-        raise InputError(
-            f"channels reach {np.nanmax(np.abs(readings)):g}: raw counts; expected 0 to 1, or a calibration: "
-            "--calibration, or --open and --fist"
-        )
+        expected = "expected 0 to 1, or a calibration: --calibration, or --open and --fist"
+        raise InputError(f"channels reach {np.nanmax(np.abs(readings)):g}: raw counts; {expected}")
     flexion, abduction = chosen.angles(readings)
     recording = recording.found(*unused(dict.fromkeys(table.header), columns.names | {*CHANNELS}))
     recording = recording.changed(
@@ -87,12 +85,10 @@ def calibration_of(path: Path, options: ReadOptions) -> DexmoRegression:
     return _calibrated(Content(path), options)[1]
 
 
-def _sniff(content: Content, options: ReadOptions) -> bool:
-    return options.columns is None and has_dexmo_channels(content.header)
-
-
-def _read(content: Content, options: ReadOptions) -> Recording:
-    return _calibrated(content, options)[0]
-
-
-FORMAT = RecordingFormat("dexmo", "a table of a Dexmo glove's eleven channels", (CSV_SUFFIX,), _sniff, _read)
+FORMAT = RecordingFormat(
+    "dexmo",
+    "a table of a Dexmo glove's eleven channels",
+    (CSV_SUFFIX,),
+    lambda content, options: options.columns is None and has_dexmo_channels(content.header),
+    lambda content, options: _calibrated(content, options)[0],
+)

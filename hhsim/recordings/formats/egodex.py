@@ -42,23 +42,17 @@ def _opened(content: Content, mode: str = "r") -> AbstractContextManager[tuple[i
     return opened_hdf5(content.packed or content.data, content.path, mode)
 
 
-def _hands(group: Any) -> dict[HandSide, dict[str, Any]]:
-    """Return the data sets of each hand with all 21 joints, by OpenXR's names."""
-    found = {}
-    for side in SIDES:
-        joints = {joint: group[name] for joint, name in arkit_joints(side).items() if name in group}
-        if set(KEYPOINTS) <= set(joints):
-            found[side] = joints
-    return found
-
-
 def _chosen(file: h5py.File, options: ReadOptions) -> tuple[HandSide, dict[str, Any], list[Any]]:
     """Return the hand of the options, else the right one, its data sets, and what is to be told of it."""
     group = file.get(GROUP)
-    hands = _hands(group) if isinstance(group, h5py.Group) else {}
+    held = group if isinstance(group, h5py.Group) else {}
+    hands: dict[HandSide, dict[str, Any]] = {
+        side: {joint: held[name] for joint, name in arkit_joints(side).items() if name in held} for side in SIDES
+    }
+    hands = {side: joints for side, joints in hands.items() if set(KEYPOINTS) <= set(joints)}
     if not hands:
-        held = ", ".join(list(group if isinstance(group, h5py.Group) else file)[:4]) or "nothing"
-        raise TrajectoryError(f"no hand in '{GROUP}', it holds {held}; expected EgoDex's joints, such as rightHand")
+        names = ", ".join(list(held or file)[:4]) or "nothing"
+        raise TrajectoryError(f"no hand in '{GROUP}', it holds {names}; expected EgoDex's joints, such as rightHand")
     side, findings = chosen_side({side: len(joints["wrist"]) for side, joints in hands.items()}, options.hand)
     for joint, values in hands[side].items():
         frames = len(hands[side]["wrist"])

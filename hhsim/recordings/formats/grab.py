@@ -29,9 +29,15 @@ from hhsim.motion.pickled_data import flat, npy_dictionary, replaced
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.correction import Correction, joint_changes
 from hhsim.recordings.formats.keypoints import joints_of_array
-from hhsim.recordings.formats.mano import ANGLES, ManoPoses, corrected_arrays, parameters_of, recording_of_poses
+from hhsim.recordings.formats.mano import (
+    ANGLES,
+    ManoParameters,
+    ManoPoses,
+    corrected_arrays,
+    parameters_of,
+    recording_of_poses,
+)
 from hhsim.recordings.joint_positions import recording_of_joints
-from hhsim.recordings.mano_model import ManoParameters
 from hhsim.recordings.object_poses import ObjectPoses, poses_in
 from hhsim.recordings.recording import SIDES, Finding, Recording, chosen_side, note, unused
 from hhsim.recordings.registry import NPY, OF_OBJECTS, Content, ReadOptions, RecordingFormat

@@ -5,7 +5,6 @@ from dataclasses import fields
 from typing import Any, get_args
 
 import h5py
-import numpy as np
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.file import HDF5_SUFFIXES, read_fields
@@ -59,10 +58,7 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
     with h5py.File(image, "r+") as file:
         require_own_data(file)
         place, turn, flexion, abduction = (file[key][()] for key in MOTION)
-        angles = np.concatenate([flexion.reshape(-1, 15), abduction], axis=1)
-        rows = made.rows
-        place[rows], turn[rows], angles[rows] = made.motion(place[rows], turn[rows], angles[rows], unit)
-        for key, values in zip(MOTION, (place, turn, angles[:, :15].reshape(-1, 5, 3), angles[:, 15:])):
+        for key, values in zip(MOTION, made.motion(place, turn, flexion, abduction, unit)):
             file[key][...] = values
     return image.getvalue() if given is content.data else sealed(image.getvalue())
 

@@ -27,7 +27,17 @@ from hhsim.motion.csv_table import Table, lacks_names, read_table
 from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, numbers, read_npy
 from hhsim.recordings.correction import Changes, Correction, joint_changes
 from hhsim.recordings.finger_ik import usual_bones
-from hhsim.recordings.joint_frames import frame_edits, joints_of_frames, listed_joints, read_frames
+from hhsim.recordings.joint_frames import (
+    frame_edits,
+    joint_columns,
+    joint_edits,
+    joints_of_frames,
+    joints_of_table,
+    listed_joints,
+    located,
+    read_frames,
+    table_of_joints,
+)
 from hhsim.recordings.joint_names import (
     KEYPOINTS,
     MANO_JOINTS,
@@ -39,7 +49,6 @@ from hhsim.recordings.joint_names import (
     joint_name,
 )
 from hhsim.recordings.joint_positions import TINY, JointPositions, recording_of_joints
-from hhsim.recordings.joint_table import joint_columns, joint_edits, joints_of_table, located, table_of_joints
 from hhsim.recordings.json_document import PlacedJson
 from hhsim.recordings.object_poses import poses_in
 from hhsim.recordings.recording import HandMotion, Recording, note, readings, unused
@@ -90,8 +99,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         elif options.joint_order is None:
             order_by_bones(joints.position, {"openxr": KEYPOINTS})
     else:
-        joints = _from_table(content, options)
-        joints = replace(joints, **_ordered(joints.position, content, options))
+        table, names, notes = _named_table(content)
+        joints = joints_of_table(table, names, "keypoints", options)
+        found = (*map(note, notes), *joints.findings)
+        joints = replace(joints, findings=found, **_ordered(joints.position, content, options))
     return recording_of_joints(joints, content, options).changed(checksums="held" if zipped else "")
 
 
@@ -164,11 +175,8 @@ def order_by_bones(points: FloatArray, orders: Mapping[str, tuple[str, ...]]) ->
         return next(iter(orders))
     fitting = [fit for fit in found if fit.fits]
     if not fitting:
-        off = "; ".join(fit.text for fit in found)
-        raise TrajectoryError(
-            f"{points.shape[1]} joints in no order that is known, by their bones: {off}; name them in a field "
-            "joint_names, or say --joint-order if it is one of these"
-        )
+        what = f"{points.shape[1]} joints in no order that is known, by their bones: {'; '.join(f.text for f in found)}"
+        raise TrajectoryError(f"{what}; name them in a field joint_names, or say --joint-order if it is one of these")
     return min(fitting, key=lambda fit: fit.misfit).word
 
 
@@ -184,33 +192,30 @@ class _BoneFit(NamedTuple):
 def _bone_fits(points: FloatArray, orders: Mapping[str, tuple[str, ...]]) -> list[_BoneFit]:
     """Compare rows of joints, shape (T, n, 3), in each of these orders with a hand; empty if no row is whole."""
     whole = points[np.isfinite(points).all(axis=(1, 2)) & (np.ptp(points, axis=1) > 0.0).any(axis=1)]
-    some = whole[:: len(whole) // MOST_JUDGED + 1]
-    places = {word: [*map(names.index, KEYPOINTS)] for word, names in orders.items()}
-    return [_bone_fit(some[:, order], word) for word, order in places.items()] if len(some) else []
-
-
-def _bone_fit(hand: FloatArray, word: str) -> _BoneFit:
-    """Compare the bones of joints in the order of `KEYPOINTS`, shape (T, 21, 3), with those of a hand."""
-    ends = hand[:, 1:].reshape(-1, 5, 4, 3)
-    starts = np.concatenate([np.broadcast_to(hand[:, None, None, 0], (len(hand), 5, 1, 3)), ends[:, :, :3]], axis=2)
-    bones = np.linalg.norm(ends - starts, axis=3).reshape(-1, 20)
-    # Shares of all bones: a tracker without scale may see the hand grow and shrink.
-    total = np.maximum(bones.sum(axis=1, keepdims=True), TINY)
-    share = np.median(bones / total, axis=0)
-    usual = usual_bones().ravel()
-    ratio = np.maximum(share / max(float(share.sum()), TINY) * usual.sum() / usual, 1e-3)
-    change = float(np.percentile(np.abs(bones / total - share), 90.0, axis=0).max())
-    worst, low, high = int(np.argmax(np.abs(np.log(ratio)))), *PROPORTIONS
-    # In no order the length of the hand tells the unit; the largest distance of two joints does, about.
-    size = float(np.median(np.linalg.norm(hand[:, :, None] - hand[:, None], axis=3).max(axis=(1, 2))))
-    unit = next((metre for metre in LENGTH_UNITS.values() if 0.08 <= metre * size <= 0.3), DEFAULT_HAND_LENGTH / size)
-    millimetres = 1e3 * unit * float(np.median(total))
-    text = (
-        f"in {MAKERS[word]}'s the bone to {KEYPOINTS[1 + worst]} is {millimetres * share[worst]:.0f} mm, "
-        f"{ratio[worst]:.2g} times a hand's, and bones change by {millimetres * change:.0f} mm"
-    )
-    fits = low <= ratio.min() and ratio.max() <= high and change <= MOST_CHANGE
-    return _BoneFit(word, float(np.abs(np.log(ratio)).mean()), fits, text)
+    some, found = whole[:: len(whole) // MOST_JUDGED + 1], []
+    for word, names in orders.items() if len(some) else ():
+        hand = some[:, [names.index(joint) for joint in KEYPOINTS]]
+        ends = hand[:, 1:].reshape(-1, 5, 4, 3)
+        starts = np.concatenate([np.broadcast_to(hand[:, None, None, 0], (len(hand), 5, 1, 3)), ends[:, :, :3]], axis=2)
+        bones = np.linalg.norm(ends - starts, axis=3).reshape(-1, 20)
+        # Shares of all bones: a tracker without scale may see the hand grow and shrink.
+        total = np.maximum(bones.sum(axis=1, keepdims=True), TINY)
+        share = np.median(bones / total, axis=0)
+        usual = usual_bones().ravel()
+        ratio = np.maximum(share / max(float(share.sum()), TINY) * usual.sum() / usual, 1e-3)
+        change = float(np.percentile(np.abs(bones / total - share), 90.0, axis=0).max())
+        worst, low, high = int(np.argmax(np.abs(np.log(ratio)))), *PROPORTIONS
+        # In no order the length of the hand tells the unit; the largest distance of two joints does, about.
+        size = float(np.median(np.linalg.norm(hand[:, :, None] - hand[:, None], axis=3).max(axis=(1, 2))))
+        metres = (metre for metre in LENGTH_UNITS.values() if 0.08 <= metre * size <= 0.3)
+        millimetres = 1e3 * next(metres, DEFAULT_HAND_LENGTH / size) * float(np.median(total))
+        text = (
+            f"in {MAKERS[word]}'s the bone to {KEYPOINTS[1 + worst]} is {millimetres * share[worst]:.0f} mm, "
+            f"{ratio[worst]:.2g} times a hand's, and bones change by {millimetres * change:.0f} mm"
+        )
+        fits = low <= ratio.min() and ratio.max() <= high and change <= MOST_CHANGE
+        found.append(_BoneFit(word, float(np.abs(np.log(ratio)).mean()), bool(fits), text))
+    return found
 
 
 def _from_npz(content: Content, options: ReadOptions) -> JointPositions:
@@ -258,11 +263,11 @@ def _points_key(content: Content, options: ReadOptions) -> str:
     named = [key for key in fitting if key in NAMES] or fitting
     if options.hand and len(named) > 1:
         named = [key for key in named if joint_name(key).side == options.hand] or named
-    if len(named) != 1:
-        if named:
-            sided = " or --hand right|left" if {joint_name(key).side for key in named} >= {"right", "left"} else ""
-            listed = ", ".join(named)
-            raise TrajectoryError(f"{len(named)} arrays of joints, {listed}; say which one: --array NAME{sided}")
+    if len(named) > 1:
+        sided = " or --hand right|left" if {joint_name(key).side for key in named} >= {"right", "left"} else ""
+        listed = ", ".join(named)
+        raise TrajectoryError(f"{len(named)} arrays of joints, {listed}; say which one: --array NAME{sided}")
+    if not named:
         large = sorted(arrays.items(), key=lambda each: -np.ndim(each[1]))
         held = ", ".join(f"{key} {np.shape(value)}" for key, value in large[:MOST_LISTED])
         more = f" and {len(large) - MOST_LISTED} more" if len(large) > MOST_LISTED else ""
@@ -282,15 +287,10 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
     read = _joints_read(recording)
     if content.is_json:
         placed = PlacedJson(content.exact_text)
-        frames = [
-            frame._replace(
-                hands={
-                    side: {read.get(name, name): joint for name, joint in hand.items()}
-                    for side, hand in frame.hands.items()
-                }
-            )
-            for frame in read_frames(placed.document)[0]
-        ]
+        frames = []
+        for frame in read_frames(placed.document)[0]:
+            hands = {side: {read.get(name, name): hand[name] for name in hand} for side, hand in frame.hands.items()}
+            frames.append(frame._replace(hands=hands))
         return content.edited(frame_edits(placed, frames, options, made))
     table, names, _ = _named_table(content)
     names = {column: name._replace(joint=read.get(name.joint, name.joint)) for column, name in names.items()}
@@ -341,12 +341,6 @@ def _numbered_names(header: tuple[str, ...]) -> dict[str, JointName]:
     return {column: name for column, name in names.items() if name.side in whole}
 
 
-def _from_table(content: Content, options: ReadOptions) -> JointPositions:
-    table, names, notes = _named_table(content)
-    joints = joints_of_table(table, names, "keypoints", options)
-    return replace(joints, findings=(*map(note, notes), *joints.findings))
-
-
 def _named_table(content: Content) -> tuple[Table, Mapping[str, JointName], list[str]]:
     """Return the table, the meanings of its columns, and notes about them."""
     header = content.header
@@ -389,10 +383,9 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
     if len({name.joint for name in said if name.joint and name.part in ("x", "y", "z")}) >= FEWEST_NAMED:
         # Columns named after joints may stand in any order: format openxr.
         return False
-    others = len(header) - len(COORDINATES)
-    stamps = time_column(header) if others > 0 else None
-    is_bare = others == 0 or (stamps is not None and others == len(stamps.names) + len(stamps.others))
-    return bool(_numbered_names(header)) or is_bare
+    stamps = time_column(header) if len(header) > len(COORDINATES) else None
+    stamped = 0 if stamps is None else len(stamps.names) + len(stamps.others)
+    return bool(_numbered_names(header)) or len(header) == len(COORDINATES) + stamped
 
 
 FORMAT = RecordingFormat(

@@ -15,11 +15,10 @@ from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import HandSide, RawChannel
-from hhsim.recordings.finger_ik import palm_rotation
+from hhsim.recordings.finger_ik import misplaced_joints, palm_rotation, recorded_bones
 from hhsim.recordings.frames import FileFrame, axis_flip, to_our_world, world_matrix
 from hhsim.recordings.joint_positions import fitted_posture
 from hhsim.recordings.json_document import keys_of, number, objects, read_json, vector
-from hhsim.recordings.recorded_bones import misplaced_joints, recorded_bones
 from hhsim.recordings.recording import SIDES, Recording, frames_with_hand, known_side, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 from hhsim.system.child_reader import read_in_child
@@ -48,7 +47,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if not frames:
         held = document["frames"] if isinstance(document, dict) else document
         raise TrajectoryError(f"no frames of Leap Motion's, {keys_of(held)}; {EXPECTED}")
-    side, shown, findings = frames_with_hand(_sides(frames), options.hand)
+    sides = [{hand["type"] for hand in objects(frame.get("hands")) if hand.get("type") in SIDES} for frame in frames]
+    if not any(sides):
+        raise TrajectoryError(f"no hand in any of {len(frames)} frames, the first {keys_of(frames[0])}; {EXPECTED}")
+    side, shown, findings = frames_with_hand(sides, options.hand)
     stated = metadata.get("frames")
     if isinstance(stated, int) and stated != len(frames):
         findings.append(note(f"{len(frames)} frames where the file says {stated}: some are lost"))
@@ -63,7 +65,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if not np.isfinite(joints).any():
         raise TrajectoryError("no frame holds the joints of the fingers; expected bones, as of Leap's API from 2.0 on")
     points = np.concatenate([MILLIMETRE * wrist[:, None], joints.reshape(-1, 20, 3)], axis=1)
-    known_side(points, side, findings, options.mirror, structural=True)
+    known_side(points, side, findings, options.mirror, True)
     palm = palm_rotation(direction, -normal)
     posture, off = fitted_posture(joints, palm, side)
     bones = recorded_bones(joints, MILLIMETRE * wrist, posture, side)
@@ -95,14 +97,6 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     )
     text = f"confidence below {UNSURE:g}, says the device: kept"
     return recording.flagged(confidence < UNSURE, SampleFlag.INVALID, text)
-
-
-def _sides(frames: list[Mapping[str, Any]]) -> list[set[HandSide]]:
-    """Return the hands in each frame; raise TrajectoryError if there are none."""
-    sides = [{hand["type"] for hand in objects(frame.get("hands")) if hand.get("type") in SIDES} for frame in frames]
-    if not any(sides):
-        raise TrajectoryError(f"no hand in any of {len(frames)} frames, the first {keys_of(frames[0])}; {EXPECTED}")
-    return sides
 
 
 def looks_packed(text: str) -> bool:
@@ -175,26 +169,21 @@ def _hand(frame: Mapping[str, Any], side: HandSide) -> Mapping[str, Any]:
 def _joints(frame: Mapping[str, Any], hand: Mapping[str, Any]) -> FloatArray:
     """Return base, two joints and tip of each finger [mm], shape (5, 4, 3); NaN where missing."""
     joints = np.full((len(FINGERS), len(JOINTS), 3), np.nan)
-    for finger, pointable in _fingers(frame, hand).items():
-        # The first versions with bones wrote no end of the last one; the fingertip is near it.
-        held = {"btipPosition": pointable.get("tipPosition"), **pointable}
-        joints[finger] = [vector(held.get(key)) for key in JOINTS]
-    return joints
-
-
-def _fingers(frame: Mapping[str, Any], hand: Mapping[str, Any]) -> dict[int, Mapping[str, Any]]:
-    """Return the fingers of a hand by their number."""
-    found: dict[int, Mapping[str, Any]] = {}
     for pointable in objects(frame.get("pointables")):
         finger = pointable.get("type")
         ours = pointable.get("handId") == hand.get("id") and not pointable.get("tool")
         if ours and isinstance(finger, int) and 0 <= finger < len(FINGERS):
-            found[int(finger)] = pointable
-    return found
+            # The first versions with bones wrote no end of the last one; the fingertip is near it.
+            held = {"btipPosition": pointable.get("tipPosition"), **pointable}
+            joints[finger] = [vector(held.get(key)) for key in JOINTS]
+    return joints
 
 
-def _sniff(content: Content, options: ReadOptions) -> bool:
-    return content.beginning.lstrip()[:1] in ("{", "[") or looks_packed(content.beginning)
-
-
-FORMAT = RecordingFormat("leap", "a Leap Motion recording, .json or .json.lz", (".json", ".lz"), _sniff, _read, rank=1)
+FORMAT = RecordingFormat(
+    "leap",
+    "a Leap Motion recording, .json or .json.lz",
+    (".json", ".lz"),
+    lambda content, options: content.is_json or looks_packed(content.beginning),
+    _read,
+    rank=1,
+)

@@ -19,13 +19,12 @@ from hhsim.recordings.column_map import mapped
 from hhsim.recordings.correction import Correction, joint_changes
 from hhsim.recordings.formats.csv import columns_of, with_columns
 from hhsim.recordings.formats.keypoints import order_by_bones
-from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS
+from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS, StatedFields, kind_of
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.json_document import number
 from hhsim.recordings.object_poses import is_objects, poses_in
 from hhsim.recordings.recording import Finding, Recording, chosen_side, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
-from hhsim.recordings.stated_fields import StatedFields, kind_of
 from hhsim.system.child_reader import read_in_child
 from hhsim.system.input_file import most_unpacked
 
@@ -58,9 +57,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if values is None or values.shape[1] not in (width, width // 2):
         held = ", ".join(f"{name} ({_numbers(columns, name, rows[:1]).shape[1]})" for name in list(columns)[:6])
         what = f"{named} has {values.shape[1]} numbers" if values is not None else "no hand_joints"
-        raise TrajectoryError(
-            f"{what}; it holds {held}; expected hand_joints of 2 × {JOINTS} × 3, or --columns that explain the others"
-        )
+        expected = f"hand_joints of 2 × {JOINTS} × 3, or --columns that explain the others"
+        raise TrajectoryError(f"{what}; it holds {held}; expected {expected}")
     if len(names) > 1:
         findings.append(note(f"joints from {named}; there is also {', '.join(names[1:3])}"))
     hands, sides, side, remarks = _hands(values, options)
@@ -176,22 +174,20 @@ def _info(content: Content) -> dict[str, Any]:
     """Read meta/info.json of the data set; empty where there is none."""
     if content.original is None:
         return {}
-    for folder in list(content.original.resolve().parents)[:LEVELS_UP]:
-        path: Path = folder / "meta" / "info.json"
-        if path.is_file():
-            try:
-                document = json.loads(path.read_bytes())
-            except (OSError, ValueError, RecursionError):
-                raise TrajectoryError(f"{path} of the data set cannot be read, or is not JSON") from None
-            return document if isinstance(document, dict) else {}
-    return {}
+    beside = (folder / "meta" / "info.json" for folder in list(content.original.resolve().parents)[:LEVELS_UP])
+    path: Path | None = next((each for each in beside if each.is_file()), None)
+    try:
+        document = {} if path is None else json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        raise TrajectoryError(f"{path} of the data set cannot be read, or is not JSON") from None
+    return document if isinstance(document, dict) else {}
 
 
 def _episode(columns: dict[str, Any], options: ReadOptions, findings: list[Finding]) -> IntArray:
     """Return the rows of the episode of the options, else of the only one."""
+    if "episode_index" not in columns and options.episode is not None:
+        raise InputError("--episode: the file has no episode_index")
     if "episode_index" not in columns:
-        if options.episode is not None:
-            raise InputError("--episode: the file has no episode_index")
         return np.arange(len(next(iter(columns.values()), [])))
     index = _numbers(columns, "episode_index", None)[:, 0]
     episodes = sorted({int(value) for value in index[np.isfinite(index)]})
@@ -208,22 +204,22 @@ def _episode(columns: dict[str, Any], options: ReadOptions, findings: list[Findi
 
 def _numbers(columns: dict[str, Any], name: str, rows: IntArray | None) -> FloatArray:
     """Return the numbers of a column, nested lists flattened, shape (T, N); NaN where missing."""
+
+    def flattened(cell: Any, depth: int) -> list[float]:
+        if isinstance(cell, list) and depth < 6:
+            return [value for item in cell for value in flattened(item, depth + 1)]
+        return [number(cell)]
+
     chosen = columns[name] if rows is None else columns[name].take(rows)
     if chosen.nbytes > MOST_BYTES and "binary" not in str(chosen.type):
         raise TrajectoryError(f"{name} has {chosen.nbytes >> 20:,} MB; expected the recording of a hand")
-    flat = [_flat(cell, 0) for cell in chosen.to_pylist()]
+    flat = [flattened(cell, 0) for cell in chosen.to_pylist()]
     width = max((len(row) for row in flat), default=0)
     values = np.full((len(flat), max(width, 1)), np.nan)
     for place, row in zip(values, flat):
         if len(row) == width:
             place[:] = row
     return values
-
-
-def _flat(cell: Any, depth: int) -> list[float]:
-    if isinstance(cell, list) and depth < 6:
-        return [value for item in cell for value in _flat(item, depth + 1)]
-    return [number(cell)]
 
 
 def _table(columns: dict[str, Any], rows: IntArray, info: dict[str, Any]) -> Table:
@@ -233,22 +229,19 @@ def _table(columns: dict[str, Any], rows: IntArray, info: dict[str, Any]) -> Tab
     features = info.get("features")
     for name in columns:
         values = _numbers(columns, name, rows)
+        places = range(values.shape[1])
         feature = features.get(name) if isinstance(features, dict) else None
-        names = _names(feature.get("names") if isinstance(feature, dict) else None)
-        words = names if len(names) == values.shape[1] else [str(k) for k in range(values.shape[1])]
+        given = feature.get("names") if isinstance(feature, dict) else None
+        if isinstance(given, dict):
+            given = next((part for part in given.values() if isinstance(part, list)), [])
+        while isinstance(given, list) and len(given) == 1 and isinstance(given[0], list):
+            given = given[0]
+        words = [*map(str, given if isinstance(given, list) and len(given) == values.shape[1] else places)]
         header += [name] if values.shape[1] == 1 else [f"{name}.{word}" for word in words]
         parts.append(values)
     cells = np.concatenate(parts, axis=1) if parts else np.zeros((0, 0))
     lines = tuple(tuple(map(repr, row)) for row in cells.tolist())
     return Table(tuple(header), lines, range(1, len(lines) + 1), {})
-
-
-def _names(value: Any) -> list[str]:
-    if isinstance(value, dict):
-        value = next((part for part in value.values() if isinstance(part, list)), [])
-    while isinstance(value, list) and len(value) == 1 and isinstance(value[0], list):
-        value = value[0]
-    return [str(item) for item in value] if isinstance(value, list) else []
 
 
 FORMAT = RecordingFormat(

@@ -57,8 +57,23 @@ class _Messages(NamedTuple):
 
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the one with more samples; raises TrajectoryError."""
-    found = _messages(content.data)
-    samples, others = _samples(found)
+    try:
+        import mcap.stream_reader  # noqa: F401
+    except ImportError:
+        raise TrajectoryError("an MCAP file needs mcap: pip install 'hhsim[recordings]'") from None
+    data = content.data
+    try:
+        found = read_in_child(lambda: _read_messages(data), "a damaged MCAP file", len(data))
+    except DamagedFileError as error:
+        raise TrajectoryError(str(error)) from None
+    samples: dict[HandSide, list[_Sample]] = {}
+    for topic, log_time, record in found.hands:
+        samples.setdefault(_side(topic), []).append(_sample(log_time, record))
+    if not samples:
+        held = ", ".join(sorted({f"{topic} ({schema or 'no schema'})" for topic, schema in found.channels})[:4])
+        what = f"no hand among the channels, which are {held or 'none'}"
+        raise TrajectoryError(f"{what}; expected {HAND_SCHEMA} on left_hand or right_hand")
+    others = [topic for topic, schema in found.channels if not _side(topic) or schema != HAND_SCHEMA]
     seen = {side: sum(sample.joints is not None for sample in each) for side, each in samples.items()}
     side, findings = chosen_side(seen, options.hand)
     findings += unused(dict.fromkeys(others))
@@ -91,20 +106,6 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     return recording_of_joints(positions, content, options).changed(checksums="held" if found.proved else "")
 
 
-def _samples(found: _Messages) -> tuple[dict[HandSide, list[_Sample]], list[str]]:
-    """Return the samples of each hand, and the other topics; raise TrajectoryError if there are no samples."""
-    samples: dict[HandSide, list[_Sample]] = {}
-    for topic, log_time, data in found.hands:
-        samples.setdefault(_side(topic), []).append(_sample(log_time, data))
-    if not samples:
-        held = ", ".join(sorted({f"{topic} ({schema or 'no schema'})" for topic, schema in found.channels})[:4])
-        raise TrajectoryError(
-            f"no hand among the channels, which are {held or 'none'}; expected {HAND_SCHEMA} on left_hand or right_hand"
-        )
-    others = [topic for topic, schema in found.channels if not _side(topic) or schema != HAND_SCHEMA]
-    return samples, others
-
-
 def _side(topic: str) -> HandSide:
     words = re.findall("[a-z]+", topic.lower())
     return "right" if "right" in words else "left" if "left" in words else ""
@@ -124,18 +125,6 @@ def _stamps(stamps: list[tuple[int, ...]], findings: list[Finding]) -> FloatArra
     logged = np.array([each[-1] for each in stamps], dtype=np.int64)
     findings.append(note("stamps: when the messages were logged; the records have no others"))
     return np.asarray((logged - logged[0]) * NANOSECOND)
-
-
-def _messages(data: bytes) -> _Messages:
-    """Read a file's messages of hands; TrajectoryError for a damaged file, or without mcap."""
-    try:
-        import mcap.stream_reader  # noqa: F401
-    except ImportError:
-        raise TrajectoryError("an MCAP file needs mcap: pip install 'hhsim[recordings]'") from None
-    try:
-        return read_in_child(lambda: _read_messages(data), "a damaged MCAP file", len(data))
-    except DamagedFileError as error:
-        raise TrajectoryError(str(error)) from None
 
 
 def _read_messages(data: bytes) -> _Messages:
@@ -162,10 +151,9 @@ def _read_messages(data: bytes) -> _Messages:
             whole_held = record.data_section_crc != 0
         elif isinstance(record, Statistics):
             if (record.message_count, record.chunk_count) != (messages, chunks):
-                raise TrajectoryError(
-                    f"a damaged MCAP file: {counted(messages, 'message')} in {counted(chunks, 'chunk')}, where its "
-                    f"statistics count {record.message_count} in {record.chunk_count}"
-                )
+                what = f"a damaged MCAP file: {counted(messages, 'message')} in {counted(chunks, 'chunk')}"
+                stated = f"{record.message_count} in {record.chunk_count}"
+                raise TrajectoryError(f"{what}, where its statistics count {stated}")
             statistics_hold = True
         elif isinstance(record, Footer):
             begin = record.summary_start or len(data) - FOOTER_BYTES

@@ -1,7 +1,7 @@
 """Recordings from `.npz`.
 
 Arrays: t [s] (T,), wrist_pos [m] (T, 3), wrist_quat or wrist_quat_wxyz (T, 4), flex [rad] (T, 5, 3), abd [rad] (T, 5),
-and, if they are there, valid (T,) or others of `hhsim.recordings.stated_validity`, the object's pose, object_pos [m]
+and, if they are there, valid (T,) or others of `hhsim.recordings.joint_names`, the object's pose, object_pos [m]
 (T, 3) and object_quat or object_quat_wxyz (T, 4) or other names of `hhsim.recordings.object_poses`, and meta, a JSON
 text with source, frame and hand.
 
@@ -9,7 +9,6 @@ The pose is that of the palm. Its axes are those of the options, else of the wor
 """
 
 import json
-from typing import Any
 
 import numpy as np
 
@@ -18,12 +17,11 @@ from hhsim.motion.npz_arrays import npz_of, npz_with, numbers, read_npz
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.correction import Correction, angle_unit, changes
 from hhsim.recordings.frames import OURS, FileFrame, to_our_frames
-from hhsim.recordings.joint_names import hand_statement
+from hhsim.recordings.joint_names import hand_statement, missing_and_doubtful
 from hhsim.recordings.json_document import nested
 from hhsim.recordings.object_poses import ORDERS, placed, poses_in
 from hhsim.recordings.recording import Finding, HandMotion, Recording, note, unused
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
-from hhsim.recordings.stated_validity import missing_and_doubtful
 
 QUATERNIONS = {"wrist_quat_wxyz": "wxyz", "wrist_quat": None, "wrist_quat_xyzw": "xyzw"}
 """Names of the orientation, and the order of its rows; None takes that of `--pose-order`, else w, x, y, z."""
@@ -45,12 +43,11 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if rate is not None and "flex" in arrays:
         arrays = arrays | {"t": np.arange(len(np.atleast_1d(arrays["flex"]))) / rate}
     missing = [key for key in ("t", "wrist_pos", "flex", "abd") if key not in arrays]
-    if missing or not any(key in arrays for key in QUATERNIONS):
-        have = ", ".join(sorted(arrays)[:8]) or "nothing"
-        missing.append("wrist_quat_wxyz")
-        raise TrajectoryError(
-            f"no array '{missing[0]}', it holds {have}; expected t, wrist_pos, wrist_quat, flex and abd"
-        )
+    missing += [] if any(key in arrays for key in QUATERNIONS) else ["wrist_quat_wxyz"]
+    if missing:
+        held = ", ".join(sorted(arrays)[:8]) or "nothing"
+        expected = "expected t, wrist_pos, wrist_quat, flex and abd"
+        raise TrajectoryError(f"no array '{missing[0]}', it holds {held}; {expected}")
     time = numbers(arrays, "t")
     if time.ndim != 1:
         raise TrajectoryError(f"array 't' has shape {time.shape}; expected (T,)")
@@ -58,7 +55,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     turn = next(key for key in QUATERNIONS if key in arrays)
     position, orientation = numbers(arrays, "wrist_pos", count, 3), numbers(arrays, turn, count, 4)
     orientation = orientation[:, _places(turn, options)]
-    meta = _meta(arrays)
+    meta = {key: value for key, value in nested(arrays.get("meta")).items() if isinstance(value, str)}
     frame = meta.get("frame", "").lower()
     findings: list[Finding] = []
     axes = options.palm_axes or next((axes for words, axes in FRAMES if words in frame), None)
@@ -100,8 +97,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         findings.append(note(f"the file says: {meta['note']}"))
     recording = placed(recording.found(*findings), poses)
     lost, doubtful = (each[:, 0] for each in missing_and_doubtful(validity, (count, 1)))
-    motion = np.concatenate([position, orientation, recording.angles], axis=1)
-    held = np.isclose(motion[1:], motion[:-1], rtol=0.0, atol=0.0, equal_nan=True).all(axis=1)
+    motion = np.nan_to_num(np.concatenate([position, orientation, recording.angles], axis=1), nan=np.inf)
+    held = (motion[1:] == motion[:-1]).all(axis=1)
     none = lost & (np.append(False, held) | (position == 0.0).all(axis=1))
     for values in (recording.position, recording.orientation, recording.flexion, recording.abduction):
         values[none] = np.nan
@@ -120,16 +117,11 @@ def _write(content: Content, options: ReadOptions, recording: Recording, correct
     arrays = read_npz(content.data)
     made = changes(recording, correction)
     key = next(key for key in QUATERNIONS if key in arrays)
-    old = {name: numbers(arrays, name) for name in ("wrist_pos", key, "flex", "abd")}
-    place, turn, flexion, abduction = (values[made.rows] for values in old.values())
-    angles = np.concatenate([flexion.reshape(-1, 15), abduction], axis=1)
-    unit = angle_unit(recording, _read(content, options))
-    places = _places(key, options)
-    place, turn, angles = made.motion(place, turn[:, places], angles, unit)
-    new = (place, turn[:, np.argsort(places)], angles[:, :15].reshape(-1, 5, 3), angles[:, 15:])
-    for values, corrected in zip(old.values(), new):
-        values[made.rows] = np.where(np.isfinite(corrected), corrected, values[made.rows])
-    return npz_with(content.data, old)
+    place, turn, flexion, abduction = (numbers(arrays, name) for name in ("wrist_pos", key, "flex", "abd"))
+    unit, places = angle_unit(recording, _read(content, options)), _places(key, options)
+    place, turn, flexion, abduction = made.motion(place, turn[:, places], flexion, abduction, unit)
+    new = {"wrist_pos": place, key: turn[:, np.argsort(places)], "flex": flexion, "abd": abduction}
+    return npz_with(content.data, new)
 
 
 def _places(name: str, options: ReadOptions) -> list[int]:
@@ -137,19 +129,11 @@ def _places(name: str, options: ReadOptions) -> list[int]:
     return list(ORDERS[QUATERNIONS[name] or options.pose_order or "wxyz"])
 
 
-def _meta(arrays: dict[str, Any]) -> dict[str, str]:
-    return {key: value for key, value in nested(arrays.get("meta")).items() if isinstance(value, str)}
-
-
-def _sniff(content: Content, options: ReadOptions) -> bool:
-    return content.head.startswith((b"PK\x03\x04", b"PK\x05\x06"))
-
-
 FORMAT = RecordingFormat(
     "npz",
     "NumPy arrays t, wrist_pos, wrist_quat, flex, abd",
     (".npz",),
-    _sniff,
+    lambda content, options: content.head.startswith((b"PK\x03\x04", b"PK\x05\x06")),
     _read,
     write=_write,
     make=_make,

@@ -13,9 +13,9 @@ from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.csv_table import read_table
 from hhsim.recordings.correction import Correction, joint_changes
 from hhsim.recordings.frames import turned, world_matrix
+from hhsim.recordings.joint_frames import joint_columns, joint_edits, joints_of_table, located, table_of_joints
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, JointName, joint_name
 from hhsim.recordings.joint_positions import recording_of_joints
-from hhsim.recordings.joint_table import joint_columns, joint_edits, joints_of_table, located, table_of_joints
 from hhsim.recordings.recording import HandMotion, Recording
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 

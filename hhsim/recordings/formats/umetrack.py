@@ -35,12 +35,18 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     poses = read_pose_lines(content.document, "joint_angles", options.hand)
     if poses.numbers.shape[1] < ANGLES:
         raise TrajectoryError(f"{poses.numbers.shape[1]} joint angles of the {poses.hand} hand; expected {ANGLES}")
-    path, chosen = _profile_path(content, options)
+    path, chosen = options.profile, ""
+    if path is None:
+        beside = sorted(content.original.parent.glob(PROFILE)) if content.original is not None else []
+        if len(beside) != 1:
+            found = f"{len(beside)} files {PROFILE} beside it" if beside else "none beside it"
+            raise TrajectoryError(f"UmeTrack poses need the profile of the hand, and there is {found}: say --profile")
+        path, chosen = beside[0], ", which lies beside"
     rest, axes, landmarks = _profile(path)
     local = _hand_points(rest, axes, landmarks, poses.numbers[:, :ANGLES])
     if poses.hand == "right":
         local = local * [-1.0, 1.0, 1.0]
-    points = _placed(local, poses.orientation, poses.translation)
+    points = local @ np.swapaxes(rotation_matrix(poses.orientation), 1, 2) + poses.translation[:, None]
     findings = list(poses.findings)
     up = options.world_up
     if up is None:
@@ -67,11 +73,6 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     return recording.changed(object_motion=ObjectMotion(*to_our_frames(*moved, None, up, options.mirror)))
 
 
-def _placed(points: FloatArray, orientation: FloatArray, translation: FloatArray) -> FloatArray:
-    """Convert points, shape (T, n, 3), from the wrist's frames to the world."""
-    return np.asarray(points @ np.swapaxes(rotation_matrix(orientation), 1, 2) + translation[:, None])
-
-
 def _hand_points(rest: FloatArray, axes: FloatArray, landmarks: FloatArray, angles: FloatArray) -> FloatArray:
     """Compute the 21 joints in the wrist's frame, shape (T, 21, 3), from angles [rad], shape (T, 20).
 
@@ -85,16 +86,6 @@ def _hand_points(rest: FloatArray, axes: FloatArray, landmarks: FloatArray, angl
     fingers = np.concatenate([at.reshape(-1, 5, 4, 3)[:, :, 1:], tips[:, :, None]], axis=2)
     wrist = np.tile(landmarks[WRIST], (len(angles), 1, 1))
     return np.concatenate([wrist, fingers.reshape(-1, 20, 3)], axis=1)
-
-
-def _profile_path(content: Content, options: ReadOptions) -> tuple[Path, str]:
-    if options.profile is not None:
-        return options.profile, ""
-    beside = sorted(content.original.parent.glob(PROFILE)) if content.original is not None else []
-    if len(beside) != 1:
-        found = f"{len(beside)} files {PROFILE} beside it" if beside else "none beside it"
-        raise TrajectoryError(f"UmeTrack poses need the profile of the hand, and there is {found}: say --profile")
-    return beside[0], ", which lies beside"
 
 
 def _profile(path: Path) -> tuple[FloatArray, FloatArray, FloatArray]:

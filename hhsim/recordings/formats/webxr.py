@@ -28,22 +28,14 @@ IWER_HAND = 8
 
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read the hand of the options, else the one in more frames; raises TrajectoryError."""
-    document = content.document
-    device = "WebXR through iwer" if _is_iwer(document) else ""
-    joints = joints_of_frames(*_frames(document), "webxr", options, up="y", may_be_mirrored=True, device=device)
+    document, device = content.document, ""
+    if isinstance(document, dict) and isinstance(document.get("schema"), list):
+        device, frames = "WebXR through iwer", list(_iwer_frames(document))
+        beside = {key: value for key, value in document.items() if key not in ("schema", "frames")}
+    else:
+        frames, beside = read_frames(document)
+    joints = joints_of_frames(frames, beside, "webxr", options, up="y", may_be_mirrored=True, device=device)
     return recording_of_joints(joints, content, options)
-
-
-def _is_iwer(document: Any) -> bool:
-    return isinstance(document, dict) and isinstance(document.get("schema"), list)
-
-
-def _frames(document: Any) -> tuple[list[Frame], dict[str, Any]]:
-    """Return the frames, and the values beside them."""
-    if not _is_iwer(document):
-        return read_frames(document)
-    beside = {key: value for key, value in document.items() if key not in ("schema", "frames")}
-    return list(_iwer_frames(document)), beside
 
 
 def _iwer_frames(document: Mapping[str, Any]) -> Iterator[Frame]:

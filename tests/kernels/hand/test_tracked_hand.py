@@ -44,7 +44,7 @@ def test_it_is_what_the_importer_makes_of_the_same_joints(
     points = np.einsum("tij,tkj->tki", turns, points)
     fingers = points[:, 1:].reshape(-1, 5, 4, 3)
     orientation = palm_from_knuckles(fingers[:, 1:, 0], points[:, 0], side)
-    flexion, abduction, _ = finger_angles(in_palm(np.diff(fingers, axis=2), orientation), side)
+    flexion, abduction = finger_angles(in_palm(np.diff(fingers, axis=2), orientation), side)
     position, orientation = to_our_world(palm_origin(fingers[:, 1:, 0], orientation, side), orientation, "y")
     ours, turn = our_hand(side), np.zeros((3, 3))
     for k, joints in enumerate(points):

@@ -1,60 +1,22 @@
 """CSV of any maker, by a mapping; our own CSV; and what a table may be like."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from column_map_sample import GLOVE, TABLE
 from joint_samples import words
 from recording_samples import read_as, smooth_recording
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.hand.quaternion import rotation_matrix
-from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS, format_csv
-from hhsim.motion.sample_flags import SampleFlag, marked
+from hhsim.motion.csv_file import format_csv
 from hhsim.recordings.cleaning import CleaningOptions, clean_recording
-from hhsim.recordings.column_map import ColumnMap, read_column_map
+from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.frames import turned, world_matrix
 from hhsim.system.settings_file import parse_settings
-
-
-def test_a_mapping_says_what_columns_are() -> None:
-    recording = read_as("csv", TABLE, columns=parse_settings(GLOVE, ColumnMap, "glove.toml"), name="take 1")
-    assert np.allclose(recording.time, [0.0, 0.01, 0.02])
-    assert np.allclose(recording.flexion[:, 1], np.radians([[10, 10, 6.67], [20, 20, 13.34], [30, 30, 20.01]]))
-    assert np.allclose(recording.abduction[:, 1], 0.1)
-    assert (recording.flexion[:, [0, 2, 3, 4]] == 0.0).all()
-    assert (recording.device, recording.hand, recording.hand_length) == ("ExampleGlove 2", "left", 0.182)
-    assert recording.raw[0].unit == "V" and recording.raw[0].values.tolist() == [0.5, 0.6, 0.7]
-    assert marked(recording.flags, SampleFlag.ESTIMATED).all()
-    # The recording's world has y up and its palm x to the fingers, z out of the back: ours, seen from our world.
-    palm = rotation_matrix(recording.orientation[0])
-    assert np.allclose(palm[:, 1], [1.0, 0.0, 0.0]) and np.allclose(palm[:, 2], [0.0, -1.0, 0.0])
-    assert np.allclose(recording.position[0], [0.1 + 0.075, -0.3, 0.2])
-
-
-@pytest.mark.parametrize("name", ["c", "fps"])
-def test_very_many_columns_are_read_once_each(name: str) -> None:
-    # Were each looked up among all others, this would take minutes.
-    table = ",".join(f"{name}{k}" for k in range(40_000)) + "\n" + ",".join(["x"] * 40_000) + "\n"
-    with pytest.raises(TrajectoryError, match="no column time, px"):
-        read_as("csv", table)
 
 
 def test_stamps_of_two_columns_are_one() -> None:
     columns = parse_settings("[time]\ncolumn = 'sec'\n[joint]\nindex_flex1 = 'a'", ColumnMap, "ros.toml")
     recording = read_as("csv", "sec,nanosec,a\n7,900000000,1\n8,0,2\n8,100000000,3\n", columns=columns)
     assert np.allclose(recording.time, [7.9, 8.0, 8.1]) and "not used" not in words(recording)
-
-
-def test_a_recording_without_a_palm_says_where_it_is() -> None:
-    text = 'time = { column = "t", unit = "s" }\n[joint]\nindex_flex1 = "a"\n'
-    fingers = parse_settings(text, ColumnMap, "fingers.toml")
-    recording = read_as("csv", "t,a\n0,0\n0.01,0.1\n0.02,0.2\n", columns=fingers)
-    assert (recording.position == 0.0).all()
-    assert any("--place-object auto" in finding.text for finding in recording.findings)
-    whole = read_as("csv", TABLE, columns=parse_settings(GLOVE, ColumnMap, "glove.toml"), name="take 1")
-    assert not any("palm's place" in finding.text for finding in whole.findings)
 
 
 def test_euler_angles_turn_about_turned_or_fixed_axes() -> None:
@@ -89,53 +51,6 @@ def test_the_hand_of_our_own_csv_in_other_words(remark: str, side: str | None) -
     else:
         recording = read_as("csv", text)
         assert recording.hand == side and ("left hand, as" in words(recording)) == (side == "left")
-
-
-@pytest.mark.parametrize(
-    ("line", "said"),
-    [
-        ("hand = 'both'", "hand 'both'"),
-        ("palm_axes = ['x', 'y', 'y']", "right-handed frame"),
-        ("palm_axes = ['x', 'q', 'y']", "expected three of x, y, z"),
-        ("world_up = 'up'", "expected one of x, y, z"),
-        ("[orientation]\ncolumns = ['a', 'b', 'c']\norder = 'XyZ'", "expected an Euler order"),
-        ("[orientation]\ncolumns = ['a', 'b', 'c', 'd']\norder = 'xywz'", "expected wxyz or xyzw"),
-        (
-            "[orientation]\ncolumns = ['qx', 'qy', 'qz', 'qw']",
-            "order = 'wxyz' for columns qx, qy, qz, qw; expected 'xyzw'",
-        ),
-        ("[joint]\nindex_flex4 = 'a'", "joint: unknown key 'index_flex4': did you mean index_flex"),
-        ("[joint]\nindex_flex1 = { joint = 'index_flex2' }", "which has no column of its own"),
-        ("[joint]\nindex_flex1 = { scale = 2.0 }", "expected a column, or another joint"),
-    ],
-)
-def test_mappings_that_are_none(line: str, said: str) -> None:
-    text = f"rate = 100\n{line}"
-    if "[joint]" not in text:
-        text += "\n[joint]\nindex_flex1 = 'a'\n"
-    with pytest.raises(InputError, match=said) as error:
-        parse_settings(text, ColumnMap, "m.toml")
-    assert str(error.value).startswith("m.toml: ") and "\n" not in str(error.value)
-
-
-def test_mappings_need_time_and_joints(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"no .time. and no rate"):
-        parse_settings("[joint]\nindex_flex1 = 'a'", ColumnMap, "m.toml")
-    with pytest.raises(InputError, match=r"none.toml: no such file"):
-        read_column_map(tmp_path / "none.toml")
-    made = read_as("csv", "a\n1\n2\n", columns=parse_settings("rate = 50\n[joint]\nindex_flex1 = 'a'", ColumnMap, "m"))
-    assert made.time.tolist() == [0.0, 0.02] and "made from the rate, 50 Hz" in made.findings[0].text
-    with pytest.raises(TrajectoryError, match=r"no column time, px, py, .* of hhsim's own; it has a, b instead"):
-        read_as("csv", "a,b\n1,2\n")
-
-
-def test_columns_that_are_nearly_ours_are_told_by_those_that_are_not() -> None:
-    pose, angles = "time,px,py,pz,qw,qx,qy,qz", ",".join((*FLEXION_COLUMNS, *ABDUCTION_COLUMNS))
-    nearly = angles.replace("thumb_", "th_").replace("little_abd", "abd_li")
-    with pytest.raises(TrajectoryError) as error:
-        read_as("csv", f"{pose},{nearly}\n{','.join(28 * '0')}\n")
-    said = str(error.value)
-    assert "no column thumb_flex1, thumb_flex2, thumb_flex3," in said and "it has th_flex1, th_flex2" in said
 
 
 UNITLESS = """

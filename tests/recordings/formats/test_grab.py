@@ -7,14 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from correction_samples import a_correction
-from joint_samples import Y_UP, arrays_npz, assert_our_own, joint_sample, words
+from joint_samples import arrays_npz, joint_sample, words
 from pose_samples import mano_fields, mano_poses
-from scipy.spatial.transform import Rotation
 
-from hhsim.errors import InputError, TrajectoryError
-from hhsim.hand.quaternion import rotation_matrix
+from hhsim.errors import InputError
 from hhsim.recordings.joint_names import JOINT_ORDERS
-from hhsim.recordings.registry import Content, ReadOptions, format_of, read_content, read_recording, write_recording
+from hhsim.recordings.registry import ReadOptions, read_recording, write_recording
 
 SAMPLE, MANO = joint_sample(), JOINT_ORDERS["mano"]
 COUNT = len(SAMPLE.motion.time)
@@ -29,46 +27,10 @@ LEFT = dict(zip(("rot", "pose", "trans"), mano_poses(joint_sample("left")))) | {
 LEFT["pose"] = LEFT["pose"] - LEFT_FIELDS["hands_mean"]
 
 
-class Planted:
-    """Object whose pickle runs a function when it is loaded."""
-
-    def __reduce__(self) -> Any:
-        return print, ("ran",)
-
-
 @pytest.fixture
 def options(tmp_path: Path) -> ReadOptions:
     np.savez(tmp_path / "MANO_RIGHT.npz", **FIELDS)
     return ReadOptions(mano_model=tmp_path / "MANO_RIGHT.npz", world_up="y", hand="right")
-
-
-def assert_object(recording: Any) -> None:
-    moved = recording.object_motion
-    assert moved is not None
-    np.testing.assert_allclose(moved.position, PLACE @ Y_UP, atol=1e-12)
-    np.testing.assert_allclose(
-        rotation_matrix(moved.orientation), Y_UP.T @ Rotation.from_rotvec(SPIN).as_matrix(), atol=1e-12
-    )
-
-
-def test_arctics_hands_and_the_object_beside_them(tmp_path: Path, options: ReadOptions) -> None:
-    path = tmp_path / "mug_grab_01.mano.npy"
-    other = RIGHT | {"trans": SHIFT + 0.2}
-    np.save(path, np.array({"right": RIGHT | {"fitting_err": np.zeros(COUNT)}, "left": other}, dtype=object))
-    alone = read_recording(path, options)
-    assert (alone.form, alone.name, alone.object_motion) == ("grab", "mug_grab_01", None)
-    assert_our_own(alone, SAMPLE)
-    assert np.allclose(np.diff(alone.time), 1.0 / 30.0)
-    assert "axis-angle-mean" in words(alone) and f"not used: right/fitting_err ({COUNT},)" in words(alone)
-    rows = np.concatenate([RANDOM.uniform(0, 1, (COUNT, 1)), SPIN, 1e3 * PLACE], axis=1)
-    np.save(tmp_path / "mug_grab_01.object.npy", rows)
-    recording = read_recording(path, options)
-    assert_our_own(recording, SAMPLE)
-    assert_object(recording)
-    assert "as mug_grab_01.object.npy beside it has it" in words(recording)
-    np.save(tmp_path / "mug_grab_01.object.npy", rows[:-1])
-    with pytest.raises(TrajectoryError, match=rf"object\.npy: {COUNT - 1} poses of the object .* for {COUNT} samples"):
-        read_recording(path, options)
 
 
 def test_of_two_models_each_hand_takes_its_own(tmp_path: Path, options: ReadOptions) -> None:
@@ -81,76 +43,6 @@ def test_of_two_models_each_hand_takes_its_own(tmp_path: Path, options: ReadOpti
     found = words(read_recording(path, left))
     assert "model mano_left.npz" in found and "other hand's" not in found
     assert "model mano_right.npz" in words(read_recording(path, options))
-
-
-PROCESSED = {"joints.right": SAMPLE.named(MANO), "joints.left": joint_sample("left").named(MANO)}
-
-
-def processed(metre: float = 1e3) -> dict[str, Any]:
-    """What a processed sequence of ARCTIC holds, its object in mm, or of DexMachina's copy in m."""
-    params = {"obj_trans": metre * PLACE, "obj_rot": SPIN, "obj_arti": np.zeros(COUNT)}
-    return {"world_coord": dict(PROCESSED), "params": params, "imgnames": ["a", "b"]}
-
-
-@pytest.mark.parametrize("metre", [1e3, 1.0])
-@pytest.mark.parametrize("side", ["right", "left"])
-def test_processed_sequences_need_no_model(side: Any, metre: float, tmp_path: Path) -> None:
-    path = tmp_path / "laptop_use_01.npy"
-    far = {**processed(metre)["params"], "obj_trans": metre * (PLACE + [0.0, 0.0, 1.0])}
-    np.save(path, np.array(processed(metre) | {"params": far}, dtype=object))
-    recording = read_recording(path, ReadOptions(hand=side, world_up="y"))
-    assert (recording.form, recording.hand) == ("grab", side)
-    assert_our_own(recording, joint_sample(side))
-    assert np.allclose(np.diff(recording.time), 1.0 / 30.0)
-    assert recording.object_motion is not None
-    np.testing.assert_allclose(recording.object_motion.position, (PLACE + [0.0, 0.0, 1.0]) @ Y_UP, atol=1e-12)
-    assert f"not used: params/obj_arti ({COUNT},), imgnames (2,)" in words(recording)
-
-
-def test_processed_sequences_of_other_joints_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "laptop_use_01.npy"
-    np.save(path, np.array(processed() | {"world_coord": {"joints.right": np.zeros((COUNT, 16, 3))}}, dtype=object))
-    with pytest.raises(
-        TrajectoryError, match=r"world_coord/joints\.right has shape \(40, 16, 3\).*lack the fingertips"
-    ):
-        read_recording(path, ReadOptions(hand="right"))
-    held = processed()
-    del held["world_coord"]["joints.left"]
-    np.save(path, np.array(held, dtype=object))
-    assert read_recording(path).hand == "right"
-    with pytest.raises(TrajectoryError, match="no left hand"):
-        read_recording(path, ReadOptions(hand="left"))
-
-
-def test_arctics_plain_arrays_have_the_object_in_millimetres(options: ReadOptions) -> None:
-    named = {
-        "rot_r": RIGHT["rot"],
-        "pose_r": RIGHT["pose"],
-        "trans_r": SHIFT,
-        "obj_rot": SPIN,
-        "obj_trans": 1e3 * PLACE,
-    }
-    recording = read_content(Content(data=arrays_npz(**named, obj_arti=np.zeros(COUNT))), options)
-    assert recording.form == "grab" and f"not used: obj_arti ({COUNT},)" in words(recording)
-    assert_our_own(recording, SAMPLE)
-    assert_object(recording)
-
-
-@pytest.mark.parametrize("pose", ["rhand_fullpose", "rhand_hand_pose"])
-def test_grabs_arrays_whose_object_turns_by_the_transpose(pose: str, options: ReadOptions) -> None:
-    numbers = POSE if pose == "rhand_fullpose" else (POSE @ FIELDS["hands_components"].T)[:, :44]
-    arrays = {"rhand_global_orient": TURN, pose: numbers, "rhand_transl": SHIFT, "framerate": 120.0}
-    data = arrays_npz(**arrays, object_transl=PLACE, object_global_orient=-SPIN, obj_name="mug", lhand_transl=SHIFT)
-    assert format_of(Content(data=data), options).name == "grab"
-    recording = read_content(Content(data=data), options)
-    if pose == "rhand_fullpose":
-        assert_our_own(recording, SAMPLE)
-    else:
-        assert "44 numbers a pose" in words(recording) and "(pca-flat)" in words(recording)
-    assert_object(recording)
-    assert np.allclose(np.diff(recording.time), 1.0 / 120.0)
-    assert "turns by its transpose" in words(recording) and "mean one" in words(recording)
-    assert f"not used: obj_name, lhand_transl ({COUNT}, 3)" in words(recording)
 
 
 @pytest.mark.parametrize("file", ["take.mano.npy", "take.pkl", "arctic.npz", "grab.npz"])
@@ -198,31 +90,3 @@ def flat(path: Path) -> dict[str, Any]:
             return dict(held)
     sides = pickle.loads(path.read_bytes()) if path.suffix == ".pkl" else np.load(path, allow_pickle=True).item()
     return {f"{side}/{key}": values for side, held in sides.items() for key, values in held.items()}
-
-
-def test_whole_numbers_hold_no_correction(tmp_path: Path, options: ReadOptions) -> None:
-    path = tmp_path / "take.mano.npy"
-    np.save(path, np.array({"right": RIGHT | {"trans": np.zeros((COUNT, 3), dtype=np.int64)}}, dtype=object))
-    recording = read_recording(path, options)
-    with pytest.raises(InputError, match="'right/trans' is of int64, which does not hold a correction"):
-        write_recording(path, options, recording, a_correction(recording), tmp_path / "new.npy")
-    assert not (tmp_path / "new.npy").exists()
-
-
-def test_pickles_that_are_more_than_data_are_refused(tmp_path: Path, options: ReadOptions) -> None:
-    pickled = np.array({"params": {"transl": SHIFT}}, dtype=object)
-    sequence = arrays_npz(rhand=pickled, object=pickled, framerate=120.0)
-    with pytest.raises(
-        TrajectoryError, match=r"not loaded; save their params as arrays: np\.savez\(FILE, rhand_global"
-    ):
-        read_content(Content(data=sequence), options)
-    np.save(tmp_path / "a.mano.npy", np.array({"right": Planted()}, dtype=object))
-    with pytest.raises(TrajectoryError, match=r"a\.mano\.npy: holds .*print, which is not data"):
-        read_recording(tmp_path / "a.mano.npy", options)
-    np.save(tmp_path / "b.mano.npy", np.array({"left": {"shape": np.zeros(10)}}, dtype=object))
-    with pytest.raises(TrajectoryError, match="no hand, it holds left/shape; expected right and left"):
-        read_recording(tmp_path / "b.mano.npy", options)
-    whole = (tmp_path / "b.mano.npy").read_bytes()
-    (tmp_path / "b.mano.npy").write_bytes(whole[:-20])
-    with pytest.raises(TrajectoryError, match="no pickle, or a damaged one"):
-        read_recording(tmp_path / "b.mano.npy", options)

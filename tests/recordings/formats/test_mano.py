@@ -1,67 +1,140 @@
-"""Poses of MANO by a model that is made from our own hand; no file of the real one is here."""
+"""MANO files: nothing in them runs, and the joints are those of a plain skinning of all vertices."""
 
+import os
+import pickle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from joint_samples import Side, arrays_npz, assert_our_own, joint_sample, words
-from pose_samples import mano_fields, mano_poses
+from joint_samples import joint_sample
+from pose_samples import mano_fields
+from scipy.sparse import csc_matrix
+from scipy.spatial.transform import Rotation
 
-from hhsim.errors import InputError, TrajectoryError
-from hhsim.recordings.recording import OTHER
-from hhsim.recordings.registry import Content, ReadOptions, format_of, read_content
-
-
-def numbers_of(reading: str, pose: Any, fields: dict[str, Any]) -> Any:
-    """The numbers that say this pose in a reading."""
-    from_mean = pose - fields["hands_mean"]
-    components = fields["hands_components"]
-    return {
-        "axis-angle": pose,
-        "axis-angle-mean": from_mean,
-        "pca-flat": pose @ components.T,
-        "pca": from_mean @ components.T,
-    }[reading]
+from hhsim.errors import TrajectoryError
+from hhsim.recordings.formats.mano import KEYPOINT_JOINTS, TIPS, read_mano_model
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
-@pytest.mark.parametrize("reading", ["axis-angle", "axis-angle-mean", "pca", "pca-flat"])
-def test_our_own_hand_comes_back_in_every_reading(side: Side, reading: str, tmp_path: Path) -> None:
-    sample = joint_sample(side)
-    fields = mano_fields(sample.hand)
-    np.savez(tmp_path / f"MANO_{side.upper()}.npz", **fields)
-    turn, pose, shift = mano_poses(sample)
-    numbers = np.concatenate([turn, numbers_of(reading, pose, fields)], axis=1)
-    data = arrays_npz(poses=numbers, trans=shift, t=sample.motion.time, hand=side)
-    mano: dict[str, Any] = {"mano_model": tmp_path / f"MANO_{side.upper()}.npz", "mano_pose": reading}
-    assert format_of(Content(data=data), ReadOptions()).name == "mano"
-    recording = read_content(Content(data=data), ReadOptions(**mano, world_up="y"))
-    assert recording.hand == side and np.allclose(recording.time, sample.motion.time)
-    assert_our_own(recording, sample)
-    assert f"({reading}); model mano_{side}" in words(recording)
-    other = OTHER[side]
-    with pytest.raises(InputError, match=rf"{other} hand, but the model is called .*: is it the other hand's\?"):
-        read_content(Content(data=data), ReadOptions(**mano, world_up="y", hand=other))
+def any_fields() -> dict[str, Any]:
+    """A model with every array at random."""
+    random = np.random.default_rng(3)
+    fields = mano_fields(joint_sample().hand)
+    weights = random.uniform(0.0, 1.0, (778, 16))
+    regressor = random.uniform(0.0, 1.0, (16, 778))
+    return fields | {
+        "shapedirs": random.normal(0.0, 1e-3, (778, 3, 10)),
+        "posedirs": random.normal(0.0, 1e-3, (778, 3, 135)),
+        "weights": weights / weights.sum(axis=1, keepdims=True),
+        "J_regressor": regressor / regressor.sum(axis=1, keepdims=True),
+    }
 
 
-def test_no_reading_is_guessed_and_the_model_is_asked_for(tmp_path: Path) -> None:
-    sample = joint_sample()
-    turn, pose, shift = mano_poses(sample)
-    np.savez(tmp_path / "model.npz", **mano_fields(sample.hand))
-    model = tmp_path / "model.npz"
-    whole = arrays_npz(poses=np.concatenate([turn, pose], axis=1), trans=shift, fps=100.0, hand="right")
-    few = arrays_npz(hand_pose=pose[:, :15], global_orient=turn, t=sample.motion.time)
-    for data, file, reading, kind, said in (
-        (whole, model, None, TrajectoryError, "say which: --mano-pose axis-angle, axis-angle-mean, pca, "),
-        (few, model, None, TrajectoryError, "15 numbers .* say which: --mano-pose pca, pca-flat"),
-        (few, model, "axis-angle", InputError, "needs 45 numbers a pose, and there are 15"),
-        (whole, None, "axis-angle", TrajectoryError, "40 poses of a MANO hand, 45 numbers .*--mano-model"),
-        (arrays_npz(pose=pose[:, :2]), model, None, TrajectoryError, "has shape|0 numbers"),
-        (arrays_npz(pose=pose[:0]), model, None, TrajectoryError, "no samples"),
-        (arrays_npz(pose=np.zeros((0, 16, 3))), model, None, TrajectoryError, "no samples"),
+def test_joints_and_tips_are_those_of_a_plain_skinning(tmp_path: Path) -> None:
+    fields = any_fields()
+    np.savez(tmp_path / "model.npz", **fields)
+    random = np.random.default_rng(4)
+    turn, pose = random.normal(0.0, 0.7, (5, 3)), random.normal(0.0, 0.5, (5, 45))
+    shift, betas = random.normal(0.0, 0.3, (5, 3)), random.normal(0.0, 1.0, 10)
+    model = read_mano_model(tmp_path / "model.npz")
+    found = model.keypoints(turn, pose, shift, betas)
+    skinned = model.vertices(turn, pose, shift, betas)
+    rest = fields["v_template"] + fields["shapedirs"] @ betas
+    joints = fields["J_regressor"] @ rest
+    parents = fields["kintree_table"][0]
+    for t in range(5):
+        turns = Rotation.from_rotvec(np.concatenate([turn[t], pose[t]]).reshape(16, 3)).as_matrix()
+        skin = rest + fields["posedirs"] @ (turns[1:] - np.eye(3)).ravel()
+        world: list[Any] = []
+        for j in range(16):
+            local = np.eye(4)
+            local[:3, :3] = turns[j]
+            local[:3, 3] = joints[j] - (joints[parents[j]] if j else 0.0)
+            world.append(world[parents[j]] @ local if j else local)
+        at = np.array([matrix[:3, 3] for matrix in world])
+        relative = np.array(
+            [m @ np.block([[np.eye(3), -joints[j, :, None]], [np.zeros(3), 1.0]]) for j, m in enumerate(world)]
+        )
+        blend = np.einsum("vj,jab->vab", fields["weights"], relative)
+        vertices = np.einsum("vab,vb->va", blend, np.concatenate([skin, np.ones((778, 1))], axis=1))[:, :3]
+        expected = [at[0]]
+        for finger in range(5):
+            expected += [*at[list(KEYPOINT_JOINTS[1 + 3 * finger : 4 + 3 * finger])], vertices[TIPS[finger]]]
+        assert np.allclose(found[t], np.array(expected) + shift[t], atol=1e-12)
+        assert np.allclose(skinned[t], vertices + shift[t], atol=1e-12)
+    assert np.allclose(skinned[:, list(TIPS)], found[:, 4::4], atol=1e-12)
+
+
+def test_triangles_may_be_missing_but_not_wrong(tmp_path: Path) -> None:
+    path, fields = tmp_path / "model.pkl", any_fields()
+    path.write_bytes(pickle.dumps(fields))
+    assert read_mano_model(path).faces.shape == (0, 3)
+    faces = np.array([[0, 1, 2], [777, 2, 1]], dtype=np.uint32)
+    path.write_bytes(pickle.dumps(fields | {"f": faces}))
+    assert np.array_equal(read_mano_model(path).faces, faces)
+    for wrong, words in ((faces + 1, "a vertex that does not exist"), (np.zeros(4), r"'f' has shape \(4,\)")):
+        path.write_bytes(pickle.dumps(fields | {"f": wrong}))
+        with pytest.raises(TrajectoryError, match=words):
+            read_mano_model(path)
+
+
+def test_a_pickle_of_data_is_read(tmp_path: Path) -> None:
+    fields = any_fields()
+    path = tmp_path / "MANO_RIGHT.pkl"
+    for protocol in (2, 4):
+        path.write_bytes(pickle.dumps(fields | {"J_regressor": csc_matrix(fields["J_regressor"])}, protocol=protocol))
+        model = read_mano_model(path)
+        assert np.array_equal(model.regressor, fields["J_regressor"]) and np.array_equal(
+            model.mean, fields["hands_mean"]
+        )
+
+
+class _Runs:
+    """An object whose pickle would run a command when it is loaded."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> Any:
+        return os.system, (f"touch {self.path}",)
+
+
+def test_nothing_in_a_pickle_runs(tmp_path: Path) -> None:
+    made = tmp_path / "made"
+    (tmp_path / "bad.pkl").write_bytes(pickle.dumps(any_fields() | {"extra": _Runs(made)}))
+    with pytest.raises(
+        TrajectoryError, match=r"holds posix.system, which is not data, so it is not loaded; make an .npz"
     ):
-        with pytest.raises(kind, match=said):
-            read_content(Content(data=data), ReadOptions(mano_model=file, mano_pose=reading))
-    read = read_content(Content(data=whole), ReadOptions(mano_model=model, mano_pose="axis-angle", world_up="y"))
-    assert "made from the rate, 100 Hz" in words(read)
+        read_mano_model(tmp_path / "bad.pkl")
+    assert not made.exists()
+
+
+@pytest.mark.soak
+def test_what_is_no_model_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "model.pkl"
+    fields = any_fields()
+    looped = fields["kintree_table"].copy()
+    looped[0, 1] = 5
+    cases: list[tuple[bytes, str]] = [
+        (b"", "no pickle, or a damaged one"),
+        (pickle.dumps([1]), "a pickle of something else"),
+        (pickle.dumps({"a": 1}), "no 'v_template', it holds a; expected a MANO model"),
+        (pickle.dumps(fields | {"weights": np.zeros(3)}), r"'weights' has shape \(3,\); expected \(778, 16\)"),
+        (pickle.dumps(fields | {"hands_mean": "x"}), "'hands_mean' is no array of numbers"),
+        (pickle.dumps(fields | {"kintree_table": looped}), "no tree of 16 joints"),
+    ]
+    for data, words in cases:
+        path.write_bytes(data)
+        with pytest.raises(TrajectoryError, match=words):
+            read_mano_model(path)
+    with pytest.raises(TrajectoryError, match="no such file"):
+        read_mano_model(tmp_path / "none.pkl")
+    whole = pickle.dumps(fields)
+    random = np.random.default_rng(6)
+    for _ in range(40):
+        damaged = bytearray(whole)
+        for place in random.integers(0, 3000, 3):
+            damaged[place] = random.integers(256)
+        path.write_bytes(bytes(damaged[: random.integers(100, len(whole))]))
+        with pytest.raises(TrajectoryError):
+            read_mano_model(path)

@@ -2,7 +2,6 @@
 
 import io
 import json
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +9,10 @@ import numpy as np
 import pytest
 from recording_samples import read_as, smooth_recording
 
-from hhsim.errors import TrajectoryError
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.cleaning import clean_recording
-from hhsim.recordings.formats.npz import FRAMES
-from hhsim.recordings.frames import WORLD_UP, axes_matrix, to_our_frames, to_our_world, turned, world_matrix
+from hhsim.recordings.frames import turned, world_matrix
 from hhsim.recordings.registry import read_recording
 
 CLEAN = smooth_recording(50)
@@ -33,46 +30,6 @@ def archive(**changes: Any) -> bytes:
     stream = io.BytesIO()
     np.savez_compressed(stream, **arrays)
     return stream.getvalue()
-
-
-def test_arrays_come_in_as_they_are() -> None:
-    recording = read_as("npz", archive(), name="take")
-    for key in ("time", "flexion", "abduction"):
-        assert getattr(recording, key).tobytes() == getattr(CLEAN, key).tobytes()
-    assert np.allclose(recording.position, CLEAN.position) and np.allclose(recording.orientation, CLEAN.orientation)
-    assert recording.hand == "" and "names no frame" in recording.findings[0].text
-
-
-def test_the_objects_pose_comes_in_and_stands_up_with_the_world() -> None:
-    place, turn = CLEAN.position + 0.1, CLEAN.orientation[::-1]
-    data = archive(object_pos=place, object_quat_wxyz=turn, meta=json.dumps({"frame": "y up"}))
-    moved = read_as("npz", data).object_motion
-    assert moved is not None
-    for values, expected in zip(moved, to_our_world(place, turn, "y")):
-        np.testing.assert_allclose(values, expected)
-    assert read_as("npz", archive()).object_motion is None
-    with pytest.raises(TrajectoryError, match="'object_pos' is only one of an object's position and orientation"):
-        read_as("npz", archive(object_pos=place))
-
-
-@pytest.mark.parametrize(("key", "order"), [("wrist_quat_wxyz", [0, 1, 2, 3]), ("wrist_quat_xyzw", [1, 2, 3, 0])])
-def test_both_orders_of_quaternions(key: str, order: list[int]) -> None:
-    data = archive(wrist_quat=None, **{key: CLEAN.orientation[:, order]})
-    assert np.allclose(read_as("npz", data).orientation, CLEAN.orientation)
-
-
-def test_an_order_of_quaternions_that_no_name_tells_is_told_and_an_option_states_it() -> None:
-    text = "wrist_quat: no name tells the order of the quaternions, taken as w, x, y, z: --pose-order"
-    assert text in [finding.text for finding in read_as("npz", archive()).findings]
-    assert not any("order" in f.text for f in read_as("npz", archive(), pose_order="wxyz").findings)
-    named = read_as("npz", archive(wrist_quat=None, wrist_quat_wxyz=CLEAN.orientation), pose_order="xyzw")
-    assert np.allclose(named.orientation, CLEAN.orientation) and not any("order" in f.text for f in named.findings)
-    turned_ = CLEAN.orientation[:, [1, 2, 3, 0]]
-    data = archive(wrist_quat=turned_, object_pos=CLEAN.position, object_quat=turned_)
-    recording = read_as("npz", data, pose_order="xyzw")
-    assert np.allclose(recording.orientation, CLEAN.orientation) and recording.object_motion is not None
-    assert np.allclose(recording.object_motion.orientation, CLEAN.orientation)
-    assert "wrist_quat and object_quat: no name tells" in " ".join(f.text for f in read_as("npz", data).findings)
 
 
 def test_what_the_file_says_of_itself() -> None:
@@ -106,48 +63,6 @@ def test_samples_that_are_not_valid_and_held_or_at_zero_are_missing(name: str) -
     assert np.flatnonzero(np.isnan(recording.position).all(axis=1)).tolist() == [20, 21, 40]
     assert np.flatnonzero(np.isnan(recording.abduction).all(axis=1)).tolist() == [20, 21, 40]
     assert np.flatnonzero(marked(recording.flags, SampleFlag.INVALID)).tolist() == [7, 20, 21, 40]
-
-
-def test_every_frame_is_right_handed_and_every_world_stands_up() -> None:
-    for _, axes in FRAMES:
-        assert np.linalg.det(axes_matrix(axes)) == pytest.approx(1.0)
-    for up in WORLD_UP:
-        matrix = world_matrix(up)
-        axis = (-1.0 if up.startswith("-") else 1.0) * np.eye(3)["xyz".index(up[-1])]
-        assert np.allclose(matrix @ axis, [0.0, 0.0, 1.0]) and np.linalg.det(matrix) == pytest.approx(1.0)
-        position, orientation = to_our_world(CLEAN.position, CLEAN.orientation, up)
-        assert np.allclose(position, CLEAN.position @ matrix.T)
-        assert np.allclose(rotation_matrix(orientation[0]), matrix @ rotation_matrix(CLEAN.orientation[0]))
-    theirs = to_our_frames(CLEAN.position, CLEAN.orientation, ("-x", "z", "y"), None)[1]
-    assert np.allclose(rotation_matrix(theirs[0])[:, 1], rotation_matrix(CLEAN.orientation[0])[:, 2])
-
-
-@pytest.mark.parametrize(
-    ("data", "words"),
-    [
-        (b"PK\x03\x04", "damaged"),
-        (archive()[:-200], "damaged"),
-        (archive(t=None), "no array 't', it holds abd, flex, wrist_pos, wrist_quat; expected"),
-        (archive(flex=CLEAN.flexion[:-1]), r"array 'flex' has shape (49, 5, 3); expected (50, 5, 3)"),
-        (archive(abd=np.array([["a"] * 5] * 50)), "array 'abd' does not hold numbers"),
-        (archive(t=np.array(3.0)), "array 't' has shape ()"),
-        (archive(wrist_pos=np.array([object()] * 50)), "damaged"),
-    ],
-)
-def test_what_is_no_recording_is_refused(data: bytes, words: str) -> None:
-    with pytest.raises(TrajectoryError) as error:
-        read_as("npz", data)
-    assert words in str(error.value) and "\n" not in str(error.value)
-
-
-def test_an_array_that_is_lost_from_the_archives_directory_is_noticed() -> None:
-    data = bytearray(archive(valid=np.zeros(50, dtype=bool)))
-    entries = [place for place in range(len(data)) if data[place : place + 4] == b"PK\x01\x02"]
-    end = data.index(b"PK\x05\x06")
-    # The last entry becomes a comment of the one before.
-    struct.pack_into("<H", data, entries[-2] + 32, end - entries[-1])
-    with pytest.raises(TrajectoryError, match=r"damaged .npz archive: 5 names, where it states 6 arrays"):
-        read_as("npz", bytes(data))
 
 
 def test_every_real_recording_comes_in(shared_data: Path) -> None:

@@ -2,34 +2,15 @@
 
 import numpy as np
 import pytest
-from joint_samples import Side, assert_our_own, joint_sample, openxr_csv, words
+from joint_samples import joint_sample, openxr_csv, words
 from recording_samples import read_as
 
 from hhsim.errors import HhsimError
 from hhsim.recordings.cleaning import CleaningOptions, clean_recording
 from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.joint_names import OPENXR_JOINTS
-from hhsim.recordings.registry import Content, ReadOptions, format_of, read_content
+from hhsim.recordings.registry import Content, ReadOptions, format_of
 from hhsim.system.settings_file import parse_settings
-
-
-@pytest.mark.parametrize("side", ["right", "left"])
-@pytest.mark.parametrize("unity", [False, True])
-@pytest.mark.parametrize(("radii", "bend"), [(False, 1.0), (True, 1.0), (True, 0.3), (True, 0.1), (True, 0.0)])
-def test_our_own_hand_comes_back_held_open_too(side: Side, unity: bool, radii: bool, bend: float) -> None:
-    sample = joint_sample(side, bend=bend)
-    content = Content(data=openxr_csv(sample, side, unity=unity, radii=radii).encode(), name="take")
-    recording = read_content(content, ReadOptions())
-    assert (recording.form, recording.hand, recording.name) == ("openxr", side, "take")
-    assert np.allclose(recording.time, sample.motion.time, atol=1e-9)
-    assert_our_own(recording, sample)
-    assert ("left-handed, as Unity's" in words(recording)) is unity
-    assert f"26 OpenXR joints of the {side} hand named" in words(recording)
-    assert recording.bones is not None and recording.bones.largest.max() < 1e-9
-    assert ("with that of the middle one the hand is 190 mm long" in words(recording)) is radii
-    if radii:
-        assert recording.bones.radius is not None and np.allclose(recording.bones.radius, sample.hand.radius)
-        assert recording.bones.hand_length == pytest.approx(0.1903, abs=1e-4)
 
 
 def test_an_open_hand_whose_thumb_is_level_with_it_is_taken_for_right_handed_with_a_word() -> None:
@@ -45,17 +26,6 @@ def test_an_open_hand_whose_thumb_is_level_with_it_is_taken_for_right_handed_wit
     assert "to tell whether its coordinates are left-handed, as Unity's: taken for right-handed" in words(
         read_as("openxr", text)
     )
-
-
-@pytest.mark.parametrize("unity", [False, True])
-def test_both_hands_in_one_table(unity: bool) -> None:
-    right, left = (openxr_csv(joint_sample(side), side, unity=unity).splitlines() for side in ("right", "left"))
-    both = "\n".join(f"{a},{b.split(',', 2)[2]}" for a, b in zip(right, left)) + "\n"
-    assert "the left one is there too: --hand" in words(read_as("openxr", both))
-    recording = read_as("openxr", both, hand="left")
-    assert recording.hand == "left"
-    assert np.abs(recording.flexion - joint_sample("left").motion.flexion).max() < 1e-6
-    assert ("left-handed, as Unity's" in words(recording)) is unity
 
 
 @pytest.mark.parametrize("named", ["right_", ""])
@@ -99,22 +69,6 @@ def test_stamps_of_two_clocks_and_samples_that_are_not_valid() -> None:
     assert "stamps from column 'device_time_ns'; there are also host_time_s" in words(recording)
     assert np.allclose(recording.time, joint_sample().motion.time, atol=1e-8)
     assert np.flatnonzero(recording.flags).tolist() == [3]
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (("timestamp_ms", "number"), "26 OpenXR joints of the right hand named, but no stamps"),
-        (("right_index_tip_", "right_elbow_"), "25 joints of the right hand named, but none that is index_tip"),
-        (("right_wrist_x", "right_wrist_u"), "named, but none that is wrist"),
-    ],
-)
-def test_a_refusal_says_what_was_recognised(change: tuple[str, str], said: str) -> None:
-    text = openxr_csv(joint_sample()).replace(*change)
-    assert format_of(Content(data=text.encode()), ReadOptions()).name == "openxr"
-    with pytest.raises(HhsimError) as error:
-        read_as("openxr", text)
-    assert said in str(error.value)
 
 
 def test_a_rate_stands_in_for_stamps_and_a_mapping_goes_before() -> None:
