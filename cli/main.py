@@ -26,7 +26,7 @@ COMMANDS = {
     "export": "Write the ticks of a result, or its hand as a recording.",
     "view": "Look at results in the rerun viewer.",
     "report": "Make one HTML page of results: figures, curves, worst ticks.",
-    "verify": "Check a result: its seal, a second run, its physics by other code.",
+    "verify": "Check a result: seal, second run, physics by other code.",
     "objects": "List the objects that come with hhsim.",
     "trajectories": "List the trajectories that come with hhsim.",
     "examples": "Copy the examples that come with hhsim to a folder.",

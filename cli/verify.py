@@ -40,7 +40,7 @@ WHY = words("what is claimed; why so much is let pass", lambda claim: "; ".join(
 @solver_options.trust
 @options.Printing.argument("printing")
 def command(result: Path, every: int | None, why: bool, trust: bool, printing: options.Printing) -> int:
-    """Check a result: its seal, a second run, its physics by other code.
+    """Check a result: seal, second run, physics by other code.
 
     RESULT is a file that hhsim replay or hhsim live wrote; of two hands, both are checked. The scene is run again, and
     everything that a run writes is compared but measured times. Distances, forces, friction, motion, joints and the
