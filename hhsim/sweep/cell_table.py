@@ -44,13 +44,14 @@ def cell_rows(plan: SweepPlan, folder: SweepFolder) -> list[CellRow]:
     for planned in plan.cells:
         row, reason = folder.row(planned), folder.failure(planned)
         if row and not reason:
-            rows.append(_done(planned.cell, row))
+            rows.append(done_row(planned.cell, row))
         elif reason:
             rows.append(CellRow(planned.cell, FAILED, reason=reason))
     return rows
 
 
-def _done(cell: Cell, row: Mapping[str, Any]) -> CellRow:
+def done_row(cell: Cell, row: Mapping[str, Any]) -> CellRow:
+    """Return the row of a cell that was run, from its file."""
     repeated = row.get("repeated", {})
     times = repeated.get("times", {})
     found = {**row["summary"], **{name: time["mean"] for name, time in times.items()}}
@@ -103,7 +104,7 @@ def figure_table(rows: Sequence[CellRow]) -> Table:
         words("verdict"),
         Column("times_comparable", of="own_core"),
         Column("runs"),
-        *(Column(name, unit=metric.stored_unit, of=taken("figures", name)) for name, metric in metrics.items()),
+        *(Column(name, metric.label, metric.unit, taken("figures", name)) for name, metric in metrics.items()),
         *(
             Column(f"{name}_std", unit=metric.stored_unit, of=taken("deviations", name))
             for name, metric in metrics.items()

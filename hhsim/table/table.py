@@ -1,11 +1,11 @@
-"""Table of figures: columns that know their unit and digits, rows, and text as CSV, Markdown and LaTeX."""
+"""Table of figures: columns that know their unit and digits, rows, and text as CSV and Markdown."""
 
 import csv
 import io
 import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from operator import attrgetter
 from typing import Any
@@ -21,25 +21,6 @@ BARE = ("", "1")
 """Units that no heading names."""
 FORMULAS = tuple("=+-@\t\r")
 """Letters that begin a formula in a spreadsheet."""
-LETTERS = str.maketrans(
-    {
-        **{letter: f"\\{letter}" for letter in "{}$&#_%"},
-        # After a line's end a star or a bracket would belong to it.
-        **{letter: f"{{{letter}}}" for letter in "*["},
-        "\\": r"\textbackslash{}",
-        "~": r"\textasciitilde{}",
-        "^": r"\textasciicircum{}",
-        "<": r"\textless{}",
-        ">": r"\textgreater{}",
-        "|": r"\textbar{}",
-        '"': "''",
-        "µ": r"$\mu$",
-        "±": r"$\pm$",
-        "—": r"\textemdash{}",
-        "●": r"$\bullet$",
-    }
-)
-"""LaTeX of the letters that it would not print as they are."""
 
 
 CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\udc80-\udc9f]")
@@ -161,6 +142,21 @@ class Table:
         columns = [Column(heading, of=i, is_number=heading in numbers) for i, heading in enumerate(headings)]
         return cls(columns, rows, title)
 
+    @classmethod
+    def of_records(cls, columns: Sequence[Column], rows: Sequence[Any], names: str = "", title: str = "") -> "Table":
+        """Return the table of `records` of these columns as people read it: all of them, or those named, with spaces.
+
+        A name may be followed by the heading to show, as in `tick_cpu_p50=p50`.
+        """
+        known = {column.name: column for column in columns}
+        shown_columns = []
+        for word in names.split() or known:
+            name, _, heading = word.partition("=")
+            is_number = not any(isinstance(row[name], str | bool) for row in rows)
+            heading = (heading or name).replace("_", " ")
+            shown_columns.append(replace(known[name], name=heading, of=name, is_number=is_number))
+        return cls(shown_columns, rows, title)
+
     @property
     def headings(self) -> list[str]:
         """Heading of each column."""
@@ -190,14 +186,6 @@ class Table:
         rows = [f"| {' | '.join(map(markdown_text, row))} |" for row in (self.headings, *self.cells)]
         return "\n".join([rows[0], f"|{rule}|", *rows[1:]])
 
-    def latex(self) -> str:
-        r"""Return it as a tabular with \hline that needs no package; the notes stand above, as comments."""
-        align = "".join("r" if column.is_number else "l" for column in self.columns)
-        head, *body = [" & ".join(map(_latex_cell, row)) + r" \\" for row in (self.headings, *self.cells)]
-        notes = [f"% {' '.join(note.split())}" for note in self.notes]
-        begin = [f"\\begin{{tabular}}{{{align}}}", r"\hline", head, r"\hline"]
-        return "\n".join([*notes, *begin, *body, r"\hline", r"\end{tabular}", ""])
-
 
 def markdown_text(text: str) -> str:
     """Return text that Markdown shows as it is."""
@@ -206,12 +194,6 @@ def markdown_text(text: str) -> str:
     kept = kept.replace("_", "\\_").replace("*", "\\*").replace("`", "'")
     # Brackets before a parenthesis are a link; those of a unit stay as they are.
     return re.sub(r"\[(?=[^]]*\]\()", r"\\[", kept)
-
-
-def _latex_cell(text: str) -> str:
-    # Hyphens that follow each other would become a dash; a number's hyphen is a minus.
-    letters = re.sub("-(?=-)", "-{}", " ".join(text.split()).translate(LETTERS))
-    return re.sub(r"^-(?=\d)", "$-$", letters)
 
 
 def _spelled(value: Any) -> str:

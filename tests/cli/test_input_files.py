@@ -12,7 +12,6 @@ from sampled import sampled
 from short_grasp import short_result
 from sweep_plans import PLAN, write_plan
 
-from hhsim.bench.table import load_table
 from hhsim.errors import InputError
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.file import load_trajectory
@@ -22,6 +21,7 @@ from hhsim.result.reader import load_result
 from hhsim.submissions.pose_file import read_submission
 from hhsim.submissions.scene_file import read_scene
 from hhsim.system.hdf5_input import hdf5_format, open_hdf5
+from hhsim.table.file import load_table
 from hhsim.trees.file import load_tree
 from hhsim.trees.foreign_tree import import_tree
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import Run
 
-from hhsim.bench.peers import capsule_hand
+from hhsim.bench.suites.peers import capsule_hand
 from hhsim.engines.rigid_hand import lack_of
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
