@@ -195,7 +195,7 @@ def run_suite(
             if not figures:
                 raise
             stopped = interrupt
-        rows = Table(suite.columns, suite.rows(settings, figures)).records
+        rows = suite.rows(settings, figures)
         write_table(path, name, suite.columns, rows, described)
         if stopped is not None:
             stopped.add_note(f"what ran so far, {len(rows):,} in all, is in {path} and its .csv file")

@@ -7,7 +7,8 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from hhsim.metrics.metrics import statistics
-from hhsim.metrics.run.registry import run_metrics
+from hhsim.metrics.run.registry import run_figure, run_metrics
+from hhsim.metrics.run_ticks import RunTicks
 from hhsim.system.log_histogram import LogHistogram
 from hhsim.table.table import Column
 
@@ -37,7 +38,15 @@ def figure(says: str, unit: str = "", total: Total | None = None, default: Any =
 
 def metric(total: Total, default: Any = MISSING, of: str = "") -> Any:
     """Return a dataclass field that is the column of the run metric `of`, or of its own name."""
-    return field(default=default, metadata={"columns": lambda name: [metric_column(of or name, name)], "total": total})
+    metadata = {"columns": lambda name: [metric_column(of or name, name)], "total": total, "metric": of}
+    return field(default=default, metadata=metadata)
+
+
+def metrics_of(figures: type, run: RunTicks) -> dict[str, Any]:
+    """Return the run metrics among the fields of a dataclass that follow from the ticks."""
+    metrics = {one: one.metadata["metric"] or one.name for one in fields(figures) if "metric" in one.metadata}
+    known = {one: run_figure(name, run) for one, name in metrics.items() if run_metrics()[name].compute}
+    return {one.name: int(value) if one.type is int else value for one, value in known.items()}
 
 
 def cpu_times(tick: str) -> Any:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.bench.figure_fields import figure, mean, metric, worst
+from hhsim.bench.figure_fields import figure, mean, metric, metrics_of, worst
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
@@ -27,7 +27,6 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics import metrics
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.mesh_penetration import sampled
-from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks, hold_slices
 from hhsim.motion.trajectory import TickInput
 from hhsim.replay.summary import tremor_variation
@@ -272,26 +271,15 @@ def run_errors(
     )
     held = whole and bool(scene.holds)
     return RunErrors(
-        penetration_max=run_figure("penetration_max", run),
+        **metrics_of(RunErrors, run),
+        force_variation_tremor=(
+            first_hold_tremor(scene.hand, surface, options, scene.haptic, record, scene.seed) if whole else np.nan
+        ),
         **asdict(mesh),
         mesh_error=float(np.maximum(mesh.mesh_depth_max, mesh.contact_error_max) if closed else mesh.contact_error_max),
         tracking_excess=_excess(scene, surface, options, record, clearance) if held else np.nan,
         off_optimum_mean=mean(off),
         off_optimum_max=worst(off),
-        force_hold=run_figure("force_hold_mean", run),
-        force_variation_hold=run_figure("force_variation_hold", run),
-        force_variation_tremor=(
-            first_hold_tremor(scene.hand, surface, options, scene.haptic, record, scene.seed) if whole else np.nan
-        ),
-        force_ripple=run_figure("force_ripple_hold", run),
-        force_step=run_figure("force_step", run),
-        posture_jump_max=run_figure("posture_jump_max", run),
-        posture_jump_p999=run_figure("posture_jump_p999", run),
-        force_contact_step=run_figure("force_contact_step", run),
-        force_contact_step_share=run_figure("force_contact_step_share", run),
-        stuck_ticks=int(run_figure("stuck_ticks", run)),
-        lag_ticks=int(run_figure("lag_ticks", run)),
-        lag_max=run_figure("lag_max", run),
     )
 
 

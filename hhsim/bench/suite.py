@@ -62,7 +62,7 @@ class Suite:
     columns: Sequence[Column]
     cells: Callable[[Any, Progress], Sequence[Any]]  # of the settings
     run: Callable[[Any, Any], Any]  # figures of a cell; None before the first time
-    rows: Callable[[Any, Sequence[Any]], list[Any]]  # of the settings and the figures of all cells
+    rows: Callable[[Any, Sequence[Any]], list[Row]]  # of the settings and the figures of all cells
     # What people read, of the settings, the rows and the figures.
     tables: Callable[[Any, Sequence[Row], Sequence[Any]], Sequence[Table]]
     missed: Callable[[Any, Sequence[Row]], list[str]] = no_lines  # missed bars, a few words each: exit code 1
@@ -174,9 +174,14 @@ def run_tasks_of(name: str, settings: Any, running: Running, progress: Progress 
         alone = running.jobs == 1 and not running.scheduler
         ends = run_here(tasks) if alone else run_tasks(tasks, running.scheduler, running.jobs)
         progress("cells", 0, len(tasks))
-        with closing(ends):
-            for number, end in enumerate(ends):
-                if end.reason:
-                    raise HhsimError(end.reason)
-                progress("cells", number + 1, len(tasks))
+        try:
+            with closing(ends):
+                for number, end in enumerate(ends):
+                    if end.reason:
+                        raise HhsimError(end.reason)
+                    progress("cells", number + 1, len(tasks))
+        except KeyboardInterrupt as interrupt:
+            if running.folder is not None:
+                interrupt.add_note("what is done is kept, and the same command goes on")
+            raise
         return [json.loads(file.read_text(encoding="utf-8")) for file in files]

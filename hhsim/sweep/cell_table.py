@@ -29,7 +29,7 @@ class CellRow:
     # SI or %, by the names of `hhsim.metrics.run.registry.run_metrics`; times are means over the runs.
     figures: Mapping[str, float] = field(default_factory=dict)
     deviations: Mapping[str, float] = field(default_factory=dict)  # standard deviations of times, by the same names
-    reason: str = ""  # why it failed, or ""
+    reason: str = ""  # why it failed, or the figures over their limits
 
     @property
     def options(self) -> str:
@@ -63,6 +63,7 @@ def done_row(cell: Cell, row: Mapping[str, Any]) -> CellRow:
         runs=repeated.get("runs", 1),
         figures={name: found[name] for name in run_metrics() if found.get(name) is not None},
         deviations={name: time["std"] for name, time in times.items()},
+        reason=", ".join(row["missed"]),
     )
 
 

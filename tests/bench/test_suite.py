@@ -85,6 +85,15 @@ def test_a_command_refuses_before_the_work(run: Run, tmp_path: Path, words: str,
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["thesis.parquet"]
 
 
+def test_answers_are_printed_and_written(run: Run, tmp_path: Path) -> None:
+    answer = run("bench", "manipulation", "--case", "slope", "--quick", "--out", "a.h5")
+    assert answer.code == 0, answer.err
+    assert "every figure of ours holds" in answer.out.splitlines()
+    rows = load_table(tmp_path / "a.h5").rows
+    assert {row["case"] for row in rows} == {"block on 30°, μ 0.3", "block on 30°, μ 0.6"}
+    assert all(row["holds"] == 1 and row["figure"] for row in rows)
+
+
 @dataclass(frozen=True)
 class Settings:
     """Numbers to double."""

@@ -195,7 +195,9 @@ SUITE = Suite(
     columns=ROW_COLUMNS,
     cells=cells,
     run=run,
-    rows=lambda options, runs: paper_rows(PaperRuns.of_all(runs), options.methods, options.whole),
+    rows=lambda options, runs: (
+        Table(ROW_COLUMNS, paper_rows(PaperRuns.of_all(runs), options.methods, options.whole)).records
+    ),
     tables=tables,
     missed=missed,
     lines=lines,

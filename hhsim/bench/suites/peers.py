@@ -6,20 +6,27 @@ are made once. Errors are those of the first repetition, against the true mesh. 
 method over its motions and objects.
 """
 
-from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from operator import attrgetter
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.figure_fields import columns_of, figure, mean, metric, totals_of, worst
-from hhsim.bench.run_errors import NEAR, check_finite, check_scenes, first_hold_tremor, hand_clearance, placed_of
+from hhsim.bench.figure_fields import columns_of, figure, mean, metric, metrics_of, totals_of, worst
+from hhsim.bench.run_errors import NEAR, check_scenes, first_hold_tremor, hand_clearance, placed_of
 from hhsim.bench.suite import Preset, Row, Suite, setting
-from hhsim.bench.trade_off import GAIN, failure_remark, frontier, percentile, summed_rows, tick_times
-from hhsim.errors import HhsimError, InputError
+from hhsim.bench.trade_off import (
+    Run,
+    failure_remark,
+    groups_of,
+    mark_frontier,
+    percentile,
+    summed_rows,
+    tick_times,
+    timed_row,
+)
+from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
@@ -27,7 +34,6 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics import metrics
 from hhsim.metrics.mesh_penetration import sampled
-from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks, hold_slices
 from hhsim.motion.trajectory import TickInput
 from hhsim.scene.motion_catalogue import load_script
@@ -118,22 +124,6 @@ class PeerErrors:
     samples: int = figure("ticks at which the hand was held against the true mesh", "", sum)
 
 
-@dataclass
-class PeerRun:
-    """One method on one scene."""
-
-    object_name: str
-    motion: str
-    peer: Peer
-    # CPU times of the ticks in contact [s], one array of shape (n,) a repetition.
-    cpu: list[FloatArray] = field(default_factory=list)
-    # CPU times of the engine's own step in the same ticks; of the whole tick of a method of ours.
-    native: list[FloatArray] = field(default_factory=list)
-    errors: PeerErrors | None = None
-    seconds: float = 0.0  # CPU time of all ticks of the first repetition
-    failure: str = ""  # message of the error that ended it, or ""
-
-
 @dataclass(frozen=True)
 class _Scene:
     object_name: str
@@ -200,26 +190,21 @@ def cells(options: PeersOptions, progress: Progress) -> list[_Cell]:
     return found
 
 
-def run_cell(cell: _Cell, before: PeerRun | None) -> PeerRun:
+def run_cell(cell: _Cell, before: Run | None) -> Run:
     """Run a method once more, unless it failed or takes long."""
     hand, scene, options = cell.hand, cell.scene, cell.options
-    run = before or PeerRun(scene.object_name, scene.motion, cell.peer)
+    run = before or Run(scene.object_name, scene.motion, cell.peer)
     if run.failure or run.seconds > LONG:
         return run
-    solver_options = SolverOptions(method=run.peer.method, surface=run.peer.surface).at_rate(options.rate)
-    surface, contact = scene.surfaces[run.peer.surface], scene.contact
-    try:
-        record = HandSolver(hand, surface, solver_options).run(*HandConfiguration.of(scene.haptic))
-        check_finite(record)
-        if run.errors is None:
-            run.seconds = 1e-9 * float(record.duration_cpu.sum())
-            run.errors = _errors(hand, scene, surface, solver_options, record, options)
-    except HhsimError as error:
-        run.failure = str(error)
-        return run
-    cpu = 1e-9 * record.duration_cpu[contact].astype(np.float64)
-    run.cpu.append(cpu)
-    run.native.append(cpu if run.peer.ours else 1e-9 * record.duration[contact, 1].astype(np.float64))
+    solver = SolverOptions(method=cell.peer.method, surface=cell.peer.surface).at_rate(options.rate)
+    surface = scene.surfaces[cell.peer.surface]
+    run.repeat(
+        scene.contact,
+        lambda: HandSolver(hand, surface, solver).run(*HandConfiguration.of(scene.haptic)),
+        lambda record: _errors(hand, scene, surface, solver, record, options),
+        # Of a method of ours its step is the whole tick.
+        lambda record: record.duration_cpu if cell.peer.ours else record.duration[:, 1],
+    )
     return run
 
 
@@ -253,10 +238,8 @@ def _errors(
         mesh_error=float(np.maximum(worst(depth), worst(apart))),
         palm_off_mean=mean(off[scene.contact]),
         palm_lag_max=worst(off[~scene.contact & ~(push > 0.0).any(axis=1)]),
-        force_hold=run_figure("force_hold_mean", run),
-        force_variation_hold=run_figure("force_variation_hold", run),
+        **metrics_of(PeerErrors, run),
         force_variation_tremor=first_hold_tremor(hand, surface, solver, haptic, record, options.seed),
-        force_step=run_figure("force_step", run),
         force_step_newton=worst(steps),
         samples=len(looked),
     )
@@ -290,16 +273,11 @@ COLUMNS: tuple[Column, ...] = (
 )
 
 
-def table_rows(runs: Sequence[PeerRun]) -> list[dict[str, Any]]:
+def table_rows(runs: Sequence[Run]) -> list[dict[str, Any]]:
     """Return a row a run, then one for each method and object, then one for each method."""
-    rows = summed_rows(runs, runs, attrgetter("peer"), _row)
-    groups = defaultdict(list)
-    for row in rows:
-        if not row["failed_runs"]:
-            groups[row["object"], row["motion"]].append(row)
-    for group in groups.values():
-        for i in frontier([row["tick_cpu_p50"] for row in group], [row["mesh_error"] for row in group], GAIN):
-            group[i]["frontier"] = True
+    rows = summed_rows(runs, runs, _row)
+    for group in groups_of(rows):
+        mark_frontier(group, "frontier", "mesh_error")
         for row in group:
             as_good = [one["tick_cpu_p50"] for one in group if one["ours"] and one["mesh_error"] <= row["mesh_error"]]
             if as_good:
@@ -307,14 +285,14 @@ def table_rows(runs: Sequence[PeerRun]) -> list[dict[str, Any]]:
     return rows
 
 
-def remarks(runs: Sequence[PeerRun]) -> list[str]:
+def remarks(runs: Sequence[Run]) -> list[str]:
     """Return remarks on the table, a sentence each."""
     return [
         "every method has the same hand, its phalanges capsules; no contact has friction",
         "times are CPU times of ticks with the haptic hand within 1 mm of the mesh, the median of the repetitions; "
         "compare them within this run, not between machines",
         "off the mesh is a body that the method says is pushed by 0.01 N and more",
-        *failure_remark(runs, lambda run: str(run.peer.method)),
+        *failure_remark(runs, lambda run: str(run.way.method)),
     ]
 
 
@@ -325,24 +303,17 @@ def won_by_others(rows: Sequence[Row]) -> list[Row]:
     return [r for r in single if not r["failed_runs"] and not r["times_ours"] >= 1.0 and not np.isnan(r["mesh_error"])]
 
 
-def _row(object_name: str, motion: str, runs: Sequence[PeerRun]) -> dict[str, Any]:
-    peer = runs[0].peer
-    cpu, native = tick_times([run.cpu for run in runs]), tick_times([run.native for run in runs])
-    errors = [run.errors for run in runs if run.errors is not None]
+def _row(object_name: str, motion: str, runs: Sequence[Run]) -> dict[str, Any]:
+    peer, native = runs[0].way, tick_times([run.other for run in runs])
     return {
-        "object": object_name,
-        "motion": motion,
+        **totals_of(PeerErrors, []),
+        **timed_row(object_name, motion, runs),
         "method": peer.method,
         "surface": peer.surface if peer.ours else "its own",
         "ours": peer.ours,
-        "contact_ticks": cpu.size,
         "repetitions": min(len(run.cpu) for run in runs),
-        "tick_cpu_p50": percentile(cpu, 50.0),
-        "tick_cpu_p99": percentile(cpu, 99.0),
         "native_cpu_p50": percentile(native, 50.0),
         "native_cpu_p99": percentile(native, 99.0),
-        **totals_of(PeerErrors, errors),
-        "failed_runs": sum(bool(run.failure) for run in runs),
         "frontier": False,
         "times_ours": np.nan,
     }

@@ -6,24 +6,30 @@ falls on all of them; of each tick the median of the repetitions counts. Errors 
 against the mesh and the optimum on it; the others must give the same poses.
 """
 
-from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from operator import attrgetter
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 
-from hhsim.arrays import FloatArray, IntArray
 from hhsim.bench import run_errors as runs
 from hhsim.bench.figure_fields import columns_of, metric_column, totals_of
 from hhsim.bench.suite import Preset, Row, Suite, setting
-from hhsim.bench.trade_off import GAIN, failure_remark, frontier, percentile, summed_rows, tick_times
-from hhsim.errors import HhsimError, check_known
+from hhsim.bench.trade_off import (
+    Run,
+    failure_remark,
+    groups_of,
+    mark_frontier,
+    percentile,
+    summed_rows,
+    tick_times,
+    timed_row,
+)
+from hhsim.errors import check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_UNITS
+from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.catalogue import load_object
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
@@ -152,26 +158,6 @@ class Configuration:
         return SolverOptions(method=self.method, surface=self.surface, qp=self.qp, linearisations=self.linearisations)
 
 
-@dataclass
-class Run:
-    """One configuration on one scene."""
-
-    object_name: str
-    motion: str
-    configuration: Configuration
-    # Times of the ticks in contact [s], one array of shape (n,) a repetition.
-    cpu: list[FloatArray] = field(default_factory=list)
-    wall: list[FloatArray] = field(default_factory=list)
-    # Candidate pairs and work units of the same ticks, shape (n,).
-    candidates: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
-    work: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
-    errors: runs.RunErrors | None = None
-    digest: str = ""  # of its poses and forces
-    repeatable: bool = True  # True if all repetitions had the same digest
-    ticks: int = 0  # ticks of a repetition
-    failure: str = ""  # message of the error that ended it, or ""
-
-
 @dataclass(frozen=True)
 class _Scene:
     object_name: str
@@ -254,28 +240,22 @@ def run_cell(cell: tuple[_Scene, Configuration], before: Run | None) -> Run:
         begin = scene.errors.holds[0].start if scene.errors.holds else 0
         window = slice(max(0, begin - STRETCH[0]), min(haptic.tick_count, begin + STRETCH[1]))
     surface, options = scene.surfaces[configuration.surface, configuration.level], configuration.solver_options()
-    contact = scene.errors.contact[window]
-    try:
+
+    def play() -> TickRecord:
         solver = HandSolver(hand, surface, options)
         if window.start > 0:
             # Where our own QP solver has the hand before the stretch, so that all solvers begin alike.
             own = HandSolver(hand, surface, replace(configuration, qp=ACTIVE_SET).solver_options())
             led = own.run(*HandConfiguration.of(haptic).part(0, window.start))
             solver.place(*HandConfiguration.of(led).at(-1))
-        record = solver.run(*HandConfiguration.of(haptic).at(window))
-        runs.check_finite(record)
-        digest = runs.digest_of(record)
-        if run.errors is None:
-            run.errors = runs.run_errors(scene.errors, surface, options, record, window)
-            run.digest, run.ticks = digest, len(record.position)
-            run.candidates = record.work[contact, WORK_CANDIDATES]
-            run.work = record.work[contact, WORK_UNITS]
-    except HhsimError as error:
-        run.failure = str(error)
-        return run
-    run.repeatable = run.repeatable and digest == run.digest
-    run.cpu.append(1e-9 * record.duration_cpu[contact].astype(np.float64))
-    run.wall.append(1e-9 * record.duration_total[contact].astype(np.float64))
+        return solver.run(*HandConfiguration.of(haptic).at(window))
+
+    run.repeat(
+        scene.errors.contact[window],
+        play,
+        lambda record: runs.run_errors(scene.errors, surface, options, record, window),
+        lambda record: record.duration_total,
+    )
     return run
 
 
@@ -312,16 +292,11 @@ def table_rows(done: Sequence[Run]) -> list[dict[str, Any]]:
 
     Runs of a stretch are summed up over all objects only.
     """
-    whole = [run for run in done if not run.configuration.stretch]
-    rows = summed_rows(done, whole, attrgetter("configuration"), _row)
-    groups = defaultdict(list)
-    for row in rows:
-        if not row["stretch"] and not row["failed_runs"]:
-            groups[row["object"], row["motion"]].append(row)
-    for group in groups.values():
-        for flag, error in (("mesh_frontier", "mesh_error"), ("tracking_frontier", "off_optimum_mean")):
-            for i in frontier([row["tick_cpu_p50"] for row in group], [row[error] for row in group], GAIN):
-                group[i][flag] = True
+    whole = [run for run in done if not run.way.stretch]
+    rows = summed_rows(done, whole, _row)
+    for group in groups_of([row for row in rows if not row["stretch"]]):
+        mark_frontier(group, "mesh_frontier", "mesh_error")
+        mark_frontier(group, "tracking_frontier", "off_optimum_mean")
     return rows
 
 
@@ -349,40 +324,34 @@ def remarks(done: Sequence[Run]) -> list[str]:
         "times are of the ticks with the haptic hand within 1 mm of the object, the median of the repetitions; compare "
         "them within this run, not between machines",
     ]
-    changing = [run.configuration for run in done if not run.repeatable]
+    changing = [run.way for run in done if not run.repeatable]
     different = sorted({one.method if one.qp == ACTIVE_SET else f"{one.method} with {one.qp}" for one in changing})
     if different:
         found.append(f"the poses of {', '.join(different)} differ between repetitions: they are not deterministic")
 
     def named(run: Run) -> str:
-        return f"{run.configuration.method}, {touched(run.configuration.surface, run.configuration.level)}"
+        return f"{run.way.method}, {touched(run.way.surface, run.way.level)}"
 
     return [*found, *failure_remark(done, named)]
 
 
 def _row(object_name: str, motion: str, done: Sequence[Run]) -> dict[str, Any]:
-    configuration = done[0].configuration
-    cpu, wall = tick_times([run.cpu for run in done]), tick_times([run.wall for run in done])
+    configuration = done[0].way
+    cpu, wall = tick_times([run.cpu for run in done]), tick_times([run.other for run in done])
     candidates, work = (np.concatenate([getattr(run, kind) for run in done]) for kind in ("candidates", "work"))
-    errors = [run.errors for run in done if run.errors is not None]
     return {
-        "object": object_name,
-        "motion": motion,
+        **totals_of(runs.RunErrors, []),
+        **timed_row(object_name, motion, done),
         **asdict(configuration),
         "is_default": configuration.is_default and configuration.qp == ACTIVE_SET,
         "ticks": sum(run.ticks for run in done),
-        "contact_ticks": cpu.size,
         "candidates_max": int(candidates.max(initial=0)),
-        "tick_cpu_p50": percentile(cpu, 50.0),
-        "tick_cpu_p99": percentile(cpu, 99.0),
         "tick_cpu_max": percentile(cpu, 100.0),
         "tick_wall_p50": percentile(wall, 50.0),
         "tick_wall_p99": percentile(wall, 99.0),
         "over_1ms": float(np.mean(cpu > 1e-3)) if cpu.size else np.nan,
         "work_p50": percentile(work, 50.0) if work.any() else np.nan,
-        **totals_of(runs.RunErrors, errors),
         "repeatable": all(run.repeatable for run in done),
-        "failed_runs": sum(bool(run.failure) for run in done),
         "mesh_frontier": False,
         "tracking_frontier": False,
     }

@@ -14,13 +14,13 @@ from hhsim.bench.suites.peers import (
     SUITE,
     Peer,
     PeerErrors,
-    PeerRun,
     PeersOptions,
     installed,
     remarks,
     table_rows,
     won_by_others,
 )
+from hhsim.bench.trade_off import Run as MethodRun
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.solver.outside_method import MethodScene, TickAnswer
@@ -55,10 +55,10 @@ def errors(error: float) -> PeerErrors:
     return PeerErrors(error, 0.0, 0.0, 0.0, error, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 10)
 
 
-def made_up(method: str, time: float, error: float) -> PeerRun:
+def made_up(method: str, time: float, error: float) -> MethodRun:
     surface = "mesh"
     times = [np.full(5, time)]
-    return PeerRun("cube", "grasp", Peer(method, surface), times, times, errors(error))
+    return MethodRun("cube", "grasp", Peer(method, surface), times, times, errors=errors(error))
 
 
 def test_what_is_not_installed_is_left_out_with_a_line() -> None:
@@ -82,7 +82,7 @@ def test_a_hand_inside_is_told_by_how_much() -> None:
     assert other.errors.mesh_depth_max > 1e-3
     assert other.errors.contact_error_max > 0.01
     assert other.errors.palm_off_mean == 0.0
-    np.testing.assert_allclose(other.native, 7e-9)
+    np.testing.assert_allclose(other.other, 7e-9)
     rows = table_rows([ours, other])
     assert [set(row) for row in rows] == [{column.name for column in COLUMNS}] * len(rows)
 
@@ -110,7 +110,7 @@ def test_who_is_as_near_and_faster_wins() -> None:
 
 
 def test_a_run_that_fails_wins_nothing_and_is_told() -> None:
-    failed = PeerRun("cube", "grasp", Peer(FAKE, "mesh"), failure="it broke")
+    failed = MethodRun("cube", "grasp", Peer(FAKE, "mesh"), failure="it broke")
     runs = [made_up("coupled", 1e-5, 1e-4), failed]
     assert won_by_others(table_rows(runs)) == []
     assert any("1 of 2 runs could not be done" in line and "it broke" in line for line in remarks(runs))

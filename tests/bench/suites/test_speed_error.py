@@ -20,7 +20,6 @@ from hhsim.bench.suites.speed_error import (
     NO_LEVEL,
     SUITE,
     Configuration,
-    Run,
     SpeedErrorOptions,
     backend_configurations,
     chosen,
@@ -28,7 +27,7 @@ from hhsim.bench.suites.speed_error import (
     remarks,
     table_rows,
 )
-from hhsim.bench.trade_off import frontier, tick_times
+from hhsim.bench.trade_off import Run, frontier, tick_times
 from hhsim.errors import HhsimError
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.report.bench_trade_off import bench_trade_off, draw_trade_off
@@ -84,13 +83,13 @@ def test_without_options_one_object_is_run_by_every_method_on_all_it_takes() -> 
 
 
 def test_every_configuration_runs_on_every_scene(small: list[Run]) -> None:
-    whole = [run for run in small if not run.configuration.stretch]
-    assert [run.configuration for run in whole] == configurations(SMALL)
-    part = [run for run in small if run.configuration.stretch]
-    assert [run.configuration for run in part] == backend_configurations(SMALL)
+    whole = [run for run in small if not run.way.stretch]
+    assert [run.way for run in whole] == configurations(SMALL)
+    part = [run for run in small if run.way.stretch]
+    assert [run.way for run in part] == backend_configurations(SMALL)
     for run in small:
         assert (run.object_name, run.motion) == ("cube", "touch")
-        assert np.shape(run.cpu) == np.shape(run.wall) == (2, run.candidates.size)
+        assert np.shape(run.cpu) == np.shape(run.other) == (2, run.candidates.size)
         assert np.array_equal(tick_times([run.cpu]), np.mean(run.cpu, axis=0))
         assert (tick_times([run.cpu]) > 0.0).all()
         assert run.repeatable
@@ -131,7 +130,7 @@ def made_up(object_name: str, motion: str, configuration: Configuration, cost: f
         motion,
         configuration,
         cpu=[np.full(4, cost)],
-        wall=[np.full(4, 2.0 * cost)],
+        other=[np.full(4, 2.0 * cost)],
         candidates=np.arange(4),
         work=np.arange(4) if object_name == "cube" else np.zeros(4, np.int64),
         errors=replace(ZEROS, **errors),  # type: ignore[arg-type]
@@ -210,7 +209,7 @@ def test_a_run_that_fails_is_told_and_wins_nothing(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr("hhsim.bench.suites.speed_error.HandSolver", Fragile)
     runs = measure(SUITE, replace(SMALL, levels=(1,), linearisations=(2, 12), backends=()))
-    assert [(run.configuration.method, run.configuration.linearisations, run.failure) for run in runs] == [
+    assert [(run.way.method, run.way.linearisations, run.failure) for run in runs] == [
         ("coupled", 2, "the graphic hand is not finite after tick 7"),
         ("coupled", 12, ""),
         ("progressive", 2, "more contacts than the arrays hold"),

@@ -148,7 +148,7 @@ def test_planted_faults_are_counted_and_kept_to_be_replayed(monkeypatch: pytest.
 def test_a_hand_that_is_stuck_without_cause_is_a_missed_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stress, "HandSolver", Lazy)
     figures = run_case(case(ticks=900))
-    assert figures.stuck > figures.unexplained > 10
+    assert figures.stuck >= figures.unexplained > 10
     assert figures.longest_stuck > 10
     assert not figures.safe
     assert replayed_failures(figures, case())["stuck"] > 0
