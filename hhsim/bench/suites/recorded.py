@@ -125,9 +125,9 @@ SUITE = Suite(
     help="""Replay recordings of real hands against objects, by every method.
 
     A FOLDER stands for all recordings in it: .h5 and .csv trajectories, and .npz, .json, .lz and .bvh files, which are
-    imported on the way in. Each is what hhsim replay makes of the same words. The exit code is 1 where coupled
-    or progressive does not keep a limit that it promises to, and where a recording could not be replayed. --unit and --size are for the
-    mesh files.
+    imported on the way in. Each is what hhsim replay makes of the same words. The exit code is 1 where coupled or
+    progressive does not keep a limit that it promises to, and where a recording could not be replayed. --unit and
+    --size are for the mesh files.
 
     \b
     Examples:
