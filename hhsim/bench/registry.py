@@ -1,6 +1,7 @@
 """The suites by name."""
 
-from importlib.resources import files
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hhsim.registry import Registry
@@ -15,6 +16,9 @@ SUITES: Registry["Suite"] = Registry("hhsim.bench.suites", "SUITE", "suite", fir
 
 def suite_lines() -> dict[str, str]:
     """Return one line about each suite: the first one of its module, which is read and not imported."""
-    folder = files("hhsim.bench.suites")
-    texts = {name: (folder / f"{name.replace('-', '_')}.py").read_text(encoding="utf-8") for name in SUITES.names()}
-    return {name: text.partition('"""')[2].partition("\n")[0] for name, text in texts.items()}
+    lines = {}
+    for name in SUITES.names():
+        spec = find_spec(f"hhsim.bench.suites.{name.replace('-', '_')}")
+        text = Path(spec.origin).read_text(encoding="utf-8") if spec and spec.origin else ""
+        lines[name] = text.partition('"""')[2].partition("\n")[0].removesuffix('"""')
+    return lines

@@ -10,6 +10,7 @@ import pytest
 from conftest import Run
 
 from hhsim.bench import suite as module
+from hhsim.bench import suites
 from hhsim.bench.registry import SUITES, suite_lines
 from hhsim.bench.robustness.random_targets import StressOptions
 from hhsim.bench.suite import Preset, Running, Suite, run_tasks_of, setting
@@ -127,6 +128,46 @@ DOUBLES = Suite(
     preset=Preset("quick", "One number.", {"numbers": (7,)}),
     listed=lambda settings: Table((Column("number", of=lambda number: number),), settings.numbers),
 )
+
+
+HALVES = '''
+"""Halves of numbers."""
+
+from dataclasses import dataclass
+
+from hhsim.bench.suite import Suite, setting
+from hhsim.table.table import Column, Table
+
+
+@dataclass(frozen=True)
+class Halving:
+    """Numbers."""
+
+    numbers: tuple[int, ...] = setting((1, 2), "Numbers.")
+
+
+COLUMNS = (Column("half", "half of a number"),)
+SUITE = Suite(
+    help="Halve numbers.",
+    settings=Halving,
+    columns=COLUMNS,
+    cells=lambda settings, progress: settings.numbers,
+    run=lambda number, before: [{"half": 0.5 * number}],
+    rows=lambda settings, figures: [row for rows in figures for row in rows],
+    tables=lambda settings, rows, figures: [Table.of_records(COLUMNS, rows)],
+    is_portable=True,
+)
+'''
+
+
+def test_a_suite_is_one_file(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "halves.py").write_text(HALVES.lstrip())
+    monkeypatch.setattr(suites, "__path__", [*suites.__path__, str(tmp_path)])
+    assert suite_lines()["halves"] == "Halves of numbers."
+    answer = run("bench", "halves", "--numbers", "3,5", "--resume", "kept", "--json")
+    assert answer.code == 0, answer.err
+    assert json.loads(answer.out)["rows"] == [{"half": 1.5}, {"half": 2.5}]
+    assert "--numbers NUMBERS" in run("bench", "halves", "--help").out
 
 
 @pytest.fixture
