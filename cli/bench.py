@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, asdict, fields
-from functools import cached_property
+from functools import partial
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import click
 
@@ -37,13 +37,6 @@ SHARED: dict[str, Decorator] = {
     "seed": options.seed,
 }
 """Options that other commands have too, by the name of a setting without a help."""
-KINDS: dict[type, dict[str, Any]] = {
-    bool: {"is_flag": True},
-    int: {"type": click.INT, "metavar": "N"},
-    float: {"type": click.FLOAT, "metavar": "X"},
-    str: {"metavar": "NAME"},
-}
-"""Ways to declare an option, by the type of a setting; its range is checked by the settings."""
 MOST_OPTIONS = 15
 """Number of options up to which they stand under one heading."""
 
@@ -61,7 +54,7 @@ class RunningOptions(OptionGroup):
 class SuiteGroup(LazyGroup):
     """The suites, each a command that is made of what it declares."""
 
-    @cached_property
+    @property
     def lines(self) -> Mapping[str, str]:  # type: ignore[override]
         """Suites with one line each."""
         from hhsim.bench.registry import suite_lines
@@ -130,15 +123,21 @@ def _declared(field: "Field[Any]", hint: Any) -> Decorator:
         return click.argument(field.name, metavar=about["metavar"], nargs=-1, shell_complete=_completed(field.name))
     if not about["help"]:
         return SHARED[field.name]
-    kind, is_list = _kind(hint)
-    how = dict(KINDS[kind])
-    if is_list:
-        reader = read_names if kind is str else read_counts
-        how = {"multiple": True, "callback": reader, "metavar": "NAMES" if kind is str else "NUMBERS"}
-        how["shell_complete"] = _completed(field.name)
-    how |= {"metavar": about["metavar"]} if about["metavar"] else {}
+    kind = _kind(hint)
+    how: dict[str, Any] = {"metavar": about["metavar"] or kind.metavar}
+    if kind.is_list:
+        numbers = partial(read_counts, int(kind.least), int(kind.most)) if kind.type is int else read_names
+        how |= {"multiple": True, "callback": numbers, "shell_complete": _completed(field.name)}
+    elif kind.type is bool:
+        how = {"is_flag": True}
+    elif kind.type is int:
+        how["type"] = click.IntRange(int(kind.least), int(kind.most))
+    elif kind.type is float:
+        how["type"] = options.Number(kind.least, kind.most)
+    elif how["metavar"] == "FILE":
+        how["type"] = click.Path()
     default = field.default
-    usual = "" if default in (None, "", ()) or kind is bool else ",".join(map(str, _listed(default)))
+    usual = "" if default in (None, "", ()) or kind.type is bool else ",".join(map(str, _listed(default)))
     help = f"{about['help']} Default: {usual}." if usual else about["help"]
     # None, so that a preset counts where it is not given.
     return click.option(
@@ -154,15 +153,34 @@ def _listed(value: Any) -> Sequence[Any]:
     return value if isinstance(value, tuple) else (value,)
 
 
-def _kind(hint: Any) -> tuple[type, bool]:
-    """Return the type of a setting, or of the entries of its list, and whether it is one."""
+class _Kind(NamedTuple):
+    """Type of a setting, or of the entries of its list, and the range of a number."""
+
+    type: type
+    is_list: bool = False
+    least: float = -options.MOST_COUNT
+    most: float = options.MOST_COUNT
+
+    @property
+    def metavar(self) -> str:
+        """Placeholder in the help."""
+        if self.is_list:
+            return "NUMBERS" if self.type is int else "NAMES"
+        return "NAME" if self.type is str else "N"
+
+
+def _kind(hint: Any) -> _Kind:
     if get_origin(hint) is Annotated:
-        return _kind(get_args(hint)[0])
+        found = _kind(get_args(hint)[0])
+        for meta in get_args(hint)[1:]:
+            if meta.ge is not None and meta.le is not None:
+                found = found._replace(least=meta.ge, most=meta.le)
+        return found
     if get_origin(hint) in (Union, UnionType):
         return _kind(next(one for one in get_args(hint) if one is not type(None)))
     if get_origin(hint) is tuple:
-        return _kind(get_args(hint)[0])[0], True
-    return hint, False
+        return _kind(get_args(hint)[0])._replace(is_list=True)
+    return _Kind(hint)
 
 
 def run_suite(

@@ -53,11 +53,14 @@ def read_names(context: click.Context, parameter: click.Parameter, value: Sequen
     return tuple(dict.fromkeys(parts)) or None
 
 
-def read_counts(context: click.Context, parameter: click.Parameter, value: Sequence[str]) -> tuple[int, ...] | None:
+def read_counts(
+    least: int, most: int, context: click.Context, parameter: click.Parameter, value: Sequence[str]
+) -> tuple[int, ...] | None:
     """Read whole numbers with commas between, as `read_names`."""
     parts = _parts(value)
-    if not all(part.isdecimal() and len(part) < DIGITS for part in parts):
-        raise click.BadParameter(f"'{','.join(value)}', expected whole numbers with commas between", context, parameter)
+    if not all(part.isdecimal() and len(part) < DIGITS and least <= int(part) <= most for part in parts):
+        wanted = f"expected whole numbers from {least} to {most} with commas between"
+        raise click.BadParameter(f"'{','.join(value)}', {wanted}", context, parameter)
     return tuple(dict.fromkeys(int(part) for part in parts)) or None
 
 

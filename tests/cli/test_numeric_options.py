@@ -22,7 +22,7 @@ ABSURD = (
 WORDS = {
     *("--method", "--fingers", "--qp", "--object", "--motion", "--surface", "--case", "--columns", "--name"),
     *("--source", "--licence", "--format", "--object-track", "--array", "--profile", "--host", "--pose-host"),
-    *("--scheduler", "--rerun", "--trajectory", "--palm-axes", "--robot", "--link"),
+    *("--scheduler", "--rerun", "--trajectory", "--palm-axes", "--link"),
 }
 """Options whose texts hold no number."""
 READ_LATER = {"--width": "what draws the figure reads it, with its unit: tests/report/test_figure_file.py"}
