@@ -15,6 +15,7 @@ from hhsim.bench.registry import SUITES
 from hhsim.errors import HhsimError
 from hhsim.sweep.engines import TaskEnd, run_here, run_tasks
 from hhsim.sweep.folder import check_own, has_format, locked
+from hhsim.sweep.input_files import file_digest
 from hhsim.sweep.plan import DIGITS, source_digest
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.deferred_sigint import interruptible_between
@@ -150,13 +151,20 @@ def _cells(suite: str, settings: Any) -> Sequence[Any]:
     return SUITES[suite].cells(settings, silent)
 
 
+def _digests(settings: Any) -> list[str]:
+    """Return the digests of the files that settings name."""
+    values = (value if isinstance(value, tuple) else (value,) for value in vars(settings).values())
+    named = (Path(word) for words in values for word in words if isinstance(word, str))
+    return [file_digest(path) for path in named if path.is_file()]
+
+
 def run_tasks_of(name: str, settings: Any, running: Running, progress: Progress = silent) -> list[list[Row]]:
     """Return the rows of all cells of a portable suite, in their order; those that are kept are not run again.
 
     Raises HhsimError for a cell that could not be run, OutputError for a folder that is not writable, or is another's.
     """
     suite, cells = SUITES[name], _cells(name, settings)
-    stated = [name, asdict(settings), __version__, source_digest()]
+    stated = [name, asdict(settings), _digests(settings), __version__, source_digest()]
     digests = []
     for place, cell in enumerate(cells):
         text = json.dumps([*stated, suite.key(cell) or place], sort_keys=True)

@@ -144,6 +144,7 @@ class Halving:
     """Numbers."""
 
     numbers: tuple[int, ...] = setting((1, 2), "Numbers.")
+    table: str | None = setting(None, "Table of numbers.", metavar="FILE")
 
 
 COLUMNS = (Column("half", "half of a number"),)
@@ -168,6 +169,11 @@ def test_a_suite_is_one_file(run: Run, tmp_path: Path, monkeypatch: pytest.Monke
     assert answer.code == 0, answer.err
     assert json.loads(answer.out)["rows"] == [{"half": 1.5}, {"half": 2.5}]
     assert "--numbers NUMBERS" in run("bench", "halves", "--help").out
+    # What a file holds is a part of the settings that name it.
+    for content in ("a", "a", "b"):
+        (tmp_path / "table.txt").write_text(content)
+        assert run("bench", "halves", "--table", "table.txt", "--resume", "of_files", "--quiet").code == 0
+    assert len(list((tmp_path / "of_files").glob("*.json"))) == 1 + 2 * 2
 
 
 @pytest.fixture
