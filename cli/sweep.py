@@ -150,5 +150,5 @@ def _print(ended: "SweepSummary", rows: "Sequence[CellRow]", folder: Path) -> No
         print_table(Table.of_cells(("cell", "options", "failed since"), shown))
         more = len(ended.failed) - MOST_FAILURES
         print_line(f"{f'{more:,} more failed; ' if more > 0 else ''}--retry-failed runs them again")
-    left = f"{len(done) - MOST_ROWS:,} more rows, and " if len(done) > MOST_ROWS else ""
-    print_line(f"{left}all figures of each cell are in {folder / TABLE}")
+    others = f"{len(done) - MOST_ROWS:,} more rows, and " if len(done) > MOST_ROWS else ""
+    print_line(f"{others}all figures of each cell are in {folder / TABLE}")

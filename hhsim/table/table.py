@@ -21,8 +21,6 @@ BARE = ("", "1")
 """Units that no heading names."""
 FORMULAS = tuple("=+-@\t\r")
 """Letters that begin a formula in a spreadsheet."""
-
-
 CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\udc80-\udc9f]")
 """Letters that command a terminal or turn the order of others; a tab and a line's end are none."""
 
