@@ -40,7 +40,7 @@ class SweepSettings(OptionGroup):
         help="Run the cells on a Dask cluster: tcp://host:8786, or local for one of --jobs processes.",
     )
     dry_run: bool = option(
-        is_flag=True, help="Count the cells, try some, and estimate how long all take; write nothing."
+        is_flag=True, help="Count the cells, estimate how long the others take by those that ran; write nothing."
     )
     retry_failed: bool = option(is_flag=True, help="Run failed cells again; without it their reasons are shown.")
     summary_only: bool = option(is_flag=True, help="Keep a row of figures for each cell, and not its ticks.")
@@ -82,7 +82,7 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
         if not printing.quiet and not printing.as_json:
             print_notes(read.notes)
         if settings.dry_run:
-            found = estimate(read, folder, report)
+            found = estimate(read, folder)
         else:
             ended = run_sweep(read, folder, chosen, report)
             rows = cell_rows(read, folder)
@@ -120,12 +120,12 @@ def _print_estimate(found: "Estimate", workers: int, *, as_json: bool) -> None:
     seconds = found.elapsed(workers)
     if as_json:
         counts = {"cells": found.cells, "done": found.done, "failed": found.failed, "ticks": found.ticks}
-        print_json({**counts, "processes": workers, "seconds": seconds, "estimated_from": found.by})
+        print_json({**counts, "processes": workers, "seconds": seconds})
         return
     print_line(f"{counted(found.cells, 'cell')}: {found.done:,} done, {found.failed:,} failed, {found.left:,} to run")
     if found.left:
-        about = f"{lasting(seconds)} in {workers} process{'es' * (workers > 1)}"
-        print_line(f"{found.ticks:,} ticks: about {about}, by cells that ran on this machine: {found.by}")
+        about = f"{lasting(seconds)} in {workers} process{'es' * (workers > 1)}, by the cells that ran on this machine"
+        print_line(f"{found.ticks:,} ticks: {about}")
 
 
 def _print(ended: "SweepSummary", rows: "Sequence[CellRow]", folder: Path) -> None:

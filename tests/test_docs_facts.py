@@ -14,7 +14,7 @@ from fault_table import FAULTS
 from markdown_pages import Page
 from short_grasp import short_scene
 
-from hhsim.bench.robustness.hard import hard_cases
+from hhsim.bench.suites.hard import hard_cases
 from hhsim.errors import InputError
 from hhsim.gate.gate import load_baseline
 from hhsim.gate.metrics import OUTSIDE_DEFAULTS

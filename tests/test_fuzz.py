@@ -9,11 +9,12 @@ from hypothesis import HealthCheck, given, note, settings
 from hypothesis import strategies as st
 from sphere_scenes import bumpy_ball, cloud
 
-from hhsim.bench.robustness.failure import failure_of, recorded_penetration
 from hhsim.bench.robustness.local_optimality import pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
+from hhsim.bench.robustness.safety import SafetyMeasure, recorded_penetration
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
+from hhsim.motion.analytic_motion import hold_readings
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.cache import cached_sphere_tree
@@ -94,10 +95,10 @@ def check(scene: Scene) -> None:
     motion = RandomTargets(hand, scene.seed, scene.stress, height=0.3).take(TICKS)
     record = HandSolver(hand, tree.arrays(), scene.solver).run(*motion)
     depth = recorded_penetration(hand, tree.arrays(), record)
-    for kind in ("penetration", "not finite", "stuck"):
+    safety = SafetyMeasure(hand, pieces_of("spheres", None, tree), scene.solver)
+    for kind, failed in safety.add(hold_readings(motion), record, depth.depth).items():
         if kind == "stuck" and scene.solver.linearisations < STUCK_IS_JUDGED_FROM:
             continue
-        failed = failure_of(kind, hand, pieces_of("spheres", None, tree), scene.solver)(motion, record, depth)
         assert not failed.any(), f"{kind} at tick {int(np.argmax(failed))}"
 
 

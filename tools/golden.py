@@ -200,8 +200,7 @@ def table(rows: Mapping[str, Mapping[str, Any]]) -> Table:
 
 def times(python: str, name: str, out: Path) -> NDArray[np.float64]:
     """Replay a scene at 1 kHz with some hhsim; return the CPU time of its hands' ticks [µs], NaN out of contact."""
-    # -P: hhsim is that of the Python, and not of the current folder.
-    command = [python, "-P", "-m", "cli.main", "replay", *SCENES[name].split(), "--out", str(out), "--quiet"]
+    command = [str(Path(python).with_name("hhsim")), "replay", *SCENES[name].split(), "--out", str(out), "--quiet"]
     if subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL, check=False).returncode not in (0, 1):
         raise RuntimeError(f"{name}: {' '.join(command)} failed")
     with open_hdf5(out) as file:

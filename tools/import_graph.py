@@ -27,12 +27,13 @@ PACKAGES = (
         "hhsim.scene",
     ),
     *("hhsim.solver", "hhsim.solver.methods", "hhsim.replay", "hhsim.submissions", "hhsim.verify"),
-    *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.manipulation"),
     *("hhsim.gate", "hhsim.render", "hhsim.view"),
     *(f"hhsim.live{part}" for part in ("", ".devices", ".drivers", ".session")),
     "hhsim.report",
     "hhsim.repair",
-    *("hhsim.sweep", "hhsim.engines"),
+    "hhsim.sweep",
+    *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.manipulation", "hhsim.bench.suites"),
+    "hhsim.engines",
 )
 """Every package of the library, lowest first: a module imports from its own package and from those before it."""
 

@@ -1,26 +1,12 @@
 """Options that take several names or numbers with commas between."""
 
 from collections.abc import Callable, Sequence
-from functools import partial
-from typing import Any
 
 import click
-
-from .option_group import option
 
 DIGITS = 20
 """Digits from which on a whole number is refused unread."""
 Reader = Callable[[click.Context, click.Parameter, str | None], tuple[float, ...] | None]
-
-
-def names(flag: str, help: str) -> Any:
-    """Declare a field for --object bunny,cube, which may be given again: distinct names in their order, or None."""
-    return option(flag, callback=read_names, multiple=True, metavar="NAMES", help=help)
-
-
-def counts(flag: str, help: str, most: int) -> Any:
-    """Declare an option such as --level 3,4 as a field of a group: as `names`, of whole numbers from 1 to `most`."""
-    return option(flag, callback=partial(_read_counts, most), multiple=True, metavar="NUMBERS", help=help)
 
 
 def number_list(*meanings: str, ranges: Sequence[tuple[float, float]]) -> Reader:
@@ -67,12 +53,13 @@ def read_names(context: click.Context, parameter: click.Parameter, value: Sequen
     return tuple(dict.fromkeys(parts)) or None
 
 
-def _read_counts(
-    most: int, context: click.Context, parameter: click.Parameter, value: Sequence[str]
+def read_counts(
+    least: int, most: int, context: click.Context, parameter: click.Parameter, value: Sequence[str]
 ) -> tuple[int, ...] | None:
+    """Read whole numbers with commas between, as `read_names`."""
     parts = _parts(value)
-    if not all(part.isdecimal() and len(part) < DIGITS and 1 <= int(part) <= most for part in parts):
-        wanted = f"expected whole numbers from 1 to {most} with commas between"
+    if not all(part.isdecimal() and len(part) < DIGITS and least <= int(part) <= most for part in parts):
+        wanted = f"expected whole numbers from {least} to {most} with commas between"
         raise click.BadParameter(f"'{','.join(value)}', {wanted}", context, parameter)
     return tuple(dict.fromkeys(int(part) for part in parts)) or None
 

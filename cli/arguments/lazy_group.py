@@ -26,7 +26,8 @@ class LazyGroup(click.Group):
         **options: Any,
     ) -> None:
         super().__init__(name, **options)
-        self.lines = lines or {}
+        if lines is not None:
+            self.lines = lines
         self.module = module
         self.kind = kind
         self.meant = meant or {}

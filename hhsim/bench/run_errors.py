@@ -7,14 +7,14 @@ the mesh.
 """
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.bench.table import figure, mean, metric, worst
+from hhsim.bench.figure_fields import figure, mean, metric, metrics_of, worst
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
@@ -27,15 +27,12 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics import metrics
 from hhsim.metrics.contact_points import find_contact_points
 from hhsim.metrics.mesh_penetration import sampled
-from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks, hold_slices
 from hhsim.motion.trajectory import TickInput
 from hhsim.replay.summary import tremor_variation
 from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import best_hands, reference_excess
-from hhsim.system.deferred_sigint import interruptible_between
-from hhsim.system.progress import Progress
 from hhsim.verify.mesh_distance import HandReferee
 
 STEPS = ("posture_jump_max", "posture_jump_p999", "force_contact_step", "force_contact_step_share")
@@ -45,20 +42,19 @@ MOST_HANDS = 400
 SAME = 12
 """Decimals to which equal lengths [m] agree."""
 NAN = float("nan")
-Run = TypeVar("Run")
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeshErrors:
     """Distances of a run from the true mesh; NaN where undefined."""
 
-    mesh_depth_max: float = figure("deepest penetration of the true mesh, at `samples` ticks", "m", worst, NAN)
+    mesh_depth_max: float = figure("deepest penetration of the true mesh, at `samples` ticks", "µm", worst, NAN)
     mesh_depth_p95: float = figure(
-        "95th percentile of the penetration of the true mesh, at `samples` ticks", "m", mean, NAN
+        "95th percentile of the penetration of the true mesh, at `samples` ticks", "µm", mean, NAN
     )
-    contact_error_mean: float = figure("mean distance of contact points from the true mesh, all ticks", "m", mean, NAN)
+    contact_error_mean: float = figure("mean distance of contact points from the true mesh, all ticks", "µm", mean, NAN)
     contact_error_max: float = figure(
-        "largest distance of contact points from the true mesh, all ticks", "m", worst, NAN
+        "largest distance of contact points from the true mesh, all ticks", "µm", worst, NAN
     )
     contact_points: int = figure(
         "contact points whose distance from the true mesh was measured, those of one place once", "", sum, 0
@@ -143,15 +139,15 @@ class RunErrors(MeshErrors):
     """Errors of one run; NaN where undefined, as `mesh_error` of a hand that touches nothing, which is not perfect."""
 
     penetration_max: float = metric(worst)
-    mesh_error: float = figure("the larger of mesh_depth_max and contact_error_max", "m", worst)
+    mesh_error: float = figure("the larger of mesh_depth_max and contact_error_max", "µm", worst)
     tracking_excess: float = figure(
         "coupling energy over the optimum on the same surface, mean of the hold, (E - E*) / E*", "", mean
     )
     off_optimum_mean: float = figure(
-        "farthest of palm and fingertips from the converged optimum on the mesh, mean", "m", mean
+        "farthest of palm and fingertips from the converged optimum on the mesh, mean", "mm", mean
     )
     off_optimum_max: float = figure(
-        "farthest of palm and fingertips from the converged optimum on the mesh, most", "m", worst
+        "farthest of palm and fingertips from the converged optimum on the mesh, most", "mm", worst
     )
     force_hold: float = metric(mean, of="force_hold_mean")
     force_variation_hold: float = metric(mean)
@@ -203,17 +199,6 @@ def error_scene(
         contact=hand_clearance(hand, surface, placed, NEAR) < NEAR,
         seed=seed,
     )
-
-
-def in_turns(runs: Sequence[Run], repetitions: int, named: Callable[[Run], str], progress: Progress) -> Iterator[Run]:
-    """Yield each run once a repetition, in the opposite order of the one before; Ctrl-C is heard between two."""
-    with interruptible_between() as check_interrupt:
-        for repetition in range(repetitions):
-            for number, run in enumerate(runs if repetition % 2 == 0 else reversed(runs)):
-                done = repetition * len(runs) + number
-                progress(f"{named(run)}, repetition {repetition + 1} of {repetitions}", done, repetitions * len(runs))
-                yield run
-                check_interrupt()
 
 
 def placed_of(record: TickRecord) -> PlacedHand:
@@ -286,26 +271,15 @@ def run_errors(
     )
     held = whole and bool(scene.holds)
     return RunErrors(
-        penetration_max=run_figure("penetration_max", run),
+        **metrics_of(RunErrors, run),
+        force_variation_tremor=(
+            first_hold_tremor(scene.hand, surface, options, scene.haptic, record, scene.seed) if whole else np.nan
+        ),
         **asdict(mesh),
         mesh_error=float(np.maximum(mesh.mesh_depth_max, mesh.contact_error_max) if closed else mesh.contact_error_max),
         tracking_excess=_excess(scene, surface, options, record, clearance) if held else np.nan,
         off_optimum_mean=mean(off),
         off_optimum_max=worst(off),
-        force_hold=run_figure("force_hold_mean", run),
-        force_variation_hold=run_figure("force_variation_hold", run),
-        force_variation_tremor=(
-            first_hold_tremor(scene.hand, surface, options, scene.haptic, record, scene.seed) if whole else np.nan
-        ),
-        force_ripple=run_figure("force_ripple_hold", run),
-        force_step=run_figure("force_step", run),
-        posture_jump_max=run_figure("posture_jump_max", run),
-        posture_jump_p999=run_figure("posture_jump_p999", run),
-        force_contact_step=run_figure("force_contact_step", run),
-        force_contact_step_share=run_figure("force_contact_step_share", run),
-        stuck_ticks=int(run_figure("stuck_ticks", run)),
-        lag_ticks=int(run_figure("lag_ticks", run)),
-        lag_max=run_figure("lag_max", run),
     )
 
 

@@ -14,6 +14,7 @@ from hhsim.gate.shown_poses import told_difference
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run_metric import Figure, Judged
 from hhsim.replay.summary_table import promised
+from hhsim.replay.verdict import verdict as missed_limits
 
 LEAST_PROCESSES = 3
 """Minimum number of processes of each side: a median of fewer follows every outlier."""
@@ -136,7 +137,7 @@ def judge(scene: str, rule: Rule, head: float | None, base: float = math.nan, re
         # A figure that only the base has is lost.
         passed = math.isnan(base)
         reason = UNTOLD if head is None else NO_VALUE if passed else f"{NO_VALUE}, and the base has it"
-    elif not (value <= limit or math.isnan(limit)):
+    elif missed_limits({rule.figure.name: value}, {rule.figure.name: limit}):
         over = (OVER if math.isfinite(value) else "not finite") + (f": {remark}" if remark else "")
         passed, reason = False, over if limited else f"more than {rule.allows} above the base"
     sizes = (abs(value), abs(base)) if rule.figure.signed else (value, base)

@@ -16,6 +16,7 @@ from hhsim.metrics.run_ticks import RunTicks, result_ticks
 from hhsim.metrics.session_faults import SESSION_FAULTS, how_it_ended, recorded_faults
 from hhsim.replay.summary_table import SummaryRow, stored_promises, summary_rows
 from hhsim.replay.verdict import MISSED, Verdict, over_limit, run_verdict
+from hhsim.replay.verdict import verdict as missed_limits
 from hhsim.result.reader import Result
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.solver.method import EVERYTHING
@@ -41,15 +42,16 @@ def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
 
 def _with_faults(found: Verdict, session: Result) -> Verdict:
     figures = recorded_faults(session).figures
-    over = [fault for fault in SESSION_FAULTS if figures[fault.name] > fault.limit]
+    over = missed_limits(figures, {fault.name: fault.limit for fault in SESSION_FAULTS})
     if not over:
         return found
-    listed = "; ".join(over_limit(SummaryRow(fault, figures[fault.name]), fault.limit) for fault in over)
+    faults = (fault for fault in SESSION_FAULTS if fault.name in over)
+    listed = "; ".join(over_limit(SummaryRow(fault, figures[fault.name]), fault.limit) for fault in faults)
     return replace(
         found,
         word=MISSED,
         sentences=(f"Over the limits of a session: {listed}. It ended so: {how_it_ended(session)}.", *found.sentences),
-        missed=(*found.missed, *(fault.name for fault in over)),
+        missed=(*found.missed, *over),
         line=f"{MISSED}: {listed}. {found.line[:1].upper()}{found.line[1:]}",
     )
 

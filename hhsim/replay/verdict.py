@@ -28,6 +28,16 @@ class Verdict:
     line: str = ""  # word and reason, for the head of a table that has the figures themselves
 
 
+def verdict(figures: Mapping[str, float], limits: Mapping[str, float]) -> tuple[str, ...]:
+    """Return the names of the figures over their limits, in the order of the limits, in one unit.
+
+    A replay, a session, a score and the gate are judged by it. A limit without a figure, or of NaN, is none; an
+    undefined figure (NaN) is over no limit, an infinite one over any.
+    """
+    known = {name: limit for name, limit in limits.items() if not math.isnan(figures.get(name, math.nan))}
+    return tuple(name for name, limit in known.items() if not (figures[name] <= limit or math.isnan(limit)))
+
+
 def run_verdict(
     rows: Sequence[SummaryRow],
     promises: Collection[str],
@@ -53,7 +63,7 @@ def run_verdict(
         for name, limit in default_limits(promises).items()
         if name in figures and math.isfinite(figures[name].value)
     }
-    missed = tuple(name for name, limit in limits.items() if not figures[name].value <= limit)
+    missed = verdict({name: row.value for name, row in figures.items()}, limits)
     over = "; ".join(over_limit(figures[name], limits[name]) for name in missed)
     contact, touched = _contact(figures, surface)
     stuck = "stuck_ticks" in figures and is_mostly_stuck(figures["stuck_ticks"].value, ticks)

@@ -5,10 +5,10 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from hhsim.bench.table import BenchTable
 from hhsim.report.bench_trade_off import bench_trade_off, has_trade_off
 from hhsim.report.figure import Album
 from hhsim.system.counted import counted
+from hhsim.table.file import BenchTable
 from hhsim.table.table import Column, Table, unit_size, words
 
 SMALLER = {"s": ("s", "ms", "µs", "ns"), "m": ("m", "mm", "µm")}

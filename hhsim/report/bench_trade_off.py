@@ -7,9 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.bench.speed_error_table import ALL
-from hhsim.bench.table import BenchTable
-from hhsim.bench.trees import largest_error
 from hhsim.render.figure import save_figure
 from hhsim.report.figure import (
     BLUE,
@@ -28,6 +25,7 @@ from hhsim.report.figure import (
 from hhsim.report.trade_off import Mark, TradeOff, trade_off_drawing
 from hhsim.system.counted import counted
 from hhsim.system.output_path import check_picture
+from hhsim.table.file import ALL, BenchTable
 from hhsim.trees.published_results import TOOLKIT
 
 Row = Mapping[str, Any]
@@ -180,3 +178,9 @@ def _touched(row: Row) -> tuple[str, str]:
 
 def _number(value: Any) -> float:
     return float(value) if isinstance(value, int | float) else np.nan
+
+
+def largest_error(row: Row) -> float:
+    """Return the larger of protrusion and gap [m], as far as they are known."""
+    known = [value for value in (row["protrusion_max"], row["gap_max"]) if value is not None and not np.isnan(value)]
+    return float(max(known))

@@ -4,7 +4,6 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from hhsim.bench.table import is_table, load_table
 from hhsim.errors import InputError
 from hhsim.render.figure import save_figure
 from hhsim.report.bench_trade_off import TRADE_OFFS, bench_trade_off, has_trade_off
@@ -16,6 +15,7 @@ from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import series_figure
 from hhsim.result.reader import Result, load_result
 from hhsim.system.output_path import check_picture
+from hhsim.table.file import is_table, load_table
 
 FIGURES: Mapping[str, Callable[[Mapping[str, Result]], ReportFigure]] = {
     "series": series_figure,

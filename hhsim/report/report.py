@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from hhsim import __version__
-from hhsim.bench import table as bench_file
 from hhsim.errors import InputError, OutputError
 from hhsim.gate.compare import Comparison, compare
 from hhsim.metrics.session_faults import how_it_ended
@@ -25,6 +24,7 @@ from hhsim.system.atomic_write import write_together
 from hhsim.system.counted import counted
 from hhsim.system.output_path import check_output_path, holds
 from hhsim.system.progress import Progress, silent
+from hhsim.table import file as bench_file
 from hhsim.table.html import render
 
 GENERATOR = "hhsim report"

@@ -29,7 +29,7 @@ class CellRow:
     # SI or %, by the names of `hhsim.metrics.run.registry.run_metrics`; times are means over the runs.
     figures: Mapping[str, float] = field(default_factory=dict)
     deviations: Mapping[str, float] = field(default_factory=dict)  # standard deviations of times, by the same names
-    reason: str = ""  # why it failed, or ""
+    reason: str = ""  # why it failed, or the figures over their limits
 
     @property
     def options(self) -> str:
@@ -44,13 +44,14 @@ def cell_rows(plan: SweepPlan, folder: SweepFolder) -> list[CellRow]:
     for planned in plan.cells:
         row, reason = folder.row(planned), folder.failure(planned)
         if row and not reason:
-            rows.append(_done(planned.cell, row))
+            rows.append(done_row(planned.cell, row))
         elif reason:
             rows.append(CellRow(planned.cell, FAILED, reason=reason))
     return rows
 
 
-def _done(cell: Cell, row: Mapping[str, Any]) -> CellRow:
+def done_row(cell: Cell, row: Mapping[str, Any]) -> CellRow:
+    """Return the row of a cell that was run, from its file."""
     repeated = row.get("repeated", {})
     times = repeated.get("times", {})
     found = {**row["summary"], **{name: time["mean"] for name, time in times.items()}}
@@ -62,6 +63,7 @@ def _done(cell: Cell, row: Mapping[str, Any]) -> CellRow:
         runs=repeated.get("runs", 1),
         figures={name: found[name] for name in run_metrics() if found.get(name) is not None},
         deviations={name: time["std"] for name, time in times.items()},
+        reason=", ".join(row["missed"]),
     )
 
 
@@ -103,7 +105,7 @@ def figure_table(rows: Sequence[CellRow]) -> Table:
         words("verdict"),
         Column("times_comparable", of="own_core"),
         Column("runs"),
-        *(Column(name, unit=metric.stored_unit, of=taken("figures", name)) for name, metric in metrics.items()),
+        *(Column(name, metric.label, metric.unit, taken("figures", name)) for name, metric in metrics.items()),
         *(
             Column(f"{name}_std", unit=metric.stored_unit, of=taken("deviations", name))
             for name, metric in metrics.items()

@@ -14,6 +14,7 @@ from multiprocessing import connection, get_context, parent_process
 from typing import Any, Protocol
 
 from hhsim.errors import InputError
+from hhsim.system.deferred_sigint import interruptible_between
 
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment variables that keep the threads of numpy's linear algebra off the cores of other tasks."""
@@ -50,6 +51,14 @@ class Task(Protocol):
 def run_tasks(tasks: Sequence[Task], scheduler: str, jobs: int) -> Generator[TaskEnd, None, None]:
     """Run tasks in `jobs` processes, or on a cluster if a scheduler is given; as the functions for these two."""
     return run_on_dask(tasks, scheduler, jobs) if scheduler else run_in_processes(tasks, jobs)
+
+
+def run_here(tasks: Sequence[Task]) -> Generator[TaskEnd, None, None]:
+    """Run tasks in this process, one after the other; Ctrl-C is heard between two."""
+    with interruptible_between() as check_interrupt:
+        for task in tasks:
+            yield task.run()
+            check_interrupt()
 
 
 def run_in_processes(tasks: Sequence[Task], jobs: int) -> Generator[TaskEnd, None, None]:

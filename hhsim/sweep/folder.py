@@ -190,22 +190,16 @@ def _named(cell: Cell) -> dict[str, Any]:
 
 
 class Pace:
-    """Ticks and seconds of cells that were run, and the number of these cells."""
+    """Ticks and seconds of cells that were run."""
 
     def __init__(self) -> None:
-        self.cells = 0
         self._spent: dict[tuple[Any, ...], tuple[int, float]] = {}
 
     def add(self, cell: Cell, ticks: int, seconds: float) -> None:
         """Add a cell that was run."""
-        self.cells += 1
         for likeness in _likenesses(cell):
             before = self._spent.get(likeness, (0, 0.0))
             self._spent[likeness] = before[0] + ticks, before[1] + seconds
-
-    def knows(self, cell: Cell) -> bool:
-        """Return True if a cell of its method, surface and options was run."""
-        return kind(cell) in self._spent
 
     def left(self, cells: Iterable[PlannedCell]) -> float:
         """Estimate the duration of cells one after the other [s] from the most similar ones; NaN without any."""
@@ -227,14 +221,10 @@ def pace_of(cells: Iterable[PlannedCell], folder: SweepFolder) -> Pace:
     return pace
 
 
-def kind(cell: Cell) -> tuple[str, ...]:
-    """Return what decides most of a tick's time: method, surface and options."""
-    return cell.method, cell.surface, cell.options_name
-
-
 def _likenesses(cell: Cell) -> tuple[tuple[Any, ...], ...]:
     """Return keys that similar cells share, the most specific first."""
-    same, shape, motion = kind(cell), cell.object.name, cell.motion.name
+    # Method, surface and options decide most of a tick's time.
+    same, shape, motion = (cell.method, cell.surface, cell.options_name), cell.object.name, cell.motion.name
     return (*same, shape, motion), (*same, shape), (*same, None, motion), same, ()
 
 

@@ -5,7 +5,7 @@ import io
 import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from operator import attrgetter
 from typing import Any
@@ -139,6 +139,21 @@ class Table:
         """Return the table of rows of cells; `numbers` are the headings of the columns of numbers."""
         columns = [Column(heading, of=i, is_number=heading in numbers) for i, heading in enumerate(headings)]
         return cls(columns, rows, title)
+
+    @classmethod
+    def of_records(cls, columns: Sequence[Column], rows: Sequence[Any], names: str = "", title: str = "") -> "Table":
+        """Return the table of `records` of these columns as people read it: all of them, or those named, with spaces.
+
+        A name may be followed by the heading to show, as in `tick_cpu_p50=p50`.
+        """
+        known = {column.name: column for column in columns}
+        shown_columns = []
+        for word in names.split() or known:
+            name, _, heading = word.partition("=")
+            is_number = not any(isinstance(row[name], str | bool) for row in rows)
+            heading = (heading or name).replace("_", " ")
+            shown_columns.append(replace(known[name], name=heading, of=name, is_number=is_number))
+        return cls(shown_columns, rows, title)
 
     @property
     def headings(self) -> list[str]:

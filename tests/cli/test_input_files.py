@@ -12,7 +12,6 @@ from sampled import sampled
 from short_grasp import short_result
 from sweep_plans import PLAN, write_plan
 
-from hhsim.bench.table import load_table
 from hhsim.errors import InputError
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.file import load_trajectory
@@ -20,6 +19,7 @@ from hhsim.recordings.registry import read_recording
 from hhsim.result.motion import load_result_motion
 from hhsim.result.reader import load_result
 from hhsim.system.hdf5_input import hdf5_format, open_hdf5
+from hhsim.table.file import load_table
 from hhsim.trees.file import load_tree
 from hhsim.trees.foreign_tree import import_tree
 

@@ -15,13 +15,13 @@ import click
 import pytest
 from conftest import Run
 
-from hhsim.bench.table import check_table_path
 from hhsim.errors import HhsimError, OutputError
 from hhsim.repair.repair import repair_both_hands, repair_recording
 from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairRequest
 from hhsim.report.report import Report, write_report
 from hhsim.system.atomic_write import LOCK, NEW, new_files, partial_file, write_together
 from hhsim.system.output_path import check_output_path, check_picture, keeping
+from hhsim.table.file import check_table_path
 from hhsim.view.sink import MAGIC
 
 # As the commands import it: of hhsim.cli, not of the folder.

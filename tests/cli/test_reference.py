@@ -85,9 +85,6 @@ def test_what_means_the_same_is_explained_alike(name: str) -> None:
 
 def library_defaults() -> Iterator[tuple[str, str, str]]:
     """Command, option and what the library takes where the option is not given, as the help should spell it."""
-    from hhsim.bench import speed_error
-    from hhsim.bench import trees as bench_trees
-    from hhsim.bench.paper import bench as bench_paper
     from hhsim.gate.suite import default_suite
     from hhsim.live.devices.registry import configure
     from hhsim.live.session import settings as live_setup
@@ -106,19 +103,6 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
     yield "hhsim replay", "--frustum-ends", usual.frustum_ends
     yield "hhsim replay", "--budget", f"{1e-6 * usual.budget / usual.period:g} units a microsecond of the period"
     assert usual.fingers == FINGERS
-    suites = (
-        ("paper", bench_paper.PaperOptions(), {"methods": "method", "instances": "", "repetitions": ""}),
-        (
-            *("speed-error", speed_error.SpeedErrorOptions()),
-            {"objects": "object", "motions": "motion", "surfaces": "surface", "levels": "level"},
-        ),
-        ("trees", bench_trees.TreesOptions(), {"objects": "object", "spheres": ""}),
-    )
-    for suite, run, fields in suites:
-        for field, one in fields.items():
-            value = getattr(run, field)
-            values = value if isinstance(value, tuple) else (value,)
-            yield f"hhsim bench {suite}", f"--{one or field}", ",".join(map(str, values))
     yield "hhsim gate", "--processes", f"as the suite says, else {default_suite().time.processes}"
     served: list[Any] = [(kind, configure(kind).options) for kind in ("dexmo", "openxr", "udp")]
     ports = ", ".join(f"{options.port} for {kind}" for kind, options in served)

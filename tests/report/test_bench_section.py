@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 from drawings_alone import drawn
 
-from hhsim.bench.table import BenchTable, load_table, write_table
 from hhsim.report.bench_section import shown_unit
 from hhsim.report.bench_trade_off import bench_trade_off, has_trade_off
+from hhsim.table.file import BenchTable, load_table, write_table
 from hhsim.table.table import Column, unit_size
 
 COLUMNS = (Column("total", "whole tick", "s"), Column("case", "case"))

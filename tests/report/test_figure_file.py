@@ -15,11 +15,11 @@ from PIL import Image
 from sampled import sampled
 from short_grasp import short_result
 
-from hhsim.bench.table import write_table
 from hhsim.errors import InputError, OutputError
 from hhsim.report import speed_error
 from hhsim.report.figure import DPI, PAGE_INCHES, ReportFigure
 from hhsim.report.figure_file import FIGURES, check_figure_path, make_figure, parse_width, write_figure
+from hhsim.table.file import write_table
 from hhsim.table.table import Column
 
 

@@ -17,7 +17,6 @@ from file_faults import of_scene
 from report_reader import Page, read_page
 from short_grasp import short_grasp, short_scene
 
-from hhsim.bench.table import write_table
 from hhsim.errors import OutputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.mesh.catalogue import load_object
@@ -34,6 +33,7 @@ from hhsim.report.report import FIGURES, check_report_path, make_report, write_r
 from hhsim.result.reader import load_result
 from hhsim.result.schema import hand_columns
 from hhsim.solver.options import SolverOptions
+from hhsim.table.file import write_table
 from hhsim.table.html import LONGEST_WORD, NO_TEXT
 from hhsim.table.table import Column
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from free_scenes import box, far_hand, solver_of
 
-from hhsim.bench.robustness.failure import recorded_penetration
 from hhsim.bench.robustness.random_targets import RandomTargets
+from hhsim.bench.robustness.safety import recorded_penetration
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, object_names

@@ -41,6 +41,11 @@ def ran(out: Path) -> list[str]:
     return names
 
 
+def repaired(out: Path) -> list[str]:
+    """Names of the rows that were repaired since this was asked, whatever was drawn."""
+    return [name for name in ran(out) if not name.endswith("-picture")]
+
+
 def states(out: Path) -> dict[str, tuple[str, str]]:
     rows = csv.DictReader(io.StringIO((out / "table.csv").read_text()))
     return {row["name"]: (row["state"], row["reason"]) for row in rows}
@@ -70,7 +75,7 @@ def test_every_row_ends_whatever_others_do_and_any_number_of_processes_writes_th
     assert files == tree(two)
     assert files["r0/r0.txt"] == b"copy 9"
     assert [name for name in files if name.startswith("r3/")] == ["r3/outcome.json"]
-    assert len(ran(one)) == len(contents)
+    assert len(repaired(one)) == len(contents)
 
 
 @pytest.mark.usefixtures("in_this_process")
@@ -168,22 +173,22 @@ def test_the_table_has_units_and_its_json_the_same_values(tmp_path: Path) -> Non
 def test_what_a_row_depends_on_runs_it_anew(tmp_path: Path) -> None:
     path, out = write_manifest(tmp_path, "copy 9", "copy 8", "copy 7"), tmp_path / "out"
     run(path, out)
-    assert ran(out) == ["r0", "r1", "r2"]
+    assert repaired(out) == ["r0", "r1", "r2"]
     (tmp_path / "r1.txt").write_text("copy 5")
     (out / "r2" / "r2.txt").unlink()
     (out / "r1" / "left.txt").write_text("of an earlier run")
     run(path, out)
-    assert ran(out) == ["r1", "r2"] and not (out / "r1" / "left.txt").exists()
+    assert repaired(out) == ["r1", "r2"] and not (out / "r1" / "left.txt").exists()
     for damage in ("", "{}", '{"format": "hhsim-repair"}'):
         (out / "r0" / "outcome.json").write_text(damage)
         run(path, out)
-        assert ran(out) == ["r0"]
+        assert repaired(out) == ["r0"]
     path.write_text(path.read_text() + "max_correction_mm = 9.0\n")
     run(path, out)
-    assert ran(out) == ["r0", "r1", "r2"]
+    assert repaired(out) == ["r0", "r1", "r2"]
     path.write_text(path.read_text() + "time_limit = 60.0\n")
     run(path, out)
-    assert ran(out) == []
+    assert repaired(out) == []
 
 
 @pytest.mark.usefixtures("in_this_process")

@@ -1,6 +1,7 @@
 """A sweep: every cell is the replay that it stands for, what is done is not done again, and failures are kept."""
 
 import json
+import math
 import os
 import shutil
 from collections.abc import Callable, Sequence
@@ -16,7 +17,7 @@ from hhsim.result.reader import load_result
 from hhsim.sweep import sweep as module
 from hhsim.sweep.cell_run import CellTask
 from hhsim.sweep.cell_table import cell_rows
-from hhsim.sweep.engines import CRASHED, TaskEnd
+from hhsim.sweep.engines import CRASHED
 from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.input_files import CHANGED
 from hhsim.sweep.plan import load_plan, source_digest
@@ -190,46 +191,13 @@ def test_one_sweep_at_a_time_works_in_a_folder_and_no_other_files_are_there(tmp_
 def test_an_estimate_counts_what_is_left_and_writes_nothing(tmp_path: Path, in_this_process: list[str]) -> None:
     path, out = write_plan(tmp_path), tmp_path / "out"
     before = estimate(load_plan(path), SweepFolder(out))
-    assert (before.cells, before.done, before.ticks, before.by) == (2, 0, 400, "2 tried")
-    assert before.seconds > 0.0 and not out.exists()
+    assert (before.cells, before.done, before.ticks) == (2, 0, 400)
+    assert math.isnan(before.seconds) and not out.exists()
     swept(path, out)
-    wider = write_plan(tmp_path, PLAN.replace("level = 2", "level = 2\n[options.finer]\nlevel = 3"))
-    after = estimate(load_plan(wider), SweepFolder(out))
-    assert (after.cells, after.done, after.ticks, after.by) == (4, 2, 400, "2 done, 2 tried")
-    # Cells of the very options are taken for those that are left, and none is tried for them.
     longer = write_plan(tmp_path, PLAN.replace("[options.usual]", "seeds = [0, 1]\n[options.usual]"))
     known = estimate(load_plan(longer), SweepFolder(out))
-    assert (known.cells, known.done, known.ticks, known.by) == (4, 2, 400, "2 done")
+    assert (known.cells, known.done, known.ticks) == (4, 2, 400)
     assert known.seconds == pytest.approx(sum(row["seconds"] for row in rows(out)))
-
-
-def test_an_estimate_rests_on_all_of_a_motion_where_its_beginning_is_cheap(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A tick takes 20 ms in the second half of the motion and nothing before, a cell half a second besides.
-
-    To open a scene takes 7 s where nobody has.
-    """
-    opened: set[str] = set()
-
-    def pretended(task: CellTask) -> TaskEnd:
-        assert task.cell.ticks is not None
-        rate = task.cell.options.get("rate", 1000.0)
-        touching = max(0.0, task.cell.ticks - 0.5 * whole * rate / 1000.0)
-        seconds = 0.5 + 0.02 * touching + (0.0 if task.cell.object.name in opened else 7.0)
-        opened.add(task.cell.object.name)
-        return TaskEnd(task.digest, ticks=task.cell.ticks, seconds=seconds)
-
-    monkeypatch.setattr(CellTask, "run", pretended)
-    monkeypatch.setattr(module, "prepare", lambda *_: None)
-    text = PLAN.replace('"short.toml"', '"grasp"').replace('"cylinder"', '"cylinder", "cube"')
-    plan = load_plan(write_plan(tmp_path, text.replace("[options.usual]", "repeat = 3\n[options.usual]")))
-    whole = plan.cells[0].ticks
-    found = estimate(plan, SweepFolder(tmp_path / "out"))
-    assert found.ticks == 4 * 3 * whole and found.by == "4 tried"
-    # Half a second of each run, and 20 ms of half of its ticks; two cells share a scene, which one of them opens.
-    assert found.seconds == pytest.approx(4 * 3 * (0.5 + 0.02 * 0.5 * whole) + 7.0, rel=0.2)
-    assert found.elapsed(2) == found.seconds / 2
 
 
 @pytest.mark.soak
@@ -247,7 +215,7 @@ def test_times_of_cells_that_are_run_repeatedly_are_kept_and_more_runs_are_run(
     # Fewer are there already; more are run anew, in the same files, and what they take is known.
     assert swept(write_plan(tmp_path, plan_of[1]), out).run == 0
     known = estimate(load_plan(write_plan(tmp_path, plan_of[3])), SweepFolder(out))
-    assert (known.done, known.by) == (0, "2 done")
+    assert known.done == 0
     assert known.seconds == pytest.approx(1.5 * sum(row["seconds"] for row in rows(out)))
     assert swept(write_plan(tmp_path, plan_of[3]), out).run == 2
     assert {row["repeated"]["runs"] for row in rows(out)} == {3}

@@ -1,6 +1,7 @@
 """One scene of the paper's evaluation, replayed by one method: times, contacts, depth, touches, force variation."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -308,3 +309,44 @@ def _variation(
 def _mean_std(values: FloatArray) -> FloatArray:
     defined = values[np.isfinite(values)]
     return np.array([defined.mean(), defined.std()]) if defined.size else np.full(2, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class ContactRun:
+    """A scene at a stated number of contacts, and the margin [m] that gives it."""
+
+    case: str
+    wanted: float
+    margin: float
+    run: SceneRun
+
+
+@dataclass(frozen=True, eq=False)
+class PaperRuns:
+    """Runs by scene, then by method; and those with the numbers of contacts that the paper names."""
+
+    scenes: tuple[SceneRun, ...]
+    at_contacts: tuple[ContactRun, ...]
+
+    @classmethod
+    def of_all(cls, runs: Sequence[SceneRun | ContactRun]) -> "PaperRuns":
+        """Return the runs of both kinds."""
+        found = tuple(run for run in runs if isinstance(run, ContactRun))
+        return cls(tuple(run for run in runs if isinstance(run, SceneRun)), found)
+
+    def of(self, method: str, *figures: str, object_name: str | None = None, case: str | None = None) -> list[SceneRun]:
+        """Return the runs of a method in some figures."""
+        return [
+            run
+            for run in self.scenes
+            if run.options.method == method
+            and run.scenario.figure in figures
+            and object_name in (None, run.scenario.object_name)
+            and case in (None, run.scenario.case)
+        ]
+
+
+def percentile(run: SceneRun, share: float) -> float:
+    """Return a percentile of the thread time of a run's ticks in contact [s]; NaN without any."""
+    times = run.tick_cpu[run.contact]
+    return float(np.percentile(times, share)) if times.size else float("nan")

@@ -6,18 +6,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hhsim.bench.paper.bench import PaperOptions, PaperRuns, percentile
-from hhsim.bench.paper.run import NOISES, UNTOLD, SceneRun
+from hhsim.bench.figure_fields import mean, metric_column
+from hhsim.bench.paper.run import NOISES, UNTOLD, PaperRuns, SceneRun, percentile
 from hhsim.bench.paper.scene import CASES, SLIDING, held_ticks
 from hhsim.bench.run_errors import STEPS
-from hhsim.bench.table import mean, metric_column
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.mesh.catalogue import object_names
 from hhsim.metrics.run.contact import JUMP
 from hhsim.metrics.run.force import FELT
 from hhsim.metrics.run.registry import run_figure
 from hhsim.solver.known_methods import find_method
-from hhsim.solver.method import never_penetrates
 from hhsim.system.counted import counted
 from hhsim.table.table import Column
 
@@ -87,24 +85,17 @@ ROW_COLUMNS = (
 )
 
 
-def paper_rows(runs: PaperRuns, options: PaperOptions) -> list[PaperRow]:
+def paper_rows(runs: PaperRuns, methods: Sequence[str], is_whole: bool) -> list[PaperRow]:
     """Return the table, row by row, each for all methods, without rows whose scenes were left out.
 
     Rows that sum up all holds (`OF_ALL`) have bars in the whole evaluation on the paper's tree levels only.
     """
     by_method = [
         [row for rows in (_simple_objects, _complex_objects, _all_scenes) for row in rows(runs, method)]
-        for method in options.methods
+        for method in methods
     ]
     found = [row for same in zip(*by_method, strict=True) for row in same]
-    if not options.whole:
-        found = [replace(row, bar=math.nan) if row.name.startswith(OF_ALL) else row for row in found]
-    return found
-
-
-def missed(rows: Sequence[PaperRow]) -> list[PaperRow]:
-    """Return the rows in which a method that promises our bars does not keep one."""
-    return [row for row in rows if never_penetrates(row.method) and not row.passed]
+    return found if is_whole else [replace(row, bar=math.nan) if row.name.startswith(OF_ALL) else row for row in found]
 
 
 def _simple_objects(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
@@ -265,17 +256,17 @@ SCENE_COLUMNS = (
     ),
     metric_column("candidates_max", "contacts_max", lambda run: int(run_figure("candidates_max", run.ticks))),
     metric_column("touching_max", of=lambda run: int(run_figure("touching_max", run.ticks))),
-    Column("cpu_mean", "tick, thread time, mean", "s", lambda run: mean(run.tick_cpu[run.contact])),
-    Column("cpu_p50", "tick, thread time, median", "s", lambda run: percentile(run, 50.0)),
-    Column("cpu_p99", "tick, thread time, p99", "s", lambda run: percentile(run, 99.0)),
-    Column("cpu_max", "longest of all ticks, thread time", "s", lambda run: float(run.tick_cpu.max())),
-    Column("wall_mean", "tick, wall time, mean", "s", lambda run: mean(run.tick_wall[run.contact])),
+    Column("cpu_mean", "tick, thread time, mean", "µs", lambda run: mean(run.tick_cpu[run.contact])),
+    Column("cpu_p50", "tick, thread time, median", "µs", lambda run: percentile(run, 50.0)),
+    Column("cpu_p99", "tick, thread time, p99", "µs", lambda run: percentile(run, 99.0)),
+    Column("cpu_max", "longest of all ticks, thread time", "µs", lambda run: float(run.tick_cpu.max())),
+    Column("wall_mean", "tick, wall time, mean", "µs", lambda run: mean(run.tick_wall[run.contact])),
     Column(
-        "detection", "contact detection, wall time, mean of ticks that were not interrupted", "s",
+        "detection", "contact detection, wall time, mean of ticks that were not interrupted", "µs",
         lambda run: mean_of_parts(run, DURATION_DETECT),
     ),
     Column(
-        "response", "collision response: palm, fingers and forces, wall time, mean of the same ticks", "s",
+        "response", "collision response: palm, fingers and forces, wall time, mean of the same ticks", "µs",
         lambda run: mean_of_parts(run, DURATION_PALM, DURATION_FINGERS, DURATION_FORCE),
     ),
     metric_column("penetration_max", "depth_max", lambda run: run_figure("penetration_max", run.ticks)),

@@ -7,26 +7,53 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.robustness.failure import SAFE_DEPTH, not_finite
+from hhsim.bench.figure_fields import figure, metric, totals_of
 from hhsim.bench.robustness.local_optimality import Pieces, stuck_with_way_out
-from hhsim.bench.table import figure, metric, totals_of
+from hhsim.bench.run_errors import placed_of
 from hhsim.hand.configuration import HandConfiguration, sequence
+from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
+from hhsim.metrics.metrics import Penetration, penetration
 from hhsim.motion.analytic_motion import hold_readings
-from hhsim.solver.method import never_penetrates
+from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 from hhsim.system.log_histogram import CpuTimes
+from hhsim.system.settings_file import Names
 
-NAN = float("nan")
+SAFE_DEPTH = 1e-6
+"""Penetration [m] that a method which promises none may show."""
 BLOCK = 2048
 """Ticks that are run and measured together."""
 
 
-def largest(values: Sequence[Any]) -> Any:
-    """Return the largest of the values that are not NaN; NaN without any."""
-    return max((value for value in values if value == value), default=NAN)
+def solvers_of(methods: Names | None, surfaces: Names, **options: Any) -> list[SolverOptions]:
+    """Return the options of every solver; without named methods those of all that take the surface.
+
+    Raises InputError if a method does not take a surface, or an option is out of its range; UnknownNameError for no
+    such method or surface.
+    """
+    return [
+        SolverOptions(method=method, surface=surface, **options)
+        for surface in surfaces
+        for method in methods or METHODS
+        if methods or surface == "spheres" or not METHODS[method].refuses_surfaces
+    ]
+
+
+def recorded_penetration(hand: HandModel, surface: Any, record: TickRecord) -> Penetration:
+    """Return the depths [m] of the recorded hand, computed by `hhsim.metrics.metrics` and not by the solver."""
+    return penetration(surface, hand_shape(hand), placed_of(record))
+
+
+def not_finite(record: TickRecord) -> BoolArray:
+    """Return the ticks whose graphic hand or force is not finite, shape (T,)."""
+    bad = np.zeros(len(record.status), dtype=bool)
+    for name in ("position", "orientation", "flexion", "abduction", "joints", "phalanx", "palm_wrench", "total"):
+        values = getattr(record, name)
+        bad |= ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+    return bad
 
 
 def deepest(values: Sequence[float]) -> float:
@@ -42,26 +69,21 @@ class SafetyFigures(CpuTimes):
     method: str = figure("method of the solver", default="")
     surface: str = figure("what of the object the hand touches", default="")
     ticks: int = figure("ticks run", "", sum, 0)
-    penetration: float = figure("deepest penetration", "m", deepest, 0.0)
+    penetration: float = figure("deepest penetration", "µm", deepest, 0.0)
     penetrating: int = figure("ticks deeper than 1 um", "", sum, 0)
     not_finite: int = figure("ticks whose hand or force is not finite", "", sum, 0)
     touching: int = figure("ticks in touch with the object", "", sum, 0)
-    candidates_max: int = metric(largest, 0)
+    candidates_max: int = metric(max, 0)
     stuck: int = figure("ticks that kept the last feasible hand", "", sum, 0)
-    longest_stuck: int = figure("longest run of stuck ticks", "", largest, 0)
+    longest_stuck: int = figure("longest run of stuck ticks", "", max, 0)
     unexplained: int = figure("stuck ticks that had a way out", "", sum, 0)
     lagging: int = figure("ticks with distance still to go", "", sum, 0)
-    lag: float = figure("most distance still to go", "m", largest, 0.0)
+    lag: float = figure("most distance still to go", "mm", max, 0.0)
 
     @property
     def safe(self) -> bool:
         """True if the hand stayed within 1 µm and finite, and no stuck tick had a free step."""
         return self.penetration <= SAFE_DEPTH and self.not_finite == 0 and self.unexplained == 0
-
-    @property
-    def missed(self) -> bool:
-        """True if the method promises safety and is not safe."""
-        return never_penetrates(self.method) and not self.safe
 
 
 class SafetyMeasure:

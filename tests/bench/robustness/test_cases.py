@@ -11,11 +11,11 @@ from sampled import sampled
 from sphere_scenes import brute_pairs, record_clearance
 
 from hhsim.bench.robustness.case import DEEPEST, HardCase, HardRun, Outcome
-from hhsim.bench.robustness.hard import common_figures, hard_cases, run_scene
 from hhsim.bench.robustness.invariance_cases import LOOP
 from hhsim.bench.robustness.postures import INDEX
 from hhsim.bench.robustness.triangle_cases import SLIDE
 from hhsim.bench.run_errors import placed_of
+from hhsim.bench.suites.hard import common_figures, hard_cases, run_scene
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.state import WORK_TOUCHING
 from hhsim.solver.options import SolverOptions

@@ -1,0 +1,290 @@
+"""`hhsim bench`: one command for every suite, whose options are the fields of the suite's settings."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import Field, asdict, fields
+from functools import partial
+from pathlib import Path
+from types import UnionType
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+
+import click
+
+from hhsim.system.counted import counted
+from hhsim.table.table import Table
+
+from .arguments import options
+from .arguments.comma_list import read_counts, read_names
+from .arguments.lazy_group import LazyGroup, show_help
+from .arguments.object_argument import MeshSize, complete_object
+from .arguments.option_group import Decorator, GroupedCommand, OptionGroup, option
+from .arguments.recording_options import Sampling, place_object
+from .arguments.solver_options import Linearising
+from .console import print_json, print_line, print_notes, print_table, progress
+
+if TYPE_CHECKING:
+    from hhsim.bench.suite import Suite
+
+
+def _names_of(group: type[OptionGroup]) -> list[str]:
+    declared: Any = group
+    return [field.name for field in fields(declared)]
+
+
+SHARED: dict[str, Decorator] = {
+    **{name: getattr(group, name)(name) for group in (MeshSize, Sampling, Linearising) for name in _names_of(group)},
+    "place_object": place_object("auto")("place_object"),
+    "level": options.tree_level,
+    "seed": options.seed,
+}
+"""Options that other commands have too, by the name of a setting without a help."""
+MOST_OPTIONS = 15
+"""Number of options up to which they stand under one heading."""
+
+
+class RunningOptions(OptionGroup):
+    """Where cells are run, and kept."""
+
+    jobs: int = option(type=options.JOBS, default=1, metavar="N", help="Cells at a time, in processes of this machine.")
+    scheduler: str = option(
+        metavar="ADDRESS", default="", help="Run the cells on a Dask cluster: tcp://host:8786, or local for --jobs."
+    )
+    resume: Path | None = options.output_file("FOLDER", "Keep each cell that is done here, and go on with what is not.")
+
+
+class SuiteGroup(LazyGroup):
+    """The suites, each a command that is made of what it declares."""
+
+    @property
+    def lines(self) -> Mapping[str, str]:  # type: ignore[override]
+        """Suites with one line each."""
+        from hhsim.bench.registry import suite_lines
+
+        return suite_lines()
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Make the command."""
+        from hhsim.bench.registry import SUITES
+
+        return suite_command(cmd_name, SUITES[cmd_name]) if cmd_name in self.lines else None
+
+
+command = SuiteGroup(
+    "bench",
+    kind="suite",
+    short_help="Measure the methods against each other: speed, error, stress.",
+    invoke_without_command=True,
+    subcommand_metavar="SUITE [ARGS]...",
+    help="""Measure the methods against each other, on the same scenes, in one run.
+
+    Every suite takes --json and --out, as a replay does. Times are CPU times of a thread unless a heading says
+    otherwise; compare them within one run, not between machines. The exit code is 1 where a bar is missed.
+
+    \b
+    Examples:
+      hhsim bench hard
+      hhsim bench speed-error --out tradeoff.h5
+    """,
+    callback=show_help,
+)
+
+
+def suite_command(name: str, suite: "Suite") -> click.Command:
+    """Return the command of a suite."""
+
+    def callback(output: options.Output, running: RunningOptions | None = None, **given: Any) -> int:
+        return run_suite(name, suite, output, running, given)
+
+    callback.__doc__ = suite.help
+    decorated: Any = options.Output.argument("output")(callback)
+    if suite.is_portable:
+        decorated = RunningOptions.argument("running")(decorated)
+    if suite.listed is not None:
+        decorated = click.option("--list", "listed", is_flag=True, help="List what there is and run none.")(decorated)
+    if suite.picture == "trade-off":
+        decorated = options.picture(decorated)
+    elif suite.picture:
+        help = "Draw the scenes and curves in the manner of the paper's Figs. 11 to 15 here, as PNG, PDF and SVG."
+        decorated = click.option("--plot", type=options.OUTPUT, metavar="FOLDER", help=help)(decorated)
+    if suite.preset is not None:
+        decorated = click.option(f"--{suite.preset.flag}", is_flag=True, help=suite.preset.help)(decorated)
+    hints = get_type_hints(suite.settings, include_extras=True)
+    for field in reversed(fields(suite.settings)):
+        if field.metadata:
+            decorated = _declared(field, hints[field.name])(decorated)
+            decorated.__click_params__[-1].heading = "Suite"
+    many = sum(isinstance(param, click.Option) for param in decorated.__click_params__) > MOST_OPTIONS
+    return click.command(name, cls=GroupedCommand if many else options.Command)(decorated)
+
+
+def _declared(field: "Field[Any]", hint: Any) -> Decorator:
+    """Return the option or argument of a setting."""
+    about = field.metadata
+    if about["argument"]:
+        return click.argument(field.name, metavar=about["metavar"], nargs=-1, shell_complete=_completed(field.name))
+    if not about["help"]:
+        return SHARED[field.name]
+    kind = _kind(hint)
+    how: dict[str, Any] = {"metavar": about["metavar"] or kind.metavar}
+    if kind.is_list:
+        numbers = partial(read_counts, int(kind.least), int(kind.most)) if kind.type is int else read_names
+        how |= {"multiple": True, "callback": numbers, "shell_complete": _completed(field.name)}
+    elif kind.type is bool:
+        how = {"is_flag": True}
+    elif kind.type is int:
+        how["type"] = click.IntRange(int(kind.least), int(kind.most))
+    elif kind.type is float:
+        how["type"] = options.Number(kind.least, kind.most)
+    elif how["metavar"] == "FILE":
+        how["type"] = click.Path()
+    default = field.default
+    usual = "" if default in (None, "", ()) or kind.type is bool else ",".join(map(str, _listed(default)))
+    help = f"{about['help']} Default: {usual}." if usual else about["help"]
+    # None, so that a preset counts where it is not given.
+    return click.option(
+        about["flag"] or f"--{field.name.replace('_', '-')}", field.name, help=help, default=None, **how
+    )
+
+
+def _completed(name: str) -> Callable[..., Any] | None:
+    return complete_object if name == "objects" else None
+
+
+def _listed(value: Any) -> Sequence[Any]:
+    return value if isinstance(value, tuple) else (value,)
+
+
+class _Kind(NamedTuple):
+    """Type of a setting, or of the entries of its list, and the range of a number."""
+
+    type: type
+    is_list: bool = False
+    least: float = -options.MOST_COUNT
+    most: float = options.MOST_COUNT
+
+    @property
+    def metavar(self) -> str:
+        """Placeholder in the help."""
+        if self.is_list:
+            return "NUMBERS" if self.type is int else "NAMES"
+        return "NAME" if self.type is str else "N"
+
+
+def _kind(hint: Any) -> _Kind:
+    if get_origin(hint) is Annotated:
+        found = _kind(get_args(hint)[0])
+        for meta in get_args(hint)[1:]:
+            if meta.ge is not None and meta.le is not None:
+                found = found._replace(least=meta.ge, most=meta.le)
+        return found
+    if get_origin(hint) in (Union, UnionType):
+        return _kind(next(one for one in get_args(hint) if one is not type(None)))
+    if get_origin(hint) is tuple:
+        return _kind(get_args(hint)[0])._replace(is_list=True)
+    return _Kind(hint)
+
+
+def run_suite(
+    name: str, suite: "Suite", output: options.Output, where: RunningOptions | None, given: dict[str, Any]
+) -> int:
+    """Run a suite, write its tables and its picture, print them; return 1 if a bar is missed."""
+    from hhsim.bench.suite import Running, run_cells, run_tasks_of
+    from hhsim.table.file import check_table_path, table_document, write_table
+
+    plot, listed = given.pop("plot", None), given.pop("listed", False)
+    is_preset = suite.preset is not None and given.pop(suite.preset.flag)
+    values = {key: value for key, value in given.items() if value is not None}
+    settings = suite.settings(**{**(suite.preset.values if suite.preset and is_preset else {}), **values})
+    if listed and suite.listed is not None:
+        _print_list(suite.listed(settings), as_json=output.as_json)
+        return 0
+    path, described = output.path(f"bench-{name}"), asdict(settings)
+    check_table_path(path)
+    picture = _picture(suite, path, plot)
+    figures: list[Any] = []
+    running = Running(where.jobs, where.scheduler, where.resume) if where else Running()
+    with progress(quiet=output.quiet) as report:
+        stopped: KeyboardInterrupt | None = None
+        try:
+            if not running.is_plain:
+                figures += run_tasks_of(name, settings, running, report)
+            for found in run_cells(suite, settings, report) if running.is_plain else ():
+                figures.append(found)
+        except KeyboardInterrupt as interrupt:
+            if not figures:
+                raise
+            stopped = interrupt
+        rows = suite.rows(settings, figures)
+        write_table(path, name, suite.columns, rows, described)
+        if stopped is not None:
+            stopped.add_note(f"what ran so far, {len(rows):,} in all, is in {path} and its .csv file")
+            raise stopped
+        paths, more = [path], dict[str, Any]()
+        for end, (columns, found) in suite.more(figures).items():
+            paths.append(path.with_name(f"{path.stem}-{end}{path.suffix}"))
+            more[end] = Table(columns, found).records
+            write_table(paths[-1], name, columns, more[end], described)
+        note = f"{suite.preset.flag} run" if suite.preset and is_preset and suite.preset.flag == "quick" else ""
+        pictures = _draw(suite, name, picture, settings, figures, rows, report, note)
+    missed, notes = suite.missed(settings, rows), suite.notes(settings, figures)
+    if output.as_json:
+        plots = {"pictures": list(map(str, pictures))} if pictures else {}
+        document = table_document(path, suite.columns, described, **plots)
+        print_json({**document, "missed": missed, "notes": notes, "rows": rows, **more})
+    elif not output.quiet:
+        for table in suite.tables(settings, rows, figures):
+            print_table(table, optional=suite.optional)
+            print()
+        for line in (*suite.lines(settings, rows), *(f"missed: {what}" for what in missed)):
+            print_line(line)
+        print_notes(notes)
+        tables = " and ".join(f"{table} and {table.with_suffix('.csv')}" for table in paths)
+        drawn = f", the picture in {picture}" if len(pictures) == 1 else ""
+        drawn = f", {counted(len(pictures), 'picture')} in {plot}" if len(pictures) > 1 else drawn
+        print_line(f"the table is in {tables}{drawn}")
+    return 1 if missed else 0
+
+
+def _print_list(table: Table, *, as_json: bool) -> None:
+    if as_json:
+        print_json({"rows": table.records})
+    else:
+        print_table(table)
+
+
+def _picture(suite: "Suite", table: Path, plot: Path | None) -> Path | None:
+    """Return the path of the picture, or of the folder of pictures, if there is to be one; it is checked."""
+    if suite.picture == "trade-off":
+        from hhsim.system.output_path import picture_beside
+
+        return picture_beside(table, plot)
+    if plot is not None:
+        from hhsim.bench.paper.figures import check_folder
+
+        check_folder(plot)
+    return plot
+
+
+def _draw(
+    suite: "Suite",
+    name: str,
+    path: Path | None,
+    settings: Any,
+    figures: Sequence[Any],
+    rows: Sequence[Mapping[str, Any]],
+    report: Any,
+    note: str,
+) -> list[Path]:
+    """Draw the picture, or the pictures, of a suite."""
+    if path is None:
+        return []
+    if suite.picture == "trade-off":
+        from hhsim.report.bench_trade_off import draw_trade_off
+        from hhsim.table.file import rows_of
+
+        others = getattr(settings, "peers", None)
+        draw_trade_off(path, name, rows, rows_of(Path(others), "peers") if others else [], note)
+        return [path]
+    from hhsim.bench.paper.figures import draw_all
+    from hhsim.bench.paper.run import PaperRuns
+
+    return draw_all(path, PaperRuns.of_all(figures), report, note)

@@ -1,0 +1,195 @@
+"""What a suite of `hhsim bench` declares, and the one way in which all are run."""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import asdict, dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, TypeAlias
+
+from hhsim import __version__
+from hhsim.bench.registry import SUITES
+from hhsim.errors import HhsimError
+from hhsim.sweep.engines import TaskEnd, run_here, run_tasks
+from hhsim.sweep.folder import check_own, has_format, locked
+from hhsim.sweep.input_files import file_digest
+from hhsim.sweep.plan import DIGITS, source_digest
+from hhsim.system.atomic_write import write_atomically
+from hhsim.system.deferred_sigint import interruptible_between
+from hhsim.system.progress import Progress, silent
+from hhsim.table.table import Column, Table
+
+Row: TypeAlias = dict[str, Any]
+
+MARK, FORMAT = "bench.json", "hhsim-bench-cells"
+"""File that tells a folder of cells from others, and its format."""
+
+
+def setting(default: Any, help: str = "", flag: str = "", metavar: str = "", *, is_argument: bool = False) -> Any:
+    """Return a field of a suite's settings that is an option of its command.
+
+    Without a help it is the option of that name that other commands have. `flag` is as of the field by default.
+    """
+    return field(default=default, metadata={"help": help, "flag": flag, "metavar": metavar, "argument": is_argument})
+
+
+@dataclass(frozen=True)
+class Preset:
+    """Values of the settings that a flag stands for; those that are given count more."""
+
+    flag: str
+    help: str
+    values: Mapping[str, Any]
+
+
+def no_lines(settings: Any, found: Any) -> list[str]:
+    """Say nothing."""
+    return []
+
+
+@dataclass(frozen=True, kw_only=True)
+class Suite:
+    """Suite: cells, each run alone, and the table of their figures.
+
+    Settings with a field `repetitions` have every cell run so often, in turns: `run` gets the figures of the times
+    before. Functions of `rows` get the rows of the table, by the names of its columns.
+    """
+
+    help: str  # of its command, after the one line: paragraphs and examples
+    settings: type  # frozen dataclass, its fields made by `setting`; it raises InputError for what cannot be
+    columns: Sequence[Column]
+    cells: Callable[[Any, Progress], Sequence[Any]]  # of the settings
+    run: Callable[[Any, Any], Any]  # figures of a cell; None before the first time
+    rows: Callable[[Any, Sequence[Any]], list[Row]]  # of the settings and the figures of all cells
+    # What people read, of the settings, the rows and the figures.
+    tables: Callable[[Any, Sequence[Row], Sequence[Any]], Sequence[Table]]
+    missed: Callable[[Any, Sequence[Row]], list[str]] = no_lines  # missed bars, a few words each: exit code 1
+    lines: Callable[[Any, Sequence[Row]], list[str]] = no_lines  # what people read below the tables
+    notes: Callable[[Any, Sequence[Any]], list[str]] = no_lines  # remarks on the figures
+    # Further tables, each in a file of its own: by the end of its name columns and rows, of the figures.
+    more: Callable[[Sequence[Any]], Mapping[str, tuple[Sequence[Column], Sequence[Any]]]] = lambda figures: {}
+    named: Callable[[Any], str] = lambda cell: "cells"  # name of a cell in the progress
+    optional: Sequence[str] = ()  # headings of columns that a narrow terminal leaves out
+    preset: Preset | None = None
+    # True if the figures of a cell are a list of rows of plain values: it can be run anywhere, and kept.
+    is_portable: bool = False
+    key: Callable[[Any], str] = lambda cell: ""  # digest of what a cell depends on besides the settings
+    # Kind of its picture: "trade-off", beside the table, "paper", a folder if one is named, or "" for none.
+    picture: str = ""
+    listed: Callable[[Any], Table] | None = None  # table of what there is, for --list
+
+
+def measure(suite: Suite, settings: Any, progress: Progress = silent) -> list[Any]:
+    """Return the figures of all cells."""
+    return list(run_cells(suite, settings, progress))
+
+
+def run_cells(suite: Suite, settings: Any, progress: Progress = silent) -> Iterator[Any]:
+    """Yield the figures of the cells in their order, as soon as they are known; Ctrl-C is heard between two.
+
+    Repetitions take turns, each in the opposite order of the one before, so that other load of the machine falls on all
+    cells.
+    """
+    cells = suite.cells(settings, progress)
+    rounds = getattr(settings, "repetitions", 1)
+    figures: list[Any] = [None] * len(cells)
+    with interruptible_between() as check_interrupt:
+        for number in range(rounds):
+            turn = f", repetition {number + 1} of {rounds}" if rounds > 1 else ""
+            places = range(len(cells)) if number % 2 == 0 else reversed(range(len(cells)))
+            for done, place in enumerate(places):
+                progress(f"{suite.named(cells[place])}{turn}", number * len(cells) + done, rounds * len(cells))
+                figures[place] = suite.run(cells[place], figures[place])
+                if rounds == 1:
+                    yield figures[place]
+                check_interrupt()
+    if rounds > 1:
+        yield from figures
+
+
+@dataclass(frozen=True)
+class Running:
+    """Where the cells of a portable suite are run, and kept."""
+
+    jobs: int = 1  # processes of this machine; 1 for this process
+    scheduler: str = ""  # address of a Dask cluster, or `hhsim.sweep.engines.LOCAL`
+    folder: Path | None = None  # where cells that are done are kept, so that the same command goes on
+
+    @property
+    def is_plain(self) -> bool:
+        """True for this process, with nothing kept."""
+        return self == Running()
+
+
+@dataclass(frozen=True)
+class SuiteTask:
+    """Cell of a portable suite by its place, for any process that sees the folder."""
+
+    suite: str
+    settings: Any
+    place: int
+    digest: str
+    folder: str
+
+    def run(self) -> TaskEnd:
+        """Run the cell and write its rows in one step."""
+        try:
+            cell = _cells(self.suite, self.settings)[self.place]
+            text = json.dumps(SUITES[self.suite].run(cell, None), default=lambda value: value.item())
+            write_atomically(Path(self.folder) / f"{self.digest}.json", text.encode())
+        except (HhsimError, OSError, MemoryError) as error:
+            return TaskEnd(self.digest, " ".join(str(error).split()) or type(error).__name__)
+        return TaskEnd(self.digest)
+
+
+# A process runs several cells of a suite.
+@lru_cache(1)
+def _cells(suite: str, settings: Any) -> Sequence[Any]:
+    return SUITES[suite].cells(settings, silent)
+
+
+def _digests(settings: Any) -> list[str]:
+    """Return the digests of the files that settings name."""
+    values = (value if isinstance(value, tuple) else (value,) for value in vars(settings).values())
+    named = (Path(word) for words in values for word in words if isinstance(word, str))
+    return [file_digest(path) for path in named if path.is_file()]
+
+
+def run_tasks_of(name: str, settings: Any, running: Running, progress: Progress = silent) -> list[list[Row]]:
+    """Return the rows of all cells of a portable suite, in their order; those that are kept are not run again.
+
+    Raises HhsimError for a cell that could not be run, OutputError for a folder that is not writable, or is another's.
+    """
+    suite, cells = SUITES[name], _cells(name, settings)
+    stated = [name, asdict(settings), _digests(settings), __version__, source_digest()]
+    digests = []
+    for place, cell in enumerate(cells):
+        text = json.dumps([*stated, suite.key(cell) or place], sort_keys=True)
+        digests.append(hashlib.sha256(text.encode()).hexdigest()[:DIGITS])
+    with TemporaryDirectory() as scratch, ExitStack() as stack:
+        folder = Path(scratch)
+        if running.folder is not None:
+            folder = running.folder
+            check_own(folder, has_format(folder / MARK, FORMAT), "bench")
+            stack.enter_context(locked(folder, folder, "bench"))
+            write_atomically(folder / MARK, json.dumps({"format": FORMAT, "suite": name}).encode())
+        files = [folder / f"{digest}.json" for digest in digests]
+        left = [place for place, file in enumerate(files) if not file.is_file()]
+        tasks = [SuiteTask(name, settings, place, digests[place], str(folder.resolve())) for place in left]
+        alone = running.jobs == 1 and not running.scheduler
+        ends = run_here(tasks) if alone else run_tasks(tasks, running.scheduler, running.jobs)
+        progress("cells", 0, len(tasks))
+        try:
+            with closing(ends):
+                for number, end in enumerate(ends):
+                    if end.reason:
+                        raise HhsimError(end.reason)
+                    progress("cells", number + 1, len(tasks))
+        except KeyboardInterrupt as interrupt:
+            if running.folder is not None:
+                interrupt.add_note("what is done is kept, and the same command goes on")
+            raise
+        return [json.loads(file.read_text(encoding="utf-8")) for file in files]

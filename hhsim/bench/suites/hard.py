@@ -1,0 +1,331 @@
+"""Every hard case, for every method: pass or fail, and the figure.
+
+No case can end the bench.
+Only the bit of a stuck tick is taken from the solver: penetration is recomputed from the recorded poses, and a stuck
+tick is explained only if `hhsim.bench.robustness.local_optimality` finds no step.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+
+from hhsim.bench.figure_fields import totals_of
+from hhsim.bench.robustness.case import DEEPEST, Figure, HardCase, HardRun, Outcome, shown_points
+from hhsim.bench.robustness.contact_cases import CONTACT_CASES
+from hhsim.bench.robustness.input_cases import INPUT_CASES
+from hhsim.bench.robustness.invariance_cases import INVARIANCE_CASES, endurance_case
+from hhsim.bench.robustness.local_optimality import pieces_of
+from hhsim.bench.robustness.safety import SafetyFigures, SafetyMeasure, recorded_penetration, solvers_of
+from hhsim.bench.robustness.triangle_cases import TRIANGLE_CASES
+from hhsim.bench.suite import Row, Suite, setting
+from hhsim.errors import HhsimError, InputError, check_known
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.motion.analytic_motion import hold_readings
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.method import never_penetrates
+from hhsim.solver.options import SolverOptions
+from hhsim.system.posix import used_memory
+from hhsim.system.progress import Progress
+from hhsim.system.settings_file import Names, between, check_fields
+from hhsim.table.table import Column, Table, number, words
+
+ENDURANCE_TICKS = 20_000
+"""Ticks of the closed loops unless given; ten minutes at 1 kHz are 600,000."""
+LIMIT_TOLERANCE = 1e-9
+"""Excess of a joint beyond its limit that is rounding [rad]."""
+
+
+def hard_cases(
+    names: Sequence[str] = (), ticks: int = ENDURANCE_TICKS, surfaces: Sequence[str] = ("spheres",)
+) -> tuple[HardCase, ...]:
+    """Return the cases of these names in the catalogue's order; without names all that the surfaces allow.
+
+    `ticks` is the length of the case `endurance`. Without the surface `mesh` there are no cases of triangles alone.
+    Raises UnknownNameError for no case of that name, InputError for one that needs the surface `mesh`.
+    """
+    cases = (*INPUT_CASES, *CONTACT_CASES, *INVARIANCE_CASES, endurance_case(ticks), *TRIANGLE_CASES)
+    check_known("hard case", names, [case.name for case in cases])
+    chosen = [case for case in cases if not names or case.name in names]
+    left_out = [case.name for case in chosen if case.mesh_only and "mesh" not in surfaces]
+    if names and left_out:
+        raise InputError(f"hard case '{left_out[0]}' is made of triangles alone: it takes --surface mesh")
+    return tuple(case for case in chosen if case.name not in left_out)
+
+
+@dataclass(frozen=True)
+class HardOptions:
+    """Cases, methods, surfaces."""
+
+    cases: tuple[str, ...] = setting((), metavar="[CASE]...", is_argument=True)
+    methods: Names | None = setting(None, "Methods. Default: all that take the surface.", "--method")
+    surfaces: Names = setting(
+        ("spheres",), "What of the objects the hand touches: spheres (of the tree), mesh, or both.", "--surface"
+    )
+    ticks: Annotated[int, between(8_000, 36_000_000)] = setting(
+        ENDURANCE_TICKS, "Ticks of the case endurance; 600000 are ten minutes at 1 kHz."
+    )
+    seed: int = setting(0)
+
+    def __post_init__(self) -> None:
+        """Raise InputError for an unknown name, a case that needs the surface mesh, a number out of range."""
+        check_fields(self)
+        self.chosen()
+        solvers_of(self.methods, self.surfaces)
+
+    def chosen(self) -> tuple[HardCase, ...]:
+        """Return the cases that are run."""
+        return hard_cases(self.cases, self.ticks, self.surfaces)
+
+
+class _Cell(NamedTuple):
+    case: HardCase
+    solver: SolverOptions
+    seed: int
+
+
+def cells(options: HardOptions, progress: Progress) -> list[_Cell]:
+    """Return every case with every solver; cases of triangles alone with those on the mesh."""
+    solvers = solvers_of(options.methods, options.surfaces)
+    pairs = ((case, solver) for case in options.chosen() for solver in solvers)
+    return [_Cell(*pair, options.seed) for pair in pairs if pair[1].surface == "mesh" or not pair[0].mesh_only]
+
+
+def run(cell: _Cell, before: None = None) -> list[Row]:
+    """Run one case by one method and return a row for each figure; any exception becomes a failure that names it."""
+    case, solver = cell.case, cell.solver
+    figures: list[Figure] = []
+    refusal, passed, surface, safety = "", False, solver.surface, SafetyFigures()
+    try:
+        outcomes = [run_scene(scene, solver) for scene in _scenes(case, cell.seed)]
+        refusal = next((outcome.refusal for outcome in outcomes if outcome.refusal), "")
+        sound = [outcome for outcome in outcomes if not outcome.refusal]
+        figures += common_figures(sound) if sound else []
+        figures += [] if refusal else case.judge(outcomes)
+        passed = all(figure.passed for figure in figures) and (case.may_refuse if refusal else bool(figures))
+        surface = " and ".join(sorted({outcome.options.surface for outcome in outcomes}))
+        safety = SafetyFigures(**totals_of(SafetyFigures, [outcome.safety for outcome in outcomes]))
+    except Exception as error:  # a scene that cannot be built is a fault of the bench, reported as one
+        figures, passed, refusal = [], False, f"{type(error).__name__}: {error}"
+    return [
+        {
+            "case": case.name,
+            "method": solver.method,
+            "surface": surface,
+            "case_passed": bool(passed),
+            "figure": figure.name,
+            "value": float(figure.value),
+            "bar": float(figure.bar),
+            "at_least": figure.at_least,
+            "unit": figure.unit or "1",
+            "passed": bool(figure.passed),
+            **{name: getattr(safety, name) for name in ("ticks", "stuck", "unexplained", "lagging", "lag")},
+            "reason": refusal,
+        }
+        for figure in figures or [Figure("", math.nan, math.nan)]
+    ]
+
+
+# The methods of a case share its scenes.
+@lru_cache(1)
+def _scenes(case: HardCase, seed: int) -> Sequence[HardRun]:
+    return case.build(seed)
+
+
+def run_scene(run: HardRun, options: SolverOptions) -> Outcome:
+    """Run a scene from its first tick, and measure the common figures."""
+    outcome = Outcome(run, run.solver(options), None)
+    surface = outcome.surface
+    solver = HandSolver(run.hand, surface, outcome.options)
+    pieces = pieces_of(outcome.options.surface, run.mesh, run.tree)
+    safety, excess = SafetyMeasure(run.hand, pieces, outcome.options), [0.0]
+    marked, memory = [], []
+
+    def measured(motion: HandConfiguration) -> TickRecord:
+        record = solver.run(*motion)
+        safety.add(hold_readings(motion), record, recorded_penetration(run.hand, surface, record).depth)
+        excess.append(limit_excess(run.hand, record))
+        return record
+
+    record: TickRecord | None = None
+    refusal = ""
+    try:
+        if run.lead is not None:
+            measured(run.lead)
+        for _ in range(run.repeats):
+            record = measured(run.motion)
+            marked.append(shown_points(record)[list(run.marks)])
+            memory.append(used_memory()[0])
+    except HhsimError as error:
+        record, refusal = None, str(error)
+    return replace(
+        outcome,
+        record=record,
+        refusal=refusal,
+        safety=safety.figures,
+        limit_excess=float(np.max(excess)),
+        marked=np.array(marked),
+        memory=np.array(memory, dtype=np.float64),
+    )
+
+
+def common_figures(outcomes: list[Outcome]) -> list[Figure]:
+    """Return the figures of every case, over all of its runs that were not refused."""
+    penetration = float(np.max([outcome.safety.penetration / outcome.run.scale for outcome in outcomes]))
+    return [
+        Figure("penetration", penetration, DEEPEST, "m"),
+        Figure("ticks that are not finite", sum(outcome.safety.not_finite for outcome in outcomes), 0),
+        Figure("joint beyond its limit", max(outcome.limit_excess for outcome in outcomes), LIMIT_TOLERANCE, "rad"),
+        Figure("stuck ticks that nothing explains", sum(outcome.safety.unexplained for outcome in outcomes), 0),
+    ]
+
+
+def limit_excess(hand: HandModel, record: TickRecord) -> float:
+    """Return the largest excess of a joint beyond its limit [rad]; NaN if an angle is."""
+    low = hand.flexion_min - record.flexion
+    high = record.flexion - hand.flexion_max
+    return float(max(0.0, np.max(low), np.max(high))) if np.isfinite(record.flexion).all() else float("nan")
+
+
+COLUMNS = (
+    Column("case", "hard case"),
+    Column("method", "method of the solver"),
+    Column("surface", "what of the objects the hand touched"),
+    Column("case_passed", "whether the method kept every bar of the case"),
+    Column("figure", "what was measured; empty where the case ended before"),
+    Column("value", "measured value, in the unit of the column `unit`"),
+    Column("bar", "what it is held to, in the same unit"),
+    Column("at_least", "whether the bar is a lower one"),
+    Column("unit", "SI unit of value and bar; 1 for counts and ratios"),
+    Column("passed", "whether the bar was kept"),
+    Column("ticks", "ticks of all runs of the case"),
+    Column("stuck", "ticks that kept the last feasible state"),
+    Column("unexplained", "of those, the ones from where a hand could move"),
+    Column("lagging", "ticks with distance still to go"),
+    Column("lag", "most distance still to go", "mm"),
+    Column("reason", "the refusal or the exception that ended the case"),
+)
+"""Columns of the suite's table: a row for every figure of every case and method."""
+
+
+def by_case(rows: Sequence[Row]) -> list[list[Row]]:
+    """Return the rows of each case by each method on each surface."""
+    groups: dict[tuple[Any, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault((row["case"], row["method"], row["surface"]), []).append(row)
+    return list(groups.values())
+
+
+def tables(options: HardOptions, rows: Sequence[Row], figures: Any) -> list[Table]:
+    """Return a line for each case and method, with the figure, besides penetration, that is nearest to its bar."""
+    columns = (
+        words("case", lambda group: group[0]["case"]),
+        words("method", lambda group: group[0]["method"]),
+        words("surface", lambda group: group[0]["surface"]),
+        words("verdict", _verdict),
+        number("penetration", lambda group: group[0]["value"], "µm", 3, missing=""),
+        words("nearest to its bar", lambda group: _deciding(group)["figure"]),
+        number("value", lambda group: _value(_deciding(group), "value")),
+        number("bar", lambda group: _bar(_deciding(group))),
+        number("stuck", lambda group: group[0]["stuck"]),
+        number("lag", lambda group: group[0]["lag"], "mm", 1),
+    )
+    return [Table(columns, by_case(rows))]
+
+
+def missed(options: HardOptions, rows: Sequence[Row]) -> list[str]:
+    """Return the cases that a method which promises to pass did not."""
+    heads = [group[0] for group in by_case(rows)]
+    failed = [row for row in heads if never_penetrates(row["method"]) and not row["case_passed"]]
+    return [f"{row['case']} ({row['method']})" for row in failed]
+
+
+def lines(options: HardOptions, rows: Sequence[Row]) -> list[str]:
+    """Say why cases ended, which bars are missed by whom, what was on spheres, and how many passed."""
+    found = []
+    for group in by_case(rows):
+        head = group[0]
+        where = f"{head['case']}, {head['method']}"
+        found += [f"{where}: {head['reason']}"] if head["reason"] else []
+        missing = (row for row in group if row["figure"] and not row["passed"])
+        found += [f"{where}: {row['figure']} {_value(row, 'value')}, bar {_bar(row)}" for row in missing]
+    on_spheres = list(dict.fromkeys(row["case"] for row in rows if row["surface"] == "spheres"))
+    if on_spheres and any("mesh" in row["surface"] for row in rows):
+        found.append(f"on spheres, since their objects are nothing else: {', '.join(on_spheres)}")
+    passed: dict[str, list[bool]] = {}
+    for group in by_case(rows):
+        passed.setdefault(group[0]["method"], []).append(group[0]["case_passed"])
+    each = (f"{method} {sum(kept)} of {len(kept)}" for method, kept in passed.items())
+    return [*found, f"passed: {', '.join(each)}"]
+
+
+def _verdict(group: Sequence[Row]) -> str:
+    if not group[0]["case_passed"]:
+        return "FAIL"
+    return "refuses, as it may" if group[0]["reason"] else "pass"
+
+
+NOTHING: Row = {"figure": "", "value": math.nan, "bar": math.nan, "unit": "1", "at_least": False}
+
+
+def _deciding(group: Sequence[Row]) -> Row:
+    """Return the row, but for penetration, that is farthest beyond or nearest to its bar; the last of equals."""
+    return max(reversed(group[1:]), key=_strain, default=NOTHING)
+
+
+def _strain(row: Row) -> float:
+    """Share of the bar that is used up; nothing of a bar of zero that is kept."""
+    if math.isnan(row["value"]):
+        return math.inf
+    used, allowed = (row["bar"], row["value"]) if row["at_least"] else (row["value"], row["bar"])
+    return float(used / allowed) if allowed > 0.0 else math.inf if used > 0.0 else 0.0
+
+
+def _bar(row: Row) -> str:
+    shown = _value(row, "bar")
+    return shown and ("≥ " if row["at_least"] else "≤ ") + shown
+
+
+def _value(row: Row, name: str) -> str:
+    value, unit = row[name], row["unit"]
+    if not row["figure"]:
+        return ""
+    factor, shown = {"m": (1e3, " mm"), "B": (1e-6, " MB"), "rad": (1.0, " rad")}.get(unit, (1.0, ""))
+    if unit == "m" and 0.0 < abs(value) < 1e-5:
+        factor, shown = 1e6, " µm"
+    return f"{factor * value:.3g}{shown}"
+
+
+SUITE = Suite(
+    help="""Put every method through the scenes that break methods.
+
+    Each CASE is a named scene with a bar of its own; besides, in all of them: penetration at most 1 µm at every tick,
+    recomputed from the poses; finite numbers; joints within their limits; and no stuck tick from where a hand could
+    have moved. All cases run where none is named. With --surface mesh the hand touches the triangles of the objects,
+    but for those that are spheres alone, and there are cases of triangles besides. The exit code is 1 where coupled or
+    progressive misses a bar; the other methods promise nothing, and are measured to show by how much they miss.
+
+    \b
+    Examples:
+      hhsim bench hard
+      hhsim bench hard fast-swipe narrow-handle --method coupled,paper
+      hhsim bench hard endurance --ticks 600000 --out endurance.h5
+      hhsim bench hard --surface mesh --method coupled,progressive
+    """,
+    settings=HardOptions,
+    columns=COLUMNS,
+    cells=cells,
+    run=run,
+    rows=lambda options, figures: [row for rows in figures for row in rows],
+    tables=tables,
+    missed=missed,
+    lines=lines,
+    is_portable=True,
+    named=lambda cell: cell.case.name,
+    listed=lambda options: Table((words("case", "name"), words("what it is", "description")), options.chosen()),
+)

@@ -1,0 +1,372 @@
+"""Free objects with friction: known answers, and a pinch beside MuJoCo.
+
+Motions from rest are compared with the sum of the implicit Euler method, a Δt² n (n + 1) / 2, the stated
+discretisation: it is a Δt t / 2 ahead of a t² / 2, 0.3 % after 0.3 s.
+"""
+
+import importlib.util
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+import numpy as np
+
+from hhsim.arrays import BoolArray
+from hhsim.bench.manipulation import stage
+from hhsim.bench.manipulation.mujoco_block import CONFIGURATIONS, mujoco_pinch, mujoco_rest
+from hhsim.bench.suite import Preset, Row, Suite, setting
+from hhsim.errors import check_known
+from hhsim.solver.free_object import FreeObject
+from hhsim.solver.options import SolverOptions
+from hhsim.system.settings_file import between, check_fields
+from hhsim.table.table import Column, Table
+
+GRAVITY = 9.81
+SLOPE = math.radians(30.0)
+DOWN = (GRAVITY * math.sin(SLOPE), 0.0, -GRAVITY * math.cos(SLOPE))
+"""Gravity on a slope, in the frame of its surface."""
+WITHIN = 0.01
+"""Allowed relative error of a figure that is not 0."""
+SLIPS = 1e-7
+"""Way of a contact in a tick above which it slips [m]."""
+TURNS = 1e-3
+"""Angle above which a block has turned in the grip [rad]."""
+TIP_RADIUS = 0.008
+EASED_FROM, EASED_TO = 1.3, 0.8
+"""Shares of the threshold between which a squeeze is eased to find it."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One figure of a case in its SI unit: exact, measured, and the allowed difference; NaN: nothing is promised."""
+
+    case: str
+    what: str
+    unit: str
+    exact: float
+    measured: float
+    allowed: float
+    method: str = "coupled"
+
+    @property
+    def off(self) -> float:
+        """Difference of the measured from the exact figure."""
+        return self.measured - self.exact
+
+    @property
+    def holds(self) -> int:
+        """1 if the difference is allowed, else 0; -1 if nothing is promised."""
+        return -1 if math.isnan(self.allowed) else int(abs(self.off) <= self.allowed)
+
+    def of_engine(self, engine: str) -> "Answer":
+        """Return the figure as another engine's, which promises nothing."""
+        return replace(self, method=engine, allowed=math.nan)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ManipulationOptions:
+    """Cases, none for all, and durations of rest and hold [s]."""
+
+    cases: tuple[str, ...] = setting(
+        (), "Cases: slope, rolling, flight, tipping, thresholds, torsion, held, rest, pinch. Default: all.", "--case"
+    )
+    rest: Annotated[float, between(1.0)] = 600.0
+    held: Annotated[float, between(1.0)] = 60.0
+
+    def __post_init__(self) -> None:
+        """Raise InputError for an unknown case or a duration out of range."""
+        check_known("case", self.cases, case_names())
+        check_fields(self)
+
+
+def _near(case: str, what: str, unit: str, exact: float, measured: float) -> Answer:
+    return Answer(case, what, unit, exact, measured, WITHIN * abs(exact))
+
+
+def _way(acceleration: float, ticks: int) -> float:
+    """Way from the end of the first tick to that of the last one, by implicit Euler from rest [m]."""
+    return acceleration * (ticks * (ticks + 1) / 2 - 1) / stage.RATE**2
+
+
+def _alone(free: FreeObject, size: tuple[float, float, float], ticks: int) -> stage.Played:
+    hand, options = stage.gripper(0.05, TIP_RADIUS), stage.gripper_options()
+    return stage.play(free, stage.touched(stage.block(size)), hand, options, stage.away(ticks))
+
+
+def slope(options: ManipulationOptions) -> list[Answer]:
+    """Answer for a block on a slope of 30° that slides, and one that sticks."""
+    size, ticks = (0.06, 0.06, 0.04), 300
+    free = FreeObject.of_mesh(stage.block(size), mass=0.1, friction=0.3, table=-0.02, gravity=DOWN)
+    slides, sticks = _alone(free, size, ticks), _alone(replace(free, friction=0.6), size, 10 * ticks)
+    pull = GRAVITY * (math.sin(SLOPE) - 0.3 * math.cos(SLOPE))
+    creep = float(np.linalg.norm(sticks.center - sticks.center[0], axis=1).max())
+    way = float(slides.center[-1, 0] - slides.center[0, 0])
+    return [
+        _near("block on 30°, μ 0.3", "way in 0.3 s", "m", _way(pull, ticks), way),
+        Answer(
+            "block on 30°, μ 0.3", "floats above the table, most", "m", 0.0, float(slides.table_distance.max()), 1e-6
+        ),
+        Answer("block on 30°, μ 0.6", "creep in 3 s", "m", 0.0, creep, 1e-6),
+    ]
+
+
+def rolling(options: ManipulationOptions) -> list[Answer]:
+    """Answer for balls on a slope of 30°: one rolls with 5/7 g sin θ, one slides and spins up by friction."""
+    radius, mass, ticks = 0.038, 0.2, 500
+    inertia = 0.4 * mass * radius**2
+    rows = ((inertia, 0.0, 0.0), (0.0, inertia, 0.0), (0.0, 0.0, inertia))
+    found = []
+    for friction in (0.6, 0.1):
+        free = FreeObject(mass, (0.0, 0.0, 0.0), rows, friction=friction, table=-radius, gravity=DOWN)
+        solver = SolverOptions(method="coupled", surface="spheres", fingers=("thumb", "index"))
+        played = stage.play(free, stage.ball(radius), stage.gripper(0.05, TIP_RADIUS), solver, stage.away(ticks))
+        rolls = friction > 2.0 / 7.0 * math.tan(SLOPE)
+        rolled = 5.0 / 7.0 * GRAVITY * math.sin(SLOPE)
+        slid = GRAVITY * (math.sin(SLOPE) - friction * math.cos(SLOPE))
+        spun = rolled / radius if rolls else 2.5 * friction * GRAVITY * math.cos(SLOPE) / radius
+        case = f"ball on 30°, μ {friction:g}"
+        way = float(played.center[-1, 0] - played.center[0, 0])
+        found.append(_near(case, "way in 0.5 s", "m", _way(rolled if rolls else slid, ticks), way))
+        found.append(
+            _near(case, "spin after 0.5 s", "rad/s", spun * ticks / stage.RATE, float(played.angular_velocity[-1, 1]))
+        )
+    return found
+
+
+def flight(options: ManipulationOptions) -> list[Answer]:
+    """Answer for a body in free flight, and one that tumbles on a table."""
+    size, ticks = (0.1, 0.06, 0.02), 2000
+    motion: dict[str, Any] = {"velocity": (1.0, 2.0, 3.0), "angular_velocity": (1.0, 12.0, 0.5)}
+    free = FreeObject.of_mesh(stage.block(size), mass=0.3, gravity=(0.0, 0.0, 0.0), **motion)
+    flies = _alone(free, size, ticks)
+    momentum = 0.3 * np.linalg.norm(flies.velocity - np.array(free.velocity), axis=1).max()
+    spin = np.linalg.norm(flies.angular_momentum(), axis=1)
+    free = replace(free, gravity=(0.0, 0.0, -GRAVITY), table=-0.3, friction=0.5)
+    free = replace(free, velocity=(0.5, 0.0, 0.0), angular_velocity=(3, 5, 0.5))
+    falls = _alone(free, size, ticks)
+    force = falls.table_wrench[:, :3].sum(axis=0) / stage.RATE + 0.3 * np.array(free.gravity) * ticks / stage.RATE
+    gained = 0.3 * (falls.velocity[-1] - np.array(free.velocity))
+    return [
+        Answer("body in flight", "momentum gained in 2 s", "N·s", 0.0, float(momentum), 1e-9),
+        # First order in the period: 12 rad/s about the middle axis, which is the hardest to keep.
+        _near("body in flight", "angular momentum after 1 s", "N·m·s", float(spin[0]), float(spin[1000])),
+        Answer(
+            "body that tumbles", "energy gained in a tick, most", "J", 0.0, float(np.diff(falls.energy()).max()), 1e-12
+        ),
+        Answer("body that tumbles", "impulse less momentum", "N·s", 0.0, float(np.abs(force - gained).max()), 1e-9),
+    ]
+
+
+def tipping(options: ManipulationOptions) -> list[Answer]:
+    """Answer for a cube pushed by a smooth fingertip: it slides below a height of a / 2 μ, and tips above it."""
+    side, friction, low, high = 0.07, 0.8, 0.02, 0.065
+    while high - low > 1e-4:
+        height = 0.5 * (low + high)
+        low, high = (low, height) if _tips(side, friction, height) else (height, high)
+    return [_near("cube pushed, μ 0.8", "height at which it tips", "m", 0.5 * side / friction, 0.5 * (low + high))]
+
+
+def _tips(side: float, friction: float, height: float) -> bool:
+    hand = stage.gripper(0.05, TIP_RADIUS)
+    base = hand.base.copy()
+    base[stage.INDEX], base[stage.THUMB] = 0.0, stage.BEHIND
+    mesh = stage.block([side] * 3, [0.0, stage.REACH + TIP_RADIUS + 0.001 + 0.5 * side, 0.0])
+    free = FreeObject.of_mesh(mesh, mass=0.24, friction=0.0, table_friction=friction, table=-0.5 * side)
+    ticks = 800
+    position = np.zeros((ticks, 3))
+    position[:, 1], position[:, 2] = 0.015 * np.arange(1, ticks + 1) / ticks, height - 0.5 * side
+    options = replace(stage.gripper_options(), fingers=("index",))
+    played = stage.play(
+        free, stage.touched(mesh), replace(hand, base=base), options, stage.closed(np.zeros(ticks), position)
+    )
+    return max(stage.turned_by(played.orientation[0], turn) for turn in played.orientation[::50]) > math.radians(1.0)
+
+
+def thresholds(options: ManipulationOptions) -> list[Answer]:
+    """Answer for held blocks, let go slowly: each begins to slip at a squeeze of m g / 2 μ."""
+    found = []
+    for mass in (0.01, 0.1, 1.0):
+        for friction in (0.2, 0.5, 1.0):
+            # The same sag for every block that is not light.
+            pinch = stage.Pinch(mass=mass, friction=friction, hold=0.1, easing=4.0, stiffness=max(1000.0, 1e4 * mass))
+            pinch = replace(pinch, squeeze=EASED_FROM * pinch.threshold, eased=EASED_TO / EASED_FROM)
+            played = stage.gripped(pinch)
+            case = f"pinch of {1e3 * mass:g} g, μ {friction:g}"
+            slips = played.slipped(of_table=False) > SLIPS
+            measured = _normal_before(played, slips, pinch)
+            found.append(_near(case, "squeeze at which it slips", "N", pinch.threshold, measured))
+    return found
+
+
+def torsion(options: ManipulationOptions) -> list[Answer]:
+    """Answer for a block held beside its centre, which turns once friction and torsion exceed their common limit.
+
+    A contact bears (|f| / μ)² + (τ / γ)² up to its normal force squared: the weight's share is m g / 2 μ, the moment's
+    m g d / 2 γ.
+    """
+    found = []
+    for limit, off_center in ((0.005, 0.01), (0.002, 0.01), (0.01, 0.015)):
+        pinch = stage.Pinch(friction=2.0, hold=0.1, easing=4.0)
+        exact = math.hypot(pinch.threshold, 0.5 * pinch.mass * pinch.gravity * off_center / limit)
+        pinch = replace(pinch, squeeze=EASED_FROM * exact, eased=EASED_TO / EASED_FROM)
+        played = stage.gripped(pinch, torsion=limit, off_center=off_center)
+        first = played.orientation[pinch.eased_from]
+        turned = np.array([stage.turned_by(first, turn) for turn in played.orientation]) > TURNS
+        case = f"block held {1e3 * off_center:g} mm off, γ {1e3 * limit:g} mm"
+        found.append(_near(case, "squeeze at which it turns", "N", exact, _normal_before(played, turned, pinch)))
+    return found
+
+
+def _normal_before(played: stage.Played, event: BoolArray, pinch: stage.Pinch) -> float:
+    """Normal force on a fingertip [N] right before an event in the easing; NaN without one."""
+    normal = 0.5 * played.summed(played.normal_force, of_table=False)
+    at = np.flatnonzero(event[pinch.eased_from :])
+    return float(normal[pinch.eased_from + at[0] - 1]) if at.size and at[0] > 0 else math.nan
+
+
+def held(options: ManipulationOptions) -> list[Answer]:
+    """Answer for a block that is held at 1.05 times the least squeeze: its height, and that it stays there."""
+    pinch = stage.Pinch(hold=options.held, easing=1.0)
+    pinch = replace(pinch, squeeze=1.3 * pinch.threshold, eased=1.05 / 1.3)
+    played = stage.gripped(pinch)
+    quiet = pinch.held_from + round(0.25 * stage.RATE)
+    center = played.center[quiet:]
+    height = float(center[-1, 2] - played.center[0, 2])
+    sinks = pinch.mass * pinch.gravity * (1.0 + stage.REACH**2) / pinch.stiffness
+    case = "100 g held at 1.05 times the least squeeze"
+    creep = float(np.linalg.norm(center - center[0], axis=1).max()) if height > 0.5 * pinch.lift else math.nan
+    return [
+        _near(case, "hangs below the command", "m", sinks, pinch.lift - height),
+        Answer(case, f"creep in {options.held:g} s", "m", 0.0, creep, 1e-6),
+    ]
+
+
+def rest(options: ManipulationOptions) -> list[Answer]:
+    """Answer for a cube on a table."""
+    task = stage.Rest(options.rest)
+    size, table = (task.side, task.side, task.side), -0.5 * task.side
+    free = FreeObject.of_mesh(stage.block(size), mass=task.mass, friction=task.friction, table=table)
+    played = _alone(free, size, round(stage.RATE * task.seconds))
+    creep = task.creep(played.center, played.orientation[[0, -1]])
+    return rest_answers(task, creep, max(0.0, -float(played.table_distance.min())))
+
+
+def rest_answers(task: stage.Rest, creep: float, depth: float) -> list[Answer]:
+    """Return the answers of a rest from the creep of the cube and its depth in the table [m]."""
+    return [
+        Answer("cube on a table", f"creep in {task.seconds:g} s", "m", 0.0, creep, 1e-9),
+        Answer("cube on a table", "in the table, most", "m", 0.0, depth, 0.0),
+    ]
+
+
+CASES: dict[str, Callable[[ManipulationOptions], list[Answer]]] = {
+    case.__name__: case for case in (slope, rolling, flight, tipping, thresholds, torsion, held, rest)
+}
+"""Cases by name."""
+
+
+PINCH = "pinch"
+REST = "rest"
+"""Cases that engines play too."""
+SQUEEZES = (1.05, 1.5, 3.0)
+"""Squeezes of the pinches over the least one that bears the weight."""
+COLUMNS = (
+    Column("case", "what was played"),
+    Column("method", "by which method"),
+    Column("figure", "what was measured", of="what"),
+    Column("unit", "of the next four; 1 for shares and truths"),
+    Column("exact", "what it should be"),
+    Column("measured", "what it is"),
+    Column("off", "by how much it is off"),
+    Column("allowed", "by how much it may be off; NaN: nothing is promised"),
+    Column("holds", "1 where it is off by no more than that, 0 where it is, -1 where nothing is promised"),
+)
+
+
+def case_names() -> tuple[str, ...]:
+    """Return the names of all cases."""
+    return (*CASES, PINCH)
+
+
+def run(cell: tuple[str, ManipulationOptions], before: None = None) -> list[Row]:
+    """Play a case."""
+    name, options = cell
+    answers = pinch_answers(options.held) if name == PINCH else CASES[name](options)
+    if name == REST and has_mujoco():
+        task = stage.Rest(options.rest)
+        for engine, configuration in CONFIGURATIONS.items():
+            found = rest_answers(task, *mujoco_rest(task, configuration))
+            answers += [answer.of_engine(engine) for answer in found]
+    return Table(COLUMNS, answers).records
+
+
+def pinch_answers(held: float) -> list[Answer]:
+    """Return the figures of a pinch by our method, and by MuJoCo with its options if it is installed."""
+    answers = []
+    for share in SQUEEZES:
+        case = f"100 g pinched with {share:g} times the least squeeze, μ 0.5"
+        pinch = stage.Pinch(hold=held)
+        pinch = replace(pinch, squeeze=share * pinch.threshold)
+        answers += _pinched(case, held, stage.own_outcome(pinch))
+        for engine, configuration in CONFIGURATIONS.items() if has_mujoco() else ():
+            found = _pinched(case, held, mujoco_pinch(pinch, configuration))
+            answers += [answer.of_engine(engine) for answer in found]
+    return answers
+
+
+def _pinched(case: str, held: float, found: stage.PinchOutcome) -> list[Answer]:
+    return [
+        Answer(case, "lifted", "1", 1.0, float(found.lifted), 0.0),
+        Answer(case, f"creep in {held - 0.5:g} s", "m", 0.0, found.creep, 1e-6),
+        Answer(case, "fingertip in the block, most", "m", 0.0, found.depth, 1e-9),
+    ]
+
+
+def has_mujoco() -> bool:
+    """Return True if MuJoCo is installed."""
+    return importlib.util.find_spec("mujoco") is not None
+
+
+def missed(options: ManipulationOptions, rows: Sequence[Row]) -> list[str]:
+    """Return the figures that are off by more than allowed."""
+    return [f"{row['case']}, {row['figure']}" for row in rows if row["holds"] == 0]
+
+
+def lines(options: ManipulationOptions, rows: Sequence[Row]) -> list[str]:
+    """Say that all holds."""
+    return [] if missed(options, rows) else ["every figure of ours holds"]
+
+
+def notes(options: ManipulationOptions, answers: Any) -> list[str]:
+    """Say what is left out."""
+    note = "MuJoCo is not installed, so pinch and rest have our rows alone: pip install 'hhsim[mujoco]'"
+    return [] if has_mujoco() else [note]
+
+
+SUITE = Suite(
+    help="""Play free objects with friction whose answers are known: slopes, rolling, tipping, pinches, rest.
+
+    Each line says what is exact and what was measured; exit code 1 where a figure of ours is off by more than 1 %, or
+    than stated where the answer is 0. Pinch and rest are also played in MuJoCo, as it comes and tuned, where it is
+    installed.
+
+    \b
+    Examples:
+      hhsim bench manipulation --quick
+      hhsim bench manipulation --case slope,thresholds
+      hhsim bench manipulation --out manipulation.h5 --json
+    """,
+    settings=ManipulationOptions,
+    columns=COLUMNS,
+    cells=lambda options, progress: [(name, options) for name in options.cases or case_names()],
+    run=run,
+    rows=lambda options, figures: [row for rows in figures for row in rows],
+    tables=lambda options, rows, figures: [Table.of_records(COLUMNS, rows)],
+    missed=missed,
+    lines=lines,
+    notes=notes,
+    is_portable=True,
+    named=lambda cell: cell[0],
+    preset=Preset("quick", "A rest of 10 s and holds of 5 s, instead of 600 s and 60 s.", {"rest": 10.0, "held": 5.0}),
+)

@@ -1,0 +1,67 @@
+"""Known answers: what is quick to play holds, and a wrong one would not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sampled import sampled
+
+from hhsim.bench.manipulation.mujoco_block import CONFIGURATIONS
+from hhsim.bench.manipulation.stage import Pinch, clearance, gripped
+from hhsim.bench.suites.manipulation import CASES, COLUMNS, Answer, ManipulationOptions, missed, run, slope
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.table.table import Table
+
+SHORT = ManipulationOptions(rest=1.0, held=1.0)
+
+
+@pytest.mark.parametrize("case", sampled(CASES, lambda _, case: case in ("slope", "tipping", "rest")))
+def test_what_is_known_holds(case: str) -> None:
+    answers = CASES[case](SHORT)
+    assert answers and all(answer.holds for answer in answers), [answer for answer in answers if not answer.holds]
+
+
+def test_an_answer_that_is_off_or_unknown_does_not_hold() -> None:
+    right = Answer("a", "b", "m", 1.0, 1.005, 0.01)
+    assert right.holds and right.off == pytest.approx(0.005)
+    assert not replace(right, measured=0.98).holds
+    assert not replace(right, measured=float("nan")).holds
+
+
+def test_a_pinch_holds_and_its_fingers_never_enter() -> None:
+    pinch = Pinch(squeeze=1.5 * Pinch().threshold, hold=1.0)
+    played = gripped(pinch)
+    assert clearance(played, pinch).min() >= 0.0
+    normal = 0.5 * played.summed(played.normal_force, of_table=False)
+    assert normal[-1] == pytest.approx(pinch.squeeze, rel=0.01)
+    weight = played.hand_wrench[-1, 2]
+    assert weight == pytest.approx(0.981, rel=1e-3)
+    assert np.abs(played.table_wrench[-1]).max() == 0.0
+
+
+def test_the_table_says_what_is_exact_and_what_was_missed() -> None:
+    rows = Table(COLUMNS, slope(SHORT)).records
+    assert not missed(SHORT, rows)
+    assert missed(SHORT, [{**rows[0], "holds": 0}]) == [f"{rows[0]['case']}, {rows[0]['figure']}"]
+
+
+def test_mujoco_rests_on_the_same_table_and_is_never_promised() -> None:
+    pytest.importorskip("mujoco")
+    rows = run(("rest", SHORT))
+    found = {(row["method"], row["figure"]): row for row in rows}
+    assert {method for method, _ in found} == {"coupled", *CONFIGURATIONS}
+    for method in CONFIGURATIONS:
+        # It is soft: it sinks by what bears its weight, and then stands.
+        creep, depth = found[method, "creep in 1 s"], found[method, "in the table, most"]
+        assert creep["holds"] == depth["holds"] == -1
+        assert creep["measured"] < depth["measured"] < 1e-3
+    assert found["coupled", "in the table, most"]["measured"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("named", "error"),
+    [({"cases": ("slop",)}, UnknownNameError), ({"rest": 0.0}, InputError), ({"held": np.nan}, InputError)],
+)
+def test_what_cannot_be_played_is_refused(named: dict[str, object], error: type[Exception]) -> None:
+    with pytest.raises(error):
+        ManipulationOptions(**named)  # type: ignore[arg-type]

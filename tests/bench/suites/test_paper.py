@@ -1,0 +1,238 @@
+"""The paper's evaluation: a small run of it, its rows, its bars, and the command."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+from conftest import Run
+
+from hhsim.bench.paper import figures as paper_figures
+from hhsim.bench.paper.run import COUNTS, GLOVE, NOISES, PaperRuns, SceneRun, play, play_again
+from hhsim.bench.paper.scene import Scenario, held_ticks, make_stage
+from hhsim.bench.paper.table import ROW_COLUMNS, PaperRow, paper_rows
+from hhsim.bench.suite import measure
+from hhsim.bench.suites.paper import SUITE, PaperOptions, missed
+from hhsim.errors import HhsimError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.model import HandModel
+from hhsim.mesh.catalogue import load_object
+from hhsim.motion.analytic_motion import still
+from hhsim.replay import summary
+from hhsim.solver.options import SolverOptions
+from hhsim.table.file import load_table
+from hhsim.table.table import Table
+from hhsim.trees.cache import cached_sphere_tree
+from hhsim.trees.options import TreeOptions
+
+HAND = HandModel.default()
+OPTIONS = PaperOptions(methods=("coupled", "paper"), objects=("cube", "bunny"), level=3, instances=2, repetitions=2)
+
+
+@pytest.fixture(scope="module")
+def runs() -> PaperRuns:
+    return PaperRuns.of_all(measure(SUITE, OPTIONS))
+
+
+def row(runs: PaperRuns, name: str, method: str = "coupled") -> PaperRow:
+    (found,) = [one for one in paper_rows(runs, OPTIONS.methods, False) if (one.name, one.method) == (name, method)]
+    return found
+
+
+@pytest.mark.soak
+def test_every_scene_is_played_by_every_method(runs: PaperRuns) -> None:
+    scenes = [(run.scenario.figure, run.scenario.object_name, run.options.method) for run in runs.scenes]
+    expected = {"11": ("cube", 3), "sliding": ("cube", 1), "13": ("bunny", 3), "14": ("bunny", 1), "15": ("bunny", 4)}
+    for figure, (name, count) in expected.items():
+        for method in OPTIONS.methods:
+            assert scenes.count((figure, name, method)) == count
+    assert len(scenes) == 2 * sum(count for _, count in expected.values())
+    assert [(found.case, found.run.options.method) for found in runs.at_contacts] == [
+        (case, method) for case in ("TF", "WH") for method in OPTIONS.methods
+    ]
+
+
+@pytest.mark.soak
+def test_every_row_is_measured_and_every_method_has_every_row(runs: PaperRuns) -> None:
+    rows = paper_rows(runs, OPTIONS.methods, False)
+    names = {method: [one.name for one in rows if one.method == method] for method in OPTIONS.methods}
+    assert names["coupled"] == names["paper"]
+    assert {"mean_cube", "sliding_depth", "complex_p99_bunny", "interaction_p99_bunny", "case_p99_WH"} <= set(
+        names["coupled"]
+    )
+    assert {"contacts_131", "contacts_250", "depth", "variation_glove_size", "touches"} <= set(names["coupled"])
+    for one in rows:
+        small = one.name.startswith("variation") and one.name[-1] in "xyz"
+        assert math.isfinite(one.ours) or small, one
+        assert one.paper_text and one.label and one.unit in ("s", "m", "%", "1")
+        assert "nan" not in one.note and "1 objects" not in one.note
+
+
+def test_rows_are_what_the_runs_say(runs: PaperRuns) -> None:
+    played = runs.of("coupled", "11", object_name="cube")
+    times = np.concatenate([np.median(run.cpu, axis=0)[run.contact] for run in played])
+    mean = row(runs, "mean_cube")
+    assert mean.ours == pytest.approx(times.mean(), rel=1e-5)
+    assert mean.ratio == pytest.approx(0.32e-3 / times.mean(), rel=1e-5)
+    assert mean.bar == pytest.approx(0.032e-3)
+    assert row(runs, "depth").ours == max(
+        float(run.depth.max()) for run in runs.of("coupled", "11", "sliding", "13", "14", "15")
+    )
+    variations = [run.variation["glove"].size[0] for run in runs.of("coupled", "11", "13", "14")]
+    assert row(runs, "variation_glove_size").ours == pytest.approx(float(np.median(variations)))
+
+
+def test_a_multiple_stands_beside_the_same_quantity_alone(runs: PaperRuns) -> None:
+    rows = {one.name: one for one in paper_rows(runs, OPTIONS.methods, False) if one.method == "coupled"}
+    # The paper's contacts are of another margin and several threads; its hand does not tremble.
+    for name in ("contacts_131", "contacts_250", "variation_trembling_size"):
+        assert math.isnan(rows[name].ratio) and rows[name].paper_text
+    assert rows["variation_glove_size"].paper == 0.18
+    for run in runs.of("coupled", "15"):
+        assert run.contacts == run.candidates[run.contact].mean()
+
+
+def test_forces_of_all_methods_have_one_scale_and_a_picture_has_its_note(
+    runs: PaperRuns, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[Any] = []
+    monkeypatch.setattr(paper_figures, "TILE", 40)
+    monkeypatch.setattr(paper_figures, "draw_scene", lambda *_: None)
+    monkeypatch.setattr(paper_figures, "save_figure", lambda figure, *_, **__: drawn.append(figure))
+    some = [run for run in runs.scenes if run.scenario.motion == "ear-to-ear"]
+    paper_figures.draw_all(tmp_path, PaperRuns(tuple(some), ()), note="quick run")
+    forces = [axes for axes in drawn[0].axes if axes.get_title(loc="left") in OPTIONS.methods]
+    assert len(forces) == 2 and len({axes.get_ylim() for axes in forces}) == 1
+    assert "quick run" in [text.get_text() for text in drawn[0].texts]
+
+
+@pytest.mark.soak
+def test_pictures_show_paper_beside_coupled_and_forces_in_red(
+    runs: PaperRuns, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(paper_figures, "TILE", 40)
+    monkeypatch.setattr(paper_figures, "KINDS", (".png",))
+    monkeypatch.setattr(paper_figures, "ELEVATIONS", (10.0,))
+    monkeypatch.setattr("hhsim.render.hand_picture.POINTS", 500)
+    monkeypatch.setattr("hhsim.render.hand_picture.AZIMUTHS", (0, 90))
+    drawn: list[tuple[str, str, int]] = []
+    draw = paper_figures.draw_scene
+
+    def spy(axes: Any, run: SceneRun, *given: Any) -> None:
+        draw(axes, run, *given)
+        forces = given[4] if len(given) > 4 else ()
+        image = np.asarray(axes.get_images()[0].get_array())
+        red = (image[:, :, 0] > 2.0 * image[:, :, 1:].max(axis=2)).any()
+        assert red == (len(forces) > 0)
+        drawn.append((run.scenario.figure, run.options.method, len(forces)))
+
+    monkeypatch.setattr(paper_figures, "draw_scene", spy)
+    some = [run for run in runs.scenes if run.scenario.motion in ("touch", "ear-to-ear")]
+    paper_figures.draw_all(tmp_path, PaperRuns(tuple(some), ()))
+    pairs = [method for figure, method, _ in drawn if figure == "11"]
+    assert pairs == ["paper", "coupled"]
+    pushed = [one for one in drawn if one[0] == "14"]
+    assert len(pushed) == 2 * 3 and all(count > 0 for _, _, count in pushed)
+
+
+def test_coupled_stays_out_and_touches_what_the_scenes_name(runs: PaperRuns) -> None:
+    assert row(runs, "depth").ours <= 1e-6
+    assert row(runs, "touches").ours == 0.0
+    assert sum(len(run.touches) for run in runs.of("coupled", "11")) == 1 + 2 + 6
+
+
+def test_the_margin_brings_about_as_many_contacts_as_the_paper_states(runs: PaperRuns) -> None:
+    for found in runs.at_contacts:
+        count = found.run.candidates[held_ticks(found.run.stage)].mean()
+        assert count == pytest.approx(found.wanted, rel=0.1)
+        assert found.run.options.margin == found.margin
+
+
+def test_a_repetition_that_differs_is_an_error(runs: PaperRuns) -> None:
+    run = replace(runs.scenes[0], digest="other", cpu=[], wall=[], parts=[])
+    with pytest.raises(HhsimError, match="a repetition gave another hand"):
+        play_again(run)
+
+
+def test_only_our_methods_have_bars_and_what_is_not_measured_keeps_none() -> None:
+    one = PaperRow("depth", "V-D", "depth", "coupled", "m", 1e-4, "≈ 0.1 mm", 5e-7, 1e-6)
+    assert one.passed and one.ratio == pytest.approx(200.0)
+    deep = replace(one, ours=2e-6)
+    nothing = replace(one, ours=math.nan)
+    rows = Table(ROW_COLUMNS, [one, deep, nothing, replace(deep, method="paper"), replace(deep, bar=math.nan)]).records
+    assert missed(OPTIONS, rows) == ["depth, coupled: 2.000 µm, bar 1.000 µm", "depth, coupled: —, bar 1.000 µm"]
+    assert replace(one, ours=0.0).ratio == math.inf
+    assert math.isnan(replace(one, paper=math.nan).ratio)
+
+
+def test_instances_are_different_hands_and_the_same_again_for_the_same_seed() -> None:
+    tree = cached_sphere_tree(load_object("cube").mesh, TreeOptions(level=3))
+    scenario = Scenario("15", "cube", "pinch", "TF", 4)
+    one, again, other = (make_stage(scenario, HAND, tree, 4, seed) for seed in (0, 0, 1))
+    places = [motion.position[-1] for motion in one.motions]
+    assert len(places) == 4
+    assert min(np.linalg.norm(a - b) for i, a in enumerate(places) for b in places[:i]) > 1e-4
+    for mine, same in zip(one.motions, again.motions):
+        assert mine.position.tobytes() == same.position.tobytes()
+        assert mine.flexion.tobytes() == same.flexion.tobytes()
+    assert not np.array_equal(one.motions[0].position, other.motions[0].position)
+    run = play(one, SolverOptions())
+    assert len(run.touches) == 4 * 2 and run.missed == []
+    assert run.depth.max() <= 1e-6 and not run.variation and run.curves is None
+
+
+def test_a_glove_s_samples_are_held_and_flicker_by_a_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[HandConfiguration] = []
+
+    spy = Mock(run=lambda *posed: given.append(HandConfiguration(*posed)))
+    monkeypatch.setattr(summary, "HandSolver", lambda *_: spy)
+    flexion = np.random.default_rng(3).uniform(0.0, 1.0, (5, 3))
+    held = still(np.zeros(3), flexion=flexion, ticks=500)
+    tree = cached_sphere_tree(load_object("cube").mesh, TreeOptions(level=1)).arrays()
+    for noise, rate in NOISES.values():
+        summary.trembling_hold(HAND, tree, SolverOptions(), held, held, 1000.0, 0, noise, rate)
+    glove, trembling = given
+    count = 2.0 * np.pi / COUNTS
+    for poses in given:
+        new = np.flatnonzero(np.any(np.diff(poses.flexion, axis=0) != 0.0, axis=(1, 2))) + 1
+        assert set(new % 5) == {0} and len(new) > 50
+        off = (poses.flexion - flexion) / count
+        assert np.abs(off).max() <= 2.0 and np.abs(off).mean() < 0.5
+        assert np.allclose(poses.flexion / count, np.round(poses.flexion / count), atol=1e-6)
+    assert not glove.position.any() and np.array_equal(glove.orientation, held.orientation)
+    assert np.linalg.norm(trembling.position, axis=1).max() == pytest.approx(1e-4, rel=0.05)
+    assert GLOVE.tremor_position == 0.0
+
+
+@pytest.mark.soak
+def test_the_command_writes_tables_and_pictures_and_says_what_it_missed(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hhsim.bench.paper.figures.TILE", 60)
+    monkeypatch.setattr("hhsim.render.hand_picture.AZIMUTHS", (0, 90))
+    scene = ("--quick", "--object", "hexagonal-prism", "--method", "coupled")
+    arguments = (*scene, "--instances", "1", "--repetitions", "1")
+    answer = run("bench", "paper", *arguments, "--out", "paper.h5", "--plot", "figures", "--json")
+    document = json.loads(answer.out)
+    assert answer.code == (1 if document["missed"] else 0)
+    table, scenes = load_table(tmp_path / "paper.h5"), load_table(tmp_path / "paper-scenes.h5")
+    assert [one["row"] for one in table.rows] == [one["row"] for one in document["rows"]]
+    assert len(scenes.rows) == len(document["scenes"]) == 3 + 1 + 1
+    begins = {".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml"}
+    assert {Path(path).name for path in document["pictures"]} == {
+        f"{name}{kind}" for name in ("fig11", "fig12-hexagonal-prism") for kind in begins
+    }
+    for path in map(Path, document["pictures"]):
+        assert path.read_bytes().startswith(begins[path.suffix])
+    # Text of a PDF is TrueType letters, a curve of an SVG is a path, and neither has a date.
+    pdf, svg = (tmp_path / "figures" / f"fig12-hexagonal-prism{kind}" for kind in (".pdf", ".svg"))
+    assert b"/CIDFontType2" in pdf.read_bytes() and b"CreationDate" not in pdf.read_bytes()
+    assert "<dc:date>" not in svg.read_text() and svg.read_text().count('<path d="M') > 10
+    again = run("bench", "paper", *arguments, "--out", "paper.h5")
+    assert "mean tick, hexagonal-prism" in again.out and "0.48 ms" in again.out
+    assert ("missed: " in again.out) == (again.code == 1)
+    assert ("index force and named touches have no bar here" in again.out) == (again.code == 0)

@@ -1,0 +1,131 @@
+"""Peers: what is run and left out, that its figures are those of the runs, with a made-up engine and the command."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Run
+
+from hhsim.bench.suite import measure
+from hhsim.bench.suites import peers
+from hhsim.bench.suites.peers import (
+    COLUMNS,
+    SUITE,
+    Peer,
+    PeerErrors,
+    PeersOptions,
+    installed,
+    remarks,
+    table_rows,
+    won_by_others,
+)
+from hhsim.bench.trade_off import Run as MethodRun
+from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.solver.outside_method import MethodScene, TickAnswer
+from hhsim.table.file import ALL, load_table, rows_of
+
+
+class PushedEverywhere:
+    """Shows the user's own hand, and says that the palm is pushed."""
+
+    gives_forces = True
+
+    def __init__(self, scene: MethodScene) -> None:
+        pass
+
+    def begin(self, pose: HandConfiguration) -> None:
+        pass
+
+    def tick(self, haptic: HandConfiguration) -> TickAnswer:
+        return TickAnswer(haptic, np.zeros((5, 3, 3)), np.array([0.0, 0.0, 1.0]), native_ns=7)
+
+
+class Absent(PushedEverywhere):
+    """An engine that is not installed."""
+
+    missing = "needs patience"
+
+
+FAKE, GONE = f"{__name__}:PushedEverywhere", f"{__name__}:Absent"
+
+
+def errors(error: float) -> PeerErrors:
+    return PeerErrors(error, 0.0, 0.0, 0.0, error, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 10)
+
+
+def made_up(method: str, time: float, error: float) -> MethodRun:
+    surface = "mesh"
+    times = [np.full(5, time)]
+    return MethodRun("cube", "grasp", Peer(method, surface), times, times, errors=errors(error))
+
+
+def test_what_is_not_installed_is_left_out_with_a_line() -> None:
+    peers, notes = installed(PeersOptions(methods=("coupled", GONE, FAKE)))
+    assert [(peer.method, peer.surface) for peer in peers] == [
+        ("coupled", "mesh"), ("coupled", "spheres"), (FAKE, "mesh"),
+    ]  # fmt: skip
+    assert notes == [f"left out: {GONE} needs patience"]
+    with pytest.raises(InputError, match="needs patience"):
+        measure(SUITE, PeersOptions(methods=(GONE,)))
+
+
+def test_a_hand_inside_is_told_by_how_much() -> None:
+    options = PeersOptions(
+        objects=("cube",), motions=("touch",), methods=("coupled", FAKE), repetitions=1, rate=50.0, hands=20
+    )
+    ours, _, other = measure(SUITE, options)
+    assert ours.errors is not None and other.errors is not None and other.failure == ""
+    assert ours.errors.mesh_error < 2e-6
+    # The user's finger is in the cube, and the palm, which is said to be pushed, far away from it.
+    assert other.errors.mesh_depth_max > 1e-3
+    assert other.errors.contact_error_max > 0.01
+    assert other.errors.palm_off_mean == 0.0
+    np.testing.assert_allclose(other.other, 7e-9)
+    rows = table_rows([ours, other])
+    assert [set(row) for row in rows] == [{column.name for column in COLUMNS}] * len(rows)
+
+
+def test_a_run_that_takes_long_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    options = PeersOptions(objects=("cube",), motions=("touch",), methods=(FAKE,), repetitions=2, rate=50.0, hands=5)
+    (twice,) = measure(SUITE, options)
+    monkeypatch.setattr(peers, "LONG", 0.0)
+    (once,) = measure(SUITE, options)
+    assert (len(twice.cpu), len(once.cpu)) == (2, 1)
+    assert [row["repetitions"] for row in table_rows([twice, once])] == [2, 1, 1, 1]
+
+
+def test_who_is_as_near_and_faster_wins() -> None:
+    rows = table_rows([made_up("coupled", 1e-5, 1e-4), made_up(FAKE, 5e-6, 2e-4), made_up("penalty", 4e-5, 3e-4)])
+    single = {row["method"]: row for row in rows if row["motion"] != ALL}
+    assert [row["method"] for row in won_by_others(rows)] == [FAKE]
+    assert single[FAKE]["times_ours"] == pytest.approx(0.5)
+    assert single["penalty"]["times_ours"] == pytest.approx(4.0)
+    assert {name for name, row in single.items() if row["frontier"]} == {"coupled", FAKE}
+    nearer = table_rows([made_up("coupled", 1e-5, 1e-4), made_up(FAKE, 1e-3, 1e-5)])
+    assert [row["method"] for row in won_by_others(nearer)] == [FAKE]
+    slower = table_rows([made_up("coupled", 1e-5, 1e-4), made_up(FAKE, 1e-3, 2e-4)])
+    assert won_by_others(slower) == []
+
+
+def test_a_run_that_fails_wins_nothing_and_is_told() -> None:
+    failed = MethodRun("cube", "grasp", Peer(FAKE, "mesh"), failure="it broke")
+    runs = [made_up("coupled", 1e-5, 1e-4), failed]
+    assert won_by_others(table_rows(runs)) == []
+    assert any("1 of 2 runs could not be done" in line and "it broke" in line for line in remarks(runs))
+
+
+def test_the_command_writes_table_and_picture(run: Run, tmp_path: Path) -> None:
+    answer = run(
+        "bench", "peers", "--object", "cube", "--motion", "touch", "--method", f"coupled,{FAKE},{GONE}", "--rate", "50",
+        "--repetitions", "1", "--json", "--out", "peers.h5",
+    )  # fmt: skip
+    assert answer.code == 0, answer.err
+    document = json.loads(answer.out)
+    assert f"left out: {GONE} needs patience" in document["notes"]
+    assert {row["method"] for row in rows_of(tmp_path / "peers.h5", "peers")} == {"coupled", FAKE}
+    assert load_table(tmp_path / "peers.h5").suite == "peers"
+    assert (tmp_path / "peers.png").stat().st_size > 10_000
+    with pytest.raises(InputError, match="is a table of hhsim bench peers"):
+        rows_of(tmp_path / "peers.h5", "speed-error")

@@ -1,0 +1,220 @@
+"""The suite `stress`: its figures are those of the ticks, a planted fault is missed by no count, and kept."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sampled import sampled
+from scipy.spatial.transform import Rotation
+from sphere_scenes import bumpy_ball, record_clearance
+
+from hhsim.bench.robustness.objects import ball_mesh
+from hhsim.bench.robustness.random_targets import StressOptions
+from hhsim.bench.robustness.safety import BLOCK
+from hhsim.bench.suites import stress
+from hhsim.bench.suites.stress import STRETCH_BLOCKS, StressCase, StressFigures, run_case
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.model import HandModel
+from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_TOUCHING
+from hhsim.motion.file import load_trajectory
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.method import METHODS
+from hhsim.solver.options import UNBOUNDED, SolverOptions
+from hhsim.table.file import load_table
+
+pytestmark = pytest.mark.slow
+
+
+HAND = HandModel.default()
+BALL = bumpy_ball(300)
+TIMES = {"cpu_p50", "cpu_p99", "cpu_max"}
+TICKS = BLOCK + 700
+"""More than a block, so that what is carried from one to the next is carried."""
+
+
+@pytest.fixture(autouse=True)
+def failures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(stress, "FAILURES", tmp_path / "failures")
+    return tmp_path / "failures"
+
+
+def case(method: str = "coupled", ticks: int = TICKS, wild: bool = False, surface: str = "spheres") -> StressCase:
+    return StressCase(
+        object="ball",
+        tree=BALL,
+        mesh=ball_mesh(subdivisions=3),
+        hand=HAND,
+        solver=SolverOptions(method=method, surface=surface),
+        stress=StressOptions(wild=wild),
+        seed=4,
+        ticks=ticks,
+    )
+
+
+class Planted(HandSolver):
+    """Faults at chosen ticks of a long run, and wherever a fresh solver meets the same input."""
+
+    def run(self, *haptic: Any) -> TickRecord:
+        record = super().run(*haptic)
+        position, _, flexion, _ = haptic
+        right = (record.work[:, WORK_TOUCHING] > 0) & (position[:, 0] > 0.02)
+        inside = np.flatnonzero(right & (flexion[:, 1, 0] > 0.9))
+        center = self.workspace.center()
+        record.joints[inside, 1] += center - record.joints[inside, 1, 1:2]
+        record.position[inside] = center
+        record.total[right & (flexion[:, 4, 1] > 1.6), 1] = np.inf
+        return record
+
+
+class Lazy(HandSolver):
+    """A hand that stays where it was whenever the thumb is bent, and says that it is stuck."""
+
+    def run(self, *haptic: Any) -> TickRecord:
+        record = super().run(*haptic)
+        for tick in np.flatnonzero(haptic[2][1:, 0, 1] > 1.0) + 1:
+            for values in (*HandConfiguration.of(record), record.joints):
+                values[tick] = values[tick - 1]
+            record.status[tick] |= STATUS_STUCK
+        return record
+
+
+@pytest.mark.parametrize("method", sampled(["coupled", "progressive"], lambda _, method: method == "coupled"))
+def test_the_figures_are_those_of_the_ticks(method: str) -> None:
+    figures = run_case(case(method))
+    motion = case(method).targets().take(TICKS)
+    record = case(method).new_solver().run(*motion)
+    clearance = record_clearance(HAND, BALL, record)
+    assert clearance.min() > -1e-6
+    assert figures.penetration == max(0.0, -clearance.min())
+    assert figures.lagging == (record.status & STATUS_LAG > 0).sum() > 50
+    assert figures.touching == (record.work[:, WORK_TOUCHING] > 0).sum() > 500
+    assert figures.ticks == figures.cpu.count == TICKS
+    size = np.linalg.norm(record.total, axis=1)
+    assert figures.force_max == size.max()
+    top = int(size.argmax())
+    bend = np.clip(motion.flexion[top], HAND.flexion_min, HAND.flexion_max) - record.flexion[top]
+    own = 1000.0 * np.linalg.norm(motion.position[top] - record.position[top])
+    own += (0.5 * np.abs(bend) / HAND.length).sum()
+    turn = Rotation.from_quat(motion.orientation[top], scalar_first=True)
+    turn = turn * Rotation.from_quat(record.orientation[top], scalar_first=True).inv()
+    farthest = (np.linalg.norm(HAND.base, axis=1) + HAND.length.sum(axis=1)).max()
+    own += 5.0 * turn.magnitude() / farthest
+    assert figures.coupling_force == pytest.approx(own, rel=1e-9)
+    assert figures.safe and figures.failures == ""
+    if method == "coupled":
+        # Its forces balance the coupling: at a tick that lags they are at most that.
+        assert figures.force_ratio < 1.1
+
+
+def replayed_failures(figures: StressFigures, again: StressCase) -> dict[str, int]:
+    """Ticks of each kept motion that fail when it runs again from its file, by the kind of failure."""
+    found = {}
+    for text in figures.failures.split("; "):
+        kind, path = text.partition(" at tick ")[0], Path(text.split()[text.split().index("replay") + 2])
+        motion = HandConfiguration.of(load_trajectory(path).resampled(1000.0, "hold"))
+        found[kind] = int(again.failed(motion)[kind].sum())
+    return found
+
+
+def test_planted_faults_are_counted_and_kept_to_be_replayed(monkeypatch: pytest.MonkeyPatch, failures: Path) -> None:
+    wanted = case()
+    sound = replace(wanted)
+    monkeypatch.setattr(stress, "HandSolver", Planted)
+    # A hand that snaps takes many ticks to where a fault is planted.
+    wanted = replace(wanted, solver=replace(wanted.solver, snap_speed=UNBOUNDED))
+    figures = run_case(wanted)
+    record = wanted.new_solver().run(*wanted.targets().take(TICKS))
+    deep = -record_clearance(HAND, BALL, record)
+    over = (deep > 1e-6).any(axis=1)
+    assert figures.penetrating == figures.penetrating_deep == over.sum() > 0
+    assert figures.penetration == pytest.approx(deep.max(), rel=1e-12)
+    assert figures.penetration_palm == pytest.approx(deep[:, 15].max(), rel=1e-12)
+    assert figures.penetration_finger == pytest.approx(deep[:, :15].max(), rel=1e-12)
+    assert figures.not_finite == np.isinf(record.total).any(axis=1).sum() > 0
+    assert not figures.safe
+    first = f"penetration at tick {over.argmax():,}: hhsim replay ball {failures}/ball-coupled-penetration-seed4"
+    assert figures.failures.startswith(first) and "--method coupled --samples hold" in figures.failures
+    found = replayed_failures(figures, wanted)
+    assert set(found) == {"penetration", "not finite"} and min(found.values()) > 0
+    monkeypatch.setattr(stress, "HandSolver", HandSolver)
+    assert set(replayed_failures(figures, sound).values()) == {0}
+
+
+@pytest.mark.soak
+def test_a_hand_that_is_stuck_without_cause_is_a_missed_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stress, "HandSolver", Lazy)
+    figures = run_case(case(ticks=900))
+    assert figures.stuck >= figures.unexplained > 10
+    assert figures.longest_stuck > 10
+    assert not figures.safe
+    assert replayed_failures(figures, case())["stuck"] > 0
+
+
+def test_a_failure_that_needs_all_that_came_before_is_kept_whole(
+    monkeypatch: pytest.MonkeyPatch, failures: Path
+) -> None:
+    # Farther from the start than the blocks that are kept.
+    monkeypatch.setattr(stress, "BLOCK", 256)
+    late = (STRETCH_BLOCKS + 1) * 256
+
+    class Late(HandSolver):
+        seen = 0
+
+        def run(self, *haptic: Any) -> TickRecord:
+            record = super().run(*haptic)
+            first, self.seen = self.seen, self.seen + len(haptic[0])
+            if first <= late < self.seen:
+                record.total[late - first] = np.nan
+            return record
+
+    monkeypatch.setattr(stress, "HandSolver", Late)
+    figures = run_case(case(ticks=late + 300))
+    assert figures.failures.startswith(f"not finite at tick {late:,}: ")
+    (path,) = failures.iterdir()
+    assert load_trajectory(path).sample_count == late + 1
+    assert replayed_failures(figures, case()) == {"not finite": 1}
+
+
+def test_the_command_writes_its_table_and_prints_it(run: Any, tmp_path: Path) -> None:
+    words = ("bench", "stress", "cube", "--ticks", "120", "--seed", "3")
+    answer = run(*words, "--out", "stress.h5")
+    # A first run tells of compilation.
+    assert (answer.code, "error" in answer.err, "warning" in answer.err) == (0, False, False)
+    table = load_table(tmp_path / "stress.h5")
+    assert [row["method"] for row in table.rows] == list(METHODS)
+    assert table.options["seed"] == 3
+    lines = answer.out.splitlines()
+    assert sum(line.startswith("cube ") for line in lines) == len(METHODS)
+    assert "coupled: no limit missed" in lines
+    assert lines[-1] == "the table is in stress.h5 and stress.csv"
+    again = run(*words, "--method", "coupled", "--json", "--out", "again.h5")
+    document = json.loads(again.out)
+    assert (again.code, document["missed"], document["table"]) == (0, [], "again.h5")
+    for row, before in zip(document["rows"], table.rows):
+        assert {n: v for n, v in row.items() if n not in TIMES} == {n: v for n, v in before.items() if n not in TIMES}
+
+
+def test_surfaces_have_rows_of_their_own_and_methods_that_take_no_mesh_are_left_out(run: Any, tmp_path: Path) -> None:
+    words = ("bench", "stress", "cube", "--ticks", "60", "--surface", "spheres,mesh", "--out", "both.h5")
+    answer = run(*words)
+    assert answer.code == 0, answer.err
+    rows = [(row["method"], row["surface"]) for row in load_table(tmp_path / "both.h5").rows]
+    assert rows == [*((method, "spheres") for method in METHODS), ("coupled", "mesh"), ("progressive", "mesh")]
+    assert {"coupled: no limit missed", "coupled on the mesh: no limit missed"} <= set(answer.out.splitlines())
+
+
+def test_the_command_tells_a_missed_limit_and_how_to_see_it(
+    run: Any, monkeypatch: pytest.MonkeyPatch, failures: Path
+) -> None:
+    monkeypatch.setattr(stress, "HandSolver", Planted)
+    words = ("bench", "stress", "cube", "--method", "coupled", "--ticks", "3000", "--level", "2", "--margin", "1.5")
+    answer = run(*words, "--seed", "1")
+    assert answer.code == 1
+    assert "missed: cube, coupled, spheres" in answer.out.splitlines()
+    (line,) = (line for line in answer.out.splitlines() if "hhsim replay" in line)
+    assert line.endswith("--method coupled --samples hold --level 2 --margin 1.5")
+    assert line.count("hhsim replay") == len(list(failures.iterdir())) > 0

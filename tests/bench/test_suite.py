@@ -1,0 +1,253 @@
+"""Every suite by one command: what it refuses, prints, writes and keeps."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest import Run
+
+from hhsim.bench import suite as module
+from hhsim.bench import suites
+from hhsim.bench.registry import SUITES, suite_lines
+from hhsim.bench.robustness.random_targets import StressOptions
+from hhsim.bench.suite import Preset, Running, Suite, run_tasks_of, setting
+from hhsim.bench.suites.hard import HardOptions
+from hhsim.bench.suites.manipulation import ManipulationOptions
+from hhsim.bench.suites.paper import PaperOptions
+from hhsim.bench.suites.peers import PeersOptions
+from hhsim.bench.suites.speed_error import SpeedErrorOptions
+from hhsim.bench.suites.trees import TreesOptions
+from hhsim.errors import InputError, OutputError
+from hhsim.system.settings_file import Count, check_fields
+from hhsim.table.file import load_table
+from hhsim.table.table import Column, Table
+
+REFUSED: tuple[tuple[type, dict[str, Any], str], ...] = (
+    (SpeedErrorOptions, {"objects": ("buny",)}, "unknown object 'buny': did you mean bunny"),
+    (SpeedErrorOptions, {"motions": ("grip",)}, "unknown trajectory 'grip'"),
+    (SpeedErrorOptions, {"methods": ("couple",)}, "unknown method 'couple': did you mean coupled"),
+    (SpeedErrorOptions, {"backends": ("quadprg",)}, "unknown QP solver 'quadprg'"),
+    (SpeedErrorOptions, {"surfaces": ("mash",)}, "unknown surface 'mash': did you mean mesh"),
+    (SpeedErrorOptions, {"motions": ("never",)}, "'never' touches nothing"),
+    (SpeedErrorOptions, {"levels": (6,)}, "whole number from 1 to 5"),
+    (SpeedErrorOptions, {"surfaces": (), "methods": ("coupled",)}, "surfaces = .*at least one name"),
+    (SpeedErrorOptions, {"surfaces": ("mesh",), "methods": ("coupled", "paper")}, "takes the surface spheres"),
+    (PeersOptions, {"motions": ("never",)}, "touches nothing"),
+    (PeersOptions, {"objects": ()}, "objects = .*at least one name"),
+    (TreesOptions, {"objects": ("bunyn",)}, "bunny"),
+    (TreesOptions, {"spheres": (40_000,)}, "32768"),
+    (PaperOptions, {"methods": ("best",)}, "best"),
+    (PaperOptions, {"objects": ("mug",)}, "mug"),
+    (PaperOptions, {"methods": ()}, "methods = .*at least one name"),
+    (PaperOptions, {"repetitions": 0}, "repetitions = 0"),
+    (PaperOptions, {"threads": 6}, "= 6; expected a whole number from 1 to 5"),
+    (ManipulationOptions, {"cases": ("slop",)}, "unknown case 'slop'"),
+    (HardOptions, {"ticks": 10}, "ticks = 10; expected a whole number from 8000"),
+    (StressOptions, {"hold": 0}, "hold"),
+    (StressOptions, {"bound": "finger"}, "unknown bound 'finger': known: hand, none, palm"),
+    (StressOptions, {"flexion_range": (0.5, 1.5)}, "flexion_range"),
+    (StressOptions, {"flexion_range": (0.6, 0.5)}, "flexion_range"),
+)
+COMMANDS = (
+    ("stress --surface mesh --method paper", "method paper takes the surface spheres, not mesh: "),
+    ("stress bunyn", "unknown object 'bunyn': did you mean bunny?"),
+    ("speed-error --motion never", "touches nothing"),
+    ("speed-error --level 0", "expected whole numbers from 1 to 5 with commas between"),
+    ("speed-error --level 3,x", "expected whole numbers from 1 to 5 with commas between"),
+    ("speed-error --out none/a.h5", "there is no folder"),
+    ("speed-error --peers none.h5", "none.h5: no such file; expected a table of hhsim bench"),
+    ("stress --out x.csv", "x.csv must end in .h5: the CSV file of the same name goes beside it"),
+    ("hard fast-swip", "unknown hard case 'fast-swip': did you mean fast-swipe?"),
+    ("hard flat-finger", "hard case 'flat-finger' is made of triangles alone: it takes --surface mesh"),
+    ("hard --method couple", "unknown method 'couple': did you mean coupled?"),
+    ("hard --resume .", ". holds other files, and no bench"),
+    ("trees --plot a.h5", "no picture by its ending"),
+    ("trees --size nan", "nan is not in the range 1<=x<=10000"),
+    ("paper --quick --plot thesis.parquet", "thesis.parquet"),
+    ("recorded nowhere", "nowhere: no such file or folder"),
+    ("recorded", "no recordings"),
+)
+
+
+@pytest.mark.parametrize(("options", "values", "message"), REFUSED)
+def test_impossible_settings_are_refused(options: type, values: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        options(**values)
+
+
+@pytest.mark.parametrize(("words", "message"), COMMANDS)
+def test_a_command_refuses_before_the_work(run: Run, tmp_path: Path, words: str, message: str) -> None:
+    (tmp_path / "thesis.parquet").write_text("no programs")
+    answer = run("bench", *words.split())
+    assert (answer.code, answer.out) == (2, "") and message in answer.err
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["thesis.parquet"]
+
+
+def test_answers_are_printed_and_written(run: Run, tmp_path: Path) -> None:
+    answer = run("bench", "manipulation", "--case", "slope", "--quick", "--out", "a.h5")
+    assert answer.code == 0, answer.err
+    assert "every figure of ours holds" in answer.out.splitlines()
+    rows = load_table(tmp_path / "a.h5").rows
+    assert {row["case"] for row in rows} == {"block on 30°, μ 0.3", "block on 30°, μ 0.6"}
+    assert all(row["holds"] == 1 and row["figure"] for row in rows)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Numbers to double."""
+
+    numbers: tuple[Count, ...] = setting((1, 2, 3), "Numbers.")
+    repetitions: Count = setting(1, "Repetitions.")
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+def doubled(cell: int, before: Any) -> Any:
+    if cell == 66:
+        raise KeyboardInterrupt
+    return [{"number": cell, "twice": 2.0 * cell, "times": 1 if before is None else before[0]["times"] + 1}]
+
+
+COLUMNS = (Column("number", "a number"), Column("twice", "twice as much", "mm"), Column("times", "how often"))
+DOUBLES = Suite(
+    help="Double numbers.",
+    settings=Settings,
+    columns=COLUMNS,
+    cells=lambda settings, progress: settings.numbers,
+    run=doubled,
+    rows=lambda settings, figures: [row for rows in figures for row in rows],
+    tables=lambda settings, rows, figures: [Table.of_records(COLUMNS, rows, "number twice=double", "Doubles")],
+    missed=lambda settings, rows: [f"{row['number']} is unlucky" for row in rows if row["number"] == 13],
+    lines=lambda settings, rows: ["all are doubled"],
+    notes=lambda settings, figures: ["a note"],
+    is_portable=True,
+    preset=Preset("quick", "One number.", {"numbers": (7,)}),
+    listed=lambda settings: Table((Column("number", of=lambda number: number),), settings.numbers),
+)
+
+
+HALVES = '''
+"""Halves of numbers."""
+
+from dataclasses import dataclass
+
+from hhsim.bench.suite import Suite, setting
+from hhsim.table.table import Column, Table
+
+
+@dataclass(frozen=True)
+class Halving:
+    """Numbers."""
+
+    numbers: tuple[int, ...] = setting((1, 2), "Numbers.")
+    table: str | None = setting(None, "Table of numbers.", metavar="FILE")
+
+
+COLUMNS = (Column("half", "half of a number"),)
+SUITE = Suite(
+    help="Halve numbers.",
+    settings=Halving,
+    columns=COLUMNS,
+    cells=lambda settings, progress: settings.numbers,
+    run=lambda number, before: [{"half": 0.5 * number}],
+    rows=lambda settings, figures: [row for rows in figures for row in rows],
+    tables=lambda settings, rows, figures: [Table.of_records(COLUMNS, rows)],
+    is_portable=True,
+)
+'''
+
+
+def test_a_suite_is_one_file(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "halves.py").write_text(HALVES.lstrip())
+    monkeypatch.setattr(suites, "__path__", [*suites.__path__, str(tmp_path)])
+    assert suite_lines()["halves"] == "Halves of numbers."
+    answer = run("bench", "halves", "--numbers", "3,5", "--resume", "kept", "--json")
+    assert answer.code == 0, answer.err
+    assert json.loads(answer.out)["rows"] == [{"half": 1.5}, {"half": 2.5}]
+    assert "--numbers NUMBERS" in run("bench", "halves", "--help").out
+    # What a file holds is a part of the settings that name it.
+    for content in ("a", "a", "b"):
+        (tmp_path / "table.txt").write_text(content)
+        assert run("bench", "halves", "--table", "table.txt", "--resume", "of_files", "--quiet").code == 0
+    assert len(list((tmp_path / "of_files").glob("*.json"))) == 1 + 2 * 2
+
+
+@pytest.fixture
+def bench(run: Run, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
+    """Run the command of these doubles in the place of that of the trees."""
+    monkeypatch.setattr("hhsim.bench.suites.trees.SUITE", DOUBLES)
+    module._cells.cache_clear()
+    return lambda *words: run("bench", "trees", *words)
+
+
+def test_a_suite_has_one_table_for_people_files_and_programs(bench: Callable[..., Any], tmp_path: Path) -> None:
+    answer = bench("--out", "a.h5", "--numbers", "4,5", "--repetitions", "3")
+    assert answer.code == 0
+    assert [" ".join(line.split()) for line in answer.out.splitlines() if "──" not in line] == [
+        *("Doubles", "number double [mm]", "4 8,000", "5 10,000", "", "all are doubled"),
+        "the table is in a.h5 and a.csv",
+    ]
+    assert answer.err.splitlines()[-1] == "hhsim: note: a note"
+    table = load_table(tmp_path / "a.h5")
+    assert (table.suite, table.options) == ("trees", {"numbers": [4, 5], "repetitions": 3})
+    assert table.rows == tuple({"number": n, "twice": 2.0 * n, "times": 3} for n in (4, 5))
+    assert (tmp_path / "a.csv").read_text().splitlines()[:2] == ["number,twice [m],times", "4,8.0,3"]
+    document = json.loads(bench("--out", "a.h5", "--json", "--quick").out)
+    assert document["options"]["numbers"] == [7] and document["units"]["twice"] == "m"
+    assert document["rows"] == [{"number": 7, "twice": 14.0, "times": 1}]
+    assert (document["missed"], document["notes"], document["table"]) == ([], ["a note"], "a.h5")
+    assert json.loads(bench("--quick", "--numbers", "9", "--json").out)["options"]["numbers"] == [9]
+
+
+def test_a_missed_bar_is_exit_code_1_and_quiet_says_nothing(bench: Callable[..., Any]) -> None:
+    loud, quiet = bench("--numbers", "13"), bench("--numbers", "13", "--quiet")
+    assert (loud.code, quiet.code, quiet.out, quiet.err) == (1, 1, "", "")
+    assert "missed: 13 is unlucky" in loud.out.splitlines()
+    listed = bench("--list")
+    assert listed.code == 0 and listed.out.split()[2:] == ["1", "2", "3"]
+    assert json.loads(bench("--list", "--json").out)["rows"] == [{"number": n} for n in (1, 2, 3)]
+
+
+def test_an_interrupt_keeps_the_cells_that_are_done(bench: Callable[..., Any], tmp_path: Path) -> None:
+    answer = bench("--numbers", "4,66,5", "--out", "table.h5")
+    assert (answer.code, answer.out) == (130, "")
+    assert "interrupted; what ran so far, 1 in all, is in table.h5" in answer.err
+    assert [row["number"] for row in load_table(tmp_path / "table.h5").rows] == [4]
+
+
+def test_cells_that_are_kept_are_not_run_again(
+    bench: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = bench("--numbers", "4,5", "--resume", "kept", "--json")
+    (done, _) = sorted(path for path in (tmp_path / "kept").glob("*.json") if path.name != module.MARK)
+    done.write_text(json.dumps([{"number": 4, "twice": 0.5, "times": 1}]))
+    again = json.loads(bench("--numbers", "4,5", "--resume", "kept", "--json").out)
+    assert json.loads(first.out)["rows"][0]["twice"] == 8.0
+    assert 0.5 in [row["twice"] for row in again["rows"]]
+    other = json.loads(bench("--numbers", "4,5", "--repetitions", "2", "--resume", "kept", "--json").out)
+    assert 0.5 not in [row["twice"] for row in other["rows"]], "other settings are another bench"
+
+
+@pytest.mark.soak
+def test_processes_give_the_rows_of_one(tmp_path: Path) -> None:
+    settings = HardOptions(cases=("never-touches", "too-many-pairs"), methods=("coupled",))
+    alone = run_tasks_of("hard", settings, Running(folder=tmp_path / "one"))
+    assert repr(run_tasks_of("hard", settings, Running(jobs=2))) == repr(alone)
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "thesis.txt").write_text("mine")
+    with pytest.raises(OutputError, match="holds other files"):
+        run_tasks_of("hard", settings, Running(folder=tmp_path / "other"))
+
+
+def test_every_suite_has_a_line_and_settings_that_stand_alone(tmp_path: Path) -> None:
+    assert list(suite_lines()) == SUITES.names() and all(line.endswith(".") for line in suite_lines().values())
+    for name, suite in SUITES.items():
+        if name != "recorded":
+            assert suite.settings() == suite.settings()
+        if suite.preset is not None:
+            suite.settings(**suite.preset.values)
+        assert len({column.name for column in suite.columns}) == len(suite.columns)
