@@ -9,14 +9,9 @@ import numpy as np
 import pytest
 from conftest import Run
 
-<<<<<<< HEAD
-from hhsim.bench.peers import capsule_hand
+from hhsim.bench.suites.peers import capsule_hand
 from hhsim.engines import mujoco as module
 from hhsim.engines.mujoco import COARSE, FINE, Ball, Box, Hull, MuJoCoFast, convex_parts, lack_of
-=======
-from hhsim.bench.suites.peers import capsule_hand
-from hhsim.engines.rigid_hand import lack_of
->>>>>>> h-bench
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel, Side

@@ -24,7 +24,7 @@ from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
-from hhsim.linkage.object_mesh import resolve_object
+from hhsim.linkage.file import resolve_object
 from hhsim.mesh.catalogue import object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import Penetration
