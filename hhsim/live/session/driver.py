@@ -98,7 +98,7 @@ class GloveDriver:
             keep_off(wishes.loop_cpu)
             become_real_time(replace(wishes, lock_memory=False, cpu=-1), above=-1)
             if self._until_loop(BEGIN):
-                self._carry()
+                self.carry()
         finally:
             self.close()
             become_ordinary()
@@ -114,7 +114,7 @@ class GloveDriver:
             time.sleep(0.001)
         return True
 
-    def _carry(self) -> None:
+    def carry(self) -> None:
         """Carry samples and commands until the loop has ended; earlier samples are taken first."""
         ring = self.memory.samples
         before = -MOST_SAMPLES

@@ -73,7 +73,7 @@ def run(
             time.sleep(1.0 / hertz if hertz else 0.01)
         loop.stop("enough")
 
-    threads = [threading.Thread(target=target) for target in (driver.run, loop.place, end)]
+    threads = [threading.Thread(target=target) for target in (driver.carry, loop.place, end)]
     for thread in threads:
         thread.start()
     try:
