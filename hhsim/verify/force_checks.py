@@ -127,7 +127,9 @@ def _snaps(judge: JudgedTicks) -> list[Claim]:
     settled = np.maximum.accumulate(np.where(judge.status & SNAP, -1, np.arange(judge.result.ticks)))
     growth = 1.0 + ((before - settled[before]) / FALLS) ** 2
     most = judge.diagonal[0] * (growth * judge.options["snap_speed"] * judge.options["period"] + way)
-    off = np.where(idle, np.inf, np.linalg.norm(step[:, :PALM], axis=2).max(axis=1) - most)
+    # Phalanges of a finger share what touches their joint in any way: their sum is what follows.
+    of_finger = step[:, :PALM].reshape(len(step), -1, 3, 3).sum(axis=2)
+    off = np.where(idle, np.inf, np.linalg.norm(of_finger, axis=2).max(axis=1) - most)
     says = "a hand that snaps has a way left, or forces that follow as fast as the hand may go"
     return [judged("snaps", says, np.maximum(off, 0.0), FORCE * (1.0 + most), "N", WHY_FORCE, ticks=snaps)]
 
