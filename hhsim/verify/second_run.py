@@ -109,7 +109,7 @@ def second_run_claim(result: Result, report: Progress, trust: bool = False) -> C
                 with run.writer(path, ()):
                     run.go(report)
                     run.finish()
-            with open_hdf5(first.path) as stored, h5py.File(path, "r") as made:
+            with open_hdf5(first.path) as stored, open_hdf5(path) as made:
                 found = _compared(first, stored, made)
     except HhsimError as error:
         # hhsim would not have made such a file by a method and a QP solver of its own.
