@@ -42,7 +42,7 @@ MOST_OPTIONS = 15
 
 
 class RunningOptions(OptionGroup):
-    """Where cells are run, and kept."""
+    """Options of the processes that run a suite's cells, and of the folder that keeps their figures."""
 
     jobs: int = option(type=options.JOBS, default=1, metavar="N", help="Cells at a time, in processes of this machine.")
     scheduler: str = option(

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeAlias
@@ -63,7 +64,8 @@ class Suite:
     columns: Sequence[Column]
     cells: Callable[[Any, Progress], Sequence[Any]]  # of the settings
     run: Callable[[Any, Any], Any]  # figures of a cell; None before the first time
-    rows: Callable[[Any, Sequence[Any]], list[Row]]  # of the settings and the figures of all cells
+    # Of the settings and the figures of all cells; without it, the figures of a cell are a list of rows.
+    rows: Callable[[Any, Sequence[Any]], list[Row]] = lambda settings, figures: list(chain.from_iterable(figures))
     # What people read, of the settings, the rows and the figures.
     tables: Callable[[Any, Sequence[Row], Sequence[Any]], Sequence[Table]]
     missed: Callable[[Any, Sequence[Row]], list[str]] = no_lines  # missed bars, a few words each: exit code 1
@@ -112,7 +114,7 @@ def run_cells(suite: Suite, settings: Any, progress: Progress = silent) -> Itera
 
 @dataclass(frozen=True)
 class Running:
-    """Where the cells of a portable suite are run, and kept."""
+    """Processes or cluster that run the cells of a portable suite, and the folder that keeps their figures."""
 
     jobs: int = 1  # processes of this machine; 1 for this process
     scheduler: str = ""  # address of a Dask cluster, or `hhsim.sweep.engines.LOCAL`

@@ -119,7 +119,6 @@ DOUBLES = Suite(
     columns=COLUMNS,
     cells=lambda settings, progress: settings.numbers,
     run=doubled,
-    rows=lambda settings, figures: [row for rows in figures for row in rows],
     tables=lambda settings, rows, figures: [Table.of_records(COLUMNS, rows, "number twice=double", "Doubles")],
     missed=lambda settings, rows: [f"{row['number']} is unlucky" for row in rows if row["number"] == 13],
     lines=lambda settings, rows: ["all are doubled"],
@@ -154,7 +153,6 @@ SUITE = Suite(
     columns=COLUMNS,
     cells=lambda settings, progress: settings.numbers,
     run=lambda number, before: [{"half": 0.5 * number}],
-    rows=lambda settings, figures: [row for rows in figures for row in rows],
     tables=lambda settings, rows, figures: [Table.of_records(COLUMNS, rows)],
     is_portable=True,
 )

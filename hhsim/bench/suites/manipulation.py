@@ -361,7 +361,6 @@ SUITE = Suite(
     columns=COLUMNS,
     cells=lambda options, progress: [(name, options) for name in options.cases or case_names()],
     run=run,
-    rows=lambda options, figures: [row for rows in figures for row in rows],
     tables=lambda options, rows, figures: [Table.of_records(COLUMNS, rows)],
     missed=missed,
     lines=lines,

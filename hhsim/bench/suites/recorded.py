@@ -139,7 +139,6 @@ SUITE = Suite(
     columns=COLUMNS,
     cells=cells,
     run=run,
-    rows=lambda options, figures: [row for rows in figures for row in rows],
     tables=tables,
     missed=missed,
     lines=lambda options, rows: [] if missed(options, rows) else ["no limit missed"],

@@ -337,7 +337,6 @@ SUITE = Suite(
     columns=COLUMNS,
     cells=cells,
     run=lambda case, before: Table(COLUMNS, [run_case(case)]).records,
-    rows=lambda options, figures: [row for rows in figures for row in rows],
     tables=lambda options, rows, figures: [
         Table.of_records(COLUMNS, rows, SHOWN, "stress: a new random hand every few ticks")
     ],

@@ -195,7 +195,6 @@ SUITE = Suite(
     columns=COLUMNS,
     cells=cells,
     run=run,
-    rows=lambda options, figures: [row for rows in figures for row in rows],
     tables=tables,
     missed=missed_bars,
     lines=lambda options, rows: [
