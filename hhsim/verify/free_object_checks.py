@@ -19,10 +19,12 @@ from hhsim.verify.force_checks import FORCE, TURN, WHY_FORCE, WHY_SLACK, bears_w
 from hhsim.verify.forces import limit_rows, pushes, residual
 from hhsim.verify.free_motion import FreeBody, FreeMotion
 from hhsim.verify.joint_checks import driven_claim, held_claim, pair_claim
-from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, STUCK, JudgedTicks, left_out
+from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, SNAP, STUCK, JudgedTicks, left_out
 
 RADIUS = 0.02
 """Shortest radius at which a contact turns [m]: that of a phalanx."""
+SNAPPED = 1e-3
+"""Share of its springs' forces by which a hand that is held back may be off balance: it turns by as much in a tick."""
 
 
 def free_claims(result: Result) -> list[Claim]:
@@ -196,8 +198,9 @@ def _cones(motion: FreeMotion) -> list[Claim]:
 def _hand_balance(judge: JudgedTicks) -> Claim:
     """Judge a free object's hand, world: contacts, friction and joint limits balance the coupling.
 
-    Where it bears on other bodies, whose contacts are not in the file, its forces as a whole balance the palm's pull;
-    ticks in which it meets another hand are left out.
+    A hand that snaps is held back besides, by the springs times its way in the tick and some factor. Where it bears on
+    other bodies, whose contacts are not in the file, its forces as a whole balance the palm's pull; ticks in which it
+    meets another hand are left out.
     """
     name, says = "hand's balance", "the coupling of a settled tick is borne by its contacts, friction and all, "
     says += "and by joints at their limits"
@@ -206,7 +209,14 @@ def _hand_balance(judge: JudgedTicks) -> Claim:
     settled = (status & flags == 0) & ~motion.meets_hand[judge.chosen]
     places, ticks = np.flatnonzero(settled), judge.chosen[settled]
     size = np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1)
-    off = np.linalg.norm(judge.pull[ticks, :3] - np.asarray(result["force/total"])[ticks], axis=1)
+    snaps = (judge.status[ticks] & SNAP != 0)[:, None]
+    held_back = np.where(snaps, judge.springs_of_way[ticks], 0.0)
+    off = np.array(
+        [
+            residual(-back[:3, None], pull[:3] - total)
+            for back, pull, total in zip(held_back, judge.pull[ticks], np.asarray(result["force/total"])[ticks])
+        ]
+    )
     for n, (i, tick) in enumerate(zip(places.tolist(), ticks.tolist())):
         if not motion.alone[tick]:
             continue
@@ -215,9 +225,11 @@ def _hand_balance(judge: JudgedTicks) -> Claim:
         twist = motion.torsion[rows, None] * motion.normal[rows]
         pushed = pushes(judge.chosen_posed, i, motion.touching[rows], motion.point[rows], motion.force[rows], twist)
         limits, _ = limit_rows(judge.hand, judge.chosen_shown.flexion[i])
-        off[n] = residual((limits * judge.scale).T, (judge.pull[tick] - pushed[0].sum(axis=0)) * judge.scale)
+        rests = np.concatenate([limits, -held_back[n : n + 1]]) * judge.scale
+        off[n] = residual(rests.T, (judge.pull[tick] - pushed[0].sum(axis=0)) * judge.scale)
     bodies = [FreeBody(result, body) for body in result.bodies.values()]
-    tolerance = _hand_slack(judge, bodies, size, places)
+    # The ways of several steps, each from where the one before ended, add up to first order.
+    tolerance = _hand_slack(judge, bodies, size, places) + np.where(snaps[:, 0], SNAPPED * size[places], 0.0)
     return judged(name, says, off, tolerance, "N", WHY_SLACK, ticks=ticks, note=left_out(status, flags))
 
 

@@ -115,6 +115,14 @@ class JudgedTicks:
         return np.concatenate([here.position - there.position, turn, bend], axis=1) * self.diagonal
 
     @cached_property
+    def springs_of_way(self) -> FloatArray:
+        """Springs G times the shown hand's way since the tick before, shape (T, 21): 0 at the first tick."""
+        here = self.shown
+        turn = turn_between(here.orientation[:-1], here.orientation[1:])
+        way = [np.diff(here.position, axis=0), turn, np.diff(here.flexion.reshape(-1, 15), axis=0)]
+        return np.concatenate([np.zeros((1, 21)), np.concatenate(way, axis=1)]) * self.diagonal
+
+    @cached_property
     def moved(self) -> FloatArray:
         """Travel of the farthest joint since the tick before [m], shape (T,); infinite at the first tick."""
         moved = np.linalg.norm(np.diff(self.shown_posed.joints, axis=0), axis=3).max(axis=(1, 2), initial=0.0)

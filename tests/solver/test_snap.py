@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from planted_faults import planted
 
+from cli.replay import command as replay
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.pose import farthest_joint, move, update_kinematics
 from hhsim.kernels.tick.force import ease_forces
@@ -72,6 +73,29 @@ def test_a_tick_that_snaps_without_a_reason_is_found(grasp: Result, tmp_path: Pa
     assert claims["snaps"].failed
 
 
+@pytest.fixture(scope="module")
+def lift(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """A cup that a trembling hand lifts: fingertips slip off its rim, and unbounded the hand by 14.5 mm in a tick."""
+    out = tmp_path_factory.mktemp("lift") / "cup.h5"
+    replay(["cup", "lift", "--free", "--tremor", "0.2,0.3", "--out", str(out), "--quiet"], standalone_mode=False)
+    return load_result(out)
+
+
+def test_beside_a_free_body_damping_keeps_the_bound(lift: Result) -> None:
+    run = result_ticks(lift)
+    assert run_figure("snap_ticks", run) > 10, "the scene hardly provokes"
+    assert run_figure("posture_jump_max", run) <= 2.0 * SNAP_STEP
+    assert run_figure("penetration_max", run) == 0.0
+    assert not [claim for claim in verify(lift).claims if claim.failed]
+
+
+def test_a_force_that_no_damping_explains_is_found(lift: Result, tmp_path: Path) -> None:
+    tick = int(np.flatnonzero(np.asarray(lift["status"]) == STATUS_SNAP)[0])
+    haptic = at("moved", "hands/right/tick/haptic/position", tick, lambda place: place + 1e-3)
+    claims = {claim.name: claim for claim in verify(planted(lift.path, tmp_path, haptic)).claims}
+    assert claims["hand's balance"].failed
+
+
 def test_a_slower_loop_lets_the_hand_go_farther_in_a_tick() -> None:
     assert tick_options(SolverOptions().at_rate(200.0), HAND).snap_step == pytest.approx(5.0 * SNAP_STEP)
 
@@ -93,7 +117,7 @@ def test_a_step_ends_where_a_joint_has_gone_as_far_as_it_may(seed: int) -> None:
     progress.bound = random.exponential(1e-3)
     state.step.delta[:] = random.normal(0.0, 3e-3, 21)
     gone, share = farthest_joint(state.pose.joints, progress.start), random.uniform(0.1, 1.0)
-    kept = keep_bound(arrays, tick_options(SolverOptions(), HAND), share, 1.0, state)
+    kept = keep_bound(arrays, tick_options(SolverOptions(), HAND), True, share, 1.0, state)
     move(state.pose, state.step.delta, state.problem.abduction_step, kept)
     update_kinematics(arrays, state.pose)
     most, there = max(progress.bound, gone + LEAST_STEP * SNAP_STEP), farthest_joint(state.pose.joints, progress.start)

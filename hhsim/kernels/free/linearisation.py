@@ -13,6 +13,7 @@ from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
 from hhsim.kernels.contact.self_pairs import BROKEN, begin_rows, choose_bends
 from hhsim.kernels.contact.surface_code import SurfaceCode, find_surface_contacts
 from hhsim.kernels.free.body import OBJECT_DOF, body_target, see_hand
+from hhsim.kernels.free.bound import damped_target
 from hhsim.kernels.free.columns import (
     body_column,
     body_count,
@@ -65,6 +66,7 @@ def _aim(state: Record, world: Record, h: int, target_out: Array, abduction_out:
     place, turn = world.palm_position[h], world.palm_orientation[h]
     see_hand(world.bodies[0], place, turn, haptic.position[:], haptic.orientation[:])
     step_to_haptic(state, target_out, abduction_out)
+    damped_target(world, h, as_int64(0), as_int64(6))
 
 
 @jit
@@ -168,6 +170,7 @@ def _aim_fingers(method: Free, world: Record) -> None:
                 target[6 + PHALANX_COUNT * f + k] = each.haptic.flexion[f, k] - each.pose.flexion[f, k]
             if not bends(method.states, problem, world.meeting, as_int64(h), f):
                 clamp_to_limits(mover_of(method, h), each.pose, f, target)
+        damped_target(world, as_int64(h), as_int64(6), as_int64(DOF))
 
 
 @jit_noinline
@@ -214,12 +217,13 @@ def prepare(method: Free, near: float, state: Record) -> int:
         joints += 1 if has_joint_rows(bodies[k]) else 0
         alone = problem.body_target[OBJECT_DOF * k : OBJECT_DOF * k + OBJECT_DOF]
         find_table_contacts(bodies[k], k, method.supports[k], options.margin, close, alone, friction)
-    if state.work[WORK_LINEARISATIONS] == 0:
+    programs = state.work[WORK_LINEARISATIONS] - state.progress.restarted
+    if programs == 0:
         step, abduction = problem.before[:], problem.before_abduction[:]
     else:
         step, abduction = problem.total[:], problem.abduction_total[:]
     # Directions that went on turning would give each program another one, and the tick no end.
-    turns = as_bool(state.work[WORK_LINEARISATIONS] < SEARCHED)
+    turns = as_bool(programs < SEARCHED)
     begin_frictions(method.states, bodies, step, abduction, problem, world.held, turns, friction)
     scale_target(bodies, problem)
     count = total + friction.count - friction.of_hand + joints + own
@@ -304,7 +308,7 @@ def _solve_program(method: Free, count: int, clipped: bool, state: Record, qp: Q
 def _solve_rows(method: Free, clipped: bool, state: Record, qp: QpWork) -> int:
     began = monotonic_ns()
     rounds = as_int64(1)
-    if state.work[WORK_LINEARISATIONS] <= SEARCHED and not clipped:
+    if state.work[WORK_LINEARISATIONS] - state.progress.restarted <= SEARCHED and not clipped:
         rounds = begin_search(method.world[0].coulomb)
     status = solve_free(method.options, method.states, method.world[0], rounds, clipped, qp)
     state.step.duration[DURATION_PALM] += monotonic_ns() - began

@@ -17,6 +17,7 @@ from hhsim.kernels.free.record import borne_dtype
 from hhsim.kernels.free.rows import free_problem_dtype, friction_count, friction_dtype, held_dtype
 from hhsim.kernels.free.slips import coulomb_dtype
 from hhsim.kernels.tick.second_order import correction_dtype
+from hhsim.kernels.tick.state import JOINTS
 
 MOST_HANDS, MOST_BODIES = 2, 6
 
@@ -54,6 +55,9 @@ def world_dtype() -> "np.dtype[Any]":
             ("palm_position", np.float64, (hands, 3)),  # of each user's hand, world [m]
             ("palm_orientation", np.float64, (hands, 4)),  # likewise
             ("scratch_turn", np.float64, (4,)),
+            ("joints", np.float64, JOINTS),  # scratch: of a hand, world [m]
+            ("damping", np.float64),  # s of the hands in this tick, see `kernels.free.bound`
+            ("raises", np.int64),  # number of times that it has been raised in this tick
             ("longest", np.float64, pairs),  # motion of what moves in each pair in the last program's step [m]
             ("found", np.int64, pairs),  # contacts of each pair within reach at the last program
             ("taken", np.int64, (hands,)),  # status bits of each hand's last sample

@@ -25,6 +25,15 @@ from hhsim.kernels.free.body import (
     take_velocity,
     turn_back,
 )
+from hhsim.kernels.free.bound import (
+    MOST_DAMPING,
+    MOST_RAISES,
+    begin_bounds,
+    beyond_bound,
+    leave_way,
+    raise_damping,
+    see_motions,
+)
 from hhsim.kernels.free.columns import (
     States,
     body_column,
@@ -54,7 +63,13 @@ from hhsim.kernels.tick.haptic_input import set_haptic
 from hhsim.kernels.tick.method import advance, begin_motion, finish_tick, may_end, recover, tick
 from hhsim.kernels.tick.restoration import TRUST_DECAY, take_back
 from hhsim.kernels.tick.settled_forces import ON_THE_WAY
-from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_LAG, STATUS_SNAP, WORK_TOUCHING
+from hhsim.kernels.tick.state import (
+    STATUS_CAPACITY_EXCEEDED,
+    STATUS_LAG,
+    STATUS_SNAP,
+    WORK_LINEARISATIONS,
+    WORK_TOUCHING,
+)
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM, copy_active
 from hhsim.kernels.tick.step_length import keep_bound
 from hhsim.kernels.tick.tick import MOST_FAILED_STEPS, accept, begin_tick, converge, tick_status, update_reach
@@ -162,6 +177,24 @@ def _keep(world: Record) -> None:
     copy_borne(body_count(problem), world.tried, world.borne)
 
 
+@jit_noinline
+def _slows_down(method: Free, state: Record) -> bool:
+    """Damp hands that have gone beyond their bound, and go back for another program; returns whether it does."""
+    world, options = method.world[0], method.options
+    ratio = beyond_bound(options, method.states, world)
+    can_raise = world.raises < MOST_RAISES and world.damping < MOST_DAMPING
+    programs, progress = state.work[WORK_LINEARISATIONS], state.progress
+    # A tick that ended without a step would stop the bodies.
+    left, needed = options.linearisations - programs, 2 if progress.is_accepted else programs - progress.restarted
+    is_late = left < needed
+    if ratio <= 1.0 or not can_raise or is_late:
+        return as_bool(False)
+    raise_damping(ratio, method.states, world)
+    progress.restarted = programs
+    _take_back(method)
+    return as_bool(True)
+
+
 @advance.of(Free)
 @jit
 def _advance(method: Free, hand: HandArrays, surface: SurfaceCode, full_motion: float, state: Record) -> bool:
@@ -169,20 +202,22 @@ def _advance(method: Free, hand: HandArrays, surface: SurfaceCode, full_motion: 
     world = method.world[0]
     began = monotonic_ns()
     options, problem, progress, states = method.options, world.problem, state.progress, method.states
-    pairs = pair_count(problem)
+    pairs, still = pair_count(problem), is_still(problem)
     for p in range(pairs):
         for f in range(FINGER_COUNT if problem.other[p] < 0 else 0):
             clamp_to_limits(mover_of(method, p), states[p].pose, f, states[p].step.delta[:])
     fraction, longest = allowed_share(method)
-    for h in range(hand_count(problem) if is_still(problem) else 0):
-        fraction = keep_bound(method.movers[h], options, fraction, world.longest[h], states[h])
+    for h in range(hand_count(problem) if still else 0):
+        own = states[h].contacts.start[FINGER_COUNT + 1] + states[h].self_contact.count
+        hindered = as_bool(own + world.meeting.count > 0)
+        fraction = keep_bound(method.movers[h], options, hindered, fraction, world.longest[h], states[h])
     _move_all(method, fraction, state)
     least = np.inf
     for p in range(pairs):
         motion = world.longest[p]
         # Where nothing else moves as of a hand alone, see `kernels.tick.tick`.
         foreseen = REACH_FLOOR * max(options.step_tolerance, motion)
-        if not is_still(problem):
+        if not still:
             foreseen = max(REACH_FLOOR * options.step_tolerance, motion)
         update_reach(options, fraction, motion, full_motion, foreseen, states[p])
     fits = measure(method)
@@ -195,7 +230,9 @@ def _advance(method: Free, hand: HandArrays, surface: SurfaceCode, full_motion: 
     if table < 0.0:
         keep_entry(number, lowest, world.friction)
     done = False
-    if not fits:
+    if fits and least >= 0.0 and table >= 0.0 and not still and _slows_down(method, state):
+        done = not measure(method)
+    elif not fits:
         progress.lag = max(full_motion, longest) - fraction * longest
         done = True
     elif least >= 0.0 and table >= 0.0:
@@ -206,7 +243,7 @@ def _advance(method: Free, hand: HandArrays, surface: SurfaceCode, full_motion: 
         for p in range(pairs):
             arrived = accept(options, fraction, world.longest[p], full_motion, states[p])
             states[p].progress.snaps = problem.other[p] < 0 and states[problem.hand[p]].progress.snaps
-            done = (arrived or states[p].progress.snaps) and done
+            done = (arrived or (still and states[p].progress.snaps)) and done
         if not held:
             progress.lag = max(progress.lag, longest)
         if hand_count(problem) > 1 and world.meeting.count > 0 and longest > options.step_tolerance:
@@ -266,7 +303,14 @@ def _finish_tick(method: Free, hand: HandArrays, surface: SurfaceCode, state: Re
         each = states[p]
         if p < hand_count(problem):
             _see_haptic(mover_of(method, p), world, p, each)
+        # Beside what moves a hand that snaps has made all of its step, unless it lags as well. Both hands are damped.
+        snaps = as_bool(
+            (each.progress.snaps or (world.damping > 0.0 and p < hand_count(problem))) and not is_still(problem)
+        )
+        each.progress.snaps = each.progress.snaps and not snaps
         world.status[p] = tick_status(cut_short, as_bool(False), each)
+        if snaps and progress.is_accepted:
+            leave_way(each, world)
         if pairs_overflow:
             world.status[p] |= STATUS_CAPACITY_EXCEEDED
         if p >= hand_count(problem):
@@ -326,6 +370,7 @@ def _may_end(method: Free, state: Record) -> bool:
 def _tick(method: Free, hand: HandArrays, surface: SurfaceCode, state: Record, qp: QpWork) -> int:
     """Take the user's hands, which are the world's, and converge; they are then as the object sees them."""
     world = method.world[0]
+    see_motions(method.states, world)
     for h in range(hand_count(world.problem)):
         each = method.states[h]
         if each.input.is_valid:
@@ -344,6 +389,7 @@ def _begin_motion(method: Free, hand: HandArrays, surface: SurfaceCode, state: R
     begin_joints(method.states, world.bodies, problem)
     for p in range(1, pair_count(problem)):
         begin_tick(method.options, method.states[p])
+    begin_bounds(method.options, method.states, world)
     for k in range(body_count(world.problem)):
         predict(world.bodies[k])
         keep_body(world.bodies[k])

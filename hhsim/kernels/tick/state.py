@@ -100,6 +100,7 @@ PROGRESS = np.dtype(
         ("differs_from_safe", np.bool_),
         # a tick accepted no step, or only a share of one, and the hand has not arrived since
         ("is_unfinished", np.bool_),
+        ("restarted", np.int64),  # linearisations of this tick before it began anew, see `kernels.free.bound`
         ("failed_steps", np.int64),  # steps in a row that ended inside the object
         ("idle_ticks", np.int64),  # ticks in a row that accepted no step
         ("path", np.float64),  # sum of the motion bounds of all steps tried in this tick [m]

@@ -54,6 +54,13 @@ def allowed_fraction(hand: HandArrays, options: TickOptions, state: Record) -> t
 
 
 @jit_inline
+def snap_step(options: TickOptions, progress: Record) -> float:
+    """Return how far a hand may go in this tick beyond the user's own motion [m]: farther where it snaps for long."""
+    growth = progress.snapped / FALLS
+    return options.snap_step * (1.0 + growth * growth)
+
+
+@jit_inline
 def set_bound(options: TickOptions, state: Record) -> None:
     """Set how far the hand may go in this tick, from where it stands: as far as the user's has gone, and a snap step.
 
@@ -64,8 +71,7 @@ def set_bound(options: TickOptions, state: Record) -> None:
     left = progress.bound - farthest_joint(state.pose.joints, progress.start) if progress.lag > 0.0 else 0.0
     progress.snapped = progress.snapped + 1 if progress.snaps else 0
     progress.behind = progress.lag if progress.snaps else 0.0
-    growth = progress.snapped / FALLS
-    progress.bound = options.snap_step * (1.0 + growth * growth) + state.input.motion + progress.carried
+    progress.bound = snap_step(options, progress) + state.input.motion + progress.carried
     if progress.lag > progress.behind:
         progress.bound += max(progress.lag, left)
     progress.snaps = False
@@ -76,16 +82,17 @@ def set_bound(options: TickOptions, state: Record) -> None:
 
 
 @jit_inline
-def keep_bound(hand: HandArrays, options: TickOptions, fraction: float, longest: float, state: Record) -> float:
+def keep_bound(
+    hand: HandArrays, options: TickOptions, hindered: bool, fraction: float, longest: float, state: Record
+) -> float:
     """Return the share of a step, `longest` [m] as a whole, after which no joint is beyond the bound of this tick.
 
     The nearest pose can move on by millimetres for a breath of the user's hand: a contact that held it gives way. The
     joints then follow as far as `set_bound` says. A step from inside the object may go a little farther, to leave it.
-    A hand without rows has no bound, but where it snapped in the last tick: then it comes nearer to the user's by a
-    share of the way left.
+    A hand without rows is not `hindered` and has no bound, but where it snapped in the last tick: then it comes nearer
+    to the user's by a share of the way left.
     """
     progress, least = state.progress, LEAST_STEP * options.snap_step
-    hindered = state.contacts.start[FINGER_COUNT + 1] + state.self_contact.count > 0
     if not hindered and progress.snapped == 0:
         return fraction
     bound = progress.bound if hindered else progress.bound + IN_THE_AIR * progress.behind

@@ -108,7 +108,7 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     state.progressive.variables = 6
     progress.is_accepted = False
     progress.pairs_overflow = False
-    progress.failed_steps = 0
+    progress.failed_steps = progress.restarted = 0
     state.first_step.free_share = 0.0
     state.step.duration[:] = 0
     state.step.iterations = 0
@@ -238,7 +238,8 @@ def advance_hand(method: Any, hand: HandArrays, surface: SurfaceCode, full_motio
         clamp_to_limits(hand, state.pose, f, step.delta[:])
     clearance = least_distance(state)
     fraction, longest = allowed_fraction(hand, options, state)
-    fraction = keep_bound(hand, options, fraction, longest, state)
+    hindered = as_bool(state.contacts.start[FINGER_COUNT + 1] + state.self_contact.count > 0)
+    fraction = keep_bound(hand, options, hindered, fraction, longest, state)
     move(state.pose, step.delta, state.problem.abduction_step, fraction)
     # Twice the step: where contacts change, the next one may be longer, and cut short by the reach, make that grow.
     foreseen = REACH_FLOOR * max(options.step_tolerance, longest)

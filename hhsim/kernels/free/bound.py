@@ -1,0 +1,160 @@
+"""Bound of the shown hands' way in a tick beside bodies that move, kept by damping.
+
+Where nothing else moves, a hand that would go beyond its bound makes a share of its step (`keep_bound` of
+`kernels.tick.step_length`). A share of a step would hold back the bodies, too, as if they met something. So the hands
+are damped instead: with q₀ where a hand stood at the start of the tick, the program's objective becomes
+
+    ½ |q - user|²_G + ½ s |q - q₀|²_G,
+
+and s, usually 0, is raised until no joint goes beyond the bound. Contact forces and the bodies' motion stay in balance.
+"""
+
+import math
+
+from hhsim.kernels.free.columns import States, first_finger, hand_count, is_still, pair_count, palm_column
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
+from hhsim.kernels.hand.pose import farthest_joint
+from hhsim.kernels.jit import Array, Record, as_bool, jit, jit_noinline
+from hhsim.kernels.rotation import rotation_vector_between, turned
+from hhsim.kernels.tick.options import TickOptions
+from hhsim.kernels.tick.step_length import IN_THE_AIR, snap_step
+
+MOST_RAISES = 5
+"""Most times in a tick that damping is raised; what is left beyond the bound then is a jump."""
+MOST_DAMPING = 30.0
+"""Largest s: a hand that were held would hit what moves into it like a wall."""
+AIMED = 0.9
+"""Share of the bound that a raised damping aims at."""
+LEAST_RAISE = 1.5
+"""Least factor by which a raise multiplies the hands' stiffness."""
+
+
+@jit
+def _to_world(body: Record, joints: Array, joints_out: Array) -> None:
+    """Write joints of a body's frame in the world, shapes (5, 4, 3)."""
+    center, place = body.center, body.position
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT + 1):
+            joint = joints[f, k]
+            x, y, z = turned(body.rotation, joint[0] - center[0], joint[1] - center[1], joint[2] - center[2])
+            joints_out[f, k, 0], joints_out[f, k, 1], joints_out[f, k, 2] = x + place[0], y + place[1], z + place[2]
+
+
+@jit
+def _carried(body: Record, joints: Array) -> float:
+    """Return how far a body's motion in this tick takes the farthest of these joints along, world [m]."""
+    turn, place, begun, farthest = body.vector, body.position, body.start_position, 0.0
+    rotation_vector_between(body.start_orientation[:], body.orientation[:], turn[:])
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT + 1):
+            joint = joints[f, k]
+            x, y, z = joint[0] - begun[0], joint[1] - begun[1], joint[2] - begun[2]
+            vx = place[0] - begun[0] + turn[1] * z - turn[2] * y
+            vy = place[1] - begun[1] + turn[2] * x - turn[0] * z
+            vz = place[2] - begun[2] + turn[0] * y - turn[1] * x
+            farthest = max(farthest, vx * vx + vy * vy + vz * vz)
+    return math.sqrt(farthest)
+
+
+@jit
+def see_motions(states: States, world: Record) -> None:
+    """Take the user's motion before a tick begins.
+
+    Of the last sample the joints are in the frame of the first body, as it stands now; of the newest in the world.
+    """
+    if is_still(world.problem):
+        return
+    for h in range(hand_count(world.problem)):
+        sample = states[h].input
+        sample.motion = 0.0
+        if sample.is_valid:
+            _to_world(world.bodies[0], sample.joints, world.joints)
+            sample.motion = farthest_joint(world.joints, states[h].haptic.joints)
+
+
+@jit
+def begin_bounds(options: TickOptions, states: States, world: Record) -> None:
+    """Begin a tick without damping, from where the hands stand in the world.
+
+    Where they lag for lack of work they follow later on: beside bodies that is no reason for a longer way.
+    """
+    if is_still(world.problem):
+        return
+    for h in range(hand_count(world.problem)):
+        progress = states[h].progress
+        _to_world(world.bodies[0], states[h].pose.joints, progress.start)
+        progress.bound = snap_step(options, progress) + states[h].input.motion
+    world.raises = 0
+    if world.damping > 0.0:
+        damp(states, world, 0.0)
+
+
+@jit
+def damp(states: States, world: Record, damping: float) -> None:
+    """Set the damping s of all hands."""
+    problem = world.problem
+    world.damping = damping
+    for j in range(DOF):
+        problem.inverse_root[j] = 1.0 / math.sqrt((1.0 + damping) * states[0].stiffness[j])
+        for p in range(pair_count(problem)):
+            states[p].problem.inverse_root[j] = problem.inverse_root[j]
+
+
+@jit
+def damped_target(world: Record, h: int, first: int, stop: int) -> None:
+    """Bring the target of a hand's variables `first` to `stop` from the user's to that of the damped objective."""
+    problem, damping = world.problem, world.damping
+    if damping == 0.0:
+        return
+    palm, fingers, target = palm_column(problem, h), first_finger(problem, h), problem.hand_target
+    for j in range(first, stop):
+        made = problem.total[palm + j if j < 6 else fingers - 6 + j]
+        target[DOF * h + j] = (target[DOF * h + j] - damping * made) / (1.0 + damping)
+
+
+@jit_noinline
+def beyond_bound(options: TickOptions, states: States, world: Record) -> float:
+    """Return the most by which a hand's way in the tick is a multiple of its bound; where above 1 the hand snaps.
+
+    The way is beyond that of the bodies at the hand. A hand without contacts has no bound, but where it snapped in the
+    last tick.
+    """
+    problem, worst = world.problem, 0.0
+    for h in range(hand_count(problem)):
+        each, carried, near = states[h], 0.0, as_bool(False)
+        for p in range(pair_count(problem)):
+            if problem.hand[p] != h or problem.other[p] >= 0:
+                continue
+            near = near or problem.last[p] > problem.first[p] or world.meeting.count > 0
+            body = problem.body[p]
+            if problem.last[p] > problem.first[p] and world.bodies[body].is_free == 1:
+                carried = max(carried, _carried(world.bodies[body], each.progress.start))
+        bound = each.progress.bound + carried
+        if not near:
+            if each.progress.snapped == 0:
+                continue
+            bound += IN_THE_AIR * each.progress.behind
+        _to_world(world.bodies[0], each.pose.joints, world.joints)
+        way = farthest_joint(world.joints, each.progress.start) / bound
+        if way > 1.0:
+            each.progress.snaps = True
+        worst = max(worst, way)
+    return worst
+
+
+@jit
+def raise_damping(ratio: float, states: States, world: Record) -> None:
+    """Damp the hands so much more that a way of `ratio` bounds becomes one of less than the bound."""
+    world.raises += 1
+    factor = max(LEAST_RAISE, ratio / AIMED)
+    damp(states, world, min(MOST_DAMPING, (1.0 + world.damping) * factor - 1.0))
+
+
+@jit
+def leave_way(state: Record, world: Record) -> None:
+    """Let a hand snap, and its lag be the way that it has left, as if undamped."""
+    progress = state.progress
+    progress.snaps = True
+    _to_world(world.bodies[0], state.pose.joints, world.joints)
+    left = world.damping * farthest_joint(world.joints, progress.start)
+    progress.lag = max(progress.lag, min(left, farthest_joint(state.pose.joints, state.haptic.joints)))
