@@ -16,7 +16,6 @@ import h5py
 import msgspec
 import numpy as np
 
-from hhsim.arrays import AnyArray, IntArray
 from hhsim.errors import HhsimError, InputError, OutputError
 from hhsim.linkage.file import names_a_linkage
 from hhsim.mesh.catalogue import names_a_file
@@ -50,6 +49,9 @@ UNITS = {**ROUNDING, "s": 1e-9, "rad,m": 1e-12}
 """Largest difference that counts as rounding on another machine, by unit."""
 SAME_FIGURE = 1e-6
 """The same of figures and labels, as a share."""
+NOT_RUN = (f"/{TIMINGS}", f"/{schema.SKIN}/")
+"""Parts of the paths of datasets that no second run gives: times, and a skin, which is added to its file afterwards."""
+MISSING = object()
 TOLD = 4
 """Differences that a note tells, of all."""
 
@@ -66,27 +68,19 @@ class Comparison:
     def add(self, item: str, difference: str, tick: int | None = None) -> None:
         """Count an item, and note how it differs; "" for not at all."""
         self.compared += 1
-        if not difference:
-            return
-        self.different[item] = difference
-        if tick is not None:
-            self.first_tick = tick if self.first_tick is None else min(self.first_tick, tick)
-
-    @property
-    def told(self) -> str:
-        """The first differences in words."""
-        texts = [f"{item} {difference}" for item, difference in list(self.different.items())[:TOLD]]
-        rest = len(self.different) - len(texts)
-        return "; ".join([*texts, *([f"{rest:,} more"] if rest else [])])
+        if difference:
+            self.different[item] = difference
+            self.first_tick = min((at for at in (self.first_tick, tick) if at is not None), default=None)
 
     def claim(self, result: Result, note: str) -> Claim:
         """Return the verdict; none on a run of another version that differs."""
+        texts = [f"{item} {difference}" for item, difference in list(self.different.items())[:TOLD]]
+        texts += [f"{len(self.different) - TOLD:,} more"] if len(self.different) > TOLD else []
         makers = other_makers(result) if self.elsewhere else []
         of_versions = [text for text in makers if not text.startswith(("cpu", "system"))]
-        wrong = np.zeros(max(self.compared, 1), bool)
-        wrong[: len(self.different)] = True
+        wrong = np.arange(max(self.compared, 1)) < len(self.different)
         why = "rounding, of another machine or version" if self.elsewhere else "equal bytes"
-        notes = "; ".join(filter(None, [self.told, note, *makers]))
+        notes = "; ".join(filter(None, ["; ".join(texts), note, *makers]))
         claim = replace(all_true(NAME, SAYS, wrong, note=notes, why=why), tick=self.first_tick)
         return replace(claim, verdict=NOT_JUDGED) if claim.failed and of_versions else claim
 
@@ -187,49 +181,42 @@ def _scene_by_words(result: Result, known: Mapping[str, Any], options: SolverOpt
     return scene
 
 
-def _compared(result: Result, stored: h5py.File, made: h5py.File) -> Comparison:
-    found = Comparison(bool(other_makers(result)))
-    for path in sorted({*_paths(stored), *_paths(made)}):
-        one, other = stored.get(path), made.get(path)
-        if one is None or other is None:
-            found.add(path, "is in no run" if other is None else "is not there")
-        elif isinstance(one, h5py.Dataset) and isinstance(other, h5py.Dataset):
-            found.add(path, *_rows_apart(result, path, one, other, found.elsewhere))
-    for path in ("/", *sorted({*_groups(stored)} & {*_groups(made)})):
-        for name in sorted({*stored[path].attrs} | {*made[path].attrs}):
-            one, other = stored[path].attrs.get(name), made[path].attrs.get(name)
-            if path == "/" and name in OF_NO_RUN:
-                continue
-            if path.startswith(schema.SUMMARY):
-                # A run that was stopped has no figures.
-                if result.complete and not is_measured(name):
-                    found.add(f"{path}@{name}", _figures_apart(one, other, found.elsewhere))
-            elif name in ("scene", "properties"):
-                _compare_labels(f"{path}@{name}", json.loads(str(one)), json.loads(str(other)), found)
-            else:
-                found.add(f"{path}@{name}", _figures_apart(one, other, False))
-    return found
-
-
-def _paths(file: h5py.File) -> Iterator[str]:
-    """Yield the datasets of a run; a skin is added to its file afterwards."""
-    names: list[str] = []
-    file.visititems(lambda path, item: names.append(path) if isinstance(item, h5py.Dataset) else None)
-    skipped = (f"/{TIMINGS}", f"/{schema.SKIN}/")
-    return (path for path in names if not any(part in path for part in skipped))
-
-
-def _groups(file: h5py.File) -> list[str]:
-    """Paths of all groups and datasets, which have attributes."""
-    names: list[str] = []
-    file.visit(names.append)
-    return names
-
-
 def is_measured(figure: str) -> bool:
     """True for a figure of the summary that no second run gives: a time."""
     known = run_metrics().get(figure)
     return known is not None and known.noise > 0.0
+
+
+def _compared(result: Result, stored: h5py.File, made: h5py.File) -> Comparison:
+    found = Comparison(bool(other_makers(result)))
+    of_both = _paths(stored).keys() & _paths(made).keys() | {"/"}
+    for path in sorted({**_paths(stored), **_paths(made)}):
+        one, other = stored.get(path), made.get(path)
+        if not isinstance(one or other, h5py.Dataset) or any(part in path for part in NOT_RUN):
+            continue
+        if one is None or other is None:
+            found.add(path, _word(one, other))
+        else:
+            found.add(path, *_rows_apart(result, path, one, other, found.elsewhere))
+    for path in sorted(of_both):
+        for name in sorted({*stored[path].attrs, *made[path].attrs}):
+            one, other = (file[path].attrs.get(name) for file in (stored, made))
+            if name in ("scene", "properties"):
+                _compare_labels(f"{path}@{name}", json.loads(str(one)), json.loads(str(other)), found)
+            elif path.startswith(schema.SUMMARY):
+                # A run that was stopped has no figures.
+                if result.complete and not is_measured(name):
+                    found.add(f"{path}@{name}", _apart(one, other, found.elsewhere * SAME_FIGURE))
+            elif path != "/" or name not in OF_NO_RUN:
+                found.add(f"{path}@{name}", _apart(one, other, 0.0))
+    return found
+
+
+def _paths(file: h5py.File) -> dict[str, Any]:
+    """All groups and datasets of a file by their paths."""
+    found: dict[str, Any] = {}
+    file.visititems(lambda path, item: found.update({path: item}))
+    return found
 
 
 def _rows_apart(
@@ -241,43 +228,25 @@ def _rows_apart(
         other = other[: len(one)]
     if one.shape != other.shape or one.dtype != other.dtype:
         return f"has shape {one.shape} and type {one.dtype}, not {other.shape} and {other.dtype}", None
-    units = str(made.attrs.get("units", ""))
     bound = 0.0
     if elsewhere:
         counts = f"/{schema.TICK}/{COUNTERS}" in path
-        bound = np.inf if counts else UNITS.get(units, 0.0) if one.dtype.kind == "f" else 0.0
-    rows = _differing(one, other, bound)
+        unit = UNITS.get(str(made.attrs.get("units", "")), 0.0)
+        bound = np.inf if counts else unit if one.dtype.kind == "f" else 0.0
+    if one.dtype.kind == "O" or not one.size:
+        rows = np.flatnonzero(one != other)
+    else:
+        a, b = (np.ascontiguousarray(values).reshape(len(values), -1) for values in (one, other))
+        same = a.view(np.uint8) == b.view(np.uint8)
+        if bound > 0.0:
+            a, b = a.astype(np.float64), b.astype(np.float64)
+            same = (a == b) | (np.isnan(a) & np.isnan(b)) | (np.abs(a - b) <= bound)
+        rows = np.flatnonzero(~same.all(axis=1))
     if not len(rows):
         return "", None
     of_ticks = f"{schema.TICK}/" in path
-    place = f"tick {rows[0]:,}" if of_ticks else f"row {rows[0]:,}"
+    place = f"{'tick' if of_ticks else 'row'} {rows[0]:,}"
     return f"differs in {len(rows):,} rows, first in {place}", int(rows[0]) if of_ticks else None
-
-
-def _differing(one: AnyArray, other: AnyArray, bound: float) -> IntArray:
-    """Rows that differ by more than `bound`, by any byte for 0."""
-    if one.dtype.kind == "O" or not one.size:
-        return np.flatnonzero(one != other)
-    one, other = (np.ascontiguousarray(values).reshape(len(values), -1) for values in (one, other))
-    rows = np.flatnonzero((one.view(np.uint8) != other.view(np.uint8)).any(axis=1))
-    if bound == 0.0:
-        return rows
-    a, b = one[rows].astype(np.float64), other[rows].astype(np.float64)
-    near = (a == b) | (np.isnan(a) & np.isnan(b)) | (np.abs(a - b) <= bound)
-    return np.asarray(rows[~near.all(axis=1)])
-
-
-def _figures_apart(stored: Any, made: Any, elsewhere: bool) -> str:
-    """Return how two attributes differ; "" for not at all."""
-    if stored is None or made is None:
-        return "is in no run" if made is None else "is not there"
-    one, other = np.asarray(stored), np.asarray(made)
-    numbers = one.dtype.kind in "fiu" and other.dtype.kind in "fiu" and one.shape == other.shape
-    if numbers and np.array_equal(one, other, equal_nan=True):
-        return ""
-    if numbers and elsewhere and np.allclose(one, other, rtol=SAME_FIGURE, atol=SAME_FIGURE, equal_nan=True):
-        return ""
-    return "" if not numbers and np.array_equal(one, other) else f"is {stored}, and {made} of a second run"
 
 
 def _compare_labels(path: str, stored: Mapping[str, Any], made: Mapping[str, Any], found: Comparison) -> None:
@@ -285,21 +254,11 @@ def _compare_labels(path: str, stored: Mapping[str, Any], made: Mapping[str, Any
     one, other = dict(_labels(stored)), dict(_labels(made))
     for label in sorted(one.keys() | other.keys()):
         first = label.partition(".")[0]
-        if first in OF_A_MACHINE or (label not in other and first not in made):
-            continue
-        if label not in one and first not in stored and first in {*SceneWords.__struct_fields__, *NOT_WORDS}:
-            continue
-        same = label in one and label in other and _alike(one[label], other[label], found.elsewhere)
-        told = f"is {one.get(label, 'not there')}, and {other.get(label, 'not there')} of a second run"
-        found.add(f"{path}.{label}", "" if same else told)
-
-
-def _alike(one: Any, other: Any, elsewhere: bool) -> bool:
-    if isinstance(one, list) and isinstance(other, list):
-        return len(one) == len(other) and all(_alike(a, b, elsewhere) for a, b in zip(one, other))
-    if elsewhere and isinstance(one, float) and isinstance(other, float):
-        return abs(one - other) <= SAME_FIGURE * (1.0 + abs(one))
-    return bool(one == other) and isinstance(one, bool) == isinstance(other, bool)
+        added = label not in other and first not in made
+        omitted = label not in one and first not in stored and first in {*SceneWords.__struct_fields__, *NOT_WORDS}
+        if not (first in OF_A_MACHINE or added or omitted):
+            values = one.get(label, MISSING), other.get(label, MISSING)
+            found.add(f"{path}.{label}", _apart(*values, found.elsewhere * SAME_FIGURE))
 
 
 def _labels(stated: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
@@ -308,3 +267,24 @@ def _labels(stated: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, 
             yield from _labels(value, f"{before}{name}.")
         else:
             yield f"{before}{name}", value
+
+
+def _word(stored: Any, made: Any) -> str:
+    """Return how an item is other than of a second run, or is in one of both alone."""
+    if stored is None or stored is MISSING:
+        return "is not there"
+    return "is in no run" if made is None or made is MISSING else f"is {stored}, and {made} of a second run"
+
+
+def _apart(stored: Any, made: Any, share: float) -> str:
+    """Return how two attributes or labels differ, numbers by more than a share of them; "" for not at all."""
+    one, other = (of.tolist() if isinstance(of, np.ndarray | np.generic) else of for of in (stored, made))
+    return "" if _alike(one, other, share) else _word(stored, made)
+
+
+def _alike(one: Any, other: Any, share: float) -> bool:
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(_alike(a, b, share) for a, b in zip(one, other))
+    if isinstance(one, float) and isinstance(other, float):
+        return one == other or (one != one and other != other) or abs(one - other) <= share * (1.0 + abs(one))
+    return bool(one == other) and isinstance(one, bool) == isinstance(other, bool)

@@ -47,10 +47,10 @@ from hhsim.verify import verify as referee
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim, judged
 from hhsim.verify.coal_distance import has_coal
 from hhsim.verify.contacts import axis_places
-from hhsim.verify.cover_checks import tree_claims
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.kinematics import own_hand, pose
 from hhsim.verify.second_run import second_run_claim
+from hhsim.verify.tree_checks import tree_claims
 from hhsim.verify.verify import chosen_ticks, physics, verify
 from tools.import_graph import imports_of, library
 
@@ -85,7 +85,7 @@ def test_a_long_run_is_sampled_and_says_so(honest: Result, monkeypatch: pytest.M
     claims = {claim.name: claim for claim in found.claims}
     assert found.looked.endswith("distance by coal, mesh: 1 in 50 ticks")
     assert found.every == 50 and found.looked_at < 20
-    for name in ("depth", "non-penetration", "stationarity", "complementarity", "force balance"):
+    for name in ("depth", "non-penetration", "complementarity", "force balance"):
         assert (claims[name].verdict, claims[name].checked) == (HOLDS, honest.ticks)
     assert claims["mesh"].checked < 20
 
@@ -247,7 +247,7 @@ def test_a_lag_that_is_left_out_is_found(lagging: Result, tmp_path: Path) -> Non
         file["hands/right/tick/lag"][...] *= 0.5
         file["summary/right"].attrs["lag_max"] *= 0.5
 
-    assert "palm balance" in failing(verify(planted(lagging.path, tmp_path, unflagged), every=40))
+    assert "force balance" in failing(verify(planted(lagging.path, tmp_path, unflagged), every=40))
     assert run_anew(planted(lagging.path, tmp_path, understated)).failed
 
 
@@ -268,8 +268,6 @@ def test_a_depth_set_to_zero_where_the_hand_penetrates_is_found(tmp_path: Path) 
     found = verify(deep, every=10)
     assert failing(found) == set()
     assert verdict(found, "depth") == HOLDS
-    assert verdict(found, "Eq. 14") == HOLDS
-    assert next(claim.checked for claim in found.claims if claim.name == "Eq. 14") > 10
     assert verdict(found, "non-penetration") == NOT_CLAIMED
     assert found.sphere_penetration == pytest.approx(deep["penetration_depth"].max(), rel=1e-6)
     assert "µm" in next(claim.note for claim in found.claims if claim.name == "non-penetration")
@@ -285,8 +283,7 @@ def test_a_depth_set_to_zero_where_the_hand_penetrates_is_found(tmp_path: Path) 
 def test_a_sphere_on_a_level_beyond_counting_is_found(honest: Result, tmp_path: Path) -> None:
     """Damaged so, a file once had the referee climb a chain of as many parents."""
     raised = at("raised", "bodies/cylinder/tree/level", -1, lambda level: 2**62)
-    claims = {claim.name: claim for claim in tree_claims(planted(honest.path, tmp_path, raised))}
-    assert claims["tree order"].failed
+    assert any(claim.failed for claim in tree_claims(planted(honest.path, tmp_path, raised)))
 
 
 @pytest.mark.parametrize(
