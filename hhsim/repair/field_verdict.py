@@ -5,9 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hhsim.metrics.field.contact import KEPT, TOUCHING
-from hhsim.metrics.field.correction import INSIDE, LARGEST
+from hhsim.metrics.field.correction import INSIDE, LARGEST, RATIO
 from hhsim.metrics.field.field_table import FieldRow
-from hhsim.metrics.field.smoothness import RATIO
 from hhsim.replay.verdict import verdict
 
 OK, MISSED, EMPTY = "within limits", "limits missed", "no frames"

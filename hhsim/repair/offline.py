@@ -17,10 +17,9 @@ from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.metrics.moving_parts import MovingParts
-from hhsim.repair.hand_change import change_between, finite_frames
 from hhsim.repair.projection import Projection
 from hhsim.repair.tracks import FrameFollower, GivenObject, HandJudge, farthest, put
-from hhsim.repair.written_hand import WrittenHand
+from hhsim.repair.written_hand import WrittenHand, change_between, finite_frames
 from hhsim.system.progress import Progress, silent
 
 USUAL_CORRECTION = 2e-3

@@ -20,8 +20,7 @@ from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.hands import ON_SURFACE, Bodies, object_bvh
 from hhsim.metrics.moving_parts import MovingParts
-from hhsim.repair.least_distance import nearest_to_origin
-from hhsim.repair.skin import BLOCK_FRAMES, Skin, carried
+from hhsim.repair.skin import BLOCK_FRAMES, Skin, carried, nearest_to_origin
 from hhsim.repair.written_hand import bone_frames
 from hhsim.solver.options import Stiffness
 

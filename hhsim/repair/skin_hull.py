@@ -18,8 +18,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
-from hhsim.repair.least_distance import nearest_to_origin
-from hhsim.repair.skin import Skin, cone_coordinates, cone_gaps, in_palm, palm_distance
+from hhsim.repair.skin import Skin, cone_coordinates, cone_gaps, in_palm, nearest_to_origin, palm_distance
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.options import TreeOptions

@@ -9,10 +9,9 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
-from hhsim.repair.hand_change import NUMBERS, changed_hand
 from hhsim.repair.projection import CLOSER, FIRST_GAP, LONGEST_STEP, TOUCH, FrameHand
 from hhsim.repair.tracks import HandJudge
-from hhsim.repair.written_hand import TIPS, WrittenHand
+from hhsim.repair.written_hand import NUMBERS, TIPS, WrittenHand, changed_hand
 
 CASE = shape_case(trimesh.creation.icosphere(4, 0.05), held(1, 0.07, 0.7))
 JUDGE = HandJudge(HAND, CASE.surface)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.repair.hand_change import NUMBERS, change_between, changed_hand, mean_acceleration
+from hhsim.repair.written_hand import NUMBERS, change_between, changed_hand, mean_acceleration
 
 
 def hands(seed: int, frames: int = 5) -> HandConfiguration:

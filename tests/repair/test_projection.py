@@ -16,11 +16,10 @@ from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.recordings.correction import Correction, moved_joints
-from hhsim.repair.hand_change import NUMBERS, change_between, changed_hand, mean_acceleration
 from hhsim.repair.offline import repair_frames
 from hhsim.repair.projection import Projection, correct
 from hhsim.repair.tracks import HandJudge
-from hhsim.repair.written_hand import WrittenHand, bone_frames
+from hhsim.repair.written_hand import NUMBERS, WrittenHand, bone_frames, change_between, changed_hand, mean_acceleration
 
 LEFT = HandModel.default("left")
 
