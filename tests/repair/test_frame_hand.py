@@ -52,12 +52,6 @@ def test_rows_are_the_slopes_of_near_balls_and_of_tips_that_touch() -> None:
     np.testing.assert_allclose(program.bounds[len(near) :], value[tips] - wanted, atol=1e-12)
 
 
-def test_the_cost_is_least_at_the_recorded_hand() -> None:
-    program = FrameHand(JUDGE, WRITTEN, CASE.frames).program()
-    assert not program.pull.any()
-    assert np.linalg.eigvalsh(program.hessian).min() > 0.0
-
-
 def test_a_step_that_turns_back_is_shortened() -> None:
     hand = FrameHand(JUDGE, WRITTEN, CASE.frames._replace(position=CASE.frames.position + [0.0, 0.0, 0.1]))
     up = np.eye(NUMBERS)[2] * 0.02

@@ -1,6 +1,5 @@
 """Repaired frames against the referee, in scenes, in a ring, in a sheet, in a block, and at random."""
 
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,6 @@ from sphere_scenes import random_hand
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.mesh.catalogue import load_object
-from hhsim.mesh.mesh import load_mesh
 from hhsim.repair.offline import repair_frames
 from hhsim.repair.tracks import HandJudge, farthest
 from hhsim.trees.contact_surface import contact_surface
@@ -52,27 +50,6 @@ def test_no_repaired_frame_penetrates(name: str, script: str) -> None:
     assert not found.marked.any()
     assert not found.depth.any()
     assert case.referee_clearance(found.posture.at(np.flatnonzero(found.correction > 0.0)[::6])) >= 0.0
-
-
-REAL = ["claw_hammer.obj", "blue_cup.obj", "ycb_banana.obj", "object_sim_toruslarge.stl", "quadknot.obj"]
-
-
-@pytest.mark.parametrize("file", sampled(REAL, lambda place, _: place == 4))
-def test_no_repaired_frame_penetrates_a_real_mesh(shared_data: Path, file: str) -> None:
-    if not (shared_data / "meshes" / file).exists():
-        pytest.skip(f"no mesh {file} in {shared_data / 'meshes'}")
-    mesh = load_mesh(shared_data / "meshes" / file, size=0.15)
-    mesh = mesh.transformed(np.eye(3), -mesh.bounds.mean(axis=0))
-    # A hand that closes over the object, its palm 1 cm too low.
-    frames = held(8, float(mesh.bounds[1, 2]) + 0.01)
-    frames.position[:, 1] = -0.06
-    frames.flexion[:] = np.linspace(0.0, 1.1, 8)[:, None, None]
-    case = Case(HAND, mesh, contact_surface("mesh", mesh, None), frames)
-    found = repaired(case, 0.1)
-    assert (found.depth_before > 0.002).sum() >= 3
-    assert not found.depth.any()
-    np.testing.assert_array_equal(found.marked, found.correction > 0.1)
-    assert case.referee_clearance(found.posture) >= 0.0
 
 
 def test_the_same_frames_give_the_same_bytes_and_free_ones_stay() -> None:
@@ -155,11 +132,6 @@ def test_frames_without_a_hand_are_marked_and_come_back_as_they_were() -> None:
     np.testing.assert_array_equal(found.marked, np.arange(5) == 2)
     np.testing.assert_array_equal(np.isnan(found.depth), np.arange(5) == 2)
     assert case.referee_clearance(found.posture.at(np.array([0, 1, 3, 4]))) >= 0.0
-
-
-def test_no_frames_give_none() -> None:
-    case = shape_case(trimesh.creation.icosphere(2, 0.03), held(0))
-    assert repaired(case).marked.shape == (0,)
 
 
 @settings(max_examples=24)

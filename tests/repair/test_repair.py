@@ -181,22 +181,6 @@ def test_the_command_prints_the_table_and_names_its_files(run: Run, tmp_path: Pa
     assert exported.code == 0 and "12 ticks as keypoints" in exported.out
 
 
-@pytest.mark.usefixtures("no_picture")
-@pytest.mark.soak
-def test_an_object_may_be_a_urdf(run: Run, tmp_path: Path) -> None:
-    recorded(tmp_path)
-    (tmp_path / "ball.obj").write_text(load_object("sphere").mesh.obj())
-    shape = '<collision><geometry><mesh filename="package://things/ball.obj"/></geometry></collision>'
-    (tmp_path / "ball.urdf").write_text(f'<robot name="ball"><link name="ball">{shape}</link></robot>')
-    depths = []
-    for word, out in (("sphere", "a.npz"), ("ball.urdf", "b.npz")):
-        words = ("--hand", "right", "--length-unit", "m", "--max-correction", "30", "--out", out, "--json")
-        answer = run("repair", "grasp.npz", "--object", word, *words)
-        assert answer.code == 0, answer.err
-        depths.append(json.loads(answer.out)["figures"]["depth_cones_max_before"])
-    assert depths[1] == pytest.approx(depths[0], rel=1e-3)
-
-
 def test_an_option_that_is_not_used_is_refused(run: Run, tmp_path: Path) -> None:
     recorded(tmp_path)
     (tmp_path / "many.csv").write_text("recording,object\ngrasp.npz,sphere\n")

@@ -77,16 +77,6 @@ def test_depth_is_that_of_trimesh(seed: int) -> None:
     assert depth[0] == 0.0 and deepest[0] == -1
 
 
-def test_depth_in_a_box_is_the_distance_to_its_nearest_face() -> None:
-    mesh = mesh_of(trimesh.creation.box((0.04, 0.06, 0.08)), np.zeros(3))
-    points = np.array(
-        [[[0.0, 0.0, 0.0], [0.019, 0.0, 0.0]], [[0.0, 0.0, 0.039], [0.0, 0.029, 0.03]], [[0.1, 0, 0]] * 2]
-    )
-    depth, deepest = skin_depth(mesh, points)
-    np.testing.assert_allclose(depth, [0.02, 0.001, 0.0], atol=1e-12)
-    assert deepest.tolist()[0] == 0 and deepest[2] == -1
-
-
 def test_vertices_move_with_the_posture_as_their_derivative_says() -> None:
     sample, frame = skin_sample(), slice(3, 4)
     mesh = mesh_of(trimesh.creation.icosphere(subdivisions=1, radius=0.01), np.array([1.0, 0.0, 0.0]))
@@ -190,16 +180,3 @@ def test_an_object_that_leaves_no_room_is_marked() -> None:
     found = push_out(mesh, sample.hand, skin, sample.joints[one], sample.fitted.at(one), sample.fitted.at(one))
     assert not found.is_freed[0] and found.depth_after[0] == found.depth[0] > 0.8
     assert all(np.array_equal(mine, given_one[one]) for mine, given_one in zip(found.posture, sample.fitted))
-
-
-def test_the_judge_sees_triangles_that_cross_between_vertices() -> None:
-    block = mesh_of(trimesh.creation.box((0.02, 0.02, 0.02)), np.zeros(3))
-    surface = TrueSurface(block)
-    faces = np.array([[0, 1, 2]])
-    wide = np.array([[-0.1, -0.1, 0.0], [0.1, -0.1, 0.0], [0.0, 0.2, 0.0]])
-    assert judge_skin(surface, wide, faces) == (0.0, True)
-    assert judge_skin(surface, wide + [0.0, 0.0, 0.011], faces) == (0.0, False)
-    pierced = wide.copy()
-    pierced[0] = [0.004, 0.0, 0.001]
-    depth, crosses = judge_skin(surface, pierced, faces)
-    assert depth == pytest.approx(0.006, abs=1e-9) and crosses

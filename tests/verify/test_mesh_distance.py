@@ -125,12 +125,6 @@ def test_a_triangle_without_area_is_as_far_as_its_line(name: str) -> None:
         assert one_cone(HandReferee(mesh, open_too=True), point, point, 0.002, 0.002, np.inf) == expected
 
 
-def test_a_triangle_that_is_a_point_is_as_far_as_that() -> None:
-    mesh = Mesh(np.full((3, 3), 0.01), np.array([[0, 1, 2]]))
-    expected = pytest.approx(0.01 * np.sqrt(3.0) - 0.002, abs=1e-12)
-    assert one_cone(HandReferee(mesh, open_too=True), np.zeros(3), np.zeros(3), 0.002, 0.002, np.inf) == expected
-
-
 lengths = st.floats(-0.05, 0.05).map(lambda x: round(x, 4))
 places = st.tuples(lengths, lengths, lengths).map(np.array)
 radii = st.floats(0.0, 0.012).map(lambda x: round(x, 4))

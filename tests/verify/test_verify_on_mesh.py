@@ -6,9 +6,7 @@ import h5py
 import numpy as np
 import pytest
 from corrupted_meshes import corrupted
-from fault_table import FAULTS
-from file_faults import Fault, of_scene
-from planted_faults import HOLD, described_grasp, failing, planted, verdict
+from planted_faults import described_grasp, failing, planted, verdict
 from sampled import sampled
 from short_grasp import short_grasp, short_result
 
@@ -25,7 +23,7 @@ from hhsim.verify.claim import HOLDS
 from hhsim.verify.contacts import PALM
 from hhsim.verify.force_checks import force_claims
 from hhsim.verify.tick_data import JudgedTicks
-from hhsim.verify.verify import physics, verify
+from hhsim.verify.verify import verify
 
 
 @pytest.fixture(scope="module")
@@ -61,16 +59,6 @@ def test_what_a_settled_tick_rolled_off_an_edge_bears_its_force(tmp_path: Path) 
     assert off_and_loaded(JudgedTicks(finer)).size == 0
 
 
-touched_spheres = of_scene("touched_spheres", lambda scene: scene["solver"].update(surface="spheres"))
-NAMED = {fault.__name__: (fault, check) for fault, check in FAULTS["one hand"].items()}
-ON_MESH = ("moved_hand", "not_the_optimum", "claimed_depth")
-"""Faults that geometry finds: of a run on the mesh by distances to its triangles, under the same names."""
-SAME_CLAIM_AS_ANOTHER = (
-    *("force_in_the_air", "thicker_finger", "swapped_forces", "tangential_force", "scaled_force", "moved_force"),
-    *("deep_between_samples", "turned_force", "swapped_user_fingers", "held_input", "depth_of_no_number"),
-)
-
-
 def test_an_honest_result_on_the_mesh_holds_in_every_claim(on_mesh: Result) -> None:
     found = verify(on_mesh, every=40)
     assert failing(found) == set()
@@ -82,18 +70,6 @@ def test_an_honest_result_on_the_mesh_holds_in_every_claim(on_mesh: Result) -> N
     bears = next(claim for claim in found.claims if claim.name == "complementarity")
     assert bears.verdict == HOLDS and bears.checked > 0
     assert on_mesh.summary["force_contact_max"] > 1.0
-
-
-@pytest.mark.parametrize(
-    ("fault", "check"),
-    sampled(
-        [*(NAMED[name] for name in (*ON_MESH, *SAME_CLAIM_AS_ANOTHER)), (touched_spheres, "non-penetration")],
-        lambda _, case: case[0].__name__ not in SAME_CLAIM_AS_ANOTHER,
-    ),
-    ids=lambda value: getattr(value, "__name__", ""),
-)
-def test_a_planted_fault_of_a_run_on_the_mesh(on_mesh: Result, tmp_path: Path, fault: Fault, check: str) -> None:
-    assert check in failing(physics(planted(on_mesh.path, tmp_path, fault), every=HOLD))
 
 
 METHODS = ("coupled", "progressive")
