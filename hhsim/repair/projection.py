@@ -166,7 +166,8 @@ class FrameHand:
     def program(self) -> FrameProgram:
         """Return Gauss and Newton's program of the joints, with the distances of near balls linearised."""
         touching = np.flatnonzero(np.isfinite(self.touch))
-        asked = self.nearest < self.range
+        asked = np.zeros(len(self.points), bool)
+        asked[self.written.surface] = self.nearest[self.written.surface] < self.range
         asked[TIPS[touching]] = True
         distance, normal = self.judge.bodies.slopes(self.points[asked])
         self.nearest[asked] = value = distance - self.radii[asked]
@@ -208,7 +209,11 @@ class FrameHand:
 
     def is_free(self) -> bool:
         """Return True, and note the hand as found, if it does not penetrate."""
-        free = self.judge.are_clear(self.points, self.radii, self.nearest)
+        surface = self.written.surface
+        if surface.start:
+            free = bool((self.judge.bodies.distance(self.points[None, surface]) >= CLEAR).all())
+        else:
+            free = self.judge.are_clear(self.points, self.radii, self.nearest)
         if free:
             self.found = self.posture
         return free

@@ -1,10 +1,7 @@
 """Skin of a recorded hand: a mesh with vertices for every frame, and the bones that carry them.
 
 A vertex moves with the rigid motions of its bones, blended by its weights (linear blend skinning). A MANO model brings
-weights; in any other mesh each vertex belongs to the nearest bone. What keeps a skin outside, or a hand around it, is a
-least-distance program: the point nearest to the origin that satisfies linear inequalities. It is solved as a
-non-negative least-squares problem (Lawson & Hanson, Solving Least Squares Problems, 1974, chapter 23), which any number
-of redundant rows leaves unharmed.
+weights; in any other mesh each vertex belongs to the nearest bone.
 """
 
 from dataclasses import dataclass
@@ -29,25 +26,6 @@ from hhsim.recordings.frames import FileFrame
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import Content
 from hhsim.system.counted import counted
-
-INFEASIBLE = 1e-10
-"""Residual up to which the rows count as contradictory: a feasible point is nearer than the inverse of its root."""
-
-
-def nearest_to_origin(rows: FloatArray, bounds: FloatArray) -> FloatArray | None:
-    """Compute the shortest x with rows · x ≥ bounds, of shapes (m, n) and (m,); None if there is none."""
-    from scipy.optimize import nnls
-
-    matrix, target = np.vstack([rows.T, bounds]), np.append(np.zeros(rows.shape[1]), 1.0)
-    try:
-        multiplier, _ = nnls(matrix, target)
-    except RuntimeError:
-        # It has used up its iterations.
-        return None
-    residual = matrix @ multiplier - target
-    # A residual of zero is Farkas' proof that no x satisfies all rows.
-    return None if residual[-1] > -INFEASIBLE else -residual[:-1] / residual[-1]
-
 
 BLOCK_FRAMES = 64
 """Frames whose vertices are moved at once."""

@@ -18,6 +18,7 @@ from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_s
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.written_hand import balls_are_clear
 from hhsim.kernels.tick.block import HapticBlock
+from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.hands import Bodies, object_bvh
 from hhsim.metrics.mesh_penetration import RESOLUTION
 from hhsim.metrics.moving_parts import MovingParts
@@ -55,8 +56,8 @@ class HandJudge:
     Hands are those of all frames of parts that move, or of the frames that `at` takes.
     """
 
-    def __init__(self, hand: HandModel, given: GivenObject) -> None:
-        mesh = given if isinstance(given, MovingParts) else given.mesh
+    def __init__(self, hand: HandModel, given: GivenObject | Mesh) -> None:
+        mesh = given.mesh if isinstance(given, ContactSurface) else given
         assert mesh is not None
         self.hand, self.shape, self.bodies = hand, hand_shape(hand), Bodies.of(mesh)
 

@@ -5,8 +5,9 @@ hand's radii between its joints, and the palm's spheres at the corrected palm. T
 error of the fit, so a free hand of ours may be written as one that penetrates.
 """
 
+from copy import copy
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -100,13 +101,15 @@ def bone_frames(hand: HandModel, posture: HandConfiguration) -> FloatArray:
 
 
 class WrittenHand:
-    """Writes corrections of recorded joints.
+    """Writes corrections of recorded joints; `surface` are the balls of `samples` that have to be outside.
 
     Args:
         joints: Recorded joints of T frames in the order of `KEYPOINTS` [m], shape (T, 21, 3), NaN where missing.
         fitted: Hand fitted to each frame, in the frame of the joints.
         tip_on_surface: True if recorded tips are points of the skin; False if they are centres of the fingertips.
     """
+
+    surface = slice(None)
 
     def __init__(self, joints: FloatArray, hand: HandModel, fitted: HandConfiguration, tip_on_surface: bool) -> None:
         self.joints, self.hand, self.fitted = joints, hand, fitted
@@ -145,11 +148,10 @@ class WrittenHand:
         move_joints(*own, self.frames, as_argument(posture.position), frames, moved)
         return moved
 
-    def at(self, frame: int) -> "WrittenHand":
+    def at(self, frame: int) -> Self:
         """Return a single frame, T = 1, with the tips where they are."""
-        part = object.__new__(WrittenHand)
-        own = slice(frame, frame + 1)
-        part.hand, part.fitted = self.hand, self.fitted.at(own)
+        part, own = copy(self), slice(frame, frame + 1)
+        part.fitted = self.fitted.at(own)
         part.joints, part.axes, part.frames = self.joints[own], self.axes[own], self.frames[own]
         return part
 

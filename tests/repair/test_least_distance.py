@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy.optimize import LinearConstraint, minimize
 
 from hhsim.arrays import FloatArray
-from hhsim.repair.skin import nearest_to_origin
+from hhsim.repair.skin_hull import nearest_to_origin
 
 
 def test_half_spaces() -> None:
