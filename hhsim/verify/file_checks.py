@@ -84,6 +84,9 @@ def follows(result: Result) -> NDArray[np.bool_]:
 def _complete(result: Result) -> Claim:
     says = "the run was not stopped: the file is complete"
     if result.complete:
+        stated = result.scene.get("ticks", result.ticks)
+        if stated != result.ticks:
+            return all_true("complete", says, [True], note=f"of {stated} ticks that it says it has {result.ticks:,}")
         return Claim("complete", says, HOLDS, checked=result.ticks)
     if figures := sorted(result.summary):
         # The summary is written when the run has ended.

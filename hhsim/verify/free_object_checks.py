@@ -4,7 +4,7 @@ Velocities are derived from poses, forces on the object from contacts.
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -56,51 +56,47 @@ def free_claims(result: Result) -> list[Claim]:
     return [replace(claim, group=group) for group, of in claims.items() for claim in of]
 
 
-def _of_each(
-    name: str, says: str, unit: str, why: str, bodies: Sequence[FreeBody], figures: Any, whole: bool = False
+def _of_all(
+    name: str, says: str, unit: str, why: str, bodies: Sequence[FreeBody], figures: Iterable[Any]
 ) -> list[Claim]:
-    """Judge deviations, tolerances and ticks of each body: the claim is that of the worst one; none for no body.
-
-    `whole` says that they are of the ticks alone in which the bodies make all of their programs' step.
-    """
-    note = bodies[0].left_out if whole and bodies else ""
-    found = [judged(name, says, off, limit, unit, why, ticks=ticks, note=note) for off, limit, ticks in figures]
-    if len(found) < 2:
-        return found
-    worst = max(range(len(found)), key=lambda i: (found[i].failed, found[i].worst / found[i].tolerance))
-    note = f"the worst is that of {bodies[worst].name}" + (note and f"; {note}")
-    return [replace(found[worst], checked=sum(claim.checked for claim in found), note=note)]
+    """Judge deviations, tolerances and ticks of each body in the ticks in which bodies make all of a program's step."""
+    if not bodies:
+        return []
+    off, limit, ticks = (np.concatenate(values) for values in zip(*figures))
+    return [judged(name, says, off, limit, unit, why, ticks=ticks, note=bodies[0].left_out)]
 
 
 def _velocities(bodies: Sequence[FreeBody]) -> list[Claim]:
     # A position is rounded to 1e-16, a quaternion to a few of them; over 1 ms that is 1e-13 and more.
-    why, travel, turn = "rounding of a pose over a period of the ticks", [], []
+    travel, turn = list[Any](), list[Any]()
+    why = "rounding of a pose over a period of the ticks"
     for body in bodies:
         kept = body.whole[body.follows[body.whole]]
         # The start of the first step is not in the file.
         kept = kept[kept > 0]
         made = np.diff(body.center, axis=0) / body.period - body.velocity[1:]
-        travel.append((np.linalg.norm(made, axis=1)[kept], 1e-9, kept))
-        turn.append((np.linalg.norm(body.turn / body.period - body.spin[1:], axis=1)[kept], 1e-9, kept))
+        turned = body.turn / body.period - body.spin[1:]
+        for found, off in ((travel, made), (turn, turned)):
+            found.append((np.linalg.norm(off, axis=1)[kept], np.full(len(kept), 1e-9), kept))
     says = "the object's {} is that of its poses"
     return [
-        *_of_each("object velocity", says.format("velocity"), "m/s", why, bodies, travel, whole=True),
-        *_of_each("object angular", says.format("angular velocity"), "rad/s", why, bodies, turn, whole=True),
+        *_of_all("object velocity", says.format("velocity"), "m/s", why, bodies, travel),
+        *_of_all("object angular", says.format("angular velocity"), "rad/s", why, bodies, turn),
     ]
 
 
 def _balance(bodies: Sequence[FreeBody]) -> list[Claim]:
-    says = "m Δv / Δt is the weight and the forces of hand and table"
     newton = []
     for body in bodies:
         kept, limit = body.whole[body.follows[body.whole]], FORCE * body.size
         newton.append((body.unbalanced(body.borne[:, :3])[kept], limit[kept], kept))
-    claims = _of_each("Newton", says, "N", WHY_FORCE, bodies, newton, whole=True)
+    says = "m Δv / Δt is the weight and the forces of hand and table"
+    claims = _of_all("Newton", says, "N", WHY_FORCE, bodies, newton)
     says = "the change of its turning is the moments of hand and table"
     why = "a millionth of the forces at the object's length; of several programs in a tick the object's turn of the "
     why += "moment, since nobody knows which of the axes between they had"
     free = [body for body in bodies if not body.fixed]
-    return [*claims, *_of_each("Euler", says, "N·m", why, free, map(_euler, free), whole=True)]
+    return [*claims, *_of_all("Euler", says, "N·m", why, free, map(_euler, free))]
 
 
 def _euler(motion: FreeBody) -> tuple[FloatArray, FloatArray, IntArray]:
@@ -125,20 +121,17 @@ def _euler(motion: FreeBody) -> tuple[FloatArray, FloatArray, IntArray]:
 
 def gyrated(inertia: FloatArray, spin: FloatArray, period: float) -> FloatArray:
     """Return angular velocities at the end of ticks without moments, body axes, shape (T, 3), by Newton's method."""
+
+    def crossing(vector: FloatArray) -> FloatArray:
+        return np.cross(vector[:, None], np.eye(3)).swapaxes(1, 2)
+
     found = spin
     for _ in range(20):
         turning = found @ inertia.T
         off = (found - spin) @ inertia.T / period + np.cross(found, turning)
-        slope = inertia / period + _crossing(found) @ inertia - _crossing(turning)
+        slope = inertia / period + crossing(found) @ inertia - crossing(turning)
         found = found - np.linalg.solve(slope, off[:, :, None])[:, :, 0]
     return found
-
-
-def _crossing(vector: FloatArray) -> FloatArray:
-    """Matrices [v]× of vectors (T, 3)."""
-    x, y, z = vector.T
-    none = np.zeros_like(x)
-    return np.stack([none, -z, y, z, none, -x, -y, x, none], axis=1).reshape(-1, 3, 3)
 
 
 def _wrenches(motion: FreeMotion, jointed: bool) -> list[Claim]:

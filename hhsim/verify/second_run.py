@@ -178,7 +178,8 @@ def _scene_by_words(result: Result, known: Mapping[str, Any], options: SolverOpt
     scene = load_words(words, surface=options.surface).placed(options.fingers, report).scene
     if scene.description["object_mesh"] != result.scene.get("object_mesh") and names_a_file(words.object):
         raise InputError(f"{words.object} is another mesh now")
-    return scene
+    # A program may have run a part of the motion.
+    return scene.first(result.ticks) if result.complete and result.ticks < scene.ticks.tick_count else scene
 
 
 def is_measured(figure: str) -> bool:
