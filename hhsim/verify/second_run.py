@@ -6,8 +6,8 @@ machine, the versions, the date and the command.
 """
 
 import json
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -56,33 +56,8 @@ TOLD = 4
 """Differences that a note tells, of all."""
 
 
-@dataclass
-class Comparison:
-    """A file beside that of its second run."""
-
-    elsewhere: bool  # True if another machine or version made the file: rounding is let pass
-    compared: int = 0  # number of items: datasets, attributes and labels
-    different: dict[str, str] = field(default_factory=dict)  # how items differ
-    first_tick: int | None = None  # first tick that differs
-
-    def add(self, item: str, difference: str, tick: int | None = None) -> None:
-        """Count an item, and note how it differs; "" for not at all."""
-        self.compared += 1
-        if difference:
-            self.different[item] = difference
-            self.first_tick = min((at for at in (self.first_tick, tick) if at is not None), default=None)
-
-    def claim(self, result: Result, note: str) -> Claim:
-        """Return the verdict; none on a run of another version that differs."""
-        texts = [f"{item} {difference}" for item, difference in list(self.different.items())[:TOLD]]
-        texts += [f"{len(self.different) - TOLD:,} more"] if len(self.different) > TOLD else []
-        makers = other_makers(result) if self.elsewhere else []
-        of_versions = [text for text in makers if not text.startswith(("cpu", "system"))]
-        wrong = np.arange(max(self.compared, 1)) < len(self.different)
-        why = "rounding, of another machine or version" if self.elsewhere else "equal bytes"
-        notes = "; ".join(filter(None, ["; ".join(texts), note, *makers]))
-        claim = replace(all_true(NAME, SAYS, wrong, note=notes, why=why), tick=self.first_tick)
-        return replace(claim, verdict=NOT_JUDGED) if claim.failed and of_versions else claim
+Item = tuple[str, str, int | None]
+"""A dataset, attribute or label, how it differs ("" for not at all), and the first tick."""
 
 
 def second_run_claim(result: Result, report: Progress, trust: bool = False) -> Claim:
@@ -91,95 +66,85 @@ def second_run_claim(result: Result, report: Progress, trust: bool = False) -> C
     Not judged are methods and sessions that cannot be run again, and runs of another version that differ.
     """
     first = next(iter(result.hands.values()))
-    if first.live is not None:
-        return _session(first, report, trust)
+    live = first.live is not None
     try:
-        options = stored_options(first, trust)
-        scene, note = _scene(result, options, report)
-        with TemporaryDirectory(prefix="hhsim-") as folder:
-            path = Path(folder) / "again.h5"
-            with SceneSolver(scene, options) as solver:
-                run = Replay(solver)
-                with run.writer(path, ()):
-                    run.go(report)
-                    run.finish()
-            with open_hdf5(first.path) as stored, open_hdf5(path) as made:
-                found = _compared(first, stored, made)
+        items, note = (_ticks_again if live else _run_again)(result, first, report, trust)
     except HhsimError as error:
         # hhsim would not have made such a file by a method and a QP solver of its own.
         own = first.method in METHODS and first.scene["solver"].get("qp") == ACTIVE_SET
-        verdict = FAILS if own and not isinstance(error, OutputError) else NOT_JUDGED
+        verdict = FAILS if own and not live and not isinstance(error, OutputError) else NOT_JUDGED
         return Claim(NAME, SAYS, verdict, 1.0, 0.0, "", checked=1, note=f"it cannot be run again: {error}")
-    return found.claim(first, note)
+    different = [(f"{item} {difference}", tick) for item, difference, tick in items if difference]
+    texts = [text for text, _ in different[:TOLD]]
+    texts += [f"{len(different) - TOLD:,} more"] if len(different) > TOLD else []
+    makers = other_makers(first)
+    why = "rounding, of another machine or version" if makers else "equal bytes"
+    wrong = np.arange(max(len(items), 1)) < len(different)
+    claim = all_true(NAME, SAYS, wrong, note="; ".join(filter(None, ["; ".join(texts), note, *makers])), why=why)
+    claim = replace(claim, tick=min((tick for _, tick in different if tick is not None), default=None))
+    of_versions = [text for text in makers if not text.startswith(("cpu", "system"))]
+    return replace(claim, verdict=NOT_JUDGED) if claim.failed and of_versions else claim
 
 
-def _session(first: Result, report: Progress, trust: bool) -> Claim:
-    """Judge the ticks of a session, as its hands and bodies were at them."""
+def _ticks_again(result: Result, first: Result, report: Progress, trust: bool) -> tuple[list[Item], str]:
+    """Compare the ticks of a session, as its hands and bodies were at them."""
     whole = replace(first, name="") if len(first.hands) > 1 else first
-    try:
-        again = run_again(whole, trust=trust, progress=report)
-    except HhsimError as error:
-        return Claim(NAME, SAYS, NOT_JUDGED, note=f"it cannot be run again: {error}")
-    found = Comparison(again.made_elsewhere)
-    for array in again.arrays:
-        begun = array.first_beyond if again.made_elsewhere else array.first_tick
-        found.add(array.name, f"differs from tick {begun:,} on" if begun >= 0 else "", begun)
-    return found.claim(first, "; ".join(again.notes))
+    again = run_again(whole, trust=trust, progress=report)
+    begun = {array.name: array.first_beyond if again.made_elsewhere else array.first_tick for array in again.arrays}
+    items = [(name, f"differs from tick {tick:,} on" if tick >= 0 else "", tick) for name, tick in begun.items()]
+    return [*items], "; ".join(again.notes)
 
 
-def _scene(result: Result, options: SolverOptions, report: Progress) -> tuple[Scene, str]:
+def _run_again(result: Result, first: Result, report: Progress, trust: bool) -> tuple[list[Item], str]:
+    """Compare a replay with the file of its second run."""
+    options = stored_options(first, trust)
+    scene, note = _scene(list(result.hands.values()), options, report)
+    with TemporaryDirectory(prefix="hhsim-") as folder:
+        path = Path(folder) / "again.h5"
+        with SceneSolver(scene, options) as solver:
+            run = Replay(solver)
+            with run.writer(path, ()):
+                run.go(report)
+                run.finish()
+        with open_hdf5(first.path) as stored, open_hdf5(path) as made:
+            return [*_compared(first, stored, made)], note
+
+
+def _scene(hands: Sequence[Result], options: SolverOptions, report: Progress) -> tuple[Scene, str]:
     """Make the scene of a replay from its words, else from its file; return it with a note.
 
     HhsimError for words of the catalogue alone that do not go together: no run has them.
     """
-    hands = list(result.hands.values())
-    known = _known_words(hands[0], len(hands))
+    result, stated = hands[0], hands[0].scene
+    known = {name: stated[name] for name in SceneWords.__struct_fields__ if stated.get(name) is not None}
+    by_words = "free" in stated or names_a_linkage(str(known.get("object"))) or len(result.bodies) > 1
+    # A program may describe what it likes.
+    if "place_object" not in stated or "recording" in stated or (result.body.is_free and not by_words):
+        known = {}
+    else:
+        # Of several parts the scene states the level of the tree over all of them.
+        grown = max(int(body.static["tree/level"].max(initial=1)) for body in result.bodies.values())
+        known["level"] = (stated.get("tree_options") or {}).get("level", grown)
+        known["hand"] = "both" if len(hands) > 1 else result.side
+        gone = ["level"] if known.get("tree") or known.get("max_error") else []
+        gone += ["place_object"] if (stated.get("placement") or {}).get("by_itself") else []
+        known = {name: word for name, word in known.items() if name not in gone}
     named = [known[name] for name in ("object", "trajectory") if name in known]
     files = [word for word in (*named, known.get("tree"), known.get("hand_file")) if word and names_a_file(str(word))]
     try:
         if len(named) < 2:
             raise InputError("the file names no object or no motion")
-        return _scene_by_words(hands[0], known, options, report), "; ".join(
-            f"with {file} as it is now" for file in files
-        )
-    except HhsimError as error:
-        if len(named) == 2 and not files:
-            raise
-        return result_scene(
-            hands
-        ), f"from the bodies and the user's hand in the file, which nothing else shows: {error}"
-
-
-def _known_words(result: Result, hands: int) -> dict[str, Any]:
-    """Return the words of the file's scene; none of a repaired recording, or of what a program put together."""
-    stated = result.scene
-    known = {name: stated[name] for name in SceneWords.__struct_fields__ if stated.get(name) is not None}
-    by_words = "free" in stated or names_a_linkage(str(known.get("object"))) or len(result.bodies) > 1
-    # A program may describe what it likes, and run a part of it.
-    if "place_object" not in stated or "recording" in stated or (result.body.is_free and not by_words):
-        return {}
-    # Of several parts the scene states the level of the tree over all of them.
-    grown = max(int(body.static["tree/level"].max(initial=1)) for body in result.bodies.values())
-    known["level"] = (stated.get("tree_options") or {}).get("level", grown)
-    if known.get("tree") or known.get("max_error"):
-        del known["level"]
-    known["hand"] = "both" if hands > 1 else result.side
-    if (stated.get("placement") or {}).get("by_itself"):
-        known.pop("place_object", None)
-    return known
-
-
-def _scene_by_words(result: Result, known: Mapping[str, Any], options: SolverOptions, report: Progress) -> Scene:
-    """Make the scene anew; HhsimError where its object or its motion are not to be had."""
-    try:
         words = msgspec.convert(known, SceneWords)
-    except msgspec.ValidationError as error:
-        raise InputError(f"the words of its scene cannot be used: {error}") from error
-    scene = load_words(words, surface=options.surface).placed(options.fingers, report).scene
-    if scene.description["object_mesh"] != result.scene.get("object_mesh") and names_a_file(words.object):
-        raise InputError(f"{words.object} is another mesh now")
+        scene = load_words(words, surface=options.surface).placed(options.fingers, report).scene
+        if scene.description["object_mesh"] != stated.get("object_mesh") and names_a_file(words.object):
+            raise InputError(f"{words.object} is another mesh now")
+    except (HhsimError, msgspec.ValidationError) as error:
+        if len(named) == 2 and not files:
+            raise InputError(f"the words of its scene cannot be used: {error}") from error
+        return result_scene(hands), f"from the bodies and hand in the file, which nothing else shows: {error}"
     # A program may have run a part of the motion.
-    return scene.first(result.ticks) if result.complete and result.ticks < scene.ticks.tick_count else scene
+    part = result.complete and result.ticks < scene.ticks.tick_count
+    return scene.first(result.ticks) if part else scene, "; ".join(f"with {file} as it is now" for file in files)
 
 
 def is_measured(figure: str) -> bool:
@@ -188,59 +153,50 @@ def is_measured(figure: str) -> bool:
     return known is not None and known.noise > 0.0
 
 
-def _compared(result: Result, stored: h5py.File, made: h5py.File) -> Comparison:
-    found = Comparison(bool(other_makers(result)))
-    of_both = _paths(stored).keys() & _paths(made).keys() | {"/"}
-    for path in sorted({**_paths(stored), **_paths(made)}):
-        one, other = stored.get(path), made.get(path)
-        if not isinstance(one or other, h5py.Dataset) or any(part in path for part in NOT_RUN):
-            continue
-        if one is None or other is None:
-            found.add(path, _word(one, other))
-        else:
-            found.add(path, *_rows_apart(result, path, one, other, found.elsewhere))
-    for path in sorted(of_both):
-        for name in sorted({*stored[path].attrs, *made[path].attrs}):
-            one, other = (file[path].attrs.get(name) for file in (stored, made))
+def _compared(result: Result, stored: h5py.File, made: h5py.File) -> Iterator[Item]:
+    share = SAME_FIGURE if other_makers(result) else 0.0
+    paths = [_paths(file) for file in (stored, made)]
+    for path, item in sorted({**paths[0], **paths[1]}.items()):
+        one, other = (of.get(path) for of in paths)
+        if isinstance(item, h5py.Dataset) and not any(part in path for part in NOT_RUN):
+            absent = one is None or other is None
+            yield (path, _word(one, other), None) if absent else (path, *_rows_apart(result, one, other, share > 0.0))
+    for path in sorted(paths[0].keys() & paths[1].keys()):
+        attributes = [dict(of[path].attrs) for of in paths]
+        for name in sorted({**attributes[0], **attributes[1]}):
+            one, other = (of.get(name, MISSING) for of in attributes)
             if name in ("scene", "properties"):
-                _compare_labels(f"{path}@{name}", json.loads(str(one)), json.loads(str(other)), found)
+                yield from _labels_apart(f"{path}@{name}", json.loads(str(one)), json.loads(str(other)), share)
             elif path.startswith(schema.SUMMARY):
                 # A run that was stopped has no figures.
                 if result.complete and not is_measured(name):
-                    found.add(f"{path}@{name}", _apart(one, other, found.elsewhere * SAME_FIGURE))
+                    yield f"{path}@{name}", _apart(one, other, share), None
             elif path != "/" or name not in OF_NO_RUN:
-                found.add(f"{path}@{name}", _apart(one, other, 0.0))
-    return found
+                yield f"{path}@{name}", _apart(one, other, 0.0), None
 
 
 def _paths(file: h5py.File) -> dict[str, Any]:
     """All groups and datasets of a file by their paths."""
-    found: dict[str, Any] = {}
+    found: dict[str, Any] = {"/": file}
     file.visititems(lambda path, item: found.update({path: item}))
     return found
 
 
-def _rows_apart(
-    result: Result, path: str, stored: h5py.Dataset, made: h5py.Dataset, elsewhere: bool
-) -> tuple[str, int | None]:
+def _rows_apart(result: Result, stored: h5py.Dataset, made: h5py.Dataset, elsewhere: bool) -> tuple[str, int | None]:
     """Return how two datasets differ, and the first tick; "" for not at all."""
-    one, other = np.asarray(stored[...]), np.asarray(made[...])
+    one, other, path = np.asarray(stored[...]), np.asarray(made[...]), str(made.name)
     if not result.complete and len(one) < len(other):
         other = other[: len(one)]
     if one.shape != other.shape or one.dtype != other.dtype:
         return f"has shape {one.shape} and type {one.dtype}, not {other.shape} and {other.dtype}", None
-    bound = 0.0
-    if elsewhere:
-        counts = f"/{schema.TICK}/{COUNTERS}" in path
-        unit = UNITS.get(str(made.attrs.get("units", "")), 0.0)
-        bound = np.inf if counts else unit if one.dtype.kind == "f" else 0.0
     if one.dtype.kind == "O" or not one.size:
         rows = np.flatnonzero(one != other)
     else:
         a, b = (np.ascontiguousarray(values).reshape(len(values), -1) for values in (one, other))
         same = a.view(np.uint8) == b.view(np.uint8)
-        if bound > 0.0:
-            a, b = a.astype(np.float64), b.astype(np.float64)
+        counts = f"/{schema.TICK}/{COUNTERS}" in path
+        if elsewhere and (counts or one.dtype.kind == "f"):
+            bound = np.inf if counts else UNITS.get(str(made.attrs.get("units", "")), 0.0)
             same = (a == b) | (np.isnan(a) & np.isnan(b)) | (np.abs(a - b) <= bound)
         rows = np.flatnonzero(~same.all(axis=1))
     if not len(rows):
@@ -250,7 +206,7 @@ def _rows_apart(
     return f"differs in {len(rows):,} rows, first in {place}", int(rows[0]) if of_ticks else None
 
 
-def _compare_labels(path: str, stored: Mapping[str, Any], made: Mapping[str, Any], found: Comparison) -> None:
+def _labels_apart(path: str, stored: Mapping[str, Any], made: Mapping[str, Any], share: float) -> Iterator[Item]:
     """Compare JSON documents label by label; words that a program leaves out, or adds, are not the run's."""
     one, other = dict(_labels(stored)), dict(_labels(made))
     for label in sorted(one.keys() | other.keys()):
@@ -258,8 +214,7 @@ def _compare_labels(path: str, stored: Mapping[str, Any], made: Mapping[str, Any
         added = label not in other and first not in made
         omitted = label not in one and first not in stored and first in {*SceneWords.__struct_fields__, *NOT_WORDS}
         if not (first in OF_A_MACHINE or added or omitted):
-            values = one.get(label, MISSING), other.get(label, MISSING)
-            found.add(f"{path}.{label}", _apart(*values, found.elsewhere * SAME_FIGURE))
+            yield f"{path}.{label}", _apart(one.get(label, MISSING), other.get(label, MISSING), share), None
 
 
 def _labels(stated: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
