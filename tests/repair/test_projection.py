@@ -142,7 +142,7 @@ PLACES = {
     "jump through a plate": (jump_through_a_plate, 1e-3, 0.004),
     "fingers through a sheet": (
         lambda: shape_case(trimesh.creation.box((0.3, 0.3, 0.002)), held(4, 0.03, 0.5)),
-        5e-3,
+        0.011,
         0.06,
     ),
     "middle of a block": (lambda: in_a_box(0.5, 0.5, 0.5, held(2)), 0.2, 0.3),
