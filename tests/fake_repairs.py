@@ -41,7 +41,7 @@ def repaired(request: RepairRequest) -> RepairOutcome:
     figures = {
         "depth_cones_max_before": before,
         "depth_cones_max_after": 1e-3 * before,
-        "volume_voxels_mean_before": 1e-6,
+        "volume_exact_mean_before": 1e-6,
         "contacts_kept_5mm_after": 1.0 - 10 * before,
     }
     figures |= {"correction_max_after": 0.5 * before, "own_figure": float("nan"), "time_per_frame": 2e-3}

@@ -484,7 +484,7 @@ def moved_phases(file: h5py.File) -> None:
 FAULTS: dict[str, dict[Fault, str]] = {
     "one hand": {
         invented_dataset: AGAIN,
-        of_scene("more_ticks", lambda scene: scene.update(ticks=10**400)): "order",
+        of_scene("more_ticks", lambda scene: scene.update(ticks=10**400)): "complete",
         excused_forces: "status",
         at("full_in_the_air", "hands/right/tick/status", 0, lambda x: x | 16): "status",
         at("held_in_the_air", "hands/right/tick/status", 0, lambda x: x | 32): "status",
@@ -499,7 +499,7 @@ FAULTS: dict[str, dict[Fault, str]] = {
         force_in_the_air: "complementarity",
         at("wrong_wrench", "hands/right/tick/force/palm_wrench", (HOLD, 4), lambda x: x + 1e-3): "palm wrench",
         at("wrong_fingertip", "hands/right/tick/force/fingertip_normal", HOLD, lambda x: x * 1.01): AGAIN,
-        not_the_optimum: "stationarity",
+        not_the_optimum: "force balance",
         missing_sphere: "cover",
         wrong_parent: "tree encloses",
         edited_mesh: "cover",
@@ -544,7 +544,7 @@ FAULTS: dict[str, dict[Fault, str]] = {
         of_scene("fewer_linearisations", lambda scene: scene["solver"].update(linearisations=1)): AGAIN,
         of_scene("softer_coupling", lambda scene: scene["solver"]["stiffness"].update(rotation=4.0)): "palm wrench",
         of_scene("wider_touch", lambda scene: scene["solver"].update(touch=1e-3)): AGAIN,
-        of_scene("other_force_model", lambda scene: scene["solver"].update(force="paper")): "Eq. 14",
+        of_scene("other_force_model", lambda scene: scene["solver"].update(force="paper")): AGAIN,
         of_scene("fewer_fingers", lambda scene: scene["solver"].update(fingers=["thumb", "index"])): "depth",
         deleted_figure: AGAIN,
         deleted_tremor: AGAIN,
@@ -555,7 +555,7 @@ FAULTS: dict[str, dict[Fault, str]] = {
         deep_between_samples: "non-penetration",
         moved_force: "complementarity",
         turned_force: "force balance",
-        stale_forces: "palm balance",
+        stale_forces: "force balance",
         at(
             "turned_moment", "hands/right/tick/force/palm_wrench", (UNMARKED, slice(3, None)), lambda x: x * -1.0
         ): "palm wrench",
@@ -567,7 +567,7 @@ FAULTS: dict[str, dict[Fault, str]] = {
         ): AGAIN,
         at(
             "swapped_user_fingers", "hands/right/tick/haptic/flexion", UNMARKED, lambda row: row[[0, 4, 2, 3, 1]]
-        ): "stationarity",
+        ): "force balance",
         swapped_hands: "kinematics",
         in_degrees: "kinematics",
         at("user_spread", "hands/right/tick/haptic/abduction", (UNMARKED, 2), lambda x: x + 1e-6): AGAIN,

@@ -13,7 +13,6 @@ from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.scene.scene import open_scene
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
-from hhsim.verify.coal_distance import frame_along
 
 HAND = HandModel.default()
 
@@ -72,6 +71,6 @@ def ring_case(frames: int = 3, depth: float = 1e-3) -> Case:
     ring = trimesh.creation.torus(major_radius=inner + 0.002 + wire, minor_radius=wire)
     aside = np.cross(axis, [0.0, 0.0, 1.0])
     turn = np.eye(4)
-    turn[:3, :3] = frame_along(axis)
+    turn[:3, :3] = trimesh.geometry.align_vectors([0.0, 0.0, 1.0], axis)[:3, :3]
     turn[:3, 3] = 0.5 * (joints[0] + joints[1]) + (0.002 + depth) * np.cross(aside, axis)
     return shape_case(ring.apply_transform(turn), hand)

@@ -22,7 +22,6 @@ from hhsim.scene.scene import Scene
 from hhsim.solver.options import Stiffness
 from hhsim.verify.contacts import (
     PALM,
-    Meetings,
     Pairs,
     ball_places,
     joined,
@@ -34,7 +33,7 @@ from hhsim.verify.contacts import (
     ready_triangles,
     triangle_places,
 )
-from hhsim.verify.forces import balance, moment, with_meetings
+from hhsim.verify.force_checks import balance, moment, with_meetings
 from hhsim.verify.free_object_checks import gyrated
 from hhsim.verify.kinematics import OwnHand, Posed, configurations, pose, rotations, turn_between
 from tools.convex_solids import Solid, separation
@@ -564,7 +563,6 @@ def _rubbing(pairs: Pairs, body: Moved, scene: Recorded) -> Pairs:
     return joined([pairs._replace(normal=pairs.normal + friction * one) for one in along])
 
 
-def _on_other(found: Meetings, h: int) -> Pairs:
+def _on_other(found: Pairs, h: int) -> Pairs:
     """Return the pairs of two hands as those of one of them."""
-    body, point, sign = (found.first, found.place, 1.0) if h == 0 else (found.second, found.other, -1.0)
-    return Pairs(found.tick, body, np.zeros_like(body), found.distance, point, sign * found.normal)
+    return found if h == 0 else found._replace(body=found.leaf, normal=-found.normal)

@@ -18,7 +18,7 @@ from hhsim.metrics import metrics, session_faults
 from hhsim.metrics.metrics import Penetration
 from hhsim.metrics.run.contact import NO_DEPTH
 from hhsim.metrics.run.registry import judged_metrics, known_figures, run_metrics, tick_figures
-from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
+from hhsim.metrics.run.ticks import is_mostly_stuck
 from hhsim.metrics.run_metric import Figure, Judged, RunMetric
 from hhsim.metrics.run_ticks import PLACED, RunTicks, result_ticks, touched_object
 from hhsim.metrics.session_faults import SESSION_FAULTS, SESSION_TIMES

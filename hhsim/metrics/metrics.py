@@ -129,22 +129,6 @@ def component_variation_rate(force: ArrayLike, floor: float = FORCE_FLOOR) -> Fl
     return _rate(_vectors(force), floor)
 
 
-def sample_variation_rate(force: ArrayLike, input_seq: ArrayLike) -> FloatArray:
-    """Variation rate per new input sample: each tick with a new sample against the one with the sample before.
-
-    A glove that sends 100 samples/s leaves nine of ten ticks without news, which a rate per tick counts as still.
-    Arrays and NaN are those of `force_variation_rate`, and NaN is at ticks without a new sample too; `input_seq` is the
-    number of the sample that each tick used, shape (T,).
-    """
-    vectors = _vectors(force)
-    sequence = np.asarray(input_seq)
-    rate: FloatArray = np.full(vectors.shape[:-1], np.nan)
-    if sequence.size:
-        new = np.concatenate([[True], sequence[1:] != sequence[:-1]])
-        rate[new] = _rate(np.linalg.norm(vectors[new], axis=-1), FORCE_FLOOR)
-    return rate
-
-
 def force_ripple(force: ArrayLike, rate: float, low: float = RIPPLE_BAND[0], high: float = RIPPLE_BAND[1]) -> float:
     """RMS [N] of a force (T, 3) of one uninterrupted phase between `low` and `high` [Hz], all components together.
 

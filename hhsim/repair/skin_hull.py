@@ -18,7 +18,6 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
-from hhsim.repair.least_distance import nearest_to_origin
 from hhsim.repair.skin import Skin, cone_coordinates, cone_gaps, in_palm, palm_distance
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.hierarchy import build_hierarchy
@@ -43,6 +42,8 @@ GROWTH_STEP = 1e-5
 """Accuracy of the growth of the palm's balls [m]."""
 BLOCK_POINTS = 16_384
 """Points whose nearest ball is searched at once."""
+INFEASIBLE = 1e-10
+"""Residual up to which the rows count as contradictory: a feasible point is nearer than the inverse of its root."""
 BINS = 256
 """Intervals of a phalanx's axis; of the vertices nearest to one the farthest alone enters the program."""
 
@@ -206,6 +207,25 @@ def _least_radii(rows: FloatArray, bounds: FloatArray, length: FloatArray, start
     found = nearest_to_origin(across, right - least @ origin)
     radius = start if found is None else origin + np.linalg.solve(root.T, found)
     return np.maximum.accumulate(radius[::-1])[::-1]
+
+
+def nearest_to_origin(rows: FloatArray, bounds: FloatArray) -> FloatArray | None:
+    """Compute the shortest x with rows · x ≥ bounds, of shapes (m, n) and (m,); None if there is none.
+
+    It is solved as a non-negative least-squares problem (Lawson & Hanson, Solving Least Squares Problems, 1974, chapter
+    23), which any number of redundant rows leaves unharmed.
+    """
+    from scipy.optimize import nnls
+
+    matrix, target = np.vstack([rows.T, bounds]), np.append(np.zeros(rows.shape[1]), 1.0)
+    try:
+        multiplier, _ = nnls(matrix, target)
+    except RuntimeError:
+        # It has used up its iterations.
+        return None
+    residual = matrix @ multiplier - target
+    # A residual of zero is Farkas' proof that no x satisfies all rows.
+    return None if residual[-1] > -INFEASIBLE else -residual[:-1] / residual[-1]
 
 
 def _no_palm(hand: HandModel) -> tuple[Mesh, SphereTree]:

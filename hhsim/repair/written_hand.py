@@ -1,21 +1,59 @@
-"""Hand as it is written to a recording: recorded joints that have moved with our hand's bones, and their clearance.
+"""Hand as it is written to a recording: recorded joints that have moved with our hand's bones, by a change of it.
 
-Its bodies are round cones of our hand's radii between these joints, and the palm's spheres at the corrected palm. The
-joints differ from our hand's by the error of the fit, so a free hand of ours may be written as one that penetrates.
+A change from one hand to another is a vector of 26 numbers. The bodies of the written hand are round cones of our
+hand's radii between its joints, and the palm's spheres at the corrected palm. The joints differ from our hand's by the
+error of the fit, so a free hand of ours may be written as one that penetrates.
 """
 
+from copy import copy
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.written_hand import HandBones, fill_with_balls, move_joints, place_bones
+from hhsim.kernels.hand.hand_change import apply_changes, turns_between
 from hhsim.kernels.jit import as_argument
-from hhsim.repair.hand_change import NUMBERS
+
+NUMBERS = 26
+"""Numbers of a change: palm shift [m], palm rotation vector [rad], 15 flexions and 5 abductions [rad]."""
+
+
+def finite_frames(hands: HandConfiguration) -> BoolArray:
+    """Return True for hands of finite numbers, shape (T,)."""
+    finite = [np.isfinite(values).all(axis=tuple(range(1, values.ndim))) for values in hands]
+    return np.asarray(np.logical_and.reduce(finite))
+
+
+def change_between(first: HandConfiguration, second: HandConfiguration) -> FloatArray:
+    """Return the changes from the first to the second hands, shape (T, 26), the palm's rotation from the left.
+
+    That of equal hands is exactly zero.
+    """
+    turn = np.empty((len(first.orientation), 3))
+    turns_between(as_argument(first.orientation), as_argument(second.orientation), turn)
+    flexion = (second.flexion - first.flexion).reshape(len(turn), 15)
+    return np.concatenate([second.position - first.position, turn, flexion, second.abduction - first.abduction], axis=1)
+
+
+def changed_hand(hand: HandConfiguration, change: FloatArray) -> HandConfiguration:
+    """Return hands after these changes, shape (T, 26); a change of exactly zero returns the same numbers."""
+    orientation, flexion = as_argument(hand.orientation), as_argument(hand.flexion.reshape(-1, 15))
+    turned, bent, spread = np.empty(orientation.shape), np.empty(flexion.shape), np.empty(hand.abduction.shape)
+    apply_changes(orientation, flexion, as_argument(hand.abduction), as_argument(change), turned, bent, spread)
+    return HandConfiguration(hand.position + change[:, :3], turned, bent.reshape(-1, 5, 3), spread)
+
+
+def mean_acceleration(points: FloatArray) -> float:
+    """Return the mean length of the second differences of points along the frames [m], shape (T, P, 3); 0 below 3."""
+    if len(points) < 3:
+        return 0.0
+    return float(np.linalg.norm(np.diff(points, n=2, axis=0), axis=-1).mean())
+
 
 SHARES = np.linspace(0.0, 1.0, 17)
 """Places along the axis of a phalanx whose distances are linearised."""
@@ -63,13 +101,15 @@ def bone_frames(hand: HandModel, posture: HandConfiguration) -> FloatArray:
 
 
 class WrittenHand:
-    """Writes corrections of recorded joints.
+    """Writes corrections of recorded joints; `surface` are the balls of `samples` that have to be outside.
 
     Args:
         joints: Recorded joints of T frames in the order of `KEYPOINTS` [m], shape (T, 21, 3), NaN where missing.
         fitted: Hand fitted to each frame, in the frame of the joints.
         tip_on_surface: True if recorded tips are points of the skin; False if they are centres of the fingertips.
     """
+
+    surface = slice(None)
 
     def __init__(self, joints: FloatArray, hand: HandModel, fitted: HandConfiguration, tip_on_surface: bool) -> None:
         self.joints, self.hand, self.fitted = joints, hand, fitted
@@ -108,11 +148,10 @@ class WrittenHand:
         move_joints(*own, self.frames, as_argument(posture.position), frames, moved)
         return moved
 
-    def at(self, frame: int) -> "WrittenHand":
+    def at(self, frame: int) -> Self:
         """Return a single frame, T = 1, with the tips where they are."""
-        part = object.__new__(WrittenHand)
-        own = slice(frame, frame + 1)
-        part.hand, part.fitted = self.hand, self.fitted.at(own)
+        part, own = copy(self), slice(frame, frame + 1)
+        part.fitted = self.fitted.at(own)
         part.joints, part.axes, part.frames = self.joints[own], self.axes[own], self.frames[own]
         return part
 
@@ -120,7 +159,7 @@ class WrittenHand:
         """Return balls that fill the bodies of one frame, and their motion with the hand.
 
         They are centres [m], shape (n, 3); radii [m], shape (n,); and derivatives of the centres by a change of the
-        hand as of `hhsim.repair.hand_change.change_between`, shape (n, 3, 26).
+        hand as of `hhsim.repair.written_hand.change_between`, shape (n, 3, 26).
         """
         radii = ball_radii(self.hand)
         points, motion = np.empty((len(radii), 3)), np.empty((len(radii), 3, NUMBERS))

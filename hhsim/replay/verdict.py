@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from hhsim.mesh.solidify import ASSUMED_SOLID
-from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
+from hhsim.metrics.run.ticks import is_mostly_stuck
 from hhsim.replay.summary_table import SummaryRow, default_limits
 from hhsim.solver.method import PROMISES
 

@@ -29,7 +29,7 @@ from hhsim.scene.described_scene import LoadedWords, SceneWords, load_words
 from hhsim.scene.scene import Scene
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.scene_solver import seen_scene
-from hhsim.submissions.hand_mjcf import STEP, Inertial, add_inertial, hand_bodies, hand_mjcf, numbers
+from hhsim.submissions.hand_mjcf import BODIES, JOINTS, STEP, Inertial, add_inertial, hand_mjcf, joint_angles, numbers
 from hhsim.submissions.pose_file import Submission, format_poses
 from hhsim.system.settings_file import typed
 from hhsim.table.table import Table
@@ -164,10 +164,10 @@ def scene_mjcf(scene: Scene) -> str:
         Xml.SubElement(model, "include", file=f"{prefix}hand.xml")
     assets, world, contact = (Xml.SubElement(model, tag) for tag in ("asset", "worldbody", "contact"))
     bodies, taken, start = scene_bodies(scene), set[str](), list[float]()
-    for prefix, each, haptic in zip(hand_prefixes(scene), scene.hands, seen_scene(scene).haptic, strict=True):
-        hand, pose = hand_bodies(each.model), haptic.at(0)
-        taken |= {f"{prefix}{one.name}" for one in hand.bodies} | {f"{prefix}{one.name}" for one in hand.joints}
-        start += [*pose.position, *pose.orientation, *hand.angles(pose.flexion, pose.abduction).values()]
+    for prefix, haptic in zip(hand_prefixes(scene), seen_scene(scene).haptic, strict=True):
+        pose = haptic.at(0)
+        taken |= {f"{prefix}{name}" for name in (*BODIES, *JOINTS)}
+        start += [*pose.position, *pose.orientation, *joint_angles(pose.flexion, pose.abduction)]
     for body in bodies:
         if body.name in taken:
             raise InputError(f"'{body.name}' is a body or a joint of the hand, too; expected another name")

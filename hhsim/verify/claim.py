@@ -91,20 +91,6 @@ def difference(stored: FloatArray, own: FloatArray) -> FloatArray:
     return np.where(one & other, 0.0, np.where(one | other, np.inf, np.abs(stored - own)))
 
 
-def as_number(value: Any) -> float:
-    """Return a figure of the file as a number; NaN for what is none."""
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        return float("nan")
-
-
-def told_apart(stored: float, own: float) -> tuple[str, str]:
-    """Both numbers as text, with the fewest digits, at least six, that show their difference."""
-    digits = next((n for n in range(6, 18) if f"{stored:.{n}g}" != f"{own:.{n}g}"), 6)
-    return f"{stored:.{digits}g}", f"{own:.{digits}g}"
-
-
 def figures_apart(
     stored: Mapping[str, Any], own: Mapping[str, float], size: ArrayLike, limit: float, source: str
 ) -> tuple[FloatArray, list[str]]:
@@ -112,7 +98,8 @@ def figures_apart(
 
     A figure that is not stored is infinitely far off; `source` says what gives the own ones.
     """
-    given, found = np.array([as_number(stored.get(name, np.inf)) for name in own]), np.array(list(own.values()))
-    off = difference(given, found) / np.maximum(size, np.finfo(float).tiny)
-    told = zip(own, map(told_apart, given, found), off > limit)
-    return off, [f"{name} is stored as {one}, {source} {other}" for name, (one, other), far in told if far]
+    values = [stored.get(name, np.inf) for name in own]
+    given = np.array([float(value) if isinstance(value, float | int | np.number) else np.nan for value in values])
+    off = difference(given, np.array(list(own.values()))) / np.maximum(size, np.finfo(float).tiny)
+    told = zip(own, values, own.values(), off > limit)
+    return off, [f"{name} is stored as {one}, {source} {other}" for name, one, other, far in told if far]

@@ -35,15 +35,15 @@ WORTH_A_LOOK = 1e-3
 """Slack [m] of the balls that tell which bodies of two hands can be near."""
 TICKS = 256
 """Hands measured at once, to bound the memory."""
-THUMB_TO_LITTLE, PER_FINGER = 5, 3
+PER_FINGER = 3
 
 
 class Pairs(NamedTuple):
-    """Near pairs of a hand body and a piece of the surface: a leaf sphere, or a triangle of the mesh."""
+    """Near pairs of a hand body and a piece of the surface: a leaf sphere, a triangle of the mesh, or a hand's body."""
 
     tick: IntArray  # index of the searched tick, ascending (N,)
     body: IntArray  # 0 to 14: phalanges, 15: palm (N,)
-    leaf: IntArray  # index of the sphere or the triangle (N,)
+    leaf: IntArray  # index of the sphere or the triangle; of a hand's own parts or two hands, the second body (N,)
     distance: FloatArray  # signed [m] (N,)
     point: FloatArray  # nearest point of the hand's surface [m], world (N, 3)
     normal: FloatArray  # unit, from the object to the hand (N, 3)
@@ -396,29 +396,6 @@ def away_from_triangles(triangles: ReadyTriangles, points: FloatArray) -> FloatA
     return found
 
 
-class Meetings(NamedTuple):
-    """Near pairs of a phalanx and one of a later finger, or the palm."""
-
-    tick: IntArray  # index of the searched tick, ascending (N,)
-    first: IntArray  # 0 to 14 (N,)
-    second: IntArray  # 0 to 14, or 15 for the palm (N,)
-    distance: FloatArray  # signed [m] (N,)
-    place: FloatArray  # nearest point of the first one's axis [m], world (N, 3)
-    other: FloatArray  # nearest point of the second one's axis, or the centre of the palm's sphere [m], world (N, 3)
-    normal: FloatArray  # unit, from the second to the first (N, 3)
-
-    def at(self, rows: IntArray | BoolArray) -> "Meetings":
-        """Return some of the pairs."""
-        return Meetings._make(values[rows] for values in self)
-
-    def nearest(self, ticks: int) -> FloatArray:
-        """Least distance [m] of each body at each tick, shape (ticks, 16); infinite where no pair is near."""
-        found = np.full((ticks, BODIES), np.inf)
-        for body in (self.first, self.second):
-            np.minimum.at(found, (self.tick, body), self.distance)
-        return found
-
-
 def parts_that_may_meet(hand: OwnHand, fingers: BoolArray) -> BoolArray:
     """Return True for two bodies that may meet, shape (15, 16): of fingers that count, and apart in a straight hand.
 
@@ -431,21 +408,24 @@ def parts_that_may_meet(hand: OwnHand, fingers: BoolArray) -> BoolArray:
     used = np.append(np.repeat(fingers, PER_FINGER), True)
     may &= used[:PALM, None] & used
     straight = np.clip(np.zeros((1, *hand.flexion_min.shape)), hand.flexion_min, hand.flexion_max)
-    at = HandConfiguration(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]]), straight, np.zeros((1, THUMB_TO_LITTLE)))
-    joined = meetings(hand, pose(hand, at), may, 0.0)
-    may[joined.first, joined.second] = False
+    at = HandConfiguration(np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]]), straight, np.zeros((1, 5)))
+    together = meetings(hand, pose(hand, at), may, 0.0)
+    may[together.body, together.leaf] = False
     return may
 
 
-def meetings(hand: OwnHand, posed: Posed, may: BoolArray, near: float) -> Meetings:
-    """Find the pairs of `may` (15, 16) that are no more than `near` [m] apart; hands that are not finite have none."""
+def meetings(hand: OwnHand, posed: Posed, may: BoolArray, near: float) -> Pairs:
+    """Find the pairs of `may` (15, 16) that are no more than `near` [m] apart; hands that are not finite have none.
+
+    A pair's `leaf` is its second body, towards which the first one's normal points back.
+    """
     spheres = PALM + np.arange(len(hand.palm_radius))
     couples = [(int(i), int(j)) for i, k in zip(*np.nonzero(may)) for j in ([k] if k < PALM else spheres)]
     bodies = round_cones(hand, posed)
     return _near(bodies, bodies, near, lambda a, b, reach: couples)
 
 
-def meetings_of_two(hands: Sequence[OwnHand], posed: Sequence[Posed], near: float | FloatArray) -> Meetings:
+def meetings_of_two(hands: Sequence[OwnHand], posed: Sequence[Posed], near: float | FloatArray) -> Pairs:
     """Find the pairs of two hands' bodies that are no more than `near` [m] apart, the palm's spheres on both sides.
 
     `near` is a number, or has one for each tick, shape (T,).
@@ -470,7 +450,7 @@ def _near(
     other: RoundCones,
     near: float | FloatArray,
     couples: Callable[[FloatArray, FloatArray, FloatArray], list[tuple[int, int]]],
-) -> Meetings:
+) -> Pairs:
     near = np.broadcast_to(near, len(one.a))
     shares, found = np.linspace(0.0, 1.0, SAMPLES)[:, None], []
     for start in range(0, max(len(one.a), 1), TICKS):
@@ -502,9 +482,8 @@ def _near(
         across, radius = facing(place)
         length = np.linalg.norm(place - across, axis=1)
         normal = (place - across) / np.where(length > 0.0, length, 1.0)[:, None]
-        distance = length - one.radius_a[first] - share * drop - radius
+        size = one.radius_a[first] + share * drop
         parts = np.minimum(first, PALM), np.minimum(second, PALM)
-        pairs = Meetings(tick + start, *parts, distance, place, across, normal)
-        found.append(pairs.at(distance <= within[tick]))
-    every = Meetings(*(np.concatenate(values) for values in zip(*found)))
-    return every.at(np.lexsort((every.second, every.first, every.tick)))
+        pairs = Pairs(tick + start, *parts, length - size - radius, place - size[:, None] * normal, normal)
+        found.append(pairs.at(np.flatnonzero(pairs.distance <= within[tick])))
+    return joined(found)

@@ -1,98 +1,128 @@
-"""Claims of depths: in the bodies at the chosen ticks, of the hand's own parts and of another hand at all."""
+"""Claims of depths: in spheres or triangles, in the true mesh, of the hand's own parts and of another hand."""
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
+from hhsim.errors import MeshError
+from hhsim.kernels.hand.hand_shape import HandShape
+from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.system.counted import counted
-from hhsim.verify.claim import NOT_CLAIMED, NOT_JUDGED, Claim, difference, judged
-from hhsim.verify.coal_distance import EXACT, coal_distance, has_coal, sphere_shapes, triangle_shapes
+from hhsim.system.progress import Progress
+from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim, difference, judged
+from hhsim.verify.coal_distance import EXACT, coal_distance, has_coal
 from hhsim.verify.contacts import PALM, meetings, parts_that_may_meet, round_cones
-from hhsim.verify.tick_data import LENGTH, NO_PLACE, WHY_LENGTH, JudgedTicks
+from hhsim.verify.mesh_distance import CLOSE, HandReferee
+from hhsim.verify.tick_data import LENGTH, NO_PLACE, WHY_LENGTH, JudgedTicks, left_out
 
 NEVER_IN = 1e-12
 """Rounding of a distance [m]: the depth allowed to a method that never penetrates."""
+MESH_LIMIT = 1e-6
+"""Distances to the mesh are computed up to this value [m]."""
+MESH_TICKS = 200
+"""Ticks between two progress reports of the distances to the mesh."""
 
 
 def depth_claims(judge: JudgedTicks) -> list[Claim]:
     """Judge depths in bodies, in the hand itself and in another hand, and the nearest pair by a library."""
-    depth = np.maximum(0.0, -judge.near.nearest)
+    depth = np.maximum(0.0, -judge.nearest)
     finger = depth[:, :PALM].reshape(-1, 5, 3).max(axis=2)
     finger[:, ~judge.fingers] = np.nan
     most = np.fmax(depth[:, PALM], np.nanmax(finger, axis=1, initial=0.0))
     own = np.concatenate([most[:, None], depth[:, PALM:], finger], axis=1)
-    claims = [_depth(judge, own), _inside(judge, most), _by_library(judge)]
-    return [*claims, *_self_contact(judge), *_hands_apart(judge)]
-
-
-def _depth(judge: JudgedTicks, own: FloatArray) -> Claim:
-    result, chosen = judge.result, judge.chosen
-    depths = [np.asarray(result[f"penetration_{name}"])[chosen] for name in ("depth", "palm", "finger")]
-    off = difference(np.column_stack(depths), own).max(axis=1)
-    says = f"the depth in the {judge.result.surface} is as stored"
-    return judged("depth", says, off, LENGTH, "m", WHY_LENGTH, ticks=chosen)
+    depths = [np.asarray(judge.result[f"penetration_{name}"]) for name in ("depth", "palm", "finger")]
+    off, says = difference(np.column_stack(depths), own).max(axis=1), f"the depth in the {judge.result.surface} is as "
+    claims = [judged("depth", f"{says}stored", off, LENGTH, "m", WHY_LENGTH, ticks=judge.numbers)]
+    claims += [_inside(judge, most), _by_library(judge)]
+    if judge.self_contact:
+        may = parts_that_may_meet(judge.hand, judge.fingers)
+        nearest = meetings(judge.hand, judge.posed, may, 0.0).nearest(len(judge.numbers)).min(axis=1)
+        claims.append(_out_of(judge, "own parts", "another part of it", nearest))
+    if judge.other is not None:
+        nearest = judge.of_other_hand(0.0).nearest(len(judge.numbers)).min(axis=1)
+        # Moving parts that leave a hand no place may push it into the other one.
+        nearest[(judge.status | np.asarray(judge.other["status"])) & NO_PLACE != 0] = 0.0
+        claims.append(_out_of(judge, "hands apart", "the other hand", nearest))
+    return claims
 
 
 def _inside(judge: JudgedTicks, most: FloatArray) -> Claim:
-    chosen, method = judge.chosen, judge.options["method"]
+    method = judge.options["method"]
     what = "a triangle is inside of the hand" if judge.on_mesh else "the hand is inside of a sphere"
     says, why = f"nothing of {what}", "rounding of a distance"
     if judge.safe:
         out, squeezed = np.where(judge.squeezed, 0.0, most), most[judge.squeezed]
         deepest = f"{1e6 * squeezed.max(initial=0.0):.3g} µm inside"
         note = f"{counted(len(squeezed), 'tick')} had no place, the deepest {deepest}" if len(squeezed) else ""
-        return judged("non-penetration", says, out, NEVER_IN, "m", why, ticks=chosen, note=note)
+        return judged("non-penetration", says, out, NEVER_IN, "m", why, ticks=judge.numbers, note=note)
     note = f"method {method} does not promise it; its deepest is {1e6 * most.max():.3g} µm"
-    tick = int(chosen[most.argmax()]) if most.any() else None
-    return Claim("non-penetration", says, NOT_CLAIMED, float(most.max()), NEVER_IN, "m", tick, len(chosen), why, note)
+    tick = int(most.argmax()) if most.any() else None
+    return Claim("non-penetration", says, NOT_CLAIMED, float(most.max()), NEVER_IN, "m", tick, len(most), why, note)
+
+
+def _out_of(judge: JudgedTicks, name: str, what: str, nearest: FloatArray) -> Claim:
+    """Judge least distances (T,) [m]; those of a hand that is no number are infinitely deep."""
+    known = np.isfinite(judge.posed.joints).all(axis=(1, 2, 3))
+    depth = np.where(known, np.maximum(0.0, -nearest), np.inf)
+    says = f"no part of the shown hand is in {what}"
+    return judged(name, says, depth, LENGTH, "m", WHY_LENGTH, ticks=judge.numbers)
 
 
 def _by_library(judge: JudgedTicks) -> Claim:
     name, says = "distance by coal", "the nearest pair is as far apart as the collision library has it"
     if not has_coal():
         return Claim(name, says, NOT_JUDGED, note="a second opinion by coal: pip install 'hhsim[verify]'")
-    shapes = [triangle_shapes(of.mesh) if judge.on_mesh else sphere_shapes(of.center, of.radius) for of in judge.bodies]
-    starts, cones = [of.first for of in judge.bodies], round_cones(judge.hand, judge.chosen_posed)
-    hand, pairs, posed, off, ticks = judge.hand, judge.pairs, judge.chosen_posed, [], []
+    cones, pairs, off, ticks = round_cones(judge.hand, judge.posed), judge.pairs, [], []
+    starts = [body.first for body in judge.bodies]
     # Sorted by tick, then distance: the first of each tick is its nearest pair.
     pairs = pairs.at(np.flatnonzero(np.isin(pairs.tick, judge.asked)))
     order = np.lexsort((pairs.distance, pairs.tick))
     for n in order[np.unique(pairs.tick[order], return_index=True)[1]]:
-        i, body, leaf = int(pairs.tick[n]), int(pairs.body[n]), int(pairs.leaf[n])
-        if body == PALM:
-            body += int(np.abs(np.linalg.norm(posed.palm[i] - pairs.point[n], axis=1) - hand.palm_radius).argmin())
-        a, b, first, last = cones.a[i, body], cones.b[i, body], float(cones.radius_a[body]), float(cones.radius_b[body])
-        which = int(np.searchsorted(starts, leaf, side="right")) - 1
-        a, b = judge.bodies[which].seen_points(np.stack([a, b])[None], np.array([i]))[0]
-        found = coal_distance(a, b, first, last, *shapes[which](leaf - starts[which]))
+        i, part, leaf = int(pairs.tick[n]), int(pairs.body[n]), int(pairs.leaf[n])
+        if part == PALM:
+            away = np.linalg.norm(judge.posed.palm[i] - pairs.point[n], axis=1)
+            part += int(np.abs(away - judge.hand.palm_radius).argmin())
+        body = judge.bodies[int(np.searchsorted(starts, leaf, side="right")) - 1]
+        leaf -= body.first
+        if judge.on_mesh and not body.triangles.solid[leaf]:
+            # Coal has no triangle without area.
+            continue
+        piece = (body.mesh.triangles[leaf],) if judge.on_mesh else (body.center[leaf], float(body.radius[leaf]))
+        a, b = body.seen_points(np.stack([cones.a[i, part], cones.b[i, part]])[None], np.array([i]))[0]
+        found = coal_distance(a, b, float(cones.radius_a[part]), float(cones.radius_b[part]), *piece)
         off.append(abs(found - float(pairs.distance[n])))
-        ticks.append(int(judge.chosen[i]))
-    note = "" if off else "nothing is near"
-    why = "a nanometre, and the library's bounds"
+        ticks.append(i)
+    note, why = "" if off else "nothing is near", "a nanometre, and the library's bounds"
     return judged(name, says, off, LENGTH + EXACT, "m", why, ticks=ticks, note=note)
 
 
-def _self_contact(judge: JudgedTicks) -> list[Claim]:
-    """Judge the shown hand of a run with self-contact, at every tick."""
-    if not judge.self_contact:
-        return []
-    may = parts_that_may_meet(judge.hand, judge.fingers)
-    nearest = meetings(judge.hand, judge.shown_posed, may, 0.0).nearest(len(judge.numbers)).min(axis=1)
-    says = "no part of the shown hand is in another part of it"
-    return [judged("own parts", says, _depths(judge, nearest), LENGTH, "m", WHY_LENGTH, ticks=judge.numbers)]
-
-
-def _hands_apart(judge: JudgedTicks) -> list[Claim]:
-    """Judge the shown hand of a run of two that keep out of each other, at every tick."""
-    if judge.other is None:
-        return []
-    depth = _depths(judge, judge.of_other_hand(judge.numbers, 0.0).nearest(len(judge.numbers)).min(axis=1))
-    # Moving parts that leave a hand no place may push it into the other one.
-    depth[(judge.status | np.asarray(judge.other["status"])) & NO_PLACE != 0] = 0.0
-    says = "no part of the shown hand is in the other hand"
-    return [judged("hands apart", says, depth, LENGTH, "m", WHY_LENGTH, ticks=judge.numbers)]
-
-
-def _depths(judge: JudgedTicks, nearest: FloatArray) -> FloatArray:
-    """Depths [m] by least distances (T,); infinite for a hand that is no number."""
-    known = np.isfinite(judge.shown_posed.joints).all(axis=(1, 2, 3))
-    return np.where(known, np.maximum(0.0, -nearest), np.inf)
+def mesh_claim(judge: JudgedTicks, report: Progress, *, covers: bool) -> tuple[Claim, float]:
+    """Judge the graphic hand against the true mesh; return the claim and the maximum depth [m]."""
+    name, says = "mesh", "the graphic hand stays out of the true mesh"
+    why = "rounding, and the nanometre that the cover lets pass"
+    try:
+        referees = [HandReferee(body.mesh, open_too=judge.on_mesh) for body in judge.bodies]
+    except MeshError as error:
+        return Claim(name, says, NOT_JUDGED, unit="m", why=why, note=str(error)), float("nan")
+    shape = HandShape(judge.hand.radius, judge.hand.palm_center, judge.hand.palm_radius)
+    least, checked, asked = np.full(len(judge.numbers), np.inf), 0, judge.asked
+    used = np.append(np.repeat(judge.fingers, 3), True)
+    for body, referee in zip(judge.bodies, referees):
+        # Equal postures are measured once; a posture that is not finite fails other claims.
+        rounded = np.round(body.seen_points(judge.posed.joints[asked], asked).reshape(len(asked), -1), 10)
+        different = np.sort(np.unique(rounded, axis=0, return_index=True)[1])
+        different = asked[different[np.isfinite(rounded[different]).all(axis=1)]]
+        for first in range(0, len(different), MESH_TICKS):
+            report("mesh", first, len(different))
+            rows = different[first : first + MESH_TICKS]
+            away = referee.clearances(shape, body.seen_hand(judge.posed, judge.shown.orientation, rows), MESH_LIMIT)
+            least[rows] = np.minimum(least[rows], away[:, used].min(axis=1))
+        checked = max(checked, len(different))
+    least[judge.squeezed] = np.inf
+    worst = int(least.argmin())
+    depth = max(0.0, -float(least[worst]))
+    promised = judge.safe and (judge.on_mesh or covers)
+    verdict = NOT_CLAIMED if not promised else FAILS if depth > CLOSE else HOLDS
+    note = "" if promised else "neither the method nor the tree promises it"
+    assumed = [text for text in judge.result.scene.get("object_repairs") or [] if text.startswith(ASSUMED_SOLID)]
+    note = "; ".join(filter(None, (note, left_out(judge.status, NO_PLACE), *assumed)))
+    return Claim(name, says, verdict, depth, CLOSE, "m", worst if depth > 0.0 else None, checked, why, note), depth

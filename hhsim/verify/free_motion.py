@@ -14,7 +14,7 @@ from hhsim.result.schema import BETWEEN_COLUMNS
 from hhsim.verify.contacts import PALM
 from hhsim.verify.file_checks import follows
 from hhsim.verify.kinematics import rotations
-from hhsim.verify.tick_data import LAG, STUCK, JudgedTicks, left_out
+from hhsim.verify.tick_data import LAG, STUCK, left_out
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -133,17 +133,8 @@ class FreeBody:
         velocity, heavier = self.velocity, 1.0 + self.damping * self.period
         if self.fixed:
             return np.asarray(self.mass / self.period * np.linalg.norm(velocity[1:], axis=1))
-        made = heavier * velocity[1:] - velocity[:-1]
-        wanted = self.period * (force / self.mass + self.gravity)
-        off = np.sqrt(((made - wanted) ** 2).sum(axis=1))
-        # The velocity of a tick that lags goes a fraction of its change.
-        late = np.ones(len(off), bool)
-        late[self.whole] = False
-        change_wanted = (velocity[:-1] + wanted) / heavier - velocity[:-1]
-        change, square = velocity[1:] - velocity[:-1], (change_wanted**2).sum(axis=1)
-        share = np.clip((change * change_wanted).sum(axis=1) / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
-        apart = heavier * np.sqrt(((change - share[:, None] * change_wanted) ** 2).sum(axis=1))
-        return np.asarray(self.mass / self.period * np.where(late, apart, off))
+        off = heavier * velocity[1:] - velocity[:-1] - self.period * (force / self.mass + self.gravity)
+        return np.asarray(self.mass / self.period * np.linalg.norm(off, axis=1))
 
 
 class FreeMotion(FreeBody):
@@ -168,14 +159,11 @@ class FreeMotion(FreeBody):
     @cached_property
     def meets_hand(self) -> BoolArray:
         """True for ticks in which the hand may bear on another one, shape (T,)."""
-        found = np.zeros(len(self.ticks), bool)
-        if self.result.other is not None:
-            judge = JudgedTicks(self.result, self.ticks)
-            found = judge.of_other_hand(self.ticks, MEETS).nearest(len(found)).min(axis=1) <= MEETS
-            # The forces of a tick that lags are of its last program, from where hands may still have come apart.
-            left = sum(np.asarray(hand["lag"])[self.ticks] for hand in (self.result, self.result.other))
-            found |= np.asarray(self.result[BETWEEN_COLUMNS[1].name])[self.ticks] <= MEETS + left
-        return found
+        if self.result.other is None:
+            return np.zeros(len(self.ticks), bool)
+        # The forces of a tick that lags are of its last program, from where hands may still have come apart.
+        left = sum(np.asarray(hand["lag"])[self.ticks] for hand in (self.result, self.result.other))
+        return np.asarray(np.asarray(self.result[BETWEEN_COLUMNS[1].name])[self.ticks] <= MEETS + left)
 
     @cached_property
     def alone(self) -> BoolArray:

@@ -4,7 +4,7 @@ Velocities are derived from poses, forces on the object from contacts.
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,8 +15,7 @@ from hhsim.result.reader import Result
 from hhsim.verify.bodies_apart import CLEAR, bodies_apart_claim
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.contacts import PALM
-from hhsim.verify.force_checks import FORCE, TURN, WHY_FORCE, WHY_SLACK, bears_where_near
-from hhsim.verify.forces import limit_rows, pushes, residual
+from hhsim.verify.force_checks import FORCE, TURN, WHY_FORCE, WHY_SLACK, bears_where_near, limit_rows, pushes, residual
 from hhsim.verify.free_motion import FreeBody, FreeMotion
 from hhsim.verify.joint_checks import driven_claim, held_claim, pair_claim
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, SNAP, STUCK, JudgedTicks, left_out
@@ -59,52 +58,47 @@ def free_claims(result: Result) -> list[Claim]:
     return [replace(claim, group=group) for group, of in claims.items() for claim in of]
 
 
-def _of_each(
-    name: str, says: str, unit: str, why: str, bodies: Sequence[FreeBody], figures: Any, whole: bool = False
+def _of_all(
+    name: str, says: str, unit: str, why: str, bodies: Sequence[FreeBody], figures: Iterable[Any]
 ) -> list[Claim]:
-    """Judge deviations, tolerances and ticks of each body: the claim is that of the worst one; none for no body.
-
-    `whole` says that they are of the ticks alone in which the bodies make all of their programs' step.
-    """
-    note = bodies[0].left_out if whole and bodies else ""
-    found = [judged(name, says, off, limit, unit, why, ticks=ticks, note=note) for off, limit, ticks in figures]
-    if len(found) < 2:
-        return found
-    worst = max(range(len(found)), key=lambda i: (found[i].failed, found[i].worst / found[i].tolerance))
-    note = f"the worst is that of {bodies[worst].name}" + (note and f"; {note}")
-    return [replace(found[worst], checked=sum(claim.checked for claim in found), note=note)]
+    """Judge deviations, tolerances and ticks of each body in the ticks in which bodies make all of a program's step."""
+    if not bodies:
+        return []
+    off, limit, ticks = (np.concatenate(values) for values in zip(*figures))
+    return [judged(name, says, off, limit, unit, why, ticks=ticks, note=bodies[0].left_out)]
 
 
 def _velocities(bodies: Sequence[FreeBody]) -> list[Claim]:
     # A position is rounded to 1e-16, a quaternion to a few of them; over 1 ms that is 1e-13 and more.
-    why, travel, turn = "rounding of a pose over a period of the ticks", [], []
+    travel, turn = list[Any](), list[Any]()
+    why = "rounding of a pose over a period of the ticks"
     for body in bodies:
         kept = body.whole[body.follows[body.whole]]
         # The start of the first step is not in the file.
         kept = kept[kept > 0]
         made = np.diff(body.center, axis=0) / body.period - body.velocity[1:]
-        travel.append((np.linalg.norm(made, axis=1)[kept], 1e-9, kept))
-        turn.append((np.linalg.norm(body.turn / body.period - body.spin[1:], axis=1)[kept], 1e-9, kept))
+        turned = body.turn / body.period - body.spin[1:]
+        for found, off in ((travel, made), (turn, turned)):
+            found.append((np.linalg.norm(off, axis=1)[kept], np.full(len(kept), 1e-9), kept))
     says = "the object's {} is that of its poses"
     return [
-        *_of_each("object velocity", says.format("velocity"), "m/s", why, bodies, travel, whole=True),
-        *_of_each("object angular", says.format("angular velocity"), "rad/s", why, bodies, turn, whole=True),
+        *_of_all("object velocity", says.format("velocity"), "m/s", why, bodies, travel),
+        *_of_all("object angular", says.format("angular velocity"), "rad/s", why, bodies, turn),
     ]
 
 
 def _balance(bodies: Sequence[FreeBody]) -> list[Claim]:
-    says = "m Δv / Δt is the weight and the forces of hand and table; in a tick that lags, a share of them"
     newton = []
     for body in bodies:
-        kept = np.flatnonzero(body.follows)
-        limit = FORCE * body.size
+        kept, limit = body.whole[body.follows[body.whole]], FORCE * body.size
         newton.append((body.unbalanced(body.borne[:, :3])[kept], limit[kept], kept))
-    claims = _of_each("Newton", says, "N", WHY_FORCE, bodies, newton)
+    says = "m Δv / Δt is the weight and the forces of hand and table"
+    claims = _of_all("Newton", says, "N", WHY_FORCE, bodies, newton)
     says = "the change of its turning is the moments of hand and table"
     why = "a millionth of the forces at the object's length; of several programs in a tick the object's turn of the "
     why += "moment, since nobody knows which of the axes between they had"
     free = [body for body in bodies if not body.fixed]
-    return [*claims, *_of_each("Euler", says, "N·m", why, free, map(_euler, free), whole=True)]
+    return [*claims, *_of_all("Euler", says, "N·m", why, free, map(_euler, free))]
 
 
 def _euler(motion: FreeBody) -> tuple[FloatArray, FloatArray, IntArray]:
@@ -129,20 +123,17 @@ def _euler(motion: FreeBody) -> tuple[FloatArray, FloatArray, IntArray]:
 
 def gyrated(inertia: FloatArray, spin: FloatArray, period: float) -> FloatArray:
     """Return angular velocities at the end of ticks without moments, body axes, shape (T, 3), by Newton's method."""
+
+    def crossing(vector: FloatArray) -> FloatArray:
+        return np.cross(vector[:, None], np.eye(3)).swapaxes(1, 2)
+
     found = spin
     for _ in range(20):
         turning = found @ inertia.T
         off = (found - spin) @ inertia.T / period + np.cross(found, turning)
-        slope = inertia / period + _crossing(found) @ inertia - _crossing(turning)
+        slope = inertia / period + crossing(found) @ inertia - crossing(turning)
         found = found - np.linalg.solve(slope, off[:, :, None])[:, :, 0]
     return found
-
-
-def _crossing(vector: FloatArray) -> FloatArray:
-    """Matrices [v]× of vectors (T, 3)."""
-    x, y, z = vector.T
-    none = np.zeros_like(x)
-    return np.stack([none, -z, y, z, none, -x, -y, x, none], axis=1).reshape(-1, 3, 3)
 
 
 def _wrenches(motion: FreeMotion, jointed: bool) -> list[Claim]:
@@ -160,12 +151,12 @@ def _wrenches(motion: FreeMotion, jointed: bool) -> list[Claim]:
     return found
 
 
-def free_hand_claims(result: Result, judge: JudgedTicks) -> list[Claim]:
-    """Judge the forces of a hand beside a free body; `judge` has its ticks as the body sees them. None without one."""
-    if not result.body.is_free:
+def free_hand_claims(judge: JudgedTicks) -> list[Claim]:
+    """Judge the forces of a hand beside a free body; none without one."""
+    if not judge.result.body.is_free:
         return []
-    world = JudgedTicks(result, np.arange(result.ticks))
-    return [_equal_and_opposite(FreeMotion(result)), _hand_balance(world), _complementarity(judge)]
+    motion, bodies = FreeMotion(judge.result), [FreeBody(judge.result, of) for of in judge.result.bodies.values()]
+    return [_equal_and_opposite(motion), _hand_balance(judge, motion, bodies), _complementarity(judge, motion, bodies)]
 
 
 def _equal_and_opposite(motion: FreeMotion) -> Claim:
@@ -195,67 +186,63 @@ def _cones(motion: FreeMotion) -> list[Claim]:
     return [cones, judged("torsion", says, off, tolerance, "N·m", WHY_FORCE, ticks=motion.tick)]
 
 
-def _hand_balance(judge: JudgedTicks) -> Claim:
-    """Judge a free object's hand, world: contacts, friction and joint limits balance the coupling.
+def _hand_balance(judge: JudgedTicks, motion: FreeMotion, bodies: Sequence[FreeBody]) -> Claim:
+    """Judge a free object's hand: contacts, friction and joint limits balance the coupling.
 
     A hand that snaps is held back besides, by the springs times its way in the tick and some factor. Where it bears on
     other bodies, whose contacts are not in the file, its forces as a whole balance the palm's pull; ticks in which it
     meets another hand are left out.
     """
-    name, says = "hand's balance", "the coupling of a settled tick is borne by its contacts, friction and all, "
-    says += "and by joints at their limits"
-    result, motion = judge.result, FreeMotion(judge.result)
-    status, flags = judge.status[judge.chosen], STUCK | LAG | CAPACITY_EXCEEDED
-    settled = (status & flags == 0) & ~motion.meets_hand[judge.chosen]
-    places, ticks = np.flatnonzero(settled), judge.chosen[settled]
-    size = np.linalg.norm(judge.pull[judge.chosen] * judge.scale, axis=1)
-    snaps = (judge.status[ticks] & SNAP != 0)[:, None]
-    held_back = np.where(snaps, judge.springs_of_way[ticks], 0.0)
-    off = np.array(
-        [
-            residual(-back[:3, None], pull[:3] - total)
-            for back, pull, total in zip(held_back, judge.pull[ticks], np.asarray(result["force/total"])[ticks])
-        ]
-    )
-    for n, (i, tick) in enumerate(zip(places.tolist(), ticks.tolist())):
-        if not motion.alone[tick]:
+    flags = STUCK | LAG | CAPACITY_EXCEEDED
+    ticks = np.flatnonzero((judge.status & flags == 0) & ~motion.meets_hand)
+    snaps = judge.status[ticks] & SNAP != 0
+    held_back = np.where(snaps[:, None], judge.springs_of_way[ticks], 0.0)
+    lacks = judge.pull[ticks, :3] - np.asarray(judge.result["force/total"])[ticks]
+    off = np.array([residual(-back[:3, None], lack) for back, lack in zip(held_back, lacks)])
+    for n, i in enumerate(ticks.tolist()):
+        if not motion.alone[i]:
             continue
-        rows = np.arange(*np.searchsorted(motion.tick, [tick, tick + 1]))
+        rows = np.arange(*np.searchsorted(motion.tick, [i, i + 1]))
         rows = rows[motion.own[rows]]
         twist = motion.torsion[rows, None] * motion.normal[rows]
-        pushed = pushes(judge.chosen_posed, i, motion.touching[rows], motion.point[rows], motion.force[rows], twist)
-        limits, _ = limit_rows(judge.hand, judge.chosen_shown.flexion[i])
-        rests = np.concatenate([limits, -held_back[n : n + 1]]) * judge.scale
-        off[n] = residual(rests.T, (judge.pull[tick] - pushed[0].sum(axis=0)) * judge.scale)
-    bodies = [FreeBody(result, body) for body in result.bodies.values()]
-    # The ways of several steps, each from where the one before ended, add up to first order.
-    tolerance = _hand_slack(judge, bodies, size, places) + np.where(snaps[:, 0], SNAPPED * size[places], 0.0)
-    return judged(name, says, off, tolerance, "N", WHY_SLACK, ticks=ticks, note=left_out(status, flags))
-
-
-def _hand_slack(judge: JudgedTicks, bodies: Sequence[FreeBody], size: FloatArray, places: IntArray) -> FloatArray:
-    """Tolerance [N] of the hand's balance at some chosen ticks, by the last steps of both bodies of a contact."""
-    ticks, longest = judge.chosen[places], float(judge.options["step_tolerance"])
-    # The last of several programs may take back what those before it made: the tick's travel does not bound its step.
+        pushed, _ = pushes(judge.posed, i, motion.touching[rows], motion.point[rows], motion.force[rows], twist)
+        rests = np.concatenate([limit_rows(judge.hand, judge.shown.flexion[i]), -held_back[n : n + 1]]) * judge.scale
+        off[n] = residual(rests.T, (judge.pull[i] - pushed.sum(axis=0)) * judge.scale)
+    # Normals turn by the last steps of both bodies of a contact. The last of several programs may take back what those
+    # before it made: the tick's travel does not bound its step.
+    longest = float(judge.options["step_tolerance"])
     several = np.asarray(judge.result["work/linearisations"])[ticks] > 1
     past = np.max([np.where(body.of("hand_wrench").any(axis=1), body.travel, 0.0) for body in bodies], axis=0)[ticks]
-    step = np.where(several, longest, np.minimum(judge.moved[ticks] + past, longest))
-    return np.asarray(FORCE * (1.0 + size[places]) + TURN * size[places] * step / judge.rolling)
+    world = np.linalg.norm(np.diff(judge.posed.joints, axis=0, prepend=np.inf), axis=3).max(axis=(1, 2))[ticks]
+    step = np.where(several, longest, np.minimum(world + past, longest))
+    size = np.linalg.norm(judge.pull * judge.scale, axis=1)[ticks]
+    says = "the coupling of a settled tick is borne by its contacts, friction and all, and by joints at their limits"
+    # The ways of several steps, each from where the one before ended, add up to first order.
+    limit = FORCE * (1.0 + size) + TURN * size * step / judge.rolling + np.where(snaps, SNAPPED * size, 0.0)
+    note = left_out(judge.status, flags)
+    return judged("hand's balance", says, off, limit, "N", WHY_SLACK, ticks=ticks, note=note)
 
 
-def _stands_off(judge: JudgedTicks, ticks: IntArray) -> FloatArray:
+def _complementarity(judge: JudgedTicks, motion: FreeMotion, bodies: Sequence[FreeBody]) -> Claim:
+    """Judge that only touching bodies bear forces, but for the friction's residual slip."""
+    ticks = np.flatnonzero(judge.status & (STUCK | LAG) == 0)
+    within = (judge.touch + _stands_off(judge, bodies)[ticks])[:, None]
+    # Distances beyond the margin are unknown.
+    nearest = np.minimum(judge.nearest, judge.margin)
+    nearest = np.minimum(nearest, judge.against_other_hand.nearest(len(nearest)))
+    nearest -= motion.of("friction_residual")[:, None]
+    says = "what does not touch bears no force, but for what floats by what the tick's friction is off"
+    return bears_where_near(judge, ticks, nearest[ticks], within, says, left_out(judge.status, STUCK | LAG))
+
+
+def _stands_off(judge: JudgedTicks, bodies: Sequence[FreeBody]) -> FloatArray:
     """Distance [m] of what bears a force: steps are straight and rotations are not; the slip has a clearance.
 
     Hand and body go straight and turn about points of their own. Turned together by φ they come apart by ½ φ² times
     the distance of these points, and by φ times what the hand goes beside the body.
     """
-    motion, posed = FreeMotion(judge.result), judge.shown_posed
-    points = np.concatenate([posed.joints.reshape(len(judge.numbers), -1, 3), posed.position[:, None]], axis=1)
-    if judge.result.view is not None:
-        now = motion.turned[1:].as_matrix()
-        points = np.einsum("tij,tnj->tni", now, points - motion.place) + motion.of("position")[:, None]
-    bends, bodies = np.zeros(len(points)), [FreeBody(judge.result, body) for body in judge.result.bodies.values()]
-    movable = [body.name for body in bodies if not body.fixed]
+    points = np.concatenate([judge.posed.joints.reshape(len(judge.numbers), -1, 3), judge.posed.position[:, None]], 1)
+    bends, movable = np.zeros(len(points)), [body.name for body in bodies if not body.fixed]
     for body in bodies:
         # A body that another one bears goes on its own, and their joint draws it back.
         hinge = body.free.get("hinge")
@@ -265,30 +252,7 @@ def _stands_off(judge: JudgedTicks, ticks: IntArray) -> FloatArray:
         way = np.linalg.norm(np.diff(beside, axis=0, prepend=np.inf), axis=2).max(axis=1).clip(max=judge.margin)
         turn = np.linalg.norm(body.turn, axis=1)
         bends = np.maximum(bends, turn * (0.5 * turn * np.linalg.norm(there[:, -1], axis=1) + way))
-    return np.asarray(CLEAR + judge.moved[ticks].clip(max=judge.margin) ** 2 / RADIUS + bends[ticks])
-
-
-def _complementarity(judge: JudgedTicks) -> Claim:
-    """Judge, in the object's frame, that only touching bodies bear forces, but for the friction's residual slip."""
-    motion = FreeMotion(judge.result)
-    says = "what does not touch bears no force, but for what floats by what the tick's friction is off"
-    floats = np.repeat(motion.of("friction_residual")[:, None], PALM + 1, axis=1)
-    # A tick that lags stands off by its slip and by the travel left; its forces are those of the unfinished program.
-    on_the_way = motion.own & ~np.isin(motion.tick, motion.whole)
-    slipped = float(motion.free["friction"]) * motion.slip[on_the_way]
-    np.maximum.at(floats, (motion.tick[on_the_way], motion.touching[on_the_way]), slipped)
-    # How a contact with another body slips in a tick that lags is not in the file.
-    known = motion.alone | (judge.status & LAG == 0)
-    places = np.flatnonzero((judge.status[judge.chosen] & STUCK == 0) & known[judge.chosen])
-    ticks = judge.chosen[places]
-    late = judge.status[ticks] & LAG > 0
-    to_go = np.where(late, np.asarray(motion.result["lag"])[ticks], 0.0)
-    within = (np.where(late, judge.bearing, judge.touch) + to_go + _stands_off(judge, ticks))[:, None]
-    # Distances beyond the margin are unknown.
-    nearest, met = np.minimum(judge.near.nearest, judge.margin), judge.against_other_hand
-    np.minimum.at(nearest, (met.tick, met.body), met.distance)
-    note = left_out(judge.status[judge.chosen], STUCK)
-    return bears_where_near(judge, places, nearest[places] - floats[ticks], within, says, note)
+    return np.asarray(CLEAR + judge.moved.clip(max=judge.margin) ** 2 / RADIUS + bends)
 
 
 def _table(motion: FreeMotion, bodies: Sequence[FreeBody]) -> Claim:

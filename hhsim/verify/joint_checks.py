@@ -1,6 +1,10 @@
-"""Claims of joints: a body turns about, or moves along, their axis alone, within their limits, by the forces on it."""
+"""Claims of joints: those of the hand follow from angles within limits; a body turns about, or moves along, its axis.
+
+A body's joint keeps its limits, and moves by the forces on it.
+"""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -8,16 +12,17 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.result.body import Body
 from hhsim.result.reader import Result
-from hhsim.verify.claim import Claim, judged
-from hhsim.verify.force_checks import FORCE
-from hhsim.verify.forces import AT_LIMIT
+from hhsim.verify.claim import NOT_CLAIMED, Claim, judged
+from hhsim.verify.force_checks import AT_LIMIT, FORCE
 from hhsim.verify.free_motion import FreeBody
 from hhsim.verify.kinematics import rotations
-from hhsim.verify.tick_data import LENGTH
+from hhsim.verify.tick_data import LENGTH, WHY_LENGTH, JudgedTicks
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
+ANGLE = 1e-9
+"""Tolerance of angles [rad]."""
 MOVES = 1e-6
 """Speed beyond which a joint moves, and its friction is against that [rad/s, m/s]."""
 JOINED = 2e-6
@@ -25,6 +30,25 @@ JOINED = 2e-6
 DRIVEN = 1e6
 """Mass [kg] and moment of inertia [kg·m²] that a driven body counts as."""
 WHY_JOINT = "a nanometre; a millionth of the forces"
+
+
+def posture_claims(judge: JudgedTicks) -> list[Claim]:
+    """Judge the joints of the shown hand and their limits."""
+    result, hand, at, ticks = judge.result, judge.hand, judge.shown, judge.numbers
+    unit = np.abs(np.linalg.norm(at.orientation, axis=1) - 1.0)
+    # The opposite quaternion is the same rotation, but a jump of its numbers.
+    unit[1:][(at.orientation[1:] * at.orientation[:-1]).sum(axis=1) < 0.0] = np.inf
+    off = np.linalg.norm(judge.posed.joints - result["graphic/joints"], axis=3).max(axis=(1, 2))
+    off = np.maximum(off, np.where(unit <= ANGLE, 0.0, np.inf))
+    says = "the joints are those of the stored angles and pose, whose quaternions are unit and change no sign"
+    kinematics = judged("kinematics", says, off, LENGTH, "m", WHY_LENGTH, ticks=ticks)
+    beyond = np.maximum(hand.flexion_min - at.flexion, at.flexion - hand.flexion_max).max(axis=(1, 2))
+    beyond, says = np.maximum(0.0, beyond), "no joint is beyond its limit"
+    limits = judged("joint limits", says, beyond, ANGLE, "rad", "rounding of the solver's steps", ticks=ticks)
+    if not result.gives("status"):
+        note = f"of a method that is not hhsim's; its joints are up to {beyond.max(initial=0.0):.3g} rad beyond"
+        limits = replace(limits, verdict=NOT_CLAIMED, note=note)
+    return [kinematics, limits]
 
 
 def joint_claims(result: Result) -> list[Claim]:

@@ -18,10 +18,6 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 
-LOCKED = 1e-8
-"""Cosine of β below which rounding leaves α and γ no eight digits."""
-
-
 class OwnHand(NamedTuple):
     """Hand of a result, palm frame; fields as in the file, `sign` -1 for a left hand, whose abduction mirrors."""
 
@@ -87,42 +83,12 @@ def pose(hand: OwnHand, at: HandConfiguration) -> Posed:
     return posed
 
 
-def phalanx_axes(posed: Posed, f: int, k: int) -> FloatArray:
-    """Axes of a phalanx as columns, shape (T, 3, 3): its joint's, along it, and across both."""
-    along = posed.joints[:, f, k + 1] - posed.joints[:, f, k]
-    along = along / np.linalg.norm(along, axis=1, keepdims=True)
-    return np.stack([posed.axes[:, f], along, np.cross(posed.axes[:, f], along)], axis=2)
-
-
 def turn_between(first: FloatArray, second: FloatArray) -> FloatArray:
     """Rotation vectors [rad], world, (T, 3), between orientations w x y z; NaN if one is invalid."""
     (there, neither), (here, nor) = rotations(second), rotations(first)
     turn = np.array((there * here.inv()).as_rotvec(), np.float64)
     turn[neither | nor] = np.nan
     return turn
-
-
-def euler_angles(quaternion: FloatArray) -> FloatArray:
-    """Angles α, β, γ [rad], (T, 3), of orientations w x y z that are R_z(γ) R_y(β) R_x(α); NaN if invalid or locked."""
-    turned, invalid = rotations(quaternion)
-    r = np.moveaxis(turned.as_matrix(), 0, 2)
-    cosine = np.hypot(r[0, 0], r[1, 0])
-    found = np.stack([np.arctan2(r[2, 1], r[2, 2]), np.arctan2(-r[2, 0], cosine), np.arctan2(r[1, 0], r[0, 0])], axis=1)
-    found[invalid | (cosine < LOCKED)] = np.nan
-    return found
-
-
-def euler_change(first: FloatArray, second: FloatArray, stored: FloatArray) -> FloatArray:
-    """Changes of the Euler angles [rad], (T, 3), from one orientation w x y z to another, those nearest to `stored`.
-
-    (α, β, γ) and (α + π, π - β, γ + π) are one rotation, and full turns may be added: no single tick tells which of
-    them a solver has come to. NaN where `euler_angles` are.
-    """
-    here, there = ((angles, np.pi + angles * (1.0, -1.0, 1.0)) for angles in map(euler_angles, (first, second)))
-    changes = np.stack([end - begin for end in there for begin in here])
-    changes += 2.0 * np.pi * np.round((stored - changes) / (2.0 * np.pi))
-    best = np.abs(changes - stored).max(axis=2).argmin(axis=0)
-    return np.asarray(changes[best, np.arange(len(best))])
 
 
 def rotations(quaternion: FloatArray) -> "tuple[Rotation, BoolArray]":

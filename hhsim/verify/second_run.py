@@ -6,8 +6,8 @@ machine, the versions, the date and the command.
 """
 
 import json
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,7 +16,6 @@ import h5py
 import msgspec
 import numpy as np
 
-from hhsim.arrays import AnyArray, IntArray
 from hhsim.errors import HhsimError, InputError, OutputError
 from hhsim.linkage.file import names_a_linkage
 from hhsim.mesh.catalogue import names_a_file
@@ -50,45 +49,15 @@ UNITS = {**ROUNDING, "s": 1e-9, "rad,m": 1e-12}
 """Largest difference that counts as rounding on another machine, by unit."""
 SAME_FIGURE = 1e-6
 """The same of figures and labels, as a share."""
+NOT_RUN = (f"/{TIMINGS}", f"/{schema.SKIN}/")
+"""Parts of the paths of datasets that no second run gives: times, and a skin, which is added to its file afterwards."""
+MISSING = object()
 TOLD = 4
 """Differences that a note tells, of all."""
 
 
-@dataclass
-class Comparison:
-    """A file beside that of its second run."""
-
-    elsewhere: bool  # True if another machine or version made the file: rounding is let pass
-    compared: int = 0  # number of items: datasets, attributes and labels
-    different: dict[str, str] = field(default_factory=dict)  # how items differ
-    first_tick: int | None = None  # first tick that differs
-
-    def add(self, item: str, difference: str, tick: int | None = None) -> None:
-        """Count an item, and note how it differs; "" for not at all."""
-        self.compared += 1
-        if not difference:
-            return
-        self.different[item] = difference
-        if tick is not None:
-            self.first_tick = tick if self.first_tick is None else min(self.first_tick, tick)
-
-    @property
-    def told(self) -> str:
-        """The first differences in words."""
-        texts = [f"{item} {difference}" for item, difference in list(self.different.items())[:TOLD]]
-        rest = len(self.different) - len(texts)
-        return "; ".join([*texts, *([f"{rest:,} more"] if rest else [])])
-
-    def claim(self, result: Result, note: str) -> Claim:
-        """Return the verdict; none on a run of another version that differs."""
-        makers = other_makers(result) if self.elsewhere else []
-        of_versions = [text for text in makers if not text.startswith(("cpu", "system"))]
-        wrong = np.zeros(max(self.compared, 1), bool)
-        wrong[: len(self.different)] = True
-        why = "rounding, of another machine or version" if self.elsewhere else "equal bytes"
-        notes = "; ".join(filter(None, [self.told, note, *makers]))
-        claim = replace(all_true(NAME, SAYS, wrong, note=notes, why=why), tick=self.first_tick)
-        return replace(claim, verdict=NOT_JUDGED) if claim.failed and of_versions else claim
+Item = tuple[str, str, int | None]
+"""A dataset, attribute or label, how it differs ("" for not at all), and the first tick."""
 
 
 def second_run_claim(result: Result, report: Progress, trust: bool = False) -> Claim:
@@ -97,133 +66,85 @@ def second_run_claim(result: Result, report: Progress, trust: bool = False) -> C
     Not judged are methods and sessions that cannot be run again, and runs of another version that differ.
     """
     first = next(iter(result.hands.values()))
-    if first.live is not None:
-        return _session(first, report, trust)
+    live = first.live is not None
     try:
-        options = stored_options(first, trust)
-        scene, note = _scene(result, options, report)
-        with TemporaryDirectory(prefix="hhsim-") as folder:
-            path = Path(folder) / "again.h5"
-            with SceneSolver(scene, options) as solver:
-                run = Replay(solver)
-                with run.writer(path, ()):
-                    run.go(report)
-                    run.finish()
-            with open_hdf5(first.path) as stored, open_hdf5(path) as made:
-                found = _compared(first, stored, made)
+        items, note = (_ticks_again if live else _run_again)(result, first, report, trust)
     except HhsimError as error:
         # hhsim would not have made such a file by a method and a QP solver of its own.
         own = first.method in METHODS and first.scene["solver"].get("qp") == ACTIVE_SET
-        verdict = FAILS if own and not isinstance(error, OutputError) else NOT_JUDGED
+        verdict = FAILS if own and not live and not isinstance(error, OutputError) else NOT_JUDGED
         return Claim(NAME, SAYS, verdict, 1.0, 0.0, "", checked=1, note=f"it cannot be run again: {error}")
-    return found.claim(first, note)
+    different = [(f"{item} {difference}", tick) for item, difference, tick in items if difference]
+    texts = [text for text, _ in different[:TOLD]]
+    texts += [f"{len(different) - TOLD:,} more"] if len(different) > TOLD else []
+    makers = other_makers(first)
+    why = "rounding, of another machine or version" if makers else "equal bytes"
+    wrong = np.arange(max(len(items), 1)) < len(different)
+    claim = all_true(NAME, SAYS, wrong, note="; ".join(filter(None, ["; ".join(texts), note, *makers])), why=why)
+    claim = replace(claim, tick=min((tick for _, tick in different if tick is not None), default=None))
+    of_versions = [text for text in makers if not text.startswith(("cpu", "system"))]
+    return replace(claim, verdict=NOT_JUDGED) if claim.failed and of_versions else claim
 
 
-def _session(first: Result, report: Progress, trust: bool) -> Claim:
-    """Judge the ticks of a session, as its hands and bodies were at them."""
+def _ticks_again(result: Result, first: Result, report: Progress, trust: bool) -> tuple[list[Item], str]:
+    """Compare the ticks of a session, as its hands and bodies were at them."""
     whole = replace(first, name="") if len(first.hands) > 1 else first
-    try:
-        again = run_again(whole, trust=trust, progress=report)
-    except HhsimError as error:
-        return Claim(NAME, SAYS, NOT_JUDGED, note=f"it cannot be run again: {error}")
-    found = Comparison(again.made_elsewhere)
-    for array in again.arrays:
-        begun = array.first_beyond if again.made_elsewhere else array.first_tick
-        found.add(array.name, f"differs from tick {begun:,} on" if begun >= 0 else "", begun)
-    return found.claim(first, "; ".join(again.notes))
+    again = run_again(whole, trust=trust, progress=report)
+    begun = {array.name: array.first_beyond if again.made_elsewhere else array.first_tick for array in again.arrays}
+    items = [(name, f"differs from tick {tick:,} on" if tick >= 0 else "", tick) for name, tick in begun.items()]
+    return [*items], "; ".join(again.notes)
 
 
-def _scene(result: Result, options: SolverOptions, report: Progress) -> tuple[Scene, str]:
+def _run_again(result: Result, first: Result, report: Progress, trust: bool) -> tuple[list[Item], str]:
+    """Compare a replay with the file of its second run."""
+    options = stored_options(first, trust)
+    scene, note = _scene(list(result.hands.values()), options, report)
+    with TemporaryDirectory(prefix="hhsim-") as folder:
+        path = Path(folder) / "again.h5"
+        with SceneSolver(scene, options) as solver:
+            run = Replay(solver)
+            with run.writer(path, ()):
+                run.go(report)
+                run.finish()
+        with open_hdf5(first.path) as stored, open_hdf5(path) as made:
+            return [*_compared(first, stored, made)], note
+
+
+def _scene(hands: Sequence[Result], options: SolverOptions, report: Progress) -> tuple[Scene, str]:
     """Make the scene of a replay from its words, else from its file; return it with a note.
 
     HhsimError for words of the catalogue alone that do not go together: no run has them.
     """
-    hands = list(result.hands.values())
-    known = _known_words(hands[0], len(hands))
+    result, stated = hands[0], hands[0].scene
+    known = {name: stated[name] for name in SceneWords.__struct_fields__ if stated.get(name) is not None}
+    by_words = "free" in stated or names_a_linkage(str(known.get("object"))) or len(result.bodies) > 1
+    # A program may describe what it likes.
+    if "place_object" not in stated or "recording" in stated or (result.body.is_free and not by_words):
+        known = {}
+    else:
+        # Of several parts the scene states the level of the tree over all of them.
+        grown = max(int(body.static["tree/level"].max(initial=1)) for body in result.bodies.values())
+        known["level"] = (stated.get("tree_options") or {}).get("level", grown)
+        known["hand"] = "both" if len(hands) > 1 else result.side
+        gone = ["level"] if known.get("tree") or known.get("max_error") else []
+        gone += ["place_object"] if (stated.get("placement") or {}).get("by_itself") else []
+        known = {name: word for name, word in known.items() if name not in gone}
     named = [known[name] for name in ("object", "trajectory") if name in known]
     files = [word for word in (*named, known.get("tree"), known.get("hand_file")) if word and names_a_file(str(word))]
     try:
         if len(named) < 2:
             raise InputError("the file names no object or no motion")
-        return _scene_by_words(hands[0], known, options, report), "; ".join(
-            f"with {file} as it is now" for file in files
-        )
-    except HhsimError as error:
-        if len(named) == 2 and not files:
-            raise
-        return result_scene(
-            hands
-        ), f"from the bodies and the user's hand in the file, which nothing else shows: {error}"
-
-
-def _known_words(result: Result, hands: int) -> dict[str, Any]:
-    """Return the words of the file's scene; none of a repaired recording, or of what a program put together."""
-    stated = result.scene
-    known = {name: stated[name] for name in SceneWords.__struct_fields__ if stated.get(name) is not None}
-    by_words = "free" in stated or names_a_linkage(str(known.get("object"))) or len(result.bodies) > 1
-    # A program may describe what it likes, and run a part of it.
-    if "place_object" not in stated or "recording" in stated or (result.body.is_free and not by_words):
-        return {}
-    # Of several parts the scene states the level of the tree over all of them.
-    grown = max(int(body.static["tree/level"].max(initial=1)) for body in result.bodies.values())
-    known["level"] = (stated.get("tree_options") or {}).get("level", grown)
-    if known.get("tree") or known.get("max_error"):
-        del known["level"]
-    known["hand"] = "both" if hands > 1 else result.side
-    if (stated.get("placement") or {}).get("by_itself"):
-        known.pop("place_object", None)
-    return known
-
-
-def _scene_by_words(result: Result, known: Mapping[str, Any], options: SolverOptions, report: Progress) -> Scene:
-    """Make the scene anew; HhsimError where its object or its motion are not to be had."""
-    try:
         words = msgspec.convert(known, SceneWords)
-    except msgspec.ValidationError as error:
-        raise InputError(f"the words of its scene cannot be used: {error}") from error
-    scene = load_words(words, surface=options.surface).placed(options.fingers, report).scene
-    if scene.description["object_mesh"] != result.scene.get("object_mesh") and names_a_file(words.object):
-        raise InputError(f"{words.object} is another mesh now")
-    return scene
-
-
-def _compared(result: Result, stored: h5py.File, made: h5py.File) -> Comparison:
-    found = Comparison(bool(other_makers(result)))
-    for path in sorted({*_paths(stored), *_paths(made)}):
-        one, other = stored.get(path), made.get(path)
-        if one is None or other is None:
-            found.add(path, "is in no run" if other is None else "is not there")
-        elif isinstance(one, h5py.Dataset) and isinstance(other, h5py.Dataset):
-            found.add(path, *_rows_apart(result, path, one, other, found.elsewhere))
-    for path in ("/", *sorted({*_groups(stored)} & {*_groups(made)})):
-        for name in sorted({*stored[path].attrs} | {*made[path].attrs}):
-            one, other = stored[path].attrs.get(name), made[path].attrs.get(name)
-            if path == "/" and name in OF_NO_RUN:
-                continue
-            if path.startswith(schema.SUMMARY):
-                # A run that was stopped has no figures.
-                if result.complete and not is_measured(name):
-                    found.add(f"{path}@{name}", _figures_apart(one, other, found.elsewhere))
-            elif name in ("scene", "properties"):
-                _compare_labels(f"{path}@{name}", json.loads(str(one)), json.loads(str(other)), found)
-            else:
-                found.add(f"{path}@{name}", _figures_apart(one, other, False))
-    return found
-
-
-def _paths(file: h5py.File) -> Iterator[str]:
-    """Yield the datasets of a run; a skin is added to its file afterwards."""
-    names: list[str] = []
-    file.visititems(lambda path, item: names.append(path) if isinstance(item, h5py.Dataset) else None)
-    skipped = (f"/{TIMINGS}", f"/{schema.SKIN}/")
-    return (path for path in names if not any(part in path for part in skipped))
-
-
-def _groups(file: h5py.File) -> list[str]:
-    """Paths of all groups and datasets, which have attributes."""
-    names: list[str] = []
-    file.visit(names.append)
-    return names
+        scene = load_words(words, surface=options.surface).placed(options.fingers, report).scene
+        if scene.description["object_mesh"] != stated.get("object_mesh") and names_a_file(words.object):
+            raise InputError(f"{words.object} is another mesh now")
+    except (HhsimError, msgspec.ValidationError) as error:
+        if len(named) == 2 and not files:
+            raise InputError(f"the words of its scene cannot be used: {error}") from error
+        return result_scene(hands), f"from the bodies and hand in the file, which nothing else shows: {error}"
+    # A program may have run a part of the motion.
+    part = result.complete and result.ticks < scene.ticks.tick_count
+    return scene.first(result.ticks) if part else scene, "; ".join(f"with {file} as it is now" for file in files)
 
 
 def is_measured(figure: str) -> bool:
@@ -232,74 +153,68 @@ def is_measured(figure: str) -> bool:
     return known is not None and known.noise > 0.0
 
 
-def _rows_apart(
-    result: Result, path: str, stored: h5py.Dataset, made: h5py.Dataset, elsewhere: bool
-) -> tuple[str, int | None]:
+def _compared(result: Result, stored: h5py.File, made: h5py.File) -> Iterator[Item]:
+    share = SAME_FIGURE if other_makers(result) else 0.0
+    paths = [_paths(file) for file in (stored, made)]
+    for path, item in sorted({**paths[0], **paths[1]}.items()):
+        one, other = (of.get(path) for of in paths)
+        if isinstance(item, h5py.Dataset) and not any(part in path for part in NOT_RUN):
+            absent = one is None or other is None
+            yield (path, _word(one, other), None) if absent else (path, *_rows_apart(result, one, other, share > 0.0))
+    for path in sorted(paths[0].keys() & paths[1].keys()):
+        attributes = [dict(of[path].attrs) for of in paths]
+        for name in sorted({**attributes[0], **attributes[1]}):
+            one, other = (of.get(name, MISSING) for of in attributes)
+            if name in ("scene", "properties"):
+                yield from _labels_apart(f"{path}@{name}", json.loads(str(one)), json.loads(str(other)), share)
+            elif path.startswith(schema.SUMMARY):
+                # A run that was stopped has no figures.
+                if result.complete and not is_measured(name):
+                    yield f"{path}@{name}", _apart(one, other, share), None
+            elif path != "/" or name not in OF_NO_RUN:
+                yield f"{path}@{name}", _apart(one, other, 0.0), None
+
+
+def _paths(file: h5py.File) -> dict[str, Any]:
+    """All groups and datasets of a file by their paths."""
+    found: dict[str, Any] = {"/": file}
+    file.visititems(lambda path, item: found.update({path: item}))
+    return found
+
+
+def _rows_apart(result: Result, stored: h5py.Dataset, made: h5py.Dataset, elsewhere: bool) -> tuple[str, int | None]:
     """Return how two datasets differ, and the first tick; "" for not at all."""
-    one, other = np.asarray(stored[...]), np.asarray(made[...])
+    one, other, path = np.asarray(stored[...]), np.asarray(made[...]), str(made.name)
     if not result.complete and len(one) < len(other):
         other = other[: len(one)]
     if one.shape != other.shape or one.dtype != other.dtype:
         return f"has shape {one.shape} and type {one.dtype}, not {other.shape} and {other.dtype}", None
-    units = str(made.attrs.get("units", ""))
-    bound = 0.0
-    if elsewhere:
+    if one.dtype.kind == "O" or not one.size:
+        rows = np.flatnonzero(one != other)
+    else:
+        a, b = (np.ascontiguousarray(values).reshape(len(values), -1) for values in (one, other))
+        same = a.view(np.uint8) == b.view(np.uint8)
         counts = f"/{schema.TICK}/{COUNTERS}" in path
-        bound = np.inf if counts else UNITS.get(units, 0.0) if one.dtype.kind == "f" else 0.0
-    rows = _differing(one, other, bound)
+        if elsewhere and (counts or one.dtype.kind == "f"):
+            bound = np.inf if counts else UNITS.get(str(made.attrs.get("units", "")), 0.0)
+            same = (a == b) | (np.isnan(a) & np.isnan(b)) | (np.abs(a - b) <= bound)
+        rows = np.flatnonzero(~same.all(axis=1))
     if not len(rows):
         return "", None
     of_ticks = f"{schema.TICK}/" in path
-    place = f"tick {rows[0]:,}" if of_ticks else f"row {rows[0]:,}"
+    place = f"{'tick' if of_ticks else 'row'} {rows[0]:,}"
     return f"differs in {len(rows):,} rows, first in {place}", int(rows[0]) if of_ticks else None
 
 
-def _differing(one: AnyArray, other: AnyArray, bound: float) -> IntArray:
-    """Rows that differ by more than `bound`, by any byte for 0."""
-    if one.dtype.kind == "O" or not one.size:
-        return np.flatnonzero(one != other)
-    one, other = (np.ascontiguousarray(values).reshape(len(values), -1) for values in (one, other))
-    rows = np.flatnonzero((one.view(np.uint8) != other.view(np.uint8)).any(axis=1))
-    if bound == 0.0:
-        return rows
-    a, b = one[rows].astype(np.float64), other[rows].astype(np.float64)
-    near = (a == b) | (np.isnan(a) & np.isnan(b)) | (np.abs(a - b) <= bound)
-    return np.asarray(rows[~near.all(axis=1)])
-
-
-def _figures_apart(stored: Any, made: Any, elsewhere: bool) -> str:
-    """Return how two attributes differ; "" for not at all."""
-    if stored is None or made is None:
-        return "is in no run" if made is None else "is not there"
-    one, other = np.asarray(stored), np.asarray(made)
-    numbers = one.dtype.kind in "fiu" and other.dtype.kind in "fiu" and one.shape == other.shape
-    if numbers and np.array_equal(one, other, equal_nan=True):
-        return ""
-    if numbers and elsewhere and np.allclose(one, other, rtol=SAME_FIGURE, atol=SAME_FIGURE, equal_nan=True):
-        return ""
-    return "" if not numbers and np.array_equal(one, other) else f"is {stored}, and {made} of a second run"
-
-
-def _compare_labels(path: str, stored: Mapping[str, Any], made: Mapping[str, Any], found: Comparison) -> None:
+def _labels_apart(path: str, stored: Mapping[str, Any], made: Mapping[str, Any], share: float) -> Iterator[Item]:
     """Compare JSON documents label by label; words that a program leaves out, or adds, are not the run's."""
     one, other = dict(_labels(stored)), dict(_labels(made))
     for label in sorted(one.keys() | other.keys()):
         first = label.partition(".")[0]
-        if first in OF_A_MACHINE or (label not in other and first not in made):
-            continue
-        if label not in one and first not in stored and first in {*SceneWords.__struct_fields__, *NOT_WORDS}:
-            continue
-        same = label in one and label in other and _alike(one[label], other[label], found.elsewhere)
-        told = f"is {one.get(label, 'not there')}, and {other.get(label, 'not there')} of a second run"
-        found.add(f"{path}.{label}", "" if same else told)
-
-
-def _alike(one: Any, other: Any, elsewhere: bool) -> bool:
-    if isinstance(one, list) and isinstance(other, list):
-        return len(one) == len(other) and all(_alike(a, b, elsewhere) for a, b in zip(one, other))
-    if elsewhere and isinstance(one, float) and isinstance(other, float):
-        return abs(one - other) <= SAME_FIGURE * (1.0 + abs(one))
-    return bool(one == other) and isinstance(one, bool) == isinstance(other, bool)
+        added = label not in other and first not in made
+        omitted = label not in one and first not in stored and first in {*SceneWords.__struct_fields__, *NOT_WORDS}
+        if not (first in OF_A_MACHINE or added or omitted):
+            yield f"{path}.{label}", _apart(one.get(label, MISSING), other.get(label, MISSING), share), None
 
 
 def _labels(stated: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
@@ -308,3 +223,24 @@ def _labels(stated: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, 
             yield from _labels(value, f"{before}{name}.")
         else:
             yield f"{before}{name}", value
+
+
+def _word(stored: Any, made: Any) -> str:
+    """Return how an item is other than of a second run, or is in one of both alone."""
+    if stored is None or stored is MISSING:
+        return "is not there"
+    return "is in no run" if made is None or made is MISSING else f"is {stored}, and {made} of a second run"
+
+
+def _apart(stored: Any, made: Any, share: float) -> str:
+    """Return how two attributes or labels differ, numbers by more than a share of them; "" for not at all."""
+    one, other = (of.tolist() if isinstance(of, np.ndarray | np.generic) else of for of in (stored, made))
+    return "" if _alike(one, other, share) else _word(stored, made)
+
+
+def _alike(one: Any, other: Any, share: float) -> bool:
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(_alike(a, b, share) for a, b in zip(one, other))
+    if isinstance(one, float) and isinstance(other, float):
+        return one == other or (one != one and other != other) or abs(one - other) <= share * (1.0 + abs(one))
+    return bool(one == other) and isinstance(one, bool) == isinstance(other, bool)

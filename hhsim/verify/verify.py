@@ -11,30 +11,21 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import IntArray
-from hhsim.errors import InputError, MeshError
-from hhsim.kernels.hand.hand_shape import HandShape
-from hhsim.mesh.solidify import ASSUMED_SOLID
+from hhsim.errors import InputError
 from hhsim.result.reader import Result
 from hhsim.system.counted import counted
 from hhsim.system.progress import Progress, silent
-from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim
-from hhsim.verify.cover_checks import palm_claim, tree_claims
-from hhsim.verify.depth_checks import depth_claims
+from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, Claim
+from hhsim.verify.depth_checks import depth_claims, mesh_claim
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.force_checks import force_claims
 from hhsim.verify.free_object_checks import free_claims, free_hand_claims
-from hhsim.verify.joint_checks import joint_claims
-from hhsim.verify.judged_body import seen_by_referee
-from hhsim.verify.mesh_distance import CLOSE, HandReferee
-from hhsim.verify.posture_checks import posture_claims
+from hhsim.verify.joint_checks import joint_claims, posture_claims
 from hhsim.verify.second_run import second_run_claim
 from hhsim.verify.session_checks import session_claims
-from hhsim.verify.tick_data import NO_PLACE, JudgedTicks, left_out
+from hhsim.verify.tick_data import JudgedTicks
+from hhsim.verify.tree_checks import palm_claim, tree_claims
 
-MESH_LIMIT = 1e-6
-"""Distances to the mesh are computed up to this value [m]."""
-MESH_TICKS = 200
-"""Ticks between two progress reports of the distances to the mesh."""
 LONG, SAMPLED_EVERY = 10_000, 50
 """Ticks from which on a run is sampled by the claims in `SAMPLED`, and the sampling interval."""
 SAMPLED = ("distance by coal", "mesh")
@@ -127,19 +118,16 @@ def physics(
     every = every or (1 if result.ticks < LONG else SAMPLED_EVERY)
     claims, deep, judges = list(before), list[float](), list[JudgedTicks]()
     for hand in hands:
-        sampled = chosen_ticks(hand, every)
-        # Beside an object that moves, hands and forces are judged as it sees them.
-        judge = JudgedTicks(hand.seen_by(seen_by_referee), np.arange(hand.ticks), sampled)
+        judge = JudgedTicks(hand, chosen_ticks(hand, every))
         progress("file", 0, 3)
         trees = tree_claims(hand)
-        mesh, depth = _mesh_claim(
-            judge, progress, covers=any(c.name == "cover" and c.verdict != NOT_CLAIMED for c in trees)
-        )
+        covers = any(claim.name == "cover" and claim.verdict != NOT_CLAIMED for claim in trees)
+        mesh, depth = mesh_claim(judge, progress, covers=covers)
         groups = {
             "seal": file_claims(hand),
             "session": session_claims(hand),
             "depth": [*depth_claims(judge), mesh],
-            "forces": [*force_claims(judge), *free_hand_claims(hand, judge)],
+            "forces": [*force_claims(judge), *free_hand_claims(judge)],
             "joints": posture_claims(judge),
             "trees": [palm_claim(hand)],
         }
@@ -171,38 +159,3 @@ def chosen_ticks(result: Result, every: int) -> IntArray:
     leaps = 1 + np.flatnonzero(travel > result.static["hand/phalanx_radius"].min())
     last = [result.ticks - 1, int(np.nan_to_num(size).argmax())]
     return np.unique(np.concatenate([regular, odd[:: max(1, len(odd) // 50)], leaps, worst, last]).astype(np.int64))
-
-
-def _mesh_claim(judge: JudgedTicks, report: Progress, *, covers: bool) -> tuple[Claim, float]:
-    """Judge the graphic hand against the true mesh; return the claim and the maximum depth [m]."""
-    name, says = "mesh", "the graphic hand stays out of the true mesh"
-    why = "rounding, and the nanometre that the cover lets pass"
-    try:
-        referees = [HandReferee(body.mesh, open_too=judge.on_mesh) for body in judge.bodies]
-    except MeshError as error:
-        return Claim(name, says, NOT_JUDGED, unit="m", why=why, note=str(error)), float("nan")
-    hand, posed, at, sampled = judge.hand, judge.chosen_posed, judge.chosen_shown, judge.asked
-    shape = HandShape(hand.radius, hand.palm_center, hand.palm_radius)
-    least, checked = np.full(len(judge.chosen), np.inf), 0
-    used = np.append(np.repeat(judge.fingers, 3), True)
-    for body, referee in zip(judge.bodies, referees):
-        # Equal postures are measured once; a posture that is not finite fails other claims.
-        rounded = np.round(body.seen_points(posed.joints[sampled], sampled).reshape(len(sampled), -1), 10)
-        different = np.sort(np.unique(rounded, axis=0, return_index=True)[1])
-        different = sampled[different[np.isfinite(rounded[different]).all(axis=1)]]
-        for first in range(0, len(different), MESH_TICKS):
-            report("mesh", first, len(different))
-            rows = different[first : first + MESH_TICKS]
-            away = referee.clearances(shape, body.seen_hand(posed, at.orientation, rows), MESH_LIMIT)
-            least[rows] = np.minimum(least[rows], away[:, used].min(axis=1))
-        checked = max(checked, len(different))
-    least[judge.squeezed] = np.inf
-    worst = int(least.argmin())
-    depth = max(0.0, -float(least[worst]))
-    promised = judge.safe and (judge.on_mesh or covers)
-    verdict = NOT_CLAIMED if not promised else FAILS if depth > CLOSE else HOLDS
-    note = "" if promised else "neither the method nor the tree promises it"
-    assumed = [text for text in judge.result.scene.get("object_repairs") or [] if text.startswith(ASSUMED_SOLID)]
-    note = "; ".join(filter(None, (note, left_out(judge.status[judge.chosen], NO_PLACE), *assumed)))
-    tick = int(judge.chosen[worst]) if depth > 0.0 else None
-    return Claim(name, says, verdict, depth, CLOSE, "m", tick, checked, why, note), depth

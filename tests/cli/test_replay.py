@@ -93,7 +93,7 @@ def test_a_replay_of_which_most_ticks_are_stuck_ends_with_1(
     run: Run, short: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # No input that is taken makes one: every run counts as one here.
-    monkeypatch.setattr("hhsim.metrics.run.stuck_and_lag.MOST_STUCK", -1.0)
+    monkeypatch.setattr("hhsim.metrics.run.ticks.MOST_STUCK", -1.0)
     answer = run("replay", "cube", short.name, "--level", "2", "--ticks", "50", "--out", "run.h5", "--quiet")
     assert (answer.code, answer.out) == (1, "")
     assert "hhsim: missed: " in answer.err and "More than half of the ticks are stuck" in answer.err

@@ -114,25 +114,6 @@ def test_the_points_on_a_mesh_are_those_of_every_touching_triangle(hand: HandMod
     assert seen > 50
 
 
-@pytest.mark.parametrize("step", [0.0, 1e-5, 1e-3, 0.02])
-def test_a_body_that_was_away_is_seen_again_when_it_comes(hand: HandModel, tree: SphereTree, step: float) -> None:
-    random, ticks = np.random.default_rng(7), 200
-    near = np.array([0.02, -0.06, 0.05])
-    position = near + np.cumsum(random.uniform(-step, step, (ticks, 3)), axis=0) * [1.0, 1.0, 0.3]
-    turn = random.normal(size=3) * 20.0 * step * np.sin(np.arange(ticks) / 9.0)[:, None]
-    orientation = np.concatenate([np.ones((ticks, 1)), turn], axis=1)
-    orientation /= np.linalg.norm(orientation, axis=1)[:, None]
-    flexion = 0.4 + 20.0 * step * np.sin(np.arange(ticks)[:, None, None] / np.linspace(5.0, 15.0, 15).reshape(5, 3))
-    placed = forward_kinematics(hand, position, orientation, flexion, np.zeros((ticks, 5)))
-    together = find_contact_points(tree.arrays(), hand_shape(hand), placed, TOUCH)
-    alone = [find_contact_points(tree.arrays(), hand_shape(hand), placed, TOUCH, chosen=[i]) for i in range(ticks)]
-    for ours, expected in zip(together, zip(*alone)):
-        np.testing.assert_array_equal(ours, np.concatenate(expected))
-    counts = [len(points.tick) for points in alone]
-    assert max(counts) > 0
-    assert step == 0.0 or len(set(counts)) > 1
-
-
 def test_each_point_lies_on_its_body_with_the_normal_out_of_the_object(
     hand: HandModel, tree: SphereTree, placed: PlacedHand, found: ContactPoints
 ) -> None:

@@ -71,23 +71,10 @@ class TestForceVariation:
         np.testing.assert_allclose(rate[1], [10.0, np.nan, 200.0])
         assert np.isnan(rate[0]).all()
 
-    def test_held_samples_do_not_dilute_the_rate_per_sample(self) -> None:
-        # 100 samples/s held at 1 kHz; the force grows by 1 % a sample.
-        sequence = np.arange(200) // 10
-        force = along(0, 1.01**sequence)
-        rate = metrics.sample_variation_rate(force, sequence)
-        new = np.arange(200) % 10 == 0
-        assert np.isnan(rate[~new]).all()
-        assert np.isnan(rate[0])
-        np.testing.assert_allclose(rate[new][1:], 1.0, rtol=1e-9)
-        assert metrics.statistics(metrics.force_variation_rate(force)).mean == pytest.approx(19 / 199, rel=1e-9)
-        assert metrics.statistics(rate).count == 19
-
     @pytest.mark.parametrize("ticks", [0, 1])
     def test_too_few_ticks_have_no_rate(self, ticks: int) -> None:
         force = np.ones((ticks, 3))
         assert np.isnan(metrics.force_variation_rate(force)).all()
-        assert metrics.sample_variation_rate(force, np.zeros(ticks)).shape == (ticks,)
         assert metrics.component_variation_rate(force).shape == (ticks, 3)
 
     @pytest.mark.parametrize("shape", [(4,), (4, 2), ()])

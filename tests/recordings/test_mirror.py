@@ -28,7 +28,6 @@ from scipy.spatial.transform import Rotation
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.linkage.file import resolve_object
-from hhsim.metrics.field.score import field_score
 from hhsim.motion.csv_file import format_csv
 from hhsim.motion.file import load_trajectory, save_trajectory
 from hhsim.motion.trajectory import ObjectMotion
@@ -38,6 +37,7 @@ from hhsim.recordings.dexmo_regression import CHANNELS
 from hhsim.recordings.object_poses import with_object_poses
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import ReadOptions, read_recording
+from hhsim.repair.score import field_score
 from hhsim.scene.motion_catalogue import read_imported
 from hhsim.system.settings_file import parse_settings
 

@@ -3,8 +3,6 @@
 The judge is the referee, with a lid that is turned about its hinge in closed form.
 """
 
-import json
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,37 +15,31 @@ from conftest import Run
 from drawings_alone import leave_pictures_white
 from joint_samples import arrays_npz
 from leap_document import keypoint_table, leap_hand
-from referee_clearance import referee_clearance
 from repair_scenes import HAND, held
 from skin_samples import skin_sample
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
+from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import SIDES, HandModel, Side
 from hhsim.hand.quaternion import quaternion
-from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
 from hhsim.metrics.field.field_table import field_rows
 from hhsim.metrics.field.hands import Bodies, FieldHands, FieldPair
 from hhsim.metrics.moving_parts import MovingParts, result_parts
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.recordings.registry import ReadOptions, read_recording
-from hhsim.repair.offline import repair_frames
-from hhsim.repair.projection import correct
+from hhsim.repair.projection import HandJudge, correct
 from hhsim.repair.recorded_scene import model_joints
 from hhsim.repair.repair import repair_recording
 from hhsim.repair.request import RESULT, RepairOutcome, RepairRequest
 from hhsim.repair.skin_depth import push_out, skin_depth
-from hhsim.repair.tracks import HandJudge, parts_between, solver_beside
 from hhsim.result.reader import Result, load_result
 from hhsim.result.stored_hand import result_hand
 from hhsim.scene.declared_bodies import load_bodies
 from hhsim.scene.described_scene import SceneWords, described_scene
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, tree_maker
-from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -193,33 +185,6 @@ def test_the_result_shows_the_parts_where_they_are(freed: tuple[RepairRequest, R
     assert run("verify", str(request.beside(RESULT)), "--quiet").code == 0
 
 
-@pytest.mark.soak
-def test_voxels_of_parts_that_move_are_no_figure(freed: tuple[RepairRequest, RepairOutcome]) -> None:
-    names = {name for name in freed[1].figures if name.startswith("volume")}
-    assert names == {f"volume_exact_{kind}_{when}" for kind in ("mean", "max") for when in ("before", "after")}
-
-
-@pytest.mark.usefixtures("no_picture")
-@pytest.mark.soak
-def test_a_thing_that_is_carried_gives_the_same_correction(
-    freed: tuple[RepairRequest, RepairOutcome], tmp_path: Path
-) -> None:
-    request, outcome = freed
-    with np.load(request.recording) as given:
-        joints, time = given["keypoints"], given["t"]
-    shift = np.linspace(0.0, 0.3, len(time))[:, None] * [1.0, 0.5, 0.2]
-    pose = {"object_pos": shift, "object_quat_wxyz": np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))}
-    (tmp_path / "hand.npz").write_bytes(arrays_npz(keypoints=joints + shift[:, None], t=time, **pose))
-    carried = replace(
-        request, recording=tmp_path / "hand.npz", object=write_laptop(tmp_path), out=tmp_path / "free.npz"
-    )
-    found = repair_recording(carried)
-    name = "depth_cones_max_before"
-    assert found.figures[name] == pytest.approx(outcome.figures[name], abs=1e-8)
-    with np.load(request.out) as still, np.load(carried.out) as moved:
-        np.testing.assert_allclose(moved["keypoints"] - shift[:, None], still["keypoints"], atol=2e-5)
-
-
 def write_two_hands(folder: Path, frames: int, late: int = 0) -> None:
     """Write the keypoints of both hands, of the left one from a later frame on."""
     shown = []
@@ -255,18 +220,6 @@ def test_both_hands_are_freed_by_one_command(run: Run, tmp_path: Path, monkeypat
         np.testing.assert_allclose(parts.values["lid"], angle, atol=1e-9)
 
 
-@pytest.mark.usefixtures("no_picture")
-@pytest.mark.soak
-def test_joints_begin_with_the_first_of_both_hands(run: Run, tmp_path: Path) -> None:
-    write_two_hands(tmp_path, 5, late=2)
-    (tmp_path / "lid.csv").write_text("t,angle\n0.0,1.0\n1.0,2.0\n")
-    found = json.loads(run("repair", "two.csv", *BOTH).out)
-    for side, first in zip(SIDES, (0.0, 0.2)):
-        parts = result_parts(load_result(Path(found["hands"][side]["result"])).hands[side])
-        assert parts is not None
-        np.testing.assert_allclose(parts.values["lid"], 1.0 + np.arange(first, 0.45, 0.1), atol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("word", "expected"),
     [
@@ -287,15 +240,6 @@ def test_a_scene_that_cannot_be_taken_is_refused_in_one_line(
     last = answer.err.strip().splitlines()[-1]
     assert expected in last
     assert not (tmp_path / "free.npz").exists()
-
-
-def test_a_size_is_of_a_mesh_file(tmp_path: Path) -> None:
-    (tmp_path / "hand.npz").write_bytes(arrays_npz(keypoints=model_joints(HAND, hand_at(0)), t=time_and_angles()[0]))
-    request = RepairRequest(
-        tmp_path / "hand.npz", "laptop", tmp_path / "free.npz", hand="right", unit="mm", options=OPTIONS
-    )
-    with pytest.raises(InputError, match="laptop has its size"):
-        repair_recording(request)
 
 
 def parts_of_two(frames: int = 4) -> MovingParts:
@@ -364,29 +308,7 @@ def test_figures_are_those_of_each_frame_by_itself() -> None:
     assert rows["depth_skin_max"].before == pytest.approx(max(depth), abs=1e-9)
     assert rows["depth_skin_mean"].before == pytest.approx(np.mean(depth), abs=1e-9)
     assert rows["volume_exact_mean"].before == pytest.approx(np.mean(volume), rel=1e-6)
-    assert not {"volume_voxels_mean", "volume_trimesh_mean", "contact_deviation"} & set(rows)
-
-
-@pytest.mark.soak
-def test_missing_frames_leave_the_others_beside_their_own_parts() -> None:
-    parts, frames = parts_of_two(6), held(6, 0.07, 0.3)
-    frames.position[1] = np.nan
-    free = repair_frames(HAND, parts, frames, 0.1)
-    joints = model_joints(HAND, frames)
-    found, marked = correct(joints, HAND, frames, free, parts, tip_on_surface=False, max_correction=0.2)
-    assert np.isnan(free.position[1]).all()
-    assert not marked.any()
-    for frame in (0, 2, 3, 4, 5):
-        meshes = [Mesh(shell.vertices, shell.faces) for shell in shells(parts, frame)]
-        nearest = [
-            min(
-                referee_clearance(HAND, mesh, forward_kinematics(HAND, *hands.part(frame, frame + 1)))
-                for mesh in meshes
-            )
-            for hands in (frames, free, found.posture)
-        ]
-        assert nearest[0] < -1e-3
-        assert min(nearest[1:]) >= -DEPTH
+    assert "contact_deviation" not in rows
 
 
 @pytest.mark.soak
@@ -398,9 +320,8 @@ def test_parts_that_leave_no_place_have_the_frame_marked() -> None:
     poses[:, :, 3] = 1.0
     poses[:, 0, 2], poses[:, 1, 2] = -0.65, (0.65, 0.35)
     parts, frames = MovingParts("press", ("low", "high"), meshes, trees, poses, {}), held(2)
-    free = repair_frames(HAND, parts, frames, 0.1)
     joints = model_joints(HAND, frames)
-    found, marked = correct(joints, HAND, frames, free, parts, tip_on_surface=False, max_correction=0.1)
+    found, marked = correct(joints, HAND, frames, parts, tip_on_surface=False, max_correction=0.1)
     assert marked.tolist() == [False, True]
     assert np.array_equal(found.joints[0], joints[0])
 
@@ -424,29 +345,6 @@ def test_a_skin_is_freed_from_parts_that_move(monkeypatch: pytest.MonkeyPatch) -
     assert depth.max() > 1e-3
     assert found.is_freed.all()
     assert not found.depth_after.any()
-
-
-@pytest.mark.soak
-def test_a_solver_begins_beside_the_parts_of_its_frame() -> None:
-    parts = parts_of_two()
-    options = SolverOptions(surface="mesh")
-    solver = solver_beside(parts, HAND, options, 2)
-    for part, pose in zip(solver.workspace.surface.part, parts.path[2]):
-        assert np.array_equal(part.position, pose[:3])
-        assert np.array_equal(part.orientation, pose[3:])
-        turned = RigidMotion(pose[None, 3:], np.zeros((1, 3))).points(np.eye(3)[None])[0]
-        np.testing.assert_allclose(part.rotation, turned.T, atol=1e-12)
-
-
-def test_parts_go_the_short_way_and_end_in_their_place() -> None:
-    turn = quaternion(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.4]]))
-    before, after = np.zeros((1, 7)), np.full((1, 7), 0.1)
-    before[0, 3:], after[0, 3:] = turn[0], -turn[1]
-    path = parts_between(np.stack([before, after]), 4)
-    assert path.shape == (4, 1, 7)
-    assert np.array_equal(path[-1], after)
-    np.testing.assert_allclose(np.linalg.norm(path[:, 0, 3:], axis=1), 1.0, atol=1e-12)
-    np.testing.assert_allclose(np.abs(path[1, 0, 3:] @ quaternion(np.array([[0.0, 0.0, 0.2]]))[0]), 1.0, atol=1e-4)
 
 
 def test_a_thing_begins_at_a_later_time() -> None:

@@ -22,7 +22,7 @@ from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.recordings.registry import ReadOptions, read_recording
 from hhsim.repair.follow import FollowedFrame
-from hhsim.repair.offline import repair_frames
+from hhsim.repair.projection import correct
 from hhsim.repair.recorded_scene import model_joints
 from hhsim.repair.repair import repair_recording
 from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairRequest
@@ -181,22 +181,6 @@ def test_the_command_prints_the_table_and_names_its_files(run: Run, tmp_path: Pa
     assert exported.code == 0 and "12 ticks as keypoints" in exported.out
 
 
-@pytest.mark.usefixtures("no_picture")
-@pytest.mark.soak
-def test_an_object_may_be_a_urdf(run: Run, tmp_path: Path) -> None:
-    recorded(tmp_path)
-    (tmp_path / "ball.obj").write_text(load_object("sphere").mesh.obj())
-    shape = '<collision><geometry><mesh filename="package://things/ball.obj"/></geometry></collision>'
-    (tmp_path / "ball.urdf").write_text(f'<robot name="ball"><link name="ball">{shape}</link></robot>')
-    depths = []
-    for word, out in (("sphere", "a.npz"), ("ball.urdf", "b.npz")):
-        words = ("--hand", "right", "--length-unit", "m", "--max-correction", "30", "--out", out, "--json")
-        answer = run("repair", "grasp.npz", "--object", word, *words)
-        assert answer.code == 0, answer.err
-        depths.append(json.loads(answer.out)["figures"]["depth_cones_max_before"])
-    assert depths[1] == pytest.approx(depths[0], rel=1e-3)
-
-
 def test_an_option_that_is_not_used_is_refused(run: Run, tmp_path: Path) -> None:
     recorded(tmp_path)
     (tmp_path / "many.csv").write_text("recording,object\ngrasp.npz,sphere\n")
@@ -264,8 +248,7 @@ def test_a_recording_pushed_into_the_object_comes_back_towards_the_known_hand(tm
     """The truth is a hand without penetration; the recording is it, 8 mm towards the object and with noise."""
     hand, frames = grasp()
     surface = contact_surface("mesh", load_object("sphere").mesh, None)
-    free = repair_frames(hand, surface, frames, 0.05)
-    truth = model_joints(hand, free)
+    truth = correct(model_joints(hand, frames), hand, frames, surface, tip_on_surface=False)[0].joints
     toward = load_object("sphere").mesh.vertices.mean(axis=0) - truth[:, 4::4].mean(axis=1)
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)
     shift = 0.008 * toward + np.random.default_rng(3).normal(0.0, 5e-4, toward.shape)

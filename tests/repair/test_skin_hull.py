@@ -7,20 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sampled import sampled
-from skin_samples import FLESH, SkinSample, correction_to, shaken, skin_sample
-from sphere_scenes import ball, brute_pairs
+from skin_samples import FLESH, SkinSample, skin_sample
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.repair.skin import cone_coordinates, moved_skin
+from hhsim.repair.skin import cone_coordinates
 from hhsim.repair.skin_hull import Palm, ball_cover, finger_volume, fit_radii, hand_with_skin
 from hhsim.repair.written_hand import bone_frames
-from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions
-from hhsim.verify.cover_checks import outside_spheres
+from hhsim.verify.tree_checks import outside_spheres
 
 LENGTH = np.array([0.045, 0.028, 0.02])
 JOINTS = np.stack([np.zeros(4), np.append(0.0, np.cumsum(LENGTH)), np.zeros(4)], axis=1)
@@ -45,12 +42,6 @@ def depth_in_spheres(along: FloatArray, across: FloatArray, radius: FloatArray, 
     share = np.linspace(0.0, 1.0, 2001)[:, None, None]
     gap = np.hypot(along - share * length, across) - ((1.0 - share) * radius[:3] + share * radius[1:])
     return np.asarray(gap.min(axis=(0, 2)))
-
-
-def test_a_cylinder_gives_its_radius_back() -> None:
-    for radius in (0.004, 0.009):
-        along, across, phalanx = hull_points(np.full(4, radius), 50)
-        np.testing.assert_allclose(fit_radii(along, across, phalanx, LENGTH), radius, atol=1e-8)
 
 
 @given(st.lists(st.floats(0.004, 0.012), min_size=4, max_size=4))
@@ -89,18 +80,6 @@ def test_balls_cover_all_points(seed: int, most: int) -> None:
     center, radius = ball_cover(points, normal, most)
     assert 1 <= len(radius) <= most
     assert (np.linalg.norm(points[:, None] - center, axis=2) - radius).min(axis=1).max() <= 1e-12
-
-
-def test_points_of_balls_are_covered_by_these_balls() -> None:
-    random = np.random.default_rng(1)
-    normal = random.normal(size=(400, 3))
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    middle, size = np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]]), np.array([0.012, 0.009])
-    points = (middle[:, None] + size[:, None, None] * normal).reshape(-1, 3)
-    center, radius = ball_cover(points, 3.0 * np.tile(normal, (2, 1)), 2)
-    order = np.argsort(center[:, 0])
-    np.testing.assert_allclose(center[order], middle, atol=1e-9)
-    np.testing.assert_allclose(radius[order], size, atol=1.1e-5)
 
 
 @pytest.mark.parametrize("palm", PALMS)
@@ -157,32 +136,6 @@ def own_gaps(sample: SkinSample, hand: HandModel, palm: Palm) -> tuple[FloatArra
     # Sampled spheres miss the nearest one by a fraction of a micrometre.
     gap[np.abs(gap) < 1e-6] = 0.0
     return np.maximum(gap, 0.0), np.maximum(-gap, 0.0)
-
-
-@pytest.mark.parametrize("palm", PALMS)
-def test_the_solver_keeps_such_a_hand_out(palm: Palm) -> None:
-    sample = skin_sample()
-    hand, _ = hand_with_skin(sample.hand, sample.skin, sample.fitted, palm)
-    target = shaken(sample, 3, 1.0)
-    goal = HandConfiguration(*(np.repeat(values, 20, axis=0) for values in target))
-    palm_middle = sample.fitted.position[6] + rotation_matrix(sample.fitted.orientation[6]) @ [0.0, 0.01, -0.03]
-    for middle in (palm_middle, sample.joints[6, 12]):
-        tree = ball(0.02, tuple(middle))
-        record = HandSolver(hand, tree.arrays(), SolverOptions()).run(*goal)
-        least, shown = np.inf, HandConfiguration.of(record)
-        for tick in range(0, shown.ticks, 7):
-            pairs = brute_pairs(hand, tree.leaf_center, tree.leaf_radius, shown, tick)
-            least = min(least, float(pairs.min()))
-            if palm == "none":
-                assert pairs[15:].min() > pairs[6].min() + 1e-3
-        assert -1e-6 <= least < 1e-3
-        # What the hand contains stays out with it, moved by bones alone.
-        last = correction_to(sample, shown.at(np.arange(19, shown.ticks, 20)), np.ones(12, dtype=bool))
-        vertices = moved_skin(sample.skin, sample.joints, last)
-        recorded = np.linalg.norm(sample.skin.vertices - middle, axis=2).min()
-        freed = np.linalg.norm(vertices - middle, axis=2)[:, sample.skin.bone > 0 if palm == "none" else slice(None)]
-        if palm != "thin":
-            assert recorded < 0.015 and freed.min() >= 0.02 - 1e-6
 
 
 def test_a_skin_without_frames_or_palm_is_refused() -> None:

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from hhsim.arrays import FloatArray
-from hhsim.repair import steady_program
-from hhsim.repair.hand_change import NUMBERS
-from hhsim.repair.steady_program import FrameProgram, steady_step
+from hhsim.repair.projection import FrameProgram, steady_step
+from hhsim.repair.written_hand import NUMBERS
 
 FRAMES, TOTAL = [2, 3, 4, 7], 9
 
@@ -48,7 +47,7 @@ def by_quadprog(own: list[FrameProgram], change: FloatArray, steadiness: float) 
 
 @pytest.mark.parametrize(("slacks", "steadiness"), [(0, 3.0), (2, 30.0), (1, 0.0)])
 def test_the_steps_are_those_of_quadprog(slacks: int, steadiness: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(steady_program, "TOLERANCE", 1e-10)
+    monkeypatch.setattr("hhsim.repair.projection.TOLERANCE", 1e-10)
     random = np.random.default_rng(slacks)
     own, change = programs(random, slacks), random.normal(size=(TOTAL, NUMBERS))
     step = steady_step(own, change, FRAMES, steadiness)

@@ -26,13 +26,12 @@ from hhsim.motion.file import save_trajectory
 from hhsim.motion.trajectory import Trajectory
 from hhsim.report.run import posed_result
 from hhsim.result.motion import load_result_motion
-from hhsim.result.reader import TURNS, Result, load_result
+from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import POSE_COLUMNS, TICK_COLUMNS
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
 from hhsim.scene.synthesis import synthesize
 from hhsim.verify.claim import FAILS
-from hhsim.verify.judged_body import seen_by_referee
 from hhsim.verify.verify import verify
 from tools.shapes.generators import sphere
 
@@ -122,15 +121,8 @@ def test_the_haptic_hand_and_the_object_are_in_the_file_to_the_bit(runs: tuple[R
     assert back.object_motion.position.tobytes() == moved.object_motion.position[:count].tobytes()
 
 
-def test_the_referee_finds_every_claim_true_and_sees_what_the_library_sees(runs: tuple[Result, Result]) -> None:
-    found = verify(runs[1], every=40)
-    assert [claim.name for claim in found.claims if claim.verdict == FAILS] == []
-    ours, theirs = runs[1].seen_from_object, runs[1].seen_by(seen_by_referee)
-    for name, turns in TURNS.items():
-        one, other = np.asarray(ours[name]), np.asarray(theirs[name])
-        if turns == "orientation":
-            other = other * np.sign((one * other).sum(axis=1, keepdims=True))
-        np.testing.assert_allclose(other, one, atol=1e-12, err_msg=name)
+def test_the_referee_finds_every_claim_true(runs: tuple[Result, Result]) -> None:
+    assert [claim.name for claim in verify(runs[1], every=40).claims if claim.verdict == FAILS] == []
 
 
 def test_a_fixed_object_has_no_pose_a_tick(runs: tuple[Result, Result]) -> None:

@@ -12,7 +12,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel, Side
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.round_cone_distance import cone_slope
-from hhsim.submissions.hand_mjcf import STEP, HandBodies, RoundCone, hand_bodies, hand_mjcf
+from hhsim.submissions.hand_mjcf import BODIES, JOINTS, STEP, capsules, hand_mjcf, joint_angles
 
 SIDES = ("right", "left")
 
@@ -47,10 +47,10 @@ def _joint_centres(place: Callable[[str], FloatArray]) -> FloatArray:
 @pytest.mark.parametrize("side", SIDES)
 def test_mjcf_has_the_joints_where_hhsim_has_them(side: Side) -> None:
     hand = HandModel.default(side)
-    bodies, palm = hand_bodies(hand), Xml.fromstring(hand_mjcf(hand)).find("worldbody/body")
+    palm = Xml.fromstring(hand_mjcf(hand)).find("worldbody/body")
     assert palm is not None and palm.find("freejoint") is not None
     for position, orientation, flexion, abduction in _poses(hand, 20):
-        angles, turn = bodies.angles(flexion, abduction), rotation_matrix(orientation)
+        angles, turn = dict(zip(JOINTS, joint_angles(flexion, abduction))), rotation_matrix(orientation)
         wanted = hand.joints(position, orientation, flexion, abduction)
         found = _mjcf_frames(palm, angles, turn, position)
         assert np.abs(_joint_centres(found.__getitem__) - wanted).max() < 1e-12
@@ -61,10 +61,10 @@ def test_mujoco_has_the_joints_where_hhsim_has_them(side: Side) -> None:
     mujoco = pytest.importorskip("mujoco")
     hand = HandModel.default(side)
     model = mujoco.MjModel.from_xml_string(hand_mjcf(hand))
-    data, bodies = mujoco.MjData(model), hand_bodies(hand)
+    data = mujoco.MjData(model)
     for position, orientation, flexion, abduction in _poses(hand, 20):
         data.joint("palm").qpos[:] = [*position, *orientation]
-        for name, angle in bodies.angles(flexion, abduction).items():
+        for name, angle in zip(JOINTS, joint_angles(flexion, abduction)):
             data.joint(name).qpos[0] = angle
         mujoco.mj_forward(model, data)
         found = _joint_centres(lambda name: (data.site if name.endswith("tip") else data.body)(name).xpos)
@@ -85,36 +85,34 @@ def _mjcf_frames(
     return found
 
 
-def test_every_degree_of_freedom_is_a_joint_with_its_limits() -> None:
+def test_every_degree_of_freedom_is_a_joint_with_its_limits_and_masses_are_those_of_a_hand() -> None:
     hand = HandModel.default()
-    bodies: HandBodies = hand_bodies(hand)
-    assert len(bodies.bodies) == 16 and len(bodies.joints) == 20
-    by_name = {joint.name: joint for joint in bodies.joints}
+    model = Xml.fromstring(hand_mjcf(hand))
+    assert tuple(body.get("name") for body in model.iter("body")) == BODIES
+    limits = {joint.get("name", ""): _vector(joint.get("range", "")) for joint in model.iter("joint")}
+    assert tuple(limits) == JOINTS
     for f, finger in enumerate(FINGERS):
-        assert by_name[f"{finger}_abd"].upper == hand.abduction_max[f]
+        assert limits[f"{finger}_abd"].tolist() == [hand.abduction_min[f], hand.abduction_max[f]]
         for k in range(3):
-            assert by_name[f"{finger}_flex{k + 1}"].lower == hand.flexion_min[f, k]
-    assert set(by_name) <= {element.get("name") for element in Xml.fromstring(hand_mjcf(hand)).iter("joint")}
-
-
-def test_masses_are_those_of_a_hand_and_every_inertia_is_one() -> None:
-    bodies = hand_bodies(HandModel.default()).bodies
-    assert 0.2 < sum(body.inertial.mass for body in bodies) < 0.8
-    for body in bodies:
-        a, b, c = np.linalg.eigvalsh(body.inertial.inertia)
+            assert limits[f"{finger}_flex{k + 1}"].tolist() == [hand.flexion_min[f, k], hand.flexion_max[f, k]]
+    inertials = list(model.iter("inertial"))
+    assert len(inertials) == 16 and 0.2 < sum(float(one.get("mass", "")) for one in inertials) < 0.8
+    for one in inertials:
+        xx, yy, zz, xy, xz, yz = _vector(one.get("fullinertia", ""))
+        a, b, c = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         assert a > 0.0 and c <= (a + b) * (1.0 + 1e-12)
 
 
 def test_capsules_stand_for_a_tapering_phalanx_from_inside() -> None:
-    cone = RoundCone(np.array([0.0, 0.0, 0.04]), 0.0187, 0.0098)
-    capsules = cone.capsules()
-    tan, _ = cone_slope(0.04, cone.start_radius, cone.end_radius)
+    end, thick, thin = np.array([0.0, 0.0, 0.04]), 0.0187, 0.0098
+    tan, _ = cone_slope(0.04, thick, thin)
     for z, x in np.random.default_rng(3).uniform([-0.03, 0.0], [0.06, 0.03], (2000, 2)):
         share = min(max((z - x * tan) / 0.04, 0.0), 1.0)
-        exact = math.hypot(x, z - 0.04 * share) - (cone.start_radius - share * (cone.start_radius - cone.end_radius))
-        near = min(math.hypot(x, z - min(max(z, part.start[2]), part.end[2])) - part.radius for part in capsules)
+        exact = math.hypot(x, z - 0.04 * share) - (thick - share * (thick - thin))
+        parts = capsules(end, thick, thin)
+        near = min(math.hypot(x, z - min(max(z, start[2]), stop[2])) - radius for start, stop, radius in parts)
         # Exact inside is not the same distance: points deep inside tell nothing of the surface.
         if exact > -1e-4:
             assert exact - 1e-12 <= near <= exact + STEP
-    equal = RoundCone(np.array([0.0, 0.0, 0.04]), 0.01, 0.01).capsules()
-    assert len(equal) == 1 and not equal[0].is_sphere
+    ((start, stop, _),) = capsules(end, 0.01, 0.01)
+    assert (start != stop).any()

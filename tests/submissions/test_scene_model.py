@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.motion.file import load_trajectory
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.body import Driven
@@ -228,29 +227,6 @@ def touching_geoms(model: Any, name: str) -> int:
     return int((own & (model.geom_contype > 0)).sum())
 
 
-def test_a_body_on_one_that_moves_goes_along_and_by_its_own_joint(tmp_path: Path) -> None:
-    scene = own_scene(tmp_path)
-    write_scene_folder(scene, tmp_path / "s")
-    at, bodies, parts = Model(tmp_path / "s"), properties(scene), seen_scene(scene).parts
-    assert parts is not None
-    link, tip = bodies["link"].hinge, bodies["tip"].slider
-    assert link is not None and tip is not None
-    position, angle, way = np.array([0.3, -0.2, 0.1]), 0.7, -0.015
-    orientation = np.array([0.5, -0.5, 0.1, 0.7])
-    at.data.joint("base").qpos[:] = [*position, *orientation]
-    at.data.joint("link").qpos[0], at.data.joint("tip").qpos[0] = angle, way
-    at.forward()
-    meshes = {name: mesh.vertices for name, mesh in zip(parts.names, parts.meshes)}
-
-    def hung(points: FloatArray) -> FloatArray:
-        about = Rotation.from_rotvec(angle * link.direction)
-        return turned(about.apply(points - np.array(link.origin)) + np.array(link.origin), position, orientation)
-
-    same_points(at.vertices("base"), turned(meshes["base"], position, orientation))
-    same_points(at.vertices("link"), hung(meshes["link"]))
-    same_points(at.vertices("tip"), hung(meshes["tip"] + way * tip.direction))
-
-
 def test_bodies_rest_on_table_and_bodies_and_pass_through_what_bears_them(tmp_path: Path) -> None:
     scene = open_scene("drawer", "shut", level=1)
     write_scene_folder(scene, tmp_path / "drawer")
@@ -285,21 +261,6 @@ def part_poses(folder: Path, names: tuple[str, ...]) -> tuple[list[dict[str, str
         rows = list(csv.DictReader(file))
     columns = [f"_{name}" for name in ("px", "py", "pz", "qw", "qx", "qy", "qz")]
     return rows, np.array([[[float(row[part + name]) for name in columns] for part in names] for row in rows])
-
-
-def test_a_carried_body_is_in_the_frame_of_the_hands_motion(tmp_path: Path) -> None:
-    scene = open_scene("laptop", "carry", level=1, rate=50.0)
-    write_scene_folder(scene, tmp_path / "s")
-    parts = seen_scene(scene).parts
-    assert parts is not None
-    _, poses = part_poses(tmp_path / "s", parts.names)
-    hand = load_trajectory(tmp_path / "s" / "motion.csv").position
-    seen = [
-        Rotation.from_quat(lid[:, [4, 5, 6, 3]]).inv().apply(palm - lid[:, :3])
-        for lid, palm in ((poses[:, 1], hand), (parts.world[:, 1], scene.hands[0].ticks.position))
-    ]
-    np.testing.assert_allclose(seen[0], seen[1], atol=1e-12)
-    assert np.ptp(parts.world[:, 1, :3], axis=0).max() > 0.05
 
 
 def test_parts_that_move_as_recorded_follow_their_file(tmp_path: Path) -> None:

@@ -17,12 +17,10 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import Side
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.motion.trajectory import ObjectMotion
-from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import Replay, replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.described_scene import FreeWords, SceneWords, load_words
 from hhsim.scene.scene import Scene
-from hhsim.solver.known_methods import SUBMITTED, find_method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SceneSolver
 from hhsim.submissions.pose_file import Submission, format_poses, read_submission
@@ -130,15 +128,6 @@ def test_the_best_hand_is_off_itself_by_nothing_and_the_users_by_what_it_is_push
     # The spheres cover the mesh.
     assert 0.0 < user.mesh_depth_max <= deepest
     assert user.off_best_max > user.mesh_depth_max > 0.005
-
-
-def test_a_result_of_poses_cannot_be_run_again_and_says_so(as_file: tuple[Score, Result]) -> None:
-    _, result = as_file
-    with pytest.raises(InputError, match=r"'submission:project out' is poses .* hhsim score"):
-        run_again(result)
-    # Its name is known no longer than the score takes.
-    with pytest.raises(InputError, match="computed elsewhere"):
-        find_method(f"{SUBMITTED}project out").engine(None)
 
 
 def test_a_scene_comes_back_by_its_words_bit_for_bit(tmp_path: Path) -> None:

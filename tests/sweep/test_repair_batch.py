@@ -156,7 +156,7 @@ def test_the_table_has_units_and_its_json_the_same_values(tmp_path: Path) -> Non
     )
     document = json.loads((tmp_path / "out" / "table.json").read_text())
     assert (
-        document["columns"]["volume_voxels_mean_before"] == "m³"
+        document["columns"]["volume_exact_mean_before"] == "m³"
         and document["rows"][0]["depth_cones_max_before"] == 1e-3 * 9.0
     )
     assert document["rows"][0]["own_figure"] is None and document["rows"][1]["state"] == "refused"

@@ -53,8 +53,8 @@ def test_an_honest_result_passes(made: Callable[[str], Path], kind: str) -> None
     assert not failing(found)
     again = next(claim for claim in found.claims if claim.name == AGAIN)
     assert again.verdict == "holds" and again.checked > 250
-    # A program may describe what it likes.
-    assert ("which nothing else shows" in again.note) == (kind in PROGRAMS)
+    # A program may describe what it likes, and run a part of a file of bodies.
+    assert kind in PROGRAMS or "which nothing else shows" not in again.note
 
 
 BY_KIND = [(kind, fault, check) for kind, faults in FAULTS.items() for fault, check in faults.items()]

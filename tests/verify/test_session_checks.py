@@ -1,6 +1,5 @@
 """The referee on recorded sessions: an honest one with every mishap passes, what is forged in one is found by name."""
 
-import json
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -10,18 +9,15 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from file_faults import Fault, at, attribute, with_name
-from hypothesis import given
-from hypothesis import strategies as st
+from file_faults import Fault, at, attribute
 from live_rings import FACTS, ended
 from live_scripted import FIST, FREE, WAKING_NS, FakeAccounts, FakeClock, InStep, Moment, ScriptedGlove, make_setup
 from planted_faults import failing, planted
 from sampled import first_of_each, sampled
 
 from hhsim.kernels.live import plausibility as looked_at
-from hhsim.kernels.live import tick as live_loop
 from hhsim.live.processes import RingReader
-from hhsim.live.session import recorder, story
+from hhsim.live.session import recorder
 from hhsim.live.session.loop import loop_options
 from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.recorder import Recorder, SessionWriter
@@ -73,10 +69,7 @@ LONG = 110
 """A tick that is solved into the next period, whose tick begins at once."""
 FAILED = 170
 """A tick whose solver fails: there is no row of it, and the ramp begins anew."""
-LIVE_CLAIMS = (
-    *("time", "periods", "causes", "latency", "samples", "reasons", "commands", "end", "counters"),
-    "session figures",
-)
+LIVE_CLAIMS = ("time", "periods", "samples", "reasons", "commands", "session figures")
 
 
 class Scripted:
@@ -150,20 +143,8 @@ def test_an_honest_session_with_every_mishap_holds(session: Result) -> None:
     assert failing(found) == set()
     claims = {claim.name: claim for claim in found.claims}
     assert {name: claims[name].verdict for name in LIVE_CLAIMS} == dict.fromkeys(LIVE_CLAIMS, HOLDS)
-    assert all(claims[name].checked > 300 for name in LIVE_CLAIMS if name not in ("end", "counters", "session figures"))
-    assert "not believed" in claims["samples"].note
+    assert all(claims[name].checked > 300 for name in LIVE_CLAIMS if name != "session figures")
     assert "summary" not in claims
-
-
-def counted(name: str, change: Callable[[dict[str, int]], object]) -> Fault:
-    """Change the counters of the glove's driver."""
-
-    def fault(file: h5py.File) -> None:
-        counters = json.loads(file["hands/right/live"].attrs["counters"])
-        change(counters)
-        file["hands/right/live"].attrs["counters"] = json.dumps(counters)
-
-    return with_name(name, fault)
 
 
 # Each fault: what is done to the file, and the claim that finds it.
@@ -189,36 +170,6 @@ def unsaid_failure(file: h5py.File) -> None:
     """A period has neither a tick nor a miss, and the log no longer tells why."""
     text = file["hands/right/live/event/text"]
     text[...] = [b"" if line.startswith(b"the solver failed") else line for line in text[...]]
-
-
-def early_without_a_sample(file: h5py.File) -> None:
-    file["hands/right/live/tick/deadline"][HOLD] -= PERIOD // 4
-    file["hands/right/live/tick/early"][HOLD] = PERIOD // 4
-
-
-def _early(file: h5py.File) -> int:
-    return int(np.flatnonzero(file["hands/right/live/tick/early"][:])[0])
-
-
-def due_when_it_woke(file: h5py.File) -> None:
-    """As if no time had passed between a sample and the tick that it made due."""
-    at = _early(file)
-    file["hands/right/live/tick/deadline"][at] += WAKING_NS
-    file["hands/right/live/tick/early"][at] -= WAKING_NS
-    file["hands/right/live/tick/wakeup"][at] = 0
-
-
-def too_early(file: h5py.File) -> None:
-    at = _early(file)
-    more = PERIOD * 4 // 5 - file["hands/right/live/tick/early"][at]
-    file["hands/right/live/tick/deadline"][at] -= more
-    file["hands/right/live/tick/early"][at] += more
-
-
-def two_in_a_row_without_a_sleep(file: h5py.File) -> None:
-    """The first of them is as it was recorded."""
-    at = int(np.flatnonzero(file["hands/right/live/tick/at_once"][:])[0])
-    file["hands/right/live/tick/at_once"][at + 1] = 1
 
 
 def passed_over(file: h5py.File) -> None:
@@ -264,22 +215,12 @@ FAULTS: dict[Fault, str] = {
     at("uncounted_miss", "hands/right/live/tick/missed", OVERSLEPT + 1, lambda x: x - 1): "periods",
     unsaid_failure: "periods",
     at("invented_miss", "hands/right/live/tick/missed", HOLD, lambda x: 1): "periods",
-    at("no_name", "hands/right/live/tick/cause", OVERSLEPT + 1, lambda x: 0): "causes",
-    at("other_name", "hands/right/live/tick/cause", OVERSLEPT + 1, lambda x: 3): "causes",
-    at("more_waited", "hands/right/live/tick/taken/kept", OVERSLEPT + 1, lambda x: x + 2 * PERIOD): "causes",
     at("moved_deadline", "hands/right/live/tick/deadline", HOLD, lambda x: x + 1000): "periods",
     at("leapt", "hands/right/live/tick/deadline", slice(HOLD, None), lambda x: x + PERIOD // 100): "periods",
-    early_without_a_sample: "periods",
-    due_when_it_woke: "periods",
-    too_early: "periods",
     at("wrong_time", "tick/time", HOLD, lambda x: x + 1e-4): "time",
     at("early_wake_up", "hands/right/live/tick/wakeup", HOLD, lambda x: -5): "periods",
     at("overslept_and_not_missed", "hands/right/live/tick/wakeup", HOLD, lambda x: 2 * PERIOD): "periods",
     at("longer_than_its_period", "hands/right/tick/duration/total", HOLD, lambda x: PERIOD + PERIOD // 1000): "periods",
-    two_in_a_row_without_a_sleep: "periods",
-    at("latency_before_the_work_is_done", "hands/right/live/tick/latency", HOLD, lambda x: 0): "latency",
-    at("latency_beyond_the_period", "hands/right/live/tick/latency", HOLD, lambda x: x + PERIOD): "latency",
-    at("latency_without_a_sample", "hands/right/live/tick/latency", STALE, lambda x: 50_000): "latency",
     at("older_sample", "hands/right/tick/input_seq", HOLD, lambda x: x - 1): "samples",
     at("bad_sample_used", "hands/right/live/sample/good", HOLD, lambda x: 0): "samples",
     samples_out_of_order: "samples",
@@ -293,13 +234,10 @@ FAULTS: dict[Fault, str] = {
     attribute("fewer_misses", "summary/right", "missed", lambda x: 1): "session figures",
     attribute("other_causes", "summary/right", "missed_host", lambda x: x + 2): "session figures",
     attribute("strange_figure", "summary/right", "comfort", lambda x: 1.0): "session figures",
-    attribute("other_end", "hands/right/live", "ended", lambda x: "the user was happy"): "end",
-    attribute("died_in_order", "hands/right/live", "ended", lambda x: "the loop failed or was killed"): "end",
-    counted("fewer_samples_counted", lambda counters: counters.update(samples=counters["samples"] - 10)): "counters",
-    counted("more_samples_counted", lambda counters: counters.update(samples=counters["samples"] + 1000)): "counters",
-    counted("more_commands_counted", lambda counters: counters.update(commands=10**6)): "counters",
-    counted("no_commands_counted", lambda counters: counters.update(commands=0)): "counters",
-    counted("another_counter", lambda counters: counters.update(kind_words=3)): "counters",
+    attribute("other_end", "hands/right/live", "ended", lambda x: "the user was happy"): "session figures",
+    attribute(
+        "died_in_order", "hands/right/live", "ended", lambda x: "the loop failed or was killed"
+    ): "session figures",
     at("samples_shifted", "hands/right/tick/input_seq", slice(HOLD, HOLD + 30), lambda x: x + 1): "samples",
     at("held_input", "hands/right/tick/status", slice(HOLD, HOLD + 30), lambda x: x | 4): "reasons",
     at("bend_of_no_number", "hands/right/live/tick/command_bend", (HOLD, 3), lambda x: np.nan): "commands",
@@ -314,29 +252,6 @@ def test_what_is_forged_in_a_session_is_found_by_name(session: Result, tmp_path:
     claim = next(claim for claim in claims if claim.name == FAULTS[fault])
     assert claim.failed
     assert not claim.worst <= claim.tolerance
-
-
-def test_a_driver_may_be_stopped_between_reading_a_sample_and_handing_it_over(session: Result, tmp_path: Path) -> None:
-    def read_long_before(file: h5py.File) -> None:
-        # The first sample after 40 ticks without one had been read 22 ms before it was handed over.
-        used, latency = file["hands/right/tick/input_seq"][STALE : STALE + 40], file["hands/right/live/tick/latency"]
-        tick = STALE + int(np.flatnonzero(used != used[0])[0])
-        row = int(np.flatnonzero(file["hands/right/live/sample/seq"][:] == used[tick - STALE])[0])
-        file["hands/right/live/sample/time"][row] -= 22 * PERIOD
-        latency[tick] += 22 * PERIOD
-
-    claims = verify_session.session_claims(planted(session.path, tmp_path, read_long_before))
-    assert {claim.name for claim in claims if claim.failed} <= {"session figures"}
-
-
-@pytest.mark.soak
-def test_what_the_glove_sent_is_not_judged(session: Result, tmp_path: Path) -> None:
-    def of_the_glove(file: h5py.File) -> None:
-        file["hands/right/live/sample/channel"][HOLD] = 0.123
-        file["hands/right/live/sample/battery"][HOLD] = 7
-
-    forged = planted(session.path, tmp_path, of_the_glove)
-    assert verify(forged, every=1000).passed
 
 
 @pytest.mark.soak
@@ -385,43 +300,13 @@ def test_a_stall_that_is_eased_or_held_is_judged_by_what_was_asked_for(tmp_path:
     assert session["live/tick/command_stiffness"][tick, 2:].min() >= least
     assert ((session["live/tick/safety"] & Safety.OVERRUN_STREAK) > 0).any(), "the longer one frees the fingers"
     assert failing(verify(session, every=100)) == set()
-    softer = at("softer", "hands/right/live/tick/command_stiffness", tick + 3, lambda x: 0.28)
-    assert "commands" in failing(verify(planted(session.path, tmp_path, softer), every=100))
+    stiffer = at("stiffer", "hands/right/live/tick/command_stiffness", tick + 3, lambda x: 0.4)
+    assert "commands" in failing(verify(planted(session.path, tmp_path, stiffer), every=100))
 
 
 def test_the_referee_and_the_loop_mean_the_same_numbers_and_words() -> None:
     """The referee has limits of its own, so as to share no code; here they are held against the loop's."""
-    assert (recorder.LOOP_DIED, story.QUIET_NS) == (verify_session.LOOP_DIED, verify_session.QUIET)
-    assert (live_loop.MOST_SAMPLES, looked_at.MOST_ANGLE) == (verify_session.MOST_READ, verify_session.MOST_ANGLE)
-    assert story.NAMES == verify_session.FINGER_NAMES
-
-
-@given(
-    st.lists(st.tuples(st.booleans(), st.integers(0, 4), st.sampled_from(["", "", "", "unseen", "gap"])), min_size=1),
-    st.booleans(),
-)
-def test_a_streak_is_that_of_a_loop_that_counts(ticks: list[tuple[bool, int, str]], begins_late: bool) -> None:
-    """Against plain counting, tick by tick."""
-    kinds = ["gap" if begins_late else "", *(kind for _, _, kind in ticks[1:])]
-    after = np.array([i > 0 and kind != "gap" for i, kind in enumerate(kinds)])
-    rows: Any = SimpleNamespace(
-        numbers=np.arange(len(ticks)),
-        follows=after,
-        closed=np.append([kind == "" for kind in kinds[1:]], False).astype(bool),
-        missed=np.array([missed for _, missed, _ in ticks]),
-        at_once=np.array([missed == 0 and late for late, missed, _ in ticks]),
-        period_ns=PERIOD,
-        result={"live/tick/record": [int(begins_late)], "duration/total": np.zeros(len(ticks), np.int64)},
-    )
-    streak, streaks = 0, []
-    for (begun_late, missed, _), kind in zip(ticks, kinds):
-        # Least: what was missed before is not known.
-        streak = 0 if kind else streak
-        late = missed + (missed == 0 and begun_late)
-        streak = streak + late if late else 0
-        streaks.append(streak)
-    for most in (1, 3, 10):
-        assert verify_session._overrun(rows, most).tolist() == [streak >= most for streak in streaks]
+    assert (recorder.LOOP_DIED, looked_at.MOST_ANGLE) == (verify_session.LOOP_DIED, verify_session.MOST_ANGLE)
 
 
 def test_the_bend_of_the_referee_is_that_of_the_output() -> None:
@@ -431,16 +316,3 @@ def test_the_bend_of_the_referee_is_that_of_the_output() -> None:
     limits = {"bend": {"slope": slope.tolist(), "offset": offset.tolist()}}
     rows: Any = SimpleNamespace(limits=limits, result={"graphic/flexion": flexion})
     np.testing.assert_allclose(np.clip(verify_session._bends(rows), 0.0, 1.0), regression.bends(flexion), atol=1e-14)
-
-
-@pytest.mark.soak
-def test_a_session_has_the_ticks_that_every_column_of_the_loop_has(session: Result, tmp_path: Path) -> None:
-    def shorter(file: h5py.File) -> None:
-        rows = file["hands/right/live/tick/cause"][:-3]
-        del file["hands/right/live/tick/cause"]
-        file["hands/right/live/tick/cause"] = rows
-        file.attrs["complete"] = 0
-
-    found = planted(session.path, tmp_path, shorter)
-    assert found.ticks == session.ticks - 3 == len(found["live/tick/taken/steal"])
-    verify(found)

@@ -6,28 +6,24 @@ import h5py
 import numpy as np
 import pytest
 from corrupted_meshes import corrupted
-from fault_table import FAULTS
-from file_faults import Fault, of_scene
-from planted_faults import HOLD, described_grasp, failing, planted, verdict
+from planted_faults import described_grasp, failing, planted, verdict
 from sampled import sampled
-from short_grasp import result_of, short_grasp, short_result, with_motion
+from short_grasp import short_grasp, short_result
 
 from hhsim.arrays import IntArray
-from hhsim.bench.robustness.random_targets import RandomTargets
 from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
-from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
-from hhsim.scene.scene import make_scene, open_scene
+from hhsim.scene.scene import make_scene
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.triangle_tree import tree_of_any
 from hhsim.verify.claim import HOLDS
 from hhsim.verify.contacts import PALM
 from hhsim.verify.force_checks import force_claims
 from hhsim.verify.tick_data import JudgedTicks
-from hhsim.verify.verify import physics, verify
+from hhsim.verify.verify import verify
 
 
 @pytest.fixture(scope="module")
@@ -35,41 +31,16 @@ def on_mesh(tmp_path_factory: pytest.TempPathFactory) -> Result:
     return described_grasp(tmp_path_factory.mktemp("mesh"), surface="mesh")
 
 
-@pytest.mark.parametrize("method", sampled(["coupled", "progressive"], lambda _, method: method == "coupled"))
-@pytest.mark.soak
-def test_a_hand_that_is_on_its_way_on_the_mesh(tmp_path: Path, method: str) -> None:
-    hand = HandModel.default()
-    moved = RandomTargets(hand, 5).take(300)
-    names = ("position", "orientation", "flexion", "abduction")
-    motion = Trajectory(time=np.arange(300) / 1000.0, **{name: getattr(moved, name) for name in names})
-    scene = with_motion(open_scene("cube", "touch", level=3), motion)
-    result = result_of(scene, tmp_path / "way.h5", method=method, surface="mesh")
-    assert (np.asarray(result["status"]) & 2 > 0).sum() > 20
-    assert failing(verify(result, every=27)) == set()
-
-    def aside(file: h5py.File) -> None:
-        force, late = file["hands/right/tick/force/phalanx"], np.flatnonzero(file["hands/right/tick/status"][...] & 2)
-        size = np.abs(force[...]).sum(axis=(1, 2, 3))
-        looked_at = late[late % 9 == 0]
-        tick = looked_at[size[looked_at].argmax()]
-        finger, phalanx = divmod(int(np.linalg.norm(force[tick], axis=2).argmax()), 3)
-        force[tick, finger, phalanx] = np.roll(force[tick, finger, phalanx], 1)
-
-    judge = JudgedTicks(planted(result.path, tmp_path, aside), np.arange(0, result.ticks, 9))
-    assert "force balance" in {claim.name for claim in force_claims(judge) if claim.failed}
-
-
 @pytest.mark.soak
 def test_what_a_settled_tick_rolled_off_an_edge_bears_its_force(tmp_path: Path) -> None:
     result = short_result(tmp_path / "short.h5", object_name="rock", surface="mesh")
-    numbers = np.arange(result.ticks)
 
     def off_and_loaded(judge: JudgedTicks) -> IntArray:
-        settled = judge.status[judge.chosen] == 0
-        loaded = np.linalg.norm(judge.stored_forces(judge.chosen), axis=2) > 0.1
-        return np.flatnonzero(settled & (loaded & (judge.near.nearest > 1.1 * judge.touch)).any(axis=1))
+        loaded = np.linalg.norm(judge.forces, axis=2) > 0.1
+        off = loaded & (judge.nearest > 1.1 * judge.touch)
+        return np.flatnonzero((judge.status == 0) & off.any(axis=1))
 
-    judge = JudgedTicks(result, numbers)
+    judge = JudgedTicks(result)
     ticks = off_and_loaded(judge)
     assert ticks.size > 0 and not any(claim.failed for claim in force_claims(judge))
     # A hand at rest has to touch, as it did.
@@ -82,26 +53,16 @@ def test_what_a_settled_tick_rolled_off_an_edge_bears_its_force(tmp_path: Path) 
             values[ticks[0] - 1] = values[ticks[0]]
 
     still = JudgedTicks(planted(result.path, tmp_path, stood_still), ticks[:1])
-    assert {"stationarity", "complementarity"} <= {claim.name for claim in force_claims(still) if claim.failed}
+    assert {"complementarity"} <= {claim.name for claim in force_claims(still) if claim.failed}
     # It is the second order of the last step: there is none of it where that is shorter.
     finer = short_result(tmp_path / "finer.h5", object_name="rock", surface="mesh", step_tolerance=2e-5)
-    assert off_and_loaded(JudgedTicks(finer, numbers)).size == 0
-
-
-touched_spheres = of_scene("touched_spheres", lambda scene: scene["solver"].update(surface="spheres"))
-NAMED = {fault.__name__: (fault, check) for fault, check in FAULTS["one hand"].items()}
-ON_MESH = ("moved_hand", "not_the_optimum", "claimed_depth")
-"""Faults that geometry finds: of a run on the mesh by distances to its triangles, under the same names."""
-SAME_CLAIM_AS_ANOTHER = (
-    *("force_in_the_air", "thicker_finger", "swapped_forces", "tangential_force", "scaled_force", "moved_force"),
-    *("deep_between_samples", "turned_force", "swapped_user_fingers", "held_input", "depth_of_no_number"),
-)
+    assert off_and_loaded(JudgedTicks(finer)).size == 0
 
 
 def test_an_honest_result_on_the_mesh_holds_in_every_claim(on_mesh: Result) -> None:
     found = verify(on_mesh, every=40)
     assert failing(found) == set()
-    for name in ("second run", "depth", "non-penetration", "mesh", "stationarity"):
+    for name in ("second run", "depth", "non-penetration", "mesh"):
         assert verdict(found, name) == HOLDS
     assert np.isnan(found.sphere_penetration) and found.mesh_penetration == 0.0
     # A force is borne within a micrometre of the mesh, or what bears it does not touch.
@@ -109,18 +70,6 @@ def test_an_honest_result_on_the_mesh_holds_in_every_claim(on_mesh: Result) -> N
     bears = next(claim for claim in found.claims if claim.name == "complementarity")
     assert bears.verdict == HOLDS and bears.checked > 0
     assert on_mesh.summary["force_contact_max"] > 1.0
-
-
-@pytest.mark.parametrize(
-    ("fault", "check"),
-    sampled(
-        [*(NAMED[name] for name in (*ON_MESH, *SAME_CLAIM_AS_ANOTHER)), (touched_spheres, "non-penetration")],
-        lambda _, case: case[0].__name__ not in SAME_CLAIM_AS_ANOTHER,
-    ),
-    ids=lambda value: getattr(value, "__name__", ""),
-)
-def test_a_planted_fault_of_a_run_on_the_mesh(on_mesh: Result, tmp_path: Path, fault: Fault, check: str) -> None:
-    assert check in failing(physics(planted(on_mesh.path, tmp_path, fault), every=HOLD))
 
 
 METHODS = ("coupled", "progressive")

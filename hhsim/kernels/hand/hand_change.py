@@ -1,4 +1,4 @@
-"""Changes from hands to others, and hands after changes; numbers of a change as of `hhsim.repair.hand_change`."""
+"""Changes from hands to others, and hands after changes; numbers of a change as of `hhsim.repair.written_hand`."""
 
 from hhsim.kernels.jit import Array, jit
 from hhsim.kernels.rotation import rotate_quaternion, rotation_vector_between

@@ -1,12 +1,69 @@
-"""Distance of the repaired hand from the recorded one: MPJPE over joints, MPVPE over the vertices of the skin."""
+"""Smoothness of the joints, how far the repaired hand is off the recorded one, and its contacts off the true ones.
 
+Acceleration (ACC) and jerk of the joints in the world are the second and third differences at the stamps, as the mean
+norm over frames and joints, as ARCTIC and GRAB measure smoothness. At uneven stamps they are divided differences, times
+2 and 6: exact for motions of the second and third degree. MPJPE is over joints, MPVPE over the vertices of the skin.
+
+Contact deviation (CDev) from a true hand is ARCTIC's (Fan et al. 2023, eval_modules.py): of the true hand's vertices
+within 3 mm of a vertex of the object, the mean distance of the judged hand's vertices from those vertices of the
+object, over the vertices of a frame, then over frames. It depends on the density of the object's vertices.
+"""
+
+import math
 from collections.abc import Callable
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.metrics.field.hands import FieldMetric, FieldPair, largest, mean, of_repair
+from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, largest, mean, of_each, of_repair
 from hhsim.metrics.run_metric import each_with
+
+RATIO = "acceleration_ratio"
+"""Name of the figure that the verdict judges."""
+
+
+def derivative_norm(time: FloatArray, points: FloatArray, order: int) -> float:
+    """Compute the mean norm of a derivative of points, shape (T, n, 3), by divided differences at the stamps [s].
+
+    Differences across a missing frame, or between equal stamps, are left out; NaN if none is left.
+    """
+    found = np.asarray(points, dtype=np.float64)
+    for degree in range(1, order + 1):
+        span = (time[degree:] - time[:-degree])[:, None, None]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            found = np.where(span > 0.0, np.diff(found, axis=0) / span, np.nan)
+    return math.factorial(order) * mean(np.linalg.norm(found, axis=-1))
+
+
+def acceleration(hands: FieldHands) -> float:
+    """Compute the mean norm of the joints' acceleration in the world [m/s²]."""
+    return derivative_norm(hands.time, hands.world_joints, 2)
+
+
+def jerk(hands: FieldHands) -> float:
+    """Compute the mean norm of the joints' jerk in the world [m/s³]."""
+    return derivative_norm(hands.time, hands.world_joints, 3)
+
+
+def acceleration_ratio(pair: FieldPair) -> float:
+    """Compute the acceleration after over that before; NaN for a hand that does not accelerate."""
+    before, after = map(acceleration, pair.both)
+    return after / before if before > 0.0 else float("nan")
+
+
+def _rate(pair: FieldPair) -> str:
+    steps = np.diff(pair.recorded.time)
+    steps = steps[steps > 0.0]
+    return f"{1.0 / float(np.median(steps)):.4g} Hz" if steps.size else ""
+
+
+_SMOOTHNESS = each_with(
+    FieldMetric("acceleration", "ACC", 3, "m/s²", compute=of_each(acceleration)),
+    FieldMetric("jerk", "jerk", 1, "m/s³", compute=of_each(jerk)),
+    FieldMetric(RATIO, "ACC, after over before", 3, compute=of_repair(acceleration_ratio)),
+    parameters=_rate,
+)
+
 
 INSIDE = 1e-6
 """Depth of the hand's surface or joints above which a frame was inside [m]."""
@@ -42,7 +99,7 @@ def _figure(name: str, label: str, parameters: str, compute: Callable[[FieldPair
     return FieldMetric(name, label, 3, "mm", parameters=parameters, compute=of_repair(compute))
 
 
-METRICS = each_with(
+_CORRECTION = each_with(
     _figure("mpjpe", "MPJPE", "21 joints", lambda pair: mean(joint_shift(pair))),
     _figure("mpvpe", "MPVPE", "vertices of the skin", vertex_error),
     _figure(
@@ -55,3 +112,32 @@ METRICS = each_with(
     ),
     _figure(LARGEST, "correction of a joint, max", "21 joints", lambda pair: largest(joint_shift(pair))),
 )  # fmt: skip
+
+
+CONTACT = 0.003
+"""Largest distance of a true contact [m]."""
+
+
+def contact_deviation(hands: FieldHands) -> float:
+    """Compute the contact deviation [m]; NaN without a true skin, a skin, or a contact, and of parts that move."""
+    if hands.truth is None or hands.skin is None or hands.parts is not None:
+        return float("nan")
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(hands.mesh.vertices)
+    of_frame = []
+    for frame in np.flatnonzero(hands.known & np.isfinite(hands.truth).all(axis=(1, 2))):
+        distance, nearest = tree.query(hands.truth[frame])
+        gap = np.linalg.norm(hands.skin[frame] - hands.mesh.vertices[nearest], axis=1)
+        of_frame.append(mean(gap[distance <= CONTACT]))
+    return mean(np.array(of_frame))
+
+
+_DEVIATION = (
+    FieldMetric(
+        "contact_deviation", "CDev", 3, "mm", parameters=f"true contacts within {1e3 * CONTACT:g} mm",
+        compute=of_each(contact_deviation),
+    ),
+)  # fmt: skip
+
+METRICS = (*_SMOOTHNESS, *_CORRECTION, *_DEVIATION)

@@ -13,7 +13,7 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError
 from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, largest, mean, of_frames
-from hhsim.metrics.field.solid import hand_solids
+from hhsim.metrics.field.volume import hand_solids
 from hhsim.metrics.run_metric import each_with
 from hhsim.system.posix import quiet_libraries
 

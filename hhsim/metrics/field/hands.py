@@ -209,7 +209,6 @@ class FieldPair:
     recorded: FieldHands  # hand before
     repaired: FieldHands  # hand after, at the same frames
     force: FloatArray | None = None  # force of each finger after the repair [N], shape (T, 5); None if unknown
-    pitch: float = 0.005  # edge of the voxels of the intersection volume [m]
     volume_frames: int = 0  # frames whose intersection volume is computed, spread evenly; 0 for all
     displacement_frames: tuple[int, ...] = ()  # frames whose simulation displacement is computed
 

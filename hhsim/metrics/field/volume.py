@@ -1,23 +1,21 @@
-"""Intersection volume (IV) of hand and object: exact, by voxels of the object, and by the line of code of the field.
+"""Intersection volume (IV) of hand and object, exact: of closed solids, by manifold3d.
 
-The line is GraspTTA's (Jiang et al. 2021, metric/intersect.py), after ObMan's: trimesh's voxels of the object whose
-centres are in the hand. Those voxels are of the surface alone and reach out of it, so that a hand that only touches has
-a volume. The voxels of this module's own figure have their centres in the object and in the hand.
+The hand at a frame is its skin, closed at the wrist, or the union of its round cones and spheres.
 """
 
+from collections.abc import Callable
 from functools import lru_cache, partial
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
+from hhsim.arrays import FloatArray, IntArray
+from hhsim.hand.palm_mesh import RoundCones
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.kernels.mesh.bvh import mesh_signed_distance
-from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh.content_cache import kept_by_content
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, largest, mean, object_bvh, of_frames
-from hhsim.metrics.field.solid import SEGMENTS, cones_contain, cones_near, hand_solids, manifold_of
+from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, largest, mean, of_frames
 from hhsim.metrics.mesh_penetration import sampled
 from hhsim.metrics.run_metric import each_with
 
@@ -25,72 +23,84 @@ if TYPE_CHECKING:
     from manifold3d import Manifold
 
 KEPT = 16
-"""Meshes whose voxels and solids a process keeps."""
+"""Meshes whose solids a process keeps."""
+SEGMENTS = 32
+"""Edges around the polyhedron of a sphere: inscribed, it encloses 2.3 % less, and nothing outside."""
 
 
-@kept_by_content(KEPT)
-def solid_voxels(mesh: Mesh, pitch: float) -> FloatArray:
-    """Return the voxels' centres that lie inside a closed mesh [m], shape (n, 3): multiples of the pitch [m]."""
-    low, high = np.ceil(mesh.bounds[0] / pitch), np.floor(mesh.bounds[1] / pitch)
-    axes = [pitch * np.arange(first, last + 1.0) for first, last in zip(low, high)]
-    grid = np.ascontiguousarray(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3))
-    return grid[mesh_signed_distance(object_bvh(mesh), grid) < 0.0] if len(grid) else grid
+def closed_skin(skin: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """Close each open border of a skin with a fan around its mean, as at the wrist of a MANO hand.
 
-
-@kept_by_content(KEPT)
-def surface_voxels(mesh: Mesh, pitch: float) -> FloatArray:
-    """Return the centres of trimesh's voxels of a mesh [m], shape (n, 3): those that its surface touches."""
-    from trimesh import Trimesh
-
-    return np.asarray(Trimesh(mesh.vertices, mesh.faces, process=False).voxelized(pitch).points, dtype=np.float64)
-
-
-@lru_cache(maxsize=2)
-def volumes(hands: FieldHands, pitch: float, most: int = 0) -> FloatArray:
-    """Compute three intersection volumes of each frame [m³], shape (T, 3): exact, solid voxels, surface voxels.
-
-    Of `most` frames, spread evenly, and of the deepest one; 0 for all. NaN in the others, in missing ones, without skin
-    and cones, and where the skin is no closed surface. Of parts that move the voxels are none of the object: NaN.
+    Vertices [m], (T, V, 3), get one more a border, and triangles, (F, 3), are wound outward if those of the skin are.
     """
-    found = np.full((len(hands.time), 3), np.nan)
-    solids_of = hand_solids(hands)
-    if solids_of is None:
-        return found
-    from manifold3d import Manifold, OpType
+    edges = {(int(a), int(b)) for face in faces for a, b in zip(face, np.roll(face, -1))}
+    following = {b: a for a, b in edges if (b, a) not in edges}
+    corners, middles = [*faces.tolist()], [skin]
+    while following:
+        border = [next(iter(following))]
+        while (after := following.pop(border[-1], None)) is not None:
+            border.append(after)
+        middle = skin.shape[1] + len(middles) - 1
+        corners += [(middle, a, b) for a, b in pairwise(border)]
+        middles.append(skin[:, border[:-1]].mean(axis=1, keepdims=True))
+    return np.concatenate(middles, axis=1), np.array(corners, dtype=np.int64)
 
-    bodies = hands.bodies
-    solids_of_bodies = [_object_solid(mesh) for mesh in bodies.meshes]
-    targets = [solid for solid in solids_of_bodies if solid is not None]
-    voxels = () if bodies.motions else (solid_voxels(hands.mesh, pitch), surface_voxels(hands.mesh, pitch))
-    frames = np.flatnonzero(hands.known)
-    if 0 < most < frames.size:
-        frames = sampled(frames, most, [frames[int(np.argmin(hands.distance[frames]))]])
-    for frame in frames.tolist():
-        # Cones that are outside share no volume; the vertices of a skin tell less.
-        is_outside = hands.skin is None and bool(hands.distance[frame] >= 0.0)
-        solids = [] if is_outside else solids_of(frame)
-        if solids is None:
-            continue
-        if is_outside and len(targets) == len(bodies.meshes):
-            found[frame, 0] = 0.0
-        elif len(targets) == len(bodies.meshes):
-            # Pieces are smaller than the hand, and their union is faster.
-            there = [
-                target.transform(np.column_stack([rotation_matrix(motion.turn[frame]), motion.shift[frame]]))
-                for target, motion in zip(targets, bodies.motions)
-            ]
-            pieces = [solid ^ target for target in there or targets for solid in solids]
-            found[frame, 0] = Manifold.batch_boolean(pieces, OpType.Add).volume()
-        if not voxels:
-            continue
-        if hands.skin is None:
-            # A voxel that the surface touches has its centre within a pitch of it.
-            cones = cones_near(hands, frame, margin=pitch)
-            counts = [int(cones_contain(cones, centres).sum()) for centres in voxels]
-        else:
-            counts = [_inside(solids[0], centres) for centres in voxels]
-        found[frame, 1:] = np.multiply(pitch**3, counts)
-    return found
+
+def hand_solids(hands: FieldHands, margin: float = 0.0) -> Callable[[int], "list[Manifold] | None"] | None:
+    """Return a function of the frame that makes solids whose union is the hand there; None without skin and cones.
+
+    The solids are None where the skin is no closed surface. Of cones they are those that may be within a margin [m] of
+    the object.
+    """
+    if hands.skin is not None and hands.faces is not None:
+        vertices, faces = closed_skin(hands.skin, hands.faces)
+        first = int(np.argmax(hands.known))
+        if hands.known.any() and Mesh(vertices[first], faces).volume < 0.0:
+            faces = faces[:, ::-1]
+        return lambda frame: None if (solid := manifold_of(vertices[frame], faces)) is None else [solid]
+    return None if hands.shape is None else lambda frame: _polyhedra(_cones_near(hands, frame, margin))
+
+
+def _cones_near(hands: FieldHands, frame: int, margin: float) -> RoundCones:
+    """Return the round cones and palm spheres of a frame that may be within a margin [m] of the object."""
+    assert hands.shape is not None and hands.placed is not None
+    shape, placed = hands.shape, hands.placed
+    palm = placed.position[frame] + shape.palm_center @ rotation_matrix(placed.orientation[frame]).T
+    chains = placed.joints[frame]
+    a = np.concatenate([chains[:, :3].reshape(-1, 3), palm])
+    b = np.concatenate([chains[:, 1:].reshape(-1, 3), palm])
+    radius_a = np.concatenate([shape.phalanx_radius[:, :3].ravel(), shape.palm_radius])
+    radius_b = np.concatenate([shape.phalanx_radius[:, 1:].ravel(), shape.palm_radius])
+    ends = hands.bodies.at(frame).distance(np.stack([a, b])[None])[0].min(axis=0)
+    # No point of an axis is farther from its nearer end than half its length.
+    near = ends - 0.5 * np.linalg.norm(b - a, axis=1) < np.maximum(radius_a, radius_b) + margin
+    return RoundCones(a[near], b[near], radius_a[near], radius_b[near])
+
+
+def manifold_of(vertices: FloatArray, faces: IntArray) -> "Manifold | None":
+    """Return a closed surface as a solid of manifold3d, None if it has open or branching edges."""
+    from manifold3d import Error, Manifold, Mesh64
+
+    solid = Manifold(Mesh64(np.ascontiguousarray(vertices), np.ascontiguousarray(faces).astype(np.uint64)))
+    return solid if solid.status() == Error.NoError else None
+
+
+def _polyhedra(cones: RoundCones) -> "list[Manifold]":
+    from manifold3d import Manifold
+
+    ball = unit_ball()
+    return [
+        Manifold.hull_points(np.concatenate([a + radius_a * ball, b + radius_b * ball]))
+        for a, b, radius_a, radius_b in zip(*cones)
+    ]
+
+
+@lru_cache(maxsize=1)
+def unit_ball() -> FloatArray:
+    """Vertices of the polyhedron of the unit sphere, shape (n, 3)."""
+    from manifold3d import Manifold
+
+    return np.asarray(Manifold.sphere(1.0, SEGMENTS).to_mesh64().vert_properties, dtype=np.float64)[:, :3]
 
 
 @kept_by_content(KEPT)
@@ -98,40 +108,49 @@ def _object_solid(mesh: Mesh) -> "Manifold | None":
     return manifold_of(mesh.vertices, mesh.faces)
 
 
-def _inside(solid: "Manifold", points: FloatArray) -> int:
-    """Count points, shape (n, 3), whose winding number in the surface of a solid is above 1/2."""
-    low, high = np.array(solid.bounding_box()).reshape(2, 3)
-    near = np.ascontiguousarray(points[((points >= low) & (points <= high)).all(axis=1)])
-    if not len(near):
-        return 0
-    surface = solid.to_mesh64()
-    vertices = np.asarray(surface.vert_properties, dtype=np.float64)[:, :3]
-    winding = np.empty(len(near))
-    winding_numbers(np.ascontiguousarray(vertices[np.asarray(surface.tri_verts)]), near, winding)
-    return int((winding > 0.5).sum())
+@lru_cache(maxsize=2)
+def volumes(hands: FieldHands, most: int = 0) -> FloatArray:
+    """Compute the intersection volume of each frame [m³], shape (T,).
+
+    Of `most` frames, spread evenly, and of the deepest one; 0 for all. NaN in the others, in missing ones, without skin
+    and cones, and where a surface is not closed.
+    """
+    found, bodies, solids_of = np.full(len(hands.time), np.nan), hands.bodies, hand_solids(hands)
+    targets = [solid for solid in map(_object_solid, bodies.meshes) if solid is not None]
+    if solids_of is None or len(targets) < len(bodies.meshes):
+        return found
+    from manifold3d import Manifold, OpType
+
+    frames = np.flatnonzero(hands.known)
+    if 0 < most < frames.size:
+        frames = sampled(frames, most, [frames[int(np.argmin(hands.distance[frames]))]])
+    for frame in frames.tolist():
+        # Cones that are outside share no volume; the vertices of a skin tell less.
+        solids = [] if hands.skin is None and hands.distance[frame] >= 0.0 else solids_of(frame)
+        if solids is None:
+            continue
+        there = [
+            target.transform(np.column_stack([rotation_matrix(motion.turn[frame]), motion.shift[frame]]))
+            for target, motion in zip(targets, bodies.motions)
+        ]
+        # Pieces are smaller than the hand, and their union is faster.
+        pieces = [solid ^ target for target in there or targets for solid in solids]
+        found[frame] = Manifold.batch_boolean(pieces, OpType.Add).volume()
+    return found
 
 
-def _figures(kind: int, name: str, label: str, parameters: str) -> tuple[FieldMetric, ...]:
-    of = partial(of_frames, lambda pair, hands: volumes(hands, pair.pitch, pair.volume_frames)[:, kind])
-
-    def stated(pair: FieldPair) -> str:
-        surface = "cones" if pair.recorded.skin is None else "open wrist closed with a fan"
-        size = f", pitch {1e3 * pair.pitch:g} mm" if kind else f", {SEGMENTS} edges around a cone"
-        known = int(pair.known.sum())
-        some = f"; {pair.volume_frames} of {known} frames and the deepest" if 0 < pair.volume_frames < known else ""
-        return f"{parameters}{size}; {surface}{some}"
-
-    return each_with(
-        FieldMetric(f"{name}_mean", f"IV, {label}, mean of frames", compute=of(mean)),
-        FieldMetric(f"{name}_max", f"IV, {label}, max", compute=of(largest)),
-        unit="cm³",
-        digits=3,
-        parameters=stated,
-    )
+def _stated(pair: FieldPair) -> str:
+    surface = "cones" if pair.recorded.skin is None else "open wrist closed with a fan"
+    known = int(pair.known.sum())
+    some = f"; {pair.volume_frames} of {known} frames and the deepest" if 0 < pair.volume_frames < known else ""
+    return f"Boolean of meshes, {SEGMENTS} edges around a cone; {surface}{some}"
 
 
-METRICS = (
-    *_figures(0, "volume_exact", "exact", "Boolean of meshes"),
-    *_figures(1, "volume_voxels", "voxels inside", "centres in object and hand"),
-    *_figures(2, "volume_trimesh", "GraspTTA's line", "trimesh's voxelized"),
+_OF = partial(of_frames, lambda pair, hands: volumes(hands, pair.volume_frames))
+METRICS = each_with(
+    FieldMetric("volume_exact_mean", "IV, exact, mean of frames", compute=_OF(mean)),
+    FieldMetric("volume_exact_max", "IV, exact, max", compute=_OF(largest)),
+    unit="cm³",
+    digits=3,
+    parameters=_stated,
 )

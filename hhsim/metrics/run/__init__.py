@@ -1,4 +1,4 @@
 """Figures of a run, a module a family: a new file with `METRICS` adds its figures everywhere."""
 
-ORDER = ("contact", "force", "free_object", "energy", "input_hand", "tick_time", "work", "stuck_and_lag")
+ORDER = ("contact", "force", "free_object", "input_hand", "ticks")
 """Modules in the order of the table; any other comes after them."""

@@ -59,7 +59,7 @@ def judged(hand: HandModel, at: HandConfiguration) -> FloatArray:
     own = OwnHand(**sizes, **palm, sign=hand.abduction_sign)
     found = meetings(own, pose(own, at), parts_that_may_meet(own, np.ones(5, bool)), 1.0)
     distance = np.full((PALM, PALM + 1), np.inf)
-    np.minimum.at(distance, (found.first, found.second), found.distance)
+    np.minimum.at(distance, (found.body, found.leaf), found.distance)
     return distance
 
 

@@ -71,10 +71,6 @@ def test_the_session_runs_again_to_the_same_bits(session: Ran) -> None:
 def test_the_referee_finds_no_false_claim_in_it(session: Ran) -> None:
     found = verify(session[0], every=50)
     assert [claim for claim in found.claims if claim.failed] == []
-    # The clock was the true one: what a tick read and when it ended is known of almost all of them.
-    latency = next(claim for claim in found.claims if claim.name == "latency")
-    # A machine that stalls leaves samples behind newer ones, and periods without a tick.
-    assert latency.checked > session[0].ticks // 6
 
 
 def test_every_period_and_every_sample_is_accounted_for(session: Ran) -> None:

@@ -9,12 +9,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hhsim.metrics.field.contact import contacts_kept, fingertips_in_contact, frames_in_contact
-from hhsim.metrics.field.contact_deviation import contact_deviation
-from hhsim.metrics.field.correction import joint_shift, was_inside
+from hhsim.metrics.field.correction import (
+    acceleration,
+    acceleration_ratio,
+    contact_deviation,
+    derivative_norm,
+    jerk,
+    joint_shift,
+    was_inside,
+)
 from hhsim.metrics.field.field_table import FieldRow, field_rows
 from hhsim.metrics.field.finger_force import pressing_force
 from hhsim.metrics.field.hands import TIPS, FieldHands, FieldPair
-from hhsim.metrics.field.smoothness import acceleration, acceleration_ratio, derivative_norm, jerk
 
 HEIGHT = st.floats(-0.02, 0.02).filter(lambda height: min(abs(height - at) for at in (0.002, 0.005)) > 1e-9)
 

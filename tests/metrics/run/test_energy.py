@@ -12,7 +12,7 @@ from sampled import sampled
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import STATUS_LAG
-from hhsim.metrics.run.energy import energy_gains
+from hhsim.metrics.run.free_object import energy_gains
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import FreeRun, RunTicks, result_ticks
 from hhsim.motion.trajectory import ObjectMotion

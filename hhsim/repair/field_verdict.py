@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hhsim.metrics.field.contact import KEPT, TOUCHING
-from hhsim.metrics.field.correction import INSIDE, LARGEST
+from hhsim.metrics.field.correction import INSIDE, LARGEST, RATIO
 from hhsim.metrics.field.field_table import FieldRow
-from hhsim.metrics.field.smoothness import RATIO
+from hhsim.replay.verdict import verdict
 
 OK, MISSED, EMPTY = "within limits", "limits missed", "no frames"
 """Words of verdicts."""
@@ -41,21 +41,18 @@ def field_verdict(rows: Sequence[FieldRow], max_correction: float, doubts: Seque
 
     With doubts, such as those of `doubts_of`, a limit is missed: what the figures are of may be another scene.
     """
-    limits = dict.fromkeys(DEPTHS, (INSIDE, "most"))
-    limits |= {LARGEST: (max_correction, "most"), KEPT: (LEAST_KEPT, "least"), RATIO: (MOST_ACCELERATION, "most")}
-    judged = [row for row in rows if row.name in limits and not math.isnan(row.after)]
-    if not any(row.name in DEPTHS for row in judged):
+    # More kept contacts are better: their negative is below its limit.
+    limits = {**dict.fromkeys(DEPTHS, INSIDE), KEPT: -LEAST_KEPT, RATIO: MOST_ACCELERATION, LARGEST: max_correction}
+    judged = {row.name: row for row in rows if row.name in limits and not math.isnan(row.after)}
+    if not judged.keys() & set(DEPTHS):
         return FieldVerdict(EMPTY, (), f"{EMPTY}: no frame has all of its joints in both recordings")
-    missed, said = [DOUBT for _ in doubts[:1]], [*doubts]
-    for row in judged:
-        limit, side = limits[row.name]
-        if row.after > limit if side == "most" else row.after < limit:
-            missed.append(row.name)
-            unit = f" {row.figure.unit}" if row.figure.unit else ""
-            bound = f"at {side} {limit / row.figure.scale:g}{unit}"
-            # A depth of micrometres is 0 in the table's digits.
-            said.append(f"{row.figure.label} {row.after / row.figure.scale:.4g}{unit} ({bound})")
-    if missed:
-        return FieldVerdict(MISSED, tuple(missed), f"{MISSED}: {'; '.join(said)}")
-    kept = ", ".join(row.figure.label for row in judged)
-    return FieldVerdict(OK, (), f"{OK}: {kept}")
+    missed = verdict({name: -row.after if name == KEPT else row.after for name, row in judged.items()}, limits)
+    said = [*doubts]
+    for figure, after, limit in ((judged[name].figure, judged[name].after, limits[name]) for name in missed):
+        unit, side = f" {figure.unit}" if figure.unit else "", "most" if limit > 0.0 else "least"
+        # A depth of micrometres is 0 in the table's digits.
+        shown = f"{after / figure.scale:.4g}{unit} (at {side} {abs(limit) / figure.scale:g}{unit})"
+        said.append(f"{figure.label} {shown}")
+    if said:
+        return FieldVerdict(MISSED, (*(DOUBT for _ in doubts[:1]), *missed), f"{MISSED}: {'; '.join(said)}")
+    return FieldVerdict(OK, (), f"{OK}: {', '.join(row.figure.label for row in judged.values())}")
