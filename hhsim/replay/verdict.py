@@ -13,6 +13,8 @@ OK, MISSED, UNTOUCHED = "within limits", "limits missed", "nothing touched"
 SHORT, LATE, EMPTY = "cut short", "ticks missed", "no ticks"
 NOT_JUDGED = "depth not judged"
 """Words of verdicts. Missed limits come first, whether a run is cut short or touches nothing."""
+BETTER, SAME, WITHIN, WORSE, NOT_COMPARABLE = "better", "same", "within noise", "worse", "not comparable"
+"""Words for a figure beside that of another run."""
 ELSEWHERE = "Put the object elsewhere (a recording: --place-object auto), or look at its size (--unit, --size)."
 """Advice where nothing touches."""
 
@@ -36,6 +38,17 @@ def verdict(figures: Mapping[str, float], limits: Mapping[str, float]) -> tuple[
     """
     known = {name: limit for name, limit in limits.items() if not math.isnan(figures.get(name, math.nan))}
     return tuple(name for name, limit in known.items() if not (figures[name] <= limit or math.isnan(limit)))
+
+
+def word_of(value: float, before: float, noise: float, rounding: float = 0.0) -> str:
+    """Return the word for a value beside an earlier one, of figures of which less is better; "" where one is NaN."""
+    if math.isnan(before) or math.isnan(value):
+        return ""
+    if abs(value - before) <= rounding:
+        return SAME
+    if before <= value * (1.0 + noise) and value <= before * (1.0 + noise):
+        return WITHIN
+    return WORSE if value > before else BETTER
 
 
 def run_verdict(

@@ -8,8 +8,8 @@ from typing import Any
 
 from hhsim import __version__
 from hhsim.errors import InputError, OutputError
-from hhsim.gate.compare import Comparison, compare
 from hhsim.metrics.session_faults import how_it_ended
+from hhsim.replay.compare import Comparison, compare
 from hhsim.report.bench_section import bench_section
 from hhsim.report.figure import Album, PageFigure
 from hhsim.report.histogram import histogram_figure

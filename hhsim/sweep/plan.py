@@ -22,8 +22,8 @@ from msgspec import Meta, structs
 import hhsim
 from hhsim import __version__
 from hhsim.errors import InputError, check_known, named
-from hhsim.gate.unusual_options import USUAL_SCENE
 from hhsim.mesh.catalogue import names_a_file, object_names, usual_level
+from hhsim.replay.run_inputs import USUAL_SCENE
 from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.described_scene import SceneWords
 from hhsim.scene.motion_catalogue import import_remarks, resolve_trajectory, trajectory_names

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.figure_fields import figure, metric, totals_of
+from hhsim.bench.figure_fields import cpu_times, figure, metric, totals_of
 from hhsim.bench.robustness.local_optimality import Pieces, stuck_with_way_out
 from hhsim.bench.run_errors import placed_of
 from hhsim.hand.configuration import HandConfiguration, sequence
@@ -19,7 +19,7 @@ from hhsim.metrics.metrics import Penetration, penetration
 from hhsim.motion.analytic_motion import hold_readings
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
-from hhsim.system.log_histogram import CpuTimes
+from hhsim.system.log_histogram import LogHistogram
 from hhsim.system.settings_file import Names
 
 SAFE_DEPTH = 1e-6
@@ -56,20 +56,20 @@ def not_finite(record: TickRecord) -> BoolArray:
     return bad
 
 
-def deepest(values: Sequence[float]) -> float:
-    """Return the largest of the depths; NaN if one is, that of a hand that is not finite."""
-    return float(np.max(values))
+def _deepest(depths: Sequence[float]) -> float:
+    """Return the largest depth; NaN if one is, that of a hand that is not finite."""
+    return float(np.max(depths))
 
 
 @dataclass(frozen=True, kw_only=True)
-class SafetyFigures(CpuTimes):
+class SafetyFigures:
     """Figures of a run by one method."""
 
     object: str = figure("object", default="")
     method: str = figure("method of the solver", default="")
     surface: str = figure("what of the object the hand touches", default="")
     ticks: int = figure("ticks run", "", sum, 0)
-    penetration: float = figure("deepest penetration", "µm", deepest, 0.0)
+    penetration: float = figure("deepest penetration", "µm", _deepest, 0.0)
     penetrating: int = figure("ticks deeper than 1 um", "", sum, 0)
     not_finite: int = figure("ticks whose hand or force is not finite", "", sum, 0)
     touching: int = figure("ticks in touch with the object", "", sum, 0)
@@ -79,6 +79,11 @@ class SafetyFigures(CpuTimes):
     unexplained: int = figure("stuck ticks that had a way out", "", sum, 0)
     lagging: int = figure("ticks with distance still to go", "", sum, 0)
     lag: float = figure("most distance still to go", "mm", max, 0.0)
+    cpu: LogHistogram = cpu_times("a tick")  # noqa: RUF009
+
+    cpu_p50 = property(lambda self: 1e-9 * self.cpu.percentile(50.0))
+    cpu_p99 = property(lambda self: 1e-9 * self.cpu.percentile(99.0))
+    cpu_max = property(lambda self: 1e-9 * self.cpu.largest)
 
     @property
     def safe(self) -> bool:
@@ -111,6 +116,8 @@ class SafetyMeasure:
         stuck = (record.status & STATUS_STUCK) > 0
         run = np.concatenate([np.ones(self._stuck_run, bool), stuck])
         self._stuck_run = int(np.argmin(run[::-1])) if not run.all() else len(run)
+        cpu = LogHistogram()
+        cpu.add(record.duration_cpu)
         block = SafetyFigures(
             ticks=len(stuck),
             penetration=float(depth.max()),
@@ -123,14 +130,10 @@ class SafetyMeasure:
             unexplained=int(unexplained.sum()),
             lagging=int(((record.status & STATUS_LAG) > 0).sum()),
             lag=float(record.lag.max()),
+            cpu=cpu,
         )
         self.figures = replace(block, **totals_of(SafetyFigures, [self.figures, block]))
         return {"penetration": penetrating, "not finite": lost, "stuck": unexplained}
-
-    @property
-    def totals(self) -> dict[str, Any]:
-        """Figures so far, by name."""
-        return totals_of(SafetyFigures, [self.figures])
 
 
 def longest_run(where: BoolArray) -> int:

@@ -7,33 +7,29 @@ and dropped block by block.
 import json
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.figure_fields import columns_of, cpu_times, figure
+from hhsim.arrays import BoolArray
+from hhsim.bench.figure_fields import columns_of, figure, totals_of
 from hhsim.bench.robustness.local_optimality import Pieces, pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.bench.robustness.safety import BLOCK, SafetyFigures, SafetyMeasure, recorded_penetration, solvers_of
 from hhsim.bench.suite import Row, Suite, setting
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
-from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
 from hhsim.linkage.file import resolve_object
 from hhsim.mesh.catalogue import object_names
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.metrics import Penetration
 from hhsim.motion.analytic_motion import hold_readings, replayed, trajectory_of
 from hhsim.motion.file import save_trajectory
 from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.method import never_penetrates
 from hhsim.solver.options import SolverOptions
-from hhsim.system.log_histogram import LogHistogram
 from hhsim.system.output_path import RESULTS, free_name
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Count, Names, check_fields
@@ -47,10 +43,6 @@ FAILURES = RESULTS / "failures"
 """Folder of the motions that fail by a method that promises not to."""
 MADE_BY = "hhsim failure "
 """Beginning of the source of a kept trajectory."""
-DEEP = 1e-5
-"""Second depth [m] over which ticks are counted; the first is `SAFE_DEPTH`."""
-LEAST_FORCE = 1.0
-"""Least force [N] that is compared with the coupling's own."""
 STRETCH_BLOCKS = 2
 """Blocks up to a failure that are kept."""
 
@@ -97,19 +89,7 @@ class StressSettings:
 class StressFigures(SafetyFigures):
     """Figures of a case."""
 
-    level: int = figure("level of the sphere tree")
-    spheres: int = figure("leaf spheres of the object")
-    seed: int = figure("seed of the random targets")
-    penetration_palm: float = figure("deepest penetration of the palm", "µm", max, 0.0)
-    penetration_finger: float = figure("deepest penetration of a finger", "µm", max, 0.0)
-    penetrating_deep: int = figure("ticks deeper than 10 um", total=sum, default=0)
-    held: int = figure("ticks whose input was no reading of a hand", total=sum, default=0)
-    force_max: float = figure("largest total force", "N", default=0.0)
-    coupling_force: float = figure("the coupling's own force at that tick", "N", default=np.nan)
-    force_ratio: float = figure(
-        "largest ratio of the total force to the coupling's own at the same tick", total=max, default=0.0
-    )
-    cpu: LogHistogram = cpu_times("a tick")  # noqa: RUF009
+    seed: int = figure("seed of the random targets", default=0)
     failures: str = figure("failures of a method that promises none, and the commands that replay them", default="")
 
 
@@ -182,83 +162,30 @@ def cells(options: StressSettings, progress: Progress) -> list[StressCase]:
     return found
 
 
-def coupling_force(case: StressCase, haptic: HandConfiguration, record: TickRecord) -> FloatArray:
-    """Return the force of the coupling itself at each tick [N], shape (T,).
-
-    It is the palm's force, its torque over the reach of the hand, and each joint's torque over the length of its
-    phalanx. The forces of `coupled` stay near it. `progressive` holds a joint's torque where the finger touches, and on
-    a lever shorter than the phalanx that takes more force.
-    """
-    bend = np.clip(haptic.flexion, case.hand.flexion_min, case.hand.flexion_max) - record.flexion
-    joint = case.solver.stiffness.flexion * np.abs(bend) / case.hand.length
-    reach = float(case.hand.arrays().reach.max())
-    force, torque = (np.linalg.norm(part, axis=1) for part in (record.palm_wrench[:, :3], record.palm_wrench[:, 3:]))
-    return np.asarray(force + torque / reach + joint.sum(axis=(1, 2)), np.float64)
-
-
-class StressMeasure:
-    """Figures of a case, block by block."""
-
-    def __init__(self, case: StressCase) -> None:
-        self._case, solver, tree = case, case.solver, case.tree
-        self._safety = SafetyMeasure(case.hand, case.pieces, solver)
-        self.figures = StressFigures(
-            object=case.object,
-            method=solver.method,
-            surface=solver.surface,
-            level=tree.depth,
-            spheres=tree.leaf_count,
-            seed=case.seed,
-        )
-
-    def add(self, motion: HandConfiguration, record: TickRecord, depth: Penetration) -> dict[str, BoolArray]:
-        """Measure a block; return its failed ticks, shape (T,), by the name of the failure."""
-        haptic, before = self._safety.readings(motion), self.figures
-        failed = self._safety.add(haptic, record, depth.depth)
-        before.cpu.add(record.duration_cpu)
-        size, own = np.linalg.norm(record.total, axis=1), coupling_force(self._case, haptic, record)
-        top = int(np.argmax(np.where(np.isfinite(size), size, -1.0)))
-        strongest = before.force_max, before.coupling_force
-        if size[top] > before.force_max or (size[top] == 0.0 and np.isnan(before.coupling_force)):
-            strongest = float(size[top]), float(own[top])
-        pushed = size >= LEAST_FORCE
-        # A method that is not held back by its coupling can push where the coupling's own force is zero.
-        with np.errstate(divide="ignore"):
-            ratio = float((size[pushed] / own[pushed]).max(initial=0.0))
-        self.figures = replace(
-            before,
-            **self._safety.totals,
-            # np.maximum, unlike max, keeps a NaN whichever side it is on.
-            penetration_palm=float(np.maximum(before.penetration_palm, depth.palm.max())),
-            penetration_finger=float(np.maximum(before.penetration_finger, depth.finger.max())),
-            penetrating_deep=before.penetrating_deep + int((~(depth.depth <= DEEP)).sum()),
-            held=before.held + int(((record.status & STATUS_INPUT_INVALID) > 0).sum()),
-            force_max=strongest[0],
-            coupling_force=strongest[1],
-            force_ratio=max(before.force_ratio, ratio),
-        )
-        return failed
-
-
 def run_case(case: StressCase) -> StressFigures:
     """Run one case; HhsimError for too many near pairs, or a failure not written."""
     warm_up(case.hand, case.solver)
-    measure = StressMeasure(case)
-    solver = case.new_solver()
+    safety = SafetyMeasure(case.hand, case.pieces, case.solver)
+    solver, targets = case.new_solver(), case.targets()
     stretch: deque[tuple[HandConfiguration, HandConfiguration]] = deque(maxlen=STRETCH_BLOCKS)
     kept: dict[str, str] = {}
-    targets = case.targets()
     for first in range(0, case.ticks, BLOCK):
         motion = targets.take(min(BLOCK, case.ticks - first))
         record = solver.run(*motion)
-        depth = recorded_penetration(case.hand, solver.workspace.surface, record)
         stretch.append((motion, HandConfiguration.of(record).copy()))
-        for kind, ticks in measure.add(motion, record, depth).items():
+        depth = recorded_penetration(case.hand, solver.workspace.surface, record).depth
+        for kind, ticks in safety.add(safety.readings(motion), record, depth).items():
             if never_penetrates(case.solver.method) and kind not in kept and ticks.any():
                 tick = int(np.argmax(ticks))
                 command = keep_failure(case, kind, first + tick, tick, list(stretch))
                 kept[kind] = f"{kind} at tick {first + tick:,}: {command}"
-    return replace(measure.figures, failures="; ".join(kept.values()))
+    names: dict[str, Any] = {
+        "object": case.object,
+        "method": case.solver.method,
+        "surface": case.solver.surface,
+        "seed": case.seed,
+    }
+    return StressFigures(**totals_of(SafetyFigures, [safety.figures]), **names, failures="; ".join(kept.values()))
 
 
 def keep_failure(
@@ -316,9 +243,8 @@ def lines(options: StressSettings, rows: Sequence[Row]) -> list[str]:
 
 
 SHOWN = """
-    object method surface ticks penetration=deepest penetration_palm=palm penetration_finger=fingers penetrating=>_1_µm
-    penetrating_deep=>_10_µm not_finite stuck unexplained=no_cause lagging=lag force_ratio=force/coupling cpu_p50=p50
-    cpu_p99=p99 cpu_max=max
+    object method surface ticks penetration=deepest penetrating=>_1_µm not_finite stuck unexplained=no_cause lagging=lag
+    cpu_p50=p50 cpu_p99=p99 cpu_max=max
 """
 SUITE = Suite(
     help="""Run the hand to random targets around OBJECTs, by every method, and look for penetration at every tick.

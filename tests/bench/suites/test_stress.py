@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from sampled import sampled
-from scipy.spatial.transform import Rotation
 from sphere_scenes import bumpy_ball, record_clearance
 
 from hhsim.bench.robustness.objects import ball_mesh
@@ -93,21 +92,7 @@ def test_the_figures_are_those_of_the_ticks(method: str) -> None:
     assert figures.lagging == (record.status & STATUS_LAG > 0).sum() > 50
     assert figures.touching == (record.work[:, WORK_TOUCHING] > 0).sum() > 500
     assert figures.ticks == figures.cpu.count == TICKS
-    size = np.linalg.norm(record.total, axis=1)
-    assert figures.force_max == size.max()
-    top = int(size.argmax())
-    bend = np.clip(motion.flexion[top], HAND.flexion_min, HAND.flexion_max) - record.flexion[top]
-    own = 1000.0 * np.linalg.norm(motion.position[top] - record.position[top])
-    own += (0.5 * np.abs(bend) / HAND.length).sum()
-    turn = Rotation.from_quat(motion.orientation[top], scalar_first=True)
-    turn = turn * Rotation.from_quat(record.orientation[top], scalar_first=True).inv()
-    farthest = (np.linalg.norm(HAND.base, axis=1) + HAND.length.sum(axis=1)).max()
-    own += 5.0 * turn.magnitude() / farthest
-    assert figures.coupling_force == pytest.approx(own, rel=1e-9)
     assert figures.safe and figures.failures == ""
-    if method == "coupled":
-        # Its forces balance the coupling: at a tick that lags they are at most that.
-        assert figures.force_ratio < 1.1
 
 
 def replayed_failures(figures: StressFigures, again: StressCase) -> dict[str, int]:
@@ -130,10 +115,8 @@ def test_planted_faults_are_counted_and_kept_to_be_replayed(monkeypatch: pytest.
     record = wanted.new_solver().run(*wanted.targets().take(TICKS))
     deep = -record_clearance(HAND, BALL, record)
     over = (deep > 1e-6).any(axis=1)
-    assert figures.penetrating == figures.penetrating_deep == over.sum() > 0
+    assert figures.penetrating == over.sum() > 0
     assert figures.penetration == pytest.approx(deep.max(), rel=1e-12)
-    assert figures.penetration_palm == pytest.approx(deep[:, 15].max(), rel=1e-12)
-    assert figures.penetration_finger == pytest.approx(deep[:, :15].max(), rel=1e-12)
     assert figures.not_finite == np.isinf(record.total).any(axis=1).sum() > 0
     assert not figures.safe
     first = f"penetration at tick {over.argmax():,}: hhsim replay ball {failures}/ball-coupled-penetration-seed4"

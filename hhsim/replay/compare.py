@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from hhsim.gate.input_hash import RunInputs, differences, new_options, run_inputs, tick_digest
-from hhsim.gate.verdict import NOT_COMPARABLE, SAME, WITHIN, word_of
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import run_metrics
+from hhsim.replay.run_inputs import RunInputs, differences, new_options, run_inputs, tick_digest
 from hhsim.replay.summary_table import SummaryRow
+from hhsim.replay.verdict import NOT_COMPARABLE, SAME, WITHIN, word_of
 from hhsim.result.reader import Result
 from hhsim.result.wording import commit, object_name, option_value
 

@@ -13,10 +13,10 @@ from file_faults import of_scene
 from sealed_change import changed
 from short_grasp import short_result
 
-from hhsim.gate.compare import Comparison, compare, compared
-from hhsim.gate.verdict import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
 from hhsim.metrics.run.registry import run_metrics
+from hhsim.replay.compare import Comparison, compare, compared
 from hhsim.replay.summary_table import SummaryRow
+from hhsim.replay.verdict import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
 from hhsim.result.reader import Result, load_result
 
 ALIKE = Comparison((), (), (), same_machine=True)
