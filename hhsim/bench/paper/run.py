@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hhsim.arrays import AnyArray, BoolArray, FloatArray
 from hhsim.bench.paper.scene import RATE, Scenario, Stage, held_ticks, hold_distances, ticks_of
-from hhsim.bench.run_errors import STEPS, digest_of, hand_clearance, placed_of
+from hhsim.bench.tick_records import digest_of, hand_clearance, placed_of
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
@@ -30,6 +30,8 @@ from hhsim.solver.options import SolverOptions
 Times = NDArray[np.float32]
 """Times of millions of ticks, to a nanosecond in ten milliseconds."""
 INDEX = FINGERS.index("index")
+STEPS = ("posture_jump_max", "posture_jump_p999", "force_contact_step", "force_contact_step_share")
+"""Figures of the paper's criterion that nothing jumps between two adjacent ticks (Section V, 2)."""
 
 COUNTS = 4096
 """Counts a turn of a 12-bit sensor."""

@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import BoolArray
-from hhsim.bench.figure_fields import columns_of, figure, totals_of
 from hhsim.bench.robustness.local_optimality import Pieces, pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
-from hhsim.bench.robustness.safety import BLOCK, SafetyFigures, SafetyMeasure, recorded_penetration, solvers_of
+from hhsim.bench.robustness.safety import BLOCK, SAFETY, SafetyMeasure, is_safe, recorded_penetration, solvers_of
 from hhsim.bench.suite import Row, Suite, setting
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
@@ -30,6 +29,7 @@ from hhsim.motion.file import save_trajectory
 from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.method import never_penetrates
 from hhsim.solver.options import SolverOptions
+from hhsim.system.log_histogram import LogHistogram
 from hhsim.system.output_path import RESULTS, free_name
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Count, Names, check_fields
@@ -85,15 +85,18 @@ class StressSettings:
         return resolve_object(name, self.unit, size)
 
 
-@dataclass(frozen=True, kw_only=True)
-class StressFigures(SafetyFigures):
-    """Figures of a case."""
-
-    seed: int = figure("seed of the random targets", default=0)
-    failures: str = figure("failures of a method that promises none, and the commands that replay them", default="")
-
-
-COLUMNS = (*columns_of(StressFigures), Column("safe", "kept what a safe method promises"))
+COLUMNS = (
+    Column("object"),
+    Column("method", "method of the solver"),
+    Column("surface", "what of the object the hand touches"),
+    Column("seed", "seed of the random targets"),
+    *(one.column for one in SAFETY),
+    Column("cpu_p50", "CPU time of a tick, median", "µs"),
+    Column("cpu_p99", "CPU time of a tick, 99th percentile", "µs"),
+    Column("cpu_max", "CPU time of a tick, largest", "µs"),
+    Column("failures", "failures of a method that promises none, and the commands that replay them"),
+    Column("safe", "kept what a safe method promises"),
+)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -162,16 +165,17 @@ def cells(options: StressSettings, progress: Progress) -> list[StressCase]:
     return found
 
 
-def run_case(case: StressCase) -> StressFigures:
-    """Run one case; HhsimError for too many near pairs, or a failure not written."""
+def run_case(case: StressCase) -> Row:
+    """Run one case and return its row; HhsimError for too many near pairs, or a failure not written."""
     warm_up(case.hand, case.solver)
-    safety = SafetyMeasure(case.hand, case.pieces, case.solver)
+    safety, cpu = SafetyMeasure(case.hand, case.pieces, case.solver), LogHistogram()
     solver, targets = case.new_solver(), case.targets()
     stretch: deque[tuple[HandConfiguration, HandConfiguration]] = deque(maxlen=STRETCH_BLOCKS)
     kept: dict[str, str] = {}
     for first in range(0, case.ticks, BLOCK):
         motion = targets.take(min(BLOCK, case.ticks - first))
         record = solver.run(*motion)
+        cpu.add(record.duration_cpu)
         stretch.append((motion, HandConfiguration.of(record).copy()))
         depth = recorded_penetration(case.hand, solver.workspace.surface, record).depth
         for kind, ticks in safety.add(safety.readings(motion), record, depth).items():
@@ -179,13 +183,18 @@ def run_case(case: StressCase) -> StressFigures:
                 tick = int(np.argmax(ticks))
                 command = keep_failure(case, kind, first + tick, tick, list(stretch))
                 kept[kind] = f"{kind} at tick {first + tick:,}: {command}"
-    names: dict[str, Any] = {
+    return {
         "object": case.object,
         "method": case.solver.method,
         "surface": case.solver.surface,
         "seed": case.seed,
+        **safety.figures,
+        "cpu_p50": 1e-9 * cpu.percentile(50.0),
+        "cpu_p99": 1e-9 * cpu.percentile(99.0),
+        "cpu_max": 1e-9 * cpu.largest,
+        "failures": "; ".join(kept.values()),
+        "safe": is_safe(safety.figures),
     }
-    return StressFigures(**totals_of(SafetyFigures, [safety.figures]), **names, failures="; ".join(kept.values()))
 
 
 def keep_failure(
@@ -236,8 +245,8 @@ def lines(options: StressSettings, rows: Sequence[Row]) -> list[str]:
     for row in rows:
         which = row["method"], row["surface"]
         safe[which] = safe.get(which, True) and row["safe"]
-    for (method, surface), is_safe in safe.items():
-        if is_safe and never_penetrates(method):
+    for (method, surface), kept in safe.items():
+        if kept and never_penetrates(method):
             found.append(f"{method}{'' if surface == 'spheres' else f' on the {surface}'}: no limit missed")
     return found
 
@@ -262,7 +271,7 @@ SUITE = Suite(
     settings=StressSettings,
     columns=COLUMNS,
     cells=cells,
-    run=lambda case, before: Table(COLUMNS, [run_case(case)]).records,
+    run=lambda case, before: [run_case(case)],
     tables=lambda options, rows, figures: [
         Table.of_records(COLUMNS, rows, SHOWN, "stress: a new random hand every few ticks")
     ],
