@@ -18,7 +18,6 @@ from fake_repairs import run, tree, write_manifest
 from hhsim.errors import OutputError
 from hhsim.repair.request import PICTURE, RepairOutcome, RepairRequest
 from hhsim.sweep import engines
-from hhsim.sweep import repair_batch as module
 from hhsim.sweep.folder import locked
 from hhsim.sweep.input_files import CHANGED
 from hhsim.sweep.repair_batch import run_manifest
@@ -30,7 +29,7 @@ LIMIT = "time_limit = 1.0\n"
 @pytest.fixture
 def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Run the rows here, one after the other."""
-    monkeypatch.setattr(module, "run_tasks", lambda tasks, *_: (task.run() for task in tasks))
+    monkeypatch.setattr(engines, "run_tasks", lambda tasks, *_: (task.run() for task in tasks))
 
 
 def ran(out: Path) -> list[str]:
@@ -133,7 +132,7 @@ def test_an_interrupted_run_says_what_is_done(tmp_path: Path, monkeypatch: pytes
         yield tasks[0].run()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(module, "run_tasks", interrupted)
+    monkeypatch.setattr(engines, "run_tasks", interrupted)
     path = write_manifest(tmp_path, "copy 1", "copy 2", "copy 3")
     with pytest.raises(KeyboardInterrupt) as caught:
         run(path, tmp_path / "out")
