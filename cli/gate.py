@@ -195,7 +195,7 @@ def _write(report: "GateReport", markdown: Path | None, summary: Path | None) ->
 def _print(report: "GateReport", written: Path | None, output: GateOutput) -> None:
     from hhsim.gate.report import COLUMNS, headline, left_out, not_judged, reasons, worth_showing
     from hhsim.gate.verdict import REFUSED
-    from hhsim.replay.verdict import NOT_COMPARABLE
+    from hhsim.table.verdict import NOT_COMPARABLE
 
     print_notes(report.refused, prefix="error")
     if output.as_json:

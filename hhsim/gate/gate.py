@@ -26,7 +26,6 @@ from hhsim.gate.verdict import GateRow, inputs_row
 from hhsim.kernels.machine_calibration import REFERENCE_VERSION
 from hhsim.replay.run_inputs import RunInputs, differences, kept_ticks
 from hhsim.replay.summary_table import default_limits, stored_promises
-from hhsim.replay.verdict import NOT_COMPARABLE
 from hhsim.result.reader import Result
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import write_atomically
@@ -34,6 +33,7 @@ from hhsim.system.input_file import read_input_text
 from hhsim.system.plain_json import plain_json
 from hhsim.system.progress import Progress, silent
 from hhsim.system.settings_file import Settings, Version, typed
+from hhsim.table.verdict import NOT_COMPARABLE
 
 FORMAT = "hhsim-gate-baseline"
 BASELINE_VERSION = 1

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from hhsim.gate.gate import GateReport
 from hhsim.gate.verdict import UNJUDGED, WORSE_WITHIN, GateRow
-from hhsim.replay.verdict import NOT_COMPARABLE, SAME, WORSE
 from hhsim.table.table import Table, markdown_text, number, shown, unit_size, words
+from hhsim.table.verdict import NOT_COMPARABLE, SAME, WORSE
 
 OK, MISSED = "ok", "MISSED"
 LIMIT_ONLY = "limit only"

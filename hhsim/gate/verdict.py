@@ -13,8 +13,8 @@ from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run_metric import Figure, Judged
 from hhsim.replay.run_inputs import differences, new_options, told_difference
 from hhsim.replay.summary_table import promised
-from hhsim.replay.verdict import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE, word_of
-from hhsim.replay.verdict import verdict as missed_limits
+from hhsim.table.verdict import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE, word_of
+from hhsim.table.verdict import verdict as missed_limits
 
 LEAST_PROCESSES = 3
 """Minimum number of processes of each side: a median of fewer follows every outlier."""

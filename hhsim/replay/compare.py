@@ -9,9 +9,9 @@ from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.run_inputs import RunInputs, differences, new_options, run_inputs, tick_digest
 from hhsim.replay.summary_table import SummaryRow
-from hhsim.replay.verdict import NOT_COMPARABLE, SAME, WITHIN, word_of
 from hhsim.result.reader import Result
 from hhsim.result.wording import commit, object_name, option_value
+from hhsim.table.verdict import NOT_COMPARABLE, SAME, WITHIN, word_of
 
 HOW = ("level", "max_error")
 """Options of a replay that change how it is run, not its input."""

@@ -8,13 +8,12 @@ from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.metrics.run.stuck_and_lag import is_mostly_stuck
 from hhsim.replay.summary_table import SummaryRow, default_limits
 from hhsim.solver.method import PROMISES
+from hhsim.table.verdict import verdict
 
 OK, MISSED, UNTOUCHED = "within limits", "limits missed", "nothing touched"
 SHORT, LATE, EMPTY = "cut short", "ticks missed", "no ticks"
 NOT_JUDGED = "depth not judged"
 """Words of verdicts. Missed limits come first, whether a run is cut short or touches nothing."""
-BETTER, SAME, WITHIN, WORSE, NOT_COMPARABLE = "better", "same", "within noise", "worse", "not comparable"
-"""Words for a figure beside that of another run."""
 ELSEWHERE = "Put the object elsewhere (a recording: --place-object auto), or look at its size (--unit, --size)."
 """Advice where nothing touches."""
 
@@ -28,27 +27,6 @@ class Verdict:
     missed: tuple[str, ...] = ()  # names of the figures over their limits
     mostly_stuck: bool = False  # True if more than half of the ticks are stuck
     line: str = ""  # word and reason, for the head of a table that has the figures themselves
-
-
-def verdict(figures: Mapping[str, float], limits: Mapping[str, float]) -> tuple[str, ...]:
-    """Return the names of the figures over their limits, in the order of the limits, in one unit.
-
-    A replay, a session, a score and the gate are judged by it. A limit without a figure, or of NaN, is none; an
-    undefined figure (NaN) is over no limit, an infinite one over any.
-    """
-    known = {name: limit for name, limit in limits.items() if not math.isnan(figures.get(name, math.nan))}
-    return tuple(name for name, limit in known.items() if not (figures[name] <= limit or math.isnan(limit)))
-
-
-def word_of(value: float, before: float, noise: float, rounding: float = 0.0) -> str:
-    """Return the word for a value beside an earlier one, of figures of which less is better; "" where one is NaN."""
-    if math.isnan(before) or math.isnan(value):
-        return ""
-    if abs(value - before) <= rounding:
-        return SAME
-    if before <= value * (1.0 + noise) and value <= before * (1.0 + noise):
-        return WITHIN
-    return WORSE if value > before else BETTER
 
 
 def run_verdict(

@@ -19,13 +19,13 @@ from hhsim.metrics.session_faults import how_it_ended, recorded_faults, session_
 from hhsim.replay.compare import Comparison, compared
 from hhsim.replay.stored_scene import part_words
 from hhsim.replay.summary_table import SummaryRow, figure_table
-from hhsim.replay.verdict import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
 from hhsim.report.run import ReportRun
 from hhsim.result.reader import Result
 from hhsim.result.wording import commit, motion_name, object_name
 from hhsim.system.counted import counted
 from hhsim.system.input_file import open_input
 from hhsim.table.table import MISSING, Marked, Table, number, words
+from hhsim.table.verdict import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
 
 NONE = "—"
 """Stands for what a result does not say."""

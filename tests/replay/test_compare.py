@@ -16,8 +16,8 @@ from short_grasp import short_result
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.compare import Comparison, compare, compared
 from hhsim.replay.summary_table import SummaryRow
-from hhsim.replay.verdict import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
 from hhsim.result.reader import Result, load_result
+from hhsim.table.verdict import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
 
 ALIKE = Comparison((), (), (), same_machine=True)
 

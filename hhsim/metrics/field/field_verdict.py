@@ -8,6 +8,7 @@ from hhsim.metrics.field.contact import KEPT, TOUCHING
 from hhsim.metrics.field.correction import INSIDE, LARGEST
 from hhsim.metrics.field.field_table import FieldRow
 from hhsim.metrics.field.smoothness import RATIO
+from hhsim.table.verdict import verdict
 
 OK, MISSED, EMPTY = "within limits", "limits missed", "no frames"
 """Words of verdicts."""
@@ -41,20 +42,18 @@ def field_verdict(rows: Sequence[FieldRow], max_correction: float, doubts: Seque
 
     With doubts, such as those of `doubts_of`, a limit is missed: what the figures are of may be another scene.
     """
-    limits = dict.fromkeys(DEPTHS, (INSIDE, "most"))
-    limits |= {LARGEST: (max_correction, "most"), KEPT: (LEAST_KEPT, "least"), RATIO: (MOST_ACCELERATION, "most")}
+    limits = dict.fromkeys(DEPTHS, INSIDE) | {LARGEST: max_correction, KEPT: LEAST_KEPT, RATIO: MOST_ACCELERATION}
     judged = [row for row in rows if row.name in limits and not math.isnan(row.after)]
     if not any(row.name in DEPTHS for row in judged):
         return FieldVerdict(EMPTY, (), f"{EMPTY}: no frame has all of its joints in both recordings")
+    beyond = verdict({row.name: row.after for row in judged}, limits, least=(KEPT,))
     missed, said = [DOUBT for _ in doubts[:1]], [*doubts]
-    for row in judged:
-        limit, side = limits[row.name]
-        if row.after > limit if side == "most" else row.after < limit:
-            missed.append(row.name)
-            unit = f" {row.figure.unit}" if row.figure.unit else ""
-            bound = f"at {side} {limit / row.figure.scale:g}{unit}"
-            # A depth of micrometres is 0 in the table's digits.
-            said.append(f"{row.figure.label} {row.after / row.figure.scale:.4g}{unit} ({bound})")
+    for row in (row for row in judged if row.name in beyond):
+        missed.append(row.name)
+        unit = f" {row.figure.unit}" if row.figure.unit else ""
+        bound = f"at {'least' if row.name == KEPT else 'most'} {limits[row.name] / row.figure.scale:g}{unit}"
+        # A depth of micrometres is 0 in the table's digits.
+        said.append(f"{row.figure.label} {row.after / row.figure.scale:.4g}{unit} ({bound})")
     if missed:
         return FieldVerdict(MISSED, tuple(missed), f"{MISSED}: {'; '.join(said)}")
     kept = ", ".join(row.figure.label for row in judged)
