@@ -1,6 +1,6 @@
 """Pictures of `hhsim bench speed-error`, `peers` and `trees`: cost against error, a panel for each object."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
@@ -40,9 +40,11 @@ MOST_PANELS, MOST_OBJECTS = 4, 6
 """Most panels of such a suite, and most objects of `trees`."""
 WIDTH, ACROSS = 14.0, 2
 """Width of the picture of trees beside their table [inches]; panels beside one another in that of ticks."""
-PANEL, NAMED_PANEL = (3.4, 2.0), (6.5, 2.8)
-"""Least width and height of a panel, without and with names beside its marks [inches]."""
+PANEL, WIDE_PANEL = (3.4, 2.0), (6.5, 2.8)
+"""Least width and height of a panel, without and with other engines [inches]."""
 GREY = "#6e7781"
+OTHERS = ("x", "^", "v", "<", ">", "p", "*", "d", "s", "h", "8", "H")
+"""Marks of other programs, all in grey."""
 LEAST = 1e-2
 """A tenth of the lowest decade that is shown [mm]."""
 LEVEL_MARKS = {1: "v", 2: "D", 3: "s", 4: "o", 5: "*"}
@@ -99,19 +101,23 @@ def draw_trade_off(path: Path, suite: str, rows: Sequence[Row], peers: Sequence[
 def _drawing(suite: str, rows: Sequence[Row], peers: Sequence[Row] = (), note: str = "") -> tuple[Drawing, int, float]:
     """Return the drawing of a table, the number of its marks, and the least width of a panel [inches]."""
     panels, legend = _of_trees(rows) if suite == "trees" else _of_ticks(rows, peers)
-    known = [mark for panel in panels for mark in panel.marks if mark.known]
-    named = any(mark.name for mark in known)
-    if named:
-        legend["other programs"] = GREY, "x"
     if note:
         legend[note] = LIMIT, ""
-    size = NAMED_PANEL if named and suite in TRADE_OFFS else PANEL
-    return trade_off_drawing(panels, legend, size), len(known), size[0]
+    has_others = suite in TRADE_OFFS and any(color == GREY for color, _ in legend.values())
+    size = WIDE_PANEL if has_others else PANEL
+    known = sum(mark.known for panel in panels for mark in panel.marks)
+    return trade_off_drawing(panels, legend, size), known, size[0]
+
+
+def _others(names: Iterable[str]) -> dict[str, tuple[str, str]]:
+    """Return colour and mark of other programs, by their names."""
+    return {name: (GREY, OTHERS[i % len(OTHERS)]) for i, name in enumerate(dict.fromkeys(names))}
 
 
 def _of_trees(rows: Sequence[Row]) -> Panels:
     """Return panels of each object's trees: against their spheres, then against the time of the builder."""
     names = list(dict.fromkeys(row["object"] for row in rows))[:MOST_OBJECTS]
+    others = _others(row["method"] for row in rows if row["is_reference"] and row["method"] != TOOLKIT)
     panels = []
     axes = (
         ("spheres", "asked", "spheres", "{:,.0f}".format),
@@ -125,13 +131,13 @@ def _of_trees(rows: Sequence[Row]) -> Panels:
                 if row["method"] == TOOLKIT:
                     marks.append(Mark(place, off, INK, "X"))
                 elif row["is_reference"]:
-                    marks.append(Mark(place, off, GREY, "x", name=row["method"]))
+                    marks.append(Mark(place, off, *others[row["method"]]))
                 else:
                     marks.append(Mark(place, off, BLUE, "o", best=True))
                     marks.append(Mark(_number(row[limit]), 1e3 * _number(row["protrusion_limit"]), LIMIT, "_"))
             panels.append(TradeOff(f"{name}: largest error [mm]", marks, 10.0 * LEAST, None, axis, None, spelled))
     legend = {"certified: proved covers": (BLUE, "o"), "Bradshaw's toolkit, medial": (INK, "X"), "limit": (LIMIT, "_")}
-    return panels, legend
+    return panels, legend | others
 
 
 def _of_ticks(rows: Sequence[Row], peers: Sequence[Row]) -> Panels:
@@ -143,12 +149,13 @@ def _of_ticks(rows: Sequence[Row], peers: Sequence[Row]) -> Panels:
     names.sort(key=lambda name: bool(others) and not any(row["object"] == name for row in others))
     ours = [row for row in summed if row.get("ours", True)]
     colors = {name: run_style(number)[0] for number, name in enumerate(dict.fromkeys(row["method"] for row in ours))}
+    engines = _others(row["method"] for row in (*summed, *others) if row["method"] not in colors)
 
     def mark(row: Row, error: str, frontier: str) -> Mark:
         time, until = _number(row["tick_cpu_p50"]), _number(row.get("tick_cpu_p99"))
         off, best = 1e3 * _number(row.get(error)), bool(row.get(frontier))
         if row["method"] not in colors:
-            return Mark(time, off, GREY, "x", until, best=best, name=row["method"])
+            return Mark(time, off, *engines[row["method"]], until, best=best)
         filled = row.get("linearisations") != 1
         return Mark(time, off, colors[row["method"]], _touched(row)[1], until, filled=filled, best=best)
 
@@ -165,7 +172,7 @@ def _of_ticks(rows: Sequence[Row], peers: Sequence[Row]) -> Panels:
         panels.append(panel(f"{of_all}: off the best pose [mm]", ALL, "off_optimum_mean", "tracking_frontier"))
     legend = {method: (color, "o") for method, color in colors.items()}
     legend |= {label: (INK, shape) for label, shape in sorted(map(_touched, ours))}
-    return panels, legend
+    return panels, legend | engines
 
 
 def _touched(row: Row) -> tuple[str, str]:

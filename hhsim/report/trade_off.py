@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hhsim.render.figure import halo
 from hhsim.report import figure as style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.text import Annotation
 
 MARKS = ("o", "s", "D", "^", "v", "P", "X")
 """Markers, one more than colours: no two results of a page share both."""
@@ -22,17 +20,6 @@ ROUNDING = 1e-6
 """Smaller errors, in the unit of their axis, are drawn as 0."""
 TIME_LABEL = 0.44
 """Width of a time label with the gap to the next one [inches]."""
-MARK_INCHES = 0.06
-"""Half of a mark's width."""
-Place = tuple[float, float, str, str]
-PLACES: tuple[Place, ...] = (
-    (8.0, 6.0, "left", "center"),
-    (-8.0, 6.0, "right", "center"),
-    *((x, y, side, "center") for y in (-7.0, 14.0, -14.0) for x, side in ((6.0, "left"), (-6.0, "right"))),
-    *((0.0, y, "center", "center") for y in (13.0, -13.0, 24.0, -24.0)),
-    *((x, y, side, "center") for y in (24.0, -24.0, 34.0, -34.0) for x, side in ((4.0, "left"), (-4.0, "right"))),
-)
-"""Places of a name beside its mark, the nearest first: offsets [points] and alignment."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +33,6 @@ class Mark:
     until: float | None = None  # cost at which a line from the mark ends; None for no line
     filled: bool = True  # False for a mark with a white face
     best: bool = False  # True if a line joins it to the others that are best
-    name: str = ""  # text beside it; "" for none
 
     @property
     def known(self) -> bool:
@@ -132,14 +118,6 @@ def _draw_panel(axes: "Axes", panel: TradeOff) -> None:
         [*zeros, *powers], [*zeros.values(), *(f"{power:,.{max(0, -round(np.log10(power)))}f}" for power in powers)]
     )
     axes.minorticks_off()
-    _place_names([
-        axes.annotate(
-            mark.name, (mark.cost, height), (0.0, 0.0), textcoords="offset points", color=mark.color, zorder=5,
-            annotation_clip=False, **halo(2.5),
-        )
-        for mark, height in known
-        if mark.name
-    ])  # fmt: skip
 
 
 def _draw_axis(axes: "Axes", panel: TradeOff) -> None:
@@ -161,30 +139,3 @@ def _draw_axis(axes: "Axes", panel: TradeOff) -> None:
     labels = [panel.spelled(10.0**k).replace(".0 ", " ") if fit else "" for k, fit in zip(powers, fits)]
     axes.set_xticks([10.0**k for k in powers], labels)
     axes.set_xlabel(panel.axis)
-
-
-def _place_names(names: Sequence["Annotation"]) -> None:
-    """Put each name beside its mark, where it covers the least of the other names and marks."""
-    from matplotlib.transforms import Bbox
-
-    if not names:
-        return
-    axes = names[0].axes
-    assert axes is not None
-    half = MARK_INCHES * axes.get_figure(root=True).dpi  # type: ignore[union-attr]
-    marks = [axes.transData.transform(name.xy) for name in names]
-    taken = [Bbox.from_extents(x - half, y - half, x + half, y + half) for x, y in marks]
-    for i in sorted(range(len(names)), key=lambda i: tuple(marks[i])):
-        name = names[i]
-
-        def covered(place: Place, name: "Annotation" = name) -> float:
-            *offset, beside, above = place
-            name.set(position=offset, horizontalalignment=beside, verticalalignment=above)
-            box = name.get_window_extent()
-            inside = Bbox.intersection(box, axes.bbox)
-            outside = box.width * box.height - (inside.width * inside.height if inside else 0.0)
-            overlaps = (Bbox.intersection(box, other) for other in taken)
-            return outside + sum(overlap.width * overlap.height for overlap in overlaps if overlap)
-
-        covered(min(PLACES, key=covered))
-        taken.append(name.get_window_extent())
