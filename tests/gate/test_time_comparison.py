@@ -1,4 +1,4 @@
-"""The gate's statistic, against closed forms and exact arithmetic; no clock is read but where it says so."""
+"""The gate's statistic, against exact arithmetic; no clock is read."""
 
 import hashlib
 import inspect
@@ -9,53 +9,12 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import integrate, stats
 
 from hhsim.errors import InputError
 from hhsim.gate import run as gate_reference
 from hhsim.gate.suite import GateScene
 from hhsim.gate.verdict import judge_time
 from hhsim.kernels import machine_calibration as reference_work
-
-LIMIT = 0.05
-
-
-def chance_of_worse(spread: float, slower: float, limit: float, processes: int) -> float:
-    """How likely `judge_time` says `worse`, in closed form.
-
-    The logarithm of a process's p50 is taken as normal; that of a median of an odd number of them is then distributed
-    as an order statistic.
-
-    Args:
-        spread: Standard deviation of the logarithm, from process to process [-].
-        slower: Share by which head really is slower.
-        limit: As for `judge_time`.
-        processes: Of each side, odd.
-    """
-    middle = (processes + 1) // 2
-    order = stats.beta(middle, middle)
-    normal = stats.norm
-
-    def density(z: float) -> float:
-        return float(order.pdf(normal.cdf(z)) * normal.pdf(z))
-
-    # P(head - base > gap), both in standard deviations.
-    gap = (math.log1p(limit) - math.log1p(slower)) / spread
-    found, _ = integrate.quad(lambda z: density(z) * order.sf(normal.cdf(z + gap)), -9.0, 9.0, limit=200, epsabs=1e-12)
-    return float(found)
-
-
-@pytest.mark.soak
-def test_false_alarms_and_misses_are_as_rare_as_the_docs_say() -> None:
-    for spread, processes, alarms, misses in (
-        (0.015, 5, 95_000, 41_000),
-        (0.02, 5, 1_500, 900),
-        (0.03, 5, 63, 49),
-        (0.03, 15, 6_000, 3_300),
-    ):
-        assert 1.0 / chance_of_worse(spread, 0.0, LIMIT, processes) == pytest.approx(alarms, rel=0.03)
-        assert 1.0 / (1.0 - chance_of_worse(spread, 0.1, LIMIT, processes)) == pytest.approx(misses, rel=0.03)
-
 
 times = st.lists(st.integers(1, 10**6).map(float), min_size=3, max_size=9)
 
@@ -77,7 +36,7 @@ def test_the_verdict_is_that_of_exact_arithmetic(base: list[float], head: list[f
 @pytest.mark.parametrize("wrong", [[1.0, 1.0], [1.0, 1.0, 0.0], [1.0, 1.0, math.nan]])
 def test_times_that_say_nothing_are_refused(wrong: list[float]) -> None:
     with pytest.raises(InputError, match="base"):
-        judge_time("tiny", [1.0, 1.0, 1.0], wrong, LIMIT)
+        judge_time("tiny", [1.0, 1.0, 1.0], wrong, 0.05)
 
 
 def test_a_steady_drift_favours_neither_side(monkeypatch: pytest.MonkeyPatch) -> None:

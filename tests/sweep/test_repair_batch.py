@@ -3,11 +3,6 @@
 import csv
 import io
 import json
-import random
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -201,27 +196,6 @@ def test_a_folder_of_others_and_one_that_is_worked_in_are_left_alone(tmp_path: P
         pytest.raises(OutputError, match="another repair works in"),
     ):
         run(path, tmp_path / "out")
-
-
-@pytest.mark.usefixtures("in_this_process")
-@pytest.mark.parametrize("kills", [1, pytest.param(5, marks=pytest.mark.soak)])
-@pytest.mark.soak
-def test_killed_and_resumed_it_has_the_same_files(tmp_path: Path, kills: int) -> None:
-    path = write_manifest(tmp_path, *(f"slow {number}" for number in range(4 * kills + 4)), "refuse 1")
-    run(path, tmp_path / "undisturbed")
-    out, chance = tmp_path / "killed", random.Random(kills)
-    environment = {"PYTHONPATH": str(Path(fake_repairs.__file__).parent)}
-    command = [sys.executable, fake_repairs.__file__, str(path), str(out), "2"]
-    for _ in range(kills):
-        with subprocess.Popen(command, env=environment) as process:
-            done = len(list(out.glob("*/outcome.json")))
-            while process.poll() is None and len(list(out.glob("*/outcome.json"))) < done + 2:
-                time.sleep(0.01)
-            time.sleep(chance.uniform(0.0, 0.1))
-            process.send_signal(signal.SIGKILL)
-        assert process.returncode == -signal.SIGKILL and not (out / "table.csv").exists()
-    subprocess.run(command, env=environment, check=True)
-    assert tree(out) == tree(tmp_path / "undisturbed")
 
 
 @pytest.mark.usefixtures("in_this_process")
