@@ -52,10 +52,8 @@ from hhsim.trees.options import MOST_LEVEL, TreeOptions
 DEFAULT_LEVEL = 4
 NO_LEVEL = 0
 """Level of a configuration that touches the mesh itself."""
-EVERY: tuple[int, ...] = (1, 2, 3, 12)
-LINEARISATIONS: dict[str, tuple[int, ...]] = {"paper": (1, 2, 3), "penalty": (12,)}
-"""Limits of the linearisations in a tick, by method, if not `EVERY`: `paper` makes all of them; `penalty` linearises
-once, and the number bounds the rounds of its step."""
+MANY = 20
+"""Configurations from which on the table has those on a frontier, and the usual ones, alone."""
 STRETCH = 50
 """Ticks of the first hold up to which QP solvers are compared: others are driven from Python, and slow."""
 MOST_HANDS = 400
@@ -67,7 +65,7 @@ FULL = Preset(
         "objects": ("bunny", "teapot", "cube"),
         "motions": ("grasp", "pinch", "whole-hand", "slide"),
         "levels": (2, 3, 4, 5),
-        "every_linearisation": True,
+        "linearisations": (1, 2, 3, 12),
         "backends": None,
         "hands": MOST_HANDS,
     },
@@ -90,11 +88,8 @@ class SpeedErrorOptions:
         (2, 3, 4), "Levels of the sphere tree. With --full: 2,3,4,5.", "--level"
     )
     linearisations: Annotated[tuple[Count, ...], a_list("1, 12")] | None = setting(
-        None,
-        "Most linearisations in a tick. With --full: 1,2,3,12; of method paper 1,2,3; of penalty 12. Default: the "
-        "method's own.",
+        None, "Most linearisations in a tick. With --full: 1,2,3,12. Default: the method's own."
     )
-    every_linearisation: bool = False  # True for those of `LINEARISATIONS`
     # None for all that are installed.
     backends: tuple[str, ...] | None = setting(
         (),
@@ -133,11 +128,6 @@ class SpeedErrorOptions:
         refuses = METHODS[method].refuses_surfaces
         return tuple(name for name in self.surfaces if name == "spheres" or not refuses)
 
-    def linearisations_of(self, method: str) -> tuple[int, ...]:
-        """Return the limits of the linearisations in a tick that a method is run with."""
-        usual = LINEARISATIONS.get(method, EVERY) if self.every_linearisation else (usual_linearisations(method),)
-        return self.linearisations or usual
-
 
 @dataclass(frozen=True)
 class Configuration:
@@ -173,7 +163,7 @@ def configurations(options: SpeedErrorOptions) -> list[Configuration]:
         for method in options.methods or ()
         for surface in options.surfaces_of(method)
         for level in (options.levels if surface == "spheres" else (NO_LEVEL,))
-        for most in options.linearisations_of(method)
+        for most in options.linearisations or (usual_linearisations(method),)
     ]
 
 
@@ -342,7 +332,7 @@ def tables(options: SpeedErrorOptions, rows: Sequence[Row], figures: Any) -> lis
     best = [row for row in summed if row["mesh_frontier"] or row["tracking_frontier"]]
     usual = [row for row in summed if _as_it_comes(row)]
     found = [(f"Methods and what they touch ({where})", summed, SHOWN)]
-    if options.every_linearisation:
+    if len(summed) > MANY:
         found = [(f"Nothing is both faster and better ({where})", best, SHOWN)]
         found.append(("Methods as they come, and on the mesh", usual, SHOWN))
     if solvers:

@@ -7,15 +7,13 @@ and dropped block by block.
 import json
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from functools import cached_property
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import BoolArray
-from hhsim.bench.robustness.local_optimality import Pieces, pieces_of
+from hhsim.bench.robustness.local_optimality import pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.bench.robustness.safety import BLOCK, SAFETY, SafetyMeasure, is_safe, recorded_penetration, solvers_of
 from hhsim.bench.suite import Row, Suite, setting
@@ -79,11 +77,6 @@ class StressSettings:
         given = {name: value for name, value in changed.items() if value is not None}
         return solvers_of(self.methods, self.surfaces, **given)
 
-    def read(self, name: str) -> tuple[Mesh, int]:
-        """Load an object and its usual tree level; InputError or UnknownNameError if there is none."""
-        size = None if self.size is None else 1e-3 * self.size
-        return resolve_object(name, self.unit, size)
-
 
 COLUMNS = (
     Column("object"),
@@ -99,77 +92,58 @@ COLUMNS = (
 )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class StressCase:
     """One object, one method, one long motion."""
 
     object: str  # its name or file
-    object_options: str = ""  # options of the object that a replay needs, such as "--level 3 --unit mm"
+    mesh: Mesh  # its triangles, in the frame of the tree
     tree: SphereTree
-    mesh: Mesh | None = None  # its triangles, in the frame of the tree; None for an object of spheres alone
-    hand: HandModel
     solver: SolverOptions
     stress: StressOptions  # options of the random targets
     seed: int  # of the random targets
     ticks: int
+    told: str = ""  # options of the object that a replay needs, such as "--level 3 --unit mm"
+    hand: HandModel = field(default_factory=HandModel.default)
 
     def targets(self) -> RandomTargets:
         """Return the motion from its start: around the object's root sphere, the first hand above it."""
         center, radius = self.tree.center[0], float(self.tree.radius[0])
         return RandomTargets(self.hand, self.seed, self.stress, center=center, height=max(0.25, radius + 0.2))
 
-    @cached_property
-    def surface(self) -> Any:
-        """Arrays of the surface that the hand touches."""
-        return contact_surface(self.solver.surface, self.mesh, self.tree).arrays
-
-    @cached_property
-    def pieces(self) -> Pieces:
-        """Pieces of that surface, for the judge of stuck ticks."""
-        return pieces_of(self.solver.surface, self.mesh, self.tree)
-
-    def new_solver(self) -> HandSolver:
-        """Return a solver at the start of the motion."""
-        return HandSolver(self.hand, self.surface, self.solver)
+    def begin(self) -> tuple[HandSolver, SafetyMeasure]:
+        """Return a solver at the start of the motion, and what measures its ticks."""
+        surface = contact_surface(self.solver.surface, self.mesh, self.tree).arrays
+        pieces = pieces_of(self.solver.surface, self.mesh, self.tree)
+        return HandSolver(self.hand, surface, self.solver), SafetyMeasure(self.hand, pieces, self.solver)
 
     def failed(self, motion: HandConfiguration) -> dict[str, BoolArray]:
         """Return the failed ticks of a motion by a solver of its own, as a replay has it, by the kind of failure."""
-        record = self.new_solver().run(*motion)
-        depth = recorded_penetration(self.hand, self.surface, record).depth
-        return SafetyMeasure(self.hand, self.pieces, self.solver).add(hold_readings(motion), record, depth)
+        solver, safety = self.begin()
+        record = solver.run(*motion)
+        depth = recorded_penetration(self.hand, solver.workspace.surface, record).depth
+        return safety.add(hold_readings(motion), record, depth)
 
 
 def cells(options: StressSettings, progress: Progress) -> list[StressCase]:
-    """Return every object with every method."""
-    hand, found = HandModel.default(), []
+    """Return every object with every method; InputError or UnknownNameError for an object that there is not."""
+    found: list[StressCase] = []
     size = None if options.size is None else f"{options.size:g}"
     by_name = (("--level", options.level), ("--unit", options.unit), ("--size", size))
-    shown = " ".join(f"{name} {value}" for name, value in by_name if value is not None)
-    meshes = {name: options.read(name) for name in options.objects or object_names()}
+    told = " ".join(f"{name} {value}" for name, value in by_name if value is not None)
+    scale = None if options.size is None else 1e-3 * options.size
+    meshes = {name: resolve_object(name, options.unit, scale) for name in options.objects or object_names()}
     for name, (mesh, usual) in meshes.items():
         tree = cached_sphere_tree(mesh, TreeOptions(level=options.level or usual), progress)
-        found += [
-            StressCase(
-                object=name,
-                object_options=shown,
-                tree=tree,
-                mesh=mesh,
-                hand=hand,
-                solver=solver,
-                stress=StressOptions(wild=options.wild),
-                seed=options.seed,
-                ticks=options.ticks,
-            )
-            for solver in options.solvers()
-        ]
+        motion = StressOptions(wild=options.wild), options.seed, options.ticks
+        found += [StressCase(name, mesh, tree, solver, *motion, told) for solver in options.solvers()]
     return found
 
 
 def run_case(case: StressCase) -> Row:
     """Run one case and return its row; HhsimError for too many near pairs, or a failure not written."""
     warm_up(case.hand, case.solver)
-    safety, cpu = SafetyMeasure(case.hand, case.pieces, case.solver), LogHistogram()
-    solver, targets = case.new_solver(), case.targets()
+    (solver, safety), targets, cpu = case.begin(), case.targets(), LogHistogram()
     stretch: deque[tuple[HandConfiguration, HandConfiguration]] = deque(maxlen=STRETCH_BLOCKS)
     kept: dict[str, str] = {}
     for first in range(0, case.ticks, BLOCK):
@@ -221,7 +195,7 @@ def keep_failure(
     stem = f"{Path(case.object).stem}-{case.solver.method}{touched}-{kind.replace(' ', '-')}"
     path = free_name(FAILURES / f"{stem}-seed{case.seed}-tick{tick}.h5")
     words = ["hhsim replay", case.object, str(path), f"--method {case.solver.method}", "--samples hold"]
-    words += [case.object_options] if case.object_options else []
+    words += [case.told] if case.told else []
     words += [f"--{name} {used[name]}" for name in ("surface", "linearisations") if used[name] != plain[name]]
     if used["margin"] != plain["margin"]:
         words.append(f"--margin {1e3 * used['margin']:.15g}")

@@ -47,7 +47,6 @@ def case(method: str = "coupled", ticks: int = TICKS, wild: bool = False, surfac
         object="ball",
         tree=BALL,
         mesh=ball_mesh(subdivisions=3),
-        hand=HAND,
         solver=SolverOptions(method=method, surface=surface),
         stress=StressOptions(wild=wild),
         seed=4,
@@ -86,7 +85,7 @@ class Lazy(HandSolver):
 def test_the_figures_are_those_of_the_ticks(method: str) -> None:
     figures = run_case(case(method))
     motion = case(method).targets().take(TICKS)
-    record = case(method).new_solver().run(*motion)
+    record = case(method).begin()[0].run(*motion)
     clearance = record_clearance(HAND, BALL, record)
     assert clearance.min() > -1e-6
     assert figures["penetration"] == max(0.0, -clearance.min())
@@ -113,7 +112,7 @@ def test_planted_faults_are_counted_and_kept_to_be_replayed(monkeypatch: pytest.
     # A hand that snaps takes many ticks to where a fault is planted.
     wanted = replace(wanted, solver=replace(wanted.solver, snap_speed=UNBOUNDED))
     figures = run_case(wanted)
-    record = wanted.new_solver().run(*wanted.targets().take(TICKS))
+    record = wanted.begin()[0].run(*wanted.targets().take(TICKS))
     deep = -record_clearance(HAND, BALL, record)
     over = (deep > 1e-6).any(axis=1)
     assert figures["penetrating"] == over.sum() > 0
