@@ -40,8 +40,8 @@ COUNTERS: dict[str, tuple[str, Figure]] = {
 UNITS_OF_WORK = "work/units"
 """Dataset of the only counter of a method from outside."""
 
-UNDEFINED_AT_TIMES = ("haptic/", "penetration_finger", "force_variation_", "table_distance")
-"""Begins of the names of datasets that may hold what is no number; a sound run has none elsewhere."""
+UNDEFINED_AT_TIMES = ("haptic/", "penetration_finger", "force_variation_", "table_distance", "force/fingertip_normal")
+"""Begins of the names of datasets that may hold what is no number, such as what a method from outside does not give."""
 
 OF_SESSIONS = frozenset(figure.name for figure in (*SESSION_TIMES, *SESSION_FAULTS))
 """Figures of recorded sessions only."""
