@@ -23,9 +23,8 @@ from hhsim.render.triangle_soup import piece_poses
 from hhsim.result.reader import Result, load_result
 from hhsim.result.writer import add_skin
 from hhsim.view import sink
-from hhsim.view.moment import moment
 from hhsim.view.plots import CONTACTS, DEPTH, FORCE, RESULT_PLOTS, TIME, VARIATION
-from hhsim.view.scene_log import FORCE_LENGTH, NORMAL_LENGTH, vertex_normals
+from hhsim.view.scene_log import FORCE_LENGTH, NORMAL_LENGTH, moment, vertex_normals
 from hhsim.view.sink import check_target, parse_target, viewer_program
 from hhsim.view.viewer import shown_scene, view_result
 from tools.shapes.generators import sphere

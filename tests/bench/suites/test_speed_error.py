@@ -24,8 +24,8 @@ from hhsim.bench.suites.speed_error import (
     table_rows,
 )
 from hhsim.bench.trade_off import Run, placed_at, run_cell
-from hhsim.report.bench_trade_off import bench_trade_off, draw_trade_off
 from hhsim.report.figure import new_figure
+from hhsim.report.trade_off import bench_trade_off, draw_trade_off
 from hhsim.result.reader import Result
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
