@@ -278,7 +278,7 @@ def _draw(
     if path is None:
         return []
     if suite.picture == "trade-off":
-        from hhsim.report.bench_trade_off import draw_trade_off
+        from hhsim.report.trade_off import draw_trade_off
         from hhsim.table.file import rows_of
 
         others = getattr(settings, "peers", None)

@@ -36,7 +36,7 @@ def command(base: Path, head: Path, whole: bool, sides: str | None, as_json: boo
       hhsim compare coupled.h5 progressive.h5
       hhsim compare before.h5 after.h5 --all
     """
-    from hhsim.gate.compare import compare, compared
+    from hhsim.replay.compare import compare, compared
     from hhsim.replay.recorded_verdict import checked_figures, read_ticks, verdict
     from hhsim.replay.summary import stored_times
     from hhsim.replay.summary_table import short_table, whole_table

@@ -52,7 +52,6 @@ class GateOutput(OptionGroup):
 
     markdown: Path | None = output_file("FILE", "Write a summary in Markdown.")
     step_summary: bool = option(is_flag=True, help=f"Append the summary to the file that ${STEP_SUMMARY} names.")
-    junit: Path | None = output_file("FILE", "Write JUnit XML.")
     whole: bool = option("--all", is_flag=True, help="Print every figure; without it what changed or was missed.")
     as_json: bool = shared(options.json)
     quiet: bool = shared(options.quiet)
@@ -79,7 +78,7 @@ def command(target: Path | None, comparison: Comparison, output: GateOutput) -> 
       hhsim gate
       hhsim gate --base-python ../base/.venv/bin/python --step-summary
       hhsim gate my-gate.toml --write-baseline gate-baseline.json
-      hhsim gate my-gate.toml --baseline gate-baseline.json --junit gate.xml
+      hhsim gate my-gate.toml --baseline gate-baseline.json --markdown gate.md
       hhsim gate --base-folder ../base
       hhsim gate results/after.h5 --baseline results/before.h5
       hhsim gate session.h5 --suite hhsim-gate.toml
@@ -91,12 +90,11 @@ def command(target: Path | None, comparison: Comparison, output: GateOutput) -> 
     summary = os.environ.get(STEP_SUMMARY) if output.step_summary else None
     if output.step_summary and not summary:
         raise InputError(f"--step-summary: ${STEP_SUMMARY} is not set; outside of GitHub Actions, use --markdown FILE")
-    files = output.markdown, Path(summary) if summary else None, output.junit
+    files = output.markdown, Path(summary) if summary else None
     require_apart(Path(summary or ""))
     for path, kind, words in (
         (comparison.write_baseline, "baseline", FORMAT.encode()),
         (output.markdown, "summary of hhsim gate", b" hhsim gate\n\n"),
-        (output.junit, "JUnit XML of hhsim gate", b'<testsuites name="hhsim gate"'),
     ):
         if path is not None:
             check_output_path(path, kind, holds(words))
@@ -180,9 +178,8 @@ def _judge_suite(target: Path | None, comparison: Comparison, *, quiet: bool) ->
         )
 
 
-def _write(report: "GateReport", markdown: Path | None, summary: Path | None, junit: Path | None) -> None:
+def _write(report: "GateReport", markdown: Path | None, summary: Path | None) -> None:
     """Write what CI systems read."""
-    from hhsim.gate.report import junit as as_junit
     from hhsim.gate.report import markdown as as_markdown
     from hhsim.system.atomic_write import write_atomically
 
@@ -193,13 +190,12 @@ def _write(report: "GateReport", markdown: Path | None, summary: Path | None, ju
     if summary is not None:
         with summary.open("ab") as file:
             file.write(text)
-    if junit is not None:
-        write_atomically(junit, as_junit(report))
 
 
 def _print(report: "GateReport", written: Path | None, output: GateOutput) -> None:
     from hhsim.gate.report import COLUMNS, headline, left_out, not_judged, reasons, worth_showing
-    from hhsim.gate.verdict import NOT_COMPARABLE, REFUSED
+    from hhsim.gate.verdict import REFUSED
+    from hhsim.table.verdict import NOT_COMPARABLE
 
     print_notes(report.refused, prefix="error")
     if output.as_json:

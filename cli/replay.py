@@ -271,9 +271,9 @@ def command(
             document["repeated"] = repeated_document(runs)
             add_document(output_path, "repeated", document["repeated"])
         if rerun is not None:
-            from hhsim.view.viewer import view_files
+            from hhsim.view.viewer import view_file
 
-            view_files([output_path], rerun, progress=report)
+            view_file(output_path, rerun, progress=report)
     stuck = [summary.verdict.line for summary in hands.values() if summary.verdict.mostly_stuck]
     if output.as_json:
         print_json({**document, "notes": [*remarks, *document.get("notes", ())]})

@@ -19,7 +19,7 @@ SLOW, PIXELS = 1.0, 640
 
 
 @click.command(cls=options.Command)
-@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=options.FILE)
+@click.argument("file", metavar="FILE", type=options.FILE)
 @click.option(
     "--rerun",
     "target",
@@ -46,7 +46,7 @@ SLOW, PIXELS = 1.0, 640
 @click.option("--pixels", type=click.IntRange(160, 1920), metavar="N", help=f"How wide the film is. Default: {PIXELS}.")
 @options.Printing.argument("printing")
 def command(
-    files: tuple[Path, ...],
+    file: Path,
     target: "RerunTarget | None",
     every: int,
     spheres: bool,
@@ -58,8 +58,8 @@ def command(
     """Look at results in the rerun viewer.
 
     FILE is what hhsim replay or hhsim live wrote. Both hands are shown, the object, contacts, forces and plots of every
-    tick: the graphic hand in skin colour, the haptic hand (the user's) in blue, contact forces in red. Several files
-    stand side by side on one time axis. With half a million ticks, --every 10 keeps the viewer quick.
+    tick: the graphic hand in skin colour, the haptic hand (the user's) in blue, contact forces in red. With half a
+    million ticks, --every 10 keeps the viewer quick. Another file goes to the same viewer: --rerun connect.
 
     --video makes a film of one result, 25 frames a second: a GIF, a smaller WebP, or an MP4 where the program ffmpeg is
     installed.
@@ -67,7 +67,7 @@ def command(
     \b
     Examples:
       hhsim view results/grasp.h5
-      hhsim view coupled.h5 progressive.h5
+      hhsim view progressive.h5 --rerun connect
       hhsim view grasp.h5 --rerun grasp.rrd --spheres
       hhsim view grasp.h5 --video grasp.gif --slow 2
       hhsim view session.h5 --every 10 --rerun connect=127.0.0.1:9876
@@ -76,17 +76,15 @@ def command(
         raise click.UsageError("--slow and --pixels are of a film: name its file with --video")
     from hhsim.result.reader import load_result
 
-    results = [load_result(path) for path in files]
+    result = load_result(file)
     begin = time.perf_counter()
     document: dict[str, object] = {}
     quiet, silent = printing.quiet, printing.quiet or printing.as_json
     if video is not None:
         from hhsim.view.film import FPS, check_video_path, write_video
 
-        if len(results) > 1:
-            raise click.UsageError("--video is of one result: name one file that hhsim replay or hhsim live wrote")
         check_video_path(video)
-        first, *others = results[0].hands.values()
+        first, *others = result.hands.values()
         with progress(quiet=silent) as report:
             frames = write_video(first, video, slow or SLOW, pixels or PIXELS, report, *others)
         if not silent:
@@ -95,18 +93,17 @@ def command(
         document |= {"video": str(video), "frames": frames}
     if target is not None or video is None:
         from hhsim.view.sink import check_target, parse_target
-        from hhsim.view.viewer import MANY_TICKS, view_files
+        from hhsim.view.viewer import MANY_TICKS, view_file
 
         if target is None:
             target = parse_target("spawn")
             check_target(target)
-        most = max(result.ticks for result in results)
-        if most // every > MANY_TICKS and not quiet:
-            print_notes([f"{most:,} ticks: a viewer is quicker with --every {-(-most // 60_000)}"])
+        if result.ticks // every > MANY_TICKS and not quiet:
+            print_notes([f"{result.ticks:,} ticks: a viewer is quicker with --every {-(-result.ticks // 60_000)}"])
         with progress(quiet=quiet) as report:
-            viewed = view_files(files, target, every=every, spheres=spheres, progress=report)
+            viewed = view_file(file, target, every=every, spheres=spheres, progress=report)
         if not silent:
             print_line(f"{viewed.shown:,} of {viewed.ticks:,} ticks went to {viewed.target}")
         document |= viewed.to_json()
     if printing.as_json:
-        print_json({"results": [str(path) for path in files], **document, "seconds": time.perf_counter() - begin})
+        print_json({"result": str(file), **document, "seconds": time.perf_counter() - begin})

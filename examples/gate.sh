@@ -11,7 +11,7 @@ set -eu
 hhsim=${HHSIM:-hhsim}
 reports=${REPORTS:-gate-reports}
 mkdir -p "$reports"
-set -- --markdown "$reports/gate.md" --junit "$reports/gate.xml"
+set -- --markdown "$reports/gate.md"
 if [ -n "${BASE_PYTHON:-}" ]; then
   set -- "$@" --base-python "$BASE_PYTHON"
 else

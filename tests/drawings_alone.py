@@ -11,7 +11,7 @@ from PIL import Image
 from hhsim.errors import InputError
 from hhsim.report.figure import Drawing, ReportFigure, new_figure
 
-CHARTS = ("figure", "speed_error", "pictures", "bench_trade_off")
+CHARTS = ("figure", "pictures")
 """Modules of the report that name the function which makes one; the others take it from the first."""
 
 

@@ -157,7 +157,7 @@ def scene_to_turn(path: Path, tick: int) -> bytes:
 
     from hhsim.render.triangle_soup import STONE, mesh_surface, piece_surfaces
     from hhsim.result.reader import load_result
-    from hhsim.view.moment import moment
+    from hhsim.view.scene_log import moment
     from hhsim.view.viewer import shown_scene
 
     result = load_result(path)

@@ -27,11 +27,12 @@ PACKAGES = (
         "hhsim.scene",
     ),
     *("hhsim.solver", "hhsim.solver.methods", "hhsim.replay", "hhsim.submissions", "hhsim.verify"),
-    *("hhsim.gate", "hhsim.render", "hhsim.view"),
+    *("hhsim.render", "hhsim.view"),
     *(f"hhsim.live{part}" for part in ("", ".devices", ".drivers", ".session")),
     "hhsim.report",
     "hhsim.repair",
     "hhsim.sweep",
+    "hhsim.gate",
     *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.manipulation", "hhsim.bench.suites"),
     "hhsim.engines",
 )

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from itertools import chain
@@ -14,10 +14,10 @@ from typing import Any, TypeAlias
 from hhsim import __version__
 from hhsim.bench.registry import SUITES
 from hhsim.errors import HhsimError
-from hhsim.sweep.engines import TaskEnd, run_here, run_tasks
+from hhsim.sweep.engines import FolderTask, TaskEnd, run_to_end
 from hhsim.sweep.folder import check_own, has_format, locked
-from hhsim.sweep.input_files import file_digest
-from hhsim.sweep.plan import DIGITS, source_digest
+from hhsim.sweep.input_files import file_digest, source_digest
+from hhsim.sweep.plan import DIGITS
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
@@ -126,24 +126,19 @@ class Running:
         return self == Running()
 
 
-@dataclass(frozen=True)
-class SuiteTask:
-    """Cell of a portable suite by its place, for any process that sees the folder."""
+@dataclass(frozen=True, kw_only=True)
+class SuiteTask(FolderTask):
+    """Cell of a portable suite by its place."""
 
     suite: str
     settings: Any
     place: int
-    digest: str
-    folder: str
 
-    def run(self) -> TaskEnd:
+    def work(self) -> TaskEnd:
         """Run the cell and write its rows in one step."""
-        try:
-            cell = _cells(self.suite, self.settings)[self.place]
-            text = json.dumps(SUITES[self.suite].run(cell, None), default=lambda value: value.item())
-            write_atomically(Path(self.folder) / f"{self.digest}.json", text.encode())
-        except (HhsimError, OSError, MemoryError) as error:
-            return TaskEnd(self.digest, " ".join(str(error).split()) or type(error).__name__)
+        rows = SUITES[self.suite].run(_cells(self.suite, self.settings)[self.place], None)
+        text = json.dumps(rows, default=lambda value: value.item())
+        write_atomically(Path(self.folder) / f"{self.digest}.json", text.encode())
         return TaskEnd(self.digest)
 
 
@@ -180,18 +175,15 @@ def run_tasks_of(name: str, settings: Any, running: Running, progress: Progress 
             write_atomically(folder / MARK, json.dumps({"format": FORMAT, "suite": name}).encode())
         files = [folder / f"{digest}.json" for digest in digests]
         left = [place for place, file in enumerate(files) if not file.is_file()]
-        tasks = [SuiteTask(name, settings, place, digests[place], str(folder.resolve())) for place in left]
-        alone = running.jobs == 1 and not running.scheduler
-        ends = run_here(tasks) if alone else run_tasks(tasks, running.scheduler, running.jobs)
-        progress("cells", 0, len(tasks))
-        try:
-            with closing(ends):
-                for number, end in enumerate(ends):
-                    if end.reason:
-                        raise HhsimError(end.reason)
-                    progress("cells", number + 1, len(tasks))
-        except KeyboardInterrupt as interrupt:
-            if running.folder is not None:
-                interrupt.add_note("what is done is kept, and the same command goes on")
-            raise
+        about: dict[str, Any] = {"folder": str(folder.resolve()), "sources": source_digest()}
+        tasks = [SuiteTask(suite=name, settings=settings, place=i, digest=digests[i], **about) for i in left]
+
+        def on_end(end: TaskEnd) -> str:
+            if end.reason:
+                raise HhsimError(end.reason)
+            return ""
+
+        jobs = running.jobs if running.jobs > 1 else 0
+        kept = running.folder is not None
+        run_to_end(tasks, "cells", on_end, progress, scheduler=running.scheduler, jobs=jobs, kept=kept)
         return [json.loads(file.read_text(encoding="utf-8")) for file in files]

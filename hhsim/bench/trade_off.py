@@ -1,118 +1,162 @@
-"""What suites that set the time of a tick against its errors share: sums over runs, and who is beaten by nobody."""
+"""Suites that set the time of a tick against its errors: every way to solve the hand on every scene, in turns.
+
+A run is a replay: its figures are those of the replay's table, and distances to the true mesh by the referee
+(`hhsim.verify.mesh_distance`), which shares no code with the solver. The haptic input of a scene is made once. The runs
+take turns, so that other load of the machine falls on all of them; of each tick in contact the median of the
+repetitions counts. Errors are those of the first repetition; the others must give the same poses.
+"""
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hhsim.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from hhsim.bench.figure_fields import totals_of
-from hhsim.bench.run_errors import check_finite, digest_of
-from hhsim.errors import HhsimError
-from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_UNITS
+from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.bench.figures import Figure, summed
+from hhsim.bench.suite import Row
+from hhsim.bench.tick_records import hand_clearance
+from hhsim.errors import HhsimError, InputError, check_known
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
+from hhsim.hand.model import HandModel
+from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.run_ticks import PLACED
+from hhsim.motion.trajectory import TickInput, Trajectory
+from hhsim.replay.replay import replay_scene
+from hhsim.replay.run_inputs import tick_digest
+from hhsim.result.reader import Result, load_result
+from hhsim.scene.motion_catalogue import load_script, script_names
+from hhsim.scene.scene import Scene, make_scene
+from hhsim.scene.synthesis import synthesize
+from hhsim.solver.options import SolverOptions
+from hhsim.system.progress import Progress
 from hhsim.table.file import ALL
+from hhsim.trees.contact_surface import contact_surface
+from hhsim.trees.sphere_tree import SphereTree
+from hhsim.verify.mesh_distance import HandReferee
 
+NEAR = 1e-3
+"""Largest distance of the haptic hand from the mesh in a tick in contact [m]."""
+LONG = 5.0
+"""CPU time of all ticks above which a run is not repeated [s]."""
 GAIN = 0.05
-"""Share by which the error of a slower configuration on the frontier is smaller."""
+"""Share by which the error of a slower way on the frontier is smaller."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """One motion on one object."""
+
+    object: str
+    motion: str
+    hand: HandModel
+    mesh: Mesh
+    trajectory: Trajectory
+    ticks: TickInput  # of the haptic hand, in the frame of the mesh
+    placed: PlacedHand  # haptic hand of every tick
+    surface: Any  # triangles of the mesh
+    contact: BoolArray  # ticks with the haptic hand within `NEAR` of the mesh or inside, shape (T,)
+    referee: HandReferee
+
+    def scene(self, tree: SphereTree) -> Scene:
+        """Return the scene with the object's spheres."""
+        return make_scene(self.mesh, tree, self.hand, self.trajectory, rate=self.ticks.rate)
+
+
+def check_scenes(objects: Sequence[str], motions: Sequence[str]) -> None:
+    """Raise InputError for an object or a motion that the catalogue lacks, or a motion that touches nothing."""
+    check_known("object", objects, object_names())
+    check_known("trajectory", motions, script_names())
+    for motion in motions:
+        if not load_script(motion).contact:
+            raise InputError(f"the motion '{motion}' touches nothing: there is no error to measure")
+
+
+def stages(options: Any, hand: HandModel, tree: Callable[[Mesh], SphereTree], progress: Progress) -> Iterator[Stage]:
+    """Yield every motion on every object, made on the object's tree; TrajectoryError for one that cannot be done.
+
+    `options` have objects, motions, rate [Hz] and seed.
+    """
+    count = len(options.objects) * len(options.motions)
+    for i, name in enumerate(options.objects):
+        mesh = load_object(name).mesh
+        spheres, referee = tree(mesh), HandReferee(mesh, open_too=True)
+        surface = contact_surface("mesh", mesh, spheres).arrays
+        for j, motion in enumerate(options.motions):
+            progress("scenes", i * len(options.motions) + j, count)
+            trajectory = synthesize(load_script(motion), hand, spheres, options.seed)
+            scene = make_scene(mesh, spheres, hand, trajectory, rate=options.rate)
+            ticks = scene.hands[0].ticks.seen_from_object()
+            placed = forward_kinematics(hand, *HandConfiguration.of(ticks))
+            contact = hand_clearance(hand, surface, placed, NEAR) < NEAR
+            yield Stage(name, motion, hand, mesh, trajectory, ticks, placed, surface, contact, referee)
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """One way to solve the hand on one stage."""
+
+    stage: Stage
+    way: Any  # its configuration
+    scene: Scene
+    solver: SolverOptions
+    errors: Callable[[Result], dict[str, float]]  # figures besides those of the replay's table, in the mesh's frame
+    other: str  # dataset of the times besides the CPU's [ns]
 
 
 @dataclass
 class Run:
-    """One way to solve the hand on one scene."""
+    """One way to solve the hand on one scene, as often as it was run."""
 
-    object_name: str
+    object: str
     motion: str
-    way: Any  # its configuration
+    way: Any
+    figures: dict[str, float] = field(default_factory=dict)  # of the first repetition; none where it failed
     # CPU times of the ticks in contact [s], one array of shape (n,) a repetition; and other times of the same ticks.
     cpu: list[FloatArray] = field(default_factory=list)
     other: list[FloatArray] = field(default_factory=list)
-    # Candidate pairs and work units of these ticks, shape (n,).
-    candidates: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
-    work: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
-    errors: Any = None  # figures of the first repetition; None where it failed
     digest: str = ""  # of its poses and forces
     repeatable: bool = True  # True if all repetitions had the same digest
-    ticks: int = 0  # ticks of a repetition
     seconds: float = 0.0  # CPU time of all ticks of the first repetition
     failure: str = ""  # message of the error that ended it, or ""
 
-    def repeat(
-        self,
-        contact: BoolArray,
-        play: Callable[[], TickRecord],
-        errors: Callable[[TickRecord], Any],
-        other: Callable[[TickRecord], AnyArray],
-    ) -> None:
-        """Play it once more, and take the times of the ticks in contact, `other` in [ns]; an HhsimError is kept."""
+
+def run_cell(cell: Cell, before: Run | None) -> Run:
+    """Replay a way on its scene once more, unless it failed or takes long; an HhsimError is kept."""
+    run = before or Run(cell.stage.object, cell.stage.motion, cell.way)
+    if run.failure or run.seconds > LONG:
+        return run
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "run.h5"
         try:
-            record = play()
-            check_finite(record)
-            digest = digest_of(record)
-            if self.errors is None:
-                self.errors = errors(record)
-                self.digest, self.ticks = digest, len(record.position)
-                self.seconds = 1e-9 * float(record.duration_cpu.sum())
-                self.candidates = record.work[contact, WORK_CANDIDATES]
-                self.work = record.work[contact, WORK_UNITS]
+            summary = replay_scene(cell.scene, cell.solver, path)
+            result = load_result(path)
+            finite = np.isfinite(result["graphic/joints"]).all(axis=(1, 2, 3))
+            if not finite.all():
+                raise HhsimError(f"the graphic hand is not finite after tick {int(finite.argmin())}")
+            digest, cpu = tick_digest(result), 1e-9 * result["duration/total_cpu"]
+            if not run.figures:
+                run.figures = {**summary.attributes(), **cell.errors(result.seen_from_object)}
+                run.digest, run.seconds = digest, float(cpu.sum())
         except HhsimError as error:
-            self.failure = str(error)
-            return
-        self.repeatable = self.repeatable and digest == self.digest
-        self.cpu.append(1e-9 * record.duration_cpu[contact].astype(np.float64))
-        self.other.append(1e-9 * other(record)[contact].astype(np.float64))
+            run.failure = str(error)
+            return run
+        contact = cell.stage.contact[: result.ticks]
+        run.repeatable = run.repeatable and digest == run.digest
+        run.cpu.append(cpu[contact])
+        run.other.append(1e-9 * result[cell.other][contact])
+    return run
 
 
-def timed_row(object_name: str, motion: str, runs: Sequence[Run]) -> dict[str, Any]:
-    """Return what every row has of runs of one way: names, times, figures and failures."""
-    cpu, errors = tick_times([run.cpu for run in runs]), [run.errors for run in runs if run.errors is not None]
-    return {
-        "object": object_name,
-        "motion": motion,
-        "contact_ticks": cpu.size,
-        "tick_cpu_p50": percentile(cpu, 50.0),
-        "tick_cpu_p99": percentile(cpu, 99.0),
-        "failed_runs": sum(bool(run.failure) for run in runs),
-        **({} if not errors else totals_of(type(errors[0]), errors)),
-    }
-
-
-def mark_frontier(group: Sequence[dict[str, Any]], flag: str, error: str) -> None:
-    """Mark the rows of a group that none beats in both time and error."""
-    for i in frontier([row["tick_cpu_p50"] for row in group], [row[error] for row in group], GAIN):
-        group[i][flag] = True
-
-
-def groups_of(rows: Sequence[dict[str, Any]]) -> list[list[dict[str, Any]]]:
-    """Return the rows that compete: of one object and motion, without failures."""
-    groups: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
-    for row in rows:
-        if not row["failed_runs"]:
-            groups[row["object"], row["motion"]].append(row)
-    return list(groups.values())
-
-
-def summed_rows(
-    runs: Sequence[Run], whole: Sequence[Run], row: Callable[[str, str, Sequence[Run]], dict[str, Any]]
-) -> list[dict[str, Any]]:
-    """Return a row a run, then one for each way and object of whole runs, then one for each way, of all runs."""
-    groups: dict[tuple[str, Any], list[Any]] = defaultdict(list)
-    for run in whole:
-        groups[run.object_name, run.way].append(run)
-    for run in runs:
-        groups[ALL, run.way].append(run)
-    rows = [row(run.object_name, run.motion, [run]) for run in runs]
-    return rows + [row(name, ALL, group) for (name, _), group in groups.items()]
-
-
-def failure_remark(runs: Sequence[Any], name: Callable[[Any], str]) -> list[str]:
-    """Return a remark on the runs that failed, if any; `name` names the method of one."""
-    failed = [run for run in runs if run.failure]
-    where = [f"{name(run)}, {run.object_name}, {run.motion}: {run.failure}" for run in failed[:1]]
-    return [f"{len(failed)} of {len(runs)} runs could not be done; the first: {first}" for first in where]
+def placed_at(result: Result, ticks: IntArray) -> PlacedHand:
+    """Return the graphic hand of a result at some ticks."""
+    return PlacedHand(*(result[name][ticks] for name in PLACED))
 
 
 def tick_times(runs: Sequence[Sequence[FloatArray]]) -> FloatArray:
@@ -120,9 +164,65 @@ def tick_times(runs: Sequence[Sequence[FloatArray]]) -> FloatArray:
     return np.concatenate([np.median(repetitions, axis=0) if repetitions else np.zeros(0) for repetitions in runs])
 
 
-def percentile(values: AnyArray, percent: float) -> float:
+def percentile(values: FloatArray, percent: float) -> float:
     """Return a percentile of the ticks of a group of runs; NaN without any."""
     return float(np.percentile(values, percent)) if values.size else np.nan
+
+
+def summed_rows(
+    runs: Sequence[Run],
+    figures: Sequence[Figure],
+    of_way: Callable[[Sequence[Run]], Row],
+    is_whole: Callable[[Run], bool] = lambda run: True,
+) -> list[Row]:
+    """Return a row a run, then one for each way and object of whole runs, then one for each way.
+
+    `of_way` returns what a row has of runs of one way besides names, times, figures and failures.
+    """
+    groups: dict[tuple[str, Any], list[Run]] = defaultdict(list)
+    for run in filter(is_whole, runs):
+        groups[run.object, run.way].append(run)
+    for run in runs:
+        groups[ALL, run.way].append(run)
+
+    def row(name: str, motion: str, group: Sequence[Run]) -> Row:
+        cpu = tick_times([run.cpu for run in group])
+        values = summed(figures, [run.figures for run in group if run.figures])
+        return {
+            "object": name,
+            "motion": motion,
+            "contact_ticks": cpu.size,
+            "tick_cpu_p50": percentile(cpu, 50.0),
+            "tick_cpu_p99": percentile(cpu, 99.0),
+            **{name: float(value) for name, value in values.items()},
+            **of_way(group),
+            "failed_runs": sum(bool(run.failure) for run in group),
+        }
+
+    rows = [row(run.object, run.motion, [run]) for run in runs]
+    return rows + [row(name, ALL, group) for (name, _), group in groups.items()]
+
+
+def competing(rows: Sequence[Row]) -> list[list[Row]]:
+    """Return the rows that compete: of one object and motion, without failures."""
+    groups: dict[tuple[str, str], list[Row]] = defaultdict(list)
+    for row in rows:
+        if not row["failed_runs"]:
+            groups[row["object"], row["motion"]].append(row)
+    return list(groups.values())
+
+
+def mark_frontier(group: Sequence[Row], flag: str, error: str) -> None:
+    """Mark the rows of a group that none beats in both time and error."""
+    for i in frontier([row["tick_cpu_p50"] for row in group], [row[error] for row in group], GAIN):
+        group[i][flag] = True
+
+
+def failure_remark(runs: Sequence[Run], name: Callable[[Any], str]) -> list[str]:
+    """Return a remark on the runs that failed, if any; `name` names a way."""
+    failed = [run for run in runs if run.failure]
+    where = [f"{name(run.way)}, {run.object}, {run.motion}: {run.failure}" for run in failed[:1]]
+    return [f"{len(failed)} of {len(runs)} runs could not be done; the first: {first}" for first in where]
 
 
 def frontier(time: ArrayLike, error: ArrayLike, gain: float = 0.0) -> IntArray:

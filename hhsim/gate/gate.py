@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -19,13 +19,12 @@ from msgspec import structs
 from hhsim import __version__
 from hhsim.errors import InputError
 from hhsim.gate import verdict as verdicts
-from hhsim.gate.input_hash import RunInputs, differences
 from hhsim.gate.metrics import COUNTERS, SESSION_DEFAULTS, RunFigures, compared_metrics, run_figures, without_times
-from hhsim.gate.run import RunFailed, Side, Step, process_times
-from hhsim.gate.shown_poses import kept_ticks
+from hhsim.gate.run import RunFailed, Side, Step, measured, process_times
 from hhsim.gate.suite import REPLAY, SESSION, SUBMISSION, GateScene, GateSuite, default_suite, usual_limits
-from hhsim.gate.verdict import NOT_COMPARABLE, GateRow, inputs_row
+from hhsim.gate.verdict import GateRow, inputs_row
 from hhsim.kernels.machine_calibration import REFERENCE_VERSION
+from hhsim.replay.run_inputs import RunInputs, differences, kept_ticks
 from hhsim.replay.summary_table import default_limits, stored_promises
 from hhsim.result.reader import Result
 from hhsim.system import environment as info
@@ -34,6 +33,7 @@ from hhsim.system.input_file import read_input_text
 from hhsim.system.plain_json import plain_json
 from hhsim.system.progress import Progress, silent
 from hhsim.system.settings_file import Settings, Version, typed
+from hhsim.table.verdict import NOT_COMPARABLE
 
 FORMAT = "hhsim-gate-baseline"
 BASELINE_VERSION = 1
@@ -48,7 +48,7 @@ class RecordedScene(Settings, frozen=True, kw_only=True, forbid_unknown_fields=F
 
     inputs: RunInputs
     digest: str = ""  # of poses and forces
-    # Poses and forces at the ticks of `hhsim.gate.shown_poses.kept_ticks`.
+    # Poses and forces at the ticks of `hhsim.replay.run_inputs.kept_ticks`.
     shown: dict[str, list[list[float]]] = msgspec.field(default_factory=dict)
     errors: dict[str, float | None]  # figures that the gate judges; None where undefined
     counters: dict[str, int]
@@ -200,7 +200,6 @@ def gate_suite(
         timed: Judge times, by the base and by limits.
         record_times: Take times of head for a baseline, even where nothing is compared.
     """
-    gate = _SuiteGate(suite, head, base, baseline, timed, record_times)
     rows: list[GateRow] = []
     recorded: dict[str, RecordedScene] = {}
     count = len(suite.scenes)
@@ -209,14 +208,38 @@ def gate_suite(
         def step(what: str, i: int = i) -> None:
             progress(what, i, count)
 
-        found, kept = gate.run(scene, step)
+        kept = None if baseline is None else baseline.scenes.get(scene.name)
+        found, record, turns = _judged_scene(suite, scene, head, base, baseline, kept, step, timed=timed)
+        if record is not None and timed and scene.timed:
+            against = kept if base is None and turns.comparable and kept is not None and kept.times else None
+            try:
+                if turns.base is not None:
+                    times = process_times(scene, suite.folder, head, turns.base, suite.time.processes, step)
+                    found.append(verdicts.judge_time(scene.name, *times, suite.time.limit))
+                if against and baseline is not None and baseline.reference_version != REFERENCE_VERSION:
+                    reason = f"reference workload {baseline.reference_version} there, {REFERENCE_VERSION} here"
+                    found.append(inputs_row(scene.name, reason, NOT_COMPARABLE, "time"))
+                    against = None
+                if against or record_times:
+                    alone, references = process_times(scene, suite.folder, head, None, suite.time.processes, step)
+                    record = structs.replace(record, times=tuple(alone), references=tuple(references))
+                if against:
+                    now, then = ([a / b for a, b in zip(one.times, one.references)] for one in (record, against))
+                    found.append(verdicts.judge_time(scene.name, now, then, suite.time.recorded_limit, divided=True))
+            except RunFailed as failed:
+                # It ran once and does not run every time.
+                if failed.side == head.name:
+                    found.append(verdicts.failed_run(scene.name, str(failed)))
+                    record = None
+                else:
+                    found.append(inputs_row(scene.name, str(failed), NOT_COMPARABLE, "time"))
         rows += found
-        recorded |= {} if kept is None else {scene.name: kept}
+        recorded |= {} if record is None else {scene.name: record}
     progress("done", count, count)
     if len(recorded) < count:
         recorded = {}
-    against = [f"the baseline {baseline.source}"] if baseline else []
-    against += [f"hhsim {base.version} of {base.python}"] if base else []
+    against_words = [f"the baseline {baseline.source}"] if baseline else []
+    against_words += [f"hhsim {base.version} of {base.python}"] if base else []
     gone = [] if baseline is None else sorted(baseline.scenes.keys() - {scene.name for scene in suite.scenes})
     notes = [f"not in the suite any more: {', '.join(gone)}"] if gone else []
     if base is not None and base.package == head.package and base.folder is None:
@@ -224,7 +247,61 @@ def gate_suite(
     wanted = timed and not record_times and any(scene.timed for scene in suite.scenes)
     if wanted and not any(row.kind == "time" for row in rows):
         notes.append("no time was judged: that takes --base-python, or a baseline that was recorded with times")
-    return GateReport(suite.source, " and ".join(against), tuple(rows), tuple(notes), recorded)
+    return GateReport(suite.source, " and ".join(against_words), tuple(rows), tuple(notes), recorded)
+
+
+class _Turns(NamedTuple):
+    """Side whose times are taken in turn with head's, None for other inputs; True if a baseline's are comparable."""
+
+    base: Side | None
+    comparable: bool = False
+
+
+def _judged_scene(
+    suite: GateSuite,
+    scene: GateScene,
+    head: Side,
+    base: Side | None,
+    baseline: Baseline | None,
+    kept: RecordedScene | None,
+    step: Step,
+    *,
+    timed: bool,
+) -> tuple[list[GateRow], RecordedScene | None, _Turns]:
+    """Return the rows of a scene but its time, its record for a baseline, and what its time is compared with."""
+    step(f"{scene.name}, head")
+    try:
+        figures = measured(scene, head, suite.folder, run_figures)
+    except RunFailed as failed:
+        return [verdicts.failed_run(scene.name, str(failed), refused=failed.refused)], None, _Turns(None)
+    rows: list[GateRow] = []
+    before, why = None if kept is None else kept.figures, ""
+    if baseline is not None and kept is None:
+        why = f"{baseline.source} has no scene {scene.name}: record it with --write-baseline"
+    if base is not None:
+        step(f"{scene.name}, base")
+        try:
+            of_base = measured(scene, base, suite.folder, run_figures)
+        except RunFailed as failed:
+            if failed.refused and base.folder is not None:
+                # A change may add scenes that the base does not have.
+                rows.append(inputs_row(scene.name, f"new, so judged by limits alone: {failed}"))
+            else:
+                why = why or str(failed)
+            base = None
+        else:
+            before = before or (None if why else of_base)
+            apart = differences(of_base.inputs, figures.inputs, but_the_motion=scene.motion_may_change)
+            if apart and baseline is not None:
+                why = why or f"base has different inputs: {'; '.join(apart)}"
+            if differences(of_base.inputs, figures.inputs):
+                base = None
+    limits = scene.limits if timed else without_times(scene.limits)
+    rows += verdicts.judge_run(scene.name, figures, before, limits, scene.slack, scene.motion_may_change)
+    if why:
+        rows.insert(0, inputs_row(scene.name, why, NOT_COMPARABLE))
+    comparable = before is None or not differences(before.inputs, figures.inputs)
+    return rows, RecordedScene.of(figures), _Turns(base, comparable)
 
 
 def gate_result(
@@ -238,16 +315,16 @@ def gate_result(
     if result.ticks == 0:
         raise InputError(f"{result.path} holds no ticks: there is nothing to judge")
     head, name = run_figures(result), result.path.name if result.other is None else result.name
-    source, before, unlike = "", None, ""
+    source, before, rows = "", None, list[GateRow]()
     if isinstance(base, Result):
         source, before = str(base.path), run_figures(base)
     elif base is not None:
         source = base.source
-        alike = [scene.figures for scene in base.scenes.values() if not differences(scene.figures.inputs, head.inputs)]
-        if alike:
-            before = alike[0]
-        else:
-            unlike = f"no scene of {source} has the inputs of {result.path}"
+        figures = (scene.figures for scene in base.scenes.values())
+        before = next((found for found in figures if not differences(found.inputs, head.inputs)), None)
+        if before is None:
+            why = f"no scene of {source} has the inputs of {result.path}"
+            rows.append(inputs_row(name, why, NOT_COMPARABLE))
     if suite is not None:
         kind = SESSION if result.live is not None else SUBMISSION if result.score else REPLAY
         limits, slack = usual_limits(kind, suite.limits), suite.slack
@@ -258,124 +335,16 @@ def gate_result(
         had = {name for run in runs for name, value in run.errors.items() if not math.isnan(value)}
         limits = {name: limit for name, limit in usual.items() if name in had}
         limits |= SESSION_DEFAULTS if result.live is not None else {}
-    rows = _judged(name, head, before, limits if timed else without_times(limits), slack)
-    if unlike:
-        rows.insert(0, inputs_row(name, unlike, NOT_COMPARABLE))
     # How a session ended has limits of its own; a base of as many ticks shows that no more are wanted.
-    if result.live is None and (cut := _cut_short(result, wanted=before is not None)):
-        rows.insert(0, verdicts.failed_run(name, cut))
+    short = ""
+    if result.live is not None:
+        pass
+    elif not result.complete:
+        short = f"the run was stopped: it has only the first {result.ticks:,} ticks"
+    elif result.summary.get("ticks") != result.ticks:
+        short = f"its summary is not of its {result.ticks:,} ticks"
+    elif before is None and "ticks" in result.scene:
+        short = f"only the first {result.ticks:,} ticks were run (--ticks): a base of as many makes it comparable"
+    rows += [verdicts.failed_run(name, short)] if short else []
+    rows += verdicts.judge_run(name, head, before, limits if timed else without_times(limits), slack)
     return GateReport(str(result.path), source, tuple(rows))
-
-
-def _cut_short(result: Result, wanted: bool) -> str:
-    """Return why a result is not a whole run; "" for one that is, or whose --ticks are `wanted`."""
-    if not result.complete:
-        return f"the run was stopped: it has only the first {result.ticks:,} ticks"
-    if result.summary.get("ticks") != result.ticks:
-        return f"its summary is not of its {result.ticks:,} ticks"
-    if not wanted and "ticks" in result.scene:
-        return f"only the first {result.ticks:,} ticks were run (--ticks): a base of as many makes it comparable"
-    return ""
-
-
-def _judged(
-    name: str,
-    head: RunFigures,
-    base: RunFigures | None,
-    limits: Mapping[str, float],
-    slack: Mapping[str, float],
-    motion_may_change: bool = False,
-) -> list[GateRow]:
-    """Rows of a run but its time; figures of a base with other inputs are left out."""
-    unsound = [] if not head.unsound else [verdicts.failed_run(name, head.unsound)]
-    if base is not None and base.unsound:
-        unsound.append(inputs_row(name, f"base: {base.unsound}", NOT_COMPARABLE))
-        base = None
-    inputs = [] if base is None else [verdicts.judge_inputs(name, head, base, motion_may_change)]
-    alike = None if base is None or differences(base.inputs, head.inputs) else base
-    bits = [] if alike is None else verdicts.judge_bits(name, head, alike)
-    return [*unsound, *inputs, *bits, *verdicts.judge_figures(name, head, alike, limits, slack)]
-
-
-@dataclass(frozen=True)
-class _SuiteGate:
-    """Arguments of `gate_suite`."""
-
-    suite: GateSuite
-    head: Side
-    base: Side | None
-    baseline: Baseline | None
-    timed: bool
-    record_times: bool
-
-    def run(self, scene: GateScene, step: Step) -> tuple[list[GateRow], RecordedScene | None]:
-        """Return the rows of a scene, and its record for a baseline."""
-        step(f"{scene.name}, head")
-        try:
-            figures = self.head.figures(scene, self.suite.folder)
-        except RunFailed as failed:
-            return [verdicts.failed_run(scene.name, str(failed), refused=failed.refused)], None
-        rows: list[GateRow] = []
-        kept = None if self.baseline is None else self.baseline.scenes.get(scene.name)
-        before, why, base = None if kept is None else kept.figures, "", self.base
-        if self.baseline is not None and kept is None:
-            why = f"{self.baseline.source} has no scene {scene.name}: record it with --write-baseline"
-        if base is not None:
-            step(f"{scene.name}, base")
-            try:
-                of_base = base.figures(scene, self.suite.folder)
-            except RunFailed as failed:
-                if failed.refused and base.folder is not None:
-                    # A change may add scenes that the base does not have.
-                    rows.append(inputs_row(scene.name, f"new, so judged by limits alone: {failed}"))
-                else:
-                    why = why or str(failed)
-                base = None
-            else:
-                before = before or (None if why else of_base)
-                apart = differences(of_base.inputs, figures.inputs, but_the_motion=scene.motion_may_change)
-                if apart and self.baseline is not None:
-                    why = why or f"base has different inputs: {'; '.join(apart)}"
-                if differences(of_base.inputs, figures.inputs):
-                    base = None
-        limits = scene.limits if self.timed else without_times(scene.limits)
-        rows += _judged(scene.name, figures, before, limits, scene.slack, scene.motion_may_change)
-        if why:
-            rows.insert(0, inputs_row(scene.name, why, NOT_COMPARABLE))
-        recorded = RecordedScene.of(figures)
-        if scene.timed and self.timed:
-            comparable = before is None or not differences(before.inputs, figures.inputs)
-            try:
-                found, recorded = self._timed(scene, base, kept if comparable else None, recorded, step)
-                rows += found
-            except RunFailed as failed:
-                # It ran once and does not run every time.
-                if failed.side == self.head.name:
-                    return [*rows, verdicts.failed_run(scene.name, str(failed))], None
-                rows.append(inputs_row(scene.name, str(failed), NOT_COMPARABLE, "time"))
-        return rows, recorded
-
-    def _timed(
-        self, scene: GateScene, base: Side | None, kept: RecordedScene | None, recorded: RecordedScene, step: Step
-    ) -> tuple[list[GateRow], RecordedScene]:
-        """Return the rows of a scene's time, and its record with the times that were taken alone.
-
-        `base` is the side to run in turn, `kept` the baseline's scene, both None for other inputs.
-        """
-        suite, rows = self.suite, []
-        if base is not None:
-            times, before = process_times(scene, suite.folder, self.head, base, suite.time.processes, step)
-            rows.append(verdicts.judge_time(scene.name, times, before, suite.time.limit))
-        against = kept if self.base is None and kept is not None and kept.times else None
-        if against is not None and self.baseline is not None and self.baseline.reference_version != REFERENCE_VERSION:
-            reason = f"reference workload {self.baseline.reference_version} there, {REFERENCE_VERSION} here"
-            rows.append(inputs_row(scene.name, reason, NOT_COMPARABLE, "time"))
-            against = None
-        if against is None and not self.record_times:
-            return rows, recorded
-        times, references = process_times(scene, suite.folder, self.head, None, suite.time.processes, step)
-        if against is not None:
-            here = [time / reference for time, reference in zip(times, references)]
-            there = [time / reference for time, reference in zip(against.times, against.references)]
-            rows.append(verdicts.judge_time(scene.name, here, there, suite.time.recorded_limit, divided=True))
-        return rows, structs.replace(recorded, times=tuple(times), references=tuple(references))

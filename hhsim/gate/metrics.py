@@ -10,8 +10,6 @@ from functools import cached_property, partial
 import numpy as np
 
 from hhsim.arrays import AnyArray
-from hhsim.gate.input_hash import RunInputs, run_inputs, tick_digest
-from hhsim.gate.shown_poses import ShownPoses, shown_poses
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.metrics import metrics, session_faults
@@ -22,6 +20,7 @@ from hhsim.metrics.run.ticks import is_mostly_stuck
 from hhsim.metrics.run_metric import Figure, Judged, RunMetric
 from hhsim.metrics.run_ticks import PLACED, RunTicks, result_ticks, touched_object
 from hhsim.metrics.session_faults import SESSION_FAULTS, SESSION_TIMES
+from hhsim.replay.run_inputs import RunInputs, ShownPoses, run_inputs, shown_poses, tick_digest
 from hhsim.replay.summary_table import default_limits, stored_promises
 from hhsim.result.reader import Result
 from hhsim.result.schema import CONTACT_COLUMNS, TICK_COLUMNS
@@ -41,15 +40,13 @@ COUNTERS: dict[str, tuple[str, Figure]] = {
 UNITS_OF_WORK = "work/units"
 """Dataset of the only counter of a method from outside."""
 
-UNDEFINED_AT_TIMES = ("haptic/", "penetration_finger", "force_variation_", "table_distance")
-"""Begins of the names of datasets that may hold what is no number; a sound run has none elsewhere."""
+UNDEFINED_AT_TIMES = ("haptic/", "penetration_finger", "force_variation_", "table_distance", "force/fingertip_normal")
+"""Begins of the names of datasets that may hold what is no number, such as what a method from outside does not give."""
 
 OF_SESSIONS = frozenset(figure.name for figure in (*SESSION_TIMES, *SESSION_FAULTS))
 """Figures of recorded sessions only."""
 OF_SUBMISSIONS = frozenset(figure.name for figure in (MESH_DEPTH, OFF_BEST, OFF_BEST_MAX))
 """Figures of submissions only."""
-OF_MISHAPS = ("ended_early", "faults")
-"""Figures of a session whose cause its file states in words."""
 SESSION_DEFAULTS = {fault.name: fault.limit for fault in SESSION_FAULTS}
 """Default limits of a session."""
 OUTSIDE_DEFAULTS = {"free_off_max": default_limits(("follows_input",))["free_off_max"]}
@@ -106,9 +103,7 @@ class RunFigures:
     mostly_stuck: bool = False  # True if more than half of its ticks are stuck, which no suite allows
     promises: frozenset[str] = frozenset()  # promises of its method, of `hhsim.solver.method.PROMISES`
     suspicions: tuple[str, ...] = ()  # probable mistakes of a submission, a line each
-    mishap: str = ""  # end of a session out of order, else its first fault; "" for none
-    stopped: str = ""  # reason and time of a session's end before its duration; "" for none
-    digest: str = ""  # of poses and forces, `hhsim.gate.input_hash.tick_digest`; "" where a baseline has none
+    digest: str = ""  # of poses and forces, `hhsim.replay.run_inputs.tick_digest`; "" where a baseline has none
     shown: ShownPoses = field(default_factory=dict)  # poses and forces of all ticks, or those that a baseline keeps
     unsound: str = ""  # datasets that hold what is no number, in words; "" for none
 
@@ -133,14 +128,12 @@ def run_figures(result: Result) -> RunFigures:
     errors = {name: found[name] for name in judged if name in found}
     others = {name: value for name, value in found.items() if name not in judged}
     others |= {name: float(value) for name, value in result.score.items() if name in OF_SUBMISSIONS}
-    ended = ("", "")
     if result.live is not None:
         others |= session_faults.recorded_faults(result).figures
-        ended = session_faults.first_mishap(result), session_faults.ended_before_its_time(result)
     stuck = is_mostly_stuck(errors.get("stuck_ticks", 0.0), result.ticks)
     suspicions = tuple(map(str, result.scene.get("submission", {}).get("suspicions", ())))
     promises = stored_promises(result.scene)
-    of_run = inputs, errors, counters, cpu_p50(result), others, stuck, promises, suspicions, *ended
+    of_run = inputs, errors, counters, cpu_p50(result), others, stuck, promises, suspicions
     return RunFigures(*of_run, digest=digest, shown=shown, unsound=unsound)
 
 

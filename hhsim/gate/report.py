@@ -1,14 +1,13 @@
-"""Rows of the gate for people and CI systems: table cells, Markdown, JUnit XML."""
+"""Rows of the gate for people and CI systems: table and Markdown."""
 
 import math
-import re
 from collections import Counter
 from collections.abc import Sequence
-from xml.etree import ElementTree
 
 from hhsim.gate.gate import GateReport
-from hhsim.gate.verdict import NOT_COMPARABLE, SAME, UNJUDGED, WORSE, WORSE_WITHIN, GateRow
+from hhsim.gate.verdict import UNJUDGED, WORSE_WITHIN, GateRow
 from hhsim.table.table import Table, markdown_text, number, shown, unit_size, words
+from hhsim.table.verdict import NOT_COMPARABLE, SAME, WORSE
 
 OK, MISSED = "ok", "MISSED"
 LIMIT_ONLY = "limit only"
@@ -71,7 +70,7 @@ def _how_far(row: GateRow) -> str:
 
 def worth_showing(report: GateReport) -> list[GateRow]:
     """Return the rows that are missed, changed, new, or could not be run or compared."""
-    told = [row for row in report.rows if row.reason and (row.kind in ("inputs", "bits") or row.name == "ended_early")]
+    told = [row for row in report.rows if row.reason and row.kind in ("inputs", "bits")]
     return [row for row in report.rows if not row.passed or row.verdict not in (SAME, "") or row in told]
 
 
@@ -97,35 +96,6 @@ def markdown(report: GateReport) -> str:
         rest = left_out(report) or "not judged"
         lines += ["", f"<details><summary>{rest}</summary>", "", Table(COLUMNS, folded).markdown(), "", "</details>"]
     return "\n".join(lines) + "\n"
-
-
-def junit(report: GateReport) -> bytes:
-    """Return JUnit XML: a suite for each scene, a case for each figure; an error is what cannot be run or compared."""
-    root = ElementTree.Element("testsuites", name="hhsim gate")
-    for scene in dict.fromkeys(row.scene for row in report.rows):
-        rows = [row for row in report.rows if row.scene == scene]
-        failures, errors = sum(not row.passed for row in rows), sum(row.verdict in UNJUDGED for row in rows)
-        counts = {"tests": str(len(rows)), "failures": str(failures), "errors": str(errors)}
-        suite = ElementTree.SubElement(root, "testsuite", {"name": scene, **counts})
-        for row in rows:
-            case = ElementTree.SubElement(suite, "testcase", classname=f"hhsim.gate.gate.{scene}", name=row.name)
-            text = " | ".join(cells(row)[1:7]) + (f" | {row.reason}" if row.reason else "")
-            if row.passed and row.verdict not in UNJUDGED:
-                ElementTree.SubElement(case, "system-out").text = text
-            else:
-                kind = "error" if row.passed else "failure"
-                ElementTree.SubElement(case, kind, message=row.reason or row.verdict).text = text
-    for element in root.iter():
-        element.attrib.update({name: _legal(value) for name, value in element.items()})
-        element.text = _legal(element.text or "") or None
-    ElementTree.indent(root)
-    document: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
-    return document + b"\n"
-
-
-def _legal(text: str) -> str:
-    """Replace characters that XML cannot hold, such as a program's colour codes."""
-    return re.sub("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "?", text)
 
 
 def _state(row: GateRow) -> str:

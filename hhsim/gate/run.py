@@ -1,4 +1,4 @@
-"""Runs of a scene by another python's hhsim, in its own process; only its command line and result file are used."""
+"""Cells of the gate: a scene by a python's hhsim, of which only the command line and the result file are used."""
 
 import json
 import os
@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.errors import HhsimError, InputError
-from hhsim.gate.metrics import RunFigures, cpu_p50, run_figures
+from hhsim.gate.metrics import cpu_p50
 from hhsim.gate.suite import GateScene
-from hhsim.gate.verdict import base_first
 from hhsim.kernels.machine_calibration import ROWS, SPHERES, time_reference
 from hhsim.result.reader import Result, load_hand, load_result
-from hhsim.system.deferred_sigint import interruptible_between
+from hhsim.sweep.engines import TaskEnd, run_here
 
 T = TypeVar("T")
 Step = Callable[[str], None]
@@ -32,14 +31,6 @@ BAD_INPUT = 2
 """Exit code for bad input."""
 
 
-class RunFailed(HhsimError):
-    """Replay of `side` (base or head) that failed; `refused` for bad input."""
-
-    def __init__(self, message: str, *, side: str, refused: bool) -> None:
-        super().__init__(message)
-        self.side, self.refused = side, refused
-
-
 @dataclass(frozen=True)
 class Side:
     """Python with an hhsim."""
@@ -50,41 +41,65 @@ class Side:
     package: str  # folder that its hhsim is imported from
     folder: Path | None = None  # folder of its suite's files; None: the suite's own folder
 
-    def replay(self, scene: GateScene, folder: Path, read: Callable[[Result], T]) -> T:
-        """Run a scene, or take its session, and return `read` of the result, which is then deleted.
 
-        `folder` is the suite's, to which paths are relative. Raises RunFailed if the run or its result is not sound.
-        """
-        folder = self.folder or folder
-        command = scene.command()
-        if not command:
-            return self._read(scene, folder / scene.session, read)
-        with tempfile.TemporaryDirectory(prefix="hhsim-gate-") as place:
-            out = Path(place) / "run.h5"
-            answer = run_python(self.python, MAIN, [*command, "--quiet", "--out", str(out)], folder)
-            # Code 1: the run ended and missed a limit, which its ticks show.
-            if answer.returncode not in (0, 1) or not (out.exists() and load_result(out).complete):
-                lines = [line for line in answer.stderr.strip().splitlines() if line.strip()]
-                reason = lines[-1].removeprefix("hhsim: error: ") if lines else f"exit code {answer.returncode}"
-                raise self._failed(scene, reason, refused=answer.returncode == BAD_INPUT)
-            return self._read(scene, out, read)
+class RunFailed(HhsimError):
+    """Run of a scene by a side, base or head, that failed; `refused` for bad input."""
 
-    def _read(self, scene: GateScene, path: Path, read: Callable[[Result], T]) -> T:
-        try:
-            result = load_hand(path, scene.hand or "")
-            if result.ticks:
-                return read(result)
-        except InputError as error:
-            raise self._failed(scene, str(error), refused=True) from error
-        raise self._failed(scene, f"{path} holds no ticks", refused=False)
+    def __init__(self, reason: str, scene: GateScene, side: Side, *, refused: bool) -> None:
+        why = f"{side.name} ({side.python}) cannot run scene {scene.name}: {reason}"
+        super().__init__(reason if side.name == "head" else why)
+        self.side, self.refused = side.name, refused
 
-    def _failed(self, scene: GateScene, reason: str, *, refused: bool) -> RunFailed:
-        why = reason if self.name == "head" else f"{self.name} ({self.python}) cannot run scene {scene.name}: {reason}"
-        return RunFailed(why, side=self.name, refused=refused)
 
-    def figures(self, scene: GateScene, folder: Path) -> RunFigures:
-        """Run a scene and compute its figures; raises as `replay`."""
-        return self.replay(scene, folder, run_figures)
+@dataclass(frozen=True)
+class SceneTask:
+    """Cell of the gate: a scene of a suite by a side, in a process of the side's python, which leaves one result."""
+
+    scene: GateScene
+    side: Side
+    folder: Path  # the suite's, to which paths are relative unless the side has its own
+    out: Path  # file of the result
+
+    @property
+    def digest(self) -> str:
+        """Name among the tasks of a run."""
+        return f"{self.side.name}, {self.scene.name}"
+
+    def run(self) -> TaskEnd:
+        """Run the scene; nothing for a recorded session. An end that is final is one of bad input."""
+        if not (command := self.scene.command()):
+            return TaskEnd(self.digest)
+        folder = self.side.folder or self.folder
+        answer = run_python(self.side.python, MAIN, [*command, "--quiet", "--out", str(self.out)], folder)
+        # Code 1: the run ended and missed a limit, which its ticks show.
+        if answer.returncode in (0, 1) and self.out.exists() and load_result(self.out).complete:
+            return TaskEnd(self.digest)
+        lines = [line for line in answer.stderr.strip().splitlines() if line.strip()]
+        reason = lines[-1].removeprefix("hhsim: error: ") if lines else f"exit code {answer.returncode}"
+        return TaskEnd(self.digest, reason, is_final=answer.returncode == BAD_INPUT)
+
+    def read(self, end: TaskEnd, read: Callable[[Result], T]) -> T:
+        """Return `read` of what a run left; RunFailed where it ended badly, or the result is not sound."""
+        session = self.scene.session
+        path = (self.side.folder or self.folder) / session if session else self.out
+        reason, refused = end.reason, end.is_final
+        if not reason:
+            try:
+                result = load_hand(path, self.scene.hand or "")
+                if result.ticks:
+                    return read(result)
+                reason, refused = f"{path} holds no ticks", False
+            except InputError as error:
+                reason, refused = str(error), True
+        raise RunFailed(reason, self.scene, self.side, refused=refused)
+
+
+def measured(scene: GateScene, side: Side, folder: Path, read: Callable[[Result], T]) -> T:
+    """Run a scene by a side and return `read` of its result, which is then deleted; RunFailed as `SceneTask.read`."""
+    with tempfile.TemporaryDirectory(prefix="hhsim-gate-") as place:
+        task = SceneTask(scene, side, folder, Path(place) / "run.h5")
+        (end,) = run_here([task])
+        return task.read(end, read)
 
 
 def find_side(name: str, python: Path, folder: Path | None = None) -> Side:
@@ -121,7 +136,7 @@ def this_python() -> Path:
 
 
 def process_times(
-    scene: GateScene, folder: Path, head: Side, base: Side | None, processes: int, step: Step | None = None
+    scene: GateScene, folder: Path, head: Side, base: Side | None, processes: int, step: Step
 ) -> tuple[list[float], list[float]]:
     """Return the p50 [s] of each process of head, and of base in turn, base first in every other pair.
 
@@ -129,14 +144,13 @@ def process_times(
     RunFailed where a run did not end well.
     """
     times: dict[str, list[float]] = {"head": [], "base": []}
-    with interruptible_between() as check_interrupt:
-        for pair in range(processes):
-            for name in ("base", "head") if base is None or base_first(pair) else ("head", "base"):
-                side = head if name == "head" else base
-                if side is not None and step is not None:
-                    step(f"{scene.name}, time of {name}, {pair + 1} of {processes}")
-                times[name].append(reference_p50() if side is None else side.replay(scene, folder, cpu_p50))
-                check_interrupt()
+    for pair in range(processes):
+        # Alternating, so that a steady drift favours neither.
+        for name in ("base", "head") if base is None or pair % 2 == 0 else ("head", "base"):
+            side = head if name == "head" else base
+            if side is not None:
+                step(f"{scene.name}, time of {name}, {pair + 1} of {processes}")
+            times[name].append(reference_p50() if side is None else measured(scene, side, folder, cpu_p50))
     return times["head"], times["base"]
 
 

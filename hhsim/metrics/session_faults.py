@@ -158,14 +158,6 @@ def broken_off(result: Result) -> str:
     return ended_before_its_time(result) or _in_words(ended)
 
 
-def first_mishap(session: Result) -> str:
-    """Reason of an end out of order, else the first fault of the log, else ""."""
-    if ended := broken_off(session):
-        return ended
-    log = session_log(session)
-    return next((text for level, text in zip(log.level, log.text) if level >= FAULT), "")
-
-
 def _in_words(ended: str) -> str:
     return f"ended by {ended}" if ended in SIGNALS else ended
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from hhsim.metrics.field.contact import KEPT, TOUCHING
 from hhsim.metrics.field.correction import INSIDE, LARGEST, RATIO
 from hhsim.metrics.field.field_table import FieldRow
-from hhsim.replay.verdict import verdict
+from hhsim.table.verdict import verdict
 
 OK, MISSED, EMPTY = "within limits", "limits missed", "no frames"
 """Words of verdicts."""
@@ -41,18 +41,19 @@ def field_verdict(rows: Sequence[FieldRow], max_correction: float, doubts: Seque
 
     With doubts, such as those of `doubts_of`, a limit is missed: what the figures are of may be another scene.
     """
-    # More kept contacts are better: their negative is below its limit.
-    limits = {**dict.fromkeys(DEPTHS, INSIDE), KEPT: -LEAST_KEPT, RATIO: MOST_ACCELERATION, LARGEST: max_correction}
-    judged = {row.name: row for row in rows if row.name in limits and not math.isnan(row.after)}
-    if not judged.keys() & set(DEPTHS):
+    limits = dict.fromkeys(DEPTHS, INSIDE) | {LARGEST: max_correction, KEPT: LEAST_KEPT, RATIO: MOST_ACCELERATION}
+    judged = [row for row in rows if row.name in limits and not math.isnan(row.after)]
+    if not any(row.name in DEPTHS for row in judged):
         return FieldVerdict(EMPTY, (), f"{EMPTY}: no frame has all of its joints in both recordings")
-    missed = verdict({name: -row.after if name == KEPT else row.after for name, row in judged.items()}, limits)
-    said = [*doubts]
-    for figure, after, limit in ((judged[name].figure, judged[name].after, limits[name]) for name in missed):
-        unit, side = f" {figure.unit}" if figure.unit else "", "most" if limit > 0.0 else "least"
+    beyond = verdict({row.name: row.after for row in judged}, limits, least=(KEPT,))
+    missed, said = [DOUBT for _ in doubts[:1]], [*doubts]
+    for row in (row for row in judged if row.name in beyond):
+        missed.append(row.name)
+        unit = f" {row.figure.unit}" if row.figure.unit else ""
+        bound = f"at {'least' if row.name == KEPT else 'most'} {limits[row.name] / row.figure.scale:g}{unit}"
         # A depth of micrometres is 0 in the table's digits.
-        shown = f"{after / figure.scale:.4g}{unit} (at {side} {abs(limit) / figure.scale:g}{unit})"
-        said.append(f"{figure.label} {shown}")
-    if said:
-        return FieldVerdict(MISSED, (*(DOUBT for _ in doubts[:1]), *missed), f"{MISSED}: {'; '.join(said)}")
-    return FieldVerdict(OK, (), f"{OK}: {', '.join(row.figure.label for row in judged.values())}")
+        said.append(f"{row.figure.label} {row.after / row.figure.scale:.4g}{unit} ({bound})")
+    if missed:
+        return FieldVerdict(MISSED, tuple(missed), f"{MISSED}: {'; '.join(said)}")
+    kept = ", ".join(row.figure.label for row in judged)
+    return FieldVerdict(OK, (), f"{OK}: {kept}")

@@ -16,10 +16,10 @@ from hhsim.metrics.run_ticks import RunTicks, result_ticks
 from hhsim.metrics.session_faults import SESSION_FAULTS, how_it_ended, recorded_faults
 from hhsim.replay.summary_table import SummaryRow, stored_promises, summary_rows
 from hhsim.replay.verdict import MISSED, Verdict, over_limit, run_verdict
-from hhsim.replay.verdict import verdict as missed_limits
 from hhsim.result.reader import Result
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.solver.method import EVERYTHING
+from hhsim.table.verdict import verdict as missed_limits
 
 STATED_TIMES = "the times of its ticks are what the submission says: they were not measured here"
 """Remark on the times of a submission."""

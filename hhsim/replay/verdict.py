@@ -8,6 +8,7 @@ from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.metrics.run.ticks import is_mostly_stuck
 from hhsim.replay.summary_table import SummaryRow, default_limits
 from hhsim.solver.method import PROMISES
+from hhsim.table.verdict import verdict
 
 OK, MISSED, UNTOUCHED = "within limits", "limits missed", "nothing touched"
 SHORT, LATE, EMPTY = "cut short", "ticks missed", "no ticks"
@@ -26,16 +27,6 @@ class Verdict:
     missed: tuple[str, ...] = ()  # names of the figures over their limits
     mostly_stuck: bool = False  # True if more than half of the ticks are stuck
     line: str = ""  # word and reason, for the head of a table that has the figures themselves
-
-
-def verdict(figures: Mapping[str, float], limits: Mapping[str, float]) -> tuple[str, ...]:
-    """Return the names of the figures over their limits, in the order of the limits, in one unit.
-
-    A replay, a session, a score and the gate are judged by it. A limit without a figure, or of NaN, is none; an
-    undefined figure (NaN) is over no limit, an infinite one over any.
-    """
-    known = {name: limit for name, limit in limits.items() if not math.isnan(figures.get(name, math.nan))}
-    return tuple(name for name, limit in known.items() if not (figures[name] <= limit or math.isnan(limit)))
 
 
 def run_verdict(

@@ -5,8 +5,8 @@ import math
 from dataclasses import replace
 from typing import Any
 
-from hhsim.report.bench_trade_off import bench_trade_off, has_trade_off
 from hhsim.report.figure import Album
+from hhsim.report.trade_off import bench_trade_off, has_trade_off
 from hhsim.system.counted import counted
 from hhsim.table.file import BenchTable
 from hhsim.table.table import Column, Table, unit_size, words

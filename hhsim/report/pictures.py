@@ -24,8 +24,7 @@ from hhsim.report.run import ReportRun
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import LIVE_TICK
 from hhsim.table.table import Table, number, shown, words
-from hhsim.view.moment import Moment, clearest_view, moment, overview_tick
-from hhsim.view.scene_log import status_words
+from hhsim.view.scene_log import Moment, clearest_view, moment, overview_tick, status_words
 from hhsim.view.viewer import shown_scene
 
 if TYPE_CHECKING:

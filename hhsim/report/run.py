@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import AnyArray
-from hhsim.gate.unusual_options import unusual_options
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
@@ -20,6 +19,7 @@ from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.run_ticks import PLACED, RunTicks, result_ticks, touched_object
 from hhsim.metrics.session_faults import broken_off
 from hhsim.replay.recorded_verdict import checked_figures, read_ticks, verdict
+from hhsim.replay.run_inputs import unusual_options
 from hhsim.replay.session_table import session_rows
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.replay.verdict import MISSED, OK, Verdict

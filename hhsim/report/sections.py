@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 
 from hhsim.errors import InputError
-from hhsim.gate.compare import Comparison, compared
-from hhsim.gate.verdict import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
 from hhsim.hand.fingers import FINGERS
 from hhsim.metrics.moving_parts import bodies_mesh
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.session_faults import how_it_ended, recorded_faults, session_log
+from hhsim.replay.compare import Comparison, compared
 from hhsim.replay.stored_scene import part_words
 from hhsim.replay.summary_table import SummaryRow, figure_table
 from hhsim.report.run import ReportRun
@@ -26,6 +25,7 @@ from hhsim.result.wording import commit, motion_name, object_name
 from hhsim.system.counted import counted
 from hhsim.system.input_file import open_input
 from hhsim.table.table import MISSING, Marked, Table, number, words
+from hhsim.table.verdict import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
 
 NONE = "—"
 """Stands for what a result does not say."""

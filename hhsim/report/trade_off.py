@@ -1,18 +1,37 @@
-"""Panels of cost against error, on logarithmic axes with a line for an error of nothing."""
+"""Cost against error, on logarithmic axes with a line for nothing: of results, and of tables of `hhsim bench`."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from itertools import zip_longest
+from pathlib import Path
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhsim.render.figure import halo
+from hhsim.arrays import IntArray
+from hhsim.errors import HhsimError
+from hhsim.hand.forward_kinematics import PlacedHand
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.metrics.contact_points import find_contact_points
+from hhsim.metrics.mesh_penetration import contact_error, mesh_clearance, sampled
+from hhsim.metrics.run.registry import tick_figures
+from hhsim.metrics.run_ticks import PLACED, result_ticks
+from hhsim.motion.trajectory import RigidMotion
+from hhsim.render.figure import save_figure
 from hhsim.report import figure as style
+from hhsim.result.reader import Result
+from hhsim.scene.motion_catalogue import of_the_paper
+from hhsim.system.counted import counted
+from hhsim.system.output_path import check_picture
+from hhsim.table.file import ALL, BenchTable
+from hhsim.trees.contact_surface import encloses
+from hhsim.trees.published_results import TOOLKIT
+from hhsim.view.viewer import shown_scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.text import Annotation
 
 MARKS = ("o", "s", "D", "^", "v", "P", "X")
 """Markers, one more than colours: no two results of a page share both."""
@@ -22,17 +41,6 @@ ROUNDING = 1e-6
 """Smaller errors, in the unit of their axis, are drawn as 0."""
 TIME_LABEL = 0.44
 """Width of a time label with the gap to the next one [inches]."""
-MARK_INCHES = 0.06
-"""Half of a mark's width."""
-Place = tuple[float, float, str, str]
-PLACES: tuple[Place, ...] = (
-    (8.0, 6.0, "left", "center"),
-    (-8.0, 6.0, "right", "center"),
-    *((x, y, side, "center") for y in (-7.0, 14.0, -14.0) for x, side in ((6.0, "left"), (-6.0, "right"))),
-    *((0.0, y, "center", "center") for y in (13.0, -13.0, 24.0, -24.0)),
-    *((x, y, side, "center") for y in (24.0, -24.0, 34.0, -34.0) for x, side in ((4.0, "left"), (-4.0, "right"))),
-)
-"""Places of a name beside its mark, the nearest first: offsets [points] and alignment."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +54,6 @@ class Mark:
     until: float | None = None  # cost at which a line from the mark ends; None for no line
     filled: bool = True  # False for a mark with a white face
     best: bool = False  # True if a line joins it to the others that are best
-    name: str = ""  # text beside it; "" for none
 
     @property
     def known(self) -> bool:
@@ -132,14 +139,6 @@ def _draw_panel(axes: "Axes", panel: TradeOff) -> None:
         [*zeros, *powers], [*zeros.values(), *(f"{power:,.{max(0, -round(np.log10(power)))}f}" for power in powers)]
     )
     axes.minorticks_off()
-    _place_names([
-        axes.annotate(
-            mark.name, (mark.cost, height), (0.0, 0.0), textcoords="offset points", color=mark.color, zorder=5,
-            annotation_clip=False, **halo(2.5),
-        )
-        for mark, height in known
-        if mark.name
-    ])  # fmt: skip
 
 
 def _draw_axis(axes: "Axes", panel: TradeOff) -> None:
@@ -163,28 +162,296 @@ def _draw_axis(axes: "Axes", panel: TradeOff) -> None:
     axes.set_xlabel(panel.axis)
 
 
-def _place_names(names: Sequence["Annotation"]) -> None:
-    """Put each name beside its mark, where it covers the least of the other names and marks."""
-    from matplotlib.transforms import Bbox
+SAMPLES = 20
+"""Ticks in contact whose hand is compared with the mesh: exact, and slow."""
+RESULT_PANEL = 2.3, 2.0
+"""Least width of a panel with its labels, and its height [inches]."""
+PAPER_DEPTH = 1e-4
+"""Deepest penetration that the paper states, about [m]."""
 
-    if not names:
-        return
-    axes = names[0].axes
-    assert axes is not None
-    half = MARK_INCHES * axes.get_figure(root=True).dpi  # type: ignore[union-attr]
-    marks = [axes.transData.transform(name.xy) for name in names]
-    taken = [Bbox.from_extents(x - half, y - half, x + half, y + half) for x, y in marks]
-    for i in sorted(range(len(names)), key=lambda i: tuple(marks[i])):
-        name = names[i]
 
-        def covered(place: Place, name: "Annotation" = name) -> float:
-            *offset, beside, above = place
-            name.set(position=offset, horizontalalignment=beside, verticalalignment=above)
-            box = name.get_window_extent()
-            inside = Bbox.intersection(box, axes.bbox)
-            outside = box.width * box.height - (inside.width * inside.height if inside else 0.0)
-            overlaps = (Bbox.intersection(box, other) for other in taken)
-            return outside + sum(overlap.width * overlap.height for overlap in overlaps if overlap)
+@dataclass(frozen=True)
+class SpeedError:
+    """One result as a point; NaN where a figure is undefined."""
 
-        covered(min(PLACES, key=covered))
-        taken.append(name.get_window_extent())
+    label: str
+    p50: float  # CPU time of a tick in contact [s]
+    p99: float
+    depth: float  # deepest penetration of the touched surface, leaf spheres or mesh, of all ticks [m]
+    mesh: float  # deepest penetration of the mesh, or largest distance of a contact point from it, of sampled ticks [m]
+    excess: float  # coupling energy above the optimum, mean of the hold [%]
+    of_paper: bool = False  # True if the scene is one of the paper's
+
+
+AXES = (
+    ("depth", "deep in what is touched [µm]", 1e6, 1e-3),
+    ("mesh", "off the true mesh [mm]", 1e3, 1e-2),
+    ("excess", "over the optimum [%]", 1.0, 1e-3),
+)
+"""Panels: field of `SpeedError`, title with unit, scale to that unit, and a tenth of the lowest decade shown."""
+
+
+def speed_error_figure(results: Mapping[str, Result]) -> style.ReportFigure:
+    """Draw each result by its label as a point: CPU time of a tick in contact, p50 to p99, against three errors."""
+    points = [_measured(label, result) for label, result in results.items()]
+    styles = [(style.run_style(number)[0], MARKS[number % len(MARKS)]) for number in range(len(points))]
+    of_paper = any(point.of_paper for point in points)
+    panels = [
+        TradeOff(
+            title,
+            [Mark(point.p50, scale * getattr(point, field), *style, point.p99) for point, style in zip(points, styles)],
+            least,
+            paper=scale * PAPER_DEPTH if field == "depth" and of_paper else None,
+        )
+        for field, title, scale, least in AXES
+    ]
+    names = dict(zip((point.label for point in points), styles))
+    drawing = trade_off_drawing(panels, names, RESULT_PANEL)
+    return style.drawn_figure("speed-error", "Speed against error", _caption(points), _alt(points), drawing)
+
+
+def _measured(label: str, result: Result) -> SpeedError:
+    result = result.seen_from_object
+    ticks = result_ticks(result)
+    figures = tick_figures(ticks)
+    return SpeedError(
+        label,
+        figures["tick_cpu_p50"],
+        figures["tick_cpu_p99"],
+        figures["penetration_max"] if result.ticks else np.nan,
+        _off_the_mesh(result, np.flatnonzero(ticks.contact)),
+        float(result.summary.get("tracking_excess", np.nan)),
+        of_the_paper(result.scene),
+    )
+
+
+def _off_the_mesh(result: Result, contact: IntArray) -> float:
+    """Return `SpeedError.mesh` at sampled ticks in contact; NaN without one, or where the scene is not known."""
+    try:
+        scene = shown_scene(result)
+        trees = [build_mesh_bvh(mesh.vertices, mesh.faces) for mesh, _ in scene.bodies.values()]
+        # Nothing is in a skin.
+        solid = [encloses(mesh) for mesh, _ in scene.bodies.values()]
+    except HhsimError:
+        # The hand, tree or mesh is not that of the run.
+        return np.nan
+    chosen = sampled(contact, SAMPLES)
+    ticks = [result.at(int(tick), PLACED) for tick in chosen]
+    if not ticks:
+        return np.nan
+    placed = PlacedHand(*(np.array([tick[name] for tick in ticks]) for name in ticks[0]))
+    touching, farthest = 0, 0.0
+    for bvh, has_inside, surface, moved in zip_longest(trees, solid, scene.surface_arrays, result.meshes_moved()):
+        seen = placed if moved is None else RigidMotion(moved.turn[chosen], moved.shift[chosen]).seen_hand(placed)
+        off = contact_error(bvh, find_contact_points(surface, scene.shape, seen, scene.touch).point)
+        farthest = max(farthest, off.max(initial=0.0))
+        if has_inside:
+            farthest = max(farthest, -mesh_clearance(bvh, scene.shape, seen).min())
+        touching += len(off)
+    return float(farthest) if touching else np.nan
+
+
+def _caption(points: Sequence[SpeedError]) -> str:
+    text = (
+        "Mark: p50 of the CPU time of ticks in contact; the line from it ends at p99. Further left is faster, further "
+        "down is nearer to the truth; the axes are logarithmic, with a line of its own for 0 and less. First the "
+        "deepest penetration of what is touched, the spheres or the mesh. Then how far the hand is in the true mesh or "
+        f"a contact point off it, the larger, at up to {SAMPLES} ticks in contact: it holds the error of the sphere "
+        "tree too. Last the coupling energy over that of the local optimum, mean of the hold, as the table has it. "
+        "Red: 1 ms."
+    )
+    if any(point.of_paper for point in points):
+        text += " Grey: the paper's mean times for simple objects, on its own machine."
+    missing = [point.label for point in points if not np.isfinite(point.p50)]
+    return text + (f" Not in contact, so without a point: {', '.join(missing)}." if missing else "")
+
+
+def _alt(points: Sequence[SpeedError]) -> str:
+    sentences = ["CPU time against three errors."]
+    for point in points:
+        if not np.isfinite(point.p50):
+            sentences.append(f"{point.label}: no tick in contact.")
+            continue
+        off = f"{1e3 * point.mesh:.3g} mm off the mesh" if np.isfinite(point.mesh) else "off the mesh not measured"
+        over = (
+            f"{round(point.excess, 6) + 0.0:.3g} % over the optimum"
+            if np.isfinite(point.excess)
+            else "no optimum computed"
+        )
+        times = f"{style.time_text(point.p50)} to {style.time_text(point.p99)}"
+        deep = f"{1e6 * point.depth:.3g} µm deep in what it touches"
+        sentences.append(f"{point.label}: {times}, {deep}, {off}, {over}.")
+    return " ".join(sentences)
+
+
+Row = Mapping[str, Any]
+Panels = tuple[list[TradeOff], dict[str, tuple[str, str]]]
+"""Panels, and the legend's names with their colours and marks."""
+
+TRADE_OFFS = ("speed-error", "peers")
+"""Suites that set the time of a tick against its error."""
+TRADE_OFF_COLUMNS = {"speed-error": "mesh_error", "peers": "mesh_error", "trees": "protrusion_max"}
+"""Column of the error, by the suites that have a picture of this kind."""
+MOST_PANELS, MOST_OBJECTS = 4, 6
+"""Most panels of such a suite, and most objects of `trees`."""
+WIDTH, ACROSS = 14.0, 2
+"""Width of the picture of trees beside their table [inches]; panels beside one another in that of ticks."""
+PANEL, WIDE_PANEL = (3.4, 2.0), (6.5, 2.8)
+"""Least width and height of a panel, without and with other engines [inches]."""
+GREY = "#6e7781"
+OTHERS = ("x", "^", "v", "<", ">", "p", "*", "d", "s", "h", "8", "H")
+"""Marks of other programs, all in grey."""
+LEAST = 1e-2
+"""A tenth of the lowest decade that is shown [mm]."""
+LEVEL_MARKS = {1: "v", 2: "D", 3: "s", 4: "o", 5: "*"}
+"""Marks by the level of the sphere tree."""
+TITLES = {
+    **dict.fromkeys(TRADE_OFFS, "Time of a tick against distance from the true mesh"),
+    "trees": "Largest error of a tree against its spheres, and against the time of its builder",
+}
+CAPTIONS = {
+    **dict.fromkeys(
+        TRADE_OFFS,
+        "Mark: median CPU time of a tick in contact; the line from it ends at p99. Off the true mesh: the larger of "
+        "the deepest penetration and the farthest contact point, over all motions. A hollow mark is one linearisation; "
+        "steps join those that none beats. Grey: other engines, whose ratios carry over to another machine, and not "
+        "their times. Red: 1 ms.",
+    ),
+    "trees": "Error: the larger of how far the leaf spheres reach out of the mesh and how far the mesh lies outside of "
+    "them. Other programs: as measured in November 2026 on one core of a 2-core machine.",
+}
+
+
+def has_trade_off(found: BenchTable) -> bool:
+    """Return True for a table with the columns of such a picture."""
+    return TRADE_OFF_COLUMNS.get(found.suite) in {column.name for column in found.columns}
+
+
+def bench_trade_off(suite: str, rows: Sequence[Row]) -> style.ReportFigure | None:
+    """Draw the rows of a table of one of `TITLES`; None if no row has both a cost and an error."""
+    drawing, marks, _ = _drawing(suite, rows)
+    if not marks:
+        return None
+    alt = f"{TITLES[suite]}: {counted(marks, 'point')}."
+    return style.drawn_figure(f"bench-{suite}", TITLES[suite], CAPTIONS[suite], alt, drawing)
+
+
+def draw_trade_off(path: Path, suite: str, rows: Sequence[Row], peers: Sequence[Row] = (), note: str = "") -> None:
+    """Write the picture of a table, with a note on the run in its legend.
+
+    Engines of `peers`, rows of a table of `hhsim bench peers`, are drawn in grey.
+
+    Errors as `check_picture` and `save_figure`.
+    """
+    check_picture(path)
+    drawing, _, least = _drawing(suite, rows, peers, note)
+    width = ACROSS * least if suite in TRADE_OFFS else WIDTH
+    caption = wrap(CAPTIONS[suite], int(width / style.LETTER))
+    height = drawing.height(width, False) + style.LEGEND_LINE * len(caption)
+    with style.new_figure(width, height) as figure:
+        drawing.draw(figure, False)
+        figure.text(0.0, 0.0, "\n".join(caption), color=style.SOFT, va="bottom", linespacing=1.2)
+        save_figure(figure, path)
+
+
+def _drawing(
+    suite: str, rows: Sequence[Row], peers: Sequence[Row] = (), note: str = ""
+) -> tuple[style.Drawing, int, float]:
+    """Return the drawing of a table, the number of its marks, and the least width of a panel [inches]."""
+    panels, legend = _of_trees(rows) if suite == "trees" else _of_ticks(rows, peers)
+    if note:
+        legend[note] = style.LIMIT, ""
+    has_others = suite in TRADE_OFFS and any(color == GREY for color, _ in legend.values())
+    size = WIDE_PANEL if has_others else PANEL
+    known = sum(mark.known for panel in panels for mark in panel.marks)
+    return trade_off_drawing(panels, legend, size), known, size[0]
+
+
+def _others(names: Iterable[str]) -> dict[str, tuple[str, str]]:
+    """Return colour and mark of other programs, by their names."""
+    return {name: (GREY, OTHERS[i % len(OTHERS)]) for i, name in enumerate(dict.fromkeys(names))}
+
+
+def _of_trees(rows: Sequence[Row]) -> Panels:
+    """Return panels of each object's trees: against their spheres, then against the time of the builder."""
+    names = list(dict.fromkeys(row["object"] for row in rows))[:MOST_OBJECTS]
+    others = _others(row["method"] for row in rows if row["is_reference"] and row["method"] != TOOLKIT)
+    panels = []
+    axes = (
+        ("spheres", "asked", "spheres", "{:,.0f}".format),
+        ("cpu", "cpu_limit", "CPU time of the builder", style.time_text),
+    )
+    for cost, limit, axis, spelled in axes:
+        for name in names:
+            marks = []
+            for row in (row for row in rows if row["object"] == name):
+                place, off = _number(row[cost]), 1e3 * largest_error(row)
+                if row["method"] == TOOLKIT:
+                    marks.append(Mark(place, off, style.INK, "X"))
+                elif row["is_reference"]:
+                    marks.append(Mark(place, off, *others[row["method"]]))
+                else:
+                    marks.append(Mark(place, off, style.BLUE, "o", best=True))
+                    marks.append(Mark(_number(row[limit]), 1e3 * _number(row["protrusion_limit"]), style.LIMIT, "_"))
+            panels.append(TradeOff(f"{name}: largest error [mm]", marks, 10.0 * LEAST, None, axis, None, spelled))
+    legend = {
+        "certified: proved covers": (style.BLUE, "o"),
+        "Bradshaw's toolkit, medial": (style.INK, "X"),
+        "limit": (style.LIMIT, "_"),
+    }
+    return panels, legend | others
+
+
+def _of_ticks(rows: Sequence[Row], peers: Sequence[Row]) -> Panels:
+    """Return a panel for each object, and of `speed-error` one against the optimum."""
+    summed = [row for row in rows if row["motion"] == ALL and not row.get("stretch")]
+    others = [row for row in peers if row["motion"] == ALL and not row["ours"]]
+    names = list(dict.fromkeys(row["object"] for row in summed if row["object"] != ALL))
+    # Objects that other engines were measured on say the most.
+    names.sort(key=lambda name: bool(others) and not any(row["object"] == name for row in others))
+    ours = [row for row in summed if row.get("ours", True)]
+    colors = {
+        name: style.run_style(number)[0] for number, name in enumerate(dict.fromkeys(row["method"] for row in ours))
+    }
+    engines = _others(row["method"] for row in (*summed, *others) if row["method"] not in colors)
+
+    def mark(row: Row, error: str, frontier: str) -> Mark:
+        time, until = _number(row["tick_cpu_p50"]), _number(row.get("tick_cpu_p99"))
+        off, best = 1e3 * _number(row.get(error)), bool(row.get(frontier))
+        if row["method"] not in colors:
+            return Mark(time, off, *engines[row["method"]], until, best=best)
+        filled = row.get("linearisations") != 1
+        return Mark(time, off, colors[row["method"]], _touched(row)[1], until, filled=filled, best=best)
+
+    def panel(title: str, name: str, error: str, frontier: str) -> TradeOff:
+        chosen = (row for row in (*summed, *others) if row["object"] == name)
+        return TradeOff(title, [mark(row, error, frontier) for row in chosen], LEAST, np.nan)
+
+    of_pose = any("off_optimum_mean" in row for row in summed)
+    frontier = "mesh_frontier" if of_pose else "frontier"
+    panels = [panel(f"{name}: off the true mesh [mm]", name, "mesh_error", frontier) for name in names]
+    panels = panels[: MOST_PANELS - of_pose]
+    if of_pose:
+        of_all = names[0] if len(names) == 1 else "all objects"
+        panels.append(panel(f"{of_all}: off the best pose [mm]", ALL, "off_optimum_mean", "tracking_frontier"))
+    legend = {method: (color, "o") for method, color in colors.items()}
+    legend |= {label: (style.INK, shape) for label, shape in sorted(map(_touched, ours))}
+    return panels, legend | engines
+
+
+def _touched(row: Row) -> tuple[str, str]:
+    """Return what a row's hand touches, in words, and its mark."""
+    if row["surface"] == "mesh":
+        return "the mesh itself", "P"
+    level = row.get("level")
+    return ("spheres", "o") if level is None else (f"spheres of level {level:.0f}", LEVEL_MARKS.get(level, "o"))
+
+
+def _number(value: Any) -> float:
+    return float(value) if isinstance(value, int | float) else np.nan
+
+
+def largest_error(row: Row) -> float:
+    """Return the larger of protrusion and gap [m], as far as they are known."""
+    known = [value for value in (row["protrusion_max"], row["gap_max"]) if value is not None and not np.isnan(value)]
+    return float(max(known))

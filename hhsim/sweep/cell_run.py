@@ -1,7 +1,6 @@
 """Run of one cell, in whatever process: what `hhsim replay` makes of the same words, in the sweep's folder."""
 
 import json
-import threading
 import time
 import uuid
 from dataclasses import dataclass, field
@@ -10,7 +9,6 @@ from pathlib import Path
 
 from msgspec import structs
 
-from hhsim.errors import HhsimError
 from hhsim.mesh.catalogue import names_a_file
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary, repeated_document
@@ -18,10 +16,10 @@ from hhsim.result.writer import add_document
 from hhsim.scene.described_scene import LoadedWords, described_scene, load_words
 from hhsim.scene.motion_catalogue import trajectory_names
 from hhsim.scene.scene import Scene
-from hhsim.sweep.engines import TaskEnd
+from hhsim.sweep.engines import FolderTask, TaskEnd
 from hhsim.sweep.folder import PARTIAL, content_digest, write_row
 from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, read_files
-from hhsim.sweep.plan import OF_THE_SCENE, Cell, source_digest
+from hhsim.sweep.plan import OF_THE_SCENE, Cell
 from hhsim.system import environment as info
 from hhsim.system.thread_pool import on_own_core
 
@@ -30,94 +28,69 @@ OF_THE_ROW = (
     *("tremor_mm_deg", "seed", "ticks"),
 )
 """Statements of a result about its scene that a row repeats."""
-ONE_AT_A_TIME = threading.Lock()
-"""Lock of the process: the threads of a cluster's worker must not disturb each other's times."""
 
 
-@dataclass(frozen=True)
-class CellTask:
-    """Task for a process."""
+@dataclass(frozen=True, kw_only=True)
+class CellTask(FolderTask):
+    """Cell of a sweep, in its folder."""
 
     cell: Cell
-    digest: str
     plan_folder: str  # absolute folder that the plan's files are relative to
-    folder: str  # absolute output folder, visible to every process that runs cells
     keeps_result: bool = True  # True if the result is kept, not the row alone
     wants_core: bool = True  # True if it waits for a core of its own
-    sources: str = ""  # digest of the hhsim that planned it
 
-    def run(self) -> TaskEnd:
+    def work(self) -> TaskEnd:
         """Run the cell and write its files, the row last: a cell is done when its row is there."""
-        if source_digest() != self.sources:
-            return TaskEnd(self.digest, "the hhsim of this worker is another one: install the same there")
-        if not Path(self.folder).is_dir():
-            why = f"the worker sees no folder {self.folder}: a sweep needs one that all workers share"
-            return TaskEnd(self.digest, why)
-        try:
-            with ONE_AT_A_TIME:
-                ticks, seconds = _run(self)
-                return TaskEnd(self.digest, ticks=ticks, seconds=seconds)
-        except LostFileError as error:
-            return TaskEnd(self.digest, str(error), is_final=False)
-        except (HhsimError, OSError, MemoryError) as error:
-            return TaskEnd(self.digest, " ".join(str(error).split()) or type(error).__name__)
-        except Exception as error:
-            # A method from outside may raise anything; the other cells go on.
-            return TaskEnd(self.digest, f"{type(error).__name__}: {' '.join(str(error).split())}")
-
-
-def _run(task: CellTask) -> tuple[int, float]:
-    began = time.perf_counter()
-    cell, folder = task.cell, Path(task.folder)
-    partial = folder / f".{task.digest}-{uuid.uuid4().hex[:8]}{PARTIAL}"
-    is_new = not _scene.cache_info().misses
-    plan_folder = Path(task.plan_folder)
-    files = cell_files(cell, plan_folder)
-    if cell.digest(plan_folder) != task.digest:
-        raise LostFileError(CHANGED)
-    of_scene = {name: value for name, value in cell.options.items() if name in (*OF_THE_SCENE, "fingers")}
-    what = [cell.object, cell.motion, cell.surface == "mesh", of_scene, cell.seed, cell.ticks]
-    scene = _scene(_SceneKey(repr(what), files, cell), plan_folder)
-    if is_new:
-        # Most of that time the process loaded code, which says nothing of the cells after this one.
         began = time.perf_counter()
+        cell, folder, plan_folder = self.cell, Path(self.folder), Path(self.plan_folder)
+        partial = folder / f".{self.digest}-{uuid.uuid4().hex[:8]}{PARTIAL}"
+        is_new = not _scene.cache_info().misses
+        files = cell_files(cell, plan_folder)
+        if cell.digest(plan_folder) != self.digest:
+            raise LostFileError(CHANGED)
+        of_scene = {name: value for name, value in cell.options.items() if name in (*OF_THE_SCENE, "fingers")}
+        what = [cell.object, cell.motion, cell.surface == "mesh", of_scene, cell.seed, cell.ticks]
+        scene = _scene(_SceneKey(repr(what), files, cell), plan_folder)
+        if is_new:
+            # Most of that time the process loaded code, which says nothing of the cells after this one.
+            began = time.perf_counter()
 
-    def run() -> list[ReplaySummary]:
-        return [replay_scene(scene, cell.solver_options(), partial) for _ in range(cell.repeat)]
+        def run() -> list[ReplaySummary]:
+            return [replay_scene(scene, cell.solver_options(), partial) for _ in range(cell.repeat)]
 
-    try:
-        # The threads of a tick want a core each.
-        pinned = task.wants_core and cell.solver_options().threads == 1
-        runs, own_core = on_own_core(run) if pinned else (run(), False)
-        repeated = repeated_document(runs) if cell.repeat > 1 else {}
-        result = f"{task.digest}.h5" if task.keeps_result else None
-        kept: dict[str, str] = {}
-        if result is not None:
-            if repeated:
-                add_document(partial, "repeated", repeated)
-            kept = {"result_sha256": content_digest(partial)}
-            partial.replace(folder / result)
-    finally:
-        partial.unlink(missing_ok=True)
-    seconds = time.perf_counter() - began
-    summary, options, origin = runs[-1], cell.solver_options().at_rate(scene.ticks.rate), info.file_attributes()
-    stated = {name: scene.description.get(name) for name in OF_THE_ROW}
-    row = {
-        **origin,
-        **{name: json.loads(str(origin[name])) for name in ("machine", "packages")},
-        **({"repeated": repeated} if repeated else {}),
-        "result": result,
-        **kept,
-        "own_core": own_core,
-        "seconds": seconds,
-        "scene": {**stated, "rate": 1.0 / options.period, "solver": options.to_json()},
-        "verdict": summary.verdict.word,
-        "missed": list(summary.verdict.missed),
-        "summary": summary.attributes(),
-        "notes": list(summary.notes),
-    }
-    write_row(folder / f"{task.digest}.json", cell, task.digest, row)
-    return sum(summary.ticks for summary in runs), seconds
+        try:
+            # The threads of a tick want a core each.
+            pinned = self.wants_core and cell.solver_options().threads == 1
+            runs, own_core = on_own_core(run) if pinned else (run(), False)
+            repeated = repeated_document(runs) if cell.repeat > 1 else {}
+            result = f"{self.digest}.h5" if self.keeps_result else None
+            kept: dict[str, str] = {}
+            if result is not None:
+                if repeated:
+                    add_document(partial, "repeated", repeated)
+                kept = {"result_sha256": content_digest(partial)}
+                partial.replace(folder / result)
+        finally:
+            partial.unlink(missing_ok=True)
+        seconds = time.perf_counter() - began
+        summary, options, origin = runs[-1], cell.solver_options().at_rate(scene.ticks.rate), info.file_attributes()
+        stated = {name: scene.description.get(name) for name in OF_THE_ROW}
+        row = {
+            **origin,
+            **{name: json.loads(str(origin[name])) for name in ("machine", "packages")},
+            **({"repeated": repeated} if repeated else {}),
+            "result": result,
+            **kept,
+            "own_core": own_core,
+            "seconds": seconds,
+            "scene": {**stated, "rate": 1.0 / options.period, "solver": options.to_json()},
+            "verdict": summary.verdict.word,
+            "missed": list(summary.verdict.missed),
+            "summary": summary.attributes(),
+            "notes": list(summary.notes),
+        }
+        write_row(folder / f"{self.digest}.json", cell, self.digest, row)
+        return TaskEnd(self.digest, ticks=sum(summary.ticks for summary in runs), seconds=seconds)
 
 
 @dataclass(frozen=True)

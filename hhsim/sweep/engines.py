@@ -6,21 +6,27 @@ import signal
 import threading
 import uuid
 from collections import deque
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from dataclasses import dataclass
 from multiprocessing import connection, get_context, parent_process
+from pathlib import Path
 from typing import Any, Protocol
 
-from hhsim.errors import InputError
+from hhsim.errors import HhsimError, InputError
+from hhsim.sweep.input_files import LostFileError, source_digest
 from hhsim.system.deferred_sigint import interruptible_between
+from hhsim.system.progress import Progress
 
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment variables that keep the threads of numpy's linear algebra off the cores of other tasks."""
 CRASHED = "its process ended by itself: a crash, or killed for want of memory"
 LOCAL = "local"
 """Word for a cluster of this machine, in the place of a scheduler's address."""
+ONE_AT_A_TIME = threading.Lock()
+"""Lock of the process: the threads of a cluster's worker must not disturb each other's times."""
 PATIENCE = 10
 """Longest wait for a scheduler [s]."""
 
@@ -46,6 +52,71 @@ class Task(Protocol):
 
     def run(self) -> TaskEnd:
         """Do the work and write what it makes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FolderTask:
+    """Task that writes in a folder which every process that runs such tasks sees."""
+
+    digest: str
+    folder: str  # absolute
+    sources: str  # digest of the hhsim that planned it
+
+    def run(self) -> TaskEnd:
+        """Do the work, unless the process has another hhsim or does not see the folder; any error is an end."""
+        if source_digest() != self.sources:
+            return TaskEnd(self.digest, "the hhsim of this worker is another one: install the same there")
+        if not Path(self.folder).is_dir():
+            return TaskEnd(self.digest, f"the worker sees no folder {self.folder}: all workers need to share one")
+        try:
+            with ONE_AT_A_TIME:
+                return self.work()
+        except LostFileError as error:
+            return TaskEnd(self.digest, str(error), is_final=False)
+        except Exception as error:
+            # A method from outside may raise anything; the other tasks go on.
+            return TaskEnd(self.digest, error_line(error))
+
+    def work(self) -> TaskEnd:
+        """Do the work and write what it makes."""
+        raise NotImplementedError
+
+
+def error_line(error: Exception) -> str:
+    """Return an error in one line, with its type if it is none of hhsim's or the system's."""
+    text = " ".join(str(error).split())
+    kind = "" if isinstance(error, HhsimError | OSError) and text else type(error).__name__
+    return ": ".join(part for part in (kind, text) if part)
+
+
+def run_to_end(
+    tasks: Sequence[Task],
+    stage: str,
+    on_end: Callable[[TaskEnd], str],
+    progress: Progress,
+    *,
+    scheduler: str = "",
+    jobs: int = 0,
+    done: int = 0,
+    kept: bool = True,
+) -> None:
+    """Run tasks in `jobs` processes, in this one if that is 0, or on a cluster if a scheduler is given.
+
+    `on_end` is called at each end; what it returns stands behind the stage in the progress. `done` tasks were done
+    before. A note on an interrupt says how many are done, if they are `kept`.
+    """
+    total = done + len(tasks)
+    progress(stage, done, total)
+    try:
+        with closing(run_tasks(tasks, scheduler, jobs) if scheduler or jobs else run_here(tasks)) as ends:
+            for end in ends:
+                more = on_end(end)
+                done += 1
+                progress(f"{stage}{more}", done, total)
+    except KeyboardInterrupt as interrupt:
+        if kept:
+            interrupt.add_note(f"{done:,} of {total:,} {stage} are done, and the same command goes on")
+        raise
 
 
 def run_tasks(tasks: Sequence[Task], scheduler: str, jobs: int) -> Generator[TaskEnd, None, None]:

@@ -1,12 +1,14 @@
-"""Files that a cell or a row of a manifest reads: their digests, and a check that they stay as they are."""
+"""Files that a cell or a row of a manifest reads: their digests, and a check that they stay; and that of the code."""
 
 import hashlib
 import os
 import re
 from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
+import hhsim
 from hhsim.errors import InputError
 from hhsim.linkage.urdf import mesh_file
 from hhsim.system.input_file import file_state, read_input
@@ -59,7 +61,21 @@ def _read(path: Path, state: tuple[object, ...]) -> ReadFile:
         words = sorted({(a or b).decode(errors="surrogateescape") for a, b in _QUOTED.findall(content)})
         # An MJCF has its meshes in a folder that it names.
         folders = [path.parent / word for word in words if os.path.isdir(path.parent / word)]  # noqa: PTH112
-        files = [word for word in words if Path(word).suffix and len(word) <= LONGEST]
-        tries = [file for word in files for file in (mesh_file(word, path), *(folder / word for folder in folders))]
+        whole = [word for word in words if Path(word).suffix and len(word) <= LONGEST]
+        tries = [file for word in whole for file in (mesh_file(word, path), *(folder / word for folder in folders))]
         named = [file for file in tries if file.is_file()]
     return ReadFile(state, hashlib.sha256(content).hexdigest(), tuple(named))
+
+
+@cache
+def source_digest() -> str:
+    """Return a digest of the library's code, and of the motions and objects that ship."""
+    digest = hashlib.sha256()
+    root = Path(hhsim.__file__).parent
+    parts = [path for path in root.rglob("*.py") if "cli" not in path.relative_to(root).parts]
+    for package in ("hhsim.objects", "hhsim.trajectories"):
+        entries = files(package).iterdir()
+        parts += [Path(str(entry)) for entry in entries if entry.name.endswith((".toml", ".h5", ".csv"))]
+    for name, path in sorted((f"{path.parent.name}/{path.name}", path) for path in set(parts)):
+        digest.update(name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()

@@ -9,9 +9,7 @@ import json
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
-from functools import cache
 from glob import glob
-from importlib.resources import files
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -19,11 +17,10 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, structs
 
-import hhsim
 from hhsim import __version__
 from hhsim.errors import InputError, check_known, named
-from hhsim.gate.unusual_options import USUAL_SCENE
 from hhsim.mesh.catalogue import names_a_file, object_names, usual_level
+from hhsim.replay.run_inputs import USUAL_SCENE
 from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.described_scene import SceneWords
 from hhsim.scene.motion_catalogue import import_remarks, resolve_trajectory, trajectory_names
@@ -31,7 +28,7 @@ from hhsim.scene.script import Script
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import SURFACES
-from hhsim.sweep.input_files import file_digest
+from hhsim.sweep.input_files import file_digest, source_digest
 from hhsim.system.counted import counted
 from hhsim.system.settings_file import Settings, Version, a_list, between, parse_settings, read_toml_text, typed
 
@@ -139,20 +136,6 @@ class Cell:
             "hhsim": [__version__, source_digest()],
         }
         return hashlib.sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()[:DIGITS]
-
-
-@cache
-def source_digest() -> str:
-    """Return a digest of the library's code, and of the motions and objects that ship."""
-    digest = hashlib.sha256()
-    root = Path(hhsim.__file__).parent
-    parts = [path for path in root.rglob("*.py") if "cli" not in path.relative_to(root).parts]
-    for package in ("hhsim.objects", "hhsim.trajectories"):
-        entries = files(package).iterdir()
-        parts += [Path(str(entry)) for entry in entries if entry.name.endswith((".toml", ".h5", ".csv"))]
-    for name, path in sorted((f"{path.parent.name}/{path.name}", path) for path in set(parts)):
-        digest.update(name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
-    return digest.hexdigest()
 
 
 class _PlanTable(Settings, frozen=True, kw_only=True):

@@ -3,14 +3,13 @@
 import json
 import uuid
 from collections.abc import Iterable
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 from hhsim.repair.request import Illustrate, Pictures, Repair
-from hhsim.sweep.engines import require_dask, run_tasks
+from hhsim.sweep.engines import TaskEnd, require_dask, run_to_end
 from hhsim.sweep.folder import check_own, has_format, locked
-from hhsim.sweep.plan import source_digest
+from hhsim.sweep.input_files import source_digest
 from hhsim.sweep.repair_manifest import load_manifest
 from hhsim.sweep.repair_page import RepairedRow, repair_page, repair_table, worst_rows
 from hhsim.sweep.repair_row import RowOutcome, RowTask, finished, is_done, keep_lost, read_outcome, row_digest
@@ -63,30 +62,34 @@ def run_manifest(
         require_dask()
     check_own(out, has_format(out / MARK, FORMAT), "repairs")
     text, rows = load_manifest(path, out)
-    attempt, sources, undrawn = uuid.uuid4().hex, source_digest(), dict[str, str]()
+    attempt, undrawn = uuid.uuid4().hex, dict[str, str]()
     planned = {row_digest(row): row for row in rows}
 
     def run(stage: str, digests: Iterable[str], pictured: bool) -> list[RepairedRow]:
         """Run the rows of these digests that are not done yet, and return all rows with their outcomes."""
         tasks = {
-            digest: RowTask(planned[digest].pictured(pictured), digest, repair, illustrate, attempt, sources)
+            digest: RowTask(
+                row=planned[digest].pictured(pictured),
+                digest=digest,
+                folder=str(out.resolve()),
+                repair=repair,
+                illustrate=illustrate,
+                attempt=attempt,
+                sources=source_digest(),
+            )
             for digest in digests
         }
         left = [task for digest, task in tasks.items() if not is_done(task.row, digest)]
-        done = len(tasks) - len(left)
-        progress(stage, done, len(tasks))
-        try:
-            with closing(run_tasks(left, scheduler, workers or max(1, len(physical_cores())))) as ends:
-                for end in ends:
-                    done += 1
-                    if end.reason and finished(planned[end.digest], end.digest):
-                        undrawn[end.digest] = f"without its pictures: {end.reason}"
-                    elif end.reason:
-                        keep_lost(tasks[end.digest], end.reason)
-                    progress(stage, done, len(tasks))
-        except KeyboardInterrupt as interrupt:
-            interrupt.add_note(f"{done:,} of {len(tasks):,} {stage} are done, and the same command goes on")
-            raise
+
+        def on_end(end: TaskEnd) -> str:
+            if end.reason and finished(planned[end.digest], end.digest):
+                undrawn[end.digest] = f"without its pictures: {end.reason}"
+            elif end.reason:
+                keep_lost(tasks[end.digest], end.reason)
+            return ""
+
+        jobs = workers or max(1, len(physical_cores()))
+        run_to_end(left, stage, on_end, progress, scheduler=scheduler, jobs=jobs, done=len(tasks) - len(left))
         lost = "its worker left no outcome in the folder"
         found = {digest: read_outcome(row, digest) for digest, row in planned.items()}
         return [

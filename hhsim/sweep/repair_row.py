@@ -6,7 +6,6 @@ import json
 import math
 import os
 import shutil
-import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -14,12 +13,12 @@ from typing import Any, Literal
 from msgspec import field, structs
 
 from hhsim import __version__
-from hhsim.errors import HhsimError, InputError, TrajectoryError
+from hhsim.errors import InputError, TrajectoryError
 from hhsim.mesh.catalogue import names_a_file
 from hhsim.repair.request import PICTURE, REPORT, Illustrate, Repair, RepairOutcome
-from hhsim.sweep.engines import TaskEnd
-from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, file_digest, read_files
-from hhsim.sweep.plan import DIGITS, source_digest
+from hhsim.sweep.engines import FolderTask, TaskEnd, error_line
+from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, file_digest, read_files, source_digest
+from hhsim.sweep.plan import DIGITS
 from hhsim.sweep.repair_manifest import PlannedRepair
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import read_input_text
@@ -29,8 +28,6 @@ from hhsim.system.settings_file import Settings, Version, typed
 OUTCOME = "outcome.json"
 MARK = ".begun"
 """File of a row that is being run: its attempt, and the traceback at its time limit."""
-ONE_AT_A_TIME = threading.Lock()
-"""Lock of the process, which has one alarm; the threads of a cluster's worker share it."""
 
 State = Literal["repaired", "missed", "refused", "failed"]
 
@@ -56,41 +53,30 @@ class RowOutcome(Settings, frozen=True, kw_only=True):
     paths: dict[str, str] = field(default_factory=dict)  # names of files in the row's folder, by what they hold
 
 
-@dataclass(frozen=True)
-class RowTask:
-    """Task for a process."""
+@dataclass(frozen=True, kw_only=True)
+class RowTask(FolderTask):
+    """Row of a manifest, in the folder of all of them: the end has a reason if it left no outcome in its own folder."""
 
     row: PlannedRepair
-    digest: str  # digest of the row, its name included
     repair: Repair  # function of a module that the process can import
     illustrate: Illustrate  # another one
     attempt: str  # name of the run that it belongs to
-    sources: str  # digest of the hhsim that planned it
 
-    def run(self) -> TaskEnd:
-        """Repair the recording; the end has a reason if that left no outcome in the row's folder."""
+    def work(self) -> TaskEnd:
+        """Repair the recording."""
         folder = self.row.request.out.parent
-        if source_digest() != self.sources:
-            return TaskEnd(self.digest, "the hhsim of this worker is another one: install the same there")
-        if not folder.parent.is_dir():
-            why = f"the worker sees no folder {folder.parent}: repairs need one that all workers share"
-            return TaskEnd(self.digest, why)
-        try:
-            with ONE_AT_A_TIME:
-                # A cluster runs again what a worker had done, or had begun, when it was lost.
-                if is_done(self.row, self.digest):
-                    return TaskEnd(self.digest)
-                if done := finished(self.row, self.digest):
-                    return self._pictured(done)
-                if _begun(folder, self.attempt) is not None:
-                    return TaskEnd(self.digest, "its worker was lost")
-                _empty(folder)
-                outcome = self._outcome(folder)
-                (folder / MARK).unlink()
-                write_outcome(folder, outcome)
+        # A cluster runs again what a worker had done, or had begun, when it was lost.
+        if is_done(self.row, self.digest):
             return TaskEnd(self.digest)
-        except (HhsimError, OSError) as error:
-            return TaskEnd(self.digest, _line(error))
+        if done := finished(self.row, self.digest):
+            return self._pictured(done)
+        if _begun(folder, self.attempt) is not None:
+            return TaskEnd(self.digest, "its worker was lost")
+        _empty(folder)
+        outcome = self._outcome(folder)
+        (folder / MARK).unlink()
+        write_outcome(folder, outcome)
+        return TaskEnd(self.digest)
 
     def _pictured(self, done: RowOutcome) -> TaskEnd:
         """Add what is missing of the page and the picture; nothing else in the folder is touched."""
@@ -105,8 +91,6 @@ class RowTask:
             faulthandler.dump_traceback_later(self.row.time_limit, exit=True, file=nowhere)
             try:
                 self.illustrate(request, outcome)
-            except Exception as error:
-                return TaskEnd(self.digest, _line(error))
             finally:
                 faulthandler.cancel_dump_traceback_later()
         return TaskEnd(self.digest)
@@ -143,13 +127,13 @@ class RowTask:
                 paths={name: Path(os.path.relpath(path, folder)).as_posix() for name, path in done.paths.items()},
             )
         except LostFileError as error:
-            outcome = RowOutcome(digest=self.digest, state="failed", reason=_line(error), is_final=False)
+            outcome = RowOutcome(digest=self.digest, state="failed", reason=error_line(error), is_final=False)
         except TrajectoryError as error:
-            outcome = RowOutcome(digest=self.digest, state="refused", reason=_line(error))
+            outcome = RowOutcome(digest=self.digest, state="refused", reason=error_line(error))
         except InputError as error:
-            outcome = RowOutcome(digest=self.digest, state="failed", reason=_line(error))
+            outcome = RowOutcome(digest=self.digest, state="failed", reason=error_line(error))
         except Exception as error:
-            outcome = RowOutcome(digest=self.digest, state="failed", reason=_line(error), is_final=False)
+            outcome = RowOutcome(digest=self.digest, state="failed", reason=error_line(error), is_final=False)
         _empty(folder, but=MARK)
         return outcome
 
@@ -240,9 +224,3 @@ def _content(value: Any) -> str:
     except InputError as error:
         # The repair of this row will say so; the others go on.
         return str(error)
-
-
-def _line(error: Exception) -> str:
-    text = " ".join(str(error).split())
-    kind = "" if isinstance(error, HhsimError | OSError) and text else type(error).__name__
-    return ": ".join(part for part in (kind, text) if part)

@@ -3,17 +3,18 @@
 Its duration is estimated from the cells in its folder that ran on this machine.
 """
 
-from collections.abc import Generator, Sequence
-from contextlib import closing
+from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
+from typing import Any
 
 from hhsim.errors import HhsimError
 from hhsim.solver.hand_solver import warm_up
 from hhsim.sweep.cell_run import CellTask, load_cell
-from hhsim.sweep.engines import LOCAL, TaskEnd, require_dask, run_tasks
+from hhsim.sweep.engines import LOCAL, TaskEnd, require_dask, run_to_end
 from hhsim.sweep.folder import SweepFolder, lasting, pace_of
-from hhsim.sweep.plan import Cell, PlannedCell, SweepPlan, source_digest
+from hhsim.sweep.input_files import source_digest
+from hhsim.sweep.plan import Cell, PlannedCell, SweepPlan
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import physical_cores
 
@@ -79,35 +80,28 @@ def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progr
                 for planned in left
             ]
             waiting = {planned.digest: planned for planned in left}
-            pace = pace_of(plan.cells, folder)
-            spent = 0.0
-            progress("cells", 0, len(left))
-            cells_began = perf_counter()
-            try:
-                with closing(_engine(tasks, options)) as ends:
-                    for number, end in enumerate(ends):
-                        planned = waiting.pop(end.digest)
-                        if end.reason and not end.is_final:
-                            lost[end.digest] = end.reason
-                        elif end.reason:
-                            folder.keep_failure(planned, end.reason)
-                        else:
-                            folder.forget_failure(planned)
-                            done += 1
-                            ticks += end.ticks
-                            spent += end.seconds
-                            pace.add(planned.cell, end.ticks, end.seconds)
-                        # How many work on a cluster shows in what they have done.
-                        at_once = options.workers
-                        if options.scheduler not in ("", LOCAL):
-                            at_once = max(1, round(spent / (perf_counter() - cells_began)))
-                        still = pace.left(waiting.values())
-                        time = f" (about {lasting(still / min(at_once, len(waiting)))} left)" if still > 0.0 else ""
-                        progress(f"cells{time}", number + 1, len(left))
-            except KeyboardInterrupt as interrupt:
-                count = f"{len(before) + done:,} of {len(plan.cells):,}"
-                interrupt.add_note(f"{count} cells are done, and the same command goes on")
-                raise
+            pace, spent, cells_began = pace_of(plan.cells, folder), 0.0, perf_counter()
+
+            def on_end(end: TaskEnd) -> str:
+                nonlocal done, ticks, spent
+                planned = waiting.pop(end.digest)
+                if end.reason and not end.is_final:
+                    lost[end.digest] = end.reason
+                elif end.reason:
+                    folder.keep_failure(planned, end.reason)
+                else:
+                    folder.forget_failure(planned)
+                    done, ticks, spent = done + 1, ticks + end.ticks, spent + end.seconds
+                    pace.add(planned.cell, end.ticks, end.seconds)
+                # How many work on a cluster shows in what they have done.
+                at_once = options.workers
+                if options.scheduler not in ("", LOCAL):
+                    at_once = max(1, round(spent / (perf_counter() - cells_began)))
+                still = pace.left(waiting.values())
+                return f" (about {lasting(still / min(at_once, len(waiting)))} left)" if still > 0.0 else ""
+
+            how: dict[str, Any] = {"scheduler": options.scheduler, "jobs": options.workers, "done": len(before)}
+            run_to_end(tasks, "cells", on_end, progress, **how)
         seconds = perf_counter() - began
         missing = [cell for cell in plan.cells if cell.digest not in before]
         reasons = [(cell.cell, lost.get(cell.digest) or folder.failure(cell)) for cell in missing]
@@ -133,10 +127,6 @@ def prepare(plan: SweepPlan, cells: Sequence[PlannedCell], progress: Progress = 
                 loaded.grown()
         except HhsimError:
             continue
-
-
-def _engine(tasks: Sequence[CellTask], options: SweepOptions) -> Generator[TaskEnd, None, None]:
-    return run_tasks(tasks, options.scheduler, options.workers)
 
 
 @dataclass(frozen=True)

@@ -54,24 +54,3 @@ class LogHistogram:
         rank = max(1, int(np.ceil(0.01 * percent * self.count)))
         place = int(np.searchsorted(np.cumsum(self.counts), rank))
         return float(min(self.LEAST * self.RATIO ** (place + 0.5), self.largest))
-
-
-class CpuTimes:
-    """CPU times of ticks in seconds, of classes with a histogram in nanoseconds as `cpu`."""
-
-    cpu: LogHistogram
-
-    @property
-    def cpu_p50(self) -> float:
-        """Median CPU time of a tick [s]."""
-        return 1e-9 * self.cpu.percentile(50.0)
-
-    @property
-    def cpu_p99(self) -> float:
-        """99th percentile of a tick's CPU time [s]."""
-        return 1e-9 * self.cpu.percentile(99.0)
-
-    @property
-    def cpu_max(self) -> float:
-        """Largest CPU time of a tick [s]."""
-        return 1e-9 * self.cpu.largest

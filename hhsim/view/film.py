@@ -27,7 +27,7 @@ from hhsim.system.atomic_write import partial_file, write_atomically
 from hhsim.system.input_file import media_kind_of
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
-from hhsim.view.moment import Moment, both_hands, clearest_view, moment, overview_tick
+from hhsim.view.scene_log import Moment, both_hands, clearest_view, moment, overview_tick
 from hhsim.view.viewer import shown_scene
 
 Picture = NDArray[np.uint8]

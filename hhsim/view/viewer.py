@@ -1,9 +1,8 @@
-"""Results in the rerun viewer: one by itself, or several side by side on one time axis."""
+"""A result in the rerun viewer, with all of its hands."""
 
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -30,9 +29,7 @@ from hhsim.view.plots import (
     Plot,
     blueprint,
     loop_values,
-    scene_view,
     shown_ticks,
-    whole_blueprint,
 )
 from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, OBJECT, RerunScene, ShownScene, status_words
 from hhsim.view.sink import NOTEBOOK, RerunTarget, rerun_stream
@@ -64,16 +61,9 @@ class Shown(NamedTuple):
         result, touching = self.result, np.flatnonzero(self.result["contacts/touching"])
         some = touching[:: max(1, len(touching) // MOST_FRAMED)] if len(touching) else np.arange(1)
         joints = (result.at(int(tick), ("graphic/joints",))["graphic/joints"] for tick in some)
-        hand = np.concatenate([placed.reshape(-1, 3) for placed in joints])
         bodies = (self.scene.placed(result.meshes_moved(int(tick))).bounds for tick in some)
-        points = np.concatenate([hand, *bodies])
+        points = np.concatenate([*(placed.reshape(-1, 3) for placed in joints), *bodies])
         return np.stack([points.min(axis=0), points.max(axis=0)])
-
-    def hidden(self) -> list[str]:
-        """Return the entities that are not shown at first."""
-        # The viewer draws spheres with flat facets: the mesh would show through where no sphere leaves it.
-        names = {OBJECT: self.scene.spheres, "world/graphic": self.result.skin_faces is not None}
-        return [f"{self.root}{name}" for name, is_hidden in names.items() if is_hidden]
 
 
 @dataclass(frozen=True)
@@ -103,36 +93,30 @@ def view_result(
     `spheres` the leaf spheres stand in place of the object's mesh. Raises InputError for a result without a tick, or
     that cannot be read; and as `rerun_stream`, OutputError too.
     """
-    return _view([[result]], target, every, progress, spheres=spheres)
+    return _view([result], target, every, progress, spheres=spheres)
 
 
-def view_files(
-    paths: Sequence[Path], target: RerunTarget, *, every: int = 1, spheres: bool = False, progress: Progress = silent
+def view_file(
+    path: Path, target: RerunTarget, *, every: int = 1, spheres: bool = False, progress: Progress = silent
 ) -> Viewed:
-    """Show every hand of result files, the hands of a file in one view; arguments and errors as of `view_result`."""
-    files = [[*load_result(path).hands.values()] for path in paths]
-    return _view(files, target, every, progress, spheres=spheres)
+    """Show every hand of a result file in one view; arguments and errors as of `view_result`."""
+    return _view([*load_result(path).hands.values()], target, every, progress, spheres=spheres)
 
 
-def _view(
-    files: Sequence[Sequence[Result]], target: RerunTarget, every: int, progress: Progress, *, spheres: bool
-) -> Viewed:
-    """Show results, those of a file in one view."""
+def _view(hands: Sequence[Result], target: RerunTarget, every: int, progress: Progress, *, spheres: bool) -> Viewed:
     if every < 1:
         raise InputError(f"every {every} ticks: expected 1 or more")
-    alone = len(files) == 1 and len(files[0]) == 1
     shown = []
-    for number, file in enumerate(files, 1):
-        for result in file:
-            if result.ticks == 0:
-                raise InputError(f"{result.label} holds no tick")
-            root = "" if alone else f"file-{number}/{f'{result.name}/' if len(file) > 1 else ''}"
-            shown.append(Shown(root, result, shown_scene(result, spheres=spheres)))
-    with rerun_stream(target, APPLICATION, arranged(shown[0]) if alone else _side_by_side(shown)) as stream:
-        stream.send_recording_name(", ".join(dict.fromkeys(one.result.path.name for one in shown)))
+    for result in hands:
+        if result.ticks == 0:
+            raise InputError(f"{result.label} holds no tick")
+        root = f"{result.name}/" if len(hands) > 1 else ""
+        shown.append(Shown(root, result, shown_scene(result, spheres=spheres)))
+    with rerun_stream(target, APPLICATION, arranged(shown)) as stream:
+        stream.send_recording_name(hands[0].path.name)
         for one in shown:
             send_ticks(RerunScene(stream, one.scene, one.root), one.result, every, progress)
-    ticks = [one.result.ticks for one in shown]
+    ticks = [result.ticks for result in hands]
     return Viewed(sum(ticks), sum(-(-count // every) for count in ticks), target)
 
 
@@ -195,39 +179,26 @@ def result_plots(result: Result) -> tuple[Plot, ...]:
     return RESULT_PLOTS if result.live is None else LIVE_PLOTS
 
 
-def arranged(shown: Shown) -> "rrb.Blueprint":
-    """Arrange the views of a result; the scene is seen from where object and hand fill it while they touch."""
-    result, (low, high) = shown.result, shown.bounds()
-    duration = 1e-3 * result["duration/total"]
+def arranged(shown: Sequence[Shown]) -> "rrb.Blueprint":
+    """Arrange the views of the hands of a file; the scene is seen from where it fills the view while they touch."""
+    result, corners = shown[0].result, np.array([one.bounds() for one in shown])
+    low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
+    duration = np.concatenate([1e-3 * one.result["duration/total"] for one in shown])
     # A pause of the machine is a thousand ticks long: it would flatten all that the plot is for.
     top = min(float(duration.max()), 4.0 * float(np.quantile(duration, 0.99)))
-    title = f"{result.path.name}: graphic hand, haptic hand (blue), contact forces (red)"
-    extent, tops = float(np.linalg.norm(high - low)), {TIME: max(top, 1.0)}
-    return blueprint(0.5 * (low + high), extent, title, result_plots(result), hidden=shown.hidden(), tops=tops)
-
-
-def _side_by_side(shown: Sequence[Shown]) -> "rrb.Blueprint":
-    """Arrange a view for each file, and beside them the plots of each hand."""
-    import rerun.blueprint as rrb
-
-    views = []
-    for file, of_it in groupby(shown, key=lambda one: one.root.partition("/")[0]):
-        hands = list(of_it)
-        bounds = np.concatenate([one.bounds() for one in hands])
-        extent = float(np.linalg.norm(np.ptp(bounds, axis=0)))
-        middle = 0.5 * (bounds.min(axis=0) + bounds.max(axis=0))
-        # Two hands have one object, which is drawn once.
-        hidden = [*(name for one in hands for name in one.hidden()), *(f"{one.root}{OBJECT}" for one in hands[1:])]
-        origin = f"{hands[0].root}world" if len(hands) == 1 else file
-        views.append(scene_view(origin, hands[0].result.path.name, middle, extent, hidden))
-    plots = [
-        rrb.Vertical(
-            *(rrb.TimeSeriesView(origin=f"{one.root}{plot.path}", name=plot.title) for plot in RESULT_PLOTS),
-            name=one.result.label,
-        )
-        for one in shown
-    ]
-    return whole_blueprint(rrb.Horizontal(rrb.Grid(*views), rrb.Tabs(*plots), column_shares=[3, 2]))
+    # The viewer draws spheres with flat facets: the mesh would show through where no sphere leaves it. Two hands have
+    # one object, which is drawn once.
+    hidden = [f"{one.root}{OBJECT}" for one in shown if one.scene.spheres or one is not shown[0]]
+    hidden += [f"{one.root}world/graphic" for one in shown if one.result.skin_faces is not None]
+    return blueprint(
+        0.5 * (low + high),
+        float(np.linalg.norm(high - low)),
+        f"{result.path.name}: graphic hand, haptic hand (blue), contact forces (red)",
+        result_plots(result),
+        hidden=hidden,
+        tops={TIME: max(top, 1.0)},
+        hands={one.root: one.result.name for one in shown},
+    )
 
 
 def description(result: Result) -> str:

@@ -11,7 +11,7 @@ import pytest
 from conftest import Run
 from sweep_plans import PLAN, write_plan
 
-from hhsim.sweep import sweep as module
+from hhsim.sweep import engines
 from hhsim.sweep.cell_run import CellTask
 from hhsim.sweep.engines import TaskEnd
 
@@ -20,11 +20,11 @@ from hhsim.sweep.engines import TaskEnd
 def planned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A plan whose cells run in this process; those of `paper` fail."""
 
-    def here(tasks: Sequence[CellTask], options: object) -> Any:
+    def here(tasks: Sequence[CellTask], scheduler: str, jobs: int) -> Any:
         for task in tasks:
             yield TaskEnd(task.digest, "no way") if task.cell.method == "paper" else task.run()
 
-    monkeypatch.setattr(module, "_engine", here)
+    monkeypatch.setattr(engines, "run_tasks", here)
     return write_plan(
         tmp_path, PLAN.replace('"penalty"', '"paper"') + "[options.deep]\nlevel = 3\nlinearisations = 9\n"
     )

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import h5py
 import numpy as np
@@ -19,9 +18,8 @@ from sealed_change import changed
 
 from hhsim.errors import InputError
 from hhsim.gate.gate import GateReport, RecordedScene, gate_result, load_baseline, write_baseline
-from hhsim.gate.input_hash import TOLERANCE, differences
 from hhsim.gate.metrics import COUNTERS, RunFigures, compared_metrics, run_figures
-from hhsim.gate.report import cells, headline, junit, markdown, number_text
+from hhsim.gate.report import cells, headline, markdown, number_text
 from hhsim.gate.run import RunFailed, Side
 from hhsim.gate.suite import (
     GateScene,
@@ -32,9 +30,10 @@ from hhsim.gate.suite import (
     parse_suite,
     usual_limits,
 )
-from hhsim.gate.verdict import GateRow, judge_figures, judge_time, overall
+from hhsim.gate.verdict import GateRow, judge_figures, judge_run, judge_time, overall
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.replay.replay import replay_scene
+from hhsim.replay.run_inputs import TOLERANCE, differences
 from hhsim.replay.summary_table import default_limits
 from hhsim.result.reader import load_result
 from hhsim.scene.scene import open_scene
@@ -349,10 +348,8 @@ def test_siblings_in_another_order_are_the_same_tree(result: Path, stored: Path)
 
 
 def test_an_option_that_only_one_side_has_is_told_and_does_not_stop(figures: RunFigures) -> None:
-    from hhsim.gate.verdict import judge_inputs
-
     newer = replace(figures, inputs=replace(figures.inputs, solver={**figures.inputs.solver, "novel": 1}))
-    row = judge_inputs("tiny", newer, figures)
+    row = judge_run("tiny", newer, figures, {}, SLACK)[0]
     assert (row.verdict, row.reason) == ("same", "options that only one side has: novel")
 
 
@@ -418,7 +415,7 @@ def row(verdict: str, passed: bool = True, kind: str = "counter") -> GateRow:
 def test_a_folder_without_a_suite_is_told_before_the_default_one_is_run(
     run: Run, figures: RunFigures, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Side, "figures", lambda side, scene, folder: figures)
+    monkeypatch.setattr("hhsim.gate.gate.measured", lambda scene, side, folder, read: figures)
     answer = run("gate", "--no-time")
     told = f"hhsim: note: no hhsim-gate.toml in {Path.cwd()}: hhsim's own default suite is run"
     assert answer.err.splitlines()[0] == told
@@ -610,16 +607,6 @@ def test_markdown_shows_what_changed_and_folds_the_rest() -> None:
     assert markdown(report_of(row("not comparable"))).startswith("## ⚠️")
 
 
-def test_junit_has_a_case_for_each_figure_and_holds_what_xml_cannot() -> None:
-    bad = GateRow("a", "error", "n", 'label <&">', "µm", 5e-6, 0.0, 1e-6, "worse", False, 'over <the> "limit"')
-    worse = replace(row("", passed=False), scene="a\x1b", reason="\x1b[31mSegmentation fault\x00 in \udcff.h5")
-    root = ElementTree.fromstring(junit(report_of(bad, row("same"), row("not comparable"), worse)))
-    counts = [(suite.get("name"), suite.get("tests"), suite.get("failures"), suite.get("errors")) for suite in root]
-    assert counts == [("a", "1", "1", "0"), ("s", "2", "0", "1"), ("a?", "1", "1", "0")]
-    told = [failure.get("message") for failure in root.iter("failure")]
-    assert told == ['over <the> "limit"', "?[31mSegmentation fault? in ?.h5"]
-
-
 def test_the_command_judges_a_result(run: Run, stored: Path, result: Path, tmp_path: Path) -> None:
     write_suite(tmp_path)
     answer = run("gate", str(stored), "--baseline", str(stored), "--json")
@@ -647,34 +634,22 @@ def test_the_command_prints_what_is_the_same_in_one_line(run: Run, stored: Path,
     assert not any("penetration, max" in line for line in lines)
 
 
-def cases(path: Path) -> dict[str, dict[str, int]]:
-    """How many cases of each kind each suite of a JUnit file has."""
-    kinds = ("failure", "error", "system-out")
-    suites = ElementTree.parse(path).getroot()
-    return {
-        str(suite.get("name")): {kind: len(suite.findall(f"testcase/{kind}")) for kind in kinds} for suite in suites
-    }
-
-
-def test_a_scene_that_cannot_be_run_is_an_error_in_every_report(
+def test_a_scene_that_cannot_be_run_is_refused_in_every_report(
     run: Run, figures: RunFigures, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def judged(side: Side, scene: GateScene, folder: Path) -> RunFigures:
+    def measured(scene: GateScene, side: Side, folder: Path, read: Any) -> RunFigures:
         if scene.name == "gone":
-            raise RunFailed("unknown object 'cub'", side=side.name, refused=True)
+            raise RunFailed("unknown object 'cub'", scene, side, refused=True)
         return figures
 
-    monkeypatch.setattr(Side, "figures", judged)
+    monkeypatch.setattr("hhsim.gate.gate.measured", measured)
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(tmp_path / "summary.md"))
     suite = tmp_path / "own.toml"
     suite.write_text(SUITE + '[[scene]]\nname = "gone"\nobject = "cub"\ntrajectory = "pinch"\n')
-    reports = ("--junit", "gate.xml", "--markdown", "gate.md", "--step-summary")
+    reports = ("--markdown", "gate.md", "--step-summary")
     answer = run("gate", "own.toml", "--no-time", *reports, "--write-baseline", "baseline.json")
     assert (answer.code, (answer.err + answer.out).count("unknown object 'cub'")) == (2, 1)
     assert "hhsim: error: gone: unknown object 'cub'" in answer.err and not (tmp_path / "baseline.json").exists()
-    found = cases(tmp_path / "gate.xml")
-    assert found["gone"] == {"failure": 0, "error": 1, "system-out": 0}
-    assert (found["tiny"]["failure"], found["tiny"]["error"]) == (0, 0) and found["tiny"]["system-out"] > 9
     for name in ("gate.md", "summary.md"):
         assert (tmp_path / name).read_text().startswith("## ❌ hhsim gate\n\nrefused: 1 cannot be run")
     document = json.loads(run("gate", "own.toml", "--no-time", "--json").out)
@@ -695,7 +670,6 @@ def test_what_cannot_be_gated_at_all_is_one_line_and_one_error(
 ) -> None:
     (tmp_path / "broken.toml").write_text("version = ")
     (tmp_path / "tiny.toml").write_text(SUITE)
-    answer = run("gate", *arguments, "--junit", "gate.xml", "--markdown", "gate.md")
+    answer = run("gate", *arguments, "--markdown", "gate.md")
     assert answer.code == 2 and why in answer.err and len(answer.err.splitlines()) == 1
-    assert cases(tmp_path / "gate.xml") == {arguments[0]: {"failure": 0, "error": 1, "system-out": 0}}
     assert "refused: 1 cannot be run" in (tmp_path / "gate.md").read_text()

@@ -231,7 +231,7 @@ REGRESSIONS: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "killed": (
         session(attribute("killed", "hands/right/live", "ended", lambda x: KILLED)),
-        f"session, ended early or was killed (1: yes): over the limit: {KILLED}",
+        "session, ended early or was killed (1: yes): over the limit",
     ),
     "malformed": (session(malformed), "session, malformed packets, of all of the glove's: over the limit"),
     "freed": (

@@ -15,7 +15,6 @@ from sampled import sampled
 from short_grasp import result_of, shortened
 from sphere_scenes import bumpy_ball
 
-from hhsim.gate.input_hash import run_inputs
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.hand_shape import HandShape
@@ -24,6 +23,7 @@ from hhsim.metrics.run.registry import tick_figures
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.motion.file import save_trajectory
 from hhsim.motion.trajectory import Trajectory
+from hhsim.replay.run_inputs import run_inputs
 from hhsim.report.run import posed_result
 from hhsim.result.motion import load_result_motion
 from hhsim.result.reader import Result, load_result

@@ -15,9 +15,9 @@ from sealed_change import changed
 from short_grasp import result_of, short_grasp, short_scene
 
 from hhsim.errors import InputError
-from hhsim.gate.input_hash import differences, run_inputs
 from hhsim.gate.metrics import run_figures
 from hhsim.motion.trajectory import ObjectMotion
+from hhsim.replay.run_inputs import differences, run_inputs
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, SCHEMA_VERSION
 from hhsim.scene.body import Driven

@@ -27,11 +27,10 @@ from hhsim.report import time_series as report_series
 from hhsim.report.figure import RUN_STYLES, ReportFigure, run_style, time_text
 from hhsim.report.histogram import histogram_figure
 from hhsim.report.pictures import hand_picture, worst_ticks
-from hhsim.report.speed_error import speed_error_figure
 from hhsim.report.time_series import Run, minmax_band, series_figure
-from hhsim.report.trade_off import MARKS
+from hhsim.report.trade_off import MARKS, speed_error_figure
 from hhsim.result.reader import Result, load_result
-from hhsim.view.moment import overview_tick
+from hhsim.view.scene_log import overview_tick
 
 pytestmark = pytest.mark.slow
 

@@ -16,7 +16,7 @@ from sampled import sampled
 from short_grasp import short_result
 
 from hhsim.errors import InputError, OutputError
-from hhsim.report import speed_error
+from hhsim.report import trade_off
 from hhsim.report.figure import DPI, PAGE_INCHES, ReportFigure
 from hhsim.report.figure_file import FIGURES, check_figure_path, make_figure, parse_width, write_figure
 from hhsim.table.file import write_table
@@ -111,11 +111,11 @@ def test_labels_of_many_results_keep_apart_and_within_the_figure(
     """Ticks of 1 µs to 50 ms, the most decades in a panel, and depths of five digits, the longest numbers."""
     times = np.geomspace(1e-6, 5e-2, count)
 
-    def measured(label: str, result: object) -> speed_error.SpeedError:
+    def measured(label: str, result: object) -> trade_off.SpeedError:
         time = times[ord(label[0]) - ord("A")]
-        return speed_error.SpeedError(label, time, time, 0.27 * time, time, 1e3 * time, of_paper=True)
+        return trade_off.SpeedError(label, time, time, 0.27 * time, time, 1e3 * time, of_paper=True)
 
-    monkeypatch.setattr(speed_error, "_measured", measured)
+    monkeypatch.setattr(trade_off, "_measured", measured)
     with drawn(make_figure([path] * count, "speed-error"), inches, narrow=inches < 6.4) as figure:
         texts = [text for text in figure.findobj(Text) if isinstance(text, Text) and text.get_visible()]
         boxes = [(text.get_text(), text.get_window_extent()) for text in texts if text.get_text()]

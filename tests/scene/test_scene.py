@@ -18,9 +18,9 @@ from sphere_scenes import bumpy_ball
 import hhsim
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.gate.input_hash import differences, run_inputs
 from hhsim.hand.model import HandModel
 from hhsim.motion.trajectory import Trajectory
+from hhsim.replay.run_inputs import differences, run_inputs
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.scene import make_scene
 from hhsim.verify.claim import judged

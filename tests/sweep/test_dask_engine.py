@@ -1,6 +1,7 @@
 """Cells on Dask: the same files as in processes, what fails, and one line where Dask or its scheduler is missing."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,8 @@ from hhsim.sweep import engines
 from hhsim.sweep.cell_run import CellTask
 from hhsim.sweep.engines import run_on_dask, run_with_client
 from hhsim.sweep.folder import SweepFolder
-from hhsim.sweep.plan import load_plan, source_digest
+from hhsim.sweep.input_files import source_digest
+from hhsim.sweep.plan import load_plan
 from hhsim.sweep.sweep import SweepOptions, run_sweep
 
 ignored = pytest.mark.filterwarnings("ignore")
@@ -23,7 +25,8 @@ def tasks(tmp_path: Path, folder: str, text: str = PLAN) -> list[CellTask]:
     plan = load_plan(write_plan(tmp_path, text))
     (tmp_path / folder).mkdir()
     more: dict[str, Any] = {"wants_core": False, "sources": source_digest()}
-    return [CellTask(cell.cell, cell.digest, str(tmp_path), str(tmp_path / folder), **more) for cell in plan.cells]
+    more |= {"plan_folder": str(tmp_path), "folder": str(tmp_path / folder)}
+    return [CellTask(cell=cell.cell, digest=cell.digest, **more) for cell in plan.cells]
 
 
 @ignored
@@ -31,7 +34,7 @@ def test_a_cluster_makes_the_same_files(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     here, there = tasks(tmp_path, "here"), tasks(tmp_path, "there")
     assert not any(task.run().reason for task in here)
-    lost = CellTask(there[0].cell, "lost", str(tmp_path), str(tmp_path / "there"), sources="another")
+    lost = replace(there[0], digest="lost", sources="another")
     with (
         distributed.LocalCluster(
             n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None, protocol="inproc"

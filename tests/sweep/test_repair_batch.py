@@ -3,11 +3,6 @@
 import csv
 import io
 import json
-import random
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -18,7 +13,6 @@ from fake_repairs import run, tree, write_manifest
 from hhsim.errors import OutputError
 from hhsim.repair.request import PICTURE, RepairOutcome, RepairRequest
 from hhsim.sweep import engines
-from hhsim.sweep import repair_batch as module
 from hhsim.sweep.folder import locked
 from hhsim.sweep.input_files import CHANGED
 from hhsim.sweep.repair_batch import run_manifest
@@ -30,7 +24,7 @@ LIMIT = "time_limit = 1.0\n"
 @pytest.fixture
 def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Run the rows here, one after the other."""
-    monkeypatch.setattr(module, "run_tasks", lambda tasks, *_: (task.run() for task in tasks))
+    monkeypatch.setattr(engines, "run_tasks", lambda tasks, *_: (task.run() for task in tasks))
 
 
 def ran(out: Path) -> list[str]:
@@ -133,7 +127,7 @@ def test_an_interrupted_run_says_what_is_done(tmp_path: Path, monkeypatch: pytes
         yield tasks[0].run()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(module, "run_tasks", interrupted)
+    monkeypatch.setattr(engines, "run_tasks", interrupted)
     path = write_manifest(tmp_path, "copy 1", "copy 2", "copy 3")
     with pytest.raises(KeyboardInterrupt) as caught:
         run(path, tmp_path / "out")
@@ -202,27 +196,6 @@ def test_a_folder_of_others_and_one_that_is_worked_in_are_left_alone(tmp_path: P
         pytest.raises(OutputError, match="another repair works in"),
     ):
         run(path, tmp_path / "out")
-
-
-@pytest.mark.usefixtures("in_this_process")
-@pytest.mark.parametrize("kills", [1, pytest.param(5, marks=pytest.mark.soak)])
-@pytest.mark.soak
-def test_killed_and_resumed_it_has_the_same_files(tmp_path: Path, kills: int) -> None:
-    path = write_manifest(tmp_path, *(f"slow {number}" for number in range(4 * kills + 4)), "refuse 1")
-    run(path, tmp_path / "undisturbed")
-    out, chance = tmp_path / "killed", random.Random(kills)
-    environment = {"PYTHONPATH": str(Path(fake_repairs.__file__).parent)}
-    command = [sys.executable, fake_repairs.__file__, str(path), str(out), "2"]
-    for _ in range(kills):
-        with subprocess.Popen(command, env=environment) as process:
-            done = len(list(out.glob("*/outcome.json")))
-            while process.poll() is None and len(list(out.glob("*/outcome.json"))) < done + 2:
-                time.sleep(0.01)
-            time.sleep(chance.uniform(0.0, 0.1))
-            process.send_signal(signal.SIGKILL)
-        assert process.returncode == -signal.SIGKILL and not (out / "table.csv").exists()
-    subprocess.run(command, env=environment, check=True)
-    assert tree(out) == tree(tmp_path / "undisturbed")
 
 
 @pytest.mark.usefixtures("in_this_process")

@@ -14,13 +14,13 @@ from sweep_plans import PLAN, without_times, write_plan
 from hhsim.errors import OutputError
 from hhsim.mesh.shapes import box
 from hhsim.result.reader import load_result
-from hhsim.sweep import sweep as module
+from hhsim.sweep import engines
 from hhsim.sweep.cell_run import CellTask
 from hhsim.sweep.cell_table import cell_rows
 from hhsim.sweep.engines import CRASHED
 from hhsim.sweep.folder import SweepFolder
-from hhsim.sweep.input_files import CHANGED
-from hhsim.sweep.plan import load_plan, source_digest
+from hhsim.sweep.input_files import CHANGED, source_digest
+from hhsim.sweep.plan import load_plan
 from hhsim.sweep.sweep import SweepOptions, SweepSummary, estimate, run_sweep
 
 Run = Callable[..., Any]
@@ -50,12 +50,12 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Run the cells here, one after the other; which ones."""
     ran: list[str] = []
 
-    def here(tasks: Sequence[CellTask], options: SweepOptions) -> Any:
+    def here(tasks: Sequence[CellTask], scheduler: str, jobs: int) -> Any:
         for task in tasks:
             ran.append(task.cell.label)
             yield task.run()
 
-    monkeypatch.setattr(module, "_engine", here)
+    monkeypatch.setattr(engines, "run_tasks", here)
     return ran
 
 
@@ -150,13 +150,13 @@ def test_a_file_that_is_replaced_is_kept_under_no_digest_but_its_own(
     path, out, before = write_plan(tmp_path, text), tmp_path / "out", (tmp_path / name).read_text()
     replaced = [True]
 
-    def here(tasks: Sequence[CellTask], options: SweepOptions) -> Any:
+    def here(tasks: Sequence[CellTask], scheduler: str, jobs: int) -> Any:
         for task in tasks:
             yield task.run()
             if replaced[0]:
                 (tmp_path / name).write_text(before + "\n# another")
 
-    monkeypatch.setattr(module, "_engine", here)
+    monkeypatch.setattr(engines, "run_tasks", here)
     first = swept(path, out)
     assert (first.run, [reason for _, reason in first.failed]) == (1, [CHANGED])
     (kept,) = rows(out)
@@ -169,10 +169,9 @@ def test_a_file_that_is_replaced_is_kept_under_no_digest_but_its_own(
 
 def test_another_hhsim_or_a_folder_that_is_not_seen_fails_the_cell(tmp_path: Path) -> None:
     planned = load_plan(write_plan(tmp_path)).cells[0]
-    task = CellTask(planned.cell, planned.digest, str(tmp_path), str(tmp_path), sources="another")
-    assert "is another one" in task.run().reason
-    task = CellTask(planned.cell, planned.digest, str(tmp_path), str(tmp_path / "no"), sources=source_digest())
-    assert "sees no folder" in task.run().reason
+    for folder, sources, said in (("", "another", "is another one"), ("no", source_digest(), "sees no folder")):
+        of_cell: dict[str, Any] = {"cell": planned.cell, "digest": planned.digest, "plan_folder": str(tmp_path)}
+        assert said in CellTask(**of_cell, folder=str(tmp_path / folder), sources=sources).run().reason
 
 
 def test_one_sweep_at_a_time_works_in_a_folder_and_no_other_files_are_there(tmp_path: Path) -> None:

@@ -23,11 +23,10 @@ from hhsim.render.triangle_soup import piece_poses
 from hhsim.result.reader import Result, load_result
 from hhsim.result.writer import add_skin
 from hhsim.view import sink
-from hhsim.view.moment import moment
 from hhsim.view.plots import CONTACTS, DEPTH, FORCE, RESULT_PLOTS, TIME, VARIATION
-from hhsim.view.scene_log import FORCE_LENGTH, NORMAL_LENGTH, vertex_normals
+from hhsim.view.scene_log import FORCE_LENGTH, NORMAL_LENGTH, moment, vertex_normals
 from hhsim.view.sink import check_target, parse_target, viewer_program
-from hhsim.view.viewer import shown_scene, view_files, view_result
+from hhsim.view.viewer import shown_scene, view_result
 from tools.shapes.generators import sphere
 
 
@@ -120,19 +119,6 @@ def test_the_arrows_are_the_forces(recording: Recording, result: Result) -> None
     held = slice(160, 180)
     np.testing.assert_allclose(total[held], result["force/total"][held], atol=2e-2)
     assert np.linalg.norm(total[held], axis=1).min() > 0.5
-
-
-@pytest.mark.soak
-def test_several_files_are_side_by_side(result: Result, tmp_path: Path) -> None:
-    (tmp_path / "other.h5").write_bytes(result.path.read_bytes())
-    target = parse_target(str(tmp_path / "both.rrd"))
-    viewed = view_files([result.path, tmp_path / "other.h5"], target, every=10)
-    assert viewed.to_json() == {"ticks": 360, "shown_ticks": 36, "rerun": str(target)}
-    recording = Recording(tmp_path / "both.rrd")
-    for root in ("/file-1", "/file-2"):
-        found = recording.array(f"{root}/world/graphic/palm", "Transform3D:translation")[:, 0]
-        np.testing.assert_allclose(found, result["graphic/position"][::10], atol=1e-7)
-        assert len(recording.rows(f"{root}/plots/force", "Scalars:scalars")) == 18
 
 
 def test_the_phases_and_the_state_of_the_ticks_are_lanes(recording: Recording, result: Result) -> None:

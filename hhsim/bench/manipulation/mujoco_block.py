@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhsim.bench.manipulation.stage import QUIET, RATE, Pinch, PinchOutcome, Rest
+from hhsim.bench.manipulation.stage import QUIET, RATE, Pinch, Rest
 
 TIP_MASS = 0.02
 """Mass of a fingertip [kg]."""
@@ -37,8 +37,8 @@ CONFIGURATIONS = {
 """Default options, and those that the documentation recommends against slip."""
 
 
-def mujoco_pinch(pinch: Pinch, options: EngineOptions) -> PinchOutcome:
-    """Pinch, lift and hold in MuJoCo; ImportError where it is not installed."""
+def mujoco_pinch(pinch: Pinch, options: EngineOptions) -> tuple[bool, float, float]:
+    """Pinch, lift and hold in MuJoCo; return `Pinch.outcome` and the fingers' depth [m]; ImportError without it."""
     import mujoco
 
     model = mujoco.MjModel.from_xml_string(_scene(pinch, options))
@@ -55,7 +55,7 @@ def mujoco_pinch(pinch: Pinch, options: EngineOptions) -> PinchOutcome:
         touching = data.contact.geom.max(axis=1) > 1 if data.ncon else np.zeros(0, bool)
         if touching.any():
             depth = max(depth, -float(np.asarray(data.contact.dist)[touching].min()))
-    return pinch.outcome(height - height[0], depth)
+    return (*pinch.outcome(height - height[0]), depth)
 
 
 def mujoco_rest(rest: Rest, options: EngineOptions) -> tuple[float, float]:

@@ -7,9 +7,8 @@ between the tips, at a distance L before the palm, sinks by m g (1 / k_t + L² /
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -33,6 +32,8 @@ BLOCK = 1000
 """Ticks that are run together."""
 TABLE = -1
 """Body number of the table."""
+OF_TICKS = ("turn", "shift", "velocity", "angular_velocity", "hand_wrench", "table_wrench", "table_distance")
+"""Arrays of the solver's object, a row a tick."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,67 +55,35 @@ class Played:
     normal_force: FloatArray
     slip: FloatArray
 
-    @property
-    def ticks(self) -> int:
-        """Number of ticks."""
-        return len(self.center)
+    def of_hand(self, values: FloatArray) -> FloatArray:
+        """Return the sum over the hand's contacts of each tick, shape (T,)."""
+        own = self.body != TABLE
+        return np.asarray(np.bincount(self.tick[own], weights=values[own], minlength=len(self.center)), np.float64)
 
-    def summed(self, values: FloatArray, of_table: bool) -> FloatArray:
-        """Return the sum over the contacts of each tick, of the table or of the hand, shape (T,)."""
-        chosen = (self.body == TABLE) == of_table
-        return np.asarray(np.bincount(self.tick[chosen], weights=values[chosen], minlength=self.ticks), np.float64)
-
-    def slipped(self, of_table: bool) -> FloatArray:
-        """Return the largest slip of a contact in each tick [m], shape (T,)."""
-        found, chosen = np.zeros(self.ticks), (self.body == TABLE) == of_table
-        np.maximum.at(found, self.tick[chosen], self.slip[chosen])
+    def slipped(self) -> FloatArray:
+        """Return the largest slip of a contact of the hand in each tick [m], shape (T,)."""
+        found, own = np.zeros(len(self.center)), self.body != TABLE
+        np.maximum.at(found, self.tick[own], self.slip[own])
         return found
-
-    @cached_property
-    def rotation(self) -> FloatArray:
-        """Rotation relative to the start, shape (T, 3, 3)."""
-        return np.asarray(rotation_matrix(self.orientation))
-
-    def energy(self) -> FloatArray:
-        """Return the kinetic and potential energy [J], shape (T,)."""
-        free = self.free
-        spin = np.einsum("tji,tj->ti", self.rotation, self.angular_velocity)
-        rotational = 0.5 * np.einsum("ti,ij,tj->t", spin, np.array(free.inertia), spin)
-        kinetic = 0.5 * free.mass * (self.velocity**2).sum(axis=1)
-        potential = -free.mass * self.center @ np.array(free.gravity)
-        return np.asarray(kinetic + rotational + potential, np.float64)
-
-    def angular_momentum(self) -> FloatArray:
-        """Return the angular momentum about the centre of mass [N·m·s], shape (T, 3)."""
-        inertia = self.rotation @ np.array(self.free.inertia) @ self.rotation.transpose(0, 2, 1)
-        return np.asarray(np.einsum("tij,tj->ti", inertia, self.angular_velocity))
 
 
 def play(
     free: FreeObject, surface: ContactSurface, hand: HandModel, options: SolverOptions, haptic: HandConfiguration
 ) -> Played:
     """Run the ticks of a motion."""
-    blocks = list(_blocks(HandSolver(hand, surface, options, free=free), haptic))
-    whole = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
-    turn, shift = whole.pop("turn"), whole.pop("shift")
-    center = np.einsum("tij,j->ti", rotation_matrix(turn), np.array(free.center)) + shift
-    return Played(free=free, center=center, orientation=turn, **whole)
-
-
-def _blocks(solver: HandSolver, haptic: HandConfiguration) -> Iterator[dict[str, NDArray[Any]]]:
-    begun = 0
+    solver, blocks = HandSolver(hand, surface, options, free=free), list[dict[str, NDArray[Any]]]()
     for first in range(0, haptic.ticks, BLOCK):
         record = solver.run(*haptic.part(first, first + BLOCK))
         found = solver.object_ticks
         ticks, rows = len(found.turn), int(found.contact[-1])
-        names = ("turn", "shift", "velocity", "angular_velocity", "hand_wrench", "table_wrench", "table_distance")
-        yield {
-            **{name: getattr(found, name) for name in names},
-            **{name: np.array(getattr(found, name)[:rows]) for name in ("body", "normal_force", "slip")},
-            "tick": begun + np.repeat(np.arange(ticks), np.diff(found.contact[: ticks + 1])),
-            "joints": record.joints,
-        }
-        begun += ticks
+        block = {name: getattr(found, name) for name in OF_TICKS}
+        block |= {name: np.array(getattr(found, name)[:rows]) for name in ("body", "normal_force", "slip")}
+        block["tick"] = first + np.repeat(np.arange(ticks), np.diff(found.contact[: ticks + 1]))
+        blocks.append({**block, "joints": record.joints})
+    whole = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+    turn, shift = whole.pop("turn"), whole.pop("shift")
+    center = np.einsum("tij,j->ti", rotation_matrix(turn), np.array(free.center)) + shift
+    return Played(free=free, center=center, orientation=turn, **whole)
 
 
 def away(ticks: int) -> HandConfiguration:
@@ -151,18 +120,6 @@ QUIET = 500
 """Ticks of a hold, or a quarter of it, until the lift has decayed."""
 LIFTED = 0.9
 """Least share of the way of a block that was lifted."""
-
-
-@dataclass(frozen=True)
-class PinchOutcome:
-    """Outcome of a pinch: if the block was lifted, its creep [m], else NaN, and a fingertip's largest depth in it [m].
-
-    Figures are of the hold after its first `QUIET` ticks.
-    """
-
-    lifted: bool
-    creep: float
-    depth: float
 
 
 @dataclass(frozen=True)
@@ -223,13 +180,12 @@ class Pinch:
         start = RATE * (self.closing + self.settling)
         return self.lift * minimum_jerk((np.asarray(tick) - start) / (RATE * self.lifting))
 
-    def outcome(self, height: FloatArray, depth: float) -> PinchOutcome:
-        """Return the outcome from the block's height over its start at every tick [m], shape (ticks,)."""
+    def outcome(self, height: FloatArray) -> tuple[bool, float]:
+        """Return if the block was lifted, and its creep [m], else NaN; from its rise at every tick [m], (ticks,)."""
         held = height[self.held_from :]
         lifted = bool(held[0] > LIFTED * self.lift)
         rest = held[min(QUIET, len(held) // 4) :]
-        creep = float(np.abs(rest - rest[0]).max()) if lifted else float("nan")
-        return PinchOutcome(lifted, creep, depth)
+        return lifted, float(np.abs(rest - rest[0]).max()) if lifted else math.nan
 
 
 @dataclass(frozen=True)
@@ -318,13 +274,6 @@ def gripped(pinch: Pinch, *, torsion: float = TORSION, off_center: float = 0.0) 
     inward = pinch.gap * pinch.closed_at(ticks) + pinch.squeeze_at(ticks) / pinch.stiffness
     hand = gripper(pinch.side + 2.0 * pinch.gap, pinch.tip_radius)
     return play(free, touched(mesh), hand, gripper_options(pinch.stiffness), closed(inward, position))
-
-
-def own_outcome(pinch: Pinch) -> PinchOutcome:
-    """Return the outcome of a pinch by hhsim."""
-    played = gripped(pinch)
-    height = played.center[:, 2] - played.center[0, 2]
-    return pinch.outcome(height, max(0.0, -float(clearance(played, pinch).min())))
 
 
 def clearance(played: Played, pinch: Pinch) -> FloatArray:

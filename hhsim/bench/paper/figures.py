@@ -47,6 +47,8 @@ BUDGET_COLOR = "#b00020"
 KINDS = (".png", ".pdf", ".svg")
 LETTER, LINE = 0.075, 0.16
 """Width of a letter and height of a line of the text below a figure [inches]."""
+CURVES_TOP = 5.8
+"""Height of the upper edge of the curves [inches]."""
 TILE = 150
 """Rows and columns of a small picture [pixels]."""
 PALETTE = 256
@@ -135,15 +137,17 @@ def _forces_over_time(number: str, runs: Sequence[SceneRun]) -> "Figure":
                 axes.plot(values, color=PART_COLORS[part], linewidth=width, label=part)
     force = "normal force at the fingertip" if number == "12" else "contact force on the index finger"
     forces[0].set_ylabel(f"{force} [N]")
-    forces[0].legend(
-        loc="lower left", bbox_to_anchor=(0.2, 1.04), ncols=5, fontsize=8, frameon=False, columnspacing=1.0,
-        handlelength=1.2, borderaxespad=0.0,
+    # Legend and the paper's words stand once, over all columns: a column is narrower the more methods there are.
+    figure.legend(
+        *forces[0].get_legend_handles_labels(), loc="lower left", ncols=5, fontsize=9, frameon=False, columnspacing=1.0,
+        handlelength=1.2, borderaxespad=0.0, bbox_to_anchor=(0.06, (CURVES_TOP + 0.42) / figure.get_figheight()),
     )  # fmt: skip
     longest = [1e6 * run.tick_cpu.max() for run in runs]
     for axes, run, most in zip(times, runs, longest):
         axes.plot(1e6 * run.tick_cpu, color="0.25", linewidth=0.6)
-        text = f"longest {most:.0f} µs\nthe paper: {STATED[number]}"
+        text = f"longest {most:.0f} µs"
         axes.text(0.99, 0.97, text, transform=axes.transAxes, ha="right", va="top", fontsize=9, color=BUDGET_COLOR)
+    times[0].set_title(f"the paper: {STATED[number]}", fontsize=9, loc="left", pad=4, color=BUDGET_COLOR)
     times[0].set_ylim(0.0, 1.08 * float(max(longest)))
     times[0].set_ylabel("time of a tick, CPU [µs]")
     return figure
@@ -156,8 +160,8 @@ def _curves_figure(number: str, runs: Sequence[SceneRun]) -> "tuple[Figure, Sequ
     """
     shown, size, moments = list(dict.fromkeys((runs[0], runs[-1]))), 3 * TILE // 2, len(runs[-1].shown)
     row = size / 100 + 0.2
-    height = 6.8 + row * len(shown)
-    figure = new_figure(14.0, height)
+    height = CURVES_TOP + 1.25 + row * len(shown)
+    figure = new_figure(max(14.0, 3.4 * len(runs)), height)
     mesh = load_object(runs[-1].scenario.object_name).mesh
     view = best_view(runs[-1], mesh, moments // 2, _forces(number, runs[-1], moments // 2))
     for down, run in enumerate(shown, 1):
@@ -168,11 +172,11 @@ def _curves_figure(number: str, runs: Sequence[SceneRun]) -> "tuple[Figure, Sequ
             draw_scene(place, run, mesh, view, size, k, _forces(number, run, k))
             place.set_title(moment.name, fontsize=10, color="0.3", pad=1)
     said = f"skin: graphic hand; blue: haptic hand; red: {ARROWS[number]}, hollow behind another part of the hand"
-    figure.text(0.06, 1.0 - 0.25 / height, runs[-1].scenario.name, fontsize=14)
-    figure.text(0.99, 1.0 - 0.25 / height, said, fontsize=10, color="0.4", ha="right")
-    inside = {"left": 0.06, "right": 0.98, "bottom": 0.55 / height, "top": 5.8 / height}
+    figure.text(0.06, 1.0 - 0.32 / height, runs[-1].scenario.name, fontsize=14)
+    figure.text(0.99, 1.0 - 0.32 / height, said, fontsize=10, color="0.4", ha="right")
+    inside = {"left": 0.06, "right": 0.98, "bottom": 0.55 / height, "top": CURVES_TOP / height}
     # One scale for all methods: a force that jumps in one is seen to be smooth in another.
-    forces, times = figure.add_gridspec(2, len(runs), hspace=0.12, wspace=0.12, **inside).subplots(
+    forces, times = figure.add_gridspec(2, len(runs), hspace=0.16, wspace=0.12, **inside).subplots(
         sharey="row", squeeze=False
     )
     for top, bottom, run in zip(forces, times, runs):

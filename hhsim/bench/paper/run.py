@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hhsim.arrays import AnyArray, BoolArray, FloatArray
 from hhsim.bench.paper.scene import RATE, Scenario, Stage, held_ticks, hold_distances, ticks_of
-from hhsim.bench.run_errors import STEPS, digest_of, hand_clearance, placed_of
+from hhsim.bench.tick_records import digest_of, hand_clearance, placed_of
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
@@ -30,6 +30,8 @@ from hhsim.solver.options import SolverOptions
 Times = NDArray[np.float32]
 """Times of millions of ticks, to a nanosecond in ten milliseconds."""
 INDEX = FINGERS.index("index")
+STEPS = ("posture_jump_max", "posture_jump_p999", "force_contact_step", "force_contact_step_share")
+"""Figures of the paper's criterion that nothing jumps between two adjacent ticks (Section V, 2)."""
 
 COUNTS = 4096
 """Counts a turn of a 12-bit sensor."""
@@ -100,10 +102,8 @@ class SceneRun:
     steps: dict[str, float]  # figures of STEPS and UNTOLD: how far hand and force go in a tick
     # Of the index finger's force in the first hold, by the names of NOISES; none for instances.
     variation: dict[str, Variation]
-    cpu: list[Times] = field(default_factory=list)  # times of every tick [s], shape (T,), an array a repetition
-    wall: list[Times] = field(default_factory=list)
-    # Times of detection, palm, fingers and force [s], shape (T, 4), an array a repetition.
-    parts: list[Times] = field(default_factory=list)
+    # Times of every tick [s], shape (T, 6), an array a repetition: CPU, wall, detection, palm, fingers, force.
+    times: list[Times] = field(default_factory=list)
 
     @property
     def scenario(self) -> Scenario:
@@ -122,21 +122,26 @@ class SceneRun:
         return RunTicks(columns, len(self.depth), (), RATE, len(self.options.fingers))
 
     @cached_property
+    def median_times(self) -> FloatArray:
+        """Times of each tick, the medians of the repetitions [s], shape (T, 6)."""
+        return np.median(self.times, axis=0).astype(np.float64)
+
+    @property
     def tick_cpu(self) -> FloatArray:
-        """CPU time of each tick, the median of the repetitions [s], shape (T,)."""
-        return np.median(self.cpu, axis=0).astype(np.float64)
+        """CPU time of each tick [s], shape (T,)."""
+        return self.median_times[:, 0]
 
-    @cached_property
+    @property
     def tick_wall(self) -> FloatArray:
-        """Wall time of each tick, the median of the repetitions [s], shape (T,)."""
-        return np.median(self.wall, axis=0).astype(np.float64)
+        """Wall time of each tick [s], shape (T,)."""
+        return self.median_times[:, 1]
 
-    @cached_property
+    @property
     def tick_parts(self) -> FloatArray:
-        """Wall times of detection, palm, fingers and force of each tick, medians [s], shape (T, 4)."""
-        return np.median(self.parts, axis=0).astype(np.float64)
+        """Wall times of detection, palm, fingers and force of each tick [s], shape (T, 4)."""
+        return self.median_times[:, 2:]
 
-    @cached_property
+    @property
     def undisturbed(self) -> BoolArray:
         """Ticks in contact that were not interrupted, shape (T,): only wall times are known of the parts of a tick."""
         return self.contact & (self.tick_wall <= 1.5 * self.tick_cpu + 5e-6)
@@ -279,11 +284,9 @@ def _shown(stage: Stage, record: TickRecord) -> list[Moment]:
 
 
 def _keep_times(run: SceneRun, record: TickRecord) -> None:
-    run.cpu.append((1e-9 * record.duration_cpu).astype(np.float32))
-    run.wall.append((1e-9 * record.duration_total).astype(np.float32))
-    run.parts.append((1e-9 * record.duration).astype(np.float32))
-    for name in ("tick_cpu", "tick_wall", "tick_parts", "undisturbed"):
-        run.__dict__.pop(name, None)
+    times = np.column_stack([record.duration_cpu, record.duration_total, record.duration])
+    run.times.append((1e-9 * times).astype(np.float32))
+    run.__dict__.pop("median_times", None)
 
 
 def _variation(

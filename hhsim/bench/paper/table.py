@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hhsim.bench.figure_fields import mean, metric_column
-from hhsim.bench.paper.run import NOISES, UNTOLD, PaperRuns, SceneRun, percentile
+from hhsim.bench.figures import mean, metric_column
+from hhsim.bench.paper.run import NOISES, STEPS, UNTOLD, PaperRuns, SceneRun, percentile
 from hhsim.bench.paper.scene import CASES, SLIDING, held_ticks
-from hhsim.bench.run_errors import STEPS
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.mesh.catalogue import object_names
 from hhsim.metrics.run.contact import JUMP

@@ -1,6 +1,6 @@
 """Hard cases: seeded runs of a hand against an object, and the figures, each with its bar, that judge them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.objects import ball, ball_mesh, right_hand
-from hhsim.bench.robustness.safety import SafetyFigures
-from hhsim.bench.run_errors import placed_of
+from hhsim.bench.tick_records import placed_of
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
@@ -78,8 +77,7 @@ class Outcome:
     options: SolverOptions  # options that it was solved with
     record: TickRecord | None  # ticks of the last repeat of the motion; None if the method refused the scene
     refusal: str = ""  # message of the refusal, else empty
-    # Figures of all ticks.
-    safety: SafetyFigures = SafetyFigures()  # noqa: RUF009
+    safety: Mapping[str, Any] = field(default_factory=dict)  # figures of `SAFETY`, of all ticks
     limit_excess: float = 0.0  # largest excess of a joint beyond its limits [rad]
     # Graphic hands at the marks: joints and palm [m], shape (repeats, marks, 21, 3).
     marked: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 21, 3)))

@@ -21,7 +21,7 @@ from hhsim.bench.robustness.objects import (
     tree_of,
 )
 from hhsim.bench.robustness.postures import FIST, HALF, INDEX, POINTING, shifted
-from hhsim.bench.run_errors import hand_clearance, placed_of
+from hhsim.bench.tick_records import hand_clearance, placed_of
 from hhsim.hand.configuration import sequence
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.quaternion import quaternion, quaternion_product

@@ -9,7 +9,7 @@ from hhsim.bench.robustness import case
 from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.objects import ball, ball_mesh, disc, disc_mesh, plate, tree_of
 from hhsim.bench.robustness.postures import HALF, POINTING, RIM, crossings, handling, tip_at
-from hhsim.bench.run_errors import hand_clearance, placed_of
+from hhsim.bench.tick_records import hand_clearance, placed_of
 from hhsim.hand.configuration import sequence
 from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID

@@ -1,15 +1,14 @@
 """Figures of safety of a run of any length, which is measured and dropped block by block."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.figure_fields import figure, metric, totals_of
+from hhsim.bench.figures import figure, metric, summed
 from hhsim.bench.robustness.local_optimality import Pieces, stuck_with_way_out
-from hhsim.bench.run_errors import placed_of
+from hhsim.bench.tick_records import placed_of
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
@@ -19,7 +18,6 @@ from hhsim.metrics.metrics import Penetration, penetration
 from hhsim.motion.analytic_motion import hold_readings
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
-from hhsim.system.log_histogram import CpuTimes
 from hhsim.system.settings_file import Names
 
 SAFE_DEPTH = 1e-6
@@ -56,34 +54,30 @@ def not_finite(record: TickRecord) -> BoolArray:
     return bad
 
 
-def deepest(values: Sequence[float]) -> float:
-    """Return the largest of the depths; NaN if one is, that of a hand that is not finite."""
-    return float(np.max(values))
+def _deepest(depths: Sequence[float]) -> float:
+    """Return the largest depth; NaN if one is, that of a hand that is not finite."""
+    return float(np.max(depths))
 
 
-@dataclass(frozen=True, kw_only=True)
-class SafetyFigures(CpuTimes):
-    """Figures of a run by one method."""
+SAFETY = (
+    figure("ticks", "ticks run", "", sum),
+    figure("penetration", "deepest penetration", "µm", _deepest),
+    figure("penetrating", "ticks deeper than 1 um", "", sum),
+    figure("not_finite", "ticks whose hand or force is not finite", "", sum),
+    figure("touching", "ticks in touch with the object", "", sum),
+    metric("candidates_max", max),
+    figure("stuck", "ticks that kept the last feasible hand", "", sum),
+    figure("longest_stuck", "longest run of stuck ticks", "", max),
+    figure("unexplained", "stuck ticks that had a way out", "", sum),
+    figure("lagging", "ticks with distance still to go", "", sum),
+    figure("lag", "most distance still to go", "mm", max),
+)
+"""Figures of a run of any length."""
 
-    object: str = figure("object", default="")
-    method: str = figure("method of the solver", default="")
-    surface: str = figure("what of the object the hand touches", default="")
-    ticks: int = figure("ticks run", "", sum, 0)
-    penetration: float = figure("deepest penetration", "µm", deepest, 0.0)
-    penetrating: int = figure("ticks deeper than 1 um", "", sum, 0)
-    not_finite: int = figure("ticks whose hand or force is not finite", "", sum, 0)
-    touching: int = figure("ticks in touch with the object", "", sum, 0)
-    candidates_max: int = metric(max, 0)
-    stuck: int = figure("ticks that kept the last feasible hand", "", sum, 0)
-    longest_stuck: int = figure("longest run of stuck ticks", "", max, 0)
-    unexplained: int = figure("stuck ticks that had a way out", "", sum, 0)
-    lagging: int = figure("ticks with distance still to go", "", sum, 0)
-    lag: float = figure("most distance still to go", "mm", max, 0.0)
 
-    @property
-    def safe(self) -> bool:
-        """True if the hand stayed within 1 µm and finite, and no stuck tick had a free step."""
-        return self.penetration <= SAFE_DEPTH and self.not_finite == 0 and self.unexplained == 0
+def is_safe(figures: Mapping[str, Any]) -> bool:
+    """Return True if the hand stayed within 1 µm and finite, and no stuck tick had a free step; figures of `SAFETY`."""
+    return bool(figures["penetration"] <= SAFE_DEPTH and not figures["not_finite"] and not figures["unexplained"])
 
 
 class SafetyMeasure:
@@ -93,7 +87,7 @@ class SafetyMeasure:
         self._hand, self._pieces, self._options = hand, pieces, options
         self._before: HandConfiguration | None = None
         self._stuck_run = 0
-        self.figures = SafetyFigures()
+        self.figures: dict[str, Any] = {}  # of `SAFETY`, of all blocks so far; none before the first
 
     def readings(self, motion: HandConfiguration) -> HandConfiguration:
         """Return a block of the haptic motion with readings held as the solver holds them, across blocks too."""
@@ -111,26 +105,21 @@ class SafetyMeasure:
         stuck = (record.status & STATUS_STUCK) > 0
         run = np.concatenate([np.ones(self._stuck_run, bool), stuck])
         self._stuck_run = int(np.argmin(run[::-1])) if not run.all() else len(run)
-        block = SafetyFigures(
-            ticks=len(stuck),
-            penetration=float(depth.max()),
-            penetrating=int(penetrating.sum()),
-            not_finite=int(lost.sum()),
-            touching=int((record.work[:, WORK_TOUCHING] > 0).sum()),
-            candidates_max=int(record.work[:, WORK_CANDIDATES].max()),
-            stuck=int(stuck.sum()),
-            longest_stuck=longest_run(run),
-            unexplained=int(unexplained.sum()),
-            lagging=int(((record.status & STATUS_LAG) > 0).sum()),
-            lag=float(record.lag.max()),
-        )
-        self.figures = replace(block, **totals_of(SafetyFigures, [self.figures, block]))
+        block = {
+            "ticks": len(stuck),
+            "penetration": float(depth.max()),
+            "penetrating": int(penetrating.sum()),
+            "not_finite": int(lost.sum()),
+            "touching": int((record.work[:, WORK_TOUCHING] > 0).sum()),
+            "candidates_max": int(record.work[:, WORK_CANDIDATES].max()),
+            "stuck": int(stuck.sum()),
+            "longest_stuck": longest_run(run),
+            "unexplained": int(unexplained.sum()),
+            "lagging": int(((record.status & STATUS_LAG) > 0).sum()),
+            "lag": float(record.lag.max()),
+        }
+        self.figures = summed(SAFETY, [self.figures, block] if self.figures else [block])
         return {"penetration": penetrating, "not finite": lost, "stuck": unexplained}
-
-    @property
-    def totals(self) -> dict[str, Any]:
-        """Figures so far, by name."""
-        return totals_of(SafetyFigures, [self.figures])
 
 
 def longest_run(where: BoolArray) -> int:

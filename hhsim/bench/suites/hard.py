@@ -13,13 +13,13 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from hhsim.bench.figure_fields import totals_of
+from hhsim.bench.figures import summed
 from hhsim.bench.robustness.case import DEEPEST, Figure, HardCase, HardRun, Outcome, shown_points
 from hhsim.bench.robustness.contact_cases import CONTACT_CASES
 from hhsim.bench.robustness.input_cases import INPUT_CASES
 from hhsim.bench.robustness.invariance_cases import INVARIANCE_CASES, endurance_case
 from hhsim.bench.robustness.local_optimality import pieces_of
-from hhsim.bench.robustness.safety import SafetyFigures, SafetyMeasure, recorded_penetration, solvers_of
+from hhsim.bench.robustness.safety import SAFETY, SafetyMeasure, recorded_penetration, solvers_of
 from hhsim.bench.robustness.triangle_cases import TRIANGLE_CASES
 from hhsim.bench.suite import Row, Suite, setting
 from hhsim.errors import HhsimError, InputError, check_known
@@ -37,6 +37,8 @@ from hhsim.table.table import Column, Table, number, words
 
 ENDURANCE_TICKS = 20_000
 """Ticks of the closed loops unless given; ten minutes at 1 kHz are 600,000."""
+STATED = ("ticks", "stuck", "unexplained", "lagging", "lag")
+"""Figures of `SAFETY` that each row repeats."""
 LIMIT_TOLERANCE = 1e-9
 """Excess of a joint beyond its limit that is rounding [rad]."""
 
@@ -100,7 +102,8 @@ def run(cell: _Cell, before: None = None) -> list[Row]:
     """Run one case by one method and return a row for each figure; any exception becomes a failure that names it."""
     case, solver = cell.case, cell.solver
     figures: list[Figure] = []
-    refusal, passed, surface, safety = "", False, solver.surface, SafetyFigures()
+    refusal, passed, surface = "", False, solver.surface
+    safety: dict[str, Any] = dict.fromkeys(STATED, 0)
     try:
         outcomes = [run_scene(scene, solver) for scene in _scenes(case, cell.seed)]
         refusal = next((outcome.refusal for outcome in outcomes if outcome.refusal), "")
@@ -109,7 +112,7 @@ def run(cell: _Cell, before: None = None) -> list[Row]:
         figures += [] if refusal else case.judge(outcomes)
         passed = all(figure.passed for figure in figures) and (case.may_refuse if refusal else bool(figures))
         surface = " and ".join(sorted({outcome.options.surface for outcome in outcomes}))
-        safety = SafetyFigures(**totals_of(SafetyFigures, [outcome.safety for outcome in outcomes]))
+        safety |= summed(SAFETY, [one.safety for one in outcomes if one.safety] or [safety])
     except Exception as error:  # a scene that cannot be built is a fault of the bench, reported as one
         figures, passed, refusal = [], False, f"{type(error).__name__}: {error}"
     return [
@@ -124,7 +127,7 @@ def run(cell: _Cell, before: None = None) -> list[Row]:
             "at_least": figure.at_least,
             "unit": figure.unit or "1",
             "passed": bool(figure.passed),
-            **{name: getattr(safety, name) for name in ("ticks", "stuck", "unexplained", "lagging", "lag")},
+            **{name: safety[name] for name in STATED},
             "reason": refusal,
         }
         for figure in figures or [Figure("", math.nan, math.nan)]
@@ -176,12 +179,12 @@ def run_scene(run: HardRun, options: SolverOptions) -> Outcome:
 
 def common_figures(outcomes: list[Outcome]) -> list[Figure]:
     """Return the figures of every case, over all of its runs that were not refused."""
-    penetration = float(np.max([outcome.safety.penetration / outcome.run.scale for outcome in outcomes]))
+    penetration = float(np.max([outcome.safety["penetration"] / outcome.run.scale for outcome in outcomes]))
     return [
         Figure("penetration", penetration, DEEPEST, "m"),
-        Figure("ticks that are not finite", sum(outcome.safety.not_finite for outcome in outcomes), 0),
+        Figure("ticks that are not finite", sum(outcome.safety["not_finite"] for outcome in outcomes), 0),
         Figure("joint beyond its limit", max(outcome.limit_excess for outcome in outcomes), LIMIT_TOLERANCE, "rad"),
-        Figure("stuck ticks that nothing explains", sum(outcome.safety.unexplained for outcome in outcomes), 0),
+        Figure("stuck ticks that nothing explains", sum(outcome.safety["unexplained"] for outcome in outcomes), 0),
     ]
 
 

@@ -6,7 +6,7 @@ discretisation: it is a Δt t / 2 ahead of a t² / 2, 0.3 % after 0.3 s.
 
 import importlib.util
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -14,9 +14,10 @@ import numpy as np
 
 from hhsim.arrays import BoolArray
 from hhsim.bench.manipulation import stage
-from hhsim.bench.manipulation.mujoco_block import CONFIGURATIONS, mujoco_pinch, mujoco_rest
+from hhsim.bench.manipulation.mujoco_block import CONFIGURATIONS, EngineOptions, mujoco_pinch, mujoco_rest
 from hhsim.bench.suite import Preset, Row, Suite, setting
 from hhsim.errors import check_known
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 from hhsim.system.settings_file import between, check_fields
@@ -37,31 +38,34 @@ EASED_FROM, EASED_TO = 1.3, 0.8
 """Shares of the threshold between which a squeeze is eased to find it."""
 
 
-@dataclass(frozen=True)
-class Answer:
-    """One figure of a case in its SI unit: exact, measured, and the allowed difference; NaN: nothing is promised."""
+COLUMNS = (
+    Column("case", "what was played"),
+    Column("method", "by which method"),
+    Column("figure", "what was measured"),
+    Column("unit", "of the next four; 1 for shares and truths"),
+    Column("exact", "what it should be"),
+    Column("measured", "what it is"),
+    Column("off", "by how much it is off"),
+    Column("allowed", "by how much it may be off; NaN: nothing is promised"),
+    Column("holds", "1 where it is off by no more than that, 0 where it is, -1 where nothing is promised"),
+)
 
-    case: str
-    what: str
-    unit: str
-    exact: float
-    measured: float
-    allowed: float
-    method: str = "coupled"
 
-    @property
-    def off(self) -> float:
-        """Difference of the measured from the exact figure."""
-        return self.measured - self.exact
+def answer(case: str, what: str, unit: str, exact: float, measured: float, allowed: float) -> Row:
+    """Return the row of one figure in its SI unit; it holds if it is off by no more than allowed."""
+    off = measured - exact
+    values = (case, "coupled", what, unit, exact, measured, off, allowed, int(abs(off) <= allowed))
+    return dict(zip((column.name for column in COLUMNS), values, strict=True))
 
-    @property
-    def holds(self) -> int:
-        """1 if the difference is allowed, else 0; -1 if nothing is promised."""
-        return -1 if math.isnan(self.allowed) else int(abs(self.off) <= self.allowed)
 
-    def of_engine(self, engine: str) -> "Answer":
-        """Return the figure as another engine's, which promises nothing."""
-        return replace(self, method=engine, allowed=math.nan)
+def near(case: str, what: str, unit: str, exact: float, measured: float) -> Row:
+    """Return the row of a figure that is not 0."""
+    return answer(case, what, unit, exact, measured, WITHIN * abs(exact))
+
+
+def of_engine(row: Row, engine: str) -> Row:
+    """Return the row as another engine's, which promises nothing."""
+    return {**row, "method": engine, "allowed": math.nan, "holds": -1}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,10 +84,6 @@ class ManipulationOptions:
         check_fields(self)
 
 
-def _near(case: str, what: str, unit: str, exact: float, measured: float) -> Answer:
-    return Answer(case, what, unit, exact, measured, WITHIN * abs(exact))
-
-
 def _way(acceleration: float, ticks: int) -> float:
     """Way from the end of the first tick to that of the last one, by implicit Euler from rest [m]."""
     return acceleration * (ticks * (ticks + 1) / 2 - 1) / stage.RATE**2
@@ -94,7 +94,7 @@ def _alone(free: FreeObject, size: tuple[float, float, float], ticks: int) -> st
     return stage.play(free, stage.touched(stage.block(size)), hand, options, stage.away(ticks))
 
 
-def slope(options: ManipulationOptions) -> list[Answer]:
+def slope(options: ManipulationOptions) -> list[Row]:
     """Answer for a block on a slope of 30° that slides, and one that sticks."""
     size, ticks = (0.06, 0.06, 0.04), 300
     free = FreeObject.of_mesh(stage.block(size), mass=0.1, friction=0.3, table=-0.02, gravity=DOWN)
@@ -103,15 +103,15 @@ def slope(options: ManipulationOptions) -> list[Answer]:
     creep = float(np.linalg.norm(sticks.center - sticks.center[0], axis=1).max())
     way = float(slides.center[-1, 0] - slides.center[0, 0])
     return [
-        _near("block on 30°, μ 0.3", "way in 0.3 s", "m", _way(pull, ticks), way),
-        Answer(
+        near("block on 30°, μ 0.3", "way in 0.3 s", "m", _way(pull, ticks), way),
+        answer(
             "block on 30°, μ 0.3", "floats above the table, most", "m", 0.0, float(slides.table_distance.max()), 1e-6
         ),
-        Answer("block on 30°, μ 0.6", "creep in 3 s", "m", 0.0, creep, 1e-6),
+        answer("block on 30°, μ 0.6", "creep in 3 s", "m", 0.0, creep, 1e-6),
     ]
 
 
-def rolling(options: ManipulationOptions) -> list[Answer]:
+def rolling(options: ManipulationOptions) -> list[Row]:
     """Answer for balls on a slope of 30°: one rolls with 5/7 g sin θ, one slides and spins up by friction."""
     radius, mass, ticks = 0.038, 0.2, 500
     inertia = 0.4 * mass * radius**2
@@ -127,44 +127,48 @@ def rolling(options: ManipulationOptions) -> list[Answer]:
         spun = rolled / radius if rolls else 2.5 * friction * GRAVITY * math.cos(SLOPE) / radius
         case = f"ball on 30°, μ {friction:g}"
         way = float(played.center[-1, 0] - played.center[0, 0])
-        found.append(_near(case, "way in 0.5 s", "m", _way(rolled if rolls else slid, ticks), way))
+        found.append(near(case, "way in 0.5 s", "m", _way(rolled if rolls else slid, ticks), way))
         found.append(
-            _near(case, "spin after 0.5 s", "rad/s", spun * ticks / stage.RATE, float(played.angular_velocity[-1, 1]))
+            near(case, "spin after 0.5 s", "rad/s", spun * ticks / stage.RATE, float(played.angular_velocity[-1, 1]))
         )
     return found
 
 
-def flight(options: ManipulationOptions) -> list[Answer]:
+def flight(options: ManipulationOptions) -> list[Row]:
     """Answer for a body in free flight, and one that tumbles on a table."""
     size, ticks = (0.1, 0.06, 0.02), 2000
     motion: dict[str, Any] = {"velocity": (1.0, 2.0, 3.0), "angular_velocity": (1.0, 12.0, 0.5)}
     free = FreeObject.of_mesh(stage.block(size), mass=0.3, gravity=(0.0, 0.0, 0.0), **motion)
     flies = _alone(free, size, ticks)
     momentum = 0.3 * np.linalg.norm(flies.velocity - np.array(free.velocity), axis=1).max()
-    spin = np.linalg.norm(flies.angular_momentum(), axis=1)
+    turn = rotation_matrix(flies.orientation)
+    inertia = turn @ np.array(free.inertia) @ turn.transpose(0, 2, 1)
+    spin = np.linalg.norm(np.einsum("tij,tj->ti", inertia, flies.angular_velocity), axis=1)
     free = replace(free, gravity=(0.0, 0.0, -GRAVITY), table=-0.3, friction=0.5)
     free = replace(free, velocity=(0.5, 0.0, 0.0), angular_velocity=(3, 5, 0.5))
     falls = _alone(free, size, ticks)
     force = falls.table_wrench[:, :3].sum(axis=0) / stage.RATE + 0.3 * np.array(free.gravity) * ticks / stage.RATE
     gained = 0.3 * (falls.velocity[-1] - np.array(free.velocity))
+    turning = np.einsum("tji,tj->ti", rotation_matrix(falls.orientation), falls.angular_velocity)
+    rotational = 0.5 * np.einsum("ti,ij,tj->t", turning, np.array(free.inertia), turning)
+    potential = -0.3 * falls.center @ np.array(free.gravity)
+    energy = rotational + 0.15 * (falls.velocity**2).sum(axis=1) + potential
     return [
-        Answer("body in flight", "momentum gained in 2 s", "N·s", 0.0, float(momentum), 1e-9),
+        answer("body in flight", "momentum gained in 2 s", "N·s", 0.0, float(momentum), 1e-9),
         # First order in the period: 12 rad/s about the middle axis, which is the hardest to keep.
-        _near("body in flight", "angular momentum after 1 s", "N·m·s", float(spin[0]), float(spin[1000])),
-        Answer(
-            "body that tumbles", "energy gained in a tick, most", "J", 0.0, float(np.diff(falls.energy()).max()), 1e-12
-        ),
-        Answer("body that tumbles", "impulse less momentum", "N·s", 0.0, float(np.abs(force - gained).max()), 1e-9),
+        near("body in flight", "angular momentum after 1 s", "N·m·s", float(spin[0]), float(spin[1000])),
+        answer("body that tumbles", "energy gained in a tick, most", "J", 0.0, float(np.diff(energy).max()), 1e-12),
+        answer("body that tumbles", "impulse less momentum", "N·s", 0.0, float(np.abs(force - gained).max()), 1e-9),
     ]
 
 
-def tipping(options: ManipulationOptions) -> list[Answer]:
+def tipping(options: ManipulationOptions) -> list[Row]:
     """Answer for a cube pushed by a smooth fingertip: it slides below a height of a / 2 μ, and tips above it."""
     side, friction, low, high = 0.07, 0.8, 0.02, 0.065
     while high - low > 1e-4:
         height = 0.5 * (low + high)
         low, high = (low, height) if _tips(side, friction, height) else (height, high)
-    return [_near("cube pushed, μ 0.8", "height at which it tips", "m", 0.5 * side / friction, 0.5 * (low + high))]
+    return [near("cube pushed, μ 0.8", "height at which it tips", "m", 0.5 * side / friction, 0.5 * (low + high))]
 
 
 def _tips(side: float, friction: float, height: float) -> bool:
@@ -183,7 +187,7 @@ def _tips(side: float, friction: float, height: float) -> bool:
     return max(stage.turned_by(played.orientation[0], turn) for turn in played.orientation[::50]) > math.radians(1.0)
 
 
-def thresholds(options: ManipulationOptions) -> list[Answer]:
+def thresholds(options: ManipulationOptions) -> list[Row]:
     """Answer for held blocks, let go slowly: each begins to slip at a squeeze of m g / 2 μ."""
     found = []
     for mass in (0.01, 0.1, 1.0):
@@ -193,13 +197,13 @@ def thresholds(options: ManipulationOptions) -> list[Answer]:
             pinch = replace(pinch, squeeze=EASED_FROM * pinch.threshold, eased=EASED_TO / EASED_FROM)
             played = stage.gripped(pinch)
             case = f"pinch of {1e3 * mass:g} g, μ {friction:g}"
-            slips = played.slipped(of_table=False) > SLIPS
+            slips = played.slipped() > SLIPS
             measured = _normal_before(played, slips, pinch)
-            found.append(_near(case, "squeeze at which it slips", "N", pinch.threshold, measured))
+            found.append(near(case, "squeeze at which it slips", "N", pinch.threshold, measured))
     return found
 
 
-def torsion(options: ManipulationOptions) -> list[Answer]:
+def torsion(options: ManipulationOptions) -> list[Row]:
     """Answer for a block held beside its centre, which turns once friction and torsion exceed their common limit.
 
     A contact bears (|f| / μ)² + (τ / γ)² up to its normal force squared: the weight's share is m g / 2 μ, the moment's
@@ -214,18 +218,18 @@ def torsion(options: ManipulationOptions) -> list[Answer]:
         first = played.orientation[pinch.eased_from]
         turned = np.array([stage.turned_by(first, turn) for turn in played.orientation]) > TURNS
         case = f"block held {1e3 * off_center:g} mm off, γ {1e3 * limit:g} mm"
-        found.append(_near(case, "squeeze at which it turns", "N", exact, _normal_before(played, turned, pinch)))
+        found.append(near(case, "squeeze at which it turns", "N", exact, _normal_before(played, turned, pinch)))
     return found
 
 
 def _normal_before(played: stage.Played, event: BoolArray, pinch: stage.Pinch) -> float:
     """Normal force on a fingertip [N] right before an event in the easing; NaN without one."""
-    normal = 0.5 * played.summed(played.normal_force, of_table=False)
+    normal = 0.5 * played.of_hand(played.normal_force)
     at = np.flatnonzero(event[pinch.eased_from :])
     return float(normal[pinch.eased_from + at[0] - 1]) if at.size and at[0] > 0 else math.nan
 
 
-def held(options: ManipulationOptions) -> list[Answer]:
+def held(options: ManipulationOptions) -> list[Row]:
     """Answer for a block that is held at 1.05 times the least squeeze: its height, and that it stays there."""
     pinch = stage.Pinch(hold=options.held, easing=1.0)
     pinch = replace(pinch, squeeze=1.3 * pinch.threshold, eased=1.05 / 1.3)
@@ -237,12 +241,12 @@ def held(options: ManipulationOptions) -> list[Answer]:
     case = "100 g held at 1.05 times the least squeeze"
     creep = float(np.linalg.norm(center - center[0], axis=1).max()) if height > 0.5 * pinch.lift else math.nan
     return [
-        _near(case, "hangs below the command", "m", sinks, pinch.lift - height),
-        Answer(case, f"creep in {options.held:g} s", "m", 0.0, creep, 1e-6),
+        near(case, "hangs below the command", "m", sinks, pinch.lift - height),
+        answer(case, f"creep in {options.held:g} s", "m", 0.0, creep, 1e-6),
     ]
 
 
-def rest(options: ManipulationOptions) -> list[Answer]:
+def rest(options: ManipulationOptions) -> list[Row]:
     """Answer for a cube on a table."""
     task = stage.Rest(options.rest)
     size, table = (task.side, task.side, task.side), -0.5 * task.side
@@ -252,15 +256,15 @@ def rest(options: ManipulationOptions) -> list[Answer]:
     return rest_answers(task, creep, max(0.0, -float(played.table_distance.min())))
 
 
-def rest_answers(task: stage.Rest, creep: float, depth: float) -> list[Answer]:
+def rest_answers(task: stage.Rest, creep: float, depth: float) -> list[Row]:
     """Return the answers of a rest from the creep of the cube and its depth in the table [m]."""
     return [
-        Answer("cube on a table", f"creep in {task.seconds:g} s", "m", 0.0, creep, 1e-9),
-        Answer("cube on a table", "in the table, most", "m", 0.0, depth, 0.0),
+        answer("cube on a table", f"creep in {task.seconds:g} s", "m", 0.0, creep, 1e-9),
+        answer("cube on a table", "in the table, most", "m", 0.0, depth, 0.0),
     ]
 
 
-CASES: dict[str, Callable[[ManipulationOptions], list[Answer]]] = {
+CASES: dict[str, Callable[[ManipulationOptions], list[Row]]] = {
     case.__name__: case for case in (slope, rolling, flight, tipping, thresholds, torsion, held, rest)
 }
 """Cases by name."""
@@ -271,17 +275,6 @@ REST = "rest"
 """Cases that engines play too."""
 SQUEEZES = (1.05, 1.5, 3.0)
 """Squeezes of the pinches over the least one that bears the weight."""
-COLUMNS = (
-    Column("case", "what was played"),
-    Column("method", "by which method"),
-    Column("figure", "what was measured", of="what"),
-    Column("unit", "of the next four; 1 for shares and truths"),
-    Column("exact", "what it should be"),
-    Column("measured", "what it is"),
-    Column("off", "by how much it is off"),
-    Column("allowed", "by how much it may be off; NaN: nothing is promised"),
-    Column("holds", "1 where it is off by no more than that, 0 where it is, -1 where nothing is promised"),
-)
 
 
 def case_names() -> tuple[str, ...]:
@@ -290,37 +283,38 @@ def case_names() -> tuple[str, ...]:
 
 
 def run(cell: tuple[str, ManipulationOptions], before: None = None) -> list[Row]:
-    """Play a case."""
+    """Play a case, by engines too if they know it."""
     name, options = cell
-    answers = pinch_answers(options.held) if name == PINCH else CASES[name](options)
-    if name == REST and has_mujoco():
+    engines = CONFIGURATIONS if has_mujoco() else {}
+    if name == PINCH:
+        return [row for share in SQUEEZES for row in _pinches(share, options.held, engines)]
+    rows = CASES[name](options)
+    if name == REST:
         task = stage.Rest(options.rest)
-        for engine, configuration in CONFIGURATIONS.items():
-            found = rest_answers(task, *mujoco_rest(task, configuration))
-            answers += [answer.of_engine(engine) for answer in found]
-    return Table(COLUMNS, answers).records
+        for engine, configuration in engines.items():
+            rows += [of_engine(row, engine) for row in rest_answers(task, *mujoco_rest(task, configuration))]
+    return rows
 
 
-def pinch_answers(held: float) -> list[Answer]:
-    """Return the figures of a pinch by our method, and by MuJoCo with its options if it is installed."""
-    answers = []
-    for share in SQUEEZES:
+def _pinches(share: float, hold: float, engines: Mapping[str, EngineOptions]) -> list[Row]:
+    """Return the figures of a pinch by our method, and by MuJoCo with its options."""
+    pinch = stage.Pinch(hold=hold)
+    pinch = replace(pinch, squeeze=share * pinch.threshold)
+
+    def rows(lifted: bool, creep: float, depth: float) -> list[Row]:
         case = f"100 g pinched with {share:g} times the least squeeze, μ 0.5"
-        pinch = stage.Pinch(hold=held)
-        pinch = replace(pinch, squeeze=share * pinch.threshold)
-        answers += _pinched(case, held, stage.own_outcome(pinch))
-        for engine, configuration in CONFIGURATIONS.items() if has_mujoco() else ():
-            found = _pinched(case, held, mujoco_pinch(pinch, configuration))
-            answers += [answer.of_engine(engine) for answer in found]
-    return answers
+        return [
+            answer(case, "lifted", "1", 1.0, float(lifted), 0.0),
+            answer(case, f"creep in {hold - 0.5:g} s", "m", 0.0, creep, 1e-6),
+            answer(case, "fingertip in the block, most", "m", 0.0, depth, 1e-9),
+        ]
 
-
-def _pinched(case: str, held: float, found: stage.PinchOutcome) -> list[Answer]:
-    return [
-        Answer(case, "lifted", "1", 1.0, float(found.lifted), 0.0),
-        Answer(case, f"creep in {held - 0.5:g} s", "m", 0.0, found.creep, 1e-6),
-        Answer(case, "fingertip in the block, most", "m", 0.0, found.depth, 1e-9),
-    ]
+    played = stage.gripped(pinch)
+    depth = max(0.0, -float(stage.clearance(played, pinch).min()))
+    found = rows(*pinch.outcome(played.center[:, 2] - played.center[0, 2]), depth)
+    for engine, configuration in engines.items():
+        found += [of_engine(row, engine) for row in rows(*mujoco_pinch(pinch, configuration))]
+    return found
 
 
 def has_mujoco() -> bool:

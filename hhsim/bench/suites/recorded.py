@@ -19,7 +19,8 @@ from hhsim.solver.options import SolverOptions
 from hhsim.sweep.cell_run import CellTask
 from hhsim.sweep.cell_table import FAILED, CellRow, done_row, figure_table
 from hhsim.sweep.folder import read_row
-from hhsim.sweep.plan import Cell, SweptMotion, SweptObject, checked_object, source_digest
+from hhsim.sweep.input_files import source_digest
+from hhsim.sweep.plan import Cell, SweptMotion, SweptObject, checked_object
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Names, check_fields
 from hhsim.table.table import Table
@@ -93,7 +94,15 @@ def run(cell: Cell, before: None = None) -> list[Row]:
     with TemporaryDirectory() as folder:
         try:
             digest = cell.digest(HERE)
-            end = CellTask(cell, digest, str(HERE), folder, keeps_result=False, sources=source_digest()).run()
+            task = CellTask(
+                cell=cell,
+                digest=digest,
+                plan_folder=str(HERE),
+                folder=folder,
+                keeps_result=False,
+                sources=source_digest(),
+            )
+            end = task.run()
             done = done_row(cell, read_row(Path(folder) / f"{digest}.json")) if not end.reason else None
             found = done or CellRow(cell, FAILED, reason=end.reason)
         except HhsimError as error:

@@ -7,27 +7,21 @@ and dropped block by block.
 import json
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.figure_fields import columns_of, cpu_times, figure
-from hhsim.bench.robustness.local_optimality import Pieces, pieces_of
+from hhsim.arrays import BoolArray
+from hhsim.bench.robustness.local_optimality import pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
-from hhsim.bench.robustness.safety import BLOCK, SafetyFigures, SafetyMeasure, recorded_penetration, solvers_of
+from hhsim.bench.robustness.safety import BLOCK, SAFETY, SafetyMeasure, is_safe, recorded_penetration, solvers_of
 from hhsim.bench.suite import Row, Suite, setting
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
-from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
 from hhsim.linkage.file import resolve_object
 from hhsim.mesh.catalogue import object_names
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.metrics import Penetration
 from hhsim.motion.analytic_motion import hold_readings, replayed, trajectory_of
 from hhsim.motion.file import save_trajectory
 from hhsim.solver.hand_solver import HandSolver, warm_up
@@ -47,10 +41,6 @@ FAILURES = RESULTS / "failures"
 """Folder of the motions that fail by a method that promises not to."""
 MADE_BY = "hhsim failure "
 """Beginning of the source of a kept trajectory."""
-DEEP = 1e-5
-"""Second depth [m] over which ticks are counted; the first is `SAFE_DEPTH`."""
-LEAST_FORCE = 1.0
-"""Least force [N] that is compared with the coupling's own."""
 STRETCH_BLOCKS = 2
 """Blocks up to a failure that are kept."""
 
@@ -87,178 +77,98 @@ class StressSettings:
         given = {name: value for name, value in changed.items() if value is not None}
         return solvers_of(self.methods, self.surfaces, **given)
 
-    def read(self, name: str) -> tuple[Mesh, int]:
-        """Load an object and its usual tree level; InputError or UnknownNameError if there is none."""
-        size = None if self.size is None else 1e-3 * self.size
-        return resolve_object(name, self.unit, size)
+
+COLUMNS = (
+    Column("object"),
+    Column("method", "method of the solver"),
+    Column("surface", "what of the object the hand touches"),
+    Column("seed", "seed of the random targets"),
+    *(one.column for one in SAFETY),
+    Column("cpu_p50", "CPU time of a tick, median", "µs"),
+    Column("cpu_p99", "CPU time of a tick, 99th percentile", "µs"),
+    Column("cpu_max", "CPU time of a tick, largest", "µs"),
+    Column("failures", "failures of a method that promises none, and the commands that replay them"),
+    Column("safe", "kept what a safe method promises"),
+)
 
 
-@dataclass(frozen=True, kw_only=True)
-class StressFigures(SafetyFigures):
-    """Figures of a case."""
-
-    level: int = figure("level of the sphere tree")
-    spheres: int = figure("leaf spheres of the object")
-    seed: int = figure("seed of the random targets")
-    penetration_palm: float = figure("deepest penetration of the palm", "µm", max, 0.0)
-    penetration_finger: float = figure("deepest penetration of a finger", "µm", max, 0.0)
-    penetrating_deep: int = figure("ticks deeper than 10 um", total=sum, default=0)
-    held: int = figure("ticks whose input was no reading of a hand", total=sum, default=0)
-    force_max: float = figure("largest total force", "N", default=0.0)
-    coupling_force: float = figure("the coupling's own force at that tick", "N", default=np.nan)
-    force_ratio: float = figure(
-        "largest ratio of the total force to the coupling's own at the same tick", total=max, default=0.0
-    )
-    cpu: LogHistogram = cpu_times("a tick")  # noqa: RUF009
-    failures: str = figure("failures of a method that promises none, and the commands that replay them", default="")
-
-
-COLUMNS = (*columns_of(StressFigures), Column("safe", "kept what a safe method promises"))
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class StressCase:
     """One object, one method, one long motion."""
 
     object: str  # its name or file
-    object_options: str = ""  # options of the object that a replay needs, such as "--level 3 --unit mm"
+    mesh: Mesh  # its triangles, in the frame of the tree
     tree: SphereTree
-    mesh: Mesh | None = None  # its triangles, in the frame of the tree; None for an object of spheres alone
-    hand: HandModel
     solver: SolverOptions
     stress: StressOptions  # options of the random targets
     seed: int  # of the random targets
     ticks: int
+    told: str = ""  # options of the object that a replay needs, such as "--level 3 --unit mm"
+    hand: HandModel = field(default_factory=HandModel.default)
 
     def targets(self) -> RandomTargets:
         """Return the motion from its start: around the object's root sphere, the first hand above it."""
         center, radius = self.tree.center[0], float(self.tree.radius[0])
         return RandomTargets(self.hand, self.seed, self.stress, center=center, height=max(0.25, radius + 0.2))
 
-    @cached_property
-    def surface(self) -> Any:
-        """Arrays of the surface that the hand touches."""
-        return contact_surface(self.solver.surface, self.mesh, self.tree).arrays
-
-    @cached_property
-    def pieces(self) -> Pieces:
-        """Pieces of that surface, for the judge of stuck ticks."""
-        return pieces_of(self.solver.surface, self.mesh, self.tree)
-
-    def new_solver(self) -> HandSolver:
-        """Return a solver at the start of the motion."""
-        return HandSolver(self.hand, self.surface, self.solver)
+    def begin(self) -> tuple[HandSolver, SafetyMeasure]:
+        """Return a solver at the start of the motion, and what measures its ticks."""
+        surface = contact_surface(self.solver.surface, self.mesh, self.tree).arrays
+        pieces = pieces_of(self.solver.surface, self.mesh, self.tree)
+        return HandSolver(self.hand, surface, self.solver), SafetyMeasure(self.hand, pieces, self.solver)
 
     def failed(self, motion: HandConfiguration) -> dict[str, BoolArray]:
         """Return the failed ticks of a motion by a solver of its own, as a replay has it, by the kind of failure."""
-        record = self.new_solver().run(*motion)
-        depth = recorded_penetration(self.hand, self.surface, record).depth
-        return SafetyMeasure(self.hand, self.pieces, self.solver).add(hold_readings(motion), record, depth)
+        solver, safety = self.begin()
+        record = solver.run(*motion)
+        depth = recorded_penetration(self.hand, solver.workspace.surface, record).depth
+        return safety.add(hold_readings(motion), record, depth)
 
 
 def cells(options: StressSettings, progress: Progress) -> list[StressCase]:
-    """Return every object with every method."""
-    hand, found = HandModel.default(), []
+    """Return every object with every method; InputError or UnknownNameError for an object that there is not."""
+    found: list[StressCase] = []
     size = None if options.size is None else f"{options.size:g}"
     by_name = (("--level", options.level), ("--unit", options.unit), ("--size", size))
-    shown = " ".join(f"{name} {value}" for name, value in by_name if value is not None)
-    meshes = {name: options.read(name) for name in options.objects or object_names()}
+    told = " ".join(f"{name} {value}" for name, value in by_name if value is not None)
+    scale = None if options.size is None else 1e-3 * options.size
+    meshes = {name: resolve_object(name, options.unit, scale) for name in options.objects or object_names()}
     for name, (mesh, usual) in meshes.items():
         tree = cached_sphere_tree(mesh, TreeOptions(level=options.level or usual), progress)
-        found += [
-            StressCase(
-                object=name,
-                object_options=shown,
-                tree=tree,
-                mesh=mesh,
-                hand=hand,
-                solver=solver,
-                stress=StressOptions(wild=options.wild),
-                seed=options.seed,
-                ticks=options.ticks,
-            )
-            for solver in options.solvers()
-        ]
+        motion = StressOptions(wild=options.wild), options.seed, options.ticks
+        found += [StressCase(name, mesh, tree, solver, *motion, told) for solver in options.solvers()]
     return found
 
 
-def coupling_force(case: StressCase, haptic: HandConfiguration, record: TickRecord) -> FloatArray:
-    """Return the force of the coupling itself at each tick [N], shape (T,).
-
-    It is the palm's force, its torque over the reach of the hand, and each joint's torque over the length of its
-    phalanx. The forces of `coupled` stay near it. `progressive` holds a joint's torque where the finger touches, and on
-    a lever shorter than the phalanx that takes more force.
-    """
-    bend = np.clip(haptic.flexion, case.hand.flexion_min, case.hand.flexion_max) - record.flexion
-    joint = case.solver.stiffness.flexion * np.abs(bend) / case.hand.length
-    reach = float(case.hand.arrays().reach.max())
-    force, torque = (np.linalg.norm(part, axis=1) for part in (record.palm_wrench[:, :3], record.palm_wrench[:, 3:]))
-    return np.asarray(force + torque / reach + joint.sum(axis=(1, 2)), np.float64)
-
-
-class StressMeasure:
-    """Figures of a case, block by block."""
-
-    def __init__(self, case: StressCase) -> None:
-        self._case, solver, tree = case, case.solver, case.tree
-        self._safety = SafetyMeasure(case.hand, case.pieces, solver)
-        self.figures = StressFigures(
-            object=case.object,
-            method=solver.method,
-            surface=solver.surface,
-            level=tree.depth,
-            spheres=tree.leaf_count,
-            seed=case.seed,
-        )
-
-    def add(self, motion: HandConfiguration, record: TickRecord, depth: Penetration) -> dict[str, BoolArray]:
-        """Measure a block; return its failed ticks, shape (T,), by the name of the failure."""
-        haptic, before = self._safety.readings(motion), self.figures
-        failed = self._safety.add(haptic, record, depth.depth)
-        before.cpu.add(record.duration_cpu)
-        size, own = np.linalg.norm(record.total, axis=1), coupling_force(self._case, haptic, record)
-        top = int(np.argmax(np.where(np.isfinite(size), size, -1.0)))
-        strongest = before.force_max, before.coupling_force
-        if size[top] > before.force_max or (size[top] == 0.0 and np.isnan(before.coupling_force)):
-            strongest = float(size[top]), float(own[top])
-        pushed = size >= LEAST_FORCE
-        # A method that is not held back by its coupling can push where the coupling's own force is zero.
-        with np.errstate(divide="ignore"):
-            ratio = float((size[pushed] / own[pushed]).max(initial=0.0))
-        self.figures = replace(
-            before,
-            **self._safety.totals,
-            # np.maximum, unlike max, keeps a NaN whichever side it is on.
-            penetration_palm=float(np.maximum(before.penetration_palm, depth.palm.max())),
-            penetration_finger=float(np.maximum(before.penetration_finger, depth.finger.max())),
-            penetrating_deep=before.penetrating_deep + int((~(depth.depth <= DEEP)).sum()),
-            held=before.held + int(((record.status & STATUS_INPUT_INVALID) > 0).sum()),
-            force_max=strongest[0],
-            coupling_force=strongest[1],
-            force_ratio=max(before.force_ratio, ratio),
-        )
-        return failed
-
-
-def run_case(case: StressCase) -> StressFigures:
-    """Run one case; HhsimError for too many near pairs, or a failure not written."""
+def run_case(case: StressCase) -> Row:
+    """Run one case and return its row; HhsimError for too many near pairs, or a failure not written."""
     warm_up(case.hand, case.solver)
-    measure = StressMeasure(case)
-    solver = case.new_solver()
+    (solver, safety), targets, cpu = case.begin(), case.targets(), LogHistogram()
     stretch: deque[tuple[HandConfiguration, HandConfiguration]] = deque(maxlen=STRETCH_BLOCKS)
     kept: dict[str, str] = {}
-    targets = case.targets()
     for first in range(0, case.ticks, BLOCK):
         motion = targets.take(min(BLOCK, case.ticks - first))
         record = solver.run(*motion)
-        depth = recorded_penetration(case.hand, solver.workspace.surface, record)
+        cpu.add(record.duration_cpu)
         stretch.append((motion, HandConfiguration.of(record).copy()))
-        for kind, ticks in measure.add(motion, record, depth).items():
+        depth = recorded_penetration(case.hand, solver.workspace.surface, record).depth
+        for kind, ticks in safety.add(safety.readings(motion), record, depth).items():
             if never_penetrates(case.solver.method) and kind not in kept and ticks.any():
                 tick = int(np.argmax(ticks))
                 command = keep_failure(case, kind, first + tick, tick, list(stretch))
                 kept[kind] = f"{kind} at tick {first + tick:,}: {command}"
-    return replace(measure.figures, failures="; ".join(kept.values()))
+    return {
+        "object": case.object,
+        "method": case.solver.method,
+        "surface": case.solver.surface,
+        "seed": case.seed,
+        **safety.figures,
+        "cpu_p50": 1e-9 * cpu.percentile(50.0),
+        "cpu_p99": 1e-9 * cpu.percentile(99.0),
+        "cpu_max": 1e-9 * cpu.largest,
+        "failures": "; ".join(kept.values()),
+        "safe": is_safe(safety.figures),
+    }
 
 
 def keep_failure(
@@ -285,7 +195,7 @@ def keep_failure(
     stem = f"{Path(case.object).stem}-{case.solver.method}{touched}-{kind.replace(' ', '-')}"
     path = free_name(FAILURES / f"{stem}-seed{case.seed}-tick{tick}.h5")
     words = ["hhsim replay", case.object, str(path), f"--method {case.solver.method}", "--samples hold"]
-    words += [case.object_options] if case.object_options else []
+    words += [case.told] if case.told else []
     words += [f"--{name} {used[name]}" for name in ("surface", "linearisations") if used[name] != plain[name]]
     if used["margin"] != plain["margin"]:
         words.append(f"--margin {1e3 * used['margin']:.15g}")
@@ -309,16 +219,15 @@ def lines(options: StressSettings, rows: Sequence[Row]) -> list[str]:
     for row in rows:
         which = row["method"], row["surface"]
         safe[which] = safe.get(which, True) and row["safe"]
-    for (method, surface), is_safe in safe.items():
-        if is_safe and never_penetrates(method):
+    for (method, surface), kept in safe.items():
+        if kept and never_penetrates(method):
             found.append(f"{method}{'' if surface == 'spheres' else f' on the {surface}'}: no limit missed")
     return found
 
 
 SHOWN = """
-    object method surface ticks penetration=deepest penetration_palm=palm penetration_finger=fingers penetrating=>_1_µm
-    penetrating_deep=>_10_µm not_finite stuck unexplained=no_cause lagging=lag force_ratio=force/coupling cpu_p50=p50
-    cpu_p99=p99 cpu_max=max
+    object method surface ticks penetration=deepest penetrating=>_1_µm not_finite stuck unexplained=no_cause lagging=lag
+    cpu_p50=p50 cpu_p99=p99 cpu_max=max
 """
 SUITE = Suite(
     help="""Run the hand to random targets around OBJECTs, by every method, and look for penetration at every tick.
@@ -336,7 +245,7 @@ SUITE = Suite(
     settings=StressSettings,
     columns=COLUMNS,
     cells=cells,
-    run=lambda case, before: Table(COLUMNS, [run_case(case)]).records,
+    run=lambda case, before: [run_case(case)],
     tables=lambda options, rows, figures: [
         Table.of_records(COLUMNS, rows, SHOWN, "stress: a new random hand every few ticks")
     ],

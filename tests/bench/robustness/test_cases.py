@@ -14,8 +14,8 @@ from hhsim.bench.robustness.case import DEEPEST, HardCase, HardRun, Outcome
 from hhsim.bench.robustness.invariance_cases import LOOP
 from hhsim.bench.robustness.postures import INDEX
 from hhsim.bench.robustness.triangle_cases import SLIDE
-from hhsim.bench.run_errors import placed_of
 from hhsim.bench.suites.hard import common_figures, hard_cases, run_scene
+from hhsim.bench.tick_records import placed_of
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.state import WORK_TOUCHING
 from hhsim.solver.options import SolverOptions
@@ -120,7 +120,7 @@ def test_a_finger_that_slides_over_facets_does_not_stop_at_an_edge(method: str) 
     for outcome in outcomes:
         # Only the finger that points bears a force: what is measured is one contact.
         assert not np.delete(outcome.ticks.phalanx, INDEX, axis=1).any()
-        assert outcome.safety.stuck == outcome.safety.lagging == 0
+        assert outcome.safety["stuck"] == outcome.safety["lagging"] == 0
         assert (np.linalg.norm(outcome.ticks.total[SLIDE], axis=1) > 0.05).all()
 
 

@@ -1,5 +1,6 @@
 """The paper's evaluation: a small run of it, its rows, its bars, and the command."""
 
+import itertools
 import json
 import math
 from dataclasses import replace
@@ -23,6 +24,7 @@ from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.analytic_motion import still
 from hhsim.replay import summary
+from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 from hhsim.table.file import load_table
 from hhsim.table.table import Table
@@ -74,7 +76,7 @@ def test_every_row_is_measured_and_every_method_has_every_row(runs: PaperRuns) -
 
 def test_rows_are_what_the_runs_say(runs: PaperRuns) -> None:
     played = runs.of("coupled", "11", object_name="cube")
-    times = np.concatenate([np.median(run.cpu, axis=0)[run.contact] for run in played])
+    times = np.concatenate([np.median(run.times, axis=0)[run.contact, 0] for run in played])
     mean = row(runs, "mean_cube")
     assert mean.ours == pytest.approx(times.mean(), rel=1e-5)
     assert mean.ratio == pytest.approx(0.32e-3 / times.mean(), rel=1e-5)
@@ -108,6 +110,18 @@ def test_forces_of_all_methods_have_one_scale_and_a_picture_has_its_note(
     forces = [axes for axes in drawn[0].axes if axes.get_title(loc="left") in OPTIONS.methods]
     assert len(forces) == 2 and len({axes.get_ylim() for axes in forces}) == 1
     assert "quick run" in [text.get_text() for text in drawn[0].texts]
+    # With four methods, too, no title, legend or note stands on another.
+    more = [
+        replace(run, options=replace(run.options, method=name)) for run in some for name in ("progressive", "penalty")
+    ]
+    paper_figures.draw_all(tmp_path, PaperRuns((*some, *more[:2]), ()), note="quick run")
+    figure = drawn[1]
+    named = [text for axes in figure.axes for text in (axes._left_title, axes.title, *axes.texts)]
+    boxes = [(text.get_text(), text.get_window_extent()) for text in (*named, *figure.texts) if text.get_text()]
+    boxes.append(("legend", figure.legends[0].get_window_extent()))
+    assert sum(name in METHODS for name, _ in boxes) >= 4
+    for (one, box), (other, beside) in itertools.combinations(boxes, 2):
+        assert not box.overlaps(beside), (one, other)
 
 
 @pytest.mark.soak
@@ -153,7 +167,7 @@ def test_the_margin_brings_about_as_many_contacts_as_the_paper_states(runs: Pape
 
 
 def test_a_repetition_that_differs_is_an_error(runs: PaperRuns) -> None:
-    run = replace(runs.scenes[0], digest="other", cpu=[], wall=[], parts=[])
+    run = replace(runs.scenes[0], digest="other", times=[])
     with pytest.raises(HhsimError, match="a repetition gave another hand"):
         play_again(run)
 

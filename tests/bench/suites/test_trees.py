@@ -11,7 +11,7 @@ from conftest import Run
 from hhsim.bench.suite import measure
 from hhsim.bench.suites import trees
 from hhsim.bench.suites.trees import SUITE, TreesOptions, missed_bars
-from hhsim.report.bench_trade_off import largest_error
+from hhsim.report.trade_off import largest_error
 from hhsim.table.file import load_table
 
 SMALL = ("bench", "trees", "--object", "cube", "--spheres", "8")

@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from hhsim.gate.input_hash import RunInputs, differences, new_options, run_inputs, tick_digest
-from hhsim.gate.verdict import NOT_COMPARABLE, SAME, WITHIN, word_of
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import run_metrics
+from hhsim.replay.run_inputs import RunInputs, differences, new_options, run_inputs, tick_digest
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.result.reader import Result
 from hhsim.result.wording import commit, object_name, option_value
+from hhsim.table.verdict import NOT_COMPARABLE, SAME, WITHIN, word_of
 
 HOW = ("level", "max_error")
 """Options of a replay that change how it is run, not its input."""

@@ -13,11 +13,11 @@ from file_faults import of_scene
 from sealed_change import changed
 from short_grasp import short_result
 
-from hhsim.gate.compare import Comparison, compare, compared
-from hhsim.gate.verdict import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
 from hhsim.metrics.run.registry import run_metrics
+from hhsim.replay.compare import Comparison, compare, compared
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.result.reader import Result, load_result
+from hhsim.table.verdict import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE
 
 ALIKE = Comparison((), (), (), same_machine=True)
 
