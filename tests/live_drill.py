@@ -14,7 +14,7 @@ from machine_share import MachineShare
 from numpy.typing import NDArray
 
 from hhsim.hand.model import HandModel
-from hhsim.live.devices.registry import Hand, PoseConfig, configure
+from hhsim.live.gloves import Hand, PoseConfig, configure
 from hhsim.live.processes import RingReader
 from hhsim.live.session.scene import LiveScene, grasping_hand, make_live_scene
 from hhsim.live.session.settings import LiveSetup, OutputLimits
@@ -153,12 +153,6 @@ class Watched:
             fault.is_over(time.monotonic_ns())
             time.sleep(0.002)
         self.session.end()
-
-    def drivers(self) -> list[int]:
-        """The drivers that the loop started, once they have their name."""
-        pid = self.session.pid(LOOP)
-        found = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-        return [int(word) for word in found if Path(f"/proc/{word}/comm").read_text() == "hhsim-driver\n"]
 
     @property
     def sound(self) -> bool:

@@ -11,7 +11,7 @@ from sphere_scenes import bumpy_ball
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import HapticBlock
 from hhsim.live.device import GLOVE_SAMPLE
-from hhsim.live.devices.registry import PoseConfig, configure
+from hhsim.live.gloves import PoseConfig, configure
 from hhsim.live.processes import SharedRing
 from hhsim.live.session.loop import loop_options
 from hhsim.live.session.memory import LIVE_TICK, SessionMemory

@@ -14,8 +14,8 @@ from hhsim.kernels.live.deadlines import NOTHING, due_time, next_deadline, woken
 from hhsim.kernels.live.loop import DRIVERS, begin_hands, give_hands, publish_hands, take_hands, wake_driver
 from hhsim.kernels.live.tick import command_tick, look_for_stop, waiting_since
 from hhsim.live.device import LIMITS, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
-from hhsim.live.devices.registry import PoseConfig, configure
 from hhsim.live.drivers.poses import FixedPose, PoseSource
+from hhsim.live.gloves import PoseConfig, configure
 from hhsim.live.processes import RingReader
 from hhsim.live.session.driver import GloveDriver
 from hhsim.live.session.loop import LiveLoop, MissAccounts, deadline_record

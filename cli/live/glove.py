@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hhsim.live.devices.registry import GLOVES, POSES, USUAL_POSE_PORT, PoseConfig
+from hhsim.live.gloves import GLOVES, POSES, USUAL_POSE_PORT, PoseConfig
 from hhsim.result.safety import AFTER_STALL
 from hhsim.solver.method import METHODS
 
@@ -25,7 +25,7 @@ from .session import run_session
 from .summary import print_summary, session_json
 
 if TYPE_CHECKING:
-    from hhsim.live.devices.registry import GloveConfig, Hand
+    from hhsim.live.gloves import GloveConfig, Hand
     from hhsim.scene.motion_catalogue import Motion
 
     Inputs = tuple[GloveConfig, PoseConfig, Motion | None]
@@ -107,7 +107,7 @@ class HandChoice(OptionGroup, heading="Hand"):
         `seed` is of the glove's noise, `usual_motion` played if none is named. Raises click.UsageError for options that
         contradict each other.
         """
-        from hhsim.live.devices.registry import configure
+        from hhsim.live.gloves import configure
 
         plays = GLOVES[device].plays
         has_palm = GLOVES[device].palm
@@ -267,8 +267,8 @@ def command(
       hhsim live glove cube --device left=dexmo,right=dexmo --pose udp
     """
     from hhsim.hand.model import HandModel
-    from hhsim.live.devices.registry import open_device
     from hhsim.live.doctor import quick_warning
+    from hhsim.live.gloves import open_device
     from hhsim.live.real_time import RealTimeWishes
     from hhsim.live.session.scene import grasping_hand, make_live_scene
     from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits

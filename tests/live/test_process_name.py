@@ -19,6 +19,5 @@ for module in sys.argv[1:]:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux names processes so")
 def test_the_processes_of_a_session_are_told_apart() -> None:
-    modules = {**MODULES, "driver": "hhsim.live.session.driver"}
-    answer = subprocess.run([sys.executable, "-P", "-c", NAMES, *modules.values()], capture_output=True, text=True)
-    assert answer.stdout.split() == [f"hhsim-{name}" for name in modules], answer.stderr
+    answer = subprocess.run([sys.executable, "-P", "-c", NAMES, *MODULES.values()], capture_output=True, text=True)
+    assert answer.stdout.split() == [f"hhsim-{name}" for name in MODULES], answer.stderr

@@ -11,7 +11,7 @@ import pytest
 from live_scripted import make_setup
 
 from hhsim.live import real_time
-from hhsim.live.devices.registry import configure
+from hhsim.live.gloves import configure
 from hhsim.live.processes import RingReader
 from hhsim.live.real_time import RealTimeWishes, described, keep_off, processors_awake
 from hhsim.live.session.memory import SessionMemory

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.live.device import FINGER_COUNT, LIMITS, DeviceCounters, FingerCommand, GloveDevice, GloveInfo
-from hhsim.live.devices.registry import GloveConfig
+from hhsim.live.gloves import GloveConfig
 from hhsim.live.playback import RETURN_TIME
 from hhsim.recordings.column_map import JOINT_NAMES
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression

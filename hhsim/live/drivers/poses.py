@@ -12,7 +12,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_vector
 from hhsim.live.device import GloveDevice
-from hhsim.live.devices.registry import POSES, PoseConfig
+from hhsim.live.gloves import POSES, PoseConfig
 from hhsim.live.open_packet import Kind, PacketOrder, UdpPort
 
 

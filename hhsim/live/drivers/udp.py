@@ -28,7 +28,7 @@ from hhsim.live.device import (
     GloveInfo,
     PalmReading,
 )
-from hhsim.live.devices.registry import GLOVES, TAKES, GloveConfig, PacketOptions
+from hhsim.live.gloves import GLOVES, TAKES, GloveConfig, PacketOptions
 from hhsim.live.open_packet import NONE_YET, Kind, Packet, PacketOrder, UdpPort, encode_packet, resolve
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
-from hhsim.live.devices.registry import GLOVES, POSES, GloveConfig, PoseConfig
+from hhsim.live.gloves import GLOVES, POSES, GloveConfig, PoseConfig
 from hhsim.live.playback import Playback
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.stored_scene import body_name

@@ -14,9 +14,9 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.live.device import FINGER_COUNT
-from hhsim.live.devices.registry import GloveConfig, PoseConfig
+from hhsim.live.gloves import GloveConfig, PoseConfig
 from hhsim.live.real_time import RealTimeWishes
-from hhsim.live.session.status import GloveSetup
+from hhsim.live.session.status import WatchedGlove
 from hhsim.recordings.dexmo_regression import DexmoRegression
 from hhsim.result.safety import AFTER_STALL
 from hhsim.scene.body import Free
@@ -152,15 +152,11 @@ class LiveSetup:
         """Return `Calibration.bend_lines` of the glove; those of the default regression if it has no calibration."""
         return (self.device.calibration or DexmoRegression.default()).bend_lines()
 
-    def for_watchdog(self, status: int) -> GloveSetup:
+    def for_watchdog(self, status: int) -> WatchedGlove:
         """Return the setup of the watchdog; `status` is the descriptor of the status."""
         device = replace(self.device, playback=None, calibration=None)
-        own = (device, self.real_time, self.oldest_heartbeat_ns, self.supervisor)
-        return GloveSetup(*own, status=status, periods=self.periods)
-
-    def for_driver(self, loop: int) -> GloveSetup:
-        """Return the setup of the driver; `loop` is the process id of the loop."""
-        return GloveSetup(self.device, self.real_time, self.oldest_heartbeat_ns, loop, self.dry_run, self.pose)
+        oldest = self.oldest_heartbeat_ns
+        return WatchedGlove(device, self.real_time, oldest, self.supervisor, status=status, periods=self.periods)
 
     def limits_json(self) -> dict[str, Any]:
         """Return limits and requests as plain values, and the lines from bend to joint angle [rad]."""

@@ -147,7 +147,7 @@ class Supervisor:
         descriptor = self.memory.with_setup(setup)
         self._setups = dict.fromkeys((LOOP, RECORDER, VIEWER), descriptor)
         each = zip(setup.hands, self.memory.hands)
-        self._setups[WATCHDOG] = write_setup(*(own.for_watchdog(hand.descriptors.memory) for own, hand in each))
+        self._setups[WATCHDOG] = write_setup(*(own.for_watchdog(hand.descriptor) for own, hand in each))
         self._children: dict[str, ChildProcess] = {}
         self._notices: list[tuple[float, int, str]] = []
         self._reason = self._loop_failed = self._record_failed = self._fault_at_end = ""
@@ -255,7 +255,7 @@ class Supervisor:
             raise HhsimError(f"the recording{where} is not whole: {self._record_failed}")
 
     def _start(self, name: str) -> None:
-        self._children[name] = ChildProcess(name, MODULES[name], self._setups[name], self.memory.inherited)
+        self._children[name] = ChildProcess(name, MODULES[name], self._setups[name], self.memory.descriptors)
 
     def _tell(self, **values: int) -> None:
         """Set fields of the status of each hand."""

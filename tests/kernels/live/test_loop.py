@@ -16,8 +16,8 @@ from sphere_scenes import UNTIMED
 from hhsim.kernels.live.deadlines import EARLIEST
 from hhsim.kernels.live.phase import LARGEST_SHIFT
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
-from hhsim.live.devices.registry import PoseConfig
 from hhsim.live.drivers.poses import FixedPose
+from hhsim.live.gloves import PoseConfig
 from hhsim.live.processes import RingReader
 from hhsim.live.session.driver import GloveDriver
 from hhsim.live.session.loop import LiveLoop, loop_options

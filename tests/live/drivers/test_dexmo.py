@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from sampled import sampled
 
 from hhsim.live.device import GLOVE_SAMPLE, DeviceError, FingerCommand
-from hhsim.live.devices.registry import configure, open_device
 from hhsim.live.drivers.dexmo import (
     CHANNELS,
     MOST_MALFORMED,
@@ -35,6 +34,7 @@ from hhsim.live.drivers.dexmo import (
     framed,
     next_message,
 )
+from hhsim.live.gloves import configure, open_device
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 from tools.dexmo_server import decode_impedances, encode_frame, fake_channels
 

@@ -18,8 +18,8 @@ from openxr_peer import Location, hand_datagram
 
 from hhsim.errors import InputError
 from hhsim.live.device import FORCES, FingerCommand, GloveDevice
-from hhsim.live.devices.registry import PoseConfig, configure, open_device
 from hhsim.live.drivers.poses import make_pose_source
+from hhsim.live.gloves import PoseConfig, configure, open_device
 from hhsim.recordings.joint_names import OPENXR_JOINTS
 
 BRIDGE = Path(__file__).resolve().parents[3] / "examples" / "openxr_bridge.py"

@@ -20,9 +20,9 @@ from live_peers import PATIENCE, Reader, example, free_ports
 
 from hhsim.errors import InputError
 from hhsim.live.device import FORCES, DeviceError, FingerCommand
-from hhsim.live.devices.registry import GloveConfig, PoseConfig, configure, open_device
 from hhsim.live.drivers.poses import make_pose_source
 from hhsim.live.drivers.udp import UdpGlove
+from hhsim.live.gloves import GloveConfig, PoseConfig, configure, open_device
 from hhsim.live.open_packet import COUNT, HEADER, Kind, PacketError, PacketOrder, UdpPort, decode_packet, encode_packet
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 

@@ -24,7 +24,7 @@ from renewed import Renewed
 from sampled import sampled
 
 from hhsim.hand.model import HandModel
-from hhsim.live.devices.registry import configure
+from hhsim.live.gloves import configure
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 
 pytestmark = [pytest.mark.slow, keeps_time]

@@ -1,16 +1,14 @@
 """The driver between a glove and the records of a session."""
 
-import json
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 from live_scripted import FIST, FakeClock, Moment, ScriptedGlove
 
-from hhsim.live.device import FORCES, GloveInfo, PalmReading
-from hhsim.live.devices.registry import PoseConfig
+from hhsim.live.device import PalmReading
 from hhsim.live.drivers.poses import FixedPose, make_pose_source
-from hhsim.live.session.driver import GloveDriver, glove_info
+from hhsim.live.gloves import PoseConfig
+from hhsim.live.session.driver import GloveDriver
 from hhsim.live.session.memory import SessionMemory
 
 OLDEST = 20_000_000
@@ -30,11 +28,6 @@ def command(status: Any, stiffness: float, now: int) -> None:
     status["command_stiffness"] = stiffness
     status["command_force"] = 10.0 * stiffness
     status["command_version"][0] += 2
-
-
-def test_what_a_glove_is_comes_through_the_facts_as_it_was() -> None:
-    info = GloveInfo("a glove", ("a", "b"), FORCES, "left", "rad", ("b spans 3 counts",), (1, 4), True)
-    assert glove_info(json.loads(json.dumps(asdict(info) | {"pose": "fixed"}))) == info
 
 
 def test_the_newest_command_is_sent_once() -> None:

@@ -10,7 +10,7 @@ from sphere_scenes import bumpy_ball
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.live.phase import LARGEST_SHIFT
-from hhsim.live.devices.registry import PoseConfig, configure
+from hhsim.live.gloves import PoseConfig, configure
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.session.scene import make_live_scene
 from hhsim.live.session.settings import LiveSetup

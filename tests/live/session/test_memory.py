@@ -8,7 +8,7 @@ import pytest
 from live_scripted import make_setup
 
 from hhsim.errors import HhsimError, InputError
-from hhsim.live.devices.registry import configure
+from hhsim.live.gloves import configure
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.session.memory import FACT_BYTES, SessionMemory
 from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits

@@ -20,7 +20,7 @@ from short_grasp import short_grasp, short_scene
 
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_TOUCHING
-from hhsim.live.devices.registry import configure
+from hhsim.live.gloves import configure
 from hhsim.live.processes import RingReader
 from hhsim.live.session.memory import LIVE_TICK, SessionMemory
 from hhsim.live.session.recorder import SessionWriter
