@@ -4,16 +4,15 @@ A new glove is a driver with a record in `GLOVES`, or one that an installed pack
 are imported when their glove is opened: the command's help imports this module alone.
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Literal
 
-from hhsim.errors import InputError, UnknownNameError
 from hhsim.registry import Registry
 
 if TYPE_CHECKING:
     from hhsim.live.device import Calibration, FingerRelease, GloveDevice
-    from hhsim.live.playback import Playback
+    from hhsim.live.drivers.played import Playback
 
 Hand = Literal["right", "left"]
 TAKES = ("limits", "forces")
@@ -138,15 +137,9 @@ def configure(
 ) -> GloveConfig:
     """Configure a glove by its settings' names, and read its calibration; arguments as in `GloveConfig`.
 
-    UnknownNameError for a glove or a setting, InputError for a hand or a calibration that cannot be read.
+    UnknownNameError for an unknown glove, InputError for a calibration that cannot be read.
     """
     glove = GLOVES[kind]
-    if hand not in ("right", "left"):
-        raise InputError(f"hand '{hand}'; expected right or left")
-    known = [item.name for item in fields(glove.options)]
-    for name in settings:
-        if name not in known:
-            raise UnknownNameError(f"setting of {kind}", name, known)
     options = glove.options(**settings)
     calibration = resolve_name(glove.calibration)(options, hand) if glove.calibration else None
     return GloveConfig(kind, options, hand, seed, playback, calibration)

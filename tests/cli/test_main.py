@@ -171,12 +171,6 @@ def test_a_stream_that_is_closed_or_full_is_no_crash(redirection: str, code: int
     assert err in answer.stderr and len(answer.stderr.splitlines()) == bool(err)
 
 
-def test_an_error_never_goes_to_stdout_where_stderr_is_closed() -> None:
-    command = ["sh", "-c", '"$@" 2>&-', "sh", *HHSIM, "repllay"]
-    answer = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
-    assert (answer.returncode, answer.stdout) == (2, "")
-
-
 def test_an_encoding_without_our_letters_is_no_crash(run: Run) -> None:
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}
     table = subprocess.run([*HHSIM, "objects"], capture_output=True, text=True, env=environment)

@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 from live_scripted import FIST, FREE, FakeClock, InStep, make_setup
 
-from hhsim.errors import InputError, UnknownNameError
 from hhsim.live.device import DeviceError, FingerRelease
+from hhsim.live.drivers.played import Playback
 from hhsim.live.drivers.poses import make_pose_source
 from hhsim.live.gloves import GLOVES, POSES, PoseConfig, configure, open_device, open_release
-from hhsim.live.playback import Playback
 from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.settings import OutputLimits, SafetyLimits
 from hhsim.motion.trajectory import Trajectory
@@ -112,15 +111,6 @@ def test_nothing_listens_beyond_the_loopback_unless_told() -> None:
     with contextlib.suppress(DeviceError):
         open_device(configure("udp", host="192.0.2.1")).open(0.0)
     assert BOUND == [("", 24170)], "told that its peer is another machine"
-
-
-def test_what_there_is_not_is_named_with_what_there_is() -> None:
-    with pytest.raises(UnknownNameError, match="unknown glove 'dexmoo': did you mean dexmo"):
-        configure("dexmoo")
-    with pytest.raises(UnknownNameError, match="unknown setting of dexmo 'prot': did you mean port"):
-        configure("dexmo", prot=3)
-    with pytest.raises(InputError, match="expected right or left"):
-        configure(hand="both")  # type: ignore[arg-type]
 
 
 def test_what_the_watchdog_opens_knows_nothing_of_readings() -> None:

@@ -11,12 +11,8 @@ import pytest
 from live_scripted import make_setup
 
 from hhsim.live import real_time
-from hhsim.live.gloves import configure
-from hhsim.live.processes import RingReader
 from hhsim.live.real_time import RealTimeWishes, described, keep_off, processors_awake
 from hhsim.live.session.memory import SessionMemory
-from hhsim.live.session.status import Stage
-from hhsim.result.schema import FAULT
 
 ASK = """
 import json, os, sys, gc, resource
@@ -137,17 +133,6 @@ def run_loop(**changes: object) -> tuple[subprocess.CompletedProcess[str], Sessi
         check=False,
     )
     return child, memory
-
-
-@pytest.mark.soak
-def test_a_glove_that_is_not_there_is_one_line_and_exit_2() -> None:
-    child, memory = run_loop(device=configure("dexmo", port=1))
-    assert child.returncode == 2
-    assert child.stderr.startswith("hhsim: ")
-    assert child.stderr.count("\n") == 1
-    _, events = RingReader(memory.events).read(10)
-    assert events["level"].tolist() == [FAULT]
-    assert memory.status["stage"] == Stage.ENDED
 
 
 def test_a_loop_whose_supervisor_is_gone_does_not_begin() -> None:

@@ -10,8 +10,8 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
+from hhsim.live.drivers.played import Playback
 from hhsim.live.gloves import GLOVES, POSES, GloveConfig, PoseConfig
-from hhsim.live.playback import Playback
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.stored_scene import body_name
 from hhsim.scene.body import Body, Driven, Fixed, Free

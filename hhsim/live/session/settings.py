@@ -1,6 +1,5 @@
 """Settings of a live session; its processes read them pickled from memory that they inherit."""
 
-import math
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -11,7 +10,6 @@ from typing import Annotated, Any
 from msgspec import Meta
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.live.device import FINGER_COUNT
 from hhsim.live.gloves import GloveConfig, PoseConfig
@@ -27,8 +25,6 @@ from hhsim.system.settings_file import Positive, between, check_fields, one_of
 
 Stiffness = Annotated[float, between(0.0, 1.0)]
 OF_FINGERS = Meta(min_length=FINGER_COUNT, max_length=FINGER_COUNT, description="five numbers, 0 (free) to 1")
-RATE_RANGE = (10.0, 10_000.0)
-"""Least and largest rate of a loop [Hz]."""
 SLOW_PERIODS = 2.5
 """Number of periods without a heartbeat that are allowed to a slow loop."""
 
@@ -80,10 +76,7 @@ class SafetyLimits:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LiveSetup:
-    """Settings of a live session, and of one of its hands.
-
-    Raises InputError for a rate or a duration out of range, or hands that do not go together.
-    """
+    """Settings of a live session, and of one of its hands."""
 
     scene: Scene  # of one tick: the bodies, and all hands
     hand: HandModel
@@ -103,19 +96,6 @@ class LiveSetup:
     # Further plain values of the scene for the file.
     description: Mapping[str, Any] = field(default_factory=dict)
     supervisor: int = field(default_factory=os.getpid)  # process id of the supervisor; the loop ends with it
-
-    def __post_init__(self) -> None:
-        low, high = RATE_RANGE
-        if not low <= self.rate <= high:
-            raise InputError(f"the rate is {self.rate:g} Hz: expected {low:g} to {high:g} Hz")
-        if self.duration is not None and not 0.0 < self.duration < math.inf:
-            raise InputError(f"the duration is {self.duration:g} s: it must be positive and finite")
-        if self.scene.ticks.rate != self.rate:
-            raise InputError(f"a scene at {self.scene.ticks.rate:g} Hz in a loop at {self.rate:g} Hz")
-        sides = tuple(each.hand.side for each in self.hands)
-        # The left hand's setup is made first, and stands in that of the right one.
-        if sides != tuple(hand.model.side for hand in self.scene.hands)[-len(sides) :]:
-            raise InputError(f"gloves of the {' and the '.join(sides)} hand: expected those of the scene's hands")
 
     @property
     def hands(self) -> "tuple[LiveSetup, ...]":

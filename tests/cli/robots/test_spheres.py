@@ -10,8 +10,6 @@ from conftest import Run
 from linkage_samples import joint, link, urdf, write_box
 from robot_arms import write_arm
 
-from hhsim.cli.build_tree import command
-from hhsim.robots.formats.registry import FORMATS
 from hhsim.robots.link_spheres import build_link
 
 
@@ -73,26 +71,12 @@ def test_a_total_is_shared_out_by_error(run: Run, tmp_path: Path) -> None:
 
 
 @pytest.mark.soak
-def test_an_error_is_kept_by_the_fewest_spheres_of_each_link(run: Run, tmp_path: Path) -> None:
-    write_arm(tmp_path)
-    answer = run("build-tree", "arm.urdf", "--max-error", "20mm", "--link", "base", "--as", "h5", "--json")
-    assert answer.code == 0, answer.err
-    (base,) = json.loads(answer.out)["links"]
-    assert base["bound"] <= 0.02 and 1 < base["spheres"] < 64
-
-
-@pytest.mark.soak
 def test_links_that_are_all_fixed_are_one_object(run: Run, tmp_path: Path) -> None:
     (tmp_path / "box.urdf").write_text(urdf(link("a"), link("b"), joint("a", "b", "fixed", origin='xyz="0 0 0.1"')))
     answer = run("build-tree", "box.urdf", "--level", "1", "--json")
     assert json.loads(answer.out)["leaves"] == 8
     answer = run("build-tree", "box.urdf", "--leaves", "3", "--as", "json", "--json")
     assert [each["spheres"] for each in json.loads(answer.out)["links"]] == [3, 3]
-
-
-def test_the_formats_of_the_command_are_those_of_the_registry() -> None:
-    (kind,) = [each for each in command.params if each.name == "kind"]
-    assert sorted(kind.type.choices) == sorted(FORMATS.names())  # type: ignore[attr-defined]
 
 
 FLAT, LINE = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nf 1 2 3\n", "v 0 0 0\nv .1 0 0\nv .2 0 0\nf 1 2 3\n"
@@ -194,13 +178,6 @@ def test_an_mjcf_is_a_robot_with_whatever_joints_it_has(run: Run, tmp_path: Path
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "two.xml")).njnt == 3
     refused = run("build-tree", "arm.xml", "--as", "curobo")
     assert refused.code == 2 and "cuRobo reads the joints from a URDF, and arm.xml is none" in refused.err
-
-
-def test_a_link_of_a_robot_that_no_scene_can_have_is_built_by_its_name(run: Run, tmp_path: Path) -> None:
-    write_arm(tmp_path)
-    answer = run("build-tree", "arm.urdf", "--link", "left", "--level", "1", "--out", "left.h5", "--json")
-    assert answer.code == 0, answer.err
-    assert json.loads(answer.out)["object"] == "left"
 
 
 def test_what_only_looks_is_noted_and_taken_on_request(run: Run, tmp_path: Path) -> None:

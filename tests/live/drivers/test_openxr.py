@@ -16,7 +16,6 @@ from joint_samples import JointSample, Side, joint_sample
 from live_peers import PATIENCE, Reader, example, free_ports, until_listened_to
 from openxr_peer import Location, hand_datagram
 
-from hhsim.errors import InputError
 from hhsim.live.device import FORCES, FingerCommand, GloveDevice
 from hhsim.live.drivers.poses import make_pose_source
 from hhsim.live.gloves import PoseConfig, configure, open_device
@@ -163,8 +162,3 @@ def test_the_example_bridge_sends_a_hand_and_shakes_fingers(stop: signal.Signals
         bridge.send_signal(stop)
         assert bridge.wait(PATIENCE) == 0
         assert bridge.stdout.read().split()[-5:] == ["0.00"] * 5, "it lets go when it is stopped"
-
-
-def test_a_glove_that_knows_no_palm_is_told_so() -> None:
-    with pytest.raises(InputError, match="this glove does not say where the palm is; expected openxr"):
-        make_pose_source(PoseConfig("glove"), None, open_device(configure("udp")))

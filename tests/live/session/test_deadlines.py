@@ -29,16 +29,6 @@ def test_work_that_ends_in_the_next_period_is_followed_at_once(past: int) -> Non
     assert (at.tick, at.missed, at.at_once, clock.slept[-1]) == (2, 0, 0, 3 * PERIOD)
 
 
-@pytest.mark.parametrize("past", [PERIOD // 2 + 1, PERIOD - 1])
-def test_work_that_ends_late_in_the_next_period_misses_it(past: int) -> None:
-    clock, deadlines = started()
-    deadlines.wait()
-    clock.work(PERIOD + past)
-    deadlines.wait()
-    assert (deadlines.at.tick, deadlines.at.missed, deadlines.at.at_once) == (2, 1, 0)
-    assert clock.slept[-1] == 3 * PERIOD, "it sleeps after a miss"
-
-
 def test_a_loop_that_is_too_slow_pauses_after_every_second_tick() -> None:
     clock, deadlines = started()
     at_once, slept = [], []
@@ -51,18 +41,6 @@ def test_a_loop_that_is_too_slow_pauses_after_every_second_tick() -> None:
     assert at_once == [0, 1] * 10
     assert slept == [1, 0] * 10
     assert deadlines.at.missed_total == 9, "every third period, before a tick that was slept for"
-
-
-def test_a_loop_that_is_woken_periods_late_goes_on_in_the_period_it_is_in() -> None:
-    clock, deadlines = started()
-    deadlines.wait()
-    clock.oversleep = [5 * PERIOD + 300_000]
-    deadlines.wait()
-    assert (deadlines.at.tick, deadlines.at.missed, deadlines.at.missed_total) == (6, 5, 5)
-    assert (deadlines.at.wakeup_ns, deadlines.at.late_ns) == (300_000, 5 * PERIOD + 300_000)
-    assert deadlines.at.woke_ns == deadlines.at.deadline_ns + deadlines.at.wakeup_ns
-    deadlines.wait()
-    assert (deadlines.at.tick, deadlines.at.missed, deadlines.at.wakeup_ns) == (7, 0, 0)
 
 
 def test_a_signal_does_not_end_the_sleep_early() -> None:

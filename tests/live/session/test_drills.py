@@ -368,6 +368,8 @@ def test_a_process_is_lost_while_the_session_begins(glove: FakeDexmo, process: s
 
 def test_a_session_ends_with_free_fingers(drill: Drill) -> None:
     drill.grasp()
+    for name in (LOOP, WATCHDOG, RECORDER):
+        assert Path(f"/proc/{pid_of(drill, name)}/comm").read_text() == f"hhsim-{name}\n"
     drill.session.end()
     commands = drill.commands()
     last = {client: commands[commands["client"] == client][-1:] for client in set(commands["client"].tolist())}

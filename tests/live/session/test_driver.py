@@ -64,18 +64,6 @@ def test_a_command_of_a_loop_that_stands_still_holds_nothing() -> None:
     assert [sent.force.max() for sent in glove.commands] == [3.0, 0.0]
 
 
-def test_a_sample_is_in_its_ring_with_the_time_at_which_it_was_read() -> None:
-    driver, _, clock, status = opened()
-    driver.take()
-    driver.take()
-    ring = driver.memory.samples
-    assert ring.written == 1, "the first look is that of a glove without a moment"
-    assert ring.records["time_ns"][0] == clock.now()
-    np.testing.assert_array_equal(ring.records["flexion"][0], np.full((5, 3), FIST))
-    assert status["palm_version"][0] == 4
-    assert status["palm_orientation"].tolist() == [1.0, 0.0, 0.0, 0.0]
-
-
 def test_the_palm_of_a_glove_that_knows_it_is_in_the_status_with_its_sample() -> None:
     clock, memory = FakeClock(), SessionMemory.create()
     glove = ScriptedGlove(clock, [Moment(FIST)])

@@ -25,7 +25,7 @@ from sampled import sampled
 
 from hhsim.errors import InputError
 from hhsim.live.session.loop import loop_options
-from hhsim.live.session.memory import LIVE_TICK, TICK_CAPACITY, SessionMemory
+from hhsim.live.session.memory import TICK_CAPACITY, SessionMemory
 from hhsim.live.session.recorder import CUT_SHORT, LOOP_DIED, Recorder, SessionWriter
 from hhsim.live.session.status import LoopProcess, Stage
 from hhsim.replay.repeat import run_again
@@ -225,18 +225,6 @@ def test_a_session_that_lost_its_beginning_cannot_be_run_again(ticks: Records, t
         run_again(load_result(result.path))
 
 
-def test_ticks_whose_solver_failed_are_told(ticks: Records, tmp_path: Path) -> None:
-    late = ticks.copy()
-    late["tick"][200:] += 1
-    late["tick"][300:] += 4
-    late["missed"][300] = 4
-    again = run_again(recorded(tmp_path / "session.h5", late))
-    assert again.identical
-    assert again.notes == (
-        "ticks whose solver failed, and that are not in the file: 1; what follows on them may differ",
-    )
-
-
 @contextmanager
 def recorder_process(path: Path, memory: SessionMemory) -> Iterator[subprocess.Popen[str]]:
     """The recorder as the supervisor starts it."""
@@ -327,9 +315,3 @@ def test_a_session_that_never_began_leaves_no_file(tmp_path: Path) -> None:
     memory.facts.write(FACTS)
     Recorder(make_setup(tmp_path / "b.h5"), memory).run()
     assert list(tmp_path.iterdir()) == []
-
-
-def test_samples_without_a_tick_are_kept(ticks: Records, tmp_path: Path) -> None:
-    result = recorded(tmp_path / "session.h5", np.zeros(0, LIVE_TICK), numbered_samples(ticks))
-    assert (result.complete, result.ticks) == (True, 0)
-    assert len(result["live/sample/seq"]) == 140

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_drill import STIFF, FakeDexmo, Fault, Watched, grasping_scene, grasping_setup, stiff, two_grasping_setup
+from live_drill import STIFF, FakeDexmo, Fault, Watched, grasping_scene, stiff, two_grasping_setup
 from live_peers import free_ports
 from machine_share import assert_in_time, keeps_time
 from sampled import sampled
@@ -131,9 +131,6 @@ def test_a_fault_of_one_glove_frees_both_and_the_session_ends_in_one_file_that_r
 
 
 def test_setups_that_do_not_go_together_are_refused() -> None:
-    right, left = (grasping_setup(1, None, side) for side in SIDES)
-    with pytest.raises(InputError, match="gloves of the left and the right hand"):
-        replace(left, beside=right)
     scene = grasping_scene(1, "left")
     moved = replace(scene.scene.hands[0].trajectory, object_position=np.ones(3))
     hand = replace(scene.scene.hands[0], trajectory=moved)

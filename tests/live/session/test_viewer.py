@@ -209,11 +209,3 @@ def test_a_viewer_that_stalls_is_given_up(
         assert process.stderr is not None
         assert process.stderr.read().splitlines()[-1] == "hhsim: the viewer has taken nothing for 2 s"
         process.stderr.close()
-
-
-@pytest.mark.soak
-def test_no_viewer_is_told(played: tuple[LiveSetup, Records], memory: SessionMemory) -> None:
-    words, descriptors = command(shown(played[0], "connect=127.0.0.1:1"), memory)
-    answer = subprocess.run(words, pass_fds=descriptors, capture_output=True, text=True)
-    assert answer.returncode == 2
-    assert answer.stderr.startswith("hhsim: no viewer listens at")
