@@ -1,7 +1,9 @@
 """A clock that is told the time and a glove that follows a script: what the tests of the loop run it with."""
 
+import os
 from collections.abc import Callable, MutableSequence, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -20,9 +22,12 @@ from hhsim.live.processes import RingReader
 from hhsim.live.session.driver import GloveDriver
 from hhsim.live.session.loop import LiveLoop, MissAccounts, deadline_record
 from hhsim.live.session.memory import SessionMemory, TickReader
+from hhsim.live.session.recorder import Recorder
 from hhsim.live.session.scene import make_live_scene
 from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits
+from hhsim.live.session.status import Stage
 from hhsim.mesh.mesh import Mesh
+from hhsim.result.reader import Result, load_result
 from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.solver.options import SolverOptions
 from hhsim.system.cpu_accounts import CpuAccounts
@@ -359,3 +364,13 @@ class ScriptedSession:
         self.samples = RingReader(self.memory.samples).read(10**6)[1]
         self.events = [text.decode() for text in RingReader(self.memory.events).read(1000)[1]["text"]]
         return self
+
+    def recorded(self, path: Path | None = None) -> Result:
+        """The file of the session, which has ended."""
+        setup = self.setup if path is None else replace(self.setup, record=path)
+        assert setup.record is not None
+        self.memory.status["loop_pid"] = os.getpid()
+        self.memory.facts.write(self.both.driver.facts() | {"real_time": {}, "reason": "duration"})
+        self.memory.status["stage"] = Stage.ENDED
+        Recorder(setup, self.memory).run()
+        return load_result(setup.record)

@@ -138,27 +138,6 @@ def write_many(path: Path, strips: int) -> None:
     path.write_bytes(header.encode() + vertices.astype("<f4").tobytes() + rows.tobytes())
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["arm.urdf", "--total", "3"], "3 spheres for 7 links; expected at least one for each (--total)"),
-        (["arm.urdf", "--total", "9", "--leaves", "3"], "--total and --leaves exclude each other"),
-        (["arm.urdf", "--compare"], "--compare is for --from FILE"),
-        (["arm.urdf", "--solid"], "--solid is for mesh files; arm.urdf is a robot"),
-        (["arm.urdf", "--as", "urdf", "--out", "a.yml"], "--out a.yml: expected a file that ends in .urdf (--as urdf)"),
-        (["arm.urdf", "--link", "palm", "--as", "h5"], "arm.urdf: no link 'palm'; it has base, turret"),
-        (["arm.urdf", "--from", "other.yml"], "other.yml: spheres of hull; expected some of base, turret"),
-        (["cube", "--ignore", "default"], "--compare are for a robot, a URDF or MJCF file, and cube is none"),
-        (["arm.urdf", "--out", "arm.urdf"], "arm.urdf is an input of this command"),
-    ],
-)
-def test_options_that_do_not_go_together(run: Run, tmp_path: Path, arguments: list[str], message: str) -> None:
-    write_arm(tmp_path)
-    (tmp_path / "other.yml").write_text("collision_spheres: {hull: [{center: [0, 0, 0], radius: 1.0}]}")
-    answer = run("build-tree", *arguments)
-    assert (answer.code, answer.out) == (2, "") and message in answer.err, answer.err
-
-
 def test_an_mjcf_is_a_robot_with_whatever_joints_it_has(run: Run, tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     write_box(tmp_path / "box.obj", (0.1, 0.06, 0.02))
