@@ -297,17 +297,7 @@ def command(
         HandModel.default(device.hand) if own.hand_file is None else HandModel.from_toml(own.hand_file, device.hand)
         for own, (device, _, _) in worn
     ]
-    words = SceneWords(
-        object=object_,
-        trajectory=hand.trajectory or usual,
-        unit=mesh_file.unit,
-        size_mm=mesh_file.size,
-        thickness_mm=mesh_file.thickness,
-        solid=mesh_file.solid,
-        level=tree.stated(),
-        max_error=tree.max_error,
-        free=free.words(),
-    )
+    words = SceneWords(object=object_, trajectory=hand.trajectory or usual, free=free.words(), **mesh_file.words(tree))
     loaded = load_words(words, surface=solver.surface, motions=[one for one in motions if one is not None])
     bodies, mesh = loaded.bodies, loaded.bodies.mesh
     if any(body.is_free for body in bodies.settings):

@@ -60,17 +60,6 @@ def scaled_spheres(spheres: list[dict[str, Any]], factor: float) -> list[dict[st
 
 
 @pytest.mark.soak
-def test_a_total_is_shared_out_by_error(run: Run, tmp_path: Path) -> None:
-    write_arm(tmp_path)
-    answer = run("build-tree", "arm.urdf", "--total", "40", "--json", "--threads", "2")
-    assert answer.code == 0, answer.err
-    links = {each["link"]: each for each in json.loads(answer.out)["links"]}
-    assert 30 <= sum(each["spheres"] for each in links.values()) <= 40 and links["ball"]["spheres"] == 1
-    even = json.loads(run("build-tree", "arm.urdf", "--leaves", "5", "--json").out)["links"]
-    assert max(each["bound"] for each in links.values()) < max(each["bound"] for each in even)
-
-
-@pytest.mark.soak
 def test_links_that_are_all_fixed_are_one_object(run: Run, tmp_path: Path) -> None:
     (tmp_path / "box.urdf").write_text(urdf(link("a"), link("b"), joint("a", "b", "fixed", origin='xyz="0 0 0.1"')))
     answer = run("build-tree", "box.urdf", "--level", "1", "--json")
@@ -109,19 +98,6 @@ def test_bad_robots_are_one_line_and_leave_nothing(run: Run, tmp_path: Path, con
     answer = run("build-tree", "bad.urdf", "--leaves", "2", "--out", "bad.yml")
     assert (answer.code, answer.out) == (2, "")
     assert message in answer.err and answer.err.count("\n") == 1 and not (tmp_path / "bad.yml").exists()
-
-
-def test_a_robot_is_refused_before_a_mesh_of_it_is_looked_into(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    looked: list[object] = []
-    monkeypatch.setattr("hhsim.robots.link_spheres.with_inside", lambda mesh, **given: looked.append(mesh) or mesh)
-    write_box(tmp_path / "box.obj", (0.1, 0.06, 0.02))
-    (tmp_path / "line.obj").write_text(LINE)
-    links = link("a", MESH.format("box.obj", 1)), link("b", MESH.format("line.obj", 1))
-    (tmp_path / "bad.urdf").write_text(urdf(*links, joint("a", "b")))
-    answer = run("build-tree", "bad.urdf", "--leaves", "2", "--out", "bad.yml")
-    assert answer.code == 2 and "link 'b': its triangles have no area" in answer.err and not looked
 
 
 def write_many(path: Path, strips: int) -> None:

@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from live_scripted import WAKING_NS, Deadlines, FakeClock
+from live_scripted import Deadlines, FakeClock
 
 from hhsim.kernels.live.deadlines import EARLIEST, NOTHING
 
@@ -62,20 +62,6 @@ def wait_for(clock: FakeClock, deadlines: Deadlines, came: int) -> Deadlines:
     deadlines.wait(lambda: came if clock.now() >= came else NOTHING)
     clock.alarms.clear()
     return deadlines
-
-
-@pytest.mark.parametrize(
-    ("before", "early"),
-    [(1, 0), (WAKING_NS + 1, WAKING_NS + 1), (600_000, 600_000), (750_000, 750_000), (900_000, 750_000)],
-)
-def test_what_comes_before_a_deadline_makes_the_tick_due(before: int, early: int) -> None:
-    clock, deadlines = started()
-    at = wait_for(clock, deadlines, PERIOD - before).at
-    assert (at.tick, at.missed, at.at_once, at.deadline_ns, at.early_ns) == (0, 0, 0, PERIOD, early)
-    assert clock.now() == at.woke_ns == PERIOD - early + at.wakeup_ns
-    assert at.wakeup_ns == at.late_ns
-    deadlines.wait()
-    assert (at.tick, at.deadline_ns, at.early_ns, at.woke_ns) == (1, 2 * PERIOD, 0, 2 * PERIOD), "the others stay"
 
 
 @given(

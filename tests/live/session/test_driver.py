@@ -2,11 +2,9 @@
 
 from typing import Any
 
-import numpy as np
 from live_scripted import FIST, FakeClock, Moment, ScriptedGlove
 
-from hhsim.live.device import PalmReading
-from hhsim.live.drivers.poses import FixedPose, make_pose_source
+from hhsim.live.drivers.poses import FixedPose
 from hhsim.live.gloves import PoseConfig
 from hhsim.live.session.driver import GloveDriver
 from hhsim.live.session.memory import SessionMemory
@@ -62,20 +60,3 @@ def test_a_command_of_a_loop_that_stands_still_holds_nothing() -> None:
     driver.give()
     assert [sent.stiffness.max() for sent in glove.commands] == [0.3, 0.0]
     assert [sent.force.max() for sent in glove.commands] == [3.0, 0.0]
-
-
-def test_the_palm_of_a_glove_that_knows_it_is_in_the_status_with_its_sample() -> None:
-    clock, memory = FakeClock(), SessionMemory.create()
-    glove = ScriptedGlove(clock, [Moment(FIST)])
-    glove.palm = palm = PalmReading()
-    pose = make_pose_source(PoseConfig("glove", position=(0.1, 0.2, 0.3)), memory.status, glove)
-    driver, status = GloveDriver(memory, glove, pose, now=clock.now), memory.status
-    driver.open()
-    driver.take()
-    assert status["palm_version"][0] == 0, "nothing is known of it yet"
-    for height in (1.0, 1.5):
-        palm.came_ns, palm.position[2] = clock.now(), height
-        driver.take()
-        np.testing.assert_allclose(status["palm_position"], [0.1, 0.2, height - 0.7])
-        assert status["palm_ns"] == palm.came_ns
-    assert status["palm_version"][0] == 4

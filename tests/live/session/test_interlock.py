@@ -64,12 +64,6 @@ def test_a_streak_is_periods_missed_without_one_in_time() -> None:
     assert gate[0].streak == 0
 
 
-def test_a_dry_run_is_free_and_needs_no_watchdog() -> None:
-    change = {"armed": 0, "watchdog_ns": 0}
-    assert judged(interlock_record(SafetyLimits(), dry_run=True), NOW, **(GOOD | change)) == Safety.DRY_RUN
-    assert judged(interlock_record(SafetyLimits(watchdog=False)), NOW, **(GOOD | change)) == 0
-
-
 @given(st.lists(st.integers(0, 2**10 - 1), max_size=100))
 def test_a_log_tells_each_beginning_at_most_once_a_second_and_each_end_of_what_it_told(bits: list[int]) -> None:
     log = SafetyLog()
