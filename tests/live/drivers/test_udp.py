@@ -4,7 +4,6 @@ import re
 import signal
 import socket
 import struct
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -15,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from live_peers import PATIENCE, Reader, example, free_ports
+from live_peers import PATIENCE, Bridge, Reader, example, free_ports
 
 from hhsim.live.device import FORCES, DeviceError, FingerCommand
 from hhsim.live.drivers.poses import make_pose_source
@@ -141,41 +140,6 @@ def test_who_sends_nothing_of_use_is_looked_at_32_times() -> None:
         assert len(list(port.arrived())) == 4
 
 
-class Bridge:
-    """A bridge in the same process: a test sends what it wants."""
-
-    def __init__(self) -> None:
-        self.port = free_ports(socket.SOCK_DGRAM)
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.bind(("127.0.0.1", self.port + 1))
-        self.socket.settimeout(PATIENCE)
-        self.session = 1
-
-    def send(self, kind: Kind, values: object, seq: int, **other: int) -> None:
-        fields = {"session": self.session, "t_ns": 1000 * seq, **other}
-        self.socket.sendto(encode_packet(kind, np.asarray(values), seq=seq, **fields), ("127.0.0.1", self.port))
-
-    @contextmanager
-    def sending(self, kind: Kind, values: object, **other: int) -> Iterator[None]:
-        """Its packet 0 again and again, from a thread."""
-        heard = threading.Event()
-
-        def send() -> None:
-            while not heard.wait(0.005):
-                self.send(kind, values, 0, **other)
-
-        sender = threading.Thread(target=send)
-        sender.start()
-        try:
-            yield
-        finally:
-            heard.set()
-            sender.join()
-
-    def config(self) -> GloveConfig:
-        return configure("udp", port=self.port)
-
-
 @pytest.fixture
 def bridge() -> Iterator[Bridge]:
     made = Bridge()
@@ -186,10 +150,7 @@ def bridge() -> Iterator[Bridge]:
 @contextmanager
 def opened(bridge: Bridge, kind: Kind, values: object, config: GloveConfig | None = None) -> Iterator[UdpGlove]:
     """A device to which a bridge sends its packet 0 until it hears it; nothing is read yet."""
-    device = UdpGlove(config or bridge.config())
-    with bridge.sending(kind, values):
-        device.open(PATIENCE)
-    with closing(device):
+    with bridge.opened(UdpGlove(config or bridge.config()), bridge.packet(kind, values, 0)) as device:
         yield device
 
 
