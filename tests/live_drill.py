@@ -42,15 +42,13 @@ def grasping_setup(port: int, record: Path | None, side: Hand = "right") -> Live
     """Fingers that close on a cube at the place where they grasp it, and are stopped soon."""
     scene = grasping_scene(port, side)
     warm_up(scene.scene.hands[0].model, SolverOptions())
-    return _held(scene, scene, record)
+    return _held(scene, record)
 
 
 def two_grasping_setup(ports: Sequence[int], record: Path | None, *, free: bool = False) -> LiveSetup:
     """The same of both hands at one cube, free or not."""
     right = grasping_scene(ports[0], "right", free=free)
-    left = grasping_scene(ports[1], "left", free=free, beside=right)
-    both = right.both(left)
-    return _held(right, both, record, _held(left, both, record))
+    return _held(right.both(grasping_scene(ports[1], "left", free=free, beside=right)), record)
 
 
 def grasping_scene(port: int, side: Hand, *, free: bool = False, beside: LiveScene | None = None) -> LiveScene:
@@ -66,14 +64,10 @@ def grasping_scene(port: int, side: Hand, *, free: bool = False, beside: LiveSce
     return make_live_scene(bodies, hand, device, pose, None, rate=RATE, other=other, freed=freed)
 
 
-def _held(own: LiveScene, scene: LiveScene, record: Path | None, beside: LiveSetup | None = None) -> LiveSetup:
+def _held(scene: LiveScene, record: Path | None) -> LiveSetup:
     return LiveSetup(
-        scene=scene.scene,
-        beside=beside,
-        hand=own.scene.hands[0].model,
+        **scene._asdict(),
         options=SolverOptions(),
-        device=own.device,
-        pose=own.pose,
         output=OutputLimits(stiffness=(0.5,) * 5, stiffness_rise=50.0, ramp=0.1),
         record=record,
         duration=600.0,

@@ -24,7 +24,7 @@ from hhsim.live.session.loop import LiveLoop, MissAccounts, deadline_record
 from hhsim.live.session.memory import SessionMemory, TickReader
 from hhsim.live.session.recorder import Recorder
 from hhsim.live.session.scene import make_live_scene
-from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits
+from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits, WornGlove
 from hhsim.live.session.status import Stage
 from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result, load_result
@@ -44,18 +44,13 @@ WAKING_NS = 30_000
 
 def make_setup(mesh: Mesh | None = None, free: dict[str, Any] | None = None, **changes: Any) -> LiveSetup:
     """A session at 1 kHz with a ball, or a mesh, `free` by arguments of `Scene.freed`."""
-    given: dict[str, Any] = {
-        "hand": HandModel.default(),
-        "options": SolverOptions(),
-        "device": configure(),
-        "pose": PoseConfig(),
-        "rate": 1000.0,
-        **changes,
-    }
+    given: dict[str, Any] = {"options": SolverOptions(), "rate": 1000.0, **changes}
+    usual = {"hand": HandModel.default(), "device": configure(), "pose": PoseConfig()}
+    hand, device, pose = of_hand = tuple(given.pop(name, value) for name, value in usual.items())
+    given.setdefault("worn", (WornGlove(hand, device, pose),))
     if "scene" not in given:
         bodies = DeclaredBodies.of_mesh(mesh or sphere(0.06, 1), BALL)
         freed = (lambda scene: scene) if free is None else (lambda scene: scene.freed(**free))
-        of_hand = (given[name] for name in ("hand", "device", "pose"))
         given["scene"] = make_live_scene(bodies, *of_hand, None, rate=given["rate"], placed=True, freed=freed).scene
     return LiveSetup(**given)
 

@@ -317,45 +317,39 @@ def command(
             about |= {"rate": session.rate, "seed": session.seed, "freed": loaded.freed}
             scenes.append(make_live_scene(bodies, models[i], device, palm, motion, **about))
     print_notes(notes)
-    duration = session.duration
-    for scene in scenes:
-        if GLOVES[scene.device.kind].ends and session.duration is None and scene.device.playback is not None:
-            duration = max(duration or 0.0, scene.device.playback.duration)
-        # An error of the settings comes before any process is started.
-        open_device(scene.device)
     given = scenes[0].both(scenes[1]) if two else scenes[0]
-    setup = None
-    # The left hand's first, which stands in that of the right one.
-    for (own, (_, _, motion)), model, scene in reversed(list(zip(worn, models, scenes))):
-        setup = LiveSetup(
-            scene=given.scene,
-            beside=setup,
-            hand=model,
-            options=options,
-            device=scene.device,
-            pose=scene.pose,
-            rate=session.rate,
-            output=OutputLimits() if feedback.stiffness is None else OutputLimits(stiffness=feedback.stiffness),
-            safety=SafetyLimits(stale=1e-3 * feedback.stale, after_stall=feedback.after_stall),
-            real_time=RealTimeWishes.none() if session.no_realtime else RealTimeWishes(cpu=session.cpu),
-            rerun=session.rerun,
-            dry_run=feedback.dry_run,
-            command=("hhsim", *sys.argv[1:]),
-            record=record,
-            duration=duration,
-            description={
-                **scene.description,
-                "object": object_,
-                "object_mesh": mesh.sha256,
-                "level": bodies.tree.depth,
-                "hand_file": str(own.hand_file) if own.hand_file else None,
-                "device": scene.device.kind,
-                "trajectory": None if motion is None else own.trajectory or usual,
-                "seed": session.seed,
-            },
-        )
-    assert setup is not None
-    warm_up(setup.hand, setup.options, None if two else setup.seen.free)
+    duration, gloves = session.duration, []
+    for (own, (_, _, motion)), glove_ in zip(worn, given.worn):
+        if GLOVES[glove_.device.kind].ends and session.duration is None and glove_.device.playback is not None:
+            duration = max(duration or 0.0, glove_.device.playback.duration)
+        # An error of the settings comes before any process is started.
+        open_device(glove_.device)
+        described = {
+            **glove_.description,
+            "object": object_,
+            "object_mesh": mesh.sha256,
+            "level": bodies.tree.depth,
+            "hand_file": str(own.hand_file) if own.hand_file else None,
+            "device": glove_.device.kind,
+            "trajectory": None if motion is None else own.trajectory or usual,
+            "seed": session.seed,
+        }
+        gloves.append(replace(glove_, description=described))
+    setup = LiveSetup(
+        scene=given.scene,
+        worn=tuple(gloves),
+        options=options,
+        rate=session.rate,
+        output=OutputLimits() if feedback.stiffness is None else OutputLimits(stiffness=feedback.stiffness),
+        safety=SafetyLimits(stale=1e-3 * feedback.stale, after_stall=feedback.after_stall),
+        real_time=RealTimeWishes.none() if session.no_realtime else RealTimeWishes(cpu=session.cpu),
+        rerun=session.rerun,
+        dry_run=feedback.dry_run,
+        command=("hhsim", *sys.argv[1:]),
+        record=record,
+        duration=duration,
+    )
+    warm_up(models[0], setup.options, None if two else setup.seen.free)
     warning = quick_warning(session.rate, setup.real_time)
     print_notes([warning] if warning else [], prefix="warning")
     heading = f"{mesh.name}, {solver.method}, {' and '.join(device.kind for _, (device, _, _) in worn)}"

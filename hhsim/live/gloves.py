@@ -12,7 +12,7 @@ from hhsim.registry import Registry
 
 if TYPE_CHECKING:
     from hhsim.live.device import Calibration, FingerRelease, GloveDevice
-    from hhsim.live.drivers.played import Playback
+    from hhsim.live.playback import Playback
 
 Hand = Literal["right", "left"]
 TAKES = ("limits", "forces")

@@ -13,9 +13,9 @@ import pytest
 from live_scripted import FIST, FREE, FakeClock, InStep, make_setup
 
 from hhsim.live.device import DeviceError, FingerRelease
-from hhsim.live.drivers.played import Playback
 from hhsim.live.drivers.poses import make_pose_source
 from hhsim.live.gloves import GLOVES, POSES, PoseConfig, configure, open_device, open_release
+from hhsim.live.playback import Playback
 from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.settings import OutputLimits, SafetyLimits
 from hhsim.motion.trajectory import Trajectory
@@ -116,7 +116,7 @@ def test_nothing_listens_beyond_the_loopback_unless_told() -> None:
 def test_what_the_watchdog_opens_knows_nothing_of_readings() -> None:
     config = configure("dexmo", port=1)
     assert config.calibration is not None
-    bare = make_setup(device=config).for_watchdog(0).device
+    bare = make_setup(device=config).for_watchdog([0])[0].device
     assert bare is not None
     assert (bare.calibration, bare.playback, bare.options) == (None, None, config.options)
     assert isinstance(open_release(bare), FingerRelease)
@@ -135,7 +135,7 @@ def test_a_glove_in_one_file_drives_the_loop_and_is_stopped(text_glove: None, tm
         duration=0.25,
     )
     memory, clock = SessionMemory.create(), FakeClock()
-    glove: Any = open_device(setup.device)
+    glove: Any = open_device(setup.worn[0].device)
     glove.clock = clock.now
     glove.open()
     assert InStep(setup, memory, glove, clock).run() == "duration"

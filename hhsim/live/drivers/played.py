@@ -1,4 +1,4 @@
-"""Gloves that need no hardware, a simulated one and a recording in the place of one, and the motion that they play.
+"""Gloves that need no hardware: a simulated one, and a recording in the place of one.
 
 The fingers of a simulated glove obey a position limit. Each follows its user with the lag of a limb. Where it is
 stopped, muscle and motor are two springs in opposition: at full stiffness the finger rests beyond the set point by
@@ -7,23 +7,17 @@ stopped, muscle and motor are two springs in opposition: at full stiffness the f
 
 import math
 import time
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.live.device import FINGER_COUNT, LIMITS, DeviceCounters, FingerCommand, GloveDevice, GloveInfo
 from hhsim.live.gloves import GloveConfig
-from hhsim.motion.trajectory import Trajectory
+from hhsim.live.playback import RETURN_TIME
 from hhsim.recordings.column_map import JOINT_NAMES
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 
-RETURN_TIME = 1.0
-"""Time from the last sample of the motion back to its first one [s]."""
-SINGLE_RATE = 200.0
-"""Sample rate of a motion of one sample [Hz]."""
 PERIOD = 1.0 / 200.0
 """Time from one sample of the simulated glove to the next [s]."""
 MOTOR_STIFFNESS = 20.0
@@ -36,52 +30,6 @@ CLOSED = 0.7
 """Largest bend of fingers without a motion."""
 LONGEST_PAUSE = 1.0
 """Time without a read after which samples are dropped [s]."""
-
-
-@dataclass(eq=False)
-class Playback:
-    """A trajectory on the clock, again and again; one object keeps the fingers and the palm of a motion together.
-
-    It begins anew `RETURN_TIME` after its end.
-    """
-
-    trajectory: Trajectory
-    start_ns: int = -1  # CLOCK_MONOTONIC of the first sample [ns]; -1 until the first call of `elapsed`
-    stamps: FloatArray = field(init=False)  # times of the samples since the first one [s], shape (T,)
-    period: float = field(init=False)  # usual time from one sample to the next [s]
-
-    def __post_init__(self) -> None:
-        own = self.trajectory
-        self.stamps = own.time - own.time[0]
-        self.period = 1.0 / (own.mean_rate or SINGLE_RATE)
-
-    @property
-    def duration(self) -> float:
-        """Time from the first to the last sample [s]."""
-        return float(self.stamps[-1])
-
-    def elapsed(self, now_ns: int) -> float:
-        """Return the time since the motion began [s], never negative; the first call begins it."""
-        if self.start_ns < 0:
-            self.start_ns = now_ns
-        return max(0.0, 1e-9 * (now_ns - self.start_ns))
-
-    def place(self, elapsed: float) -> tuple[int, int, float]:
-        """Return the samples before and after `elapsed` [s], and the fraction of the way from one to the other."""
-        elapsed %= self.duration + RETURN_TIME
-        if elapsed >= self.duration:
-            return self.stamps.shape[0] - 1, 0, (elapsed - self.duration) / RETURN_TIME
-        newest = int(np.searchsorted(self.stamps, elapsed, side="right")) - 1
-        step = self.stamps[newest + 1] - self.stamps[newest]
-        return newest, newest + 1, float((elapsed - self.stamps[newest]) / step)
-
-    def fingers(self, before: int, after: int, share: float) -> tuple[FloatArray, FloatArray]:
-        """Return flexion (5, 3) and abduction (5,) [rad] between two samples; those of the first where `share` is 0."""
-        own = self.trajectory
-        if share == 0.0:
-            return own.flexion[before], own.abduction[before]
-        flexion = (1.0 - share) * own.flexion[before] + share * own.flexion[after]
-        return flexion, (1.0 - share) * own.abduction[before] + share * own.abduction[after]
 
 
 class ReplayGlove(GloveDevice):

@@ -50,7 +50,7 @@ from hhsim.live.processes import exit_code
 from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with, keep_off, processors_awake
 from hhsim.live.session.driver import GloveDriver
 from hhsim.live.session.memory import SessionMemory, session_process
-from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits
+from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits, WornGlove
 from hhsim.live.session.status import Stage
 from hhsim.live.session.story import Story
 from hhsim.result.safety import Safety
@@ -184,14 +184,21 @@ def loop_options(options: SolverOptions, rate: float) -> SolverOptions:
 
 def whose_hands(setup: LiveSetup) -> list[str]:
     """Return what the lines of each hand's log begin with: whose they are, where there are two."""
-    return [""] if setup.beside is None else [f"{side} hand: " for side in SIDES]
+    return [""] if len(setup.worn) == 1 else [f"{side} hand: " for side in SIDES]
 
 
 class LoopHand:
     """A hand of a loop: its records of `hhsim.kernels.live`, its row, its log; periods and misses are the loop's."""
 
     def __init__(
-        self, setup: LiveSetup, memory: SessionMemory, info: GloveInfo, whose: str, deadlines: Any, misses: MissAccounts
+        self,
+        setup: LiveSetup,
+        worn: WornGlove,
+        memory: SessionMemory,
+        info: GloveInfo,
+        whose: str,
+        deadlines: Any,
+        misses: MissAccounts,
     ) -> None:
         self.memory = memory
         period = setup.period_ns
@@ -206,7 +213,7 @@ class LoopHand:
             deadlines=deadlines,
             phase=zeroed(PHASE),
             interlock=interlock_record(setup.safety, dry_run=setup.dry_run, period_ns=period),
-            commander=commander_record(setup.output, setup.bend_lines(), 1e-9 * period, feels=feels),
+            commander=commander_record(setup.output, worn.bend_lines(), 1e-9 * period, feels=feels),
             watch=watch_record(info),
             misses=misses.state,
             notes=zeroed(NOTES),
@@ -245,8 +252,8 @@ class LiveLoop:
         deadlines = deadline_record(setup.period_ns, now())
         self.misses = MissAccounts(deadlines)
         options = loop_options(setup.options, setup.rate)
-        each = zip(setup.hands, memory.hands, gloves, whose_hands(setup), strict=True)
-        self.hands = tuple(LoopHand(*of, deadlines, self.misses) for of in each)
+        each = zip(setup.worn, memory.hands, gloves, whose_hands(setup), strict=True)
+        self.hands = tuple(LoopHand(setup, *of, deadlines, self.misses) for of in each)
         first = self.hands[0]
         self.live, self.story, self.at = first.live, first.story, first.at
         self.one_tick, rows = OneTick(SceneSolver(setup.scene, options)), memory.bodies.records
@@ -400,12 +407,12 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending) -> None
     make_ready(setup, memory)
     drivers = []
     with contextlib.ExitStack() as opened:
-        for own, hand, whose in zip(setup.hands, memory.hands, whose_hands(setup)):
+        for own, hand, whose in zip(setup.worn, memory.hands, whose_hands(setup)):
             hand.status["loop_ready"] = 1
             device = open_device(own.device)
             pose = make_pose_source(own.pose, hand.status, device)
-            oldest = own.oldest_heartbeat_ns
-            driver = GloveDriver(hand, device, pose, whose=whose, dry_run=own.dry_run, oldest_ns=oldest)
+            oldest = setup.oldest_heartbeat_ns
+            driver = GloveDriver(hand, device, pose, whose=whose, dry_run=setup.dry_run, oldest_ns=oldest)
             driver.open()
             opened.callback(driver.close)
             drivers.append(driver)
@@ -461,11 +468,11 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending) -> None
 def make_ready(setup: LiveSetup, memory: SessionMemory) -> None:
     """Compile, or load, the kernels of a session's ticks and of its loop."""
     options = loop_options(setup.options, setup.rate)
-    if setup.beside is not None:
+    if len(setup.worn) > 1:
         warm_up_hands(setup.scene, options)
     if options.method not in ("coupled", "progressive") or setup.seen.free is not None:
         # `coupled` brings a hand out that begins inside the object.
-        warm_up(setup.hand, replace(options, method="coupled"))
+        warm_up(setup.worn[0].model, replace(options, method="coupled"))
     LiveLoop(setup, memory, *(GloveInfo("", ()) for _ in memory.hands)).prepare()
 
 

@@ -88,13 +88,13 @@ class SessionColumns:
 
     def __init__(self, setup: LiveSetup, options: SolverOptions, hand: int = 0) -> None:
         seen = setup.seen
-        self._hands = len(setup.hands)
+        self._hands = len(setup.worn)
         parts = seen.parts
         # With room for the poses of as many ticks as a block may have.
         self.parts = parts and replace(parts, world=np.zeros((FREE_TICK_CAPACITY, len(parts.names), 7)))
         self.bodies = body_parts(setup.scene, seen)
         surface = seen.surface(options.surface)
-        self._columns = TickColumns(surface.arrays, setup.hands[hand].hand, options, self.parts)
+        self._columns = TickColumns(surface.arrays, setup.worn[hand].model, options, self.parts)
         self._is_free = setup.recorded_bodies > 0
         self._pose = seen.place
         self._next = 0
@@ -142,8 +142,9 @@ class HandRecords:
     """
 
     def __init__(self, setup: LiveSetup, options: SolverOptions, number: int, facts: Mapping[str, Any]) -> None:
-        self.setup, self.facts = setup.hands[number], facts
-        self.side, self.model = self.setup.hand.side, self.setup.hand
+        self.setup, self.worn, self.facts = setup, setup.worn[number], facts
+        self.model = self.worn.model
+        self.side = self.model.side
         self.columns = SessionColumns(setup, options, number)
         self.lost = dict.fromkeys(RINGS, 0)
         self.tally = LiveTally()
@@ -159,7 +160,7 @@ class HandRecords:
             "device": as_text(dict(facts.get("device", {}))),
             "real_time": as_text(facts.get("real_time", {})),
             "pose": str(facts.get("pose", "")),
-            "limits": as_text(setup.limits_json()),
+            "limits": as_text(setup.limits_json(self.worn)),
             "dry_run": int(setup.dry_run),
             "utc_offset": time.time_ns() - time.monotonic_ns(),
             **self.attributes(np.zeros(0), ""),
@@ -215,13 +216,13 @@ class SessionWriter:
         apart = {HANDS_APART: free is not None or keeps_hands_apart(options)} if self._both else {}
         parts = {}
         for hand in self.hands:
-            given = dict(hand.setup.description)
+            given = dict(hand.worn.description)
             described = {
                 **given,
                 "motion": given.get("motion") or "live",
                 "rate": setup.rate,
                 "duration": setup.duration,
-                "device": hand.setup.device.kind,
+                "device": hand.worn.device.kind,
                 **apart,
                 **describe_scene(setup.seen.mesh, setup.seen.tree, hand.model, options, bodies, free),
             }
@@ -353,11 +354,11 @@ class Recorder:
         check_result_path(self._path)
         options = loop_options(self._setup.options, self._setup.rate)
         # Kernels that measure penetration are compiled before ticks wait.
-        two = self._setup.beside is not None
-        warm_up(self._setup.hand, options, None if two else self._setup.seen.free)
+        models = [worn.model for worn in self._setup.worn]
+        two = len(models) > 1
+        warm_up(models[0], options, None if two else self._setup.seen.free)
         if two:
             flat = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 5, 3)), np.zeros((1, 5))
-            models = [hand.hand for hand in self._setup.hands]
             distance_of_hands(models, [forward_kinematics(model, *flat) for model in models])
         while not all(hand.facts.read() for hand in self._memory.hands):
             # The glove is being connected; without it there is no session.

@@ -1,7 +1,7 @@
 """Settings of a live session; its processes read them pickled from memory that they inherit."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -74,16 +74,27 @@ class SafetyLimits:
         return max(self.overruns, round(1e9 * self.heartbeat_stale) // period_ns - 1)
 
 
+@dataclass(frozen=True, eq=False)
+class WornGlove:
+    """Glove on a hand of a session."""
+
+    model: HandModel
+    device: GloveConfig  # its calibration relates bend to joint angles, and so makes the set points
+    pose: PoseConfig  # source of the palm's pose
+    description: Mapping[str, Any] = field(default_factory=dict)  # further plain values of the scene for the file
+
+    def bend_lines(self) -> tuple[FloatArray, FloatArray]:
+        """Return `Calibration.bend_lines` of the glove; those of the default regression if it has no calibration."""
+        return (self.device.calibration or DexmoRegression.default()).bend_lines()
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LiveSetup:
-    """Settings of a live session, and of one of its hands."""
+    """Settings of a live session."""
 
     scene: Scene  # of one tick: the bodies, and all hands
-    hand: HandModel
+    worn: tuple[WornGlove, ...]  # glove of each hand of the scene
     options: SolverOptions  # options of the solver; the loop replaces their period by its own
-    device: GloveConfig  # the glove; its calibration relates bend to joint angles, and so makes the set points
-    pose: PoseConfig  # source of the palm's pose
-    beside: "LiveSetup | None" = None  # of the left hand, in the setup of the right one
     rate: float = 1000.0  # ticks a second [Hz]
     duration: float | None = None  # duration [s]; None until it is stopped
     output: OutputLimits = field(default_factory=OutputLimits)
@@ -93,14 +104,7 @@ class LiveSetup:
     rerun: str | None = None  # "spawn", an address or a file for the viewer; None shows nothing
     dry_run: bool = False
     command: tuple[str, ...] = ()
-    # Further plain values of the scene for the file.
-    description: Mapping[str, Any] = field(default_factory=dict)
     supervisor: int = field(default_factory=os.getpid)  # process id of the supervisor; the loop ends with it
-
-    @property
-    def hands(self) -> "tuple[LiveSetup, ...]":
-        """Setups of all hands, this one first."""
-        return (self,) if self.beside is None else (self, self.beside)
 
     @property
     def recorded_bodies(self) -> int:
@@ -128,19 +132,15 @@ class LiveSetup:
         """The scene as its engine sees it."""
         return seen_scene(standing_apart(self.scene, self.options.surface))
 
-    def bend_lines(self) -> tuple[FloatArray, FloatArray]:
-        """Return `Calibration.bend_lines` of the glove; those of the default regression if it has no calibration."""
-        return (self.device.calibration or DexmoRegression.default()).bend_lines()
+    def for_watchdog(self, statuses: Sequence[int]) -> list[WatchedGlove]:
+        """Return the setup of the watchdog, of each glove; `statuses` are the descriptors of their statuses."""
+        bare = (replace(worn.device, playback=None, calibration=None) for worn in self.worn)
+        common = self.real_time, self.oldest_heartbeat_ns, self.supervisor
+        return [WatchedGlove(device, *common, status, self.periods) for device, status in zip(bare, statuses)]
 
-    def for_watchdog(self, status: int) -> WatchedGlove:
-        """Return the setup of the watchdog; `status` is the descriptor of the status."""
-        device = replace(self.device, playback=None, calibration=None)
-        oldest = self.oldest_heartbeat_ns
-        return WatchedGlove(device, self.real_time, oldest, self.supervisor, status=status, periods=self.periods)
-
-    def limits_json(self) -> dict[str, Any]:
-        """Return limits and requests as plain values, and the lines from bend to joint angle [rad]."""
-        slope, offset = self.bend_lines()
+    def limits_json(self, worn: WornGlove) -> dict[str, Any]:
+        """Return limits and requests as plain values, and a glove's lines from bend to joint angle [rad]."""
+        slope, offset = worn.bend_lines()
         return {
             **{name: asdict(getattr(self, name)) for name in ("output", "safety", "real_time")},
             "bend": {"slope": slope.tolist(), "offset": offset.tolist()},

@@ -56,7 +56,7 @@ class Session(ScriptedSession):
         """The same ticks in one block, as a replay runs them."""
         setup = self.setup
         options = loop_options(setup.options, setup.rate)
-        solver = HandSolver(setup.hand, setup.seen.surface("mesh"), options, setup.seen.free)
+        solver = HandSolver(setup.worn[0].model, setup.seen.surface("mesh"), options, setup.seen.free)
         haptic = (self.ticks[f"haptic_{name}"] for name in ("position", "orientation", "flexion", "abduction"))
         return solver.run(*haptic), solver.object_ticks
 

@@ -17,7 +17,7 @@ from hhsim.live.session.memory import TickReader
 setup, memory = session_process("child")
 first, (ticks,) = TickReader(memory).read_hands(10)
 heartbeat, bodies = int(memory.status["heartbeat_ns"]), ticks["turn"].shape[1]
-print(first, ticks["tick"].tolist(), heartbeat, memory.facts.read(), setup.rate, setup.device.kind, bodies)
+print(first, ticks["tick"].tolist(), heartbeat, memory.facts.read(), setup.rate, setup.worn[0].device.kind, bodies)
 memory.status["recorder_ticks"] = 77
 """
 

@@ -135,4 +135,4 @@ def test_setups_that_do_not_go_together_are_refused() -> None:
     moved = replace(scene.scene.hands[0].trajectory, object_position=np.ones(3))
     hand = replace(scene.scene.hands[0], trajectory=moved)
     with pytest.raises(InputError, match="not the same object"):
-        grasping_scene(1, "right").both(replace(scene, scene=replace(scene.scene, hands=(hand,))))
+        grasping_scene(1, "right").both(scene._replace(scene=replace(scene.scene, hands=(hand,))))

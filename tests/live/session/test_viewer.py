@@ -104,7 +104,7 @@ def test_frames_are_the_newest_ticks_and_their_plots_the_worst_since(
     np.testing.assert_allclose(recording.times("/world/graphic/palm"), 1e-3 * np.array(newest), atol=1e-9)
     for whose, prefix in (("graphic", ""), ("haptic", "haptic_")):
         names = ("position", "orientation", "flexion", "abduction")
-        poses = piece_poses(setup.hand, *(records[f"{prefix}{name}"][newest] for name in names))
+        poses = piece_poses(setup.worn[0].model, *(records[f"{prefix}{name}"][newest] for name in names))
         index = recording.array(f"/world/{whose}/index/distal", "Transform3D:translation")[:, 0]
         np.testing.assert_allclose(index, poses.translation[:, 5], atol=1e-7)
     points = recording.rows("/world/contacts/points", "Points3D:positions")
