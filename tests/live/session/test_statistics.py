@@ -51,7 +51,7 @@ def test_everything_is_counted_once_however_the_ticks_come(seed: int, count: int
     assert tally.stiff == (ticks["command_stiffness"][:, 1] > 0).sum()
     assert tally.force_max == np.linalg.norm(ticks["total"], axis=1).max()
     assert abs(tally.wakeup.percentile(100) - ticks["wakeup_ns"].max()) <= 0.002 * ticks["wakeup_ns"].max()
-    assert tally.to_json()["ticks"] == count
+    assert tally.figures()["ticks"] == count
 
 
 def test_the_rate_is_that_of_late() -> None:
