@@ -53,11 +53,13 @@ from hhsim.live.drivers.dexmo import DexmoGlove
 read = DexmoGlove.read
 def hang(self, samples_out):
     while os.path.exists({flag!r}):
+        if os.path.getsize({flag!r}):
+            raise RuntimeError("on purpose")
         time.sleep(0.01)
     return read(self, samples_out)
 DexmoGlove.read = hang
 """
-"""Has a driver's thread hang as long as a file is there."""
+"""Has a driver's thread hang as long as a file is there, and fail where it is not empty."""
 HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
 
 
@@ -365,6 +367,15 @@ def test_a_process_is_lost_while_the_session_begins(glove: FakeDexmo, process: s
                 assert time.monotonic() < limit
                 time.sleep(0.01)
             assert not stiff(drill.commands()).any() and session.end().loop_failed
+
+
+def test_a_driver_that_fails_ends_the_session(drill: Drill) -> None:
+    drill.grasp()
+    failed = drill.fault(lambda: flag_of(drill).write_text("now"))
+    drill.let_it_end(failed)
+    flag_of(drill).unlink()
+    assert_free_in_time(drill.commands(), failed)
+    assert "the glove's driver failed: RuntimeError: on purpose" in drill.session.end().loop_failed
 
 
 def test_a_session_ends_with_free_fingers(drill: Drill) -> None:
