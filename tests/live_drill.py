@@ -4,7 +4,6 @@ import os
 import signal
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -157,10 +156,10 @@ class Watched:
 class Drill(Watched):
     """A session, its glove, and what both of them saw."""
 
-    def __init__(self, glove: FakeDexmo, record: Path | None = None, rerun: str | None = None) -> None:
+    def __init__(self, glove: FakeDexmo, record: Path | None = None) -> None:
         super().__init__()
         self.glove, self.carriers = glove, [glove.pid]
-        self.begun(replace(grasping_setup(glove.port, record), rerun=rerun))
+        self.begun(grasping_setup(glove.port, record))
         self._ring = RingReader(self.session.memory.ticks)
         self._ticks: list[NDArray[Any]] = []
 

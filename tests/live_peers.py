@@ -91,9 +91,6 @@ class Reader:
             time.sleep(0.001)
         raise AssertionError("the device was never lost")
 
-    def until_back(self) -> None:
-        until(self.device.reconnect)
-
 
 class Bridge:
     """A bridge of the open packet in the same process: a test sends what it wants, and hears commands."""
