@@ -132,9 +132,8 @@ def test_a_recorded_session_shows_the_same_later(
     memory.log(WARNING, "no fresh input", time_ns=7_020_000_000)
     facts = {"device": {"name": "glove", "channels": ["bend"]}}
     with SessionWriter(tmp_path / "session.h5", setup, setup.options, facts) as writer:
-        writer.take("ticks", 0, records)
-        writer.take("events", 0, RingReader(memory.events).read(10)[1])
-        writer.write(memory.status["counters"])
+        taken = {"ticks": (0, records), "events": RingReader(memory.events).read(10)}
+        writer.write([taken], memory.status["counters"])
     path = tmp_path / "session.rrd"
     view_result(load_result(tmp_path / "session.h5"), parse_target(str(path)))
     recording = Recording(path)
