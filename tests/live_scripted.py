@@ -20,7 +20,7 @@ from hhsim.live.drivers.poses import FixedPose, PoseSource
 from hhsim.live.gloves import PoseConfig, configure
 from hhsim.live.processes import RingReader
 from hhsim.live.session.driver import GloveDriver
-from hhsim.live.session.loop import LiveLoop, MissAccounts, deadline_record
+from hhsim.live.session.loop import LiveLoop, deadline_record
 from hhsim.live.session.memory import SessionMemory, TickReader
 from hhsim.live.session.recorder import Recorder
 from hhsim.live.session.scene import make_live_scene
@@ -216,20 +216,6 @@ class Deadlines:
         woken(self.at, now, due)
 
 
-def account_tick(misses: MissAccounts, deadlines: Any, accounts: CpuAccounts) -> None:
-    """Take the accounts of a tick that begins."""
-    if not deadlines.at_once:
-        readings = accounts.cpu_ns(), accounts.run_delay_ns()
-        account_waking(misses.state[0], deadlines.woke_ns, deadlines.wakeup_ns, *readings)
-
-
-def name_misses(misses: MissAccounts, deadlines: Any, accounts: CpuAccounts) -> None:
-    """Name the cause of the periods that this tick missed."""
-    if deadlines.missed > 0:
-        long_stall = measure_miss(misses.state[0], deadlines.asked_ns, deadlines.late_ns)
-        name_miss(misses.state[0], accounts.steal_ns() if long_stall else -1)
-
-
 class SteppedLoop(LiveLoop):
     """The steps of `run_loop`, in Python and by a clock that is told the time."""
 
@@ -249,7 +235,9 @@ class SteppedLoop(LiveLoop):
 
     def tick(self) -> None:
         clock, at = self.clock, self.deadlines.at
-        account_tick(self.misses, at, self.accounts)
+        misses = self.misses[0]
+        if not at.at_once:
+            account_waking(misses, at.woke_ns, at.wakeup_ns, self.accounts.cpu_ns(), self.accounts.run_delay_ns())
         hands = tuple(hand.live for hand in self.hands)
         solved = bool(begin_hands(hands))
         if solved:
@@ -261,7 +249,9 @@ class SteppedLoop(LiveLoop):
             command_tick(hand.live, clock.now(), solved, int(hand.at.status))
             wake_driver(hand.live, wake, clock.now())
         done = clock.now()
-        name_misses(self.misses, at, self.accounts)
+        if at.missed > 0:
+            long_stall = measure_miss(misses, at.asked_ns, at.late_ns)
+            name_miss(misses, self.accounts.steal_ns() if long_stall else -1)
         publish_hands(hands, self.world, done, solved)
 
 

@@ -135,27 +135,6 @@ def watch_record(info: GloveInfo) -> Any:
     return watch
 
 
-class MissAccounts:
-    """Accounts of the loop's thread since the tick before, by `DEADLINES`, shape (1,); `state` is of `MISSES`."""
-
-    def __init__(self, deadlines: Any) -> None:
-        self._deadlines = deadlines[0]
-        self._accounts: CpuAccounts | None = None
-        self.state = zeroed(MISSES)
-
-    def begin(self, accounts: CpuAccounts) -> None:
-        """Take the readings that the first tick is compared with, in the loop's thread, to which `accounts` belong."""
-        self._accounts = accounts
-        at = self.state[0]
-        at.steal_read, at.steal_ns = 1, accounts.steal_ns()
-        account_waking(at, self._deadlines.woke_ns, 0, accounts.cpu_ns(), accounts.run_delay_ns())
-
-    def keep_steal(self) -> None:
-        """Read the steal now and then, in another thread than the loop's, so that a miss counts only later steal."""
-        if self._accounts is not None:
-            account_steal(self.state[0], self._accounts.steal_ns())
-
-
 def system_files(accounts: CpuAccounts, events: Sequence[int]) -> SystemFiles:
     """Return the files of the system's accounts for compiled code, with the events that wake the loop and drivers."""
     allowed = np.zeros(max(accounts.processors, default=0) + 1, np.bool_)
@@ -198,7 +177,7 @@ class LoopHand:
         info: GloveInfo,
         whose: str,
         deadlines: Any,
-        misses: MissAccounts,
+        misses: Any,
     ) -> None:
         self.memory = memory
         period = setup.period_ns
@@ -215,7 +194,7 @@ class LoopHand:
             interlock=interlock_record(setup.safety, dry_run=setup.dry_run, period_ns=period),
             commander=commander_record(setup.output, worn.bend_lines(), 1e-9 * period, feels=feels),
             watch=watch_record(info),
-            misses=misses.state,
+            misses=misses,
             notes=zeroed(NOTES),
             refused=zeroed(REFUSED),
             status=memory.status_array.view(np.recarray),
@@ -250,7 +229,8 @@ class LiveLoop:
         self.memory = memory
         self._now = now
         deadlines = deadline_record(setup.period_ns, now())
-        self.misses = MissAccounts(deadlines)
+        self.misses = zeroed(MISSES)
+        self._accounts: CpuAccounts | None = None
         options = loop_options(setup.options, setup.rate)
         each = zip(setup.worn, memory.hands, gloves, whose_hands(setup), strict=True)
         self.hands = tuple(LoopHand(setup, *of, deadlines, self.misses) for of in each)
@@ -334,7 +314,11 @@ class LiveLoop:
     def begin(self, accounts: CpuAccounts) -> SystemFiles:
         """Begin the first period with the accounts of the calling thread; earlier samples, too old, are skipped."""
         begin_periods(self.live.deadlines[0], self._now())
-        self.misses.begin(accounts)
+        # The readings that the first tick is compared with.
+        self._accounts, misses = accounts, self.misses[0]
+        misses.steal_read, misses.steal_ns = 1, accounts.steal_ns()
+        woke = self.live.deadlines[0].woke_ns
+        account_waking(misses, woke, 0, accounts.cpu_ns(), accounts.run_delay_ns())
         memories = [hand.memory for hand in self.hands]
         wake = [-1 if self.setup.dry_run else memory.wake for memory in memories]
         files = system_files(accounts, [self.memory.sampled, *wake])
@@ -349,7 +333,9 @@ class LiveLoop:
         """Log the loop's notes, and read accounts that are too slow for a tick; in another thread, now and then."""
         for hand in self.hands:
             hand.story.tell()
-        self.misses.keep_steal()
+        if self._accounts is not None:
+            # So that a miss counts only later steal.
+            account_steal(self.misses[0], self._accounts.steal_ns())
 
     def end(self) -> None:
         """Command free fingers to each hand and announce the end, on which the drivers release the gloves."""
