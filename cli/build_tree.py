@@ -11,7 +11,7 @@ from hhsim.system.counted import counted
 from hhsim.table.table import Table, number
 
 from .arguments.object_argument import MeshFile, complete_object, read_length
-from .arguments.option_group import GroupedCommand, OptionGroup, option, typed_options
+from .arguments.option_group import GroupedCommand, OptionGroup, option, refuse_typed
 from .arguments.options import OUTPUT, UNITS, Output, file, seed
 from .console import print_json, print_line, print_notes, print_table, progress
 from .robots.spheres import USUAL_LEAVES, RobotOptions, fit_columns, import_spheres, robot_spheres
@@ -107,9 +107,8 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
                 if value is not None:
                     raise click.UsageError(f"{name} is for --from FILE.sph")
             return
-        typed = typed_options(click.get_current_context())
-        for name in (field.name for field in fields(BuiltTree) if field.name in typed):
-            raise click.UsageError(f"{typed[name]} is for trees that are built; {self.path} has its own")
+        built = {field.name for field in fields(BuiltTree)}
+        refuse_typed(f"is for trees that are built; {self.path} has its own", names=built)
         if self.path.suffix != ".sph" and (self.frame or self.from_unit):
             raise click.UsageError(
                 f"--frame and --from-unit are for .sph files; {self.path} is in metres and has its frame"

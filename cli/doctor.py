@@ -37,28 +37,16 @@ def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, pr
     """
     from hhsim.live.doctor import examine
     from hhsim.live.real_time import RealTimeWishes, described
-    from hhsim.result.miss_cause import WORDS
 
     wishes = RealTimeWishes.none() if no_realtime else RealTimeWishes(cpu=cpu)
     diagnosis = examine(rate, duration, wishes)
-    wakeups = diagnosis.wakeups
     if printing.as_json:
         print_json(diagnosis.to_json())
     elif not printing.quiet:
-        rows = [(m.name, f"{m.value:,.0f}", f"{m.limit:,.0f}", m.unit) for m in diagnosis.measures]
-        rows += [
-            (f"wake-up, {name}", f"{1e6 * wakeups.percentile(percent):,.0f}", "", "µs")
-            for name, percent in (("p50", 50.0), ("p99.9", 99.9), ("longest", 100.0))
-        ]
-        rows += [(f"missed: {WORDS[cause]}", f"{count:,}", "", "") for cause, count in wakeups.causes.items() if count]
-        for name, value in (("run delay", wakeups.run_delay), ("steal (the host had it)", wakeups.steal)):
-            rows.append((name, "not told" if value is None else f"{1e-6 * value:,.1f}", "", "ms"))
-        rows += [(fact.name, str(fact.value), "", "") for fact in diagnosis.facts]
-        title = f"{wakeups.periods:,} periods at {rate:,g} Hz"
-        measured = ("measured", "hhsim", "limit", "unit")
-        print_table(Table.of_cells(measured, rows, title, numbers=measured[1:3]))
-        print_line(f"granted: {described(wakeups.mode)}")
-        print_line(diagnosis.verdict)
-        for line in diagnosis.advice:
-            print_line(f"  - {line}")
+        title = f"{diagnosis.wakeups.periods:,} periods at {rate:,g} Hz"
+        headings, cells = ("measured", "hhsim", "limit", "unit"), [row.cells for row in diagnosis.rows]
+        print_table(Table.of_cells(headings, cells, title, numbers=headings[1:3]))
+        print_line(f"granted: {described(diagnosis.wakeups.mode)}")
+        for line in (diagnosis.verdict, *(f"  - {advice}" for advice in diagnosis.advice)):
+            print_line(line)
     return 0 if diagnosis.good else 1

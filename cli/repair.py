@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from .arguments import options
-from .arguments.option_group import GroupedCommand, OptionGroup, option, typed_options
+from .arguments.option_group import GroupedCommand, OptionGroup, option, refuse_typed
 from .arguments.options import FILE, JOBS, OUTPUT, UNITS, Number, file, metres, ranged
 from .arguments.recording_options import FileSettings, HandData
 from .console import end_on_sigterm, print_json, print_line, print_notes, print_table, progress
@@ -128,13 +128,10 @@ def command(
     from hhsim.sweep.repair_manifest import is_manifest
 
     is_many = is_manifest(recording)
-    for name, typed_as in typed_options(click.get_current_context()).items():
-        if is_many and name not in (*ALWAYS, *OF_MANY):
-            raise click.UsageError(f"{typed_as} is for one recording; {recording} states it in its rows")
-        if not is_many and name in OF_MANY:
-            raise click.UsageError(f"{typed_as} is for a manifest; {recording} is one recording")
     if is_many:
+        refuse_typed(f"is for one recording; {recording} states it in its rows", but=(*ALWAYS, *OF_MANY))
         return _many(recording, out, jobs or 0, scheduler, limits.pictures, printing)
+    refuse_typed(f"is for a manifest; {recording} is one recording", names=OF_MANY)
     if limits.hands == "both" and (reading.hand or limits.skin):
         raise click.UsageError("--hand and --skin are of one hand, and --hands both repairs two")
     if thing.object is None:
@@ -182,9 +179,7 @@ def _follow(recording: Path, thing: ObjectSettings, limits: RepairLimits, readin
     from hhsim.repair.request import RepairRequest
     from hhsim.system.output_path import check_output_path
 
-    for name, typed_as in typed_options(click.get_current_context()).items():
-        if name not in FOLLOWED:
-            raise click.UsageError(f"{typed_as} is for a whole recording; --follow has frames as they come")
+    refuse_typed("is for a whole recording; --follow has frames as they come", but=FOLLOWED)
     if thing.object is None:
         raise click.UsageError("--object names the object that the hand holds")
     piped = str(out) == "-"

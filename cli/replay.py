@@ -140,17 +140,12 @@ class HandAndMotion(Sampling, heading="Hand and motion"):
         return SceneWords(
             object=object_,
             trajectory=trajectory,
-            unit=mesh_file.unit,
-            size_mm=mesh_file.size,
-            thickness_mm=mesh_file.thickness,
-            solid=mesh_file.solid,
-            level=tree.stated(),
-            max_error=tree.max_error,
             tree=str(tree.path) if tree.path else None,
             hand=self.side,
             hand_file=str(self.hand_file) if self.hand_file else None,
             tremor_mm_deg=self.tremor,
             free=free.words(),
+            **mesh_file.words(tree),
             **{name: getattr(self, name) for name in own},
             reading=reading or None,
         )

@@ -9,7 +9,7 @@ from hhsim.solver.surface import SURFACES
 from hhsim.system.counted import counted
 
 from .arguments import options
-from .arguments.option_group import GroupedCommand, typed_options
+from .arguments.option_group import GroupedCommand, refuse_typed
 from .arguments.recording_options import FileSettings, HandData
 from .console import print_json, print_line, print_notes, print_table, progress
 from .repair import ObjectSettings
@@ -113,11 +113,8 @@ def _field(
 
     if thing.object is None:
         raise click.UsageError("--object names the object that the hand holds")
-    for name, typed_as in typed_options(click.get_current_context()).items():
-        if name in ("out", "folder", "surface"):
-            raise click.UsageError(
-                f"{typed_as} is for poses of a scene; --recorded prints its table and writes no file"
-            )
+    scene_alone = "is for poses of a scene; --recorded prints its table and writes no file"
+    refuse_typed(scene_alone, names=("out", "folder", "surface"))
     mesh, _ = resolve_object(thing.object, thing.unit, options.metres(thing.size))
     read = reading.options({**data.given(), "usual_up": "z"})
     found = field_score(recorded, repaired, mesh, poses=thing.object_poses, options=read, max_correction=MAX_CORRECTION)

@@ -4,7 +4,6 @@ import os
 import signal
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from machine_share import MachineShare
 from numpy.typing import NDArray
 
 from hhsim.hand.model import HandModel
-from hhsim.live.devices.registry import Hand, PoseConfig, configure
+from hhsim.live.gloves import Hand, PoseConfig, configure
 from hhsim.live.processes import RingReader
 from hhsim.live.session.scene import LiveScene, grasping_hand, make_live_scene
 from hhsim.live.session.settings import LiveSetup, OutputLimits
@@ -42,15 +41,13 @@ def grasping_setup(port: int, record: Path | None, side: Hand = "right") -> Live
     """Fingers that close on a cube at the place where they grasp it, and are stopped soon."""
     scene = grasping_scene(port, side)
     warm_up(scene.scene.hands[0].model, SolverOptions())
-    return _held(scene, scene, record)
+    return _held(scene, record)
 
 
 def two_grasping_setup(ports: Sequence[int], record: Path | None, *, free: bool = False) -> LiveSetup:
     """The same of both hands at one cube, free or not."""
     right = grasping_scene(ports[0], "right", free=free)
-    left = grasping_scene(ports[1], "left", free=free, beside=right)
-    both = right.both(left)
-    return _held(right, both, record, _held(left, both, record))
+    return _held(right.both(grasping_scene(ports[1], "left", free=free, beside=right)), record)
 
 
 def grasping_scene(port: int, side: Hand, *, free: bool = False, beside: LiveScene | None = None) -> LiveScene:
@@ -66,14 +63,10 @@ def grasping_scene(port: int, side: Hand, *, free: bool = False, beside: LiveSce
     return make_live_scene(bodies, hand, device, pose, None, rate=RATE, other=other, freed=freed)
 
 
-def _held(own: LiveScene, scene: LiveScene, record: Path | None, beside: LiveSetup | None = None) -> LiveSetup:
+def _held(scene: LiveScene, record: Path | None) -> LiveSetup:
     return LiveSetup(
-        scene=scene.scene,
-        beside=beside,
-        hand=own.scene.hands[0].model,
+        **scene._asdict(),
         options=SolverOptions(),
-        device=own.device,
-        pose=own.pose,
         output=OutputLimits(stiffness=(0.5,) * 5, stiffness_rise=50.0, ramp=0.1),
         record=record,
         duration=600.0,
@@ -154,12 +147,6 @@ class Watched:
             time.sleep(0.002)
         self.session.end()
 
-    def drivers(self) -> list[int]:
-        """The drivers that the loop started, once they have their name."""
-        pid = self.session.pid(LOOP)
-        found = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-        return [int(word) for word in found if Path(f"/proc/{word}/comm").read_text() == "hhsim-driver\n"]
-
     @property
     def sound(self) -> bool:
         """Return True if another drill can be held with it."""
@@ -169,10 +156,10 @@ class Watched:
 class Drill(Watched):
     """A session, its glove, and what both of them saw."""
 
-    def __init__(self, glove: FakeDexmo, record: Path | None = None, rerun: str | None = None) -> None:
+    def __init__(self, glove: FakeDexmo, record: Path | None = None) -> None:
         super().__init__()
         self.glove, self.carriers = glove, [glove.pid]
-        self.begun(replace(grasping_setup(glove.port, record), rerun=rerun))
+        self.begun(grasping_setup(glove.port, record))
         self._ring = RingReader(self.session.memory.ticks)
         self._ticks: list[NDArray[Any]] = []
 

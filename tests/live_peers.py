@@ -5,15 +5,21 @@ import os
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.live.device import GLOVE_SAMPLE, DeviceError, GloveDevice
+from hhsim.live.gloves import GloveConfig, configure
+from hhsim.live.open_packet import Kind, encode_packet
+
+Device = TypeVar("Device", bound=GloveDevice)
 
 PATIENCE = 120.0
 """Longest wait of a test for something that comes at once on a quiet machine [s]."""
@@ -43,11 +49,6 @@ def until(reached: Callable[[], object]) -> None:
     while not reached():
         assert time.monotonic() < end, "waited in vain"
         time.sleep(0.002)
-
-
-def until_listened_to(*ports: int) -> None:
-    """Wait until somebody has these UDP ports: a datagram before that is lost."""
-    until(lambda: all(f":{port:04X} " in Path("/proc/net/udp").read_text() for port in ports))
 
 
 class Reader:
@@ -90,8 +91,46 @@ class Reader:
             time.sleep(0.001)
         raise AssertionError("the device was never lost")
 
-    def until_back(self) -> None:
-        until(self.device.reconnect)
+
+class Bridge:
+    """A bridge of the open packet in the same process: a test sends what it wants, and hears commands."""
+
+    def __init__(self) -> None:
+        self.port = free_ports(socket.SOCK_DGRAM)
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", self.port + 1))
+        self.socket.settimeout(PATIENCE)
+
+    def packet(self, kind: Kind, values: object, seq: int, **other: int) -> bytes:
+        return encode_packet(kind, np.asarray(values), seq=seq, **{"session": 1, "t_ns": 1000 * seq, **other})
+
+    def send(self, kind: Kind, values: object, seq: int, **other: int) -> None:
+        self.send_bytes(self.packet(kind, values, seq, **other))
+
+    def send_bytes(self, data: bytes) -> None:
+        self.socket.sendto(data, ("127.0.0.1", self.port))
+
+    def config(self, kind: str = "udp", **settings: Any) -> GloveConfig:
+        return configure(kind, port=self.port, **settings)
+
+    @contextmanager
+    def opened(self, device: Device, first: bytes) -> Iterator[Device]:
+        """A device to which the same datagram is sent again and again, until it is open."""
+        heard = threading.Event()
+
+        def send() -> None:
+            while not heard.wait(0.005):
+                self.send_bytes(first)
+
+        sender = threading.Thread(target=send)
+        sender.start()
+        with closing(device):
+            try:
+                device.open(PATIENCE)
+            finally:
+                heard.set()
+                sender.join()
+            yield device
 
 
 @contextmanager

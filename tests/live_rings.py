@@ -11,11 +11,11 @@ from sphere_scenes import bumpy_ball
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import HapticBlock
 from hhsim.live.device import GLOVE_SAMPLE
-from hhsim.live.devices.registry import PoseConfig, configure
+from hhsim.live.gloves import PoseConfig, configure
 from hhsim.live.processes import SharedRing
 from hhsim.live.session.loop import loop_options
 from hhsim.live.session.memory import LIVE_TICK, SessionMemory
-from hhsim.live.session.settings import LiveSetup
+from hhsim.live.session.settings import LiveSetup, WornGlove
 from hhsim.live.session.status import Stage
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.scene.script import parse_script
@@ -70,20 +70,17 @@ def make_setup(record: Path | None, options: SolverOptions | None = None) -> Liv
     scene = grasp()
     return LiveSetup(
         scene=scene.first(1),
-        hand=scene.hands[0].model,
+        worn=(WornGlove(scene.hands[0].model, configure("sim"), PoseConfig(), {"object": "ball", "seed": 3}),),
         options=options or SolverOptions(),
-        device=configure("sim"),
-        pose=PoseConfig(kind="fixed"),
         record=record,
         command=("hhsim", "live", "glove"),
-        description={"object": "ball", "seed": 3},
     )
 
 
 def solved_ticks(setup: LiveSetup) -> Records:
     """700 ticks as the loop publishes them: a grasp."""
     ticks = grasp().hands[0].ticks
-    solver = HandSolver(setup.hand, setup.seen.tree.arrays(), loop_options(setup.options, setup.rate))
+    solver = HandSolver(setup.worn[0].model, setup.seen.tree.arrays(), loop_options(setup.options, setup.rate))
     rows = np.zeros(700, LIVE_TICK)
     for i, row in enumerate(rows):
         haptic = HapticBlock(*(getattr(ticks, name)[i : i + 1] for name in HapticBlock._fields))

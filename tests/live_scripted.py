@@ -1,7 +1,9 @@
 """A clock that is told the time and a glove that follows a script: what the tests of the loop run it with."""
 
+import os
 from collections.abc import Callable, MutableSequence, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -14,15 +16,18 @@ from hhsim.kernels.live.deadlines import NOTHING, due_time, next_deadline, woken
 from hhsim.kernels.live.loop import DRIVERS, begin_hands, give_hands, publish_hands, take_hands, wake_driver
 from hhsim.kernels.live.tick import command_tick, look_for_stop, waiting_since
 from hhsim.live.device import LIMITS, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
-from hhsim.live.devices.registry import PoseConfig, configure
 from hhsim.live.drivers.poses import FixedPose, PoseSource
+from hhsim.live.gloves import PoseConfig, configure
 from hhsim.live.processes import RingReader
 from hhsim.live.session.driver import GloveDriver
-from hhsim.live.session.loop import LiveLoop, MissAccounts, deadline_record
+from hhsim.live.session.loop import LiveLoop, deadline_record
 from hhsim.live.session.memory import SessionMemory, TickReader
+from hhsim.live.session.recorder import Recorder
 from hhsim.live.session.scene import make_live_scene
-from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits
+from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits, WornGlove
+from hhsim.live.session.status import Stage
 from hhsim.mesh.mesh import Mesh
+from hhsim.result.reader import Result, load_result
 from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.solver.options import SolverOptions
 from hhsim.system.cpu_accounts import CpuAccounts
@@ -39,18 +44,13 @@ WAKING_NS = 30_000
 
 def make_setup(mesh: Mesh | None = None, free: dict[str, Any] | None = None, **changes: Any) -> LiveSetup:
     """A session at 1 kHz with a ball, or a mesh, `free` by arguments of `Scene.freed`."""
-    given: dict[str, Any] = {
-        "hand": HandModel.default(),
-        "options": SolverOptions(),
-        "device": configure(),
-        "pose": PoseConfig(),
-        "rate": 1000.0,
-        **changes,
-    }
+    given: dict[str, Any] = {"options": SolverOptions(), "rate": 1000.0, **changes}
+    usual = {"hand": HandModel.default(), "device": configure(), "pose": PoseConfig()}
+    hand, device, pose = of_hand = tuple(given.pop(name, value) for name, value in usual.items())
+    given.setdefault("worn", (WornGlove(hand, device, pose),))
     if "scene" not in given:
         bodies = DeclaredBodies.of_mesh(mesh or sphere(0.06, 1), BALL)
         freed = (lambda scene: scene) if free is None else (lambda scene: scene.freed(**free))
-        of_hand = (given[name] for name in ("hand", "device", "pose"))
         given["scene"] = make_live_scene(bodies, *of_hand, None, rate=given["rate"], placed=True, freed=freed).scene
     return LiveSetup(**given)
 
@@ -216,20 +216,6 @@ class Deadlines:
         woken(self.at, now, due)
 
 
-def account_tick(misses: MissAccounts, deadlines: Any, accounts: CpuAccounts) -> None:
-    """Take the accounts of a tick that begins."""
-    if not deadlines.at_once:
-        readings = accounts.cpu_ns(), accounts.run_delay_ns()
-        account_waking(misses.state[0], deadlines.woke_ns, deadlines.wakeup_ns, *readings)
-
-
-def name_misses(misses: MissAccounts, deadlines: Any, accounts: CpuAccounts) -> None:
-    """Name the cause of the periods that this tick missed."""
-    if deadlines.missed > 0:
-        long_stall = measure_miss(misses.state[0], deadlines.asked_ns, deadlines.late_ns)
-        name_miss(misses.state[0], accounts.steal_ns() if long_stall else -1)
-
-
 class SteppedLoop(LiveLoop):
     """The steps of `run_loop`, in Python and by a clock that is told the time."""
 
@@ -249,7 +235,9 @@ class SteppedLoop(LiveLoop):
 
     def tick(self) -> None:
         clock, at = self.clock, self.deadlines.at
-        account_tick(self.misses, at, self.accounts)
+        misses = self.misses[0]
+        if not at.at_once:
+            account_waking(misses, at.woke_ns, at.wakeup_ns, self.accounts.cpu_ns(), self.accounts.run_delay_ns())
         hands = tuple(hand.live for hand in self.hands)
         solved = bool(begin_hands(hands))
         if solved:
@@ -261,7 +249,9 @@ class SteppedLoop(LiveLoop):
             command_tick(hand.live, clock.now(), solved, int(hand.at.status))
             wake_driver(hand.live, wake, clock.now())
         done = clock.now()
-        name_misses(self.misses, at, self.accounts)
+        if at.missed > 0:
+            long_stall = measure_miss(misses, at.asked_ns, at.late_ns)
+            name_miss(misses, self.accounts.steal_ns() if long_stall else -1)
         publish_hands(hands, self.world, done, solved)
 
 
@@ -359,3 +349,13 @@ class ScriptedSession:
         self.samples = RingReader(self.memory.samples).read(10**6)[1]
         self.events = [text.decode() for text in RingReader(self.memory.events).read(1000)[1]["text"]]
         return self
+
+    def recorded(self, path: Path | None = None) -> Result:
+        """The file of the session, which has ended."""
+        setup = self.setup if path is None else replace(self.setup, record=path)
+        assert setup.record is not None
+        self.memory.status["loop_pid"] = os.getpid()
+        self.memory.facts.write(self.both.driver.facts() | {"real_time": {}, "reason": "duration"})
+        self.memory.status["stage"] = Stage.ENDED
+        Recorder(setup, self.memory).run()
+        return load_result(setup.record)

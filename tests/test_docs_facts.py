@@ -22,9 +22,9 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.live import plausibility
 from hhsim.kernels.tick import state as tick_state
 from hhsim.live import doctor
-from hhsim.live.devices.registry import configure
 from hhsim.live.drivers import poses
 from hhsim.live.drivers.udp import SILENCE_NS
+from hhsim.live.gloves import configure
 from hhsim.live.open_packet import SESSION_SILENCE_NS
 from hhsim.live.session import loop, supervisor
 from hhsim.live.session.settings import OutputLimits, SafetyLimits

@@ -28,7 +28,7 @@ PACKAGES = (
     ),
     *("hhsim.solver", "hhsim.solver.methods", "hhsim.replay", "hhsim.submissions", "hhsim.verify"),
     *("hhsim.render", "hhsim.view"),
-    *(f"hhsim.live{part}" for part in ("", ".devices", ".drivers", ".session")),
+    *(f"hhsim.live{part}" for part in ("", ".drivers", ".session")),
     "hhsim.report",
     "hhsim.repair",
     "hhsim.sweep",

@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.shell_completion import CompletionItem
@@ -46,6 +46,11 @@ class MeshFile(MeshSize):
     thickness: float | None = ranged(
         "thickness", "MM", "Make each open part of a mesh file a sheet this thick [mm], and the whole a solid.", 1e-3
     )
+
+    def words(self, tree: "TreeChoice") -> dict[str, Any]:
+        """Return what the options say of the mesh and its tree, for `SceneWords`."""
+        of_mesh = {"unit": self.unit, "size_mm": self.size, "thickness_mm": self.thickness, "solid": self.solid}
+        return of_mesh | {"level": tree.stated(), "max_error": tree.max_error}
 
     def unit_length(self, object_: str) -> float:
         """Return the length [m] of the mesh's unit, for a file of its sphere tree."""

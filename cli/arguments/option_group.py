@@ -1,6 +1,6 @@
 """Groups of options: a record of them is one argument of a command, and has a heading in its help."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass, fields
 from functools import wraps
 from typing import Any, ClassVar, dataclass_transform
@@ -64,6 +64,13 @@ def typed_options(context: click.Context) -> dict[str, str]:
         for parameter in context.command.params
         if context.get_parameter_source(parameter.name or "") is ParameterSource.COMMANDLINE
     }
+
+
+def refuse_typed(why: str, *, names: Container[str] = (), but: Container[str] | None = None) -> None:
+    """Raise UsageError, "OPTION WHY", for a typed option of these `names`, or of all `but` some."""
+    for name, typed_as in typed_options(click.get_current_context()).items():
+        if name in names or (but is not None and name not in but):
+            raise click.UsageError(f"{typed_as} {why}")
 
 
 class GroupedCommand(Command):

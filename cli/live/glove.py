@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hhsim.live.devices.registry import GLOVES, POSES, USUAL_POSE_PORT, PoseConfig
+from hhsim.live.gloves import GLOVES, POSES, USUAL_POSE_PORT, PoseConfig
 from hhsim.result.safety import AFTER_STALL
 from hhsim.solver.method import METHODS
 
@@ -25,7 +25,7 @@ from .session import run_session
 from .summary import print_summary, session_json
 
 if TYPE_CHECKING:
-    from hhsim.live.devices.registry import GloveConfig, Hand
+    from hhsim.live.gloves import GloveConfig, Hand
     from hhsim.scene.motion_catalogue import Motion
 
     Inputs = tuple[GloveConfig, PoseConfig, Motion | None]
@@ -107,7 +107,7 @@ class HandChoice(OptionGroup, heading="Hand"):
         `seed` is of the glove's noise, `usual_motion` played if none is named. Raises click.UsageError for options that
         contradict each other.
         """
-        from hhsim.live.devices.registry import configure
+        from hhsim.live.gloves import configure
 
         plays = GLOVES[device].plays
         has_palm = GLOVES[device].palm
@@ -267,8 +267,8 @@ def command(
       hhsim live glove cube --device left=dexmo,right=dexmo --pose udp
     """
     from hhsim.hand.model import HandModel
-    from hhsim.live.devices.registry import open_device
     from hhsim.live.doctor import quick_warning
+    from hhsim.live.gloves import open_device
     from hhsim.live.real_time import RealTimeWishes
     from hhsim.live.session.scene import grasping_hand, make_live_scene
     from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits
@@ -297,17 +297,7 @@ def command(
         HandModel.default(device.hand) if own.hand_file is None else HandModel.from_toml(own.hand_file, device.hand)
         for own, (device, _, _) in worn
     ]
-    words = SceneWords(
-        object=object_,
-        trajectory=hand.trajectory or usual,
-        unit=mesh_file.unit,
-        size_mm=mesh_file.size,
-        thickness_mm=mesh_file.thickness,
-        solid=mesh_file.solid,
-        level=tree.stated(),
-        max_error=tree.max_error,
-        free=free.words(),
-    )
+    words = SceneWords(object=object_, trajectory=hand.trajectory or usual, free=free.words(), **mesh_file.words(tree))
     loaded = load_words(words, surface=solver.surface, motions=[one for one in motions if one is not None])
     bodies, mesh = loaded.bodies, loaded.bodies.mesh
     if any(body.is_free for body in bodies.settings):
@@ -327,45 +317,39 @@ def command(
             about |= {"rate": session.rate, "seed": session.seed, "freed": loaded.freed}
             scenes.append(make_live_scene(bodies, models[i], device, palm, motion, **about))
     print_notes(notes)
-    duration = session.duration
-    for scene in scenes:
-        if GLOVES[scene.device.kind].ends and session.duration is None and scene.device.playback is not None:
-            duration = max(duration or 0.0, scene.device.playback.duration)
-        # An error of the settings comes before any process is started.
-        open_device(scene.device)
     given = scenes[0].both(scenes[1]) if two else scenes[0]
-    setup = None
-    # The left hand's first, which stands in that of the right one.
-    for (own, (_, _, motion)), model, scene in reversed(list(zip(worn, models, scenes))):
-        setup = LiveSetup(
-            scene=given.scene,
-            beside=setup,
-            hand=model,
-            options=options,
-            device=scene.device,
-            pose=scene.pose,
-            rate=session.rate,
-            output=OutputLimits() if feedback.stiffness is None else OutputLimits(stiffness=feedback.stiffness),
-            safety=SafetyLimits(stale=1e-3 * feedback.stale, after_stall=feedback.after_stall),
-            real_time=RealTimeWishes.none() if session.no_realtime else RealTimeWishes(cpu=session.cpu),
-            rerun=session.rerun,
-            dry_run=feedback.dry_run,
-            command=("hhsim", *sys.argv[1:]),
-            record=record,
-            duration=duration,
-            description={
-                **scene.description,
-                "object": object_,
-                "object_mesh": mesh.sha256,
-                "level": bodies.tree.depth,
-                "hand_file": str(own.hand_file) if own.hand_file else None,
-                "device": scene.device.kind,
-                "trajectory": None if motion is None else own.trajectory or usual,
-                "seed": session.seed,
-            },
-        )
-    assert setup is not None
-    warm_up(setup.hand, setup.options, None if two else setup.seen.free)
+    duration, gloves = session.duration, []
+    for (own, (_, _, motion)), glove_ in zip(worn, given.worn):
+        if GLOVES[glove_.device.kind].ends and session.duration is None and glove_.device.playback is not None:
+            duration = max(duration or 0.0, glove_.device.playback.duration)
+        # An error of the settings comes before any process is started.
+        open_device(glove_.device)
+        described = {
+            **glove_.description,
+            "object": object_,
+            "object_mesh": mesh.sha256,
+            "level": bodies.tree.depth,
+            "hand_file": str(own.hand_file) if own.hand_file else None,
+            "device": glove_.device.kind,
+            "trajectory": None if motion is None else own.trajectory or usual,
+            "seed": session.seed,
+        }
+        gloves.append(replace(glove_, description=described))
+    setup = LiveSetup(
+        scene=given.scene,
+        worn=tuple(gloves),
+        options=options,
+        rate=session.rate,
+        output=OutputLimits() if feedback.stiffness is None else OutputLimits(stiffness=feedback.stiffness),
+        safety=SafetyLimits(stale=1e-3 * feedback.stale, after_stall=feedback.after_stall),
+        real_time=RealTimeWishes.none() if session.no_realtime else RealTimeWishes(cpu=session.cpu),
+        rerun=session.rerun,
+        dry_run=feedback.dry_run,
+        command=("hhsim", *sys.argv[1:]),
+        record=record,
+        duration=duration,
+    )
+    warm_up(models[0], setup.options, None if two else setup.seen.free)
     warning = quick_warning(session.rate, setup.real_time)
     print_notes([warning] if warning else [], prefix="warning")
     heading = f"{mesh.name}, {solver.method}, {' and '.join(device.kind for _, (device, _, _) in worn)}"

@@ -9,7 +9,7 @@ from typing import Any, get_args
 import click
 from click.core import ParameterSource
 
-from hhsim.live.devices.registry import GLOVES, Setting
+from hhsim.live.gloves import GLOVES, Setting
 
 from ..arguments.option_group import OptionGroup, option
 from ..arguments.options import HANDS, Number

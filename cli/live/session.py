@@ -213,8 +213,8 @@ def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[Sess
     from hhsim.live.drivers.poses import HELP, PalmKeys, write_keyboard_pose
     from hhsim.live.session.supervisor import Supervisor, stop_signals
 
-    by_keys = setup.pose.kind == "keyboard"
-    palm = PalmKeys(setup.pose.position, setup.pose.orientation)
+    pose = setup.worn[0].pose
+    by_keys, palm = pose.kind == "keyboard", PalmKeys(pose.position, pose.orientation)
     status = LiveStatus(heading, HELP if by_keys else (HELP[-1],), quiet=quiet)
     with (
         stop_signals() as stop_signal,

@@ -4,9 +4,17 @@ Measured wake-ups of a thread that only waits, as a session's loop does, decide 
 of the system only suggest what to change.
 """
 
+import gzip
+import math
+import os
+import platform
+import re
+import resource
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +24,6 @@ from hhsim.kernels.live.deadlines import DEADLINES, PASSED, wait_periods
 from hhsim.live.real_time import RealTimeWishes, become_real_time, processors_awake, unlock_memory
 from hhsim.result.miss_cause import CAUSES, WORDS, MissCause, TimeTaken, by_name
 from hhsim.system.cpu_accounts import CpuAccounts, risen
-from hhsim.system.scheduling_facts import SchedulingFact, scheduling_facts
 
 BLOCK_SECONDS = 0.05
 """Time that compiled code waits by itself [s]; accounts are read between two blocks, which costs no period."""
@@ -29,13 +36,35 @@ MOST_IN_A_ROW = 9
 ONE_ALONE = 1
 """Missed periods that are always allowed: a short look cannot tell one from none."""
 QUICK_SECONDS = 0.3
-PERCENTS = {"p50": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}
+SPREAD = (("p50", 50.0), ("p99.9", 99.9), ("longest", 100.0))
+"""Percentiles of the table that decide nothing."""
+NOT_TOLD = "not told"
+"""Value of what the system does not report."""
+PREEMPTION = {"PREEMPT_NONE": "none", "PREEMPT_VOLUNTARY": "voluntary", "PREEMPT_LAZY": "lazy", "PREEMPT": "full"}
+"""Options of the kernel's configuration, and their names in `preempt=`."""
 HOST_ADVICE = "the host took the processor: nothing set in here helps; a machine, or a processor, of one's own"
 OTHERS_ADVICE = "other work had the processor: end it, or set a processor aside (isolcpus) and name it (--cpu)"
 NOBODY_ADVICE = (
     "no account says who had the processor when the thread was woken late: in a virtual machine most often a host that "
     "does not tell, else the firmware (system management), or the kernel's own work, where it does not interrupt that"
 )
+
+
+LIMITS_FILE = "in /etc/security/limits.d/90-hhsim.conf, then log in anew"
+ADVICE = {
+    "kernel": "a kernel with PREEMPT_RT (in Linux since 6.12) has shorter worst cases",
+    "kernel interrupts its own work": "preempt=full on the kernel's command line: else a thread that is due waits for "
+    "the pause of a kernel thread on its processor, such as one that reclaims memory",
+    "processors that may be used": "with one processor the loop shares it with everything else: give it two",
+    "processors set aside": "isolcpus={last} on the kernel's command line, and --cpu {last}",
+    "frequency governor": "cpupower frequency-set -g performance: a clock that has to be raised first wakes late",
+    "limit rtprio": f"'{{user}} - rtprio 99' {LIMITS_FILE}",
+    "limit memlock": f"'{{user}} - memlock unlimited' {LIMITS_FILE}",
+    "real-time share of a second": "sysctl kernel.sched_rt_runtime_us=950000",
+    "container's quota": "no quota of CPU time (cpu.max): where it is used up, everything stops until the next period",
+    "virtual machine": "a machine of one's own: no setting in here keeps the host from taking the processor",
+}
+"""What to change of each setting of the system."""
 
 
 @dataclass(frozen=True)
@@ -126,18 +155,25 @@ def _deadlines(period: int) -> Any:
 
 
 @dataclass(frozen=True)
-class Measure:
-    """A figure with its limit, in `unit`: "µs", or "" for a count."""
+class Row:
+    """Row of the doctor's table: a figure, with a limit if it decides, or a setting of the system with its `advice`."""
 
     name: str
-    value: float
-    limit: float
+    value: float | str
+    limit: float | None = None
     unit: str = ""
+    advice: str = ""  # change of the system that may help; "" for none
 
     @property
     def kept(self) -> bool:
-        """True if the limit is kept."""
-        return self.value <= self.limit
+        """True if there is no limit, or it is kept."""
+        return self.limit is None or float(self.value) <= self.limit
+
+    @property
+    def cells(self) -> tuple[str, str, str, str]:
+        """Name, value, limit and unit as text."""
+        value = self.value if isinstance(self.value, str) else f"{self.value:,.0f}"
+        return self.name, value, "" if self.limit is None else f"{self.limit:,.0f}", self.unit
 
 
 @dataclass(frozen=True)
@@ -145,18 +181,31 @@ class Diagnosis:
     """Measured wake-ups, the settings of the system, and what follows from both."""
 
     wakeups: Wakeups
-    facts: list[SchedulingFact]
+    settings: list[Row]
 
     @property
-    def measures(self) -> tuple[Measure, ...]:
+    def measures(self) -> tuple[Row, ...]:
         """Figures that decide the verdict, with their limits."""
         wakeups = self.wakeups
         allowed = int(max(MOST_MISSED * wakeups.periods, ONE_ALONE))
         return (
-            Measure("missed periods", wakeups.missed, float(allowed)),
-            Measure("missed in a row", wakeups.streak, MOST_IN_A_ROW),
-            Measure("wake-up, p99", 1e6 * wakeups.percentile(99.0), 1e6 * MOST_LATE / wakeups.rate, "µs"),
+            Row("missed periods", wakeups.missed, float(allowed)),
+            Row("missed in a row", wakeups.streak, MOST_IN_A_ROW),
+            Row("wake-up, p99", 1e6 * wakeups.percentile(99.0), 1e6 * MOST_LATE / wakeups.rate, "µs"),
         )
+
+    @property
+    def rows(self) -> list[Row]:
+        """Rows of the table."""
+        wakeups = self.wakeups
+        spread = [Row(f"wake-up, {name}", 1e6 * wakeups.percentile(percent), unit="µs") for name, percent in SPREAD]
+        causes = [Row(f"missed: {WORDS[cause]}", count) for cause, count in wakeups.causes.items() if count]
+        accounts = {"run delay": wakeups.run_delay, "steal (the host had it)": wakeups.steal}
+        told = [
+            Row(name, NOT_TOLD if value is None else f"{1e-6 * value:,.1f}", unit="ms")
+            for name, value in accounts.items()
+        ]
+        return [*self.measures, *spread, *causes, *told, *self.settings]
 
     @property
     def good(self) -> bool:
@@ -192,33 +241,28 @@ class Diagnosis:
             overslept = wakeups.late[wakeups.late >= 1e9 / wakeups.rate].sum()
             # Half of it: a run delay that explains less is not the reason.
             found.append(OTHERS_ADVICE if 2 * (wakeups.run_delay or 0) >= overslept else NOBODY_ADVICE)
-        return [*found, *wakeups.mode["refused"], *(fact.advice for fact in self.facts if fact.advice)]
+        return [*found, *wakeups.mode["refused"], *(row.advice for row in self.settings if row.advice)]
 
     def to_json(self) -> dict[str, Any]:
-        """Return all of it as plain values, SI units."""
+        """Return all of it as plain values: the rows as in the table, other times in SI units."""
         wakeups = self.wakeups
-        accounts = {"run_delay": wakeups.run_delay, "steal": wakeups.steal}
         return {
-            "good": self.good,
-            "verdict": self.verdict,
-            "rate": wakeups.rate,
-            "periods": wakeups.periods,
-            "missed": wakeups.missed,
-            "missed_in_a_row": wakeups.streak,
+            **{name: getattr(self, name) for name in ("good", "verdict", "advice")},
+            **{name: getattr(wakeups, name) for name in ("rate", "periods", "missed")},
             "missed_by": by_name(wakeups.causes.values()),
-            **{f"wakeup_{name}": wakeups.percentile(percent) for name, percent in PERCENTS.items()},
-            **{name: None if value is None else 1e-9 * value for name, value in accounts.items()},
-            "limits": [asdict(measure) | {"kept": measure.kept} for measure in self.measures],
+            **{
+                name: None if value is None else 1e-9 * value
+                for name, value in (("run_delay", wakeups.run_delay), ("steal", wakeups.steal))
+            },
             "real_time": wakeups.mode,
-            "facts": [asdict(fact) | {"advice": fact.advice or None} for fact in self.facts],
-            "advice": self.advice,
+            "rows": [asdict(row) | {"kept": row.kept} for row in self.rows],
         }
 
 
 def examine(rate: float, seconds: float, wishes: RealTimeWishes) -> Diagnosis:
     """Measure wake-ups for `seconds` at `rate` [Hz] with the requests of a loop, and read the system's settings."""
-    facts = scheduling_facts(wishes.priority + 1)
-    return Diagnosis(measure_wakeups(rate, seconds, wishes), facts)
+    settings = system_settings(wishes.priority + 1)
+    return Diagnosis(measure_wakeups(rate, seconds, wishes), settings)
 
 
 def quick_warning(rate: float, wishes: RealTimeWishes) -> str:
@@ -228,3 +272,69 @@ def quick_warning(rate: float, wishes: RealTimeWishes) -> str:
     """
     diagnosis = Diagnosis(measure_wakeups(rate, QUICK_SECONDS, replace(wishes, lock_memory=False)), [])
     return "" if diagnosis.good else f"{diagnosis.verdict}; hhsim doctor tells more"
+
+
+def system_settings(priority: int, root: Path = Path("/")) -> list[Row]:
+    """Return settings of kernel, processors, governor, limits, host and container.
+
+    `priority` is the highest under SCHED_FIFO that the loop asks for, `root` the folder of /proc and /sys.
+    """
+
+    def text(name: str) -> str:
+        try:
+            return (root / name).read_text(encoding="utf-8", errors="replace").strip()
+        except OSError:
+            return NOT_TOLD
+
+    allowed, cpus = sorted(os.sched_getaffinity(0)), "sys/devices/system/cpu"
+    alone, isolated = len(allowed) == 1, text(f"{cpus}/isolated")
+    is_real_time = text("sys/kernel/realtime") == "1" or "PREEMPT_RT" in platform.version()
+    preemption = "always (PREEMPT_RT)" if is_real_time else _preemption(text("proc/cmdline"), root)
+    governors = sorted({text(f"{cpus}/cpu{number}/cpufreq/scaling_governor") for number in allowed} - {NOT_TOLD})
+    flags, quota = text("proc/cpuinfo"), re.fullmatch(r"(\d+) (\d+)", text("sys/fs/cgroup/cpu.max"))
+    virtual = re.search(r"^flags\s*:.*\bhypervisor\b", flags, re.MULTILINE) is not None
+    effective = re.search(r"^CapEff:\s*([0-9a-f]+)$", text("proc/self/status"), re.MULTILINE)
+    capabilities = int(effective[1], 16) if effective else 0
+    runtime, period = (text(f"proc/sys/kernel/sched_rt_{what}_us") for what in ("runtime", "period"))
+    share = 100.0 * int(runtime) / int(period) if NOT_TOLD not in (runtime, period) else math.nan
+    # Of each: its value, and whether it should be changed.
+    found: dict[str, tuple[str, bool]] = {
+        "kernel": (f"{platform.release()}, {'' if is_real_time else 'no '}PREEMPT_RT", not is_real_time),
+        "kernel interrupts its own work": (preemption, preemption.startswith(("none", "voluntary"))),
+        "processors that may be used": (", ".join(map(str, allowed)), alone),
+        "processors set aside": (isolated or "none", not (isolated or alone)),
+        "frequency governor": (", ".join(governors) or NOT_TOLD, bool(set(governors) - {"performance"})),
+        "limit rtprio": _limit(resource.RLIMIT_RTPRIO, "CAP_SYS_NICE" if capabilities >> 23 & 1 else "", priority),
+        "limit memlock": _limit(resource.RLIMIT_MEMLOCK, "CAP_IPC_LOCK" if capabilities >> 14 & 1 else "", math.inf),
+        "real-time share of a second": (
+            NOT_TOLD if math.isnan(share) else "all of it" if share < 0.0 else f"{share:g} %",
+            0.0 <= share < 50.0,
+        ),
+        "container's quota": (
+            f"{1e-3 * int(quota[1]):g} ms in {1e-3 * int(quota[2]):g} ms" if quota else "none, or not told",
+            quota is not None,
+        ),
+        "virtual machine": (NOT_TOLD if flags == NOT_TOLD else "yes" if virtual else "no", virtual),
+    }
+    told = {"user": os.environ.get("USER") or os.getuid(), "last": allowed[-1]}
+    return [Row(name, value, advice=ADVICE[name].format(**told) if bad else "") for name, (value, bad) in found.items()]
+
+
+def _preemption(command_line: str, root: Path) -> str:
+    """Return whether a ready thread interrupts the kernel's own work; the command line overrides the configuration."""
+    if asked := re.findall(r"(?:^|\s)preempt=(\w+)", command_line):
+        return f"{asked[-1]} (preempt=)"
+    packed, plain = root / "proc/config.gz", root / f"boot/config-{platform.release()}"
+    with suppress(OSError, EOFError, UnicodeDecodeError):
+        text = gzip.decompress(packed.read_bytes()).decode() if packed.exists() else plain.read_text(encoding="utf-8")
+        if built := re.search(rf"^CONFIG_({'|'.join(PREEMPTION)})=y$", text, re.MULTILINE):
+            return f"{PREEMPTION[built[1]]} (preempt=)"
+    return NOT_TOLD
+
+
+def _limit(which: int, above: str, wanted: float) -> tuple[str, bool]:
+    """Return a limit of the process, which a capability, `above`, overrides, and whether it is too low."""
+    limit = resource.getrlimit(which)[0]
+    amount = math.inf if limit == resource.RLIM_INFINITY else limit
+    shown = "unlimited" if amount == math.inf else f"{limit:,}"
+    return f"any, by {above}" if above else shown, not above and amount < wanted

@@ -4,7 +4,6 @@ Memory has no name (memfd): children inherit the descriptor, and nothing is left
 Readers rely on words of eight bytes being written whole, and on stores becoming visible in order, as on x86-64.
 """
 
-import argparse
 import contextlib
 import mmap
 import os
@@ -126,9 +125,8 @@ def write_setup(*parts: object) -> int:
 def process_setup(name: str, arguments: Sequence[str] | None) -> tuple[Any, ...]:
     """Name this process of a session, and return the parts that `write_setup` wrote for it."""
     name_process(name)
-    parser = argparse.ArgumentParser(prog=f"hhsim-{name}")
-    parser.add_argument("--setup", type=int, required=True, metavar="FD")
-    descriptor = parser.parse_args(arguments).setup
+    words = sys.argv if arguments is None else arguments
+    descriptor = int(words[words.index("--setup") + 1])
     # By position: processes that inherit a descriptor share its offset in the file.
     parts: tuple[Any, ...] = pickle.loads(os.pread(descriptor, os.fstat(descriptor).st_size, 0))
     return parts

@@ -11,8 +11,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-from hhsim.errors import InputError
-
 MLOCK_ONFAULT = 1
 PR_SET_PDEATHSIG, PR_SET_NAME, PR_SET_TIMERSLACK, PR_GET_TIMERSLACK = 1, 15, 29, 30
 
@@ -28,7 +26,7 @@ _libc = ctypes.CDLL(None, use_errno=True)
 
 @dataclass(frozen=True)
 class RealTimeWishes:
-    """Requests of a loop to the system; raises InputError for a priority or a processor out of range."""
+    """Requests of a loop to the system."""
 
     # SCHED_FIFO at `priority`, timers that are not coalesced (1 ns instead of 50 µs), and idle processors that poll.
     punctual: bool = True
@@ -51,12 +49,6 @@ class RealTimeWishes:
     def none(cls) -> Self:
         """Request nothing."""
         return cls(punctual=False, lock_memory=False, cpu=-1, freeze_gc=False)
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.priority <= 98:
-            raise InputError(f"the real-time priority is {self.priority}: expected 1 to 98")
-        if self.cpu is not None and self.cpu < -1:
-            raise InputError(f"the processor is {self.cpu}: expected its number, or -1 not to be pinned")
 
 
 def become_real_time(wishes: RealTimeWishes, *, above: int = 0) -> dict[str, Any]:

@@ -82,26 +82,6 @@ def test_what_comes_out_goes_in_again_unchanged(run: Run, damaged: Path, tmp_pat
     assert (tmp_path / "one.csv").read_bytes() == (tmp_path / "two.csv").read_bytes()
 
 
-def test_refusals_are_one_line_and_leave_nothing(run: Run, damaged: Path, tmp_path: Path) -> None:
-    empty = tmp_path / "empty.csv"
-    empty.touch()
-    (tmp_path / "other.csv").write_text("t,x\n0,1\n")
-    cases = [
-        (("import", "none.npz"), "none.npz: no such file"),
-        (("import", str(empty)), "empty; expected a recording"),
-        (("import", str(tmp_path)), "a folder; expected a recording"),
-        (("import", str(damaged), "--columns", "none.toml"), "none.toml: no such file"),
-        (("import", str(damaged), "--out", "good.txt"), "good.txt is no name for a trajectory: it has to end"),
-        (("import", str(damaged), "--out", "other.csv"), "other.csv exists and is no trajectory, so it is"),
-        (("import", str(damaged), "--out", str(damaged)), "is an input of this command"),
-    ]
-    for arguments, words in cases:
-        code, out, err = run(*arguments)
-        assert code == 2 and out == "" and words in err, (arguments, err)
-        assert len(err.strip().splitlines()) == 1
-    assert not list(tmp_path.glob("**/*.h5"))
-
-
 @pytest.mark.soak
 def test_a_left_hand_replays_as_one(run: Run, repository: Path, tmp_path: Path) -> None:
     sample = repository / "trajectories" / "finger-tap.h5"
@@ -133,19 +113,3 @@ def test_joint_centres_give_a_motion_the_error_of_the_fit_and_a_hand(run: Run, t
         posed = hand.joints(motion.position[k], motion.orientation[k], motion.flexion[k], motion.abduction[k])
         recorded = sample.joints[k][[OPENXR_JOINTS.index(joint) for joint in KEYPOINTS[1:]]]
         assert np.abs(posed.reshape(20, 3) - recorded).max() < 5e-6
-
-
-def test_a_hand_that_cannot_be_fitted_or_written_leaves_nothing(run: Run, damaged: Path, tmp_path: Path) -> None:
-    (tmp_path / "quest.csv").write_text(openxr_csv(joint_sample()))
-    (tmp_path / "glove.toml").write_text("rate = 100\n")
-    cases = [
-        (("import", str(damaged), "--fit-hand", "me.toml"), "--fit-hand needs the centres of the joints"),
-        (("import", "quest.csv", "--fit-hand", "me.txt"), "me.txt is no name for a hand file"),
-        (("import", "quest.csv", "--fit-hand", "glove.toml"), "glove.toml exists and is no hand file"),
-        (("import", "quest.csv", "--fit-hand", "none/me.toml"), "there is no folder"),
-    ]
-    for arguments, words in cases:
-        code, out, err = run(*arguments, "--out", "out.h5")
-        assert code == 2 and out == "" and words in err and len(err.strip().splitlines()) == 1, (arguments, err)
-    assert not (tmp_path / "out.h5").exists() and not (tmp_path / "me.toml").exists()
-    assert (tmp_path / "glove.toml").read_text() == "rate = 100\n"

@@ -64,24 +64,6 @@ def test_every_command_explains_itself(name: str, repository: Path) -> None:
     assert f"hhsim {name}" in (repository / "docs" / "cli.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("repllay", "unknown command 'repllay': did you mean replay?"),
-        ("list", "unknown command 'list': hhsim objects and hhsim trajectories list what there is"),
-        ("info --jsn", "No such option '--jsn'. Did you mean '--json'? (see hhsim info --help)"),
-        ("build-tree none.stl", "none.stl: no such file; expected a mesh"),
-        ("build-tree mug.stl --unit mm --size 90", "unit and size exclude each other"),
-        ("build-tree cube --out a.ply", "--out a.ply: a sphere tree is a .h5 or a .sph file (see"),
-    ],
-)
-def test_a_mistake_is_told_in_one_line(run: Run, line: str, message: str, tmp_path: Path) -> None:
-    answer = run(*line.split())
-    assert (answer.code, answer.out, answer.err.count("\n")) == (2, "", 1)
-    assert answer.err.startswith(f"hhsim: error: {message}")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_machines_get_an_error_as_a_document(run: Run) -> None:
     answer = run("repllay", "--json")
     assert answer.document(2) == {"error": "unknown command 'repllay': did you mean replay?"}
@@ -169,12 +151,6 @@ def test_a_stream_that_is_closed_or_full_is_no_crash(redirection: str, code: int
     assert answer.returncode == code, answer.stderr
     assert answer.stdout.startswith(out) and bool(answer.stdout) == bool(out)
     assert err in answer.stderr and len(answer.stderr.splitlines()) == bool(err)
-
-
-def test_an_error_never_goes_to_stdout_where_stderr_is_closed() -> None:
-    command = ["sh", "-c", '"$@" 2>&-', "sh", *HHSIM, "repllay"]
-    answer = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
-    assert (answer.returncode, answer.stdout) == (2, "")
 
 
 def test_an_encoding_without_our_letters_is_no_crash(run: Run) -> None:

@@ -13,7 +13,6 @@ from typing import Any
 
 import click
 import pytest
-from conftest import Run
 
 from hhsim.errors import HhsimError, OutputError
 from hhsim.repair.repair import repair_both_hands, repair_recording
@@ -113,11 +112,6 @@ def test_neither_a_link_nor_an_input_is_replaced(
             command.main(_words(command, output, str(given), str(named)), standalone_mode=False)
         assert (given.read_bytes(), given.stat().st_nlink, link.is_symlink()) == (content, 2, True)
     assert {path.name for path in Path().iterdir()} == {given.name, link.name, same.name}
-
-
-def test_two_outputs_have_two_names(run: Run) -> None:
-    answer = run("gate", "--markdown", "a.txt", "--write-baseline", "./a.txt")
-    assert answer.code == 2 and "both name a.txt: name two files" in answer.err
 
 
 Check = Callable[[Path], object]

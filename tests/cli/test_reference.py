@@ -86,7 +86,7 @@ def test_what_means_the_same_is_explained_alike(name: str) -> None:
 def library_defaults() -> Iterator[tuple[str, str, str]]:
     """Command, option and what the library takes where the option is not given, as the help should spell it."""
     from hhsim.gate.suite import default_suite
-    from hhsim.live.devices.registry import configure
+    from hhsim.live.gloves import configure
     from hhsim.live.session import settings as live_setup
     from hhsim.solver import options as solver_options
 

@@ -119,22 +119,6 @@ def test_ticks_that_cannot_be_run_exit_1(run: Run, result: Path, monkeypatch: py
     assert (quiet.code, quiet.out) == (1, "") and "hhsim: missed: " in quiet.err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["grasp"], "run.h5 runs again with the motion that it holds: it takes no TRAJECTORY"),
-        (["--tree", "other.h5"], "run.h5 runs again as it was, so --tree has no place here"),
-        (["--threads", "2"], "run.h5 runs again as it was, so --threads has no place here"),
-        (["--rerun", "x.rrd"], "run.h5 holds its ticks already: hhsim view run.h5 shows them"),
-        (["--out", "again.h5"], "run.h5 runs again as it was, so --out has no place here"),
-    ],
-)
-def test_what_would_make_it_another_run_is_refused(run: Run, result: Path, arguments: list[str], message: str) -> None:
-    answer = run("replay", "run.h5", *arguments)
-    assert (answer.code, answer.out, len(answer.err.splitlines())) == (2, "", 1)
-    assert message in answer.err
-
-
 def test_a_file_that_is_no_result_is_told_what_it_is(run: Run, tmp_path: Path) -> None:
     with h5py.File(tmp_path / "motion.h5", "w") as file:
         file.attrs["format"] = "hhsim-trajectory"

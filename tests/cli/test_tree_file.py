@@ -62,21 +62,3 @@ def test_a_replay_takes_the_tree_of_a_file(run: Run, tmp_path: Path, box: Path) 
     assert other.code == 2
     assert "cube.h5: built for the mesh" in other.err
     assert run("replay", "cube", "short.toml", "--tree", "cube.h5", "--level", "3").code == 2
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--frame", "mesh"], "--frame is for --from FILE.sph"),
-        (["--from-unit", "mm"], "--from-unit is for --from FILE.sph"),
-        (["--from", "a.sph", "--level", "3"], "--level is for trees that are built; a.sph has its own"),
-        (["--from", "a.sph", "--branching", "8"], "--branching is for trees that are built; a.sph has its own"),
-        (["--from", "a.h5", "--frame", "mesh"], "a.h5 is in metres and has its frame"),
-        (["--from", "a.sph"], "a.sph: No such file or directory; expected a sphere tree (.sph)"),
-        (["--from", "a.txt"], "a.txt: a sphere tree is a .h5 or a .sph file"),
-    ],
-)
-def test_options_that_do_not_go_together(run: Run, arguments: list[str], message: str) -> None:
-    answer = run("build-tree", "cube", *arguments)
-    assert (answer.code, answer.out) == (2, "")
-    assert message in answer.err

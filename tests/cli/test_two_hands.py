@@ -68,12 +68,6 @@ def test_it_is_judged_shown_and_reported(run: Run, both: Path, monkeypatch: pyte
     assert run("export", "both.h5", "left.csv", "--hand", "left").code == 0
 
 
-def test_what_is_of_one_hand_is_refused(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "short.toml").write_text(short_grasp_text())
-    answer = run("replay", "cube", "short.toml", "--hands", "both", "--repeat", "2")
-    assert answer.code == 2 and "--repeat is of one hand" in answer.err
-
-
 def test_a_command_of_one_hand_says_how_to_name_it(run: Run, both: Path) -> None:
     for arguments in (("export", "both.h5", "x.csv"), ("compare", "both.h5", "both.h5")):
         answer = run(*arguments)

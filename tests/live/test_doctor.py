@@ -1,11 +1,18 @@
-"""The verdict on a machine follows from measured wake-ups and stated limits, the advice from who took the time."""
+"""`hhsim doctor`: the verdict by stated limits from measured wake-ups, who took the time, and what to change."""
 
+import gzip
+import json
 import os
+import platform
+import re
+import resource
 import threading
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Run
 from numpy.typing import NDArray
 
 from hhsim.kernels.live.deadlines import PASSED
@@ -13,34 +20,37 @@ from hhsim.live import doctor
 from hhsim.live.doctor import (
     HOST_ADVICE,
     NOBODY_ADVICE,
+    NOT_TOLD,
     OTHERS_ADVICE,
     Diagnosis,
+    Row,
     Wakeups,
     measure_wakeups,
     quick_warning,
+    system_settings,
 )
 from hhsim.live.real_time import RealTimeWishes, timer_slack
 from hhsim.result.miss_cause import CAUSES, MissCause
-from hhsim.system.scheduling_facts import SchedulingFact
 
 US, MS = 1_000, 1_000_000
+HOST, WOKEN_LATE = MissCause.HOST, MissCause.WOKEN_LATE
 
 
 def planted(
     missed: int = 0,
     streak: int = 1,
-    cause: MissCause = MissCause.WOKEN_LATE,
+    cause: MissCause = WOKEN_LATE,
     late_us: int = 30,
-    run_delay: int = 0,
+    run_delay: int | None = 0,
     wakeups: int = 10_000,
 ) -> Wakeups:
     """So many wake-ups, each overslept one losing `streak` periods."""
     late = np.full(wakeups - missed, late_us * US, np.int64)
     late[: missed // streak] = streak * MS + 500 * US
-    causes = dict.fromkeys(CAUSES, 0)
-    causes[cause] = missed
-    mode = {"refused": ["no SCHED_FIFO at priority 50"], "fifo": 0}
-    return Wakeups(1000.0, late, missed, streak if missed else 0, causes, run_delay, 0, mode)
+    causes = dict.fromkeys(CAUSES, 0) | {cause: missed}
+    mode = {"refused": ["no SCHED_FIFO at priority 50"], "fifo": 0, "memory_locked": False, "timer_slack_ns": 1}
+    mode |= {"cpu": -1, "gc_frozen": False}
+    return Wakeups(1000.0, late, missed, streak if missed else 0, causes, run_delay, 300 * MS, mode)
 
 
 @pytest.mark.parametrize(
@@ -60,26 +70,21 @@ def planted(
 )
 def test_the_limits(wakeups: Wakeups, beyond: list[str]) -> None:
     diagnosis = Diagnosis(wakeups, [])
-    assert [measure.name for measure in diagnosis.measures if not measure.kept] == beyond
-    assert diagnosis.good == (not beyond)
-    assert ("does not keep" in diagnosis.verdict) == bool(beyond)
+    assert [row.name for row in diagnosis.rows if not row.kept] == beyond
+    assert diagnosis.good == (not beyond) == ("does not keep" not in diagnosis.verdict)
     words = {"missed periods": "periods were missed"}
     assert all(words.get(name, name) in diagnosis.verdict for name in beyond)
 
 
 @pytest.mark.parametrize(
     ("cause", "run_delay", "first"),
-    [
-        (MissCause.HOST, 0, HOST_ADVICE),
-        (MissCause.WOKEN_LATE, 30 * MS, OTHERS_ADVICE),
-        (MissCause.WOKEN_LATE, MS, NOBODY_ADVICE),
-    ],
+    [(HOST, 0, HOST_ADVICE), (WOKEN_LATE, 30 * MS, OTHERS_ADVICE), (WOKEN_LATE, MS, NOBODY_ADVICE)],
 )
 def test_who_took_the_time_is_told_first(cause: MissCause, run_delay: int, first: str) -> None:
-    facts = [SchedulingFact("kernel", "6.1"), SchedulingFact("frequency governor", "powersave", "cpupower")]
-    bad = Diagnosis(planted(missed=30, cause=cause, run_delay=run_delay), facts)
+    settings = [Row("kernel", "6.1"), Row("frequency governor", "powersave", advice="cpupower")]
+    bad = Diagnosis(planted(missed=30, cause=cause, run_delay=run_delay), settings)
     assert bad.advice == [first, "no SCHED_FIFO at priority 50", "cpupower"]
-    assert Diagnosis(planted(missed=3, cause=cause), facts).advice == []
+    assert Diagnosis(planted(missed=3, cause=cause), settings).advice == []
 
 
 def test_before_a_session_a_good_machine_gets_no_word(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,26 +97,32 @@ def test_before_a_session_a_good_machine_gets_no_word(monkeypatch: pytest.Monkey
     monkeypatch.setattr(doctor, "measure_wakeups", measure)
     found = planted(wakeups=300)
     assert quick_warning(1000.0, RealTimeWishes()) == ""
-    found = planted(wakeups=300, missed=4, cause=MissCause.HOST)
+    found = planted(wakeups=300, missed=4, cause=HOST)
     line = quick_warning(1000.0, RealTimeWishes())
-    assert "4 of 300 periods were missed (taken by the host 4)" in line
+    assert "4 of 300 periods were missed (taken by the host 4)" in line and "\n" not in line
     assert line.endswith("; hhsim doctor tells more") and line.count("missed") == 1
-    assert "\n" not in line
-    assert asked == [(1000.0, doctor.QUICK_SECONDS, True, False)] * 2
-    assert doctor.QUICK_SECONDS < 0.5
+    assert asked == [(1000.0, doctor.QUICK_SECONDS, True, False)] * 2 and doctor.QUICK_SECONDS < 0.5
 
 
-def test_the_caller_is_left_as_it_was() -> None:
-    before = os.sched_getaffinity(0), os.sched_getscheduler(0), timer_slack(), threading.active_count()
+def test_the_caller_is_left_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    def state() -> tuple[object, ...]:
+        return os.sched_getaffinity(0), os.sched_getscheduler(0), timer_slack(), threading.active_count()
+
+    before = state()
     measured = measure_wakeups(1000.0, 0.12, RealTimeWishes(lock_memory=False))
-    assert (os.sched_getaffinity(0), os.sched_getscheduler(0), timer_slack(), threading.active_count()) == before
-    assert measured.mode["timer_slack_ns"] == 1
-    assert measured.mode["gc_frozen"] is False
+    assert state() == before
+    assert measured.mode["timer_slack_ns"] == 1 and measured.mode["gc_frozen"] is False
     # What was slept over at the end of a block lies beyond it.
-    assert measured.periods >= 120
-    assert sum(measured.causes.values()) == measured.missed
+    assert measured.periods >= 120 and sum(measured.causes.values()) == measured.missed
     assert (measured.late >= 0).all()
-    assert measured.percentile(50.0) <= measured.percentile(99.0) <= measured.percentile(100.0)
+
+    def interrupted(future: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("concurrent.futures.Future.result", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        measure_wakeups(1000.0, 3600.0, RealTimeWishes.none())
+    assert state() == before
 
 
 class Accounts:
@@ -119,7 +130,6 @@ class Accounts:
 
     def __init__(self, readings: list[tuple[int, int]]) -> None:
         self.readings = iter(readings)
-        self.steal = 0
 
     def run_delay_ns(self) -> int:
         delay, self.steal = next(self.readings)
@@ -132,61 +142,137 @@ class Accounts:
         pass
 
 
-def scripted(monkeypatch: pytest.MonkeyPatch, readings: list[tuple[int, int]], overslept: list[int]) -> None:
-    """Blocks of which the third wake-up is so many periods late, and accounts that go by the script."""
+@pytest.mark.parametrize(
+    ("readings", "overslept", "first", "late", "host", "told"),
+    [
+        ([(0, 0), (0, 10), (4, 20), (4, 20), (4, 20)], [5, 4, 3, 0], 2, 4 + 3, 5, (4 * MS, 20 * MS)),
+        # What the system does not tell is none.
+        ([(-1, -1)] * 3, [2, 0], 2, 2, 0, (None, None)),
+        # Deadlines that went by before it could sleep are missed, too.
+        ([(0, 0), (0, 3)], [3], -1, 0, 3, (0, 3 * MS)),
+    ],
+)
+def test_each_miss_is_named_by_the_accounts_of_its_block(
+    monkeypatch: pytest.MonkeyPatch,
+    readings: list[tuple[int, int]],
+    overslept: list[int],
+    first: int,
+    late: int,
+    host: int,
+    told: tuple[int | None, int | None],
+) -> None:
+    """Blocks of which one wake-up is so many periods late, and accounts [ms] that go by the script."""
     periods = iter([0, *overslept])
 
     def wait(deadlines: Any, late_out: NDArray[Any]) -> int:
         late_out[:] = 20_000
         gone = next(periods)
         if gone:
-            late_out[2] = gone * deadlines.period_ns + 5_000
-            late_out[3 : 3 + gone] = PASSED
+            late_out[first + 1 : first + 1 + gone] = PASSED
+            if first >= 0:
+                late_out[first] = gone * deadlines.period_ns + 5_000
         return gone
 
     monkeypatch.setattr(doctor, "wait_periods", wait)
-    monkeypatch.setattr(doctor, "CpuAccounts", lambda cpu: Accounts(readings))
+    scale = [tuple(MS * value if value > 0 else value for value in pair) for pair in readings]
+    monkeypatch.setattr(doctor, "CpuAccounts", lambda cpu: Accounts(scale))  # type: ignore[arg-type]
+    measured = measure_wakeups(1000.0, 0.05 * len(overslept), RealTimeWishes.none())
+    assert measured.causes == dict.fromkeys(CAUSES, 0) | {WOKEN_LATE: late, HOST: host}
+    assert (measured.missed, measured.streak) == (sum(overslept), max(overslept))
+    assert measured.periods == 50 * len(overslept)
+    assert (measured.run_delay, measured.steal) == told
 
 
-def test_each_miss_is_named_by_the_accounts_of_its_block(monkeypatch: pytest.MonkeyPatch) -> None:
-    readings = [(0, 0), (0, 10 * MS), (4 * MS, 20 * MS), (4 * MS, 20 * MS), (4 * MS, 20 * MS)]
-    scripted(monkeypatch, readings, [5, 4, 3, 0])
-    measured = measure_wakeups(1000.0, 0.2, RealTimeWishes.none())
-    assert measured.causes == {
-        MissCause.COMPUTED: 0,
-        MissCause.WOKEN_LATE: 4 + 3,
-        MissCause.HOST: 5,
-        MissCause.DEVICE: 0,
-    }
-    assert (measured.missed, measured.streak, measured.periods) == (12, 5, 200)
-    assert (measured.run_delay, measured.steal) == (4 * MS, 20 * MS)
+@pytest.fixture
+def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 3})
+    monkeypatch.setattr(platform, "version", lambda: "#1 SMP PREEMPT_DYNAMIC")
+    monkeypatch.setattr(resource, "getrlimit", lambda which: (50, 50))
+    return tmp_path
 
 
-def test_what_the_system_does_not_tell_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    scripted(monkeypatch, [(-1, -1)] * 3, [2, 0])
-    measured = measure_wakeups(1000.0, 0.1, RealTimeWishes.none())
-    assert (measured.run_delay, measured.steal, measured.causes[MissCause.WOKEN_LATE]) == (None, None, 2)
+def told_of(root: Path, files: dict[str, str | bytes]) -> dict[str, Row]:
+    for name, content in files.items():
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return {row.name: row for row in system_settings(51, root)}
 
 
-def test_deadlines_that_went_by_before_it_could_sleep_are_missed_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    def wait(deadlines: Any, late_out: NDArray[Any]) -> int:
-        late_out[:] = 20_000
-        late_out[:3] = PASSED
-        return 3
-
-    monkeypatch.setattr(doctor, "wait_periods", wait)
-    monkeypatch.setattr(doctor, "CpuAccounts", lambda cpu: Accounts([(0, 0), (0, 3 * MS)]))
-    measured = measure_wakeups(1000.0, 0.05, RealTimeWishes.none())
-    assert (measured.missed, measured.streak, measured.causes[MissCause.HOST]) == (3, 3, 3)
-    assert len(measured.late) == measured.periods - measured.missed
+CPU, OWN_WORK = "sys/devices/system/cpu/", "kernel interrupts its own work"
+CONFIG, PACKED, CMDLINE = f"boot/config-{platform.release()}", "proc/config.gz", "proc/cmdline"
+NONE, FULL = "CONFIG_PREEMPT_NONE=y\n# CONFIG_PREEMPT is not set\n", "CONFIG_PREEMPT=y\n"
+SHARE = "proc/sys/kernel/sched_rt_"
 
 
-def test_an_interrupt_ends_the_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(future: object) -> None:
-        raise KeyboardInterrupt
+@pytest.mark.parametrize(
+    ("files", "name", "value", "advised"),
+    [
+        ({}, "limit rtprio", "50", "rtprio 99"),
+        ({}, "limit memlock", "50", "memlock unlimited"),
+        ({"proc/self/status": "CapEff:\t0000000000804000\n"}, "limit rtprio", "any, by CAP_SYS_NICE", ""),
+        ({}, "processors set aside", NOT_TOLD, ""),
+        ({f"{CPU}isolated": "\n"}, "processors set aside", "none", "isolcpus=3"),
+        ({f"{CPU}isolated": "3\n"}, "processors set aside", "3", ""),
+        ({}, "frequency governor", NOT_TOLD, ""),
+        ({f"{CPU}cpu3/cpufreq/scaling_governor": "powersave\n"}, "frequency governor", "powersave", "performance"),
+        ({"sys/kernel/realtime": "1\n"}, "kernel", f"{platform.release()}, PREEMPT_RT", ""),
+        ({"sys/kernel/realtime": "0\n"}, "kernel", f"{platform.release()}, no PREEMPT_RT", "PREEMPT_RT"),
+        ({"sys/kernel/realtime": "1\n"}, OWN_WORK, "always (PREEMPT_RT)", ""),
+        ({CMDLINE: "a preempt=none b\n", CONFIG: FULL}, OWN_WORK, "none (preempt=)", "preempt=full"),
+        ({CONFIG: NONE}, OWN_WORK, "none (preempt=)", "preempt=full"),
+        ({CONFIG: "CONFIG_PREEMPT_LAZY=y\n"}, OWN_WORK, "lazy (preempt=)", ""),
+        ({CONFIG: NONE, PACKED: gzip.compress(FULL.encode())}, OWN_WORK, "full (preempt=)", ""),
+        ({CONFIG: "CONFIG_HZ=250\n"}, OWN_WORK, NOT_TOLD, ""),
+        *(({PACKED: damaged}, OWN_WORK, NOT_TOLD, "") for damaged in (b"", b"x", gzip.compress(b"\xff\xfe"))),
+        ({}, "container's quota", "none, or not told", ""),
+        ({"sys/fs/cgroup/cpu.max": "50000 100000\n"}, "container's quota", "50 ms in 100 ms", "cpu.max"),
+        ({"proc/cpuinfo": "flags\t\t: fpu hypervisor lahf\n"}, "virtual machine", "yes", "the host"),
+        *(
+            (
+                {f"{SHARE}runtime_us": f"{runtime}\n", f"{SHARE}period_us": "1000000\n"},
+                "real-time share of a second",
+                value,
+                advised,
+            )
+            for runtime, value, advised in ((-1, "all of it", ""), (950_000, "95 %", ""), (1_000, "0.1 %", "sysctl"))
+        ),
+    ],
+)
+def test_a_setting_is_told_with_what_would_be_better(
+    root: Path, files: dict[str, str | bytes], name: str, value: str, advised: str
+) -> None:
+    row = told_of(root, files)[name]
+    assert row.value == value
+    assert (advised in row.advice) if advised else row.advice == ""
 
-    monkeypatch.setattr("concurrent.futures.Future.result", interrupted)
-    before = threading.active_count()
-    with pytest.raises(KeyboardInterrupt):
-        measure_wakeups(1000.0, 3600.0, RealTimeWishes.none())
-    assert threading.active_count() == before
+
+def test_a_single_processor_is_shared_with_everything(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {2})
+    assert "give it two" in told_of(root, {})["processors that may be used"].advice
+
+
+def test_the_command_prints_the_table_and_exits_by_the_verdict(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "measure_wakeups", lambda rate, seconds, wishes: found)
+    found = planted(run_delay=None)
+    answer = run("doctor")
+    assert answer.code == 0 and "this machine keeps 1,000 Hz: none of 10,000 periods was missed" in answer.out
+    assert re.search(r"run delay +not told", answer.out)
+    document = run("doctor", "--json").document()
+    assert (document["good"], document["periods"], document["advice"]) == (True, 10_000, [])
+    found = planted(missed=34, cause=HOST)
+    answer = run("doctor")
+    assert answer.code == 1 and "34 of 10,000 periods were missed (taken by the host 34)" in answer.out
+    assert f"  - {HOST_ADVICE}\n" in answer.out
+    document = run("doctor", "--json").document(1)
+    assert document["missed_by"] == {"computed": 0, "woken_late": 0, "host": 34, "device": 0}
+    assert (document["good"], round(1e3 * document["steal"])) == (False, 300)
+    quiet = run("doctor", "--quiet")
+    assert (quiet.code, quiet.out) == (1, "")
+
+
+def test_a_real_measurement_names_every_missed_period(run: Run) -> None:
+    answer = run("doctor", "--no-realtime", "--duration", "0.2", "--json")
+    document = json.loads(answer.out)
+    assert answer.code == (0 if document["good"] else 1) and document["periods"] >= 200
+    assert sum(document["missed_by"].values()) == document["missed"] and document["real_time"]["fifo"] == 0

@@ -11,12 +11,8 @@ import pytest
 from live_scripted import make_setup
 
 from hhsim.live import real_time
-from hhsim.live.devices.registry import configure
-from hhsim.live.processes import RingReader
 from hhsim.live.real_time import RealTimeWishes, described, keep_off, processors_awake
 from hhsim.live.session.memory import SessionMemory
-from hhsim.live.session.status import Stage
-from hhsim.result.schema import FAULT
 
 ASK = """
 import json, os, sys, gc, resource
@@ -55,21 +51,15 @@ if os.getuid() == 0:
     os.setgid(65534)
     os.setuid(65534)
 """
-    mode, policy, _, _ = ask(before=before)
+    mode, policy, _, _ = ask("cpu=4000", before)
     refused = mode["refused"]
     assert isinstance(refused, list)
     assert (mode["fifo"], mode["memory_locked"], policy) == (0, False, os.SCHED_OTHER)
     assert any("no SCHED_FIFO at priority 50" in line and "ulimit -r" in line for line in refused)
     assert any("memory is not locked" in line and "ulimit -l" in line for line in refused)
+    assert mode["cpu"] == -1 and any("may not use 4000" in line for line in refused)
     assert mode["gc_frozen"] is True, "what needs no right is done all the same"
     assert "ordinary scheduling" in described(mode)
-
-
-def test_a_processor_that_is_not_there_is_said() -> None:
-    mode, _, cpus, _ = ask("cpu=4000, punctual=False, lock_memory=False")
-    assert mode["cpu"] == -1
-    assert len(cpus) > 0
-    assert any("may not use 4000" in line for line in mode["refused"])  # type: ignore[attr-defined]
 
 
 def test_processors_are_kept_awake_while_a_block_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -139,17 +129,6 @@ def run_loop(**changes: object) -> tuple[subprocess.CompletedProcess[str], Sessi
     return child, memory
 
 
-@pytest.mark.soak
-def test_a_glove_that_is_not_there_is_one_line_and_exit_2() -> None:
-    child, memory = run_loop(device=configure("dexmo", port=1))
-    assert child.returncode == 2
-    assert child.stderr.startswith("hhsim: ")
-    assert child.stderr.count("\n") == 1
-    _, events = RingReader(memory.events).read(10)
-    assert events["level"].tolist() == [FAULT]
-    assert memory.status["stage"] == Stage.ENDED
-
-
 def test_a_loop_whose_supervisor_is_gone_does_not_begin() -> None:
     child, memory = run_loop(supervisor=1 if os.getpid() != 1 else 2)
     assert child.returncode == 2
@@ -171,10 +150,3 @@ def test_the_neighbours_keep_off_the_loops_processor_where_there_is_another() ->
         assert RealTimeWishes().chosen().loop_cpu == -1
     finally:
         os.sched_setaffinity(0, before)
-
-
-def test_the_processor_of_the_loop_is_chosen_once_for_all_processes() -> None:
-    allowed = os.sched_getaffinity(0)
-    assert RealTimeWishes(cpu=-1).chosen().loop_cpu == -1
-    assert RealTimeWishes(cpu=0).chosen().loop_cpu == 0
-    assert RealTimeWishes().chosen().loop_cpu == (max(allowed) if len(allowed) > 1 else -1)

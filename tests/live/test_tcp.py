@@ -9,7 +9,7 @@ from live_peers import PATIENCE, until
 
 from hhsim.live import tcp
 from hhsim.live.device import DeviceError
-from hhsim.live.tcp import MOST_READ, TcpLink, is_itself
+from hhsim.live.tcp import TcpLink, is_itself
 
 
 @contextmanager
@@ -23,23 +23,6 @@ def pair() -> Iterator[tuple[TcpLink, socket.socket]]:
         with peer:
             yield link, peer
         link.close()
-
-
-def received(link: TcpLink, count: int) -> bytes:
-    found = b""
-    while len(found) < count:
-        link.wait(PATIENCE)
-        found += link.receive() or b""
-    return found
-
-
-def test_a_flood_is_taken_in_portions() -> None:
-    with pair() as (link, peer):
-        peer.sendall(bytes(40_000))
-        link.wait(PATIENCE)
-        data = link.receive()
-        assert data is not None and len(data) <= MOST_READ
-        assert len(data) + len(received(link, 40_000 - len(data))) == 40_000
 
 
 def test_a_peer_that_takes_nothing_gets_whole_messages_or_none() -> None:
@@ -119,38 +102,6 @@ def test_retiring_waits_for_nothing_and_resets_the_connection_only_later(monkeyp
                 assert link.receive() is None
                 with pytest.raises(OSError):
                     until(lambda: peer.send(b"more") == 0)
-        link.close()
-
-
-def test_a_peer_that_is_gone_is_a_device_error_at_once_and_after() -> None:
-    with pair() as (link, peer):
-        peer.close()
-        link.wait(PATIENCE)
-        for _ in range(2):
-            with pytest.raises(DeviceError, match="the peer: "):
-                link.receive()
-        with pytest.raises(DeviceError, match="the peer: not connected"):
-            link.send(b"x")
-        assert not link.connected
-
-
-def test_reconnecting_waits_for_nothing_and_ends_with_a_new_connection() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        port = listener.getsockname()[1]
-        link = TcpLink("127.0.0.1", port, "the peer")
-        link.connect(PATIENCE)
-        listener.accept()[0].close()
-    link.wait(PATIENCE)
-    with pytest.raises(DeviceError):
-        link.receive()
-    for _ in range(3):
-        assert not link.reconnect()
-    with socket.create_server(("127.0.0.1", port)) as listener:
-        until(link.reconnect)
-        peer, _ = listener.accept()
-        with peer:
-            assert link.connected and link.connection == 2
-            assert link.send(b"back") and peer.recv(100) == b"back"
         link.close()
 
 

@@ -38,8 +38,7 @@ def recorded(path: Path, ticks: np.ndarray, ended: str, *levels: int) -> Result:
     counters = np.zeros(len(COUNTERS), np.int64)
     counters[COUNTERS.index("frames")], counters[COUNTERS.index("malformed")] = FRAMES, MALFORMED
     with SessionWriter(path, setup, loop_options(setup.options, setup.rate), {**FACTS, "real_time": {}}) as writer:
-        writer.take("ticks", 0, ticks)
-        writer.take("events", 0, events)
+        writer.write([{"ticks": (0, ticks), "events": (0, events)}], counters)
         writer.finish(ended, counters, 0, {})
     return load_result(path)
 

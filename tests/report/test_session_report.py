@@ -53,9 +53,9 @@ def recorded(path: Path, reason: str) -> Result:
     events["time_ns"] = BEGAN + PERIOD * 100, BEGAN + PERIOD * FAULT_TICK
     events["text"] = b"late", b"the glove is gone"
     with SessionWriter(path, setup, loop_options(setup.options, setup.rate), {**FACTS, "real_time": {}}) as writer:
-        for ring, records in (("ticks", ticks), ("samples", numbered_samples(ticks)), ("events", events)):
-            writer.take(ring, 0, records)
-        writer.finish(reason, np.zeros(len(COUNTERS), np.int64), 0, {})
+        counters = np.zeros(len(COUNTERS), np.int64)
+        writer.write([{"ticks": (0, ticks), "samples": (0, numbered_samples(ticks)), "events": (0, events)}], counters)
+        writer.finish(reason, counters, 0, {})
     return load_result(path)
 
 

@@ -262,13 +262,10 @@ def test_a_session_whose_recorder_lost_ticks_and_samples_is_judged_by_what_is_le
     options = loop_options(scripted.setup.options, scripted.setup.rate)
     with SessionWriter(tmp_path / "gap.h5", scripted.setup, options, FACTS) as writer:
         writer.hands[0].lost = {"ticks": 11, "samples": 7, "events": 0}
-        for first, last in ((0, 120), (131, len(ticks))):
-            writer.take("ticks", first, ticks[first:last])
-        for first, last in ((0, 125), (132, len(samples))):
-            writer.take("samples", first, samples[first:last])
-        for first, event in enumerate(RingReader(scripted.memory.events).read(1000)[1]):
-            writer.take("events", first, np.array([event]))
-        status = scripted.memory.status
+        status, events = scripted.memory.status, RingReader(scripted.memory.events).read(1000)
+        before = {"ticks": (0, ticks[:120]), "samples": (0, samples[:125]), "events": events}
+        for taken in (before, {"ticks": (131, ticks[131:]), "samples": (132, samples[132:])}):
+            writer.write([taken], status["counters"])
         writer.finish("duration", status["counters"], int(status["missed"]), by_name(status["missed_by"]))
     session = load_result(tmp_path / "gap.h5")
     assert session.ticks == len(ticks) - 11

@@ -16,8 +16,8 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.live.devices.registry import ServedOptions
 from hhsim.live.drivers.dexmo import CHANNELS
+from hhsim.live.gloves import ServedOptions
 from hhsim.recordings.dexmo_regression import BEND, LEAST_SPAN, DexmoRegression, read_calibration
 from hhsim.system.input_file import read_input_text
 from hhsim.system.settings_file import typed

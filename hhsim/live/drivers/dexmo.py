@@ -33,8 +33,7 @@ from hhsim.live.device import (
     GloveDevice,
     GloveInfo,
 )
-from hhsim.live.devices.dexmo import DexmoOptions
-from hhsim.live.devices.registry import GloveConfig
+from hhsim.live.gloves import DexmoOptions, GloveConfig
 from hhsim.live.tcp import TcpLink
 
 if TYPE_CHECKING:

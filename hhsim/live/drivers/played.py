@@ -11,10 +11,9 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.live.device import FINGER_COUNT, LIMITS, DeviceCounters, FingerCommand, GloveDevice, GloveInfo
-from hhsim.live.devices.registry import GloveConfig
+from hhsim.live.gloves import GloveConfig
 from hhsim.live.playback import RETURN_TIME
 from hhsim.recordings.column_map import JOINT_NAMES
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
@@ -37,12 +36,11 @@ class ReplayGlove(GloveDevice):
     """Gives sample k of a trajectory as sample k, bit for bit, at its stamp; its channels are the joint angles [rad].
 
     After the last one the fingers return to the first within `RETURN_TIME`, at the usual rate and as the palm does, and
-    the motion begins anew. Commands are counted and ignored. InputError without a `playback`.
+    the motion begins anew. Commands are counted and ignored.
     """
 
     def __init__(self, config: GloveConfig) -> None:
-        if config.playback is None:
-            raise InputError("device replay has no motion; expected a trajectory")
+        assert config.playback is not None
         self._playback = config.playback
         motion = config.playback.trajectory
         name = f"replay of {motion.name or 'a motion'}"

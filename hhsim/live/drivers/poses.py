@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError, UnknownNameError
+from hhsim.errors import InputError
 from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_vector
-from hhsim.live.device import GloveDevice
-from hhsim.live.devices.registry import POSES, PoseConfig
+from hhsim.live.device import GloveDevice, PalmReading
+from hhsim.live.gloves import PoseConfig
 from hhsim.live.open_packet import Kind, PacketOrder, UdpPort
 
 
@@ -51,6 +51,8 @@ REACH = 1.0
 """Largest distance from the beginning along each axis [m]."""
 FARTHEST = 100.0
 """Largest coordinate of a tracker's palm [m]; a larger one was sent in millimetres."""
+LEAST_LENGTH = 1e-6
+"""Length of a quaternion below which it is no rotation."""
 UNIT_WITHIN = 0.1
 """Largest difference of a tracker's quaternion's length from 1."""
 
@@ -84,37 +86,31 @@ class PoseSource(ABC):
 def make_pose_source(config: PoseConfig, status: Any = None, glove: GloveDevice | None = None) -> PoseSource:
     """Make a source, not yet opened, of a session with a status (record of `LIVE_STATUS`) and a glove.
 
-    UnknownNameError for no such kind, InputError for an invalid pose, or a missing motion or palm.
+    InputError for an orientation that is no rotation.
     """
-    if config.kind not in POSES:
-        raise UnknownNameError("pose source", config.kind, POSES)
     if config.kind == "replay":
         return ReplayPose(config)
     if config.kind == "udp":
         return UdpPose(config)
-    return GlovePose(config, glove) if config.kind == "glove" else FixedPose(config, status)
-
-
-def checked_pose(position: ArrayLike, orientation: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Return position [m] and unit quaternion (w, x, y, z); InputError for wrong shapes, NaN or no rotation."""
-    place, turn = np.asarray(position, np.float64), np.asarray(orientation, np.float64)
-    if place.shape != (3,) or turn.shape != (4,):
-        raise InputError(f"a pose of shapes {place.shape} and {turn.shape}; expected (3,) and (4,)")
-    length = float(np.linalg.norm(turn))
-    if not (np.isfinite(place).all() and np.isfinite(length) and length > 1e-6):
-        raise InputError(f"pose {place.tolist()}, {turn.tolist()}; expected finite numbers and a rotation")
-    return place, turn / length
+    if config.kind == "glove":
+        assert glove is not None and glove.palm is not None
+        return GlovePose(config, glove.palm)
+    return FixedPose(config, status)
 
 
 class FixedPose(PoseSource):
     """Palm at the pose of its configuration, or where the supervisor's keys have moved it through the status.
 
-    Without a status (record of `LIVE_STATUS`) nothing moves it. InputError for an invalid first pose.
+    Without a status (record of `LIVE_STATUS`) nothing moves it. InputError for an orientation that is no rotation.
     """
 
     def __init__(self, config: PoseConfig, status: Any = None) -> None:
         self.name = "fixed pose" if config.kind == "fixed" else config.kind
-        self._position, self._orientation = checked_pose(config.position, config.orientation)
+        self._position: FloatArray = np.array(config.position)
+        length = float(np.linalg.norm(config.orientation))
+        if length < LEAST_LENGTH:
+            raise InputError(f"orientation {config.orientation}; expected a quaternion other than 0")
+        self._orientation: FloatArray = np.array(config.orientation) / length
         self._status = status
         self._seen = 0
 
@@ -137,17 +133,14 @@ class FixedPose(PoseSource):
 class GlovePose(PoseSource):
     """Palm that begins at the configured position and moves from there as the hand does.
 
-    The orientation is the hand's own: both worlds have the same up. InputError for an invalid pose, or a glove without
-    a `palm`.
+    The orientation is the hand's own: both worlds have the same up.
     """
 
     name = "pose of the glove"
 
-    def __init__(self, config: PoseConfig, glove: GloveDevice | None) -> None:
-        if glove is None or glove.palm is None:
-            raise InputError("pose glove: this glove does not say where the palm is; expected openxr")
-        self._palm = glove.palm
-        self._begin = checked_pose(config.position, config.orientation)[0]
+    def __init__(self, config: PoseConfig, palm: PalmReading) -> None:
+        self._palm = palm
+        self._begin: FloatArray = np.array(config.position)
         self._first: FloatArray | None = None
 
     def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
@@ -163,11 +156,10 @@ class GlovePose(PoseSource):
 
 
 class ReplayPose(PoseSource):
-    """Palm of the configuration's `playback`, begun by the first read, linear between samples; else InputError."""
+    """Palm of the configuration's `playback`, begun by the first read, linear between samples."""
 
     def __init__(self, config: PoseConfig) -> None:
-        if config.playback is None:
-            raise InputError("pose replay has no motion; expected a trajectory")
+        assert config.playback is not None
         self.name = f"replay of {config.playback.trajectory.name or 'a motion'}"
         self._playback = config.playback
 
@@ -181,7 +173,7 @@ class ReplayPose(PoseSource):
             second = -second
         orientation_out[:] = (1.0 - share) * first + share * second
         length = np.linalg.norm(orientation_out)
-        if length > 1e-6:
+        if length > LEAST_LENGTH:
             orientation_out /= length
         else:
             orientation_out[:] = first
@@ -287,10 +279,9 @@ class PalmKeys:
 
 
 def write_keyboard_pose(status: Any, position: ArrayLike, orientation: ArrayLike) -> None:
-    """Write the palm's pose, world, that `FixedPose` reads; there is one writer. InputError for an invalid pose."""
-    place, turn = checked_pose(position, orientation)
+    """Write the palm's pose, world, that `FixedPose` reads; there is one writer."""
     # Odd while the pose is written; a reader that meets an odd or a changed version tries again in the next tick.
     status["pose_version"] += 1
-    status["pose_position"] = place
-    status["pose_orientation"] = turn
+    status["pose_position"] = position
+    status["pose_orientation"] = orientation
     status["pose_version"] += 1

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
 from hhsim.live.device import (
     FINGER_COUNT,
     FORCES,
@@ -28,7 +27,7 @@ from hhsim.live.device import (
     GloveInfo,
     PalmReading,
 )
-from hhsim.live.devices.registry import GLOVES, TAKES, GloveConfig, PacketOptions
+from hhsim.live.gloves import GLOVES, GloveConfig, PacketOptions
 from hhsim.live.open_packet import NONE_YET, Kind, Packet, PacketOrder, UdpPort, encode_packet, resolve
 
 if TYPE_CHECKING:
@@ -45,7 +44,7 @@ NO_FORCE = np.zeros((FINGER_COUNT, 3))
 
 
 class UdpGlove(GloveDevice):
-    """Glove of a bridge that takes limits of fingers or forces on tips; InputError for other commands, a force ≤ 0.
+    """Glove of a bridge that takes limits of fingers or forces on tips.
 
     Samples arrive at its port, and commands go to the next one. Samples are used in the order of their sequence
     numbers; late ones are left out and counted. The first packet sets the kind of numbers that the bridge sends: of a
@@ -57,10 +56,6 @@ class UdpGlove(GloveDevice):
     def __init__(self, config: GloveConfig) -> None:
         options = config.options
         assert isinstance(options, PacketOptions)
-        if options.takes not in TAKES:
-            raise InputError(f"a glove that takes '{options.takes}'; expected {' or '.join(TAKES)}")
-        if not 0.0 < options.most_force < math.inf:
-            raise InputError(f"most force {options.most_force:g} N; expected more than 0")
         self._config, self._options = config, options
         self._name = f"{config.kind} bridge at {options.host}, samples to port {options.port}"
         self._kinds = (Kind.HAND,) if GLOVES[config.kind].palm else (Kind.BENDS, Kind.CHANNELS, Kind.JOINTS)

@@ -1,32 +1,27 @@
-"""Process of the driver: glove and palm's pose in, commands out; `python -m hhsim.live.session.driver --setup FD`.
+"""Driver of a glove, a thread of the loop's process: glove and palm's pose in, commands out.
 
-The loop starts it and ends with it. It stands below the loop under SCHED_FIFO and decides nothing: it puts each sample
-into its ring with the time when its bytes were read, and sends the newest command to the glove, never late. It releases
-the glove however it ends, short of being killed outright; then the watchdog does.
-
-Exit codes: 0 the session ended, 1 a fault of hhsim's own, 2 the glove or the pose cannot be reached.
+It stands below the loop under SCHED_FIFO and decides nothing: it puts each sample into its ring with the time when its
+bytes were read, and sends the newest command to the glove, never late. It releases the glove however it ends, short of
+a process that is killed outright; then the watchdog does.
 """
 
 import contextlib
 import os
 import select
-import signal
-import sys
+import threading
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
-from types import FrameType
+import traceback
+from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from hhsim.live.device import GLOVE_SAMPLE, DeviceError, FingerCommand, GloveDevice, GloveInfo
-from hhsim.live.devices.registry import open_device
-from hhsim.live.drivers.poses import PoseSource, make_pose_source
-from hhsim.live.processes import exit_code
-from hhsim.live.real_time import RealTimeWishes, become_ordinary, become_real_time, end_with, keep_off
-from hhsim.live.session.memory import REASON, SessionMemory, session_process
-from hhsim.live.session.status import BEGIN, OPEN, GloveSetup, Stage
+from hhsim.live.device import GLOVE_SAMPLE, DeviceError, FingerCommand, GloveDevice
+from hhsim.live.drivers.poses import PoseSource
+from hhsim.live.real_time import RealTimeWishes, become_real_time
+from hhsim.live.session.memory import SessionMemory
+from hhsim.live.session.status import Stage
 from hhsim.result.safety import Safety
 from hhsim.result.schema import FAULT, WARNING
 
@@ -44,8 +39,8 @@ FLOOD_SECONDS = 0.0005
 class GloveDriver:
     """Carries samples and commands between a glove and the memory of a session; in a `dry_run` it sends nothing.
 
-    Glove and source of the palm's pose are not yet opened. A command is void where the loop's heartbeat is older than
-    `oldest_ns`; `now` is the clock, CLOCK_MONOTONIC [ns].
+    Glove and source of the palm's pose are not yet opened. Its lines of the log begin with `whose`. A command is void
+    where the loop's heartbeat is older than `oldest_ns`; `now` is the clock, CLOCK_MONOTONIC [ns].
     """
 
     def __init__(
@@ -54,13 +49,14 @@ class GloveDriver:
         device: GloveDevice,
         pose: PoseSource,
         *,
+        whose: str = "",
         dry_run: bool = False,
         oldest_ns: int = 20_000_000,
         now: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.memory = memory
         self.device, self.pose = device, pose
-        self._dry_run, self._oldest_ns, self._now = dry_run, oldest_ns, now
+        self._whose, self._dry_run, self._oldest_ns, self._now = whose, dry_run, oldest_ns, now
         self._status = memory.status
         self._command = FingerCommand()
         self._version = memory.status["command_version"]
@@ -70,49 +66,39 @@ class GloveDriver:
         self._lost = False
         self._reconnect_ns = 0
         self._empty_looks = 0
-        self._stop = False
+        self.begun = threading.Event()
+        """Set when the samples from before the loop are in their ring."""
+        self.failed = ""
 
     def open(self) -> None:
-        """Connect, and describe the glove; raises HhsimError if glove or pose cannot be reached."""
+        """Connect to glove and source of the pose; raises HhsimError if one cannot be reached."""
         self.pose.open()
         self.device.open()
         self._status["driver_ns"] = self._now()
-        self.memory.device.write(asdict(self.device.info) | {"pose": self.pose.name})
+
+    def facts(self) -> dict[str, Any]:
+        """Return pose and glove as plain values."""
+        return {"pose": self.pose.name, "device": asdict(self.device.info)}
 
     def close(self) -> None:
         """Release the glove, and close the connections."""
         if not self._dry_run and not self.device.release():
-            self.memory.say(FAULT, "the glove could not be told to free the fingers")
+            self._log(FAULT, "the glove could not be told to free the fingers")
         self._status["counters"][:] = self.device.counters.values()
         self.device.close()
         self.pose.close()
 
-    def run(self, wishes: RealTimeWishes) -> None:
-        """Open, carry and close below a loop, once it is ready, until it ends; HhsimError as `open`."""
-        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-            signal.signal(number, self._end)
-        if not self._until_loop(OPEN):
-            return
-        self.open()
+    def run(self, wishes: RealTimeWishes, begin: threading.Event) -> None:
+        """Carry below a loop from `begin` until it ends, then close; the body of a thread. `failed` says of what."""
         try:
-            keep_off(wishes.loop_cpu)
-            become_real_time(replace(wishes, lock_memory=False, cpu=-1), above=-1)
-            if self._until_loop(BEGIN):
-                self.carry()
+            become_real_time(wishes, above=-1)
+            begin.wait()
+            self.carry()
+        except Exception as error:
+            traceback.print_exc()
+            self.failed = f"failed: {type(error).__name__}: {error}"
         finally:
             self.close()
-            become_ordinary()
-
-    def _end(self, number: int, frame: FrameType | None) -> None:
-        self._stop = True
-
-    def _until_loop(self, ready: int) -> bool:
-        """Wait until the loop is `OPEN` or `BEGIN`; False if it ends before."""
-        while self._status["loop_ready"] < ready:
-            if self._stop or self._status["stage"] >= Stage.ENDING:
-                return False
-            time.sleep(0.001)
-        return True
 
     def carry(self) -> None:
         """Carry samples and commands until the loop has ended; earlier samples are taken first."""
@@ -121,8 +107,8 @@ class GloveDriver:
         while ring.written - before >= MOST_SAMPLES:
             before = ring.written
             self.take()
-        self._status["driver_begun"] = 1
-        while not self._stop and self._status["stage"] < Stage.ENDING:
+        self.begun.set()
+        while self._status["stage"] < Stage.ENDING:
             self._wait()
             # The command first: a look for none costs nothing when a sample has come.
             self.give()
@@ -180,8 +166,11 @@ class GloveDriver:
         """Tell the loop that the glove is gone, and why."""
         self._lost = True
         self._reconnect_ns = 0
-        self.memory.say(REASON, str(error))
+        self.memory.why_lost = str(error)
         self._status["device_lost"] = 1
+
+    def _log(self, level: int, text: str) -> None:
+        self.memory.log(level, f"{self._whose}{text}")
 
     def _new_command(self) -> bool:
         version = int(self._version[0])
@@ -213,34 +202,8 @@ class GloveDriver:
             if not self.device.reconnect():
                 return False
         except DeviceError as error:
-            self.memory.say(WARNING, f"the glove is still gone: {error}")
+            self._log(WARNING, f"the glove is still gone: {error}")
             return False
         self._lost = False
         self._status["device_lost"] = 0
         return True
-
-
-def glove_info(facts: dict[str, Any]) -> GloveInfo:
-    """Return the description of a glove from the plain values that its driver wrote."""
-    given: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in facts.items()}
-    del given["pose"]
-    return GloveInfo(**given)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Drive the glove of a session; returns the exit code."""
-    setup: GloveSetup
-    setup, memory = session_process("driver", arguments)
-
-    def body() -> None:
-        if end_with(setup.parent):
-            assert setup.pose is not None
-            device = open_device(setup.device)
-            pose = make_pose_source(setup.pose, memory.status, device)
-            GloveDriver(memory, device, pose, dry_run=setup.dry_run, oldest_ns=setup.oldest_ns).run(setup.real_time)
-
-    return exit_code(body)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

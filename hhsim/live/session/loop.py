@@ -5,13 +5,16 @@ needs of Python, which finds the first free place of the shown hands, in another
 solves the ticks of methods and QP solvers that are not compiled. Of two gloves each has its samples, its commands and
 its judgement; periods and ticks are one.
 
-Kernels are ready before the drivers, children of this process, one for each glove, connect. However this process ends,
-the system notifies the drivers, which release the gloves.
+Kernels are ready before the gloves are opened. Each has a driver, a thread that puts its samples into shared memory and
+sends it the newest command; it needs the interpreter, which the loop's thread does not, and which no other thread of
+this process holds for long. A driver releases its glove however the loop ends; if the process is killed, the watchdog
+does.
 
 Exit codes: 0 it was stopped, 1 a fault of hhsim's own, 2 the glove or the pose cannot be reached, or the setup cannot
 be used. The reason is the last event and a line on stderr.
 """
 
+import contextlib
 import math
 import os
 import signal
@@ -41,12 +44,14 @@ from hhsim.kernels.live.plausibility import WATCH, begin_watch
 from hhsim.kernels.parallel.atomic import load_acquire, store_release
 from hhsim.kernels.tick.block import HapticBlock
 from hhsim.live.device import FORCES, MOST_CHANNELS, GloveInfo
-from hhsim.live.processes import ChildProcess, exit_code
+from hhsim.live.drivers.poses import make_pose_source
+from hhsim.live.gloves import open_device
+from hhsim.live.processes import exit_code
 from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with, keep_off, processors_awake
-from hhsim.live.session.driver import glove_info
+from hhsim.live.session.driver import GloveDriver
 from hhsim.live.session.memory import SessionMemory, session_process
-from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits
-from hhsim.live.session.status import BEGIN, OPEN, Stage
+from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits, WornGlove
+from hhsim.live.session.status import Stage
 from hhsim.live.session.story import Story
 from hhsim.result.safety import Safety
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
@@ -65,6 +70,8 @@ TELL_SECONDS = 0.02
 """Period at which the loop's notes are logged [s]."""
 DRIVER_PATIENCE = 10.0
 """Time that the driver has to release the glove and end [s]."""
+SWITCH_SECONDS = 0.0005
+"""Longest time for which a thread of the loop's process holds the interpreter while another one waits for it [s]."""
 BELOW_DRIVER = -2
 COMMAND_KILLED = "the command was killed"
 WAKE_NS = 800_000
@@ -128,27 +135,6 @@ def watch_record(info: GloveInfo) -> Any:
     return watch
 
 
-class MissAccounts:
-    """Accounts of the loop's thread since the tick before, by `DEADLINES`, shape (1,); `state` is of `MISSES`."""
-
-    def __init__(self, deadlines: Any) -> None:
-        self._deadlines = deadlines[0]
-        self._accounts: CpuAccounts | None = None
-        self.state = zeroed(MISSES)
-
-    def begin(self, accounts: CpuAccounts) -> None:
-        """Take the readings that the first tick is compared with, in the loop's thread, to which `accounts` belong."""
-        self._accounts = accounts
-        at = self.state[0]
-        at.steal_read, at.steal_ns = 1, accounts.steal_ns()
-        account_waking(at, self._deadlines.woke_ns, 0, accounts.cpu_ns(), accounts.run_delay_ns())
-
-    def keep_steal(self) -> None:
-        """Read the steal now and then, in another thread than the loop's, so that a miss counts only later steal."""
-        if self._accounts is not None:
-            account_steal(self.state[0], self._accounts.steal_ns())
-
-
 def system_files(accounts: CpuAccounts, events: Sequence[int]) -> SystemFiles:
     """Return the files of the system's accounts for compiled code, with the events that wake the loop and drivers."""
     allowed = np.zeros(max(accounts.processors, default=0) + 1, np.bool_)
@@ -175,11 +161,23 @@ def loop_options(options: SolverOptions, rate: float) -> SolverOptions:
     return replace(options.at_rate(rate), threads=1)
 
 
+def whose_hands(setup: LiveSetup) -> list[str]:
+    """Return what the lines of each hand's log begin with: whose they are, where there are two."""
+    return [""] if len(setup.worn) == 1 else [f"{side} hand: " for side in SIDES]
+
+
 class LoopHand:
     """A hand of a loop: its records of `hhsim.kernels.live`, its row, its log; periods and misses are the loop's."""
 
     def __init__(
-        self, setup: LiveSetup, memory: SessionMemory, info: GloveInfo, whose: str, deadlines: Any, misses: MissAccounts
+        self,
+        setup: LiveSetup,
+        worn: WornGlove,
+        memory: SessionMemory,
+        info: GloveInfo,
+        whose: str,
+        deadlines: Any,
+        misses: Any,
     ) -> None:
         self.memory = memory
         period = setup.period_ns
@@ -194,9 +192,9 @@ class LoopHand:
             deadlines=deadlines,
             phase=zeroed(PHASE),
             interlock=interlock_record(setup.safety, dry_run=setup.dry_run, period_ns=period),
-            commander=commander_record(setup.output, setup.bend_lines(), 1e-9 * period, feels=feels),
+            commander=commander_record(setup.output, worn.bend_lines(), 1e-9 * period, feels=feels),
             watch=watch_record(info),
-            misses=misses.state,
+            misses=misses,
             notes=zeroed(NOTES),
             refused=zeroed(REFUSED),
             status=memory.status_array.view(np.recarray),
@@ -231,11 +229,11 @@ class LiveLoop:
         self.memory = memory
         self._now = now
         deadlines = deadline_record(setup.period_ns, now())
-        self.misses = MissAccounts(deadlines)
+        self.misses = zeroed(MISSES)
+        self._accounts: CpuAccounts | None = None
         options = loop_options(setup.options, setup.rate)
-        names = [""] if setup.beside is None else [f"{side} hand: " for side in SIDES]
-        each = zip(setup.hands, memory.hands, gloves, names, strict=True)
-        self.hands = tuple(LoopHand(*of, deadlines, self.misses) for of in each)
+        each = zip(setup.worn, memory.hands, gloves, whose_hands(setup), strict=True)
+        self.hands = tuple(LoopHand(setup, *of, deadlines, self.misses) for of in each)
         first = self.hands[0]
         self.live, self.story, self.at = first.live, first.story, first.at
         self.one_tick, rows = OneTick(SceneSolver(setup.scene, options)), memory.bodies.records
@@ -316,7 +314,11 @@ class LiveLoop:
     def begin(self, accounts: CpuAccounts) -> SystemFiles:
         """Begin the first period with the accounts of the calling thread; earlier samples, too old, are skipped."""
         begin_periods(self.live.deadlines[0], self._now())
-        self.misses.begin(accounts)
+        # The readings that the first tick is compared with.
+        self._accounts, misses = accounts, self.misses[0]
+        misses.steal_read, misses.steal_ns = 1, accounts.steal_ns()
+        woke = self.live.deadlines[0].woke_ns
+        account_waking(misses, woke, 0, accounts.cpu_ns(), accounts.run_delay_ns())
         memories = [hand.memory for hand in self.hands]
         wake = [-1 if self.setup.dry_run else memory.wake for memory in memories]
         files = system_files(accounts, [self.memory.sampled, *wake])
@@ -331,7 +333,9 @@ class LiveLoop:
         """Log the loop's notes, and read accounts that are too slow for a tick; in another thread, now and then."""
         for hand in self.hands:
             hand.story.tell()
-        self.misses.keep_steal()
+        if self._accounts is not None:
+            # So that a miss counts only later steal.
+            account_steal(self.misses[0], self._accounts.steal_ns())
 
     def end(self) -> None:
         """Command free fingers to each hand and announce the end, on which the drivers release the gloves."""
@@ -380,62 +384,69 @@ class Ending:
             raise SystemExit(0)
 
 
-def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, drivers: Sequence[ChildProcess]) -> None:
+def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending) -> None:
     """Make everything ready, run the loop until it is stopped, and leave the gloves released.
 
-    The loop has its own thread, in which compiled code runs; the calling one logs its notes. HhsimError if a glove or a
-    pose cannot be reached, or if a driver has died.
+    The loop has its own thread, in which compiled code runs, and so has each driver; the calling one logs the loop's
+    notes. HhsimError if a glove or a pose cannot be reached, or if a driver has failed.
     """
     make_ready(setup, memory)
-    for hand in memory.hands:
-        hand.status["loop_ready"] = OPEN
-    while not all(devices := [hand.device.read() for hand in memory.hands]):
-        for driver in drivers:
-            if not driver.running:
-                raise HhsimError(driver.last_line() or f"the glove's {driver.name} {driver.how_it_ended()}")
-        time.sleep(TELL_SECONDS / 10)
-    loop = LiveLoop(setup, memory, *map(glove_info, devices))
-    loop.prepare()
-    facts = [{"pose": device.pop("pose"), "device": device} for device in devices]
-    failures: list[BaseException] = []
+    drivers = []
+    with contextlib.ExitStack() as opened:
+        for own, hand, whose in zip(setup.worn, memory.hands, whose_hands(setup)):
+            hand.status["loop_ready"] = 1
+            device = open_device(own.device)
+            pose = make_pose_source(own.pose, hand.status, device)
+            oldest = setup.oldest_heartbeat_ns
+            driver = GloveDriver(hand, device, pose, whose=whose, dry_run=setup.dry_run, oldest_ns=oldest)
+            driver.open()
+            opened.callback(driver.close)
+            drivers.append(driver)
+        loop = LiveLoop(setup, memory, *(driver.device.info for driver in drivers))
+        loop.prepare()
+        facts = [driver.facts() for driver in drivers]
+        begin, failures = threading.Event(), list[BaseException]()
+        beside = replace(setup.real_time, lock_memory=False, cpu=-1, freeze_gc=False)
 
-    def run() -> None:
-        try:
-            run_real_time(loop, facts)
-        except BaseException as error:  # raised again below
-            failures.append(error)
-            loop.end()
+        def run() -> None:
+            try:
+                run_real_time(loop, facts, begin, drivers)
+            except BaseException as error:  # raised again below
+                failures.append(error)
+                loop.end()
 
-    def place() -> None:
-        wishes = replace(setup.real_time, lock_memory=False, cpu=-1, freeze_gc=False)
-        become_real_time(wishes, above=BELOW_DRIVER)
-        loop.place()
-
-    thread = threading.Thread(target=run, name="hhsim-loop", daemon=True)
-    ending.loop = loop
-    thread.start()
-    keep_off(setup.real_time.loop_cpu)
+        thread = threading.Thread(target=run, name="hhsim-loop", daemon=True)
+        ending.loop = loop
+        thread.start()
+        # What holds the interpreter has a processor to go on: a driver may wait for it.
+        sys.setswitchinterval(SWITCH_SECONDS)
+        keep_off(setup.real_time.loop_cpu)
+        become_real_time(beside, above=BELOW_DRIVER)
+        opened.pop_all()
+    carrying = [threading.Thread(target=driver.run, args=(beside, begin), daemon=True) for driver in drivers]
+    for other in carrying:
+        other.start()
     if loop.compiled:
-        threading.Thread(target=place, name="hhsim-place", daemon=True).start()
+        threading.Thread(target=loop.place, name="hhsim-place", daemon=True).start()
     died = ""
     while thread.is_alive():
         loop.tell()
-        dead = next((driver for driver in drivers if not driver.running), None)
-        if dead is not None and not died and not loop.stopped:
-            died = f"the glove's {dead.name} {dead.how_it_ended()}"
+        died = next((f"the glove's driver {driver.failed}" for driver in drivers if driver.failed), "")
+        if died and not loop.stopped:
             loop.stop(died)
         thread.join(TELL_SECONDS)
+    begin.set()
+    end = time.monotonic() + DRIVER_PATIENCE
+    for other in carrying:
+        other.join(max(0.0, end - time.monotonic()))
+        if other.is_alive():
+            memory.log(FAULT, "a glove's driver does not end: it is left")
+    become_ordinary()
     loop.tell()
     if failures:
         raise failures[0]
-    for driver in drivers:
-        if not driver.wait(DRIVER_PATIENCE):
-            memory.log(FAULT, f"the glove's {driver.name} does not end: it is killed")
-            driver.send(signal.SIGKILL)
-            driver.wait(DRIVER_PATIENCE)
-    loop.tell()
-    for hand, own in zip(memory.hands, facts):
-        hand.facts.write(own | {"reason": loop.stopped})
+    for hand, fact in zip(memory.hands, facts):
+        hand.facts.write(fact | {"reason": loop.stopped})
     if died:
         raise HhsimError(died)
 
@@ -443,16 +454,21 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending, drivers
 def make_ready(setup: LiveSetup, memory: SessionMemory) -> None:
     """Compile, or load, the kernels of a session's ticks and of its loop."""
     options = loop_options(setup.options, setup.rate)
-    if setup.beside is not None:
+    if len(setup.worn) > 1:
         warm_up_hands(setup.scene, options)
     if options.method not in ("coupled", "progressive") or setup.seen.free is not None:
         # `coupled` brings a hand out that begins inside the object.
-        warm_up(setup.hand, replace(options, method="coupled"))
+        warm_up(setup.worn[0].model, replace(options, method="coupled"))
     LiveLoop(setup, memory, *(GloveInfo("", ()) for _ in memory.hands)).prepare()
 
 
-def run_real_time(loop: LiveLoop, facts: Sequence[dict[str, Any]]) -> None:
-    """Become real time, tell the mode, also in the `facts` of each hand's session, and run the loop in this thread."""
+def run_real_time(
+    loop: LiveLoop, facts: Sequence[dict[str, Any]], begin: threading.Event, drivers: Sequence[GloveDriver]
+) -> None:
+    """Become real time, tell the mode, also in the `facts` of each hand's session, and run the loop in this thread.
+
+    Drivers `begin` right before: a glove that plays a motion begins it then; earlier samples of others are discarded.
+    """
     memory, wishes = loop.memory, loop.setup.real_time
     mode = become_real_time(wishes)
     with processors_awake(wishes, mode):
@@ -462,12 +478,9 @@ def run_real_time(loop: LiveLoop, facts: Sequence[dict[str, Any]]) -> None:
         memory.log(INFORMATION, f"the loop runs at {loop.setup.rate:g} Hz: {described(mode)}")
         for line in mode["refused"]:
             memory.log(WARNING, line)
-        # A glove that plays a motion begins it now; earlier samples of others are discarded.
-        for hand in memory.hands:
-            hand.status["loop_ready"] = BEGIN
-        begun = time.monotonic() + DRIVER_PATIENCE
-        while not all(hand.status["driver_begun"] for hand in memory.hands) and time.monotonic() < begun:
-            time.sleep(0.0005)
+        begin.set()
+        for driver in drivers:
+            driver.begun.wait(DRIVER_PATIENCE)
         loop.run(mode["cpu"])
     become_ordinary()
 
@@ -477,7 +490,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     setup: LiveSetup
     setup, memory = session_process("loop", arguments)
     ending = Ending()
-    drivers: list[ChildProcess] = []
 
     def tell(**values: int) -> None:
         for hand in memory.hands:
@@ -487,22 +499,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     def body() -> None:
         if not end_with(setup.supervisor):
             raise HhsimError("the loop's supervisor ended before the loop began")
-        for own, hand in zip(setup.hands, memory.hands):
-            descriptor = hand.with_setup(own.for_driver(os.getpid()), alone=True)
-            # It waits until the loop is ready.
-            name = "driver" if setup.beside is None else f"{own.hand.side}-driver"
-            drivers.append(ChildProcess(name, "hhsim.live.session.driver", descriptor, hand.descriptors))
-            os.close(descriptor)
-        run_session(setup, memory, ending, drivers)
+        run_session(setup, memory, ending)
 
     tell(loop_pid=os.getpid(), stage=Stage.STARTING)
     try:
         return exit_code(body, lambda text: memory.log(FAULT, text))
     finally:
-        tell(stage=Stage.ENDING)
-        for driver in drivers:
-            if not driver.wait(DRIVER_PATIENCE):
-                driver.send(signal.SIGKILL)
         tell(stage=Stage.ENDED)
 
 

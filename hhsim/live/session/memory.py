@@ -1,14 +1,15 @@
-"""Shared memory of one live session: of each hand one block, and two events that wake processes.
+"""Shared memory of one live session: one block of each hand.
 
 The supervisor makes it; every other process attaches by inherited descriptors, which are told with its setup.
 """
 
 import json
 import os
+import threading
 import time
 import weakref
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -23,7 +24,6 @@ FREE_TICK_CAPACITY = 4_096
 """Capacity for ticks with free bodies, which are five times as long: 36 MB, and 4 s at 1 kHz."""
 SAMPLE_CAPACITY = 16_384
 EVENT_CAPACITY = 1_024
-WORD_CAPACITY = 64
 FACT_BYTES = 65_520
 
 LIVE_TICK = record_dtype(*TICK_FIELDS)
@@ -38,17 +38,6 @@ EVENT_BYTES = EVENT["text"].itemsize
 
 FACTS = np.dtype([("version", np.int64), ("size", np.int64), ("text", np.uint8, (FACT_BYTES,))], align=True)
 """A JSON document; `version` is odd while it is being written, 0 before the first."""
-
-REASON = 3
-"""Level of the driver's words alone: the reason why the glove is gone, for the loop's next fault."""
-
-
-class Descriptors(NamedTuple):
-    """Descriptors of a hand's memory, which begins with its status, and of two events."""
-
-    memory: int
-    wake: int
-    sampled: int
 
 
 class FactPage:
@@ -91,21 +80,23 @@ def memory_type(bodies: int) -> np.dtype[Any]:
             ("bodies", ring_type(bodies_row(bodies), capacity)),
             ("samples", ring_type(GLOVE_SAMPLE, SAMPLE_CAPACITY)),
             ("events", ring_type(EVENT, EVENT_CAPACITY)),
-            ("words", ring_type(EVENT, WORD_CAPACITY)),
             ("facts", FACTS),
-            ("device", FACTS),
         ],
         align=True,
     )
 
 
 class SessionMemory:
-    """Memory shared by the processes of a session: of a hand, with that of the other one `beside` it."""
+    """Memory shared by the processes of a session: of a hand, with that of the other one `beside` it.
 
-    def __init__(self, descriptors: Descriptors, *others: Descriptors, bodies: int) -> None:
-        self.descriptors, self._bodies = descriptors, bodies
+    `wake` and `sampled` are events of the loop's process alone: by them the loop wakes the driver for a command, and
+    the driver the loop for a sample. `why_lost` is the driver's reason why the glove is gone, for the loop's log.
+    """
+
+    def __init__(self, descriptor: int, *others: int, bodies: int) -> None:
+        self.descriptor, self._bodies = descriptor, bodies
         self.beside = SessionMemory(*others, bodies=bodies) if others else None
-        block = SharedBlock(descriptors.memory, memory_type(bodies))
+        block = SharedBlock(descriptor, memory_type(bodies))
         self.populate = block.populate
         """Prefaults every page that a tick reads or writes."""
         self.status_array = block.part("status")
@@ -115,14 +106,15 @@ class SessionMemory:
         # Of `bodies_row`, before the tick of the same number is in its ring; the first hand's is used.
         self.bodies = SharedRing(block.part("bodies"))
         self.samples = SharedRing(block.part("samples"))  # written by the driver
-        self.events = SharedRing(block.part("events"))  # the session's log, written by the loop
-        self.words = SharedRing(block.part("words"))  # by the driver for the loop, which logs them
+        self.events = SharedRing(block.part("events"))  # the session's log, written by the loop's process
         # By the loop, before it runs and when it has ended: `real_time`, the achieved mode; `device`, the fields of
         # `hhsim.live.device.GloveInfo`; `pose`, the source of the palm's pose; `reason` of the end.
         self.facts = FactPage(block.part("facts"))
-        self.device = FactPage(block.part("device"))  # by the driver: `GloveInfo`, and `pose`
-        # Descriptors of the events by which the loop wakes the driver for a command, and that one it for a sample.
-        self.wake, self.sampled = descriptors.wake, descriptors.sampled
+        self.wake, self.sampled = (os.eventfd(0, os.EFD_NONBLOCK) for _ in range(2))
+        for event in (self.wake, self.sampled):
+            weakref.finalize(self, os.close, event)
+        self.why_lost = ""
+        self._logging = threading.Lock()
 
     @classmethod
     def create(cls, *, bodies: int = 0, hands: int = 1) -> Self:
@@ -131,13 +123,10 @@ class SessionMemory:
         Its descriptors are for the children (`pass_fds`), and are closed with it.
         """
         kind = memory_type(bodies)
-        events = ([os.eventfd(0, os.EFD_NONBLOCK) for _ in range(2)] for _ in range(hands))
-        parts = [Descriptors(SharedBlock.create("session", kind).descriptor, *of) for of in events]
-        memory = cls(*parts, bodies=bodies)
+        memory = cls(*(SharedBlock.create("session", kind).descriptor for _ in range(hands)), bodies=bodies)
         for hand in memory.hands:
             hand.status["battery"] = hand.status["sample_ns"] = -1
-            for descriptor in hand.descriptors:
-                weakref.finalize(hand, os.close, descriptor)
+            weakref.finalize(hand, os.close, hand.descriptor)
         return memory
 
     @property
@@ -146,25 +135,23 @@ class SessionMemory:
         return (self,) if self.beside is None else (self, self.beside)
 
     @property
-    def inherited(self) -> list[int]:
+    def descriptors(self) -> list[int]:
         """Descriptors of all hands, which a child inherits."""
-        return [descriptor for hand in self.hands for descriptor in hand.descriptors]
+        return [hand.descriptor for hand in self.hands]
 
-    def with_setup(self, setup: object, *, alone: bool = False) -> int:
-        """Pickle this memory, or this hand's alone, and the setup of a child for `session_process`.
-
-        Returns the descriptor.
-        """
-        hands = (self,) if alone else self.hands
-        return write_setup(([hand.descriptors for hand in hands], self._bodies), setup)
+    def with_setup(self, setup: object) -> int:
+        """Pickle this memory and the setup of a child for `session_process`; returns the descriptor."""
+        return write_setup((self.descriptors, self._bodies), setup)
 
     def log(self, level: int, text: str, time_ns: int | None = None) -> None:
-        """Add an event (INFORMATION, WARNING, FAULT), by default of now [ns]; for the loop alone. Long text is cut."""
-        _add_line(self.events, level, text, time.monotonic_ns() if time_ns is None else time_ns)
-
-    def say(self, level: int, text: str) -> None:
-        """Hand the loop a line to log, or a REASON to know; for the driver alone."""
-        _add_line(self.words, level, text, time.monotonic_ns())
+        """Add an event (INFORMATION, WARNING, FAULT), by default of now [ns], for the loop's process; cut if long."""
+        encoded = text.encode("utf-8", "replace")[:EVENT_BYTES]
+        with self._logging:
+            slot = self.events.slot()
+            slot["time_ns"] = time.monotonic_ns() if time_ns is None else time_ns
+            slot["level"] = level
+            slot["text"] = encoded.decode("utf-8", "ignore").encode("utf-8")
+            self.events.publish()
 
 
 class TickReader(RingReader):
@@ -185,15 +172,6 @@ class TickReader(RingReader):
         for part, name in parts:
             joined[name] = part[name]
         return first, [joined, *others]
-
-
-def _add_line(ring: SharedRing, level: int, text: str, time_ns: int) -> None:
-    slot = ring.slot()
-    slot["time_ns"] = time_ns
-    slot["level"] = level
-    encoded = text.encode("utf-8", "replace")[:EVENT_BYTES]
-    slot["text"] = encoded.decode("utf-8", "ignore").encode("utf-8")
-    ring.publish()
 
 
 def session_process(name: str, arguments: Sequence[str] | None = None) -> tuple[Any, SessionMemory]:

@@ -81,6 +81,8 @@ LOOP_DIED = "the loop failed or was killed"
 
 
 Columns = dict[str, AnyArray]
+Taken = Mapping[str, tuple[int, Records]]
+"""Records of a hand by one of `RINGS`, each with the number of the first one."""
 
 
 class SessionColumns:
@@ -88,13 +90,13 @@ class SessionColumns:
 
     def __init__(self, setup: LiveSetup, options: SolverOptions, hand: int = 0) -> None:
         seen = setup.seen
-        self._hands = len(setup.hands)
+        self._hands = len(setup.worn)
         parts = seen.parts
         # With room for the poses of as many ticks as a block may have.
         self.parts = parts and replace(parts, world=np.zeros((FREE_TICK_CAPACITY, len(parts.names), 7)))
         self.bodies = body_parts(setup.scene, seen)
         surface = seen.surface(options.surface)
-        self._columns = TickColumns(surface.arrays, setup.hands[hand].hand, options, self.parts)
+        self._columns = TickColumns(surface.arrays, setup.worn[hand].model, options, self.parts)
         self._is_free = setup.recorded_bodies > 0
         self._pose = seen.place
         self._next = 0
@@ -136,19 +138,16 @@ class SessionColumns:
 
 
 class HandRecords:
-    """A hand of a session's file, `number` of its hands: its columns, and the records that wait to be written.
-
-    `lost` is kept up to date by the reader of the rings.
-    """
+    """A hand of a session's file, `number` of its hands; `lost` is kept up to date by the reader of the rings."""
 
     def __init__(self, setup: LiveSetup, options: SolverOptions, number: int, facts: Mapping[str, Any]) -> None:
-        self.setup, self.facts = setup.hands[number], facts
-        self.side, self.model = self.setup.hand.side, self.setup.hand
+        self.setup, self.worn, self.facts = setup, setup.worn[number], facts
+        self.model = self.worn.model
+        self.side = self.model.side
         self.columns = SessionColumns(setup, options, number)
         self.lost = dict.fromkeys(RINGS, 0)
         self.tally = LiveTally()
         self.penetration_max = 0.0
-        self.waiting: dict[str, list[tuple[int, Records]]] = {ring: [] for ring in RINGS}
         self._channels = len(facts.get("device", {}).get("channels", ()))
         self._sample_columns = sample_columns(self._channels)
 
@@ -159,7 +158,7 @@ class HandRecords:
             "device": as_text(dict(facts.get("device", {}))),
             "real_time": as_text(facts.get("real_time", {})),
             "pose": str(facts.get("pose", "")),
-            "limits": as_text(setup.limits_json()),
+            "limits": as_text(setup.limits_json(self.worn)),
             "dry_run": int(setup.dry_run),
             "utc_offset": time.time_ns() - time.monotonic_ns(),
             **self.attributes(np.zeros(0), ""),
@@ -172,35 +171,30 @@ class HandRecords:
         named = as_text(dict(zip(COUNTERS, map(int, counters))))
         return {"counters": named, "ended": ended, **{f"lost_{ring}": self.lost[ring] for ring in RINGS}}
 
-    def taken(self) -> dict[str, list[tuple[int, Records]]]:
-        """Return what waits, which then waits no more."""
-        taken, self.waiting = self.waiting, {ring: [] for ring in RINGS}
-        return taken
-
     def count(self, ticks: Records, columns: Mapping[str, AnyArray]) -> None:
         """Count ticks with their columns in the figures."""
         self.tally.count(ticks)
         # The depth of a hand that is not finite is NaN.
         self.penetration_max = float(np.fmax.reduce(columns["penetration_depth"], initial=self.penetration_max))
 
-    def tables(self, taken: Mapping[str, Sequence[tuple[int, Records]]]) -> dict[str, dict[str, AnyArray]]:
+    def tables(self, taken: Taken) -> dict[str, dict[str, AnyArray]]:
         """Return the rows of /live."""
-        live = [_numbered(LIVE_TICK_COLUMNS, first, records) for first, records in taken["ticks"]]
-        samples = [
-            _numbered(self._sample_columns, first, records) | {"channel": records["channels"][:, : self._channels]}
-            for first, records in taken["samples"]
-        ]
-        events = [_fields(EVENT_COLUMNS, records) for _, records in taken["events"]]
-        whose = f"{self.side} hand: ".encode()
-        for rows in events:
+        found = {}
+        if "ticks" in taken:
+            found[LIVE_TICK] = _numbered(LIVE_TICK_COLUMNS, *taken["ticks"])
+        if "samples" in taken:
+            channels = taken["samples"][1]["channels"][:, : self._channels]
+            found[LIVE_SAMPLE] = _numbered(self._sample_columns, *taken["samples"]) | {"channel": channels}
+        if "events" in taken:
+            rows = found[LIVE_EVENT] = _fields(EVENT_COLUMNS, taken["events"][1])
             # In its own table a hand needs no name.
-            rows["text"] = np.array([text.removeprefix(whose) for text in rows["text"].tolist()], rows["text"].dtype)
-        found = {LIVE_TICK: live, LIVE_SAMPLE: samples, LIVE_EVENT: events}
-        return {f"{HANDS}/{self.side}/{table}": _joined(rows) for table, rows in found.items()}
+            own = [text.removeprefix(f"{self.side} hand: ".encode()) for text in rows["text"].tolist()]
+            rows["text"] = np.array(own, rows["text"].dtype)
+        return {f"{HANDS}/{self.side}/{table}": rows for table, rows in found.items()}
 
 
 class SessionWriter:
-    """Takes records as they come out of the rings, and writes them block by block; OutputError without a file.
+    """Writes records of the rings block by block; OutputError without a file.
 
     `options` are those that the loop solves with, `facts` the `SessionMemory.facts` of each hand before the session
     ran. `empty` is True if neither a tick nor a sample has come.
@@ -215,13 +209,13 @@ class SessionWriter:
         apart = {HANDS_APART: free is not None or keeps_hands_apart(options)} if self._both else {}
         parts = {}
         for hand in self.hands:
-            given = dict(hand.setup.description)
+            given = dict(hand.worn.description)
             described = {
                 **given,
                 "motion": given.get("motion") or "live",
                 "rate": setup.rate,
                 "duration": setup.duration,
-                "device": hand.setup.device.kind,
+                "device": hand.worn.device.kind,
                 **apart,
                 **describe_scene(setup.seen.mesh, setup.seen.tree, hand.model, options, bodies, free),
             }
@@ -240,37 +234,23 @@ class SessionWriter:
         """Number of ticks written so far."""
         return self._writer.ticks
 
-    def take(self, ring: str, first: int, records: Records, hand: int = 0) -> None:
-        """Keep records of one of `RINGS` of a hand for the next block; `first` is the number of the first one.
+    def write(self, taken: Sequence[Taken], counters: AnyArray, ended: str = "") -> None:
+        """Write the records of each hand, with `counters` of the devices and a reason if the recording ends here.
 
-        All hands have the same ticks.
+        All hands have the same ticks. The counters have shape (hands, counters), or those of one hand. OutputError if
+        the disk is full or gone; the ticks before stay readable.
         """
-        if len(records):
-            self.hands[hand].waiting[ring].append((first, records))
-            self.empty = self.empty and ring == "events"
-
-    def write(self, counters: AnyArray, ended: str = "") -> None:
-        """Write the records that were taken, with `counters` of the devices and a reason if the recording ends here.
-
-        The counters have shape (hands, counters), or those of one hand. OutputError if the disk is full or gone; the
-        ticks before stay readable.
-        """
-        taken = [hand.taken() for hand in self.hands]
-        ticks: list[dict[str, dict[str, AnyArray]]] = []
-        row = self._writer.ticks
-        for blocks in zip(*(of["ticks"] for of in taken), strict=True):
-            ticks.append(self._tables(row, blocks))
-            row += len(blocks[0][1])
-        groups = dict.fromkeys(group for tables in ticks for group in tables)
-        joined = {group: _joined([tables[group] for tables in ticks]) for group in groups}
+        taken = [{ring: block for ring, block in of.items() if len(block[1])} for of in taken]
+        self.empty = self.empty and not any(of.keys() - {"events"} for of in taken)
+        tables = self._tables(self._writer.ticks, [of["ticks"] for of in taken]) if "ticks" in taken[0] else {}
         # A tick counts as written with its row of live/tick: its contacts come before that.
         for hand, of in zip(self.hands, taken):
-            joined |= hand.tables(of)
+            tables |= hand.tables(of)
         attributes = {
             f"{HANDS}/{hand.side}/{LIVE}": hand.attributes(of, ended)
             for hand, of in zip(self.hands, np.atleast_2d(counters), strict=True)
         }
-        self._writer.append(joined, attributes)
+        self._writer.append(tables, attributes)
 
     def _tables(self, row: int, blocks: Sequence[tuple[int, Records]]) -> dict[str, dict[str, AnyArray]]:
         """Return the rows of ticks of all hands; `row` is the number of the first one in the file."""
@@ -295,11 +275,11 @@ class SessionWriter:
         return {**tables, CONTACT: self.hands[0].columns.contacts(row, of_bodies)}
 
     def finish(self, ended: str, counters: AnyArray, missed: int, missed_by: Mapping[str, int]) -> Path:
-        """Write the records that were taken and the summary, and mark the file complete.
+        """Write the summary, and mark the file complete.
 
         `ended` and `counters` are as in `write`, which raises the same; the others as of `session_figures`.
         """
-        self.write(counters, ended)
+        self.write([{} for _ in self.hands], counters, ended)
         return self._writer.finish(
             {
                 hand.side: session_figures(hand.tally, missed, missed_by, hand.penetration_max, hand.lost)
@@ -314,10 +294,6 @@ def _fields(columns: Sequence[Column], records: Records) -> dict[str, AnyArray]:
 
 def _numbered(columns: Sequence[Column], first: int, records: Records) -> dict[str, AnyArray]:
     return {"record": np.arange(first, first + len(records)), **_fields(columns, records)}
-
-
-def _joined(blocks: list[dict[str, AnyArray]]) -> dict[str, AnyArray]:
-    return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]} if blocks else {}
 
 
 def as_text(value: Any) -> str:
@@ -353,11 +329,11 @@ class Recorder:
         check_result_path(self._path)
         options = loop_options(self._setup.options, self._setup.rate)
         # Kernels that measure penetration are compiled before ticks wait.
-        two = self._setup.beside is not None
-        warm_up(self._setup.hand, options, None if two else self._setup.seen.free)
+        models = [worn.model for worn in self._setup.worn]
+        two = len(models) > 1
+        warm_up(models[0], options, None if two else self._setup.seen.free)
         if two:
             flat = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 5, 3)), np.zeros((1, 5))
-            models = [hand.hand for hand in self._setup.hands]
             distance_of_hands(models, [forward_kinematics(model, *flat) for model in models])
         while not all(hand.facts.read() for hand in self._memory.hands):
             # The glove is being connected; without it there is no session.
@@ -371,7 +347,7 @@ class Recorder:
             if writer.empty:
                 return
             if ended == CUT_SHORT:
-                writer.write(self._counters, ended)
+                writer.write([{} for _ in writer.hands], self._counters, ended)
                 return
             status = self._memory.status
             writer.finish(ended, self._counters, int(status["missed"]), by_name(status["missed_by"]))
@@ -392,27 +368,23 @@ class Recorder:
         while True:
             # Read before the rings: all records before the end are read after it.
             ended = self._end()
-            first, ticks = self._ticks.read_hands(BLOCK_RECORDS)
-            more = len(ticks[0]) == BLOCK_RECORDS
-            for number, records in enumerate(ticks):
-                writer.take("ticks", first, records, number)
-                writer.hands[number].lost["ticks"] = self._ticks.lost
-            for number, ring, reader in self._readers:
-                first, records = reader.read(BLOCK_RECORDS)
-                writer.take(ring, first, records, number)
-                writer.hands[number].lost[ring] = reader.lost
-                more = more or len(records) == BLOCK_RECORDS
-            now = time.monotonic()
-            over = not more and (bool(ended) or self._stop)
-            waiting = sum(len(records) for _, records in writer.hands[0].waiting["ticks"])
-            if over or waiting >= CHUNK_TICKS or now - written >= LONGEST_WAIT:
-                writer.write(self._counters)
-                written = now
-            self._tell(writer)
-            if over:
-                return ended or CUT_SHORT
-            if not more:
+            over, now = bool(ended) or self._stop, time.monotonic()
+            waiting = self._memory.ticks.written - self._ticks.next
+            if not over and waiting < CHUNK_TICKS and now - written < LONGEST_WAIT:
                 self._loop.wait(POLL)
+                continue
+            first, ticks = self._ticks.read_hands(BLOCK_RECORDS)
+            taken = [{"ticks": (first, records)} for records in ticks]
+            for hand in writer.hands:
+                hand.lost["ticks"] = self._ticks.lost
+            for number, ring, reader in self._readers:
+                taken[number][ring] = reader.read(BLOCK_RECORDS)
+                writer.hands[number].lost[ring] = reader.lost
+            writer.write(taken, self._counters)
+            written = now
+            self._tell(writer)
+            if over and all(len(records) < BLOCK_RECORDS for of in taken for _, records in of.values()):
+                return ended or CUT_SHORT
 
     def _end(self) -> str:
         """Return the reason why the session has ended, "" while it goes on."""

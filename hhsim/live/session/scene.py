@@ -1,8 +1,8 @@
 """Scene of a live session: the bodies in the world, and where palm and fingers begin."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,8 +10,9 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
-from hhsim.live.devices.registry import GLOVES, POSES, GloveConfig, PoseConfig
+from hhsim.live.gloves import GLOVES, POSES, GloveConfig, PoseConfig
 from hhsim.live.playback import Playback
+from hhsim.live.session.settings import WornGlove
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.stored_scene import body_name
 from hhsim.scene.body import Body, Driven, Fixed, Free
@@ -28,20 +29,17 @@ ABOVE = 0.05
 """Height of the palm above an object that no hand can grasp [m]."""
 
 
-@dataclass(frozen=True, eq=False)
-class LiveScene:
-    """Bodies of a session at its first tick, glove and palm of a hand, and their origin as plain values."""
+class LiveScene(NamedTuple):
+    """Bodies of a session at its first tick, and the gloves on its hands."""
 
     scene: Scene  # of one tick; nothing in it is driven, and of several bodies one is free
-    device: GloveConfig
-    pose: PoseConfig
-    description: dict[str, Any]
+    worn: tuple[WornGlove, ...]
 
     def both(self, left: "LiveScene") -> "LiveScene":
         """Return the scene of this hand, the right one, and the left one; InputError for bodies at another place."""
         hands = (*self.scene.hands, *left.scene.hands)
         require_one_object([hand.trajectory for hand in hands])
-        return replace(self, scene=replace(self.scene, hands=hands))
+        return LiveScene(replace(self.scene, hands=hands), (*self.worn, *left.worn))
 
 
 def make_live_scene(
@@ -90,7 +88,7 @@ def make_live_scene(
         **where,
         "palm_begins": [*pose.position, *pose.orientation] if palm.placed else None,
     }
-    return LiveScene(first, device, pose, described)
+    return LiveScene(first, (WornGlove(hand, device, pose, described),))
 
 
 def _standing_still(scene: Scene) -> Scene:

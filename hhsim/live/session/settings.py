@@ -1,8 +1,7 @@
 """Settings of a live session; its processes read them pickled from memory that they inherit."""
 
-import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -11,12 +10,11 @@ from typing import Annotated, Any
 from msgspec import Meta
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.live.device import FINGER_COUNT
-from hhsim.live.devices.registry import GloveConfig, PoseConfig
+from hhsim.live.gloves import GloveConfig, PoseConfig
 from hhsim.live.real_time import RealTimeWishes
-from hhsim.live.session.status import GloveSetup
+from hhsim.live.session.status import WatchedGlove
 from hhsim.recordings.dexmo_regression import DexmoRegression
 from hhsim.result.safety import AFTER_STALL
 from hhsim.scene.body import Free
@@ -27,8 +25,6 @@ from hhsim.system.settings_file import Positive, between, check_fields, one_of
 
 Stiffness = Annotated[float, between(0.0, 1.0)]
 OF_FINGERS = Meta(min_length=FINGER_COUNT, max_length=FINGER_COUNT, description="five numbers, 0 (free) to 1")
-RATE_RANGE = (10.0, 10_000.0)
-"""Least and largest rate of a loop [Hz]."""
 SLOW_PERIODS = 2.5
 """Number of periods without a heartbeat that are allowed to a slow loop."""
 
@@ -78,19 +74,27 @@ class SafetyLimits:
         return max(self.overruns, round(1e9 * self.heartbeat_stale) // period_ns - 1)
 
 
+@dataclass(frozen=True, eq=False)
+class WornGlove:
+    """Glove on a hand of a session."""
+
+    model: HandModel
+    device: GloveConfig  # its calibration relates bend to joint angles, and so makes the set points
+    pose: PoseConfig  # source of the palm's pose
+    description: Mapping[str, Any] = field(default_factory=dict)  # further plain values of the scene for the file
+
+    def bend_lines(self) -> tuple[FloatArray, FloatArray]:
+        """Return `Calibration.bend_lines` of the glove; those of the default regression if it has no calibration."""
+        return (self.device.calibration or DexmoRegression.default()).bend_lines()
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LiveSetup:
-    """Settings of a live session, and of one of its hands.
-
-    Raises InputError for a rate or a duration out of range, or hands that do not go together.
-    """
+    """Settings of a live session."""
 
     scene: Scene  # of one tick: the bodies, and all hands
-    hand: HandModel
+    worn: tuple[WornGlove, ...]  # glove of each hand of the scene
     options: SolverOptions  # options of the solver; the loop replaces their period by its own
-    device: GloveConfig  # the glove; its calibration relates bend to joint angles, and so makes the set points
-    pose: PoseConfig  # source of the palm's pose
-    beside: "LiveSetup | None" = None  # of the left hand, in the setup of the right one
     rate: float = 1000.0  # ticks a second [Hz]
     duration: float | None = None  # duration [s]; None until it is stopped
     output: OutputLimits = field(default_factory=OutputLimits)
@@ -100,27 +104,7 @@ class LiveSetup:
     rerun: str | None = None  # "spawn", an address or a file for the viewer; None shows nothing
     dry_run: bool = False
     command: tuple[str, ...] = ()
-    # Further plain values of the scene for the file.
-    description: Mapping[str, Any] = field(default_factory=dict)
     supervisor: int = field(default_factory=os.getpid)  # process id of the supervisor; the loop ends with it
-
-    def __post_init__(self) -> None:
-        low, high = RATE_RANGE
-        if not low <= self.rate <= high:
-            raise InputError(f"the rate is {self.rate:g} Hz: expected {low:g} to {high:g} Hz")
-        if self.duration is not None and not 0.0 < self.duration < math.inf:
-            raise InputError(f"the duration is {self.duration:g} s: it must be positive and finite")
-        if self.scene.ticks.rate != self.rate:
-            raise InputError(f"a scene at {self.scene.ticks.rate:g} Hz in a loop at {self.rate:g} Hz")
-        sides = tuple(each.hand.side for each in self.hands)
-        # The left hand's setup is made first, and stands in that of the right one.
-        if sides != tuple(hand.model.side for hand in self.scene.hands)[-len(sides) :]:
-            raise InputError(f"gloves of the {' and the '.join(sides)} hand: expected those of the scene's hands")
-
-    @property
-    def hands(self) -> "tuple[LiveSetup, ...]":
-        """Setups of all hands, this one first."""
-        return (self,) if self.beside is None else (self, self.beside)
 
     @property
     def recorded_bodies(self) -> int:
@@ -148,23 +132,15 @@ class LiveSetup:
         """The scene as its engine sees it."""
         return seen_scene(standing_apart(self.scene, self.options.surface))
 
-    def bend_lines(self) -> tuple[FloatArray, FloatArray]:
-        """Return `Calibration.bend_lines` of the glove; those of the default regression if it has no calibration."""
-        return (self.device.calibration or DexmoRegression.default()).bend_lines()
+    def for_watchdog(self, statuses: Sequence[int]) -> list[WatchedGlove]:
+        """Return the setup of the watchdog, of each glove; `statuses` are the descriptors of their statuses."""
+        bare = (replace(worn.device, playback=None, calibration=None) for worn in self.worn)
+        common = self.real_time, self.oldest_heartbeat_ns, self.supervisor
+        return [WatchedGlove(device, *common, status, self.periods) for device, status in zip(bare, statuses)]
 
-    def for_watchdog(self, status: int) -> GloveSetup:
-        """Return the setup of the watchdog; `status` is the descriptor of the status."""
-        device = replace(self.device, playback=None, calibration=None)
-        own = (device, self.real_time, self.oldest_heartbeat_ns, self.supervisor)
-        return GloveSetup(*own, status=status, periods=self.periods)
-
-    def for_driver(self, loop: int) -> GloveSetup:
-        """Return the setup of the driver; `loop` is the process id of the loop."""
-        return GloveSetup(self.device, self.real_time, self.oldest_heartbeat_ns, loop, self.dry_run, self.pose)
-
-    def limits_json(self) -> dict[str, Any]:
-        """Return limits and requests as plain values, and the lines from bend to joint angle [rad]."""
-        slope, offset = self.bend_lines()
+    def limits_json(self, worn: WornGlove) -> dict[str, Any]:
+        """Return limits and requests as plain values, and a glove's lines from bend to joint angle [rad]."""
+        slope, offset = worn.bend_lines()
         return {
             **{name: asdict(getattr(self, name)) for name in ("output", "safety", "real_time")},
             "bend": {"slope": slope.tolist(), "offset": offset.tolist()},

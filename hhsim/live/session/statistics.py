@@ -1,7 +1,6 @@
 """Figures of a session, while it runs and at its end, from the ring of its ticks."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,12 +60,12 @@ class LiveTally:
         (first, before), (last, after) = self._recent[0], self._recent[-1]
         return 1e9 * (after - before) / (last - first) if last > first else 0.0
 
-    def to_json(self) -> dict[str, Any]:
-        """Return all figures, SI units."""
+    def figures(self) -> dict[str, Scalar]:
+        """Return all figures, SI units; wakeup_p999 is the 99.9th percentile [s], kept_free_stale_input a reason's."""
+        free = free_counts(self.free_for.__getitem__)
         return {
             "ticks": self.ticks,
             "missed": self.missed,
-            "uncounted_ticks": self.lost,
             **_percentiles("wakeup", self.wakeup),
             **_percentiles("latency", self.latency),
             **_percentiles("tick", self.duration),
@@ -78,7 +77,7 @@ class LiveTally:
             "lag_ticks": self.lagging,
             "samples_used": self.new_samples,
             "samples_superseded": self.superseded,
-            "ticks_kept_free": free_counts(self.free_for.__getitem__),
+            **{f"kept_free_{why.lower()}": count for why, count in free.items()},
         }
 
     def count(self, ticks: NDArray[np.void]) -> None:
@@ -115,18 +114,13 @@ def session_figures(
         lost: Records that were overwritten before they could be written, by ring.
 
     Returns:
-        The figures of `LiveTally.to_json` (wakeup_p999 is the 99.9th percentile [s]), ticks kept free by reason
-        (`kept_free_stale_input`), `missed`, the same by cause (`hhsim.metrics.session_faults.MISSED_BY`),
-        `penetration_max` [m], and the lost records of each ring.
+        `LiveTally.figures`, `missed`, the same by cause (`hhsim.metrics.session_faults.MISSED_BY`), `penetration_max`
+        [m], and the lost records of each ring.
     """
-    figures = tally.to_json()
-    del figures["uncounted_ticks"]
-    free: Mapping[str, int] = figures.pop("ticks_kept_free")
     return {
-        **figures,
+        **tally.figures(),
         "missed": missed,
         **{f"missed_{cause}": count for cause, count in missed_by.items()},
-        **{f"kept_free_{why.lower()}": count for why, count in free.items()},
         "penetration_max": penetration_max,
         **{f"lost_{name}": count for name, count in lost.items()},
     }

@@ -1,4 +1,4 @@
-"""Status of a live session, and the setup of the processes that need little: watchdog and driver."""
+"""Status of a live session, and the setup of its watchdog, which needs little."""
 
 import os
 import select
@@ -8,11 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.live.devices.registry import GloveConfig, PoseConfig
+from hhsim.live.gloves import GloveConfig
 from hhsim.live.real_time import RealTimeWishes
-
-OPEN, BEGIN = 1, 2
-"""Values of `loop_ready`: the glove may be opened, its samples are taken."""
 
 
 class Stage(IntEnum):
@@ -41,8 +38,8 @@ LIVE_STATUS = np.dtype(
         ("command_safety", np.int64),
         ("command_version", np.int64, (1,)),
         ("loop_ready", np.int64),
-        # Written by the driver.
-        *_integers("driver_ns", "driver_begun", "device_lost"),
+        # Written by the driver, a thread of the loop's process.
+        *_integers("driver_ns", "device_lost"),
         ("counters", np.int64, (9,)),
         ("palm_ns", np.int64),
         ("palm_position", np.float64, (3,)),
@@ -62,10 +59,10 @@ LIVE_STATUS = np.dtype(
 """State of a session that changes in place; every field has one writer. Times are CLOCK_MONOTONIC [ns]; that of
 `ending_ns` is when the loop had made its last tick, 0 before. `counters` are those of `DeviceCounters`, `missed_by` is
 by `MissCause` without NONE, both in their order. `command_version`, `palm_version` and `pose_version` are odd while
-the command, the palm's pose and the pose of the keyboard are being written. `driver_begun` is 1 when the samples from
-before the loop are in their ring.
-`watchdog_armed` is 1 if the watchdog reaches the glove. `stop_requested` is 1 if the user ends the session, -n if
-signal n does. Of two gloves each has a block: those of the second one's loop, stop and recorder say the same.
+the command, the palm's pose and the pose of the keyboard are being written. `loop_ready` is 1 when the kernels are
+compiled, and the glove is opened. `watchdog_armed` is 1 if the watchdog reaches the glove. `stop_requested` is 1 if the
+user ends the session, -n if signal n does. Of two gloves each has a block: those of the second one's loop, stop and
+recorder say the same.
 """
 
 
@@ -98,14 +95,12 @@ class LoopProcess:
 
 
 @dataclass(frozen=True)
-class GloveSetup:
-    """Settings of a glove's driver, or of its watchdog: without scene, and for the watchdog without calibration."""
+class WatchedGlove:
+    """Settings of the watchdog for a glove, without scene and calibration."""
 
     device: GloveConfig
     real_time: RealTimeWishes
     oldest_ns: int  # age of the loop's heartbeat beyond which its command is void, and the fingers are freed [ns]
-    parent: int  # process id of the driver's loop, or of the watchdog's supervisor
-    dry_run: bool = False
-    pose: PoseConfig | None = None  # source of the palm's pose, for the driver
-    status: int = -1  # descriptor of the status, for the watchdog
-    periods: int = -1  # number of periods after which the loop ends by itself, -1 for none
+    parent: int  # process id of the supervisor
+    status: int  # descriptor of the memory that begins with the status
+    periods: int  # number of periods after which the loop ends by itself, -1 for none

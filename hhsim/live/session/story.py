@@ -1,4 +1,4 @@
-"""Log of a live session: the loop's notes, its safety bits and the driver's words as lines for people."""
+"""Log of a live session: the loop's notes and its safety bits as lines for people."""
 
 import math
 from typing import Any
@@ -10,8 +10,7 @@ from hhsim.kernels.live import notes as codes
 from hhsim.kernels.live.notes import CAPACITY
 from hhsim.kernels.live.plausibility import MOST_ANGLE, TRUST
 from hhsim.live.device import GloveInfo
-from hhsim.live.processes import RingReader
-from hhsim.live.session.memory import REASON, WORD_CAPACITY, SessionMemory
+from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.settings import LiveSetup
 from hhsim.result.miss_cause import WORDS as MISS_WORDS
 from hhsim.result.miss_cause import MissCause
@@ -94,7 +93,6 @@ class Story:
     ) -> None:
         self._stale, self._memory, self._info, self._whose = setup.safety.stale, memory, info, whose
         self._notes, self._refused, self._loop = notes[0], refused[0], loop[0]
-        self._words = RingReader(memory.words)
         self._next = 0
         self._begun = False
         self._log = SafetyLog()
@@ -106,9 +104,9 @@ class Story:
             self._begun = True
             for text in doubts(self._info):
                 self._log_line(WARNING, text)
-        # Up to the notes of this moment: the driver's reasons for them are read below.
         written = int(self._notes.written[0])
-        self._read_words()
+        if self._memory.why_lost:
+            self.detail[Safety.DEVICE_LOST], self._memory.why_lost = self._memory.why_lost, ""
         if written - self._next > CAPACITY:
             lost = written - CAPACITY - self._next
             self._log_line(WARNING, f"{counted(lost, 'thing')} to tell lost: they came too fast")
@@ -122,15 +120,6 @@ class Story:
 
     def _log_line(self, level: int, text: str, time_ns: int | None = None) -> None:
         self._memory.log(level, f"{self._whose}{text}", time_ns)
-
-    def _read_words(self) -> None:
-        _, words = self._words.read(WORD_CAPACITY)
-        for word in words:
-            level, text = int(word["level"]), bytes(word["text"]).decode("utf-8", "replace")
-            if level == REASON:
-                self.detail[Safety.DEVICE_LOST] = text
-            else:
-                self._log_line(level, text, int(word["time_ns"]))
 
     def _lines(self, time_ns: int, code: int, place: int, count: int, value: float) -> list[Line]:
         """Return the lines of a note; notes that only explain a later one change `detail`."""

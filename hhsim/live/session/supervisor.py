@@ -137,17 +137,14 @@ class Supervisor:
     """
 
     def __init__(self, setup: LiveSetup, say: Say = lambda text, level: None) -> None:
-        real_time = setup.real_time.chosen()
-        beside = None if setup.beside is None else replace(setup.beside, real_time=real_time)
-        self.setup = setup = replace(setup, real_time=real_time, beside=beside)
+        self.setup = setup = replace(setup, real_time=setup.real_time.chosen())
         self._say = say
-        self.memory = SessionMemory.create(bodies=setup.recorded_bodies, hands=len(setup.hands))
+        self.memory = SessionMemory.create(bodies=setup.recorded_bodies, hands=len(setup.worn))
         self.tallies = [LiveTally(hand.ticks) for hand in self.memory.hands]
         self._events = [RingReader(hand.events) for hand in self.memory.hands]
         descriptor = self.memory.with_setup(setup)
         self._setups = dict.fromkeys((LOOP, RECORDER, VIEWER), descriptor)
-        each = zip(setup.hands, self.memory.hands)
-        self._setups[WATCHDOG] = write_setup(*(own.for_watchdog(hand.descriptors.memory) for own, hand in each))
+        self._setups[WATCHDOG] = write_setup(*setup.for_watchdog(self.memory.descriptors))
         self._children: dict[str, ChildProcess] = {}
         self._notices: list[tuple[float, int, str]] = []
         self._reason = self._loop_failed = self._record_failed = self._fault_at_end = ""
@@ -255,7 +252,7 @@ class Supervisor:
             raise HhsimError(f"the recording{where} is not whole: {self._record_failed}")
 
     def _start(self, name: str) -> None:
-        self._children[name] = ChildProcess(name, MODULES[name], self._setups[name], self.memory.inherited)
+        self._children[name] = ChildProcess(name, MODULES[name], self._setups[name], self.memory.descriptors)
 
     def _tell(self, **values: int) -> None:
         """Set fields of the status of each hand."""
@@ -389,11 +386,11 @@ class Supervisor:
         }
         found = None
         for own, hand, tally, told in reversed(
-            list(zip(setup.hands, self.memory.hands, self.tallies, facts, strict=True))
+            list(zip(setup.worn, self.memory.hands, self.tallies, facts, strict=True))
         ):
             counters = DeviceCounters(*map(int, hand.status["counters"]))
             releases = int(hand.status["watchdog_releases"])
-            more = {"side": own.hand.side, "watchdog_releases": releases, "beside": found}
+            more = {"side": own.model.side, "watchdog_releases": releases, "beside": found}
             found = SessionOutcome(tally=tally, facts=told, counters=counters, **common, **more)
         assert found is not None
         return found

@@ -80,7 +80,7 @@ class LiveViewer:
         scene = ShownScene(
             mesh=setup.seen.mesh,
             tree=setup.seen.tree,
-            hand=setup.hand,
+            hand=setup.worn[0].model,
             fingers=np.array([finger in setup.options.fingers for finger in FINGERS]),
             touch=setup.options.touch,
             surface=setup.options.surface,

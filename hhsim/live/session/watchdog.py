@@ -19,10 +19,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from hhsim.live.device import DeviceError, FingerRelease
-from hhsim.live.devices.registry import open_release
+from hhsim.live.gloves import open_release
 from hhsim.live.processes import SharedBlock, process_setup
 from hhsim.live.real_time import RealTimeWishes, become_ordinary, become_real_time, keep_off
-from hhsim.live.session.status import LIVE_STATUS, GloveSetup, LoopProcess, Stage
+from hhsim.live.session.status import LIVE_STATUS, LoopProcess, Stage, WatchedGlove
 
 WATCH_SECONDS = 0.004
 """Longest time between two looks [s]."""
@@ -37,7 +37,7 @@ LAST_WORDS_NS = 200_000_000
 class WatchedHand:
     """A loop, its driver, and the watchdog's own connection to its glove, not yet opened."""
 
-    def __init__(self, setup: GloveSetup, device: FingerRelease) -> None:
+    def __init__(self, setup: WatchedGlove, device: FingerRelease) -> None:
         self._setup = setup
         self._status = SharedBlock(setup.status, LIVE_STATUS).array[0]
         self._device = device
@@ -144,7 +144,7 @@ def watch(hands: Sequence[WatchedHand], wishes: RealTimeWishes) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Watch a session under real-time scheduling; signals do not end it while the loop lives. Returns the exit code."""
-    setups: Sequence[GloveSetup] = process_setup("watchdog", arguments)
+    setups: Sequence[WatchedGlove] = process_setup("watchdog", arguments)
     watch([WatchedHand(each, open_release(each.device)) for each in setups], setups[0].real_time)
     become_ordinary()
     return 0

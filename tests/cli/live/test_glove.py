@@ -39,54 +39,6 @@ Run = Callable[..., Any]
 HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "line"),
-    [
-        (["--device", "sim", "--device-id", "7"], "--device-id is for --device dexmo, not sim"),
-        (["--no-record", "--record", "a.h5"], "--no-record and --record a.h5 exclude each other"),
-        (["--device", "udp", "--trajectory", "pinch"], "--trajectory is for --device replay or sim"),
-        (["--pose", "replay", "--palm", "0,0,0"], "--palm and --palm-turn are for --pose keyboard or fixed or glove"),
-        (["--device", "udp", "--pose", "glove"], "--pose glove is for --device openxr"),
-        (["--device", "openxr", "--palm", "0,0,0", "--palm-turn", "1,0,0,0"], "--palm-turn is for --pose fixed and"),
-        (["--pose", "fixed", "--palm-turn", "1,0,0,0"], "--palm-turn needs --palm, where the palm is"),
-        (["--stiffness", "1.5"], "Invalid value for '--stiffness': '1.5', expected 0 (free) to 1, or five of that"),
-        (["--device", "left=sim"], "Invalid value for '--device': 'left=sim' has no right glove"),
-        (["--device", "left=sim,left=sim"], "Invalid value for '--device': 'left=sim,left=sim' has more than one left"),
-        (["--device", "left=sim,up=sim"], "Invalid value for '--device': 'left=sim,up=sim' has a hand 'up': expected"),
-        (["--device", "left=sim,right=hat"], "Invalid value for '--device': 'hat' is not one of 'dexmo', "),
-        (["--device", "left=sim;right=sim"], "Invalid value for '--device': 'left=sim;right=sim' is not left=NAME,"),
-        (["--device", "left=sim[port=1],right=udp"], "sim[port=1]: sim has no option of its own 'port'"),
-        (["--device", "left=sim,right=udp[port=0]"], "Invalid value for '--port': 0 is not in the range 1<=x<=65535"),
-        (["--device", "left=sim,right=udp", "--device-id", "7"], "--device-id is for --device dexmo, not sim or udp"),
-        (["--device", "left=sim,right=sim", "--hand", "left"], "--hand left is for one glove: two name their hands"),
-        (
-            ["--device", "left=sim,right=sim", "--rerun", "a.rrd"],
-            "--rerun shows one hand: leave it out with two gloves",
-        ),
-        (["--device", "left=udp,right=udp", "--pose", "keyboard"], "--pose keyboard moves one palm: with two gloves"),
-        (["--palm", "1,2"], "Invalid value for '--palm': '1,2', expected 3 numbers with commas between"),
-    ],
-)
-def test_options_that_contradict_are_told_in_one_line(
-    run: Run, arguments: list[str], line: str, tmp_path: Path
-) -> None:
-    answer = run("live", "glove", *arguments)
-    assert answer.code == 2
-    assert answer.out == ""
-    assert answer.err.startswith(f"hhsim: error: {line}")
-    assert answer.err.endswith("(see hhsim live glove --help)\n")
-    assert answer.err.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("option", [("--device", "dexmo", "--calibration"), ("--hand-file",)])
-def test_a_file_that_is_not_there_is_told_before_anything_starts(run: Run, option: tuple[str, ...]) -> None:
-    # Quiet: a first run would tell of compilation besides.
-    answer = run("live", "glove", "cube", *option, "nobody.toml", "--no-record", "--quiet")
-    assert (answer.code, answer.out) == (2, "")
-    assert answer.err.startswith("hhsim: error: nobody.toml: no such file") and answer.err.count("\n") == 1
-
-
 @keeps_time
 @pytest.mark.soak
 def test_a_session_of_a_simulated_glove_and_the_hand_in_a_file_is_one_document_and_one_file(

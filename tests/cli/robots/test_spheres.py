@@ -10,8 +10,6 @@ from conftest import Run
 from linkage_samples import joint, link, urdf, write_box
 from robot_arms import write_arm
 
-from hhsim.cli.build_tree import command
-from hhsim.robots.formats.registry import FORMATS
 from hhsim.robots.link_spheres import build_link
 
 
@@ -62,37 +60,12 @@ def scaled_spheres(spheres: list[dict[str, Any]], factor: float) -> list[dict[st
 
 
 @pytest.mark.soak
-def test_a_total_is_shared_out_by_error(run: Run, tmp_path: Path) -> None:
-    write_arm(tmp_path)
-    answer = run("build-tree", "arm.urdf", "--total", "40", "--json", "--threads", "2")
-    assert answer.code == 0, answer.err
-    links = {each["link"]: each for each in json.loads(answer.out)["links"]}
-    assert 30 <= sum(each["spheres"] for each in links.values()) <= 40 and links["ball"]["spheres"] == 1
-    even = json.loads(run("build-tree", "arm.urdf", "--leaves", "5", "--json").out)["links"]
-    assert max(each["bound"] for each in links.values()) < max(each["bound"] for each in even)
-
-
-@pytest.mark.soak
-def test_an_error_is_kept_by_the_fewest_spheres_of_each_link(run: Run, tmp_path: Path) -> None:
-    write_arm(tmp_path)
-    answer = run("build-tree", "arm.urdf", "--max-error", "20mm", "--link", "base", "--as", "h5", "--json")
-    assert answer.code == 0, answer.err
-    (base,) = json.loads(answer.out)["links"]
-    assert base["bound"] <= 0.02 and 1 < base["spheres"] < 64
-
-
-@pytest.mark.soak
 def test_links_that_are_all_fixed_are_one_object(run: Run, tmp_path: Path) -> None:
     (tmp_path / "box.urdf").write_text(urdf(link("a"), link("b"), joint("a", "b", "fixed", origin='xyz="0 0 0.1"')))
     answer = run("build-tree", "box.urdf", "--level", "1", "--json")
     assert json.loads(answer.out)["leaves"] == 8
     answer = run("build-tree", "box.urdf", "--leaves", "3", "--as", "json", "--json")
     assert [each["spheres"] for each in json.loads(answer.out)["links"]] == [3, 3]
-
-
-def test_the_formats_of_the_command_are_those_of_the_registry() -> None:
-    (kind,) = [each for each in command.params if each.name == "kind"]
-    assert sorted(kind.type.choices) == sorted(FORMATS.names())  # type: ignore[attr-defined]
 
 
 FLAT, LINE = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nf 1 2 3\n", "v 0 0 0\nv .1 0 0\nv .2 0 0\nf 1 2 3\n"
@@ -127,19 +100,6 @@ def test_bad_robots_are_one_line_and_leave_nothing(run: Run, tmp_path: Path, con
     assert message in answer.err and answer.err.count("\n") == 1 and not (tmp_path / "bad.yml").exists()
 
 
-def test_a_robot_is_refused_before_a_mesh_of_it_is_looked_into(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    looked: list[object] = []
-    monkeypatch.setattr("hhsim.robots.link_spheres.with_inside", lambda mesh, **given: looked.append(mesh) or mesh)
-    write_box(tmp_path / "box.obj", (0.1, 0.06, 0.02))
-    (tmp_path / "line.obj").write_text(LINE)
-    links = link("a", MESH.format("box.obj", 1)), link("b", MESH.format("line.obj", 1))
-    (tmp_path / "bad.urdf").write_text(urdf(*links, joint("a", "b")))
-    answer = run("build-tree", "bad.urdf", "--leaves", "2", "--out", "bad.yml")
-    assert answer.code == 2 and "link 'b': its triangles have no area" in answer.err and not looked
-
-
 def write_many(path: Path, strips: int) -> None:
     """Write a strip of two triangles each as binary PLY."""
     x = np.linspace(0.0, 1.0, strips + 1)
@@ -152,27 +112,6 @@ def write_many(path: Path, strips: int) -> None:
     rows = np.zeros(len(faces), [("n", "u1"), ("v", "<i4", 3)])
     rows["n"], rows["v"] = 3, faces
     path.write_bytes(header.encode() + vertices.astype("<f4").tobytes() + rows.tobytes())
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["arm.urdf", "--total", "3"], "3 spheres for 7 links; expected at least one for each (--total)"),
-        (["arm.urdf", "--total", "9", "--leaves", "3"], "--total and --leaves exclude each other"),
-        (["arm.urdf", "--compare"], "--compare is for --from FILE"),
-        (["arm.urdf", "--solid"], "--solid is for mesh files; arm.urdf is a robot"),
-        (["arm.urdf", "--as", "urdf", "--out", "a.yml"], "--out a.yml: expected a file that ends in .urdf (--as urdf)"),
-        (["arm.urdf", "--link", "palm", "--as", "h5"], "arm.urdf: no link 'palm'; it has base, turret"),
-        (["arm.urdf", "--from", "other.yml"], "other.yml: spheres of hull; expected some of base, turret"),
-        (["cube", "--ignore", "default"], "--compare are for a robot, a URDF or MJCF file, and cube is none"),
-        (["arm.urdf", "--out", "arm.urdf"], "arm.urdf is an input of this command"),
-    ],
-)
-def test_options_that_do_not_go_together(run: Run, tmp_path: Path, arguments: list[str], message: str) -> None:
-    write_arm(tmp_path)
-    (tmp_path / "other.yml").write_text("collision_spheres: {hull: [{center: [0, 0, 0], radius: 1.0}]}")
-    answer = run("build-tree", *arguments)
-    assert (answer.code, answer.out) == (2, "") and message in answer.err, answer.err
 
 
 def test_an_mjcf_is_a_robot_with_whatever_joints_it_has(run: Run, tmp_path: Path) -> None:
@@ -194,13 +133,6 @@ def test_an_mjcf_is_a_robot_with_whatever_joints_it_has(run: Run, tmp_path: Path
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "two.xml")).njnt == 3
     refused = run("build-tree", "arm.xml", "--as", "curobo")
     assert refused.code == 2 and "cuRobo reads the joints from a URDF, and arm.xml is none" in refused.err
-
-
-def test_a_link_of_a_robot_that_no_scene_can_have_is_built_by_its_name(run: Run, tmp_path: Path) -> None:
-    write_arm(tmp_path)
-    answer = run("build-tree", "arm.urdf", "--link", "left", "--level", "1", "--out", "left.h5", "--json")
-    assert answer.code == 0, answer.err
-    assert json.loads(answer.out)["object"] == "left"
 
 
 def test_what_only_looks_is_noted_and_taken_on_request(run: Run, tmp_path: Path) -> None:

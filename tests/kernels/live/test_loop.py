@@ -16,8 +16,8 @@ from sphere_scenes import UNTIMED
 from hhsim.kernels.live.deadlines import EARLIEST
 from hhsim.kernels.live.phase import LARGEST_SHIFT
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
-from hhsim.live.devices.registry import PoseConfig
 from hhsim.live.drivers.poses import FixedPose
+from hhsim.live.gloves import PoseConfig
 from hhsim.live.processes import RingReader
 from hhsim.live.session.driver import GloveDriver
 from hhsim.live.session.loop import LiveLoop, loop_options
@@ -102,9 +102,9 @@ def test_ticks_of_compiled_code_are_those_of_a_replay_bit_for_bit(rate: float, i
     # On a machine that is late, the hand of the first sample has closed already.
     assert began_inside[0] or not inside
     assert not began_inside[1:].any()
-    again = HandSolver(loop.setup.hand, loop.setup.seen.tree.arrays(), loop_options(loop.setup.options, rate)).run(
-        *(ticks[f"haptic_{name}"] for name in ("position", "orientation", "flexion", "abduction"))
-    )
+    again = HandSolver(
+        loop.setup.worn[0].model, loop.setup.seen.tree.arrays(), loop_options(loop.setup.options, rate)
+    ).run(*(ticks[f"haptic_{name}"] for name in ("position", "orientation", "flexion", "abduction")))
     for name in UNTIMED:
         np.testing.assert_array_equal(getattr(again, name), ticks[name], err_msg=name)
     assert memory.status["missed"] == sum(memory.status["missed_by"])

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hhsim.errors import InputError
-from hhsim.live.devices.registry import ServedOptions
 from hhsim.live.drivers.calibration import MOST_FILE, GloveCalibration, glove_calibration
 from hhsim.live.drivers.dexmo import CHANNELS
+from hhsim.live.gloves import ServedOptions
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 from hhsim.recordings.dexmo_regression import CHANNELS as OURS
 

@@ -15,28 +15,23 @@ import live_peers
 import numpy as np
 import pytest
 from fake_gloves import FakeDexmo
-from hypothesis import given
-from hypothesis import strategies as st
 from live_peers import PATIENCE, until
 from numpy.typing import NDArray
 from sampled import sampled
 
 from hhsim.live.device import GLOVE_SAMPLE, DeviceError, FingerCommand
-from hhsim.live.devices.registry import configure, open_device
 from hhsim.live.drivers.dexmo import (
     CHANNELS,
     MOST_MALFORMED,
     DexmoGlove,
-    FramingError,
     GloveMessage,
-    WireError,
     decode_frame,
     encode_impedance,
     framed,
-    next_message,
 )
+from hhsim.live.gloves import configure, open_device
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
-from tools.dexmo_server import decode_impedances, encode_frame, fake_channels
+from tools.dexmo_server import encode_frame, fake_channels
 
 RIGHT = 337785601
 DEFAULT = DexmoRegression.default()
@@ -67,38 +62,6 @@ def test_the_bytes_are_those_of_the_published_format() -> None:
     assert encode_impedance(7, [0.0] * 5, [0.0] * 5, kept=False) == framed(free)
     gloves = [whole, GloveMessage(5, channels[::-1], False, 0), GloveMessage(-7), GloveMessage(6, None, True, 3)]
     assert decode_frame(encode_frame(gloves)) == gloves
-
-
-@given(st.binary(max_size=120))
-def test_any_bytes_are_refused_or_read(data: bytes) -> None:
-    for decode in (decode_frame, decode_impedances):
-        try:
-            assert isinstance(decode(data), list)
-        except WireError as error:
-            assert str(error).startswith(f"{len(data)} bytes that are no ")
-
-
-@given(st.lists(st.binary(max_size=40), max_size=12), st.lists(st.integers(1, 60), min_size=1), st.integers(0, 60))
-def test_the_cuts_of_a_stream_do_not_matter(sent: list[bytes], cuts: list[int], missing: int) -> None:
-    whole = b"".join(map(framed, sent))
-    given = whole[: max(0, len(whole) - missing)]
-    waiting, found, at, k = bytearray(), [], 0, 0
-    while at < len(given):
-        waiting += given[at : at + cuts[k % len(cuts)]]
-        at, k = at + cuts[k % len(cuts)], k + 1
-        while (message := next_message(waiting)) is not None:
-            found.append(message)
-    arrived = [payload for i, payload in enumerate(sent) if len(b"".join(map(framed, sent[: i + 1]))) <= len(given)]
-    assert found == arrived and bytes(waiting) == given[sum(4 + len(payload) for payload in arrived) :]
-
-
-@pytest.mark.parametrize("length", [-1, -(2**31), 2**31 - 1, 8193])
-def test_a_length_that_no_message_has_is_refused_at_once_and_again(length: int) -> None:
-    waiting = bytearray(framed(b"good") + struct.pack("<i", length) + b"rest")
-    assert next_message(waiting) == b"good"
-    for _ in range(2):
-        with pytest.raises(FramingError, match=f"a message of {length} bytes: expected 0 to 8192"):
-            next_message(waiting)
 
 
 @pytest.fixture

@@ -41,21 +41,6 @@ def test_a_stroke_turns_the_palm_about_its_own_axis(key: str, axis: tuple[float,
     np.testing.assert_allclose(turned.orientation, product, atol=1e-12)
 
 
-def test_every_key_has_its_opposite_and_home_undoes_everything() -> None:
-    np.testing.assert_allclose(settled("adswfrkiuolj").position, HOME, atol=1e-15)
-    palm = settled("wwwwiiiijjjju")
-    palm.press("h")
-    palm.advance(1e9)
-    np.testing.assert_array_equal(palm.position, HOME)
-    np.testing.assert_array_equal(palm.orientation, UPRIGHT)
-
-
-def test_steps_become_finer_and_coarser_within_bounds() -> None:
-    assert settled("-" * 20).step == STEPS[0]
-    assert settled("+" * 20).step == STEPS[-1]
-    assert settled("=").step == STEPS[3]
-
-
 @pytest.mark.parametrize("key", STOP)
 def test_a_stop_key_ends_and_what_follows_is_not_taken(key: str) -> None:
     palm = PalmKeys(HOME, UPRIGHT)

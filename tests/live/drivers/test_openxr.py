@@ -1,25 +1,21 @@
 """A hand tracked by a headset: joints of our own hand that come back as its angles."""
 
-import os
 import signal
 import socket
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from joint_samples import JointSample, Side, joint_sample
-from live_peers import PATIENCE, Reader, example, free_ports, until_listened_to
+from live_peers import PATIENCE, Bridge, Reader, example, free_ports
 from openxr_peer import Location, hand_datagram
 
-from hhsim.errors import InputError
 from hhsim.live.device import FORCES, FingerCommand, GloveDevice
-from hhsim.live.devices.registry import PoseConfig, configure, open_device
 from hhsim.live.drivers.poses import make_pose_source
+from hhsim.live.gloves import PoseConfig, configure, open_device
 from hhsim.recordings.joint_names import OPENXR_JOINTS
 
 BRIDGE = Path(__file__).resolve().parents[3] / "examples" / "openxr_bridge.py"
@@ -32,39 +28,27 @@ def locations(sample: JointSample, k: int) -> list[Location]:
     return [Location((0.0, 0.6, 0.0, 0.8), point, radius) for point, radius in zip(points, sample.radius)]
 
 
-class Headset:
-    """A bridge in the same process."""
+class Headset(Bridge):
+    """A bridge that sends the joints of a hand."""
 
-    def __init__(self) -> None:
-        self.port = free_ports(socket.SOCK_DGRAM)
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.session = int.from_bytes(os.urandom(4), "little")
-        self.seq = 0
+    seq = 0
 
-    def send(self, joints: list[Location]) -> None:
-        self.socket.sendto(hand_datagram(joints, self.session, self.seq, 1000 * self.seq), ("127.0.0.1", self.port))
+    def joints(self, joints: list[Location]) -> bytes:
         self.seq += 1
+        return hand_datagram(joints, 5, self.seq - 1, 1000 * (self.seq - 1))
 
-    def send_when_heard(self, joints: list[Location]) -> None:
-        """Send once somebody has the port: a datagram before that is lost."""
-        until_listened_to(self.port)
-        self.send(joints)
+    def send_joints(self, joints: list[Location]) -> None:
+        self.send_bytes(self.joints(joints))
 
 
 @contextmanager
-def opened(
-    sample: JointSample, side: Side, device: str = "openxr", **settings: Any
-) -> Iterator[tuple[GloveDevice, Headset]]:
+def opened(sample: JointSample, side: Side) -> Iterator[tuple[GloveDevice, Headset]]:
     """A device that has heard row 0 of a motion, and its headset."""
     headset = Headset()
     with (
         closing(headset.socket),
-        closing(open_device(configure(device, hand=side, port=headset.port, **settings))) as glove,
+        headset.opened(open_device(headset.config("openxr", hand=side)), headset.joints(locations(sample, 0))) as glove,
     ):
-        speaker = threading.Thread(target=headset.send_when_heard, args=[locations(sample, 0)], daemon=True)
-        speaker.start()
-        glove.open(PATIENCE)
-        speaker.join()
         yield glove, headset
 
 
@@ -73,7 +57,7 @@ def test_our_own_hand_comes_back(side: Side) -> None:
     sample = joint_sample(side)
     with opened(sample, side) as (glove, headset):
         for k in range(1, 30):
-            headset.send(locations(sample, k))
+            headset.send_joints(locations(sample, k))
         reader = Reader(glove)
         reader.until(lambda: reader.count() >= 30)
         samples = reader.samples
@@ -106,7 +90,7 @@ def test_joints_of_no_hand_are_recorded_and_not_used() -> None:
         nowhere = [joint._replace(position=[0.0] * 3) for joint in good]
         huge = [joint._replace(position=[3e38, -3e38, 3e38]) for joint in good]
         for joints in (hidden, unused, millimetres, nowhere, huge, good):
-            headset.send(joints)
+            headset.send_joints(joints)
         reader.until(lambda: reader.count() >= 7)
         samples = reader.samples[1:]
         # The palm joint and the metacarpals of the fingers are not needed.
@@ -130,7 +114,7 @@ def test_the_palm_begins_where_it_is_told_to_and_moves_as_the_hand_does() -> Non
             moved = sample.motion.position[k - 1] - sample.motion.position[0]
             np.testing.assert_allclose(position, [0.1, 0.2, 0.3] + moved, atol=2e-6)
             assert np.linalg.norm(orientation) == pytest.approx(1.0)
-            headset.send(locations(sample, k))
+            headset.send_joints(locations(sample, k))
 
 
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
@@ -163,8 +147,3 @@ def test_the_example_bridge_sends_a_hand_and_shakes_fingers(stop: signal.Signals
         bridge.send_signal(stop)
         assert bridge.wait(PATIENCE) == 0
         assert bridge.stdout.read().split()[-5:] == ["0.00"] * 5, "it lets go when it is stopped"
-
-
-def test_a_glove_that_knows_no_palm_is_told_so() -> None:
-    with pytest.raises(InputError, match="this glove does not say where the palm is; expected openxr"):
-        make_pose_source(PoseConfig("glove"), None, open_device(configure("udp")))

@@ -4,25 +4,22 @@ import re
 import signal
 import socket
 import struct
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from live_peers import PATIENCE, Reader, example, free_ports
+from live_peers import PATIENCE, Bridge, Reader, example, free_ports
 
-from hhsim.errors import InputError
 from hhsim.live.device import FORCES, DeviceError, FingerCommand
-from hhsim.live.devices.registry import GloveConfig, PoseConfig, configure, open_device
 from hhsim.live.drivers.poses import make_pose_source
 from hhsim.live.drivers.udp import UdpGlove
+from hhsim.live.gloves import GloveConfig, PoseConfig, configure, open_device
 from hhsim.live.open_packet import COUNT, HEADER, Kind, PacketError, PacketOrder, UdpPort, decode_packet, encode_packet
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 
@@ -143,41 +140,6 @@ def test_who_sends_nothing_of_use_is_looked_at_32_times() -> None:
         assert len(list(port.arrived())) == 4
 
 
-class Bridge:
-    """A bridge in the same process: a test sends what it wants."""
-
-    def __init__(self) -> None:
-        self.port = free_ports(socket.SOCK_DGRAM)
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.bind(("127.0.0.1", self.port + 1))
-        self.socket.settimeout(PATIENCE)
-        self.session = 1
-
-    def send(self, kind: Kind, values: object, seq: int, **other: int) -> None:
-        fields = {"session": self.session, "t_ns": 1000 * seq, **other}
-        self.socket.sendto(encode_packet(kind, np.asarray(values), seq=seq, **fields), ("127.0.0.1", self.port))
-
-    @contextmanager
-    def sending(self, kind: Kind, values: object, **other: int) -> Iterator[None]:
-        """Its packet 0 again and again, from a thread."""
-        heard = threading.Event()
-
-        def send() -> None:
-            while not heard.wait(0.005):
-                self.send(kind, values, 0, **other)
-
-        sender = threading.Thread(target=send)
-        sender.start()
-        try:
-            yield
-        finally:
-            heard.set()
-            sender.join()
-
-    def config(self) -> GloveConfig:
-        return configure("udp", port=self.port)
-
-
 @pytest.fixture
 def bridge() -> Iterator[Bridge]:
     made = Bridge()
@@ -188,10 +150,7 @@ def bridge() -> Iterator[Bridge]:
 @contextmanager
 def opened(bridge: Bridge, kind: Kind, values: object, config: GloveConfig | None = None) -> Iterator[UdpGlove]:
     """A device to which a bridge sends its packet 0 until it hears it; nothing is read yet."""
-    device = UdpGlove(config or bridge.config())
-    with bridge.sending(kind, values):
-        device.open(PATIENCE)
-    with closing(device):
+    with bridge.opened(UdpGlove(config or bridge.config()), bridge.packet(kind, values, 0)) as device:
         yield device
 
 
@@ -296,19 +255,6 @@ def test_a_glove_of_forces_is_told_newtons_byte_by_byte(bridge: Bridge) -> None:
         watchdog.close()
 
 
-@pytest.mark.parametrize(
-    ("settings", "said"),
-    [
-        ({"takes": "volts"}, "'volts'; expected limits or forces"),
-        ({"most_force": 0.0}, "force 0 N"),
-        ({"most_force": float("nan")}, "force nan N"),
-    ],
-)
-def test_what_no_glove_takes_is_refused(settings: dict[str, Any], said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        open_device(configure("udp", **settings))
-
-
 def test_a_bridge_that_is_not_there_is_said_so(bridge: Bridge) -> None:
     device = UdpGlove(bridge.config())
     with pytest.raises(DeviceError, match="is the bridge running"):
@@ -348,20 +294,6 @@ def test_a_bridge_is_back_with_a_sample_and_not_with_what_is_none(bridge: Bridge
         bridge.send(Kind.BENDS, np.zeros(5), 1)
         assert device.reconnect()
         assert len(reader.read()) == 1
-
-
-@pytest.mark.parametrize(
-    ("data", "said"),
-    [
-        (b"XXXX\x01\x01\x05\0" + bytes(44), "'XXXX', version 1"),
-        (b"HHGL\x02\x01\x05\0" + bytes(44), "'HHGL', version 2"),
-        (b"HHGL\x01\x03\x07\0" + bytes(52), "kind 3 with 7 numbers"),
-        (b"HHGL\x01\x09\x14\0" + bytes(104), "kind 9"),
-    ],
-)
-def test_bytes_that_are_no_packet_are_refused(data: bytes, said: str) -> None:
-    with pytest.raises(PacketError, match=said):
-        decode_packet(data)
 
 
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])

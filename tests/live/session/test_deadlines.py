@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from live_scripted import WAKING_NS, Deadlines, FakeClock
+from live_scripted import Deadlines, FakeClock
 
 from hhsim.kernels.live.deadlines import EARLIEST, NOTHING
 
@@ -29,16 +29,6 @@ def test_work_that_ends_in_the_next_period_is_followed_at_once(past: int) -> Non
     assert (at.tick, at.missed, at.at_once, clock.slept[-1]) == (2, 0, 0, 3 * PERIOD)
 
 
-@pytest.mark.parametrize("past", [PERIOD // 2 + 1, PERIOD - 1])
-def test_work_that_ends_late_in_the_next_period_misses_it(past: int) -> None:
-    clock, deadlines = started()
-    deadlines.wait()
-    clock.work(PERIOD + past)
-    deadlines.wait()
-    assert (deadlines.at.tick, deadlines.at.missed, deadlines.at.at_once) == (2, 1, 0)
-    assert clock.slept[-1] == 3 * PERIOD, "it sleeps after a miss"
-
-
 def test_a_loop_that_is_too_slow_pauses_after_every_second_tick() -> None:
     clock, deadlines = started()
     at_once, slept = [], []
@@ -51,18 +41,6 @@ def test_a_loop_that_is_too_slow_pauses_after_every_second_tick() -> None:
     assert at_once == [0, 1] * 10
     assert slept == [1, 0] * 10
     assert deadlines.at.missed_total == 9, "every third period, before a tick that was slept for"
-
-
-def test_a_loop_that_is_woken_periods_late_goes_on_in_the_period_it_is_in() -> None:
-    clock, deadlines = started()
-    deadlines.wait()
-    clock.oversleep = [5 * PERIOD + 300_000]
-    deadlines.wait()
-    assert (deadlines.at.tick, deadlines.at.missed, deadlines.at.missed_total) == (6, 5, 5)
-    assert (deadlines.at.wakeup_ns, deadlines.at.late_ns) == (300_000, 5 * PERIOD + 300_000)
-    assert deadlines.at.woke_ns == deadlines.at.deadline_ns + deadlines.at.wakeup_ns
-    deadlines.wait()
-    assert (deadlines.at.tick, deadlines.at.missed, deadlines.at.wakeup_ns) == (7, 0, 0)
 
 
 def test_a_signal_does_not_end_the_sleep_early() -> None:
@@ -84,20 +62,6 @@ def wait_for(clock: FakeClock, deadlines: Deadlines, came: int) -> Deadlines:
     deadlines.wait(lambda: came if clock.now() >= came else NOTHING)
     clock.alarms.clear()
     return deadlines
-
-
-@pytest.mark.parametrize(
-    ("before", "early"),
-    [(1, 0), (WAKING_NS + 1, WAKING_NS + 1), (600_000, 600_000), (750_000, 750_000), (900_000, 750_000)],
-)
-def test_what_comes_before_a_deadline_makes_the_tick_due(before: int, early: int) -> None:
-    clock, deadlines = started()
-    at = wait_for(clock, deadlines, PERIOD - before).at
-    assert (at.tick, at.missed, at.at_once, at.deadline_ns, at.early_ns) == (0, 0, 0, PERIOD, early)
-    assert clock.now() == at.woke_ns == PERIOD - early + at.wakeup_ns
-    assert at.wakeup_ns == at.late_ns
-    deadlines.wait()
-    assert (at.tick, at.deadline_ns, at.early_ns, at.woke_ns) == (1, 2 * PERIOD, 0, 2 * PERIOD), "the others stay"
 
 
 @given(

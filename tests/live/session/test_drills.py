@@ -20,6 +20,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,20 @@ JUST_BEFORE = 1_000_000_000
 """A finger is held so shortly before a fault [ns]."""
 ENOUGH = 150
 """Ticks that are recorded before the recorder meets its fault."""
+HANGS = "hangs"
+HANGING = """
+import os, time
+from hhsim.live.drivers.dexmo import DexmoGlove
+read = DexmoGlove.read
+def hang(self, samples_out):
+    while os.path.exists({flag!r}):
+        if os.path.getsize({flag!r}):
+            raise RuntimeError("on purpose")
+        time.sleep(0.01)
+    return read(self, samples_out)
+DexmoGlove.read = hang
+"""
+"""Has a driver's thread hang as long as a file is there, and fail where it is not empty."""
 HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
 
 
@@ -75,8 +90,11 @@ def drills(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Renewed[Drill]]
     @contextmanager
     def session() -> Iterator[Drill]:
         folder = tmp_path_factory.mktemp("drill")
-        with dexmo(folder / "commands.log") as server, Drill(server, folder / "session.h5") as held:
-            yield held
+        (folder / "sitecustomize.py").write_text(HANGING.format(flag=str(folder / HANGS)))
+        with pytest.MonkeyPatch.context() as patch, dexmo(folder / "commands.log") as server:
+            patch.setenv("PYTHONPATH", str(folder), prepend=os.pathsep)
+            with Drill(server, folder / "session.h5") as held:
+                yield held
 
     with Renewed(session, lambda drill: drill.sound) as shared:
         yield shared
@@ -115,9 +133,15 @@ def assert_ramp(drill: Drill, since: int) -> None:
 
 
 def pid_of(drill: Drill, process: str) -> int:
-    pid = drill.drivers()[0] if process == DRIVER else drill.session.pid(process)
+    pid = drill.session.pid(process)
     assert pid is not None
     return pid
+
+
+def flag_of(drill: Drill) -> Path:
+    """The file at which the driver hangs."""
+    assert drill.session.setup.record is not None
+    return drill.session.setup.record.parent / HANGS
 
 
 @dataclass(frozen=True)
@@ -183,7 +207,7 @@ def test_peer_dies_and_comes_back(drill: Drill) -> None:
 
 @dataclass(frozen=True)
 class Loss:
-    """A process that gets a signal while a finger is held, the bit of the status, and a word in the log."""
+    """A process that gets a signal while a finger is held, or a driver that hangs; the bit, and a word in the log."""
 
     process: str
     number: signal.Signals
@@ -203,12 +227,16 @@ LOSSES = (
 @pytest.mark.parametrize("loss", LOSSES, ids=lambda loss: f"{loss.process} {loss.number.name}")
 def test_a_process_is_lost_and_the_session_goes_on(drill: Drill, loss: Loss) -> None:
     drill.grasp()
-    pid, watchdog = pid_of(drill, loss.process), drill.session.pid(WATCHDOG)
-    assert watchdog is not None
+    watchdog = pid_of(drill, WATCHDOG)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         # No signal ends the watchdog before the loop has ended.
         os.kill(watchdog, number)
-    lost = drill.kill_pid(pid, loss.number)
+    if loss.process == DRIVER:
+        lost, mend = drill.fault(flag_of(drill).touch), flag_of(drill).unlink
+    else:
+        pid = pid_of(drill, loss.process)
+        assert Path(f"/proc/{pid}/comm").read_text() == f"hhsim-{loss.process}\n"
+        lost, mend = drill.kill_pid(pid, loss.number), partial(os.kill, pid, signal.SIGCONT)
     try:
         if loss.process == RECORDER:
             drill.still_holds()
@@ -232,7 +260,7 @@ def test_a_process_is_lost_and_the_session_goes_on(drill: Drill, loss: Loss) -> 
     finally:
         going = time.monotonic_ns()
         if loss.number == STOP:
-            os.kill(pid, signal.SIGCONT)
+            mend()
     if loss.process == WATCHDOG:
         drill.until_held()
     else:
@@ -261,9 +289,8 @@ def test_disk_full(drill: Drill) -> None:
     assert not result.complete and result.ticks > ENOUGH
 
 
-@pytest.mark.parametrize("process", sampled([LOOP, DRIVER], lambda _, process: process == LOOP))
 @pytest.mark.soak
-def test_a_process_is_killed_that_ends_the_session(glove: FakeDexmo, tmp_path: Path, process: str) -> None:
+def test_a_process_is_killed_that_ends_the_session(glove: FakeDexmo, tmp_path: Path) -> None:
     with Drill(glove, tmp_path / "session.h5") as drill:
         drill.grasp()
         drill.until(lambda: int(drill.session.memory.status["recorder_ticks"]) > ENOUGH, "recorded ticks")
@@ -273,7 +300,7 @@ def test_a_process_is_killed_that_ends_the_session(glove: FakeDexmo, tmp_path: P
         drill.until(lambda: any("the recorder was ended by SIGKILL" in text for text in drill.log), "word of its end")
         drill.grasp()
         loop = drill.loop_client()
-        killed = drill.kill_pid(pid_of(drill, process))
+        killed = drill.kill(LOOP)
         drill.let_it_end(killed)
         commands = drill.commands()
     assert_free_in_time(commands, killed)
@@ -282,15 +309,15 @@ def test_a_process_is_killed_that_ends_the_session(glove: FakeDexmo, tmp_path: P
     assert len(freed) >= 2 and not stiff(freed).any() and not stiff(commands[-1:]).any()
     assert_in_time(freed["time_ns"].min() - killed.since, killed.allowed)
     outcome = drill.session.end()
-    assert f"{process} was ended by SIGKILL" in outcome.loop_failed and "SIGKILL" in outcome.record_failed
+    assert "loop was ended by SIGKILL" in outcome.loop_failed and "SIGKILL" in outcome.record_failed
     assert outcome.watchdog_releases >= 2
     result = load_result(tmp_path / "session.h5")
     assert not result.complete and result.ticks > ENOUGH and np.isfinite(result["graphic/position"]).all()
 
 
 @pytest.mark.parametrize("number", [KILL, STOP], ids=lambda number: number.name)
-@pytest.mark.parametrize("process", [LOOP, DRIVER, WATCHDOG, RECORDER])
-@pytest.mark.quick("driver-SIGSTOP")
+@pytest.mark.parametrize("process", [LOOP, WATCHDOG, RECORDER])
+@pytest.mark.quick("loop-SIGSTOP")
 def test_a_process_is_lost_while_the_session_ends(
     glove: FakeDexmo, tmp_path: Path, process: str, number: signal.Signals
 ) -> None:
@@ -318,13 +345,13 @@ def test_a_process_is_lost_while_the_session_ends(
 
 
 @pytest.mark.parametrize("number", [KILL, STOP], ids=lambda number: number.name)
-@pytest.mark.parametrize("process", [LOOP, DRIVER, WATCHDOG])
+@pytest.mark.parametrize("process", [LOOP, WATCHDOG])
 @pytest.mark.soak
 def test_a_process_is_lost_while_the_session_begins(glove: FakeDexmo, process: str, number: signal.Signals) -> None:
     """Nobody is told to hold a finger then, and the session ends, or goes on when the process does."""
     with Drill(glove) as drill:
         session, limit = drill.session, time.monotonic() + PATIENCE
-        while session.pid(LOOP) is None or not drill.drivers() or session.stage != Stage.STARTING:
+        while session.pid(process) is None or session.stage != Stage.STARTING:
             assert time.monotonic() < limit
             time.sleep(0.002)
         pid = pid_of(drill, process)
@@ -340,6 +367,15 @@ def test_a_process_is_lost_while_the_session_begins(glove: FakeDexmo, process: s
                 assert time.monotonic() < limit
                 time.sleep(0.01)
             assert not stiff(drill.commands()).any() and session.end().loop_failed
+
+
+def test_a_driver_that_fails_ends_the_session(drill: Drill) -> None:
+    drill.grasp()
+    failed = drill.fault(lambda: flag_of(drill).write_text("now"))
+    drill.let_it_end(failed)
+    flag_of(drill).unlink()
+    assert_free_in_time(drill.commands(), failed)
+    assert "the glove's driver failed: RuntimeError: on purpose" in drill.session.end().loop_failed
 
 
 def test_a_session_ends_with_free_fingers(drill: Drill) -> None:

@@ -24,7 +24,7 @@ from renewed import Renewed
 from sampled import sampled
 
 from hhsim.hand.model import HandModel
-from hhsim.live.devices.registry import configure
+from hhsim.live.gloves import configure
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 
 pytestmark = [pytest.mark.slow, keeps_time]
@@ -135,7 +135,8 @@ def worn(kind: str) -> Iterator[Worn]:
     held = Worn(peer)
     peer.start()
     try:
-        with held.begun(replace(grasping_setup(1, None), device=device)):
+        setup = grasping_setup(1, None)
+        with held.begun(replace(setup, worn=(replace(setup.worn[0], device=device),))):
             held.until(lambda: peer.feels, "word of a force")
             yield held
     finally:

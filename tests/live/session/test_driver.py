@@ -1,16 +1,12 @@
 """The driver between a glove and the records of a session."""
 
-import json
-from dataclasses import asdict
 from typing import Any
 
-import numpy as np
 from live_scripted import FIST, FakeClock, Moment, ScriptedGlove
 
-from hhsim.live.device import FORCES, GloveInfo, PalmReading
-from hhsim.live.devices.registry import PoseConfig
-from hhsim.live.drivers.poses import FixedPose, make_pose_source
-from hhsim.live.session.driver import GloveDriver, glove_info
+from hhsim.live.drivers.poses import FixedPose
+from hhsim.live.gloves import PoseConfig
+from hhsim.live.session.driver import GloveDriver
 from hhsim.live.session.memory import SessionMemory
 
 OLDEST = 20_000_000
@@ -30,11 +26,6 @@ def command(status: Any, stiffness: float, now: int) -> None:
     status["command_stiffness"] = stiffness
     status["command_force"] = 10.0 * stiffness
     status["command_version"][0] += 2
-
-
-def test_what_a_glove_is_comes_through_the_facts_as_it_was() -> None:
-    info = GloveInfo("a glove", ("a", "b"), FORCES, "left", "rad", ("b spans 3 counts",), (1, 4), True)
-    assert glove_info(json.loads(json.dumps(asdict(info) | {"pose": "fixed"}))) == info
 
 
 def test_the_newest_command_is_sent_once() -> None:
@@ -69,32 +60,3 @@ def test_a_command_of_a_loop_that_stands_still_holds_nothing() -> None:
     driver.give()
     assert [sent.stiffness.max() for sent in glove.commands] == [0.3, 0.0]
     assert [sent.force.max() for sent in glove.commands] == [3.0, 0.0]
-
-
-def test_a_sample_is_in_its_ring_with_the_time_at_which_it_was_read() -> None:
-    driver, _, clock, status = opened()
-    driver.take()
-    driver.take()
-    ring = driver.memory.samples
-    assert ring.written == 1, "the first look is that of a glove without a moment"
-    assert ring.records["time_ns"][0] == clock.now()
-    np.testing.assert_array_equal(ring.records["flexion"][0], np.full((5, 3), FIST))
-    assert status["palm_version"][0] == 4
-    assert status["palm_orientation"].tolist() == [1.0, 0.0, 0.0, 0.0]
-
-
-def test_the_palm_of_a_glove_that_knows_it_is_in_the_status_with_its_sample() -> None:
-    clock, memory = FakeClock(), SessionMemory.create()
-    glove = ScriptedGlove(clock, [Moment(FIST)])
-    glove.palm = palm = PalmReading()
-    pose = make_pose_source(PoseConfig("glove", position=(0.1, 0.2, 0.3)), memory.status, glove)
-    driver, status = GloveDriver(memory, glove, pose, now=clock.now), memory.status
-    driver.open()
-    driver.take()
-    assert status["palm_version"][0] == 0, "nothing is known of it yet"
-    for height in (1.0, 1.5):
-        palm.came_ns, palm.position[2] = clock.now(), height
-        driver.take()
-        np.testing.assert_allclose(status["palm_position"], [0.1, 0.2, height - 0.7])
-        assert status["palm_ns"] == palm.came_ns
-    assert status["palm_version"][0] == 4

@@ -10,7 +10,7 @@ from sphere_scenes import bumpy_ball
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.live.phase import LARGEST_SHIFT
-from hhsim.live.devices.registry import PoseConfig, configure
+from hhsim.live.gloves import PoseConfig, configure
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.session.scene import make_live_scene
 from hhsim.live.session.settings import LiveSetup
@@ -40,15 +40,11 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Ran:
         parse_script(SCRIPT, name="short", where="short"),
     )
     setup = LiveSetup(
-        scene=scene.scene,
-        hand=hand,
+        **scene._asdict(),
         options=make_setup(None).options,
-        device=scene.device,
-        pose=scene.pose,
         duration=0.001 * TICKS,
         real_time=RealTimeWishes(punctual=False, lock_memory=False, cpu=-1),
         record=path,
-        description=scene.description,
     )
     with Supervisor(setup) as supervisor:
         while supervisor.poll():

@@ -1,6 +1,5 @@
 """A session with a free object: its ticks are a replay's, its world waits out a stall, and its file holds all of it."""
 
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -11,16 +10,13 @@ import h5py
 import numpy as np
 import pytest
 from conftest import Run
-from live_rings import ended, pour
 from live_scripted import CLOSING, FIST, FREE, Moment, ScriptedSession
-from numpy.lib import recfunctions as rfn
 
 from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.live.session.loop import loop_options
-from hhsim.live.session.memory import SessionMemory
-from hhsim.live.session.recorder import Recorder, SessionColumns
+from hhsim.live.session.recorder import SessionColumns
 from hhsim.metrics.run.registry import tick_figures
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.replay.repeat import run_again
@@ -60,7 +56,7 @@ class Session(ScriptedSession):
         """The same ticks in one block, as a replay runs them."""
         setup = self.setup
         options = loop_options(setup.options, setup.rate)
-        solver = HandSolver(setup.hand, setup.seen.surface("mesh"), options, setup.seen.free)
+        solver = HandSolver(setup.worn[0].model, setup.seen.surface("mesh"), options, setup.seen.free)
         haptic = (self.ticks[f"haptic_{name}"] for name in ("position", "orientation", "flexion", "abduction"))
         return solver.run(*haptic), solver.object_ticks
 
@@ -70,19 +66,9 @@ def session() -> Session:
     return Session()
 
 
-def recorded(session: Session, path: Path) -> Result:
-    """The file of a session."""
-    memory = SessionMemory.create(bodies=1)
-    for ring in (memory.ticks, memory.bodies):
-        pour(ring, rfn.repack_fields(session.ticks[list(ring.records.dtype.names)], align=True))
-    ended(memory, os.getpid())
-    Recorder(replace(session.setup, record=path), memory).run()
-    return load_result(path)
-
-
 @pytest.fixture(scope="module")
 def result(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Result:
-    return recorded(session, tmp_path_factory.mktemp("session") / "session.h5")
+    return session.recorded(tmp_path_factory.mktemp("session") / "session.h5")
 
 
 @pytest.mark.parametrize("inside", [False, True])
@@ -165,7 +151,7 @@ def test_columns_are_the_same_bytes_however_many_ticks_come_at_a_time(session: S
 
 
 def test_the_referee_judges_no_motion_across_lost_ticks(session: Session, tmp_path: Path) -> None:
-    result = recorded(session, tmp_path / "session.h5")
+    result = session.recorded(tmp_path / "session.h5")
     assert not [claim for claim in free_claims(result) if claim.failed]
     path = tmp_path / "lossy.h5"
     path.write_bytes(result.path.read_bytes())

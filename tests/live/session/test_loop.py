@@ -14,8 +14,8 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.live.phase import LARGEST_SHIFT
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.live.device import FORCES, LIMITS, DeviceError
-from hhsim.live.devices.registry import PoseConfig
 from hhsim.live.drivers.poses import FixedPose, PoseSource
+from hhsim.live.gloves import PoseConfig
 from hhsim.live.processes import RingReader
 from hhsim.live.session.settings import SafetyLimits
 from hhsim.live.session.status import Stage

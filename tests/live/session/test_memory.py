@@ -2,14 +2,12 @@
 
 import subprocess
 import sys
-from dataclasses import replace
 
 import pytest
 from live_scripted import make_setup
 
 from hhsim.errors import HhsimError, InputError
-from hhsim.live.devices.registry import configure
-from hhsim.live.real_time import RealTimeWishes
+from hhsim.live.gloves import configure
 from hhsim.live.session.memory import FACT_BYTES, SessionMemory
 from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits
 
@@ -19,7 +17,7 @@ from hhsim.live.session.memory import TickReader
 setup, memory = session_process("child")
 first, (ticks,) = TickReader(memory).read_hands(10)
 heartbeat, bodies = int(memory.status["heartbeat_ns"]), ticks["turn"].shape[1]
-print(first, ticks["tick"].tolist(), heartbeat, memory.facts.read(), setup.rate, setup.device.kind, bodies)
+print(first, ticks["tick"].tolist(), heartbeat, memory.facts.read(), setup.rate, setup.worn[0].device.kind, bodies)
 memory.status["recorder_ticks"] = 77
 """
 
@@ -82,16 +80,9 @@ def test_facts_are_replaced_whole_and_bounded() -> None:
         (OutputLimits, {"ramp": -1.0}, "ramp = -1.0; .* from 0 on"),
         (SafetyLimits, {"stale": 0.0}, "stale = 0.0; .* above 0"),
         (SafetyLimits, {"overruns": 0}, "overruns = 0; .* from 1"),
-        (RealTimeWishes, {"priority": 99}, "1 to 98"),
-        (RealTimeWishes, {"cpu": -2}, "processor"),
+        (SafetyLimits, {"after_stall": "pray"}, "after_stall: unknown after_stall 'pray': known: ease, hold, release"),
     ],
 )
 def test_limits_that_are_none_are_refused(kind: type, wrong: dict[str, object], word: str) -> None:
     with pytest.raises(InputError, match=word):
         kind(**wrong)
-
-
-@pytest.mark.parametrize("wrong", [{"rate": 5.0}, {"rate": float("nan")}, {"duration": 0.0}])
-def test_a_session_without_a_rate_or_an_end_is_refused(setup: LiveSetup, wrong: dict[str, float]) -> None:
-    with pytest.raises(InputError):
-        replace(setup, **wrong)  # type: ignore[arg-type]

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hhsim.arrays import FloatArray
 from hhsim.kernels.live.notes import CAPACITY, NOTES
-from hhsim.kernels.live.plausibility import BURST, CONFIRM, JOINT_SPEED, PAUSE, STUCK_TIME, TRUST, use_sample
+from hhsim.kernels.live.plausibility import BURST, JOINT_SPEED, PAUSE, STUCK_TIME, TRUST, use_sample
 from hhsim.live.device import GLOVE_SAMPLE, GloveInfo
 from hhsim.live.session.loop import watch_record
 from hhsim.live.session.story import doubts, found_in_sample
@@ -100,17 +100,6 @@ def test_a_jump_that_stays_is_followed_at_the_speed_of_a_joint() -> None:
     assert steps_until_trusted(run, 2, bent(2, np.pi / 2)) == TRUSTED_STEPS - 19
     text = "middle finger stays where it jumped to, and is followed: kept free until it was plausible for 1 s"
     assert run.texts[1:] == [text]
-
-
-def test_a_sensor_that_jumps_about_is_never_followed_and_the_others_are() -> None:
-    run = Run()
-    run.step(0.1)
-    for k in range(400):
-        flexion = bent(4, (1.0, 2.0, 3.0)[k // 2 % 3], rest=0.1 + 1e-3 * (k % 9))
-        run.step(flexion)
-        assert run.flexion[4, 0] == 0.1 and np.array_equal(run.flexion[:4], flexion[:4])
-        assert run.watch.free.tolist() == [False] * 4 + [True]
-    assert len(run.texts) < 10, "told, but not four hundred times"
 
 
 @pytest.mark.parametrize("hold", [1, 2, 4, 20, 60])
@@ -215,13 +204,6 @@ def test_a_hand_at_rest_and_a_finger_that_moves_alone_are_not_stuck() -> None:
         assert run.texts == []
 
 
-def test_a_recording_may_rest_to_the_last_bit() -> None:
-    run = Run(GloveInfo("a recording", (), noiseless=True))
-    for k in range(1000):
-        run.step(moving(k, still=(1, 2, 3)))
-    assert run.texts == []
-
-
 def test_a_useless_channel_is_told_and_its_finger_always_free() -> None:
     run = Run(GloveInfo("a glove", (), doubtful=("pinky_bend spans 37 counts",), kept_free=(4,)))
     assert run.texts == [
@@ -231,8 +213,3 @@ def test_a_useless_channel_is_told_and_its_finger_always_free() -> None:
     for _ in range(5):
         run.step(0.1)
         assert run.watch.free.tolist() == [False] * 4 + [True]
-
-
-def test_the_stated_limits_hold_together() -> None:
-    assert np.pi / 2 > JOINT_SPEED * (BURST + 1e-9 * STEP), "90° within a sample of a 200 Hz glove is a jump"
-    assert CONFIRM < 0.025, "a jump is settled before the input is stale"

@@ -156,17 +156,6 @@ def test_a_fault_counts_as_one_at_the_end_if_it_was_then(make: Make, at: int, fa
     assert session.end().fault_at_end == fault
 
 
-@pytest.mark.soak
-def test_an_error_of_the_caller_ends_everything_in_order(make: Make, marks: Path) -> None:
-    session = make()
-    with pytest.raises(ZeroDivisionError), session:
-        run(session, lambda: running(session))
-        raise ZeroDivisionError
-    assert marks.read_text().split()[0] == "loop"
-    assert session.end().reason == "an error"
-    assert all(session.pid(name) is None for name in (LOOP, WATCHDOG, RECORDER))
-
-
 def test_a_glove_that_is_not_there_is_told_as_the_loop_told_it(make: Make) -> None:
     session = make(loop=NO_GLOVE)
     with session:
@@ -221,15 +210,6 @@ def test_a_session_that_has_not_begun_ends_with_the_kernel_that_is_compiled(make
     session = make(loop=COMPILING_LOOP)
     with session:
         run(session, lambda: marks.exists() and "compiling" in marks.read_text())
-        session.request_stop("a key")
-    assert notices(session, WARNING) == "" and session.end().loop_failed == ""
-    session.check()
-
-
-@pytest.mark.soak
-def test_a_session_that_ends_before_its_loop_has_loaded_has_not_failed(make: Make) -> None:
-    session = make(loop="time.sleep(1000)")
-    with session:
         session.request_stop("a key")
     assert notices(session, WARNING) == "" and session.end().loop_failed == ""
     session.check()

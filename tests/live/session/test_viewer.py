@@ -20,7 +20,7 @@ from short_grasp import short_grasp, short_scene
 
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_TOUCHING
-from hhsim.live.devices.registry import configure
+from hhsim.live.gloves import configure
 from hhsim.live.processes import RingReader
 from hhsim.live.session.memory import LIVE_TICK, SessionMemory
 from hhsim.live.session.recorder import SessionWriter
@@ -104,7 +104,7 @@ def test_frames_are_the_newest_ticks_and_their_plots_the_worst_since(
     np.testing.assert_allclose(recording.times("/world/graphic/palm"), 1e-3 * np.array(newest), atol=1e-9)
     for whose, prefix in (("graphic", ""), ("haptic", "haptic_")):
         names = ("position", "orientation", "flexion", "abduction")
-        poses = piece_poses(setup.hand, *(records[f"{prefix}{name}"][newest] for name in names))
+        poses = piece_poses(setup.worn[0].model, *(records[f"{prefix}{name}"][newest] for name in names))
         index = recording.array(f"/world/{whose}/index/distal", "Transform3D:translation")[:, 0]
         np.testing.assert_allclose(index, poses.translation[:, 5], atol=1e-7)
     points = recording.rows("/world/contacts/points", "Points3D:positions")
@@ -132,9 +132,8 @@ def test_a_recorded_session_shows_the_same_later(
     memory.log(WARNING, "no fresh input", time_ns=7_020_000_000)
     facts = {"device": {"name": "glove", "channels": ["bend"]}}
     with SessionWriter(tmp_path / "session.h5", setup, setup.options, facts) as writer:
-        writer.take("ticks", 0, records)
-        writer.take("events", 0, RingReader(memory.events).read(10)[1])
-        writer.write(memory.status["counters"])
+        taken = {"ticks": (0, records), "events": RingReader(memory.events).read(10)}
+        writer.write([taken], memory.status["counters"])
     path = tmp_path / "session.rrd"
     view_result(load_result(tmp_path / "session.h5"), parse_target(str(path)))
     recording = Recording(path)
@@ -209,11 +208,3 @@ def test_a_viewer_that_stalls_is_given_up(
         assert process.stderr is not None
         assert process.stderr.read().splitlines()[-1] == "hhsim: the viewer has taken nothing for 2 s"
         process.stderr.close()
-
-
-@pytest.mark.soak
-def test_no_viewer_is_told(played: tuple[LiveSetup, Records], memory: SessionMemory) -> None:
-    words, descriptors = command(shown(played[0], "connect=127.0.0.1:1"), memory)
-    answer = subprocess.run(words, pass_fds=descriptors, capture_output=True, text=True)
-    assert answer.returncode == 2
-    assert answer.stderr.startswith("hhsim: no viewer listens at")

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from live_scripted import make_setup
 
-from hhsim.live.devices.registry import GLOVES, GloveConfig, configure
+from hhsim.live.gloves import GLOVES, GloveConfig, configure
 from hhsim.live.processes import write_setup
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.session.memory import SessionMemory
@@ -28,8 +28,8 @@ from hhsim.live.processes import write_setup
 from hhsim.live.session.memory import SessionMemory
 memory = SessionMemory.create()
 whole = make_setup(real_time=RealTimeWishes(lock_memory=False, cpu=-1))
-watched = whole.for_watchdog(memory.descriptors.memory)
-for name, descriptor in (("watchdog", write_setup(watched)), ("loop", memory.with_setup(whole))):
+watched = whole.for_watchdog(memory.descriptors)
+for name, descriptor in (("watchdog", write_setup(*watched)), ("loop", memory.with_setup(whole))):
     command = [sys.executable, "-m", f"hhsim.live.session.{name}", "--setup", str(descriptor)]
     child = subprocess.Popen(command, pass_fds=(descriptor, *memory.descriptors))
     print(child.pid)
@@ -61,10 +61,10 @@ def loaded_by_the_watchdog(config: GloveConfig) -> list[str]:
     """Modules of hhsim in the watchdog's process once it watches."""
     memory = SessionMemory.create()
     setup = make_setup(device=config, real_time=RealTimeWishes.none(), supervisor=os.getpid())
-    descriptor = write_setup(setup.for_watchdog(memory.descriptors.memory))
+    descriptor = write_setup(*setup.for_watchdog(memory.descriptors))
     with subprocess.Popen(
         [sys.executable, "-c", LOADED, "--setup", str(descriptor)],
-        pass_fds=(descriptor, memory.descriptors.memory),
+        pass_fds=(descriptor, memory.descriptor),
         stdout=subprocess.PIPE,
         text=True,
     ) as process:

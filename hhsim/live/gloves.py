@@ -1,15 +1,13 @@
-"""Registry of the gloves and of the sources of the palm's pose, with their settings.
+"""Gloves and sources of the palm's pose, with their settings.
 
-Each glove is a module of this package, with the glove's name, that holds a record `GLOVE`: a new one is one such file
-with its settings and the name of its driver. Drivers are in a package of their own, `hhsim.live.drivers`, and imported
-when their glove is opened: the command's help imports only this package.
+A new glove is a driver with a record in `GLOVES`, or one that an installed package declares as an entry point. Drivers
+are imported when their glove is opened: the command's help imports this module alone.
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Literal
 
-from hhsim.errors import InputError, UnknownNameError
 from hhsim.registry import Registry
 
 if TYPE_CHECKING:
@@ -71,6 +69,21 @@ class PacketOptions(ReachedOptions):
 
 
 @dataclass(frozen=True)
+class UdpOptions(PacketOptions, ServedOptions):
+    """Settings of a glove with a bridge, whose bends and channels can be calibrated."""
+
+
+@dataclass(frozen=True)
+class DexmoOptions(ServedOptions):
+    """Settings of a Dexmo at its vendor's server."""
+
+    port: int = setting(55555, "Port of the glove's server", "PORT", least=1, most=65535)
+    device_id: int | None = setting(
+        None, "The glove's number at its server. Default: the hand's first", "ID", least=0, most=2**31 - 1
+    )
+
+
+@dataclass(frozen=True)
 class Glove:
     """Glove that can be chosen."""
 
@@ -97,7 +110,25 @@ class GloveConfig:
     calibration: "Calibration | None" = None
 
 
-GLOVES: Registry[Glove] = Registry("hhsim.live.devices", "GLOVE", "glove", group="hhsim.gloves")
+_UDP, _CALIBRATION = "hhsim.live.drivers.udp:UdpGlove", "hhsim.live.drivers.calibration:glove_calibration"
+_PLAYED = "hhsim.live.drivers.played"
+GLOVES: Registry[Glove] = Registry(
+    {
+        "dexmo": Glove(
+            "a Dexmo at its vendor's server", "hhsim.live.drivers.dexmo:DexmoGlove", DexmoOptions, _CALIBRATION
+        ),
+        "openxr": Glove(
+            "a hand that an OpenXR headset tracks, bare or in a glove, by a bridge", _UDP, PacketOptions, palm=True
+        ),
+        "replay": Glove(
+            "a recording in the place of one", f"{_PLAYED}:ReplayGlove", plays=True, ends=True, holds=False
+        ),
+        "sim": Glove("a simulated one, which needs no hardware", f"{_PLAYED}:SimGlove", plays=True, holds=False),
+        "udp": Glove("any other, by a bridge that speaks an open packet", _UDP, UdpOptions, _CALIBRATION),
+    },
+    kind="glove",
+    group="hhsim.gloves",
+)
 """Gloves by name."""
 
 
@@ -106,15 +137,9 @@ def configure(
 ) -> GloveConfig:
     """Configure a glove by its settings' names, and read its calibration; arguments as in `GloveConfig`.
 
-    UnknownNameError for a glove or a setting, InputError for a hand or a calibration that cannot be read.
+    UnknownNameError for an unknown glove, InputError for a calibration that cannot be read.
     """
     glove = GLOVES[kind]
-    if hand not in ("right", "left"):
-        raise InputError(f"hand '{hand}'; expected right or left")
-    known = [item.name for item in fields(glove.options)]
-    for name in settings:
-        if name not in known:
-            raise UnknownNameError(f"setting of {kind}", name, known)
     options = glove.options(**settings)
     calibration = resolve_name(glove.calibration)(options, hand) if glove.calibration else None
     return GloveConfig(kind, options, hand, seed, playback, calibration)

@@ -1,10 +1,10 @@
-"""The gloves that there are, and one more: a file of its own is all that it takes."""
+"""The gloves that there are, and one more: a driver and its record are all that it takes."""
 
 import contextlib
 import importlib
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +12,9 @@ import numpy as np
 import pytest
 from live_scripted import FIST, FREE, FakeClock, InStep, make_setup
 
-import hhsim.live.devices
-from hhsim.errors import InputError, UnknownNameError
 from hhsim.live.device import DeviceError, FingerRelease
-from hhsim.live.devices.registry import GLOVES, POSES, PoseConfig, configure, open_device, open_release
 from hhsim.live.drivers.poses import make_pose_source
+from hhsim.live.gloves import GLOVES, POSES, PoseConfig, configure, open_device, open_release
 from hhsim.live.playback import Playback
 from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.settings import OutputLimits, SafetyLimits
@@ -33,7 +31,7 @@ from pathlib import Path
 import numpy as np
 
 from hhsim.live.device import LIMITS, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
-from hhsim.live.devices.registry import GLOVES, Glove, GloveConfig, GloveOptions, setting
+from hhsim.live.gloves import GLOVES, Glove, GloveConfig, GloveOptions, setting
 
 
 @dataclass(frozen=True)
@@ -82,22 +80,10 @@ GLOVE = Glove("bends from a file of text", driver=f"{__name__}:TextGlove", optio
 '''
 
 
-@pytest.fixture(params=["module", "entry point"])
-def text_glove(
-    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, installed: Callable[..., None]
-) -> Iterator[Path]:
-    """A folder with the one file that adds a glove, where the registry looks; or in an installed package."""
-    if request.param == "entry point":
-        installed("hhsim.gloves", "text = their_glove:GLOVE", their_glove=TEXT_GLOVE)
-        yield tmp_path
-        return
-    folder = tmp_path / "gloves"
-    folder.mkdir()
-    (folder / "text.py").write_text(TEXT_GLOVE)
-    monkeypatch.setattr(hhsim.live.devices, "__path__", [*hhsim.live.devices.__path__, str(folder)])
-    yield folder
-    sys.modules.pop("hhsim.live.devices.text", None)
-    vars(hhsim.live.devices).pop("text", None)
+@pytest.fixture
+def text_glove(installed: Callable[..., None]) -> None:
+    """The glove, as an installed package declares it."""
+    installed("hhsim.gloves", "text = their_glove:GLOVE", their_glove=TEXT_GLOVE)
 
 
 BOUND: list[Any] = []
@@ -127,26 +113,17 @@ def test_nothing_listens_beyond_the_loopback_unless_told() -> None:
     assert BOUND == [("", 24170)], "told that its peer is another machine"
 
 
-def test_what_there_is_not_is_named_with_what_there_is() -> None:
-    with pytest.raises(UnknownNameError, match="unknown glove 'dexmoo': did you mean dexmo"):
-        configure("dexmoo")
-    with pytest.raises(UnknownNameError, match="unknown setting of dexmo 'prot': did you mean port"):
-        configure("dexmo", prot=3)
-    with pytest.raises(InputError, match="expected right or left"):
-        configure(hand="both")  # type: ignore[arg-type]
-
-
 def test_what_the_watchdog_opens_knows_nothing_of_readings() -> None:
     config = configure("dexmo", port=1)
     assert config.calibration is not None
-    bare = make_setup(device=config).for_watchdog(0).device
+    bare = make_setup(device=config).for_watchdog([0])[0].device
     assert bare is not None
     assert (bare.calibration, bare.playback, bare.options) == (None, None, config.options)
     assert isinstance(open_release(bare), FingerRelease)
     assert type(open_release(configure("sim"))) is FingerRelease
 
 
-def test_a_glove_in_one_file_drives_the_loop_and_is_stopped(text_glove: Path, tmp_path: Path) -> None:
+def test_a_glove_in_one_file_drives_the_loop_and_is_stopped(text_glove: None, tmp_path: Path) -> None:
     bends = tmp_path / "bends.txt"
     closure = np.linspace(FREE, FIST / np.pi * 2.0, 100)
     bends.write_text("\n".join(" ".join([f"{bend:.6f}"] * 5) for bend in [*closure, *[closure[-1]] * 200]))
@@ -158,7 +135,7 @@ def test_a_glove_in_one_file_drives_the_loop_and_is_stopped(text_glove: Path, tm
         duration=0.25,
     )
     memory, clock = SessionMemory.create(), FakeClock()
-    glove: Any = open_device(setup.device)
+    glove: Any = open_device(setup.worn[0].device)
     glove.clock = clock.now
     glove.open()
     assert InStep(setup, memory, glove, clock).run() == "duration"
@@ -175,7 +152,7 @@ def test_our_own_gloves_keep_their_names(installed: Callable[..., None]) -> None
 
 
 def test_a_glove_in_one_file_is_in_the_help_with_its_settings(
-    text_glove: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+    text_glove: None, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     module = importlib.import_module("hhsim.cli.live.glove")
     try:

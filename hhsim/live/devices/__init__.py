@@ -1,1 +1,0 @@
-"""Gloves, one module each: name, settings and the driver to import."""

@@ -1,0 +1,141 @@
+"""What each command refuses: a line of words, and the one line that it answers; nothing is written."""
+
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Run
+from joint_samples import joint_sample, openxr_csv
+from linkage_samples import BOX, joint, link, urdf
+from robot_arms import write_arm
+from short_grasp import short_result
+
+from hhsim.motion.file import save_trajectory
+from hhsim.motion.trajectory import Trajectory
+
+
+def write_motion(path: Path, count: int = 50) -> None:
+    level = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+    motion = np.arange(count) / 100.0, np.zeros((count, 3)), level, np.zeros((count, 5, 3)), np.zeros((count, 5))
+    save_trajectory(Trajectory(*motion, name="motion"), path)
+
+
+POT = urdf(
+    link("block", BOX.format("0.06 0.06 0.06")), link("lid", BOX.format("0.06 0.06 0.01")), joint("block", "lid")
+)
+FILES: dict[str, str | Callable[[Path], object]] = {
+    "notes.h5": "no result",
+    "motion.csv": write_motion,
+    "other.csv": "t,x\n0,1\n",
+    "empty.csv": "",
+    "quest.csv": openxr_csv(joint_sample()),
+    "glove.toml": "rate = 100\n",
+    "run.h5": short_result,
+    "arm.urdf": lambda path: write_arm(path.parent),
+    "pot.urdf": POT,
+    "bad.urdf": POT.replace('size="0.06', 'size="x'),
+    "other.yml": "collision_spheres: {hull: [{center: [0, 0, 0], radius: 1.0}]}",
+}
+"""Files that lie there where a line names them."""
+LEFT, BOTH = "live glove --device left=sim", "live glove --device left=sim,right=sim"
+REFUSED = {
+    "repllay": "unknown command 'repllay': did you mean replay?",
+    "list": "unknown command 'list': hhsim objects and hhsim trajectories list what there is",
+    "info --jsn": "No such option '--jsn'. Did you mean '--json'? (see hhsim info --help)",
+    "doctor --rate 9": "9.0 is not in the range 10<=x<=10000",
+    "gate --markdown a.txt --write-baseline ./a.txt": "both name a.txt: name two files",
+    "replay bunyn": "unknown object 'bunyn': did you mean bunny?",
+    "replay cube none.csv": "none.csv: no such file; expected a trajectory or a recording",
+    "replay cube --stiffness 1000,5": "expected 3 numbers with commas between: k_t [N/m]",
+    "replay cube --penalty-stiffness 1000": "--penalty-stiffness is for --method penalty, not coupled",
+    "replay cube --surface mesh --method paper": "method paper takes the surface spheres, not mesh",
+    "replay cube --out .": ". is a folder: name a file in it, such as run.h5",
+    "replay cube --out notes.h5": "notes.h5 exists and is no result file, so it is not replaced",
+    "replay cube motion.csv --tremor 0.1,0.2": "--tremor is for scripts; 'motion.csv' is a recording",
+    "replay cube --level 6": "'6', expected 1 to 5, or auto",
+    "replay cube --level auto": "--level auto needs --max-error, such as --max-error 0.3mm",
+    "replay cube --level 3 --max-error 1mm": "--max-error chooses the level itself: leave --level 3 out",
+    "replay cube --hands both --repeat 2": "--repeat is of one hand",
+    "replay cup grasp --place-object auto": "'grasp' finds its place at the object itself",
+    "replay bad.urdf": "bad.urdf: link 'block': <box size=\"x 0.06 0.06\">; expected 3 numbers",
+    "replay pot.urdf --free --mass 1": "pot.urdf: mass is of one body; it has 2, which state their own",
+    "replay run.h5 grasp": "run.h5 runs again with the motion that it holds: it takes no TRAJECTORY",
+    "replay run.h5 --tree other.h5": "run.h5 runs again as it was, so --tree has no place here",
+    "replay run.h5 --rerun x.rrd": "run.h5 holds its ticks already: hhsim view run.h5 shows them",
+    "replay run.h5 --out again.h5": "run.h5 runs again as it was, so --out has no place here",
+    "replay gone.h5": "gone.h5: no such file; expected a result (.h5)",
+    "scene bad.urdf": "bad.urdf: link 'block': <box size=\"x 0.06 0.06\">; expected 3 numbers",
+    "build-tree bad.urdf": "bad.urdf: link 'block': <box size=\"x 0.06 0.06\">; expected 3 numbers",
+    "build-tree pot.urdf --link cover": "pot.urdf: no link 'cover'; it has block, lid",
+    "build-tree pot.urdf --link lid --unit mm": "unit and size are for mesh files; pot.urdf states its sizes",
+    "build-tree cube --link lid": "a link is of a URDF or MJCF file; 'cube' is none",
+    "build-tree none.stl": "none.stl: no such file; expected a mesh",
+    "build-tree mug.stl --unit mm --size 90": "unit and size exclude each other",
+    "build-tree cube --out a.ply": "--out a.ply: a sphere tree is a .h5 or a .sph file (see",
+    "build-tree cube --frame mesh": "--frame is for --from FILE.sph",
+    "build-tree cube --from a.sph --level 3": "--level is for trees that are built; a.sph has its own",
+    "build-tree cube --from a.h5 --frame mesh": "a.h5 is in metres and has its frame",
+    "build-tree cube --from a.sph": "a.sph: No such file or directory; expected a sphere tree (.sph)",
+    "build-tree cube --from a.txt": "a.txt: a sphere tree is a .h5 or a .sph file",
+    "build-tree cube --ignore default": "--compare are for a robot, a URDF or MJCF file, and cube is none",
+    "build-tree arm.urdf --total 3": "3 spheres for 7 links; expected at least one for each (--total)",
+    "build-tree arm.urdf --total 9 --leaves 3": "--total and --leaves exclude each other",
+    "build-tree arm.urdf --compare": "--compare is for --from FILE",
+    "build-tree arm.urdf --solid": "--solid is for mesh files; arm.urdf is a robot",
+    "build-tree arm.urdf --as urdf --out a.yml": "--out a.yml: expected a file that ends in .urdf (--as urdf)",
+    "build-tree arm.urdf --link palm --as h5": "arm.urdf: no link 'palm'; it has base, turret",
+    "build-tree arm.urdf --from other.yml": "other.yml: spheres of hull; expected some of base, turret",
+    "build-tree arm.urdf --out arm.urdf": "arm.urdf is an input of this command",
+    "import none.npz": "none.npz: no such file",
+    "import empty.csv": "empty; expected a recording",
+    "import .": "a folder; expected a recording",
+    "import motion.csv --columns none.toml": "none.toml: no such file",
+    "import motion.csv --out good.txt": "good.txt is no name for a trajectory: it has to end",
+    "import motion.csv --out other.csv": "other.csv exists and is no trajectory, so it is",
+    "import motion.csv --out motion.csv": "is an input of this command",
+    "import motion.csv --fit-hand me.toml --out a.h5": "--fit-hand needs the centres of the joints",
+    "import quest.csv --fit-hand me.txt --out a.h5": "me.txt is no name for a hand file",
+    "import quest.csv --fit-hand glove.toml --out a.h5": "glove.toml exists and is no hand file",
+    "import quest.csv --fit-hand none/me.toml --out a.h5": "there is no folder",
+    "live glove --device sim --device-id 7": "--device-id is for --device dexmo, not sim",
+    "live glove --no-record --record a.h5": "--no-record and --record a.h5 exclude each other",
+    "live glove --device udp --trajectory pinch": "--trajectory is for --device replay or sim",
+    "live glove --pose replay --palm 0,0,0": "--palm and --palm-turn are for --pose keyboard or fixed or glove",
+    "live glove --device udp --pose glove": "--pose glove is for --device openxr",
+    "live glove --device openxr --palm 0,0,0 --palm-turn 1,0,0,0": "--palm-turn is for --pose fixed and",
+    "live glove --pose fixed --palm-turn 1,0,0,0": "--palm-turn needs --palm, where the palm is",
+    "live glove --palm 1,2": "Invalid value for '--palm': '1,2', expected 3 numbers with commas between",
+    "live glove --stiffness 1.5": "'--stiffness': '1.5', expected 0 (free) to 1, or five of that",
+    "live glove cube --hand-file nobody.toml --no-record --quiet": "nobody.toml: no such file",
+    "live glove --device dexmo --calibration nobody.toml --quiet": "nobody.toml: no such file",
+    LEFT: "Invalid value for '--device': 'left=sim' has no right glove",
+    f"{LEFT},left=sim": "Invalid value for '--device': 'left=sim,left=sim' has more than one left",
+    f"{LEFT},up=sim": "Invalid value for '--device': 'left=sim,up=sim' has a hand 'up': expected",
+    f"{LEFT},right=hat": "Invalid value for '--device': 'hat' is not one of 'dexmo', ",
+    f"{LEFT}[port=1],right=udp": "sim[port=1]: sim has no option of its own 'port'",
+    f"{LEFT},right=udp[port=0]": "Invalid value for '--port': 0 is not in the range 1<=x<=65535",
+    f"{LEFT},right=udp --device-id 7": "--device-id is for --device dexmo, not sim or udp",
+    f"{BOTH} --hand left": "--hand left is for one glove: two name their hands",
+    f"{BOTH} --rerun a.rrd": "--rerun shows one hand: leave it out with two gloves",
+    f"{BOTH} --pose keyboard": "--pose keyboard moves one palm: with two gloves",
+}
+
+
+@pytest.mark.parametrize("line", REFUSED)
+def test_a_mistake_is_told_in_one_line_and_leaves_nothing(run: Run, tmp_path: Path, line: str) -> None:
+    words = shlex.split(line)
+    for name in FILES.keys() & {part for word in words for part in (word, word.partition("=")[2])}:
+        content = FILES[name]
+        if callable(content):
+            content(tmp_path / name)
+        else:
+            (tmp_path / name).write_text(content)
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    answer = run(*words)
+    assert (answer.code, answer.out, answer.err.count("\n")) == (2, "", 1), answer
+    assert answer.err.startswith("hhsim: error: ") and REFUSED[line] in answer.err
+    results = tmp_path / "results"
+    assert {path: path.read_bytes() for path in tmp_path.iterdir() if path != results} == before
+    assert not results.exists() or not any(results.iterdir())
