@@ -31,8 +31,8 @@ from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.dexmo_regression import CHANNELS, Poses
 from hhsim.recordings.formats.aria import landmark_columns
 from hhsim.recordings.formats.egodex import arkit_joints
-from hhsim.recordings.joint_names import MANO_JOINTS, OPENXR_JOINTS, UNITY_JOINTS
-from hhsim.recordings.registry import ReadOptions, is_written_back, read_recording, write_recording
+from hhsim.recordings.joint_names import KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS, UNITY_JOINTS
+from hhsim.recordings.registry import ReadOptions, read_recording, write_recording
 from hhsim.system.settings_file import parse_settings
 
 GOLDEN = Path(__file__).parent / "recordings" / "golden.npz"
@@ -82,7 +82,7 @@ def egodex(change: Callable[[h5py.File], Any] = lambda file: None, sides: tuple[
     image, places = io.BytesIO(), SAMPLE.named(OPENXR_JOINTS)
     with h5py.File(image, "w") as file:
         for side in sides:
-            for joint, name in arkit_joints(side).items():
+            for joint, name in zip(KEYPOINTS, arkit_joints(side)):
                 matrices = np.tile(np.eye(4), (COUNT, 1, 1))
                 matrices[:, :3, 3] = places[:, OPENXR_JOINTS.index(joint)] + (side == "left")
                 file[f"transforms/{name}"] = matrices
@@ -429,7 +429,7 @@ def imported(case: Case, folder: Path) -> dict[str, Any]:
     found["said"] = "\n".join([repr(facts), *said])
     found["hand_length"] = np.nan if cleaned.hand_length is None else cleaned.hand_length
     has_place = recording.joints is not None or recording.bones is None
-    if case.writes and has_place and is_written_back(recording) and "columns" not in case.options:
+    if case.writes and has_place and recording.is_written_back and "columns" not in case.options:
         correction = a_correction(recording, changed=slice(3, 6), palm=recording.bones is not None)
         out = folder / f"new{path.name[path.name.index('.') :]}"
         write_recording(path, options, recording, correction, out)

@@ -86,19 +86,15 @@ def _without_outliers(recording: Recording, kind: Kind) -> Recording:
     width = 1 if kind is JOINT else values.shape[1]
     bad, jump, worst = np.zeros(values.shape, dtype=bool), np.zeros(total, dtype=bool), 0.0
     for first in range(0, values.shape[1], width):
-        part = values[:, first : first + width]
-        valid = np.isfinite(part).all(axis=1)
-        if kind is ORIENTATION:
-            valid &= np.linalg.norm(np.nan_to_num(part), axis=1) > 0.0
-        index, out, vector = np.flatnonzero(valid), np.zeros(total, dtype=bool), partial(_way, part, kind)
+        part, out = values[:, first : first + width], np.zeros(total, dtype=bool)
+        # A quaternion of length zero is no orientation.
+        index = np.flatnonzero(np.isfinite(part).all(axis=1) & (kind is not ORIENTATION or (part != 0.0).any(axis=1)))
+        vector = partial(_way, part, kind)
         if index.size >= 3:
             fast = np.linalg.norm(vector(index[:-1], index[1:]), axis=1)
             fast = fast > kind.noise + kind.speed * np.diff(time[index])
-            if fast.any():
-                worst = max(worst, _mark_runs(time, index, vector, kind, fast, out, jump))
-            index = index[~out[index]]
-            if index.size >= 3:
-                worst = max(worst, _mark_spikes(time, index, vector, kind, out))
+            worst = max(worst, _mark_runs(time, index, vector, kind, fast, out, jump) if fast.any() else 0.0)
+            worst = max(worst, _mark_spikes(time, index[~out[index]], vector, kind, out))
         bad[:, first : first + width] = out[:, None]
     outliers = np.asarray(bad.any(axis=1))
     found = int((outliers | jump).sum())
@@ -148,6 +144,8 @@ def _mark_runs(
 
 def _mark_spikes(time: FloatArray, index: IntArray, vector: Vectors, kind: Kind, bad: BoolArray) -> float:
     """Mark single samples that no force could have moved there and back; return the largest deviation."""
+    if index.size < 3:
+        return 0.0
     a, b, c = index[:-2], index[1:-1], index[2:]
     before, after = time[b] - time[a], time[c] - time[b]
     over = vector(a, c)

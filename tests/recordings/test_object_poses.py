@@ -235,7 +235,6 @@ FAR[:, :3, 3] = 30.0
         (arrays_npz(a=MATRIX, b=MATRIX), ".npz", r"several arrays that may be poses, it holds a \(40, 4, 4\)"),
         (array_npy(PLACE), ".npy", r"no poses, it holds rows \(40, 3\); expected \(T, 4, 4\)"),
         (array_npy(FAR), ".npy", "the object is 51.96 from the origin, which may be cm or mm; say --pose-unit"),
-        (arrays_npz(pose=MATRIX, unit="yd"), ".npz", "states the unit 'yd'; expected one of m, cm, mm"),
         (arrays_npz(pose=MATRIX, t=TIME[::-1]), ".npz", "the stamps of the poses do not increase"),
         (csv("a,b,c", PLACE), ".csv", "columns a, b, c; expected px, py, pz"),
         (csv("px,py,pz,rot_x,rot_y,rot_z", PLACE, PLACE), ".csv", "only one of an object's position and orientation"),

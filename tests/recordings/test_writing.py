@@ -7,7 +7,7 @@ import re
 import zipfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from correction_samples import a_correction
 from joint_samples import array_npy, arrays_npz, joint_sample, mcap_bytes, openxr_csv, webxr_json
 from leap_document import document as leap
 from pose_samples import lerobot_bytes, mano_fields, mano_poses, umetrack_lines, umetrack_profile
+from recorded_files import egodex
 from scipy.spatial.transform import Rotation
 
 from hhsim.errors import InputError, OutputError, UnknownNameError
@@ -24,6 +25,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.file import load_trajectory, save_trajectory
 from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.column_map import JOINT_NAMES, ColumnMap
+from hhsim.recordings.correction import changes
 from hhsim.recordings.dexmo_regression import CHANNELS
 from hhsim.recordings.joint_names import KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS, UNITY_JOINTS, WEBXR_JOINTS
 from hhsim.recordings.recording import HandMotion
@@ -33,7 +35,6 @@ from hhsim.recordings.registry import (
     ReadOptions,
     exported,
     format_of,
-    is_written_back,
     read_content,
     read_new_file,
     read_recording,
@@ -59,14 +60,6 @@ def keypoints_csv(*, header: bool = True, end: str = "\n", digits: int = 17, poi
     rows = ([f"{x:.{digits}g}" for x in row.ravel()] for row in points)
     lines = [",".join(names)] if header else []
     return end.join([*lines, *map(",".join, rows)]) + end
-
-
-def keypoints_json(*, flat: bool = False, points: Any = POINTS) -> str:
-    frames = [
-        {"t": 0.01 * k, "note": "x 1.5e3", "landmarks": (p.ravel() if flat else p).tolist()}
-        for k, p in enumerate(points)
-    ]
-    return json.dumps({"hand": "right", "frames": frames}, indent=1)
 
 
 def german(text: str) -> str:
@@ -127,15 +120,12 @@ FILES: dict[str, tuple[str, Any, dict[str, Any]]] = {
         lambda: keypoints_csv(points=IN_MANO),
         {"rate": 100.0, "world_up": "y"},
     ),
-    "keypoints json, MANO's order": ("take.json", lambda: keypoints_json(points=IN_MANO), {"world_up": "y"}),
     "keypoints csv": ("take.csv", keypoints_csv, {"rate": 100.0, "world_up": "y"}),
     "keypoints csv, bare, CR LF, few digits": (
         "take.csv",
         lambda: keypoints_csv(header=False, end="\r\n", digits=5),
         {"rate": 100.0, "world_up": "y", "hand": "right"},
     ),
-    "keypoints json": ("take.json", keypoints_json, {"world_up": "y"}),
-    "keypoints json, flat": ("take.json", lambda: keypoints_json(flat=True), {"world_up": "-y"}),
     "openxr": ("take.csv", lambda: openxr_csv(SAMPLE), {}),
     "openxr, unity": ("take.csv", lambda: openxr_csv(joint_sample("left"), "left", unity=True), {}),
     "openxr, two hands": ("take.csv", two_hands, {"hand": "left"}),
@@ -183,7 +173,7 @@ def test_no_correction_gives_the_same_bytes(name: str, tmp_path: Path) -> None:
     form = format_of(content, options)
     assert form.write is not None
     if Path(FILES[name][0]).suffix not in REPACKED:
-        assert form.write(content, options, recording, correction) == before
+        assert form.write(content, options, recording, changes(recording, correction)) == before
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -206,14 +196,13 @@ def test_corrected_joints_are_read_back_and_all_else_is_the_same_text(name: str,
     # All but the numbers of corrected samples is the same text.
     texts = [data.decode("utf-16" if "UTF-16" in name else "utf-8") for data in (before, after)]
     assert NUMBER.sub("#", texts[0]) == NUMBER.sub("#", texts[1])
-    if texts[0].lstrip("\ufeff")[0] not in "{[":
-        lines = [text.splitlines() for text in texts]
-        first = len(lines[0]) - len(POINTS)
-        changed = {first + row for row in recording.rows[correction.changed].tolist()}
-        assert {k for k, pair in enumerate(zip(*lines)) if pair[0] != pair[1]} == changed
+    lines = [text.splitlines() for text in texts]
+    first = len(lines[0]) - len(POINTS)
+    changed = {first + row for row in recording.rows[correction.changed].tolist()}
+    assert {k for k, pair in enumerate(zip(*lines)) if pair[0] != pair[1]} == changed
 
 
-@pytest.mark.parametrize("name", ["openxr, two hands", "keypoints json", "bvh", "lerobot", "npz"])
+@pytest.mark.parametrize("name", ["openxr, two hands", "bvh", "lerobot", "npz"])
 def test_some_samples_in_another_order_are_found_in_the_file(name: str, tmp_path: Path) -> None:
     file, make, given = FILES[name]
     path, out, data = tmp_path / file, tmp_path / f"new{Path(file).suffix}", make()
@@ -298,13 +287,6 @@ def test_what_cannot_be_written_says_so(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"orientation of .*_rot_x, .*: no quaternion"):
         write_recording(tmp_path / "e.csv", ReadOptions(), recording, a_correction(recording), tmp_path / "f.csv")
     assert not (tmp_path / "f.csv").exists()
-    for other in ({"x": 0.0, "y": 10.0, "z": 90.0}, np.eye(4).ravel().tolist()):
-        frames = [[{"position": point, "rotation": other} for point in frame] for frame in POINTS.tolist()]
-        document = [{"t": 0.01 * k, "right": frame} for k, frame in enumerate(frames)]
-        (tmp_path / "e.json").write_text(json.dumps(document))
-        recording = read_recording(tmp_path / "e.json", options := ReadOptions(world_up="y"))
-        with pytest.raises(InputError, match=r"the orientation of wrist is no quaternion \(x, y, z, w\)"):
-            write_recording(tmp_path / "e.json", options, recording, a_correction(recording), tmp_path / "f.json")
 
 
 def test_few_coefficients_of_mano_come_as_near_as_they_can(tmp_path: Path) -> None:
@@ -373,17 +355,15 @@ angle = { unit = "deg" }
 """
 
 
-@pytest.mark.parametrize("order", ["xyzw", "wxyz", "ZYX", "xyz", "zxz"])
+@pytest.mark.parametrize("order", ["xyzw", "wxyz"])
 def test_a_mapped_table(order: str, tmp_path: Path) -> None:
     motion = SAMPLE.motion
-    names = ["qa", "qb", "qc", "qd"][: len(order)]
+    names = ["qa", "qb", "qc", "qd"]
     joints = [f'{name} = {{ column = "c{k}", scale = -2.0, offset = {k}.5 }}' for k, name in enumerate(JOINT_NAMES)]
-    unit = ', unit = "deg"' if len(order) == 3 else ""
-    orientation = f"orientation = {{ columns = {names}, order = '{order}'{unit} }}"
+    orientation = f"orientation = {{ columns = {names}, order = '{order}' }}"
     columns = parse_settings("\n".join([MAP, orientation, "[joint]", *joints]), ColumnMap, "map.toml")
     turns = Rotation.from_quat(motion.orientation, scalar_first=True)
-    euler = cast(Any, order)
-    given = turns.as_euler(euler, degrees=True) if len(order) == 3 else turns.as_quat(scalar_first=order == "wxyz")
+    given = turns.as_quat(scalar_first=order == "wxyz")
     angles = np.degrees(motion.angles) / -2.0 + np.arange(20) + 0.5
     rows = np.concatenate([motion.time[:, None], 1e3 * motion.position, given, angles], axis=1).tolist()
     header = ["t", "X", "Y", "Z", *names, *(f"c{k}" for k in range(20))]
@@ -417,6 +397,12 @@ def test_what_a_mapped_table_does_not_hold_is_said(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match="column 'a' holds more than one number"):
         write_recording(path, both, twice, still, tmp_path / "new.csv")
+    euler = 'orientation = { columns = ["x", "y", "z"], order = "ZYX" }\nrate = 9\n[joint]\nindex_flex1 = "a"\n'
+    turned = ReadOptions(columns=parse_settings(euler, ColumnMap, "map.toml"))
+    (tmp_path / "euler.csv").write_text("a,x,y,z\n" + "0.1,0.1,0.2,0.3\n" * 10)
+    given = read_recording(tmp_path / "euler.csv", turned)
+    with pytest.raises(InputError, match="Euler angles in a table are not corrected in it: export it in another"):
+        write_recording(tmp_path / "euler.csv", turned, given, a_correction(given, palm=False), tmp_path / "new.csv")
     for palm, said in ((True, "whose position no column"), (False, "bends thumb_flex1, which no column")):
         with pytest.raises(InputError, match=said):
             write_recording(path, options, recording, a_correction(recording, palm=palm), tmp_path / "new.csv")
@@ -532,6 +518,8 @@ READ_ALONE: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "webxr, unity": ("take.json", lambda: webxr_json(joint_sample("left"), "left", unity=True), {}),
     "umetrack": ("take.jsonl", lambda: umetrack_lines(joint_sample("left")), {"world_up": "-y"}),
     "dexmo": ("take.csv", dexmo_csv, {}),
+    "egodex": ("take.hdf5", egodex, {"hand": "right"}),
+    "keypoints json": ("take.json", lambda: json.dumps({"fps": 30, "frames": POINTS.tolist()}), {"world_up": "y"}),
 }
 
 
@@ -544,7 +532,7 @@ def test_what_is_read_and_not_written_has_a_new_file(name: str, suffix: str, tmp
     (tmp_path / "umetrack_hand_user_profile.json").write_text(umetrack_profile())
     recording = read_recording(path, options)
     correction = a_correction(recording)
-    assert not is_written_back(recording)
+    assert not recording.is_written_back
     assert repaired_suffix(path, options) == ".npz"
     with pytest.raises(OutputError, match=rf"format {recording.form} is read and not written; expected .* \.npz or"):
         write_recording(path, options, recording, correction, tmp_path / "new.bvh")
@@ -560,4 +548,4 @@ def test_what_is_read_and_not_written_has_a_new_file(name: str, suffix: str, tmp
 
 def test_the_formats_that_are_read_and_not_written() -> None:
     found = {form.name for form in recording_formats().values() if form.write is None}
-    assert found == {"aria", "dexmo", "leap", "mcap", "umetrack", "webxr"}
+    assert found == {"aria", "dexmo", "egodex", "leap", "mcap", "umetrack", "webxr"}

@@ -16,9 +16,10 @@ from hhsim.motion.csv_table import read_table
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import RawChannel
 from hhsim.recordings.column_map import ColumnMap, OrientationColumns, PositionColumns, TimeColumn, mapped
+from hhsim.recordings.content import Content, ReadOptions
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, calibrated
 from hhsim.recordings.recording import Recording, note, unreadable, unused
-from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import RecordingFormat
 from hhsim.recordings.unit_detection import in_seconds, in_units
 
 ALIAS = {"pinky_split": "little_split", "pinky_bend": "little_bend"}

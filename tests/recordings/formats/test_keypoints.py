@@ -16,7 +16,7 @@ from recording_samples import read_as
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
-from hhsim.recordings.formats import keypoints
+from hhsim.recordings.joint_arrays import ORDERS, order_by_bones
 from hhsim.recordings.joint_names import JOINT_ORDERS, KEYPOINTS, MANO_JOINTS, WEBXR_JOINTS
 from hhsim.recordings.registry import ReadOptions, read_recording, write_recording
 
@@ -37,7 +37,7 @@ def test_no_posture_of_our_hand_is_taken_for_the_other_order(seed: int, order: s
     wrist = np.array([-0.070 * hand.hand_breadth, -0.223 * hand.hand_length, 0.0])
     points = np.concatenate([wrist[None], fingers.reshape(20, 3)])[None]
     rows = points[:, [KEYPOINTS.index(joint) for joint in JOINT_ORDERS[order]]]
-    assert keypoints.order_by_bones(rows, keypoints.ORDERS[21]) == order
+    assert order_by_bones(rows, ORDERS[21]) == order
 
 
 SEGMENTS_OF = {finger: [joint for joint in KEYPOINTS if joint.startswith(finger)] for finger in FINGERS}
@@ -93,7 +93,7 @@ def test_a_stated_order_is_taken_and_must_have_as_many_joints() -> None:
 def test_missing_joints_and_noise_leave_the_order() -> None:
     noisy = joint_sample(noise=0.004).named()[:, [KEYPOINTS.index(joint) for joint in MANO_JOINTS]].copy()
     noisy[::3, 5] = np.nan
-    assert keypoints.order_by_bones(noisy, keypoints.ORDERS[21]) == "mano"
+    assert order_by_bones(noisy, ORDERS[21]) == "mano"
 
 
 def hdf5(path: Path, **arrays: Any) -> Path:
