@@ -154,11 +154,10 @@ def _cut(recording: Recording, start: float | None, end: float | None) -> Record
 
 
 def _clean_stamps(recording: Recording, max_gap: float) -> Recording:
-    """Return samples with strictly increasing stamps, of stamps [s] in any state with gaps up to `max_gap` [s].
+    """Return samples with strictly increasing stamps and gaps up to `max_gap` [s].
 
     A sample out of order is sorted in if its place by stamp fits its neighbours at least as well as its place in the
-    file; otherwise its stamp is wrong, and it is left out. Raises TrajectoryError if too many stamps are missing,
-    repeat or contradict the motion, as of two clocks or recordings that are mixed, or a gap is too long.
+    file; otherwise its stamp is wrong, and it is left out.
     """
     missing = np.isnan(recording.time)
     if missing.any():
@@ -271,10 +270,7 @@ def _one_piece(recording: Recording, max_gap: float) -> Recording:
 
 
 def _dropped(recording: Recording, keep: BoolArray, why: str, fault: str = "") -> Recording:
-    """Return the recording without the samples that are not kept; the next one in the file is flagged.
-
-    Raises TrajectoryError if none is left, or if too many have a fault of their stamps.
-    """
+    """Return the recording without the samples that are not kept; the next one in the file is flagged."""
     lost = int((~keep).sum())
     if fault and lost > MOST_DROPPED * len(keep):
         raise TrajectoryError(f"{lost} of {len(keep)} samples {fault}; expected a stamp of its own for each")

@@ -1,17 +1,19 @@
 """Content of a file, read no further than needed, and the options for reading it."""
 
+import io
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
+import h5py
 import numpy as np
 
 from hhsim.arrays import AnyArray, BoolArray
-from hhsim.errors import DamagedFileError, TrajectoryError
+from hhsim.errors import DamagedFileError, InputError, TrajectoryError
 from hhsim.motion.csv_table import read_header, read_remarks, read_table
 from hhsim.motion.npz_arrays import npz_of, read_npz
 from hhsim.motion.pickled_data import flat, npy_dictionary, pickled_arrays, pickled_with
@@ -20,6 +22,7 @@ from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_names import StatedFields, kind_of
 from hhsim.recordings.json_document import nested, read_json
 from hhsim.recordings.recording import Finding, chosen_side, note
+from hhsim.system.hdf5_input import DAMAGE, open_hdf5, require_own_data
 from hhsim.system.input_file import open_input, read_input
 
 if TYPE_CHECKING:
@@ -77,9 +80,9 @@ class ReadOptions:
 class Content:
     """Content of a file, read no further than needed; `path` is None if only its bytes are given.
 
-    `name` is the recording's if the content has none, by default the file's without its suffix; `what` the kind of file
-    that is expected, for messages; `original` the file beside which its hand's sizes and its object's poses may lie, by
-    default `path`. `packed` is the pickle or the HDF5 of which `data` has the arrays, empty for any other file.
+    `name` is the recording's if the content has none, `what` the kind of file that is expected, for messages;
+    `original` the file beside which its hand's sizes and its object's poses may lie. `packed` is the pickle or the HDF5
+    of which `data` has the arrays, empty for any other file.
     """
 
     def __init__(
@@ -104,8 +107,6 @@ class Content:
         if content.head.startswith(PICKLES):
             arrays = pickled_arrays(content.data)
         elif content.hdf5_names and "transforms" not in content.hdf5_names:
-            from hhsim.recordings.hdf5_arrays import hdf5_arrays
-
             arrays = hdf5_arrays(content.data, path)
         if arrays is not None:
             content.packed, content.data = content.data, npz_of(arrays)
@@ -116,8 +117,6 @@ class Content:
         """Return the file with the arrays of an `.npz` in the place of its own; `data` itself if it is not packed."""
         if not self.packed:
             return data
-        from hhsim.recordings.hdf5_arrays import hdf5_with
-
         write = pickled_with if self.packed.startswith(PICKLES) else hdf5_with
         return write(self.packed, read_npz(data))
 
@@ -147,8 +146,6 @@ class Content:
         """Names in a sound HDF5 file that states no format of hhsim; none of any other file."""
         if self.path is None or not self.head.startswith(HDF5):
             return frozenset()
-        from hhsim.system.hdf5_input import DAMAGE, open_hdf5
-
         try:
             with open_hdf5(self.path) as file:
                 return frozenset() if str(file.attrs.get("format", "")).startswith("hhsim") else frozenset(file)
@@ -244,6 +241,62 @@ class Content:
             raise TrajectoryError(f"cannot be read: {error.strerror or error}") from None
 
 
+@contextmanager
+def opened_hdf5(data: bytes, path: Path | None = None, mode: str = "r") -> Iterator[tuple[io.BytesIO, h5py.File]]:
+    """Open a file in memory, after a child process has read that of the path; TrajectoryError for a damaged one."""
+    image = io.BytesIO(data)
+    try:
+        if path is not None:
+            open_hdf5(path).close()
+        with h5py.File(image, mode) as file:
+            require_own_data(file)
+            yield image, file
+    except (DamagedFileError, *DAMAGE) as error:
+        raise TrajectoryError(f"a damaged HDF5 file: {' '.join(str(error).split())}") from None
+
+
+def hdf5_arrays(data: bytes, path: Path | None = None) -> dict[str, Any]:
+    """Return the arrays of numbers and texts in a file by their names, and attributes that state a field.
+
+    Names of groups and names in them have slashes between. Raises TrajectoryError for a damaged file.
+    """
+    arrays: dict[str, Any] = {}
+
+    def add(name: str, value: Any) -> None:
+        with suppress(TypeError, ValueError):
+            array = np.asarray(value)
+            array = array.astype(str) if array.dtype.kind == "O" else array
+            if array.dtype.kind in "fiubUS":
+                arrays[name] = array
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset):
+            add(name, item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()])
+        for key, value in item.attrs.items():
+            if kind_of(key):
+                add(f"{name}/{key}".lstrip("/"), value)
+
+    with opened_hdf5(data, path) as (_, file):
+        visit("", file)
+        file.visititems(visit)
+    return arrays
+
+
+def hdf5_with(data: bytes, new: Mapping[str, Any]) -> bytes:
+    """Return a file with other numbers in its arrays; InputError for whole numbers, which hold no correction."""
+    with opened_hdf5(data, mode="r+") as (image, file):
+        for name, values in new.items():
+            dataset = file.get(name)
+            if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind not in "fiu":
+                continue
+            if not np.array_equal(dataset[()], values, equal_nan=dataset.dtype.kind == "f"):
+                if dataset.dtype.kind != "f":
+                    kind = f"'{name}' is of {dataset.dtype}"
+                    raise InputError(f"{kind}, which does not hold a correction; expected floating-point")
+                dataset[...] = values
+    return image.getvalue()
+
+
 def _decoded(data: bytes) -> str:
     encoding = "utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
     return data.decode(encoding, errors="replace")
@@ -266,8 +319,7 @@ def stated_hand(
 ) -> tuple[HandSide, BoolArray]:
     """Return the wanted side, or for "" that of the content's fields, and the samples that are of it, shape (T,).
 
-    `rows` are the rows of the file that the samples are of, shape (T,). What is found is added to `findings`. Raises
-    TrajectoryError where fields of each row are fewer, or have no such hand.
+    `rows` are the rows of the file that the samples are of. Raises TrajectoryError where fields of each row are fewer.
     """
     sides: tuple[HandSide, ...] = content.stated.take("side") or ("",)
     if len(sides) == 1:

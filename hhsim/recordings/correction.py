@@ -1,7 +1,6 @@
 """Correction of a recorded hand: the rigid motion of each of its bones, and what follows for its joints.
 
-A corrected bone is the recorded one, moved rigidly: its length, and whatever else our hand model does not fit, stay as
-recorded. A sample that needs no correction comes back as it was.
+A corrected bone is the recorded one, moved rigidly: what our hand model does not fit stays as recorded.
 """
 
 from dataclasses import dataclass

@@ -6,7 +6,7 @@ these are none of a hand, or change their lengths.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import reduce
+from functools import lru_cache, reduce
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -21,7 +21,7 @@ from hhsim.motion.text_edit import NewColumn, NumberEdit, cell_edits
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import Content, ReadOptions
 from hhsim.recordings.correction import ANGLE_DIGITS, Changes
-from hhsim.recordings.finger_ik import usual_bones
+from hhsim.recordings.finger_ik import usual_fingers, usual_wrist
 from hhsim.recordings.joint_names import (
     KEYPOINTS,
     MANO_JOINTS,
@@ -395,6 +395,14 @@ def order_by_bones(points: FloatArray, orders: Mapping[str, tuple[str, ...]]) ->
     return min(fitting, key=lambda fit: fit.misfit).word if found else next(iter(orders))
 
 
+@lru_cache
+def _usual_bones() -> FloatArray:
+    """Return the default hand's distances from the wrist to each first joint, and the bones from there [m], (5, 4)."""
+    sizes = usual_fingers()
+    palm = np.linalg.norm(sizes["base"] - usual_wrist("right"), axis=1, keepdims=True)
+    return np.concatenate([palm, sizes["length"]], axis=1)
+
+
 class _BoneFit(NamedTuple):
     """Bones of joints in an order."""
 
@@ -416,7 +424,7 @@ def _bone_fits(points: FloatArray, orders: Mapping[str, tuple[str, ...]]) -> lis
         # Shares of all bones: a tracker without scale may see the hand grow and shrink.
         total = np.maximum(bones.sum(axis=1, keepdims=True), TINY)
         share = np.median(bones / total, axis=0)
-        usual = usual_bones().ravel()
+        usual = _usual_bones().ravel()
         ratio = np.maximum(share / max(float(share.sum()), TINY) * usual.sum() / usual, 1e-3)
         change = float(np.percentile(np.abs(bones / total - share), 90.0, axis=0).max())
         worst, low, high = int(np.argmax(np.abs(np.log(ratio)))), *PROPORTIONS

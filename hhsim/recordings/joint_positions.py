@@ -1,8 +1,7 @@
 """Recordings of joint centres: the palm and the angles of our hand that fit them, for every device.
 
-The palm frame follows from wrist and knuckles (its origin where our knuckles meet the recorded ones), the fingers'
-angles from the joints (`hhsim.recordings.joint_fit`). The device's own frames of palm and joints are not used: they
-differ between devices, joint centres do not.
+The palm frame follows from wrist and knuckles (its origin where our knuckles meet the recorded ones): frames differ
+between devices, joint centres do not.
 
 Fingers bend to the palm's side, and the thumb stands on it: that tells a right hand from a left one, and a right-handed
 world from Unity's left-handed one, in which a hand is the mirror of the other.
@@ -204,12 +203,9 @@ def recording_of_joints(joints: JointPositions, form: str, content: Content, opt
 def _fitted_posture(
     fingers: FloatArray, palm: FloatArray, side: HandSide, fits_angles: bool
 ) -> tuple[HandConfiguration, Finding]:
-    """Compute our hand's posture in a recorded palm frame, with our knuckles on the recorded ones.
+    """Compute our hand's posture with our knuckles on the recorded ones, and the finding about the bones' angle to it.
 
-    `fingers` are joints and tip of each finger from its base on [m], world, shape (T, 5, 4, 3); `palm` is palm to
-    world, unit (w, x, y, z), shape (T, 4). Returns the posture, NaN where a joint is missing, and the finding about the
-    bones' angle to it; all angles are 0 unless `fits_angles`. Raises TrajectoryError where no finger is whole in any
-    sample.
+    `fingers` are joints and tip of each finger from its base on [m], world, shape (T, 5, 4, 3).
     """
     origin, axes = palm_origin(fingers[:, 1:, 0], palm, side), finger_axes(side)
     joints = in_palm(fingers - origin[:, None, None], palm)
@@ -280,12 +276,7 @@ def _scale(joints: JointPositions, content: Content, options: ReadOptions, findi
 def _known_side(
     points: FloatArray, hand: HandSide, findings: list[Finding], mirror: str | None, structural: bool, misfit: str
 ) -> HandSide:
-    """Return the side of the hand, as named or by the bend of its fingers; add what is doubtful to `findings`.
-
-    `mirror` is the axis of left-handed coordinates that was turned round, `structural` True for a side that --hand
-    chooses and does not replace, `misfit` says how far the joints are from a hand's. Raises TrajectoryError where
-    nothing tells the side, or the fingers contradict it.
-    """
+    """Return the side of the hand, as named or by the bend of its fingers; `structural` if --hand cannot replace it."""
     side, above = _bends_as(points), _thumb_above(points)
     if not hand:
         if not side:
@@ -311,11 +302,7 @@ def _known_side(
 
 
 def _in_right_handed_world(points: FloatArray, hand: HandSide, findings: list[Finding]) -> FloatArray:
-    """Return joint centres in a right-handed world, y up, and add what was mirrored to `findings`.
-
-    In Unity's world z points the other way: there a right hand is a left one's mirror, which its fingers and its thumb
-    tell. A hand of no stated side, "", is left as it is.
-    """
+    """Return joint centres in a right-handed world: in Unity's, y up, z points the other way."""
     seen = _looks_as(points)
     if not hand or seen == hand:
         return points

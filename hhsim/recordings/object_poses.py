@@ -135,8 +135,7 @@ def poses_in(
     """Return the poses among named arrays, for `count` samples if it is given; None if no name tells of any.
 
     `order` is that of quaternions whose name does not say it; `alone` takes names without a word for the object. Arrays
-    of another shape are none; a position or an orientation without the other is none, or refused if `strict`. Raises
-    TrajectoryError for another number of rows, no rotation, a quaternion of unknown order, or as `strict` says.
+    of another shape are none; a position or an orientation without the other is none, or refused if `strict`.
     """
     meanings: dict[str, dict[str, _Name]] = {kind: {} for kind in SHAPES}
     for name, values in arrays.items():
@@ -319,8 +318,7 @@ def with_object_poses(recording: Recording, path: Path, options: ReadOptions) ->
 
     Poses with stamps are interpolated, others are one a sample, or one a frame of the recording's file, and a single
     one is of an object at rest. With `options.camera_poses` they are relative to a camera that moves. Raises
-    TrajectoryError, in one line that begins with the path, for no such file, another content, number of rows, unit or
-    order, or stamps that end before the recording's; and for a hand without a place, which stays at the origin.
+    TrajectoryError for a file that does not fit, and for a hand without a place, which stays at the origin.
     """
     if not np.nan_to_num(recording.position).any():
         raise TrajectoryError("the hand stays at the origin, so an object cannot be beside it; expected --world-up")
@@ -349,10 +347,7 @@ def with_object_poses(recording: Recording, path: Path, options: ReadOptions) ->
 
 
 def read_stamped_poses(path: Path, options: ReadOptions) -> tuple[FloatArray | None, ObjectMotion]:
-    """Read the poses of an object [m], NaN where missing, and their rising stamps [s], (T,), None without any.
-
-    Raises TrajectoryError for no such file, another content, unit or order, in one line that begins with the path.
-    """
+    """Read the poses of an object [m], NaN where missing, and their rising stamps [s], (T,), None without any."""
     with named(path):
         poses, stamps = _stamped(path, options, [], None)
         return stamps, ObjectMotion(*poses[:2]) if stamps is None else _at(poses, stamps, stamps)
@@ -438,10 +433,7 @@ def _unnamed(arrays: Mapping[str, Any]) -> tuple[str, FloatArray, FloatArray | N
 def _metre(
     poses: ObjectPoses, content: Content, options: ReadOptions, findings: list[Finding], hand: FloatArray | None
 ) -> float:
-    """Return the unit of the positions [m]: the option's, the file's, or that of their distance from the origin.
-
-    A hand farther than `FAR` from the origin takes its place.
-    """
+    """Return the unit of the positions [m], stated or by their distance from the origin, or from a hand far from it."""
     metre = UNITS.get(options.pose_unit or "") or poses.metre or content.stated.take("unit")
     if metre is not None:
         return float(metre)

@@ -59,10 +59,7 @@ FROZEN_RUN = 5
 
 
 def clean_glitches(recording: Recording) -> Recording:
-    """Replace outliers by NaN, and flag jumps and suspect samples, in a recording with increasing stamps, SI units.
-
-    Raises TrajectoryError for jumps all over: the rows are no motion.
-    """
+    """Replace outliers by NaN, flag jumps and suspect samples, of increasing stamps, SI units; error for no motion."""
     if recording.sample_count >= 8:
         # Medians: a few spikes are no disorder.
         one, two = (float(np.median(way)) for way in _ways(recording))

@@ -259,10 +259,7 @@ MOTION = ("position", "orientation", "flexion", "abduction")
 
 
 def turn(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Compute rotation vectors [rad] from quaternions `first` to `second`, in the frame of `first`, shape (…, 3).
-
-    The quaternions have any length and sign; NaN or a length of zero gives NaN.
-    """
+    """Compute rotation vectors [rad] from quaternions of any length `first` to `second`, in the frame of `first`."""
     with np.errstate(invalid="ignore", divide="ignore"):
         a = first / np.linalg.norm(first, axis=-1, keepdims=True)
         b = second / np.linalg.norm(second, axis=-1, keepdims=True)
@@ -283,8 +280,7 @@ def change(recording: Recording, first: IntArray, second: IntArray) -> FloatArra
 def chosen_side(samples: Mapping[HandSide, int], wanted: HandSide) -> tuple[HandSide, list[Finding]]:
     """Return the wanted hand, else the one of more samples (of equals the right one), and findings about it.
 
-    `samples` has the number of samples of each hand in the file; "" is a hand of no stated side. Raises TrajectoryError
-    where the wanted hand is not in the file.
+    "" is a hand of no stated side. Raises TrajectoryError where the wanted hand is not in the file.
     """
     if wanted and wanted not in samples and "" not in samples:
         raise TrajectoryError(f"no {wanted} hand; the file has {' and '.join(f'a {s} one' for s in samples)}")
@@ -298,10 +294,7 @@ def chosen_side(samples: Mapping[HandSide, int], wanted: HandSide) -> tuple[Hand
 def frames_with_hand(
     frames: Sequence[Collection[HandSide]], wanted: HandSide
 ) -> tuple[HandSide, list[int], list[Finding]]:
-    """Return a hand as `chosen_side`, the indices of the frames, by their hands, that show it, and findings about both.
-
-    Raises TrajectoryError where the wanted hand is in no frame, or no frame has a hand.
-    """
+    """Return a hand as `chosen_side`, the indices of the frames, by their hands, that show it, and findings."""
     seen = Counter(side for sides in frames for side in sides)
     if not seen:
         raise TrajectoryError(f"{len(frames)} frames, but no hand in any")

@@ -157,8 +157,7 @@ def format_of(content: Content, options: ReadOptions) -> RecordingFormat:
         return formats[options.form]
     if not content.head.strip() and not content.data.strip():
         raise TrajectoryError("empty; expected a recording")
-    media = media_kind(content.head)
-    if media:
+    if media := media_kind(content.head):
         raise TrajectoryError(f"{media}; expected a recording of one of {', '.join(formats)}")
     if reason := why_not_read(content.head):
         raise TrajectoryError(reason)
@@ -174,14 +173,13 @@ NEW_SUFFIXES = (".npz", ".csv")
 
 def repaired_suffix(path: Path, options: ReadOptions) -> str:
     """Return the usual suffix of a corrected recording: that of its file, or `.npz` where it needs a new one."""
+    content = Content(path)
     try:
         # The beginning of a pickle does: all of them are written back.
-        content = Content(path)
-        is_written_back = _is_written_back(format_of(content, options), content)
+        return path.suffix if _is_written_back(format_of(content, options), content) else NEW_SUFFIXES[0]
     except InputError:
         # Whoever reads it says what is wrong.
         return path.suffix
-    return path.suffix if is_written_back else NEW_SUFFIXES[0]
 
 
 def _is_written_back(form: RecordingFormat, content: Content) -> bool:
@@ -205,7 +203,7 @@ def write_recording(
 ) -> float | None:
     """Write a file with the recording that it holds corrected; a file of that name is replaced in one step.
 
-    `path` is the file that the recording was read from, by the same options; the recording may be some of its samples.
+    `path` is the file that the recording, or more samples of it, was read from by the same options.
     Where it is not written back, a new file has the samples of the recording alone: joints in the axes of the file [m],
     or, of a recording of angles, our hand in our world. Returns the largest distance of a joint read back from the
     corrected one [m]; None for a recording of angles, or a new file. Raises OutputError as `check_target`, or for no

@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.recordings.correction import BONE_OF, BONES, changes
-from hhsim.recordings.frames import FileFrame, euler_angles
+from hhsim.recordings.formats.bvh import euler_angles
+from hhsim.recordings.frames import FileFrame
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 
 

@@ -16,16 +16,9 @@ from hhsim.hand.model import SIDES, HandModel
 from hhsim.hand.quaternion import quaternion
 from hhsim.recordings.cleaning import CleaningOptions, clean_recording
 from hhsim.recordings.finger_ik import FingerAxes, finger_angles, finger_axes, finger_joints, palm_origin
+from hhsim.recordings.fitted_hand import fitted_axes, fitted_hand, recorded_limits
 from hhsim.recordings.frames import in_palm
-from hhsim.recordings.joint_fit import (
-    LARGEST_STEP,
-    USUAL_STEP,
-    anatomic_limits,
-    fitted_angles,
-    fitted_axes,
-    fitted_hand,
-    recorded_limits,
-)
+from hhsim.recordings.joint_fit import LARGEST_STEP, USUAL_STEP, anatomic_limits, fitted_angles
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 
 

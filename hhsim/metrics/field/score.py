@@ -14,8 +14,8 @@ from hhsim.metrics.field.field_table import FieldRow, field_rows
 from hhsim.metrics.field.field_verdict import FieldVerdict, doubts_of, field_verdict
 from hhsim.metrics.field.hands import FieldHands, FieldPair
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
+from hhsim.recordings.fitted_hand import fitted_hand
 from hhsim.recordings.frames import in_palm, turned
-from hhsim.recordings.joint_fit import fitted_hand
 from hhsim.recordings.object_poses import with_object_poses
 from hhsim.recordings.recording import Recording, unused_poses
 from hhsim.recordings.registry import ReadOptions, read_recording

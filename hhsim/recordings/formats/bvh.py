@@ -28,7 +28,6 @@ from hhsim.motion.text_edit import NumberEdit, line_starts, word_spans
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import Content, ReadOptions
 from hhsim.recordings.correction import Changes
-from hhsim.recordings.frames import euler_angles
 from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.recording import MOST_SAMPLES, SIDES, Finding, Recording, chosen_side, note
 from hhsim.recordings.registry import RecordingFormat
@@ -405,6 +404,22 @@ def _write(content: Content, options: ReadOptions, recording: Recording, made: C
             first, last = (starts[line] + end for end in spans[place])
             edits.append(NumberEdit(first, last, float(column[k]), decimals))
     return content.edited(edits)
+
+
+def euler_angles(rotation: FloatArray, order: str, near: FloatArray) -> FloatArray:
+    """Convert rotation matrices, shape (T, 3, 3), to the Euler angles [rad] nearest to given ones, shape (T, 3).
+
+    `order` has three letters, as scipy's: ZYX about turned axes, zyx about fixed ones.
+    """
+    from scipy.spatial.transform import Rotation
+
+    first = Rotation.from_matrix(rotation).as_euler(order)  # type: ignore[call-overload]
+    second = first + np.pi
+    second[:, 1] = (np.pi if len(set(order)) == 3 else 0.0) - first[:, 1]
+    both = np.stack([first, second]) - near
+    both -= 2.0 * np.pi * np.round(both / (2.0 * np.pi))
+    nearest = np.argmin((both**2).sum(axis=2), axis=0)
+    return np.asarray(near + both[nearest, np.arange(len(near))])
 
 
 def _carrier(joints: tuple[Joint, ...], wrist: int) -> Joint | None:

@@ -12,8 +12,7 @@ import numpy as np
 from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.content import Content, ReadOptions
-from hhsim.recordings.hdf5_arrays import opened_hdf5
+from hhsim.recordings.content import Content, ReadOptions, opened_hdf5
 from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.recording import SIDES, chosen_side, unused
 from hhsim.recordings.registry import RecordingFormat

@@ -29,7 +29,6 @@ from hhsim.motion.pickled_data import plain, unpickled
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import ZIP, Content, ReadOptions, stated_hand
 from hhsim.recordings.correction import Changes
-from hhsim.recordings.frames import posed_tree
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.object_poses import ObjectPoses, poses_in
@@ -86,6 +85,21 @@ REACHED = 1e-20
 """Squared distance of all joints that counts as none [m²]."""
 Parameters = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 """Rotation, pose, translation and betas, as `ManoModel.keypoints` takes them."""
+
+
+def posed_tree(parents: Sequence[int], rest: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Compute the motion x ↦ rotation · x + shift of each joint of a tree; it turns all that follows it about itself.
+
+    Parents come before their children, -1 is none. `rest` has the positions at rest, shape (J, 3), `turns` and the
+    result rotation matrices, shape (T, J, 3, 3); the shifts, shape (T, J, 3), have the unit of `rest`.
+    """
+    rotation, shift = np.empty_like(turns), np.empty(turns.shape[:3])
+    for joint, parent in enumerate(parents):
+        above = np.eye(3) if parent < 0 else rotation[:, parent]
+        place = rest[joint] if parent < 0 else above @ rest[joint] + shift[:, parent]
+        rotation[:, joint] = above @ turns[:, joint]
+        shift[:, joint] = place - rotation[:, joint] @ rest[joint]
+    return rotation, shift
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,8 @@ from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.motion.csv_table import read_table
 from hhsim.motion.trajectory import ObjectMotion
 from hhsim.recordings.content import Content, ReadOptions
-from hhsim.recordings.frames import posed_tree, to_our_frames
+from hhsim.recordings.formats.mano import posed_tree
+from hhsim.recordings.frames import to_our_frames
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.json_document import keys_of
 from hhsim.recordings.object_poses import OBJECT_UID
