@@ -23,7 +23,6 @@ from hhsim.recordings.registry import (
     format_of,
     read_content,
     read_recording,
-    recording_formats,
     recording_suffixes,
     why_not_read,
 )
@@ -113,11 +112,6 @@ def test_our_own_formats_keep_their_names(installed: Callable[..., None]) -> Non
     assert formats.FORMATS.names().count("csv") == 1 and formats.FORMATS["csv"].name == "csv"
 
 
-def test_a_format_is_named_as_its_module() -> None:
-    assert sorted(recording_formats()) == formats.FORMATS.names()
-    assert "jointlines" not in recording_formats()
-
-
 def test_the_page_tells_of_every_format(repository: Path) -> None:
     page = (repository / "docs" / "recordings.md").read_text(encoding="utf-8")
     table = page[page.index("| format |") :].split("\n\n")[0]
@@ -194,11 +188,6 @@ def test_a_mapping_of_columns_wins_over_a_gloves_channels_and_fits_no_other_form
     assert format_of(table, ReadOptions(columns=columns)).name == "csv"
     with pytest.raises(InputError, match="--columns explains a table, and this is BVH motion capture"):
         read_content(Content(data=b"HIERARCHY"), ReadOptions(columns=columns))
-
-
-def test_what_is_no_text_is_no_table_and_no_tree_of_joints() -> None:
-    with pytest.raises(InputError, match="no text; expected a recording of another format"):
-        read_content(Content(data=b"\x00" * 100), ReadOptions(form="bvh"))
 
 
 def test_a_missing_or_a_large_file_is_refused(tmp_path: Path) -> None:

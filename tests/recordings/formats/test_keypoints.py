@@ -136,18 +136,6 @@ def test_an_hdf5_of_others_lists_its_arrays_and_takes_one(tmp_path: Path) -> Non
         read_recording(tmp_path / "cut.h5")
 
 
-def test_one_of_several_arrays_is_read_and_written(tmp_path: Path) -> None:
-    path, out = tmp_path / "two.npz", tmp_path / "free.npz"
-    path.write_bytes(arrays_npz(left_hand=POINTS + 1.0, right_hand=POINTS, t=TIME))
-    options = ReadOptions(array="right_hand", world_up="y", hand="right")
-    recording = read_recording(path, options)
-    assert_our_own(recording, SAMPLE)
-    write_recording(path, options, recording, a_correction(recording), out)
-    with np.load(path) as before, np.load(out) as after:
-        assert before["left_hand"].tobytes() == after["left_hand"].tobytes()
-        assert np.abs(after["right_hand"] - before["right_hand"]).max() > 1e-4
-
-
 @pytest.mark.parametrize("protocol", [2, 4, 5])
 def test_a_pickled_dictionary_comes_back_corrected(protocol: int, tmp_path: Path) -> None:
     sample, path = joint_sample(), tmp_path / "take.pkl"
