@@ -411,13 +411,18 @@ CASES: dict[str, Case] = {
 }
 
 
-def imported(case: Case, folder: Path) -> dict[str, Any]:
-    """What an import makes of a case, and of the file that is written for a correction, by names."""
+def laid_out(case: Case, folder: Path) -> tuple[Path, ReadOptions]:
+    """Path of a case's recording, whose files are written, and the options to read it."""
     for name, data in case.files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(data.encode() if isinstance(data, str) else data)
     paths = {key: folder / case.options[key] for key in ("mano_model", "profile") if key in case.options}
-    options, path = ReadOptions(**{**case.options, **paths}), folder / next(iter(case.files))
+    return folder / next(iter(case.files)), ReadOptions(**{**case.options, **paths})
+
+
+def imported(case: Case, folder: Path) -> dict[str, Any]:
+    """What an import makes of a case, and of the file that is written for a correction, by names."""
+    path, options = laid_out(case, folder)
     recording = read_recording(path, options)
     cleaned = clean_recording(recording, CleaningOptions(**case.cleaning))
     motion = cleaned.trajectory

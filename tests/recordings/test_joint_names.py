@@ -43,31 +43,28 @@ def test_seconds_and_nanoseconds_make_one_stamp(
     assert column is not None and column.stamps(held.__getitem__).tolist() == expected
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("left_index_tip_x", ("left", "index_tip", "x")),
-        ("XR_HAND_JOINT_INDEX_TIP_EXT", ("", "index_tip", "")),
-        ("index-finger-phalanx-proximal", ("", "index_proximal", "")),
-        ("pinky-finger-metacarpal", ("", "little_metacarpal", "")),
-        ("R_IndexTip.PosX", ("right", "index_tip", "x")),
-        ("RightHandThumbDistal_pz", ("right", "thumb_distal", "z")),
-        ("INDEX_FINGER_MCP_y", ("", "index_proximal", "y")),
-        ("THUMB_IP", ("", "thumb_distal", "")),
-        ("right_wrist_qx", ("right", "wrist", "rotation")),
-        ("left_palm_radius", ("left", "palm", "radius")),
-        ("LeftMiddleProximalRotationX", ("left", "middle_proximal", "rotation")),
-        ("ring_tip_valid", ("", "ring_tip", "valid")),
-        ("left_ring_tip_locationFlags", ("left", "ring_tip", "flags")),
-        ("R_IndexTip.isTracked", ("right", "index_tip", "tracked")),
-        ("right_palm_positionValid", ("right", "palm", "valid")),
-        ("right_palm_orientationValid", ("right", "palm", "")),
-        ("thumb_intermediate_x", ("", "", "x")),
-        ("emg_3", ("", "", "")),
-    ],
-)
-def test_what_a_name_says(text: str, said: tuple[str, str, str]) -> None:
-    assert joint_name(text) == said
+def test_what_a_name_says() -> None:
+    said = {
+        "left_index_tip_x": ("left", "index_tip", "x"),
+        "XR_HAND_JOINT_INDEX_TIP_EXT": ("", "index_tip", ""),
+        "index-finger-phalanx-proximal": ("", "index_proximal", ""),
+        "pinky-finger-metacarpal": ("", "little_metacarpal", ""),
+        "R_IndexTip.PosX": ("right", "index_tip", "x"),
+        "RightHandThumbDistal_pz": ("right", "thumb_distal", "z"),
+        "INDEX_FINGER_MCP_y": ("", "index_proximal", "y"),
+        "THUMB_IP": ("", "thumb_distal", ""),
+        "right_wrist_qx": ("right", "wrist", "rotation"),
+        "left_palm_radius": ("left", "palm", "radius"),
+        "LeftMiddleProximalRotationX": ("left", "middle_proximal", "rotation"),
+        "ring_tip_valid": ("", "ring_tip", "valid"),
+        "left_ring_tip_locationFlags": ("left", "ring_tip", "flags"),
+        "R_IndexTip.isTracked": ("right", "index_tip", "tracked"),
+        "right_palm_positionValid": ("right", "palm", "valid"),
+        "right_palm_orientationValid": ("right", "palm", ""),
+        "thumb_intermediate_x": ("", "", "x"),
+        "emg_3": ("", "", ""),
+    }
+    assert {text: joint_name(text) for text in said} == said
 
 
 @pytest.mark.parametrize(

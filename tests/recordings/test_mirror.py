@@ -9,19 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Run
-from joint_samples import (
-    Y_UP,
-    array_npy,
-    arrays_npz,
-    iwer_json,
-    joint_sample,
-    mcap_bytes,
-    openxr_csv,
-    webxr_json,
-    words,
-)  # fmt: skip
+from joint_samples import Y_UP, array_npy, arrays_npz, joint_sample, mcap_bytes, webxr_json, words  # fmt: skip
 from leap_document import document
-from pose_samples import lerobot_bytes
 from recording_samples import read_as, smooth_recording
 from scipy.spatial.transform import Rotation
 
@@ -129,11 +118,8 @@ MIRRORED: dict[str, tuple[str, Callable[[FloatArray], str | bytes], dict[str, An
         {"world_up": "y"},
     ),
     "npy": ("keypoints", lambda flip: array_npy(seen(flip).named()), {"rate": 30.0, "hand": "right", "world_up": "-x"}),
-    "openxr": ("openxr", lambda flip: openxr_csv(seen(flip)), {}),
     "webxr": ("webxr", lambda flip: webxr_json(seen(flip)), {}),
-    "iwer": ("webxr", lambda flip: iwer_json(seen(flip)), {}),
     "mcap": ("mcap", lambda flip: mcap_bytes(seen(flip)), {}),
-    "lerobot": ("lerobot", lambda flip: lerobot_bytes(seen(flip)), {"hand": "right"}),
     "leap": ("leap", leap_document, {}),
     "npz of angles": ("npz", npz_of_angles, {}),
     "own csv": ("csv", own_csv, {"world_up": "y", "palm_axes": ("y", "z", "x")}),
@@ -163,7 +149,7 @@ def test_a_mirrored_hand_and_its_object_come_in_as_they_were(form: str) -> None:
         assert f"left-handed coordinates: {axis} is turned round, as --mirror says" in words(again)
 
 
-@pytest.mark.parametrize("form", ["npz of joints", "npy", "mcap", "lerobot", "leap"])
+@pytest.mark.parametrize("form", ["npz of joints", "npy", "mcap", "leap"])
 def test_a_named_side_that_the_fingers_contradict_stops(form: str) -> None:
     name, make, options = MIRRORED[form]
     remedy = "--hand left" if name == "keypoints" else "--mirror x --other-hand"
