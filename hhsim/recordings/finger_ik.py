@@ -142,10 +142,6 @@ def middle_of_knuckles(side: HandSide) -> FloatArray:
     return np.asarray(usual_fingers(side)["base"][1:].mean(axis=0))
 
 
-BONE_CHANGE = 0.01
-"""Deviation of a bone from its median length that is told [m]: no bone grows so, one of its joints is misplaced."""
-
-
 @dataclass(frozen=True, eq=False)
 class RecordedBones:
     """Sizes of the recorded hand, palm frame, and the error of its fit."""
@@ -202,21 +198,6 @@ def median_bones(joints: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return median first joints and bone lengths [m], (5, 3), of joints (T, 5, 4, 3), palm frame, NaN if missing."""
     lengths = np.linalg.norm(np.diff(joints, axis=2), axis=3)
     return _finite(np.median, joints[:, :, 0]), _finite(np.median, lengths)
-
-
-def misplaced_joints(joints: FloatArray, wrist: FloatArray) -> list[str]:
-    """Return a line about samples in which a bone is longer or shorter than its median by `BONE_CHANGE`; else none."""
-    chain = np.concatenate([np.broadcast_to(wrist[:, None, None], (len(joints), 5, 1, 3)), joints], axis=2)
-    with np.errstate(over="ignore", invalid="ignore"):
-        lengths = np.linalg.norm(np.diff(chain, axis=2), axis=3)
-        off = np.nan_to_num(np.abs(lengths - _finite(np.median, lengths)), posinf=np.inf).max(axis=(1, 2))
-    found = np.flatnonzero(off > BONE_CHANGE)
-    if not found.size:
-        return []
-    return [
-        f"{found.size} of {len(off)} samples with a bone of another length than its median, by up to "
-        f"{1e3 * off.max():.3g} mm, first sample {found[0]}: joints are misplaced there"
-    ]
 
 
 def _finite(statistic: Callable[[FloatArray], Any], rows: FloatArray) -> FloatArray:

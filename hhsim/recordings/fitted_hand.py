@@ -17,7 +17,7 @@ from hhsim.hand import model
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.finger_ik import FingerAxes, RecordedBones, finger_axes, finger_joints, fit_error, usual_fingers
+from hhsim.recordings.finger_ik import FingerAxes, finger_axes, finger_joints, fit_error, usual_fingers
 from hhsim.recordings.frames import in_palm, turned
 from hhsim.recordings.joint_fit import (
     NOISE_FLOOR,
@@ -164,17 +164,26 @@ def fitted_hand(recording: Recording, source: str) -> tuple[Recording, str]:
         what = f"bone {bone + 1} of the {FINGERS[finger]} is {1e3 * length[finger, bone]:.1f} mm long"
         raise TrajectoryError(f"--fit-hand: {what}; expected more than {1e3 * SHORTEST:g} mm")
     mirror = model.MIRROR if bones.hand == "left" else np.ones(3)
-    axes: dict[str, FloatArray] = {}
+    own: dict[str, FloatArray] = {}
     if recording.joints is not None:
-        recording, axes = _fitted(recording, recording.joints, bones, mirror)
+        fingers = recording.joints[:, 1:].reshape(-1, len(FINGERS), 4, 3)
+        at = in_palm(fingers - recording.position[:, None, None], recording.orientation)
+        axes = fitted_axes(at, bones.base, bones.hand)
+        flexion, abduction = fitted_angles(at, bones.base, bones.length, axes, bones.hand)
+        rms, largest = fit_error(at, finger_joints(bones.base, bones.length, flexion, abduction, axes))
+        off, worst = 1e3 * np.nanmax(rms), FINGERS[int(np.nanargmax(rms))]
+        said = note(f"finger axes fitted: joints {off:.1f} mm off (rms) in the {worst}, less in the others")
+        bones = replace(bones, rms=rms, largest=largest)
+        recording = recording.changed(flexion=flexion, abduction=abduction, bones=bones).found(said)
+        own = {"distal": axes.distal * mirror, "dorsal": axes.dorsal * mirror}
+        own |= recorded_limits(flexion, abduction, axes, bones.hand)
     base = bones.base * mirror
     # From the recording's palm origin to that of this hand, palm frame [m].
     shift = base[1:].mean(axis=0) - ours["base"][1:].mean(axis=0)
-    sizes = {"base": base - shift, "length": length} | axes | ({} if bones.radius is None else {"radius": radius})
-    fingers = {finger: {key: rows[f] for key, rows in sizes.items()} for f, finger in enumerate(FINGERS)}
+    sizes = {"base": base - shift, "length": length} | own | ({} if bones.radius is None else {"radius": radius})
+    rows = {finger: {key: values[f] for key, values in sizes.items()} for f, finger in enumerate(FINGERS)}
     radii = "radii in proportion to its length and breadth" if bones.radius is None else "radii as recorded"
-    said = f"Fitted to {source}: bones as medians, {radii}."
-    text = model.format_hand_file(bones.hand_length, breadth, fingers, said)
+    text = model.format_hand_file(bones.hand_length, breadth, rows, f"Fitted to {source}: bones as medians, {radii}.")
     # What no hand file may hold is refused before it is written.
     HandModel.of_text(text, FITTED)
     moved = recording.changed(position=recording.position + turned(recording.orientation, shift * mirror))
@@ -199,23 +208,6 @@ def in_angles_of(recording: Recording, hand: HandModel) -> Recording:
     axes = FingerAxes(hand.distal, hand.dorsal, hand.abduction_sign * hand.flexion_axis)
     flexion, abduction = fitted_angles(at, hand.base, length, axes, bones.hand)
     return recording.changed(position=position, flexion=flexion, abduction=abduction)
-
-
-def _fitted(
-    recording: Recording, joints: FloatArray, bones: RecordedBones, mirror: FloatArray
-) -> tuple[Recording, dict[str, FloatArray]]:
-    """Return the recording in the angles of a hand with its own finger axes, and these axes and limits by file keys."""
-    fingers = joints[:, 1:].reshape(-1, len(FINGERS), 4, 3)
-    at = in_palm(fingers - recording.position[:, None, None], recording.orientation)
-    axes = fitted_axes(at, bones.base, bones.hand)
-    flexion, abduction = fitted_angles(at, bones.base, bones.length, axes, bones.hand)
-    rms, largest = fit_error(at, finger_joints(bones.base, bones.length, flexion, abduction, axes))
-    bones = replace(bones, rms=rms, largest=largest)
-    fitted = recording.changed(flexion=flexion, abduction=abduction, bones=bones)
-    worst = int(np.nanargmax(rms))
-    text = f"finger axes fitted: joints {1e3 * rms[worst]:.1f} mm off (rms) in the {FINGERS[worst]}, less in the others"
-    keys = {"distal": axes.distal * mirror, "dorsal": axes.dorsal * mirror}
-    return fitted.found(note(text)), keys | recorded_limits(flexion, abduction, axes, bones.hand)
 
 
 def check_hand_path(path: Path) -> None:

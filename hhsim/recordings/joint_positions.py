@@ -26,7 +26,6 @@ from hhsim.recordings.finger_ik import (
     finger_axes,
     finger_joints,
     median_bones,
-    misplaced_joints,
     palm_from_knuckles,
     palm_origin,
     recorded_bones,
@@ -150,7 +149,7 @@ def recording_of_joints(joints: JointPositions, form: str, content: Content, opt
     if radii is not None:
         long = f"with that of the middle one the hand is {1e3 * bones.hand_length:.0f} mm long"
         findings.append(note(f"fingertips are balls of the recorded radii: {long}"))
-    findings += [off, *map(note, misplaced_joints(fingers, wrist))]
+    findings.append(off)
     up = options.world_up or joints.up or options.usual_up
     if up is None and joints.object_poses is not None:
         up = "z"

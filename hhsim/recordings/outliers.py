@@ -68,7 +68,7 @@ def clean_glitches(recording: Recording) -> Recording:
             raise TrajectoryError(f"{reason}: the rows are no motion; are they out of order?")
     for kind in (POSITION, ORIENTATION, JOINT):
         recording = _without_outliers(recording, kind)
-    return _suspects(_frozen(recording))
+    return suspect_joints(_suspects(_frozen(recording)))
 
 
 def _ways(recording: Recording) -> tuple[FloatArray, FloatArray]:

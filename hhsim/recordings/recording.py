@@ -79,21 +79,16 @@ def unreadable(cells: int, where: str = "") -> list[Finding]:
 def unused(held: Mapping[str, Any], used: Collection[str | None] = ()) -> list[Finding]:
     """Return the finding that names the values that a reader left out, with the shapes of arrays; none without any."""
     # What a field of a known name is used for, or not, is told for all formats by `hhsim.recordings.registry`.
-    left = [name for name in held if name not in used and not kind_of(name)]
+    left = [(name, np.shape(held[name])) for name in held if name not in used and not kind_of(name)]
     # What states that a reading is not one comes first.
-    left.sort(key=lambda name: joint_name(name).part not in VALIDITY_WORDS)
-    told: dict[str, list[str]] = {"note": [], UNUSED_POSE: []}
-    for name in left:
-        shape = np.shape(held[name])
-        kind = UNUSED_POSE if looks_like_pose(name, shape) else "note"
-        told[kind].append(f"{name} {shape}" if shape else name)
-    what = {"note": "not used", UNUSED_POSE: "not used, though it looks like the pose of an object"}
-    more = {kind: f" and {n - SHOWN_NAMES} more" for kind, names in told.items() if (n := len(names)) > SHOWN_NAMES}
-    return [
-        Finding(kind, f"{what[kind]}: {', '.join(names[:SHOWN_NAMES])}{more.get(kind, '')}")
-        for kind, names in told.items()
-        if names
-    ]
+    left.sort(key=lambda each: joint_name(each[0]).part not in VALIDITY_WORDS)
+    findings = []
+    for kind, what in (("note", "not used"), (UNUSED_POSE, "not used, though it looks like the pose of an object")):
+        found = [each for each in left if looks_like_pose(*each) == (kind == UNUSED_POSE)]
+        names = ", ".join(f"{name} {shape}" if shape else name for name, shape in found[:SHOWN_NAMES])
+        more = f" and {len(found) - SHOWN_NAMES} more" if len(found) > SHOWN_NAMES else ""
+        findings += [Finding(kind, f"{what}: {names}{more}")] if found else []
+    return findings
 
 
 def unused_poses(recording: "Recording") -> tuple[str, ...]:

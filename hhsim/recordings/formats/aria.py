@@ -11,7 +11,6 @@ from itertools import chain
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.motion.csv_table import read_table
@@ -45,10 +44,6 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
     table = read_table(content.text)
     columns = {side: [*chain(*landmark_columns(side).values())] for side in SIDES}
     columns = {side: names for side, names in columns.items() if names[0] in table.header}
-    for side, names in columns.items():
-        missing = [name for name in (STAMPS, SURE.format(side), *names) if name not in table.header]
-        if missing:
-            raise TrajectoryError(f"no column {missing[0]}; expected Aria's stamps, confidence and 21 landmarks")
     seen = {side: table.numbers([SURE.format(side)])[0][:, 0] >= 0.0 for side in columns}
     side, remarks = chosen_side({side: int(each.sum()) for side, each in seen.items()}, options.hand)
     values, broken = table.numbers(columns[side])

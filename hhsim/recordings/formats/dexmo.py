@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError, TrajectoryError
+from hhsim.errors import InputError
 from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.csv_table import read_table
 from hhsim.motion.sample_flags import SampleFlag
@@ -36,8 +36,6 @@ def _calibrated(content: Content, options: ReadOptions) -> tuple[Recording, Dexm
     """Read a table of channels; returns the recording and the calibration used."""
     table = read_table(content.text)
     table = replace(table, header=tuple(ALIAS.get(column, column) for column in table.header))
-    if "time" not in table.header:
-        raise TrajectoryError("no column 'time'; expected stamps [s] beside the channels")
     places = {"px", "py", "pz"} <= set(table.header)
     turns = {"qw", "qx", "qy", "qz"} <= set(table.header)
     columns = ColumnMap(

@@ -6,6 +6,7 @@ y up. Other features are mapped by --columns as `feature.name`, by the names of 
 
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -194,15 +195,15 @@ def _episode(columns: dict[str, Any], options: ReadOptions, findings: list[Findi
 def _numbers(columns: dict[str, Any], name: str, rows: IntArray | None) -> FloatArray:
     """Return the numbers of a column, nested lists flattened, shape (T, N); NaN where missing."""
 
-    def flattened(cell: Any, depth: int) -> list[float]:
-        if isinstance(cell, list) and depth < 6:
-            return [value for item in cell for value in flattened(item, depth + 1)]
-        return [number(cell)]
+    def flattened(cell: Any) -> FloatArray:
+        with suppress(TypeError, ValueError):
+            return np.ravel(np.array(cell, dtype=np.float64))
+        return np.full(1, np.nan)
 
     chosen = columns[name] if rows is None else columns[name].take(rows)
     if chosen.nbytes > MOST_BYTES and "binary" not in str(chosen.type):
         raise TrajectoryError(f"{name} has {chosen.nbytes >> 20:,} MB; expected the recording of a hand")
-    flat = [flattened(cell, 0) for cell in chosen.to_pylist()]
+    flat = [flattened(cell) for cell in chosen.to_pylist()]
     width = max((len(row) for row in flat), default=0)
     values = np.full((len(flat), max(width, 1)), np.nan)
     for place, row in zip(values, flat):

@@ -9,7 +9,6 @@ timestamp[ns], t_wo_x[m] …, q_wo_w …, each object's own frame in the same wo
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -76,15 +75,17 @@ def _hand_points(path: Path, angles: FloatArray) -> FloatArray:
     """Compute the 21 joints [m] in the wrist's frame, shape (T, 21, 3), from a profile and angles [rad], (T, 20)."""
     with named(path):
         document = Content(path, what="the profile of an UmeTrack hand").document
-        model = document.get("hand_model", document) if isinstance(document, dict) else None
-        if not isinstance(model, dict):
-            raise TrajectoryError(f"{keys_of(document)}; expected the profile of an UmeTrack hand")
-        rest = MILLIMETRE * _numbers(model, "joint_rest_positions", ANGLES)
-        axes = _numbers(model, "joint_rotation_axes", ANGLES)
-        landmarks = MILLIMETRE * _numbers(model, "landmark_rest_positions", 21)
+        model = document.get("hand_model", document) if isinstance(document, dict) else {}
+        keys = {"joint_rest_positions": ANGLES, "joint_rotation_axes": ANGLES, "landmark_rest_positions": 21}
+        try:
+            points = [np.array(model[key], dtype=np.float64)[:count].reshape(count, 3) for key, count in keys.items()]
+        except (KeyError, TypeError, ValueError, IndexError):
+            wanted = ", ".join(f"{count} points in {key}" for key, count in keys.items())
+            raise TrajectoryError(f"{keys_of(document)}; expected the profile of an UmeTrack hand: {wanted}") from None
+        rest, axes, landmarks = MILLIMETRE * points[0], points[1], MILLIMETRE * points[2]
         norm = np.linalg.norm(axes, axis=1, keepdims=True)
-        if not (np.abs(norm - 1.0) < 0.02).all():
-            raise TrajectoryError("joint_rotation_axes are no unit vectors")
+        if not (np.abs(norm - 1.0) < 0.02).all() or not np.isfinite([*rest, *landmarks]).all():
+            raise TrajectoryError("joint_rotation_axes are no unit vectors, or a position is missing")
     turns = rotation_matrix(quaternion(angles[..., None] * (axes / norm)))
     rotation, shift = posed_tree([joint - 1 if joint % 4 else -1 for joint in range(ANGLES)], rest, turns)
     # The first joint of a finger turns where the second one does.
@@ -93,16 +94,6 @@ def _hand_points(path: Path, angles: FloatArray) -> FloatArray:
     fingers = np.concatenate([at.reshape(-1, 5, 4, 3)[:, :, 1:], tips[:, :, None]], axis=2)
     wrist = np.tile(landmarks[WRIST], (len(angles), 1, 1))
     return np.concatenate([wrist, fingers.reshape(-1, 20, 3)], axis=1)
-
-
-def _numbers(model: dict[str, Any], key: str, count: int) -> FloatArray:
-    try:
-        values = np.array(model.get(key), dtype=np.float64)
-    except (TypeError, ValueError):
-        values = np.zeros(0)
-    if values.ndim != 2 or values.shape[0] < count or values.shape[1] != 3 or not np.isfinite(values).all():
-        raise TrajectoryError(f"{key} is not at least {count} points; expected the profile of an UmeTrack hand")
-    return values[:count]
 
 
 def _object_beside(
