@@ -150,7 +150,7 @@ def _of_list(node: list[Any], name: str, side: HandSide, depth: int) -> Iterator
         for label, entry in zip(labels, objects(node)):
             yield from leaves(entry, f"{name}.{label}", side, depth + 1)
         return
-    with suppress(TypeError, ValueError):
+    with suppress(TypeError, ValueError, OverflowError):
         values = np.array(node, dtype=np.float64)
         while values.ndim > 1 and not joints_in(values.shape) and joints_in(values.shape[1:]):
             values = values[0]
@@ -191,4 +191,6 @@ def frame_arrays(frames: Sequence[Any]) -> dict[tuple[HandSide, str], FloatArray
         for k, row in enumerate(rows):
             if key in row and row[key].shape == shape:
                 arrays[key][k] = row[key]
+        # Beyond that it is damage, and what is computed from it overflows.
+        arrays[key][~(np.abs(arrays[key]) <= MOST)] = np.nan
     return arrays

@@ -23,7 +23,7 @@ from hhsim.recordings.formats.csv import columns_of, with_columns
 from hhsim.recordings.joint_arrays import order_by_bones
 from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS, StatedFields, kind_of
 from hhsim.recordings.joint_positions import JointPositions
-from hhsim.recordings.json_document import number
+from hhsim.recordings.json_document import MOST, number
 from hhsim.recordings.object_poses import is_objects, poses_in
 from hhsim.recordings.recording import Finding, Recording, chosen_side, note, unused
 from hhsim.recordings.registry import RecordingFormat
@@ -209,6 +209,8 @@ def _numbers(columns: dict[str, Any], name: str, rows: IntArray | None) -> Float
     for place, row in zip(values, flat):
         if len(row) == width:
             place[:] = row
+    # Beyond that it is damage, and what is computed from it overflows.
+    values[~(np.abs(values) <= MOST)] = np.nan
     return values
 
 
