@@ -253,12 +253,14 @@ def joints_of_frames(
     that is none.
     """
     arrays, count, held = frame_arrays(frames), len(frames), dict[str, FloatArray]()
+    # What stands beside the hands counts whichever hand its frame states.
     for (_, name), values in arrays.items():
         known = held.setdefault(name, values)
         held[name] = np.where(np.isnan(known), values, known) if known.shape == values.shape else known
     meanings = {key: joint_name(key[1]) for key in arrays}
     meanings = {key: name._replace(side=name.side or key[0]) for key, name in meanings.items()}
     hands = named_hands((meanings[key], v) for key, v in arrays.items() if meanings[key].part or _is_place(v[0]))
+    # Of hands without named joints the first rows of points, with their name.
     rows: dict[HandSide, tuple[str, FloatArray]] = {}
     for key, values in arrays.items():
         if joints_in(values.shape[1:]) and meanings[key].side not in hands:
@@ -283,9 +285,10 @@ def joints_of_frames(
         name, points = rows[side]
         fields = ordered(points, content, options)
         below = {key.removeprefix(f"{name}."): values for key, values in held.items() if key.startswith(f"{name}.")}
-        fields |= beside_points(below, count, points.shape[1], fields["joint_order"])[0]
+        fields |= beside_points(below, count, row_names(points, content, options)[0])[0]
         fields["validity"] |= {kind: values.reshape(count, 1) for kind, values in stated}
         if more and points.shape[1] > len(KEYPOINTS):
+            # A world with y up has joints of OpenXR or WebXR, whether their names stand there or not.
             fields["what"] = recognised(ORDERS[points.shape[1]]["openxr"], side)
     found = JointPositions(
         **fields | more,
@@ -323,19 +326,17 @@ def points_of(values: FloatArray) -> FloatArray:
     return places
 
 
-def beside_points(
-    arrays: Mapping[str, Any], count: int, width: int, order: Sequence[int]
-) -> tuple[dict[str, Any], set[str]]:
-    """Return radii and validity beside rows of `width` points as fields of `JointPositions`, and the names used."""
+def beside_points(arrays: Mapping[str, Any], count: int, names: Sequence[str]) -> tuple[dict[str, Any], set[str]]:
+    """Return radii and validity beside rows of joints as fields of `JointPositions`, and the names that were used."""
     fields: dict[str, Any] = {"validity": {}}
-    used = set()
+    used, width, order = set(), len(names), [names.index(joint) for joint in KEYPOINTS]
     for name, given in arrays.items():
         shape, said = np.shape(given), hand_statement(name)
         if name.rpartition("/")[2] in RADII and shape in ((width,), (count, width)):
-            fields["radius"] = np.broadcast_to(numbers(arrays, name), (count, width))[:, list(order)]
+            fields["radius"] = np.broadcast_to(numbers(arrays, name), (count, width))[:, order]
         elif said and shape in ((count,), (count, 1), (count, width)):
             values = numbers(arrays, name).reshape(count, -1)
-            fields["validity"][said.part] = values[:, list(order)] if values.shape[1] == width else values
+            fields["validity"][said.part] = values[:, order] if values.shape[1] == width else values
         else:
             continue
         used.add(name)
@@ -343,7 +344,15 @@ def beside_points(
 
 
 def ordered(points: FloatArray, content: Content, options: ReadOptions) -> dict[str, Any]:
-    """Return fields of `JointPositions` for the joints of rows, shape (T, n, 3), in the order of `KEYPOINTS`.
+    """Return fields of `JointPositions` for the joints of rows, shape (T, n, 3); errors as of `row_names`."""
+    names, what, misfit = row_names(points, content, options)
+    position = points[:, [names.index(joint) for joint in KEYPOINTS]]
+    up = {"up": "y"} if set(names) >= set(WEBXR_JOINTS) else {}
+    return {"position": position, "what": what, "misfit": misfit, **up}
+
+
+def row_names(points: FloatArray, content: Content, options: ReadOptions) -> tuple[tuple[str, ...], str, str]:
+    """Return the joints of rows, shape (T, n, 3), what they are, and how far their bones are from a hand's.
 
     Raises TrajectoryError if no known order makes a hand of them, and neither the options nor a field of the file state
     one; InputError if the options state an order of other joints.
@@ -353,33 +362,23 @@ def ordered(points: FloatArray, content: Content, options: ReadOptions) -> dict[
     if word is not None and word not in ORDERS.get(count, {}):
         expected = " or ".join(str(number) for number, orders in ORDERS.items() if word in orders)
         raise InputError(f"--joint-order {stated}: {count} joints a sample; expected {expected}")
-    names, misfit = stated_names(content, options, count), ""
-    if names:
+    told: tuple[str, ...] = content.stated.seen("order") or ()
+    if word is None and len(told) == count:
         content.stated.take("order")
-        what = f"{count} joints in the order that the file states"
+        return told, f"{count} joints in the order that the file states", ""
+    misfit = ""
+    if word is None:
+        word = order_by_bones(points, ORDERS[count])
     else:
-        if word is None:
-            word = order_by_bones(points, ORDERS[count])
-        else:
-            misfit = "; ".join(fit.text for fit in _bone_fits(points, {word: ORDERS[count][word]}) if not fit.fits)
-        names, how = ORDERS[count][word], "as --joint-order says" if stated else "by the lengths of its bones"
-        what = {
-            "mediapipe": f"{count} keypoints in MediaPipe's order: wrist, thumb to little finger",
-            "mano": f"{count} joints in MANO's order (wrist, index, middle, little, ring, thumb, then the tips), {how}",
-            "openxr": f"{count} joints in {'OpenXR' if count == 26 else 'WebXR'}'s order",
-            "unity": f"{count} joints in Unity's order (the wrist before the palm), {how}",
-        }[word]
-        if not stated and word in ("mano", "unity"):
-            what += "; else say --joint-order"
-    places = tuple(names.index(joint) for joint in KEYPOINTS)
-    more = {"up": "y"} if set(names) >= set(WEBXR_JOINTS) else {}
-    return {"position": points[:, list(places)], "what": what, "joint_order": places, "misfit": misfit, **more}
-
-
-def stated_names(content: Content, options: ReadOptions, count: int) -> tuple[str, ...]:
-    """Return the joints of a row of `count` by a field of the file; none without one, or if the options state them."""
-    names: tuple[str, ...] = content.stated.seen("order") or ()
-    return names if options.joint_order is None and len(names) == count else ()
+        misfit = "; ".join(fit.text for fit in _bone_fits(points, {word: ORDERS[count][word]}) if not fit.fits)
+    how = "as --joint-order says" if stated else "by the lengths of its bones; else say --joint-order"
+    what = {
+        "mediapipe": f"{count} keypoints in MediaPipe's order: wrist, thumb to little finger",
+        "mano": f"{count} joints in MANO's order (wrist, index, middle, little, ring, thumb, then the tips), {how}",
+        "openxr": f"{count} joints in {'OpenXR' if count == 26 else 'WebXR'}'s order",
+        "unity": f"{count} joints in Unity's order (the wrist before the palm), {how}",
+    }[word]
+    return ORDERS[count][word], what, misfit
 
 
 def order_by_bones(points: FloatArray, orders: Mapping[str, tuple[str, ...]]) -> str:

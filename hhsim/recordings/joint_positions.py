@@ -71,8 +71,6 @@ class JointPositions:
     radius: FloatArray | None = None
     # What the file says of the joints, shape (T, 21), or of all of them, (T, 1), by its kind; see `stated_validity`.
     validity: Mapping[str, FloatArray] = field(default_factory=dict)
-    # Place of each joint among those of a row of the file, if it has no names.
-    joint_order: tuple[int, ...] = tuple(range(len(KEYPOINTS)))
     misfit: str = ""  # how far the bones in a stated order of joints are from a hand's; "" if they are a hand's
     # Poses of an object in the coordinates of `position`, one a sample; None without any.
     object_poses: ObjectPoses | None = None
@@ -189,7 +187,6 @@ def recording_of_joints(joints: JointPositions, form: str, content: Content, opt
         joints=None if up is None else points @ world_matrix(up).T,
         file_frame=frame,
         rows=np.asarray(joints.rows, dtype=np.int64),
-        joint_order=joints.joint_order,
         first_stamp=first,
     )
     text = "joints without a valid position, says the device: missing"

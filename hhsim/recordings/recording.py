@@ -157,8 +157,6 @@ class Recording:
     file_frame: FileFrame = field(default_factory=FileFrame)  # coordinates of the file's joints or palm
     # Row, line or frame of the file that each sample was read from, shape (T,); empty for all in order.
     rows: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    # Place of each joint of `KEYPOINTS` among the joints of a row of the file, if it has no names.
-    joint_order: tuple[int, ...] = tuple(range(21))
     first_stamp: float = 0.0  # stamp of the file [s] at which `time` is zero
     is_written_back: bool = True  # False if its file is read and not written: what is corrected needs a new file
 

@@ -35,7 +35,7 @@ from hhsim.recordings.joint_arrays import (
     listed_joints,
     located,
     ordered,
-    stated_names,
+    row_names,
     table_of_joints,
 )
 from hhsim.recordings.joint_names import KEYPOINTS, JointName, joint_name
@@ -82,8 +82,13 @@ def joints_of_array(array: Any, where: str, content: Content, options: ReadOptio
         raise TrajectoryError(f"{where} has shape {values.shape}; expected {SHAPES}{LACKING.get(values.shape[1:], '')}")
     if not len(values):
         raise TrajectoryError(f"{where} has shape {values.shape}: no samples")
-    points = values.reshape(len(values), -1, 3)
-    return JointPositions(**ordered(readings("position", points, points.shape), content, options) | more)
+    return JointPositions(**ordered(_points(values), content, options) | more)
+
+
+def _points(array: Any) -> FloatArray:
+    """Return rows of points, shape (T, n, 3)."""
+    points = np.asarray(array, dtype=np.float64).reshape(len(array), -1, 3)
+    return readings("position", points, points.shape)
 
 
 def _from_npz(content: Content, options: ReadOptions) -> JointPositions:
@@ -101,7 +106,7 @@ def _from_npz(content: Content, options: ReadOptions) -> JointPositions:
     unit = None if stamps is None else stamps.unit
     joints = joints_of_array(arrays[key], f"array '{key}'", content, options, time=time, time_unit=unit)
     poses = poses_in(arrays, count, options)
-    fields, used = beside_points(arrays, count, np.size(arrays[key][0]) // 3, joints.joint_order)
+    fields, used = beside_points(arrays, count, row_names(_points(arrays[key]), content, options)[0])
     used |= {key, *(poses.names if poses else ()), *(stamps.names if stamps else ())}
     findings = [*joints.findings, *unused(arrays, used)]
     return replace(joints, **fields, object_poses=poses, findings=findings, checksums_hold=True)
@@ -134,34 +139,25 @@ def _points_key(content: Content, options: ReadOptions) -> str:
 
 def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
     if content.head.startswith(NPY):
-        return npy_with(content.data, _moved(read_npy(content.data), recording, made))
+        return npy_with(content.data, _moved(read_npy(content.data), content, options, made))
     if content.head.startswith(ZIP):
         key = _points_key(content, options)
-        points = content.arrays[key]
-        order = stated_names(content, options, np.size(points[0]) // 3)
-        return npz_with(content.data, {key: _moved(points, recording, made, order)})
+        return npz_with(content.data, {key: _moved(content.arrays[key], content, options, made)})
     table, names, _ = _named_table(content)
-    read = _joints_read(recording)
-    names = {column: name._replace(joint=read.get(name.joint, name.joint)) for column, name in names.items()}
+    # The columns are numbered in MediaPipe's order, whatever the joints are.
+    joints = row_names(joints_of_table(table, names, options).position, content, options)[0]
+    read = dict(zip(KEYPOINTS, joints))
+    names = {column: name._replace(joint=read[name.joint]) for column, name in names.items()}
     return content.edited(joint_edits(content.exact_text, table, names, options, made), table.decimal)
 
 
-def _joints_read(recording: Recording) -> dict[str, str]:
-    """Return the joint that was read at each place of 21, which MediaPipe's order calls by another name."""
-    return {KEYPOINTS[place]: joint for joint, place in zip(KEYPOINTS, recording.joint_order) if place < COUNT}
-
-
-def _moved(points: Any, recording: Recording, made: Changes, names: tuple[str, ...] = ()) -> FloatArray:
-    """Return points of an array with the changes, shape (T, J, 3): those beyond the 21 with the palm.
+def _moved(array: Any, content: Content, options: ReadOptions, made: Changes) -> FloatArray:
+    """Return points of an array with the changes, shape (T, n, 3): those beyond the 21 with the palm.
 
     A missing number, and a joint without a correction, stay.
     """
-    values = np.array(points, dtype=np.float64)
-    values = values.reshape(len(values), -1, 3)
-    orders = [] if names else ORDERS[values.shape[1]].values()
-    read = [order for order in orders if tuple(map(order.index, KEYPOINTS)) == recording.joint_order]
-    names = names or (read[0] if read else tuple(_joints_read(recording)[joint] for joint in KEYPOINTS))
-    for place, joint in enumerate(names):
+    values = np.array(array, dtype=np.float64).reshape(len(array), -1, 3)
+    for place, joint in enumerate(row_names(_points(array), content, options)[0]):
         moved = made.moved(joint, values[made.rows, place])
         values[made.rows, place] = np.where(np.isfinite(moved), moved, values[made.rows, place])
     return values

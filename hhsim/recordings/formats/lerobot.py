@@ -75,7 +75,6 @@ def _read(content: Content, options: ReadOptions) -> Recording | JointPositions:
         rate=rate if 0.1 <= rate <= 1e5 else None,
         hand=side,
         up="y",
-        joint_order=tuple(places),
         object_poses=poses,
         device=str(info.get("robot_type") or ""),
         findings=[*findings, *unused(dict.fromkeys(columns), used), *remarks],

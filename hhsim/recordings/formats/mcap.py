@@ -88,7 +88,6 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
         up="y",
         radius=radius if known else None,
         validity={"valid": joints["valid"][:, places].astype(np.float64)},
-        joint_order=tuple(places),
         device="OpenXR through Isaac Teleop",
         findings=findings,
         rows=seen[side],
