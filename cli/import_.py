@@ -158,8 +158,8 @@ def command(
     from hhsim.motion.trajectory import UNCHECKED
     from hhsim.recordings.cleaning import FINDING_COLUMNS, FIT_COLUMNS, clean_recording, import_document
     from hhsim.recordings.dexmo_regression import format_calibration, read_calibration
+    from hhsim.recordings.fitted_hand import check_hand_path, fitted_hand
     from hhsim.recordings.formats.dexmo import calibration_of
-    from hhsim.recordings.joint_fit import check_hand_path, fitted_hand
     from hhsim.recordings.registry import read_recording
     from hhsim.system.atomic_write import write_atomically
     from hhsim.system.output_path import check_output_path

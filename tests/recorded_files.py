@@ -31,8 +31,8 @@ from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.dexmo_regression import CHANNELS, Poses
 from hhsim.recordings.formats.aria import landmark_columns
 from hhsim.recordings.formats.egodex import arkit_joints
-from hhsim.recordings.joint_names import MANO_JOINTS, OPENXR_JOINTS, UNITY_JOINTS
-from hhsim.recordings.registry import ReadOptions, is_written_back, read_recording, write_recording
+from hhsim.recordings.joint_names import KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS, UNITY_JOINTS
+from hhsim.recordings.registry import ReadOptions, read_recording, write_recording
 from hhsim.system.settings_file import parse_settings
 
 GOLDEN = Path(__file__).parent / "recordings" / "golden.npz"
@@ -82,7 +82,7 @@ def egodex(change: Callable[[h5py.File], Any] = lambda file: None, sides: tuple[
     image, places = io.BytesIO(), SAMPLE.named(OPENXR_JOINTS)
     with h5py.File(image, "w") as file:
         for side in sides:
-            for joint, name in arkit_joints(side).items():
+            for joint, name in zip(KEYPOINTS, arkit_joints(side)):
                 matrices = np.tile(np.eye(4), (COUNT, 1, 1))
                 matrices[:, :3, 3] = places[:, OPENXR_JOINTS.index(joint)] + (side == "left")
                 file[f"transforms/{name}"] = matrices
@@ -411,13 +411,18 @@ CASES: dict[str, Case] = {
 }
 
 
-def imported(case: Case, folder: Path) -> dict[str, Any]:
-    """What an import makes of a case, and of the file that is written for a correction, by names."""
+def laid_out(case: Case, folder: Path) -> tuple[Path, ReadOptions]:
+    """Path of a case's recording, whose files are written, and the options to read it."""
     for name, data in case.files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(data.encode() if isinstance(data, str) else data)
     paths = {key: folder / case.options[key] for key in ("mano_model", "profile") if key in case.options}
-    options, path = ReadOptions(**{**case.options, **paths}), folder / next(iter(case.files))
+    return folder / next(iter(case.files)), ReadOptions(**{**case.options, **paths})
+
+
+def imported(case: Case, folder: Path) -> dict[str, Any]:
+    """What an import makes of a case, and of the file that is written for a correction, by names."""
+    path, options = laid_out(case, folder)
     recording = read_recording(path, options)
     cleaned = clean_recording(recording, CleaningOptions(**case.cleaning))
     motion = cleaned.trajectory
@@ -429,7 +434,7 @@ def imported(case: Case, folder: Path) -> dict[str, Any]:
     found["said"] = "\n".join([repr(facts), *said])
     found["hand_length"] = np.nan if cleaned.hand_length is None else cleaned.hand_length
     has_place = recording.joints is not None or recording.bones is None
-    if case.writes and has_place and is_written_back(recording) and "columns" not in case.options:
+    if case.writes and has_place and recording.is_written_back and "columns" not in case.options:
         correction = a_correction(recording, changed=slice(3, 6), palm=recording.bones is not None)
         out = folder / f"new{path.name[path.name.index('.') :]}"
         write_recording(path, options, recording, correction, out)

@@ -24,7 +24,7 @@ from hhsim.mesh.mesh import Mesh, load_mesh
 from hhsim.metrics.field.field_table import field_rows, field_table
 from hhsim.metrics.field.hands import FieldHands, FieldPair, object_bvh
 from hhsim.motion.trajectory import ObjectMotion
-from hhsim.recordings.joint_fit import fitted_hand
+from hhsim.recordings.fitted_hand import fitted_hand
 from hhsim.recordings.registry import ReadOptions, read_recording
 
 WEIGHT = 100.0

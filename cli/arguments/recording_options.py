@@ -28,7 +28,7 @@ class FileSettings(OptionGroup, heading="Recording"):
     """Meaning of the numbers in the file."""
 
     form: str | None = option("--format", cls=FormatOption, metavar="NAME")
-    columns: Path | None = file("TOML", "Meaning of a CSV's columns (hhsim/recordings/column_map.py has an example).")
+    columns: Path | None = file("TOML", "Meaning of a CSV's columns (docs/recordings.md has an example).")
     hand: Side | None = option(type=SIDES, help="Which hand it is, where the file does not say.")
     time_unit: str | None = option(
         type=click.Choice(["s", "ms", "us", "ns"]),

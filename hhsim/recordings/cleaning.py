@@ -154,11 +154,10 @@ def _cut(recording: Recording, start: float | None, end: float | None) -> Record
 
 
 def _clean_stamps(recording: Recording, max_gap: float) -> Recording:
-    """Return samples with strictly increasing stamps, of stamps [s] in any state with gaps up to `max_gap` [s].
+    """Return samples with strictly increasing stamps and gaps up to `max_gap` [s].
 
     A sample out of order is sorted in if its place by stamp fits its neighbours at least as well as its place in the
-    file; otherwise its stamp is wrong, and it is left out. Raises TrajectoryError if too many stamps are missing,
-    repeat or contradict the motion, as of two clocks or recordings that are mixed, or a gap is too long.
+    file; otherwise its stamp is wrong, and it is left out.
     """
     missing = np.isnan(recording.time)
     if missing.any():
@@ -217,20 +216,16 @@ def _longest_rise(time: FloatArray) -> BoolArray:
 def _contradicting(recording: Recording, order: IntArray, moved: BoolArray) -> BoolArray:
     """Return moved samples that fit their place in the file much better than their place by stamp, shape (T,)."""
     count = recording.sample_count
-    rank = np.empty(count, dtype=np.int64)
-    rank[order] = np.arange(count)
-    by_rank = np.sort(rank[~moved])
+    rank = np.argsort(order)
+    # By stamp, only the samples that keep their order count: other moved ones say nothing.
+    ranks = np.sort(rank[~moved])
     wrong = np.zeros(count, dtype=bool)
-
-    def apart(sample: int, others: IntArray) -> float:
-        """Compute the distance of a sample from the nearest of others [m]; 0 without any."""
-        return float(change(recording, others, np.full(others.shape, sample)).min()) if others.size else 0.0
-
     for i in np.flatnonzero(moved).tolist():
-        in_file = apart(i, np.array([j for j in (i - 1, i + 1) if 0 <= j < count]))
-        # By stamp, only the samples that keep their order count: other moved ones say nothing.
-        place = int(np.searchsorted(by_rank, rank[i]))
-        by_stamp = apart(i, order[by_rank[max(place - 1, 0) : place + 1]])
+        place = int(np.searchsorted(ranks, rank[i]))
+        beside = [j for j in (i - 1, i + 1) if 0 <= j < count], order[ranks[max(place - 1, 0) : place + 1]]
+        in_file, by_stamp = (
+            min(change(recording, np.array(each), np.full(len(each), i)), default=0.0) for each in beside
+        )
         wrong[i] = by_stamp > DEVIATION_RATIO * in_file + NOISE
     return wrong
 
@@ -275,10 +270,7 @@ def _one_piece(recording: Recording, max_gap: float) -> Recording:
 
 
 def _dropped(recording: Recording, keep: BoolArray, why: str, fault: str = "") -> Recording:
-    """Return the recording without the samples that are not kept; the next one in the file is flagged.
-
-    Raises TrajectoryError if none is left, or if too many have a fault of their stamps.
-    """
+    """Return the recording without the samples that are not kept; the next one in the file is flagged."""
     lost = int((~keep).sum())
     if fault and lost > MOST_DROPPED * len(keep):
         raise TrajectoryError(f"{lost} of {len(keep)} samples {fault}; expected a stamp of its own for each")
@@ -297,14 +289,14 @@ def _unit_quaternions(recording: Recording) -> Recording:
     if not given.any():
         return recording
     usual = float(np.median(norm[given]))
-    damaged = given & (norm < MIN_QUATERNION_NORM) | given & (np.abs(norm - usual) > NORM_DAMAGE * usual)
+    none = given & (norm < MIN_QUATERNION_NORM)
+    damaged = none | given & (np.abs(norm - usual) > NORM_DAMAGE * usual)
     if usual < MIN_QUATERNION_NORM or damaged.sum() > MOST_FILLED * recording.sample_count:
         raise TrajectoryError(
-            f"orientation is no unit quaternion in {int((damaged | (given & (norm < MIN_QUATERNION_NORM))).sum())} of "
-            f"{recording.sample_count} samples (median length {usual:.3g}); expected (w, x, y, z) of length 1"
+            f"orientation is no unit quaternion in {int(damaged.sum())} of {recording.sample_count} samples (median "
+            f"length {usual:.3g}); expected (w, x, y, z) of length 1"
         )
-    zero = int((norm[damaged] < MIN_QUATERNION_NORM).sum())
-    text = f"quaternions that are none ({zero} of length zero, the rest off unit length): interpolated"
+    text = f"quaternions that are none ({int(none.sum())} of length zero, the rest off unit length): interpolated"
     recording = recording.changed(orientation=np.where(damaged[:, None], np.nan, recording.orientation))
     recording = recording.flagged(damaged, SampleFlag.PALM_FILLED, text)
     scaled = given & ~damaged & (np.abs(norm - 1.0) > NORM_TOLERANCE)
@@ -314,29 +306,27 @@ def _unit_quaternions(recording: Recording) -> Recording:
 
 def _filled(recording: Recording, max_gap: float) -> Recording:
     """Return the recording with the gaps in palm, angles and object interpolated, and findings about them."""
-    time, angles = recording.time, recording.angles
-    position, orientation, lost = _pose_filled(time, recording.position, recording.orientation, max_gap, "palm")
+    time, angles, moved = recording.time, recording.angles, recording.object_motion
+    pose, lost = _pose_filled(time, recording.position, recording.orientation, max_gap, "palm")
     missing = np.isnan(angles)
     for column, joint in enumerate(JOINT_NAMES):
-        if missing[:, column].any():
-            angles[:, column : column + 1], _ = _holes_filled(time, angles[:, column : column + 1], max_gap, joint)
-    filled = recording.with_angles(angles).changed(position=position, orientation=orientation)
+        angles[:, [column]], _ = _holes_filled(time, angles[:, [column]], max_gap, joint)
+    filled = recording.with_angles(angles).changed(position=pose.position, orientation=pose.orientation)
     # Gaps that another finding explains are not reported again.
     new = lost & ~marked(filled.flags, SampleFlag.PALM_FILLED | SampleFlag.PALM_OUTLIER)
     filled = filled.flagged(new, SampleFlag.PALM_FILLED, f"palm pose missing: {_way_filled(lost)}")
     new = missing.any(axis=1) & ~marked(filled.flags, SampleFlag.FINGERS_OUTLIER)
     filled = filled.flagged(new, SampleFlag.FINGERS_FILLED, f"joint angles missing: {_way_filled(missing)}")
-    moved = recording.object_motion
     if moved is None:
         return filled
     none = np.linalg.norm(moved.orientation, axis=1) < MIN_QUATERNION_NORM
     whole = np.where(none[:, None], np.nan, moved.orientation)
-    position, orientation, lost = _pose_filled(time, moved.position, whole, max_gap, "object")
-    filled = filled.changed(object_motion=ObjectMotion(position, orientation))
-    if not lost.any():
-        return filled
+    pose, lost = _pose_filled(time, moved.position, whole, max_gap, "object")
+    filled = filled.changed(object_motion=pose)
     text = f"object pose missing: {_way_filled(lost)}"
-    return filled.found(Finding("object", text, int(lost.sum()), float(time[np.argmax(lost)])))
+    return (
+        filled.found(Finding("object", text, int(lost.sum()), float(time[np.argmax(lost)]))) if lost.any() else filled
+    )
 
 
 def _way_filled(missing: BoolArray) -> str:
@@ -351,11 +341,11 @@ def _way_filled(missing: BoolArray) -> str:
 
 def _pose_filled(
     time: FloatArray, position: FloatArray, orientation: FloatArray, max_gap: float, what: str
-) -> tuple[FloatArray, FloatArray, BoolArray]:
+) -> tuple[ObjectMotion, BoolArray]:
     """Return positions and quaternions with their gaps interpolated, and a mask of the gaps, shape (T,)."""
     position, first = _holes_filled(time, position, max_gap, f"{what} position")
     orientation, second = _holes_filled(time, orientation, max_gap, f"{what} orientation", turns=True)
-    return position, orientation, first | second
+    return ObjectMotion(position, orientation), first | second
 
 
 def _holes_filled(

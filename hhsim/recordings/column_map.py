@@ -1,47 +1,9 @@
 """Column maps: a small TOML file that names the columns of any CSV, and the recording that it makes of a table.
 
-Everything but the joints and the time is optional. Names of joints are those of our own CSV: thumb_flex1 (metacarpal)
-to little_flex3, proximal to distal, and thumb_abd to little_abd::
-
-    device = "ExampleGlove 2"       # also name, source, licence
-    hand = "right"                  # or left
-    hand_length = 0.182             # of the recorded hand [m], wrist crease to middle fingertip
-    rate = 100.0                    # [Hz], where no column holds the time
-    delimiter = ";"                 # found in the header if not given
-    decimal = ","                   # found in the numbers if not given
-    world_up = "y"                  # the axis that points up, default z
-    mirror = "z"                    # the axis to turn round of left-handed coordinates, such as Unity's
-    palm_axes = ["-y", "x", "z"]    # our palm's x (to the little finger), y (to the fingers), z (out of the back),
-                                    # each as an axis of the recording's palm; default ["x", "y", "z"]
-    palm_offset = [0.0, 0.075, 0.0] # from the tracked point to the palm's centre, along our palm's axes [m]
-
-    [time]
-    column = "Time"
-    unit = "ms"                     # s, ms, us or ns
-
-    [position]
-    columns = ["X", "Y", "Z"]
-    unit = "mm"                     # m, cm, mm or inch
-
-    [orientation]
-    columns = ["qx", "qy", "qz", "qw"]
-    order = "xyzw"                  # or wxyz; Euler angles: "ZYX" about the turned axes, "zyx" about the fixed ones
-    unit = "deg"                    # of Euler angles
-
-    [angle]
-    unit = "deg"                    # of all joints that name no unit; default rad
-
-    [joint]
-    index_flex1 = "IndexMCP"
-    index_flex2 = { column = "IndexPIP", offset = 12.0, scale = -1.0 }    # angle = scale · (column - offset) · unit
-    index_flex3 = { joint = "index_flex2", scale = 0.667 }                # not measured: made from another joint
-    index_abd = { column = "IndexAbd", unit = "rad" }
-
-    [raw]                           # kept beside the motion
-    emg = { column = "EMG1", unit = "V", meaning = "forearm muscle" }
-
-Joints that are not named stay at 0, the palm without position or orientation stays at the origin. A unit that is not
-named is s, m or rad, unless the numbers, or an option, say otherwise.
+docs/recordings.md has an example with all keys. Everything but the joints and the time is optional. Names of joints are
+those of our own CSV: thumb_flex1 (metacarpal) to little_flex3, proximal to distal, and thumb_abd to little_abd. Joints
+that are not named stay at 0, the palm without position or orientation stays at the origin. A unit that is not named is
+s, m or rad, unless the numbers, or an option, say otherwise.
 """
 
 from collections.abc import Iterator
@@ -59,7 +21,7 @@ from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.text_edit import NewColumn, NumberEdit, cell_edits
 from hhsim.motion.trajectory import RawChannel
 from hhsim.recordings.correction import ANGLE_DIGITS, Changes
-from hhsim.recordings.frames import OURS, FileFrame, axes_matrix, euler_angles, to_our_frames, turned, world_matrix
+from hhsim.recordings.frames import OURS, FileFrame, axes_matrix, to_our_frames, turned, world_matrix
 from hhsim.recordings.recording import Finding, Recording, note, unreadable
 from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS, time_column
 from hhsim.recordings.unit_detection import TimeColumn as StampColumns
@@ -147,7 +109,7 @@ class AngleUnit(Settings, frozen=True):
 
 
 class ColumnMap(Settings, frozen=True, kw_only=True, rename={"joints": "joint"}):
-    """Checked mapping of columns; the fields are the keys that the module's docstring explains."""
+    """Checked mapping of columns; the fields are the keys that docs/recordings.md explains."""
 
     name: Name = ""
     source: Name = ""
@@ -301,11 +263,10 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
     return recording.flagged(np.full(count, bool(followed)), SampleFlag.ESTIMATED, text)
 
 
-def map_edits(text: str, table: Table, columns: ColumnMap, made: Changes, unit: float) -> Iterator[NumberEdit]:
+def map_edits(text: str, table: Table, columns: ColumnMap, made: Changes) -> Iterator[NumberEdit]:
     """Return the edits of a table's text for a correction of the recording that `mapped` makes of it.
 
-    `unit` is that of the recording's angles as `mapped` gives them [rad]. Raises InputError where the correction moves
-    what no column holds.
+    Raises InputError where the correction moves what no column of numbers that can be corrected holds.
     """
 
     def numbers(names: tuple[str, ...]) -> FloatArray:
@@ -322,23 +283,17 @@ def map_edits(text: str, table: Table, columns: ColumnMap, made: Changes, unit: 
         at = made.moved("palm", numbers(columns.position.columns))
         new |= {name: NewColumn(values, made.digits) for name, values in zip(columns.position.columns, at.T)}
     if (turned_by := columns.orientation) is not None:
-        given, order = numbers(turned_by.columns), turned_by.order
         if turned_by.euler:
-            from scipy.spatial.transform import Rotation
-
-            angles = given * ANGLE_UNITS[turned_by.unit]
-            turns = made.turn[:, 0] @ Rotation.from_euler(order, angles).as_matrix()
-            turns = euler_angles(turns, order, angles) / ANGLE_UNITS[turned_by.unit]
-        else:
-            places = [order.index(part) for part in "wxyz"]
-            turns = made.turned("palm", given[:, places])[:, np.argsort(places)]
+            raise InputError("Euler angles in a table are not corrected in it: export it in another format")
+        places = [turned_by.order.index(part) for part in "wxyz"]
+        turns = made.turned("palm", numbers(turned_by.columns)[:, places])[:, np.argsort(places)]
         new |= {name: NewColumn(values, ANGLE_DIGITS) for name, values in zip(turned_by.columns, turns.T)}
     for k, joint in enumerate(JOINT_NAMES):
         source = columns.joint_columns.get(joint, JointColumn(joint=joint))
         if source.column is not None and source.scale != 0.0:
             if source.column in new:
                 raise InputError(f"column '{source.column}' holds more than one number: export it otherwise")
-            factor = source.scale * ANGLE_UNITS[source.unit or columns.angle.unit or "rad"] * unit
+            factor = source.scale * ANGLE_UNITS[source.unit or columns.angle.unit or "rad"]
             new[source.column] = NewColumn(numbers((source.column,))[:, 0] + made.angles[:, k] / factor, ANGLE_DIGITS)
         elif np.abs(made.angles[:, k]).max(initial=0.0) > STILL:
             raise InputError(f"the correction bends {joint}, which no column holds: export it in another format")

@@ -1,10 +1,8 @@
 """Correction of a recorded hand: the rigid motion of each of its bones, and what follows for its joints.
 
-A corrected bone is the recorded one, moved rigidly: its length, and whatever else our hand model does not fit, stay as
-recorded. A sample that needs no correction comes back as it was.
+A corrected bone is the recorded one, moved rigidly: what our hand model does not fit stays as recorded.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -75,13 +73,8 @@ class Changes(NamedTuple):
     turn: FloatArray  # rotation of each bone, shape (N, 16, 3, 3)
     centre: FloatArray  # palm origin of the fitted hand, shape (N, 3)
     move: FloatArray  # displacement of the palm origin, shape (N, 3)
-    angles: FloatArray  # change of flexion finger by finger, then abduction [rad], shape (N, 20)
+    angles: FloatArray  # change of flexion finger by finger, then abduction, shape (N, 20)
     digits: int  # decimals of a length in a text that hold 1 µm
-
-    def at(self, samples: Sequence[int]) -> "Changes":
-        """Return the changes of some of the samples, in this order."""
-        names = self._fields[:-1]
-        return self._replace(**{name: getattr(self, name)[list(samples)] for name in names})
 
     def moved(self, joint: str, points: FloatArray) -> FloatArray:
         """Move points of one of OpenXR's joints, shape (N, 3); those beyond the 21 move with the palm."""
@@ -94,19 +87,18 @@ class Changes(NamedTuple):
         return quaternion_product(quaternion_from_matrix(self.turn[:, BONE_OF[joint]]), orientation)
 
     def motion(
-        self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray, unit: float
+        self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return all samples of palm poses, and of angles in a unit [rad], with the changes; NaN stays what it was.
+        """Return all samples of palm poses and of angles with the changes; NaN stays what it was.
 
         The shapes are (T, 3), (T, 4), (T, 5, 3) and (T, 5).
         """
         given, rows = (position.copy(), orientation.copy(), flexion.copy(), abduction.copy()), self.rows
-        bend = (self.angles[:, :15].reshape(-1, 5, 3), self.angles[:, 15:])
         new = (
             self.moved("palm", position[rows]),
             self.turned("palm", orientation[rows]),
-            flexion[rows] + bend[0] / unit,
-            abduction[rows] + bend[1] / unit,
+            flexion[rows] + self.angles[:, :15].reshape(-1, 5, 3),
+            abduction[rows] + self.angles[:, 15:],
         )
         for values, corrected in zip(given, new):
             values[rows] = np.where(np.isfinite(corrected), corrected, values[rows])
@@ -114,7 +106,9 @@ class Changes(NamedTuple):
 
 
 def changes(recording: Recording, correction: Correction) -> Changes:
-    """Express a correction in the coordinates of the recording's file."""
+    """Express a correction in the coordinates of the recording's file; InputError for joints without a world frame."""
+    if recording.joints is None and recording.bones is not None:
+        raise InputError("the joints have no world frame, so they cannot be corrected in the file: say --world-up")
     samples = np.flatnonzero(correction.changed)
     frame, fitted, posture = recording.file_frame, correction.fitted.at(samples), correction.posture.at(samples)
     shift = np.full((len(samples), len(KEYPOINTS), 3), np.nan)
@@ -131,18 +125,3 @@ def changes(recording: Recording, correction: Correction) -> Changes:
         angles=np.concatenate([flexion, posture.abduction - fitted.abduction], axis=1),
         digits=max(0, int(np.ceil(6.0 + np.log10(frame.metre) - 1e-9))),
     )
-
-
-def joint_changes(recording: Recording, correction: Correction) -> Changes:
-    """Return `changes` of a recording of joint centres; raise InputError for one without a world frame."""
-    if recording.joints is None:
-        raise InputError("the joints have no world frame, so they cannot be corrected in the file: say --world-up")
-    return changes(recording, correction)
-
-
-def angle_unit(recording: Recording, again: Recording) -> float:
-    """Return the unit [rad] of the angles of a file: ratio of a recording's angles to those as read again."""
-    place = {row: k for k, row in enumerate(again.rows.tolist())}
-    read = again.angles[[place[row] for row in recording.rows.tolist()]]
-    known = np.isfinite(read) & (np.abs(read) > 0.0)
-    return float(np.median(recording.angles[known] / read[known])) if known.any() else 1.0

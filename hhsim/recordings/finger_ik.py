@@ -1,11 +1,8 @@
 """Joint angles of hhsim's hand from the directions of recorded finger bones.
 
-The model's finger is a plane chain that abducts about its dorsal axis w and then flexes about axes across u, the
-direction of the straight finger. The abduction is the plane nearest to the three bones: the least eigenvector of a
-2 × 2 matrix, which is defined for a fist too. The flexions are angles in that plane. Live tracking computes the same;
-recordings are fitted over time by `hhsim.recordings.joint_fit`.
-Bones of a recording are medians; the error of the fit is the distance from each recorded joint to that of a hand of
-these bones in the fitted posture.
+The abduction is the plane nearest to the three bones: the least eigenvector of a 2 × 2 matrix, which is defined for a
+fist too. The flexions are angles in that plane. Live tracking computes the same; recordings are fitted over time by
+`hhsim.recordings.joint_fit`. Bones of a recording are medians.
 """
 
 from collections.abc import Callable
@@ -98,10 +95,7 @@ def finger_joints(
 
 
 def palm_rotation(fingers: FloatArray, back: FloatArray) -> FloatArray:
-    """Compute the palm frame from two directions, as quaternions (w, x, y, z), shape (T, 4); NaN where one is missing.
-
-    They point to the fingers, and out of the back, roughly normal to that; any length, shape (T, 3).
-    """
+    """Compute the palm frame (w, x, y, z), shape (T, 4), from directions (T, 3) to the fingers and out of the back."""
     with np.errstate(invalid="ignore", divide="ignore"):
         y = fingers / np.linalg.norm(fingers, axis=1, keepdims=True)
         z = back - np.einsum("ti,ti->t", back, y)[:, None] * y
@@ -113,32 +107,21 @@ def palm_rotation(fingers: FloatArray, back: FloatArray) -> FloatArray:
 
 
 def palm_from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) -> FloatArray:
-    """Compute the palm frame from wrist and knuckles, as quaternions (w, x, y, z), shape (T, 4).
-
-    The knuckles, of index to little finger, have shape (T, 4, 3), the wrist's centre (T, 3), both any unit.
-    """
+    """Compute the palm frame (w, x, y, z), shape (T, 4), from the knuckles (T, 4, 3) and the wrist (T, 3), any unit."""
     return quaternion_product(_from_knuckles(knuckles, wrist, side), palm_in_knuckles(side))
 
 
 @lru_cache
 def palm_in_knuckles(side: HandSide) -> FloatArray:
     """Return the model's palm frame in the frame of its wrist and knuckles, a quaternion (w, x, y, z), shape (1, 4)."""
-    return conjugate(_from_knuckles(usual_fingers(side)["base"][None, 1:], _usual_wrist(side)[None], side))
+    return conjugate(_from_knuckles(usual_fingers(side)["base"][None, 1:], usual_wrist(side)[None], side))
 
 
-def _usual_wrist(side: HandSide) -> FloatArray:
+def usual_wrist(side: HandSide) -> FloatArray:
     """Return the default hand's wrist [m], palm frame, shape (3,)."""
     distal, lateral = PALM_CENTER
     middle = np.array([lateral * BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH, -distal * DEFAULT_HAND_LENGTH, 0.0])
     return np.asarray(middle * (MIRROR if side == "left" else 1.0))
-
-
-@lru_cache
-def usual_bones() -> FloatArray:
-    """Return the default hand's distances from the wrist to each first joint, and the bones from there [m], (5, 4)."""
-    sizes = usual_fingers()
-    palm = np.linalg.norm(sizes["base"] - _usual_wrist("right"), axis=1, keepdims=True)
-    return np.concatenate([palm, sizes["length"]], axis=1)
 
 
 def _from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) -> FloatArray:
@@ -149,10 +132,7 @@ def _from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) -> F
 
 
 def palm_origin(knuckles: FloatArray, orientation: FloatArray, side: HandSide) -> FloatArray:
-    """Compute the palm origin that puts the centre of the model's knuckles at that of recorded ones [m], shape (T, 3).
-
-    These are of index to little finger, shape (T, 4, 3); the palm's orientation is a unit (w, x, y, z), shape (T, 4).
-    """
+    """Compute the palm origin [m], shape (T, 3), that puts the model's knuckles, in the middle, at recorded ones."""
     return np.asarray(knuckles.mean(axis=1) - turned(orientation, middle_of_knuckles(side)))
 
 
@@ -160,10 +140,6 @@ def palm_origin(knuckles: FloatArray, orientation: FloatArray, side: HandSide) -
 def middle_of_knuckles(side: HandSide) -> FloatArray:
     """Return the centre of the model's knuckles [m], palm frame, shape (3,)."""
     return np.asarray(usual_fingers(side)["base"][1:].mean(axis=0))
-
-
-BONE_CHANGE = 0.01
-"""Deviation of a bone from its median length that is told [m]: no bone grows so, one of its joints is misplaced."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,15 +157,8 @@ class RecordedBones:
 
     def to_json(self) -> dict[str, dict[str, object]]:
         """Return the fit finger by finger, SI units."""
-        return {
-            finger: {
-                "rms": float(self.rms[f]),
-                "max": float(self.largest[f]),
-                "length": self.length[f].tolist(),
-                "radius": None if self.radius is None else self.radius[f].tolist(),
-            }
-            for f, finger in enumerate(FINGERS)
-        }
+        held = {"rms": self.rms, "max": self.largest, "length": self.length, "radius": self.radius}
+        return {f: {key: v if v is None else v[k].tolist() for key, v in held.items()} for k, f in enumerate(FINGERS)}
 
 
 def recorded_bones(
@@ -198,8 +167,7 @@ def recorded_bones(
     """Compute the bones of recorded fingers, and the distance of a hand of these bones from them in a posture.
 
     `joints` are first to last joint and tip of each finger [m], world, shape (T, 5, 4, 3), NaN where missing; `wrist`
-    its centre [m], shape (T, 3); `radius` the radii at joints and tip [m], shape (T, 5, 4), None if not recorded: then
-    the tips are points of the skin.
+    has shape (T, 3), the radii (T, 5, 4). Without radii the tips are points of the skin.
     """
     at = in_palm(joints - posture.position[:, None, None], posture.orientation)
     base, length = median_bones(at)
@@ -230,24 +198,6 @@ def median_bones(joints: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return median first joints and bone lengths [m], (5, 3), of joints (T, 5, 4, 3), palm frame, NaN if missing."""
     lengths = np.linalg.norm(np.diff(joints, axis=2), axis=3)
     return _finite(np.median, joints[:, :, 0]), _finite(np.median, lengths)
-
-
-def misplaced_joints(joints: FloatArray, wrist: FloatArray) -> list[str]:
-    """Return a line about samples in which a bone is longer or shorter than its median by `BONE_CHANGE`; else none.
-
-    The joints have the shape (T, 5, 4, 3), the wrist (T, 3) [m].
-    """
-    chain = np.concatenate([np.broadcast_to(wrist[:, None, None], (len(joints), 5, 1, 3)), joints], axis=2)
-    with np.errstate(over="ignore", invalid="ignore"):
-        lengths = np.linalg.norm(np.diff(chain, axis=2), axis=3)
-        off = np.nan_to_num(np.abs(lengths - _finite(np.median, lengths)), posinf=np.inf).max(axis=(1, 2))
-    found = np.flatnonzero(off > BONE_CHANGE)
-    if not found.size:
-        return []
-    return [
-        f"{found.size} of {len(off)} samples with a bone of another length than its median, by up to "
-        f"{1e3 * off.max():.3g} mm, first sample {found[0]}: joints are misplaced there"
-    ]
 
 
 def _finite(statistic: Callable[[FloatArray], Any], rows: FloatArray) -> FloatArray:

@@ -104,37 +104,6 @@ def quaternions_of(matrix: FloatArray) -> FloatArray:
     return np.asarray(row)
 
 
-def euler_angles(rotation: FloatArray, order: str, near: FloatArray) -> FloatArray:
-    """Convert rotation matrices, shape (T, 3, 3), to the Euler angles [rad] nearest to given ones, shape (T, 3).
-
-    `order` has three letters, as scipy's: ZYX about turned axes, zyx about fixed ones.
-    """
-    from scipy.spatial.transform import Rotation
-
-    first = Rotation.from_matrix(rotation).as_euler(order)  # type: ignore[call-overload]
-    second = first + np.pi
-    second[:, 1] = (np.pi if len(set(order)) == 3 else 0.0) - first[:, 1]
-    both = np.stack([first, second]) - near
-    both -= 2.0 * np.pi * np.round(both / (2.0 * np.pi))
-    nearest = np.argmin((both**2).sum(axis=2), axis=0)
-    return np.asarray(near + both[nearest, np.arange(len(near))])
-
-
-def posed_tree(parents: Sequence[int], rest: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute the motion x ↦ rotation · x + shift of each joint of a tree; it turns all that follows it about itself.
-
-    Parents come before their children, -1 is none. `rest` has the positions at rest, shape (J, 3), `turns` and the
-    result rotation matrices, shape (T, J, 3, 3); the shifts, shape (T, J, 3), have the unit of `rest`.
-    """
-    rotation, shift = np.empty_like(turns), np.empty(turns.shape[:3])
-    for joint, parent in enumerate(parents):
-        above = np.eye(3) if parent < 0 else rotation[:, parent]
-        place = rest[joint] if parent < 0 else above @ rest[joint] + shift[:, parent]
-        rotation[:, joint] = above @ turns[:, joint]
-        shift[:, joint] = place - rotation[:, joint] @ rest[joint]
-    return rotation, shift
-
-
 class FileFrame(NamedTuple):
     """Coordinates of a file: x_world = metre · turn · flip · x_file.
 

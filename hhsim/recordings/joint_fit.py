@@ -1,32 +1,18 @@
-"""Least-squares fit of plane fingers to recorded joint centres: constant axes of a hand, angles that follow in time.
+"""Least-squares fit of plane fingers to recorded joint centres: angles that follow in time.
 
 Angles minimise the squared distances of a finger's joints and tip from the recorded ones, together with two terms whose
 weight is the noise of the recording, so that exact joints come back exactly: an abduction near zero, and small steps
 between samples. Where the joints leave an angle open, as the abduction of a finger that is straight and bent at its
 base by 90°, the steps keep the angle of the sample before. Gauss-Newton steps solve all samples at once: the matrix is
 banded, as only neighbours in time are coupled.
-
-The axes of a finger follow from the planes through its base and joints. All of them contain the dorsal axis, about
-which the finger abducts; it minimises the distances of the joints from the planes (variable projection: Golub &
-Pereyra, SIAM J. Numer. Anal. 10, 1973).
 """
-
-from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.errors import OutputError, TrajectoryError
-from hhsim.hand import model
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.model import HandModel
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.finger_ik import FingerAxes, RecordedBones, finger_axes, finger_joints, fit_error, usual_fingers
-from hhsim.recordings.frames import in_palm, turned
-from hhsim.recordings.recording import Recording, note
-from hhsim.system.output_path import check_output_path, holds
+from hhsim.recordings.finger_ik import FingerAxes, usual_fingers
 
 FLEXION_DEGREES = (((-20.0, 15.0), (0.0, 50.0), (-20.0, 80.0)), *(((-45.0, 90.0), (0.0, 100.0), (0.0, 90.0)),) * 4)
 """Active ranges of the American Academy of Orthopaedic Surgeons (Joint Motion, 1965)."""
@@ -40,20 +26,6 @@ USUAL_STEP = 0.1
 """Standard deviation of an angle's step from a sample to the next [rad]."""
 MEMORY = 1000.0
 """Number of samples over which an abduction that the joints leave open goes back to zero."""
-USUAL_TILT = 0.35
-"""Standard deviation of a dorsal axis from the usual one [rad]."""
-Bounds = tuple[tuple[float, float], tuple[float, float]]
-TILTS: tuple[Bounds, ...] = ((-0.5, -0.8), (0.8, 0.8)), *(((-0.1, -0.8), (1.0, 0.8)),) * 4
-"""Smallest and largest tangents of a dorsal axis' tilt, along and across the finger.
-
-An axis that leans back points along a bent finger, whose abduction then turns it without moving it.
-"""
-PASSES = 3
-"""Number of fits of the axes, each with the noise that the one before has left."""
-TOLERANCES: Any = {"xtol": 1e-12, "ftol": 1e-14, "gtol": 1e-15}
-"""Relative changes of tilt, cost and gradient at which a fit of the axes ends."""
-FINEST = 1e-6
-"""Smallest distance from a plane that counts as an outlier [m]."""
 LARGEST_STEP = 0.8
 """Largest step of an angle between samples whose joints hardly move [rad]; a larger one is a flip."""
 NOISE_FLOOR = 1e-8
@@ -84,30 +56,12 @@ def anatomic_limits(axes: FingerAxes, side: HandSide) -> tuple[FloatArray, Float
     low = np.minimum(np.radians(clinical[..., 0] - PASSIVE_DEGREES), usual["flexion_min"])
     high = np.maximum(np.radians(clinical[..., 1] + PASSIVE_DEGREES), usual["flexion_max"])
     for limit in (low, high):
-        limit[:, 0] += _straight(axes, side)
+        limit[:, 0] += straight_flexion(axes, side)
     aside = np.full((len(FINGERS), 1), np.radians(LARGEST_ABDUCTION))
     return np.column_stack([-aside, low]), np.column_stack([aside, high])
 
 
-def recorded_limits(
-    flexion: FloatArray, abduction: FloatArray, axes: FingerAxes, side: HandSide
-) -> dict[str, FloatArray]:
-    """Return the default hand's limits, widened to hold recorded angles, by the keys of a hand file [rad].
-
-    The angles have the shapes (T, 5, 3) and (T, 5), NaN where missing.
-    """
-    limits = {}
-    for key, angles in (("flexion", flexion), ("abduction", abduction)):
-        for end, outer, sign in (("min", np.fmin, -1.0), ("max", np.fmax, 1.0)):
-            usual = usual_fingers()[f"{key}_{end}"].copy()
-            if key == "flexion":
-                usual[:, 0] += _straight(axes, side)
-            # A hand file has six decimals: rounding never cuts a recorded angle.
-            limits[f"{key}_{end}"] = sign * np.ceil(sign * 1e6 * outer(usual, outer.reduce(angles, axis=0))) * 1e-6
-    return limits
-
-
-def _straight(axes: FingerAxes, side: HandSide) -> FloatArray:
+def straight_flexion(axes: FingerAxes, side: HandSide) -> FloatArray:
     """Return the flexion of each finger's first joint [rad] at which it points as the default hand's straight one."""
     usual = usual_fingers(side)["distal"]
     return np.asarray(np.arctan2(-(usual * axes.dorsal).sum(axis=1), (usual * axes.distal).sum(axis=1)))
@@ -135,77 +89,18 @@ def fitted_angles(
     return angles[..., 1:], angles[..., 0]
 
 
-def fitted_axes(joints: FloatArray, base: FloatArray, side: HandSide) -> FingerAxes:
-    """Compute the finger axes whose planes through `base` fit recorded joints best; arguments as of `fitted_angles`.
-
-    What the joints leave open stays as in the default hand: the direction of zero abduction, and a dorsal axis that no
-    abduction shows.
-    """
-    usual = finger_axes(side)
-    fitted = [part.copy() for part in usual]
-    for f in range(len(FINGERS)):
-        points = joints[np.isfinite(joints[:, f]).all(axis=(1, 2)), f, 1:] - base[f]
-        if len(points):
-            own = _leaning(points[_spread(len(points))], FingerAxes(*(part[f] for part in usual)), TILTS[f])
-            for part, axis in zip(fitted, own):
-                part[f] = axis
-    return FingerAxes(*fitted)
-
-
-def _leaning(points: FloatArray, usual: FingerAxes, bounds: Bounds) -> FingerAxes:
-    """Return a finger's axes from joints and tip from its base on, shape (T, 3, 3), and usual axes, shape (3,)."""
-    from scipy.optimize import least_squares
-
-    def residuals(tilt: FloatArray, noise: float) -> FloatArray:
-        """Return distances from the planes, abductions and tilt, all weighted to metres."""
-        axes = _tilted(usual, tilt)
-        along, aside = points @ axes.distal, points @ axes.across
-        turn = _abduction(along, aside, noise)
-        off = np.cos(turn)[:, None] * aside - np.sin(turn)[:, None] * along
-        # The model's own error is alike in all samples: their number is no evidence against the usual axis.
-        known = np.sqrt(len(points)) * tilt / USUAL_TILT
-        return np.concatenate([off.ravel(), noise * np.sin(turn) / USUAL_ABDUCTION, noise * known])
-
-    tilt, noise = np.zeros(2), NOISE_FLOOR
-    for _ in range(PASSES):
-        off = residuals(tilt, noise)[: 3 * len(points)]
-        scale = max(3.0 * float(np.median(np.abs(off))), FINEST)
-        loss: dict[str, Any] = {"loss": "soft_l1", "f_scale": scale, **TOLERANCES}
-        tilt = least_squares(residuals, tilt, bounds=bounds, args=(noise,), **loss).x
-        off = residuals(tilt, noise)[: 3 * len(points)].reshape(-1, 3)
-        noise = _noise((off**2).sum(axis=1), 2)
-    distal, dorsal, across = _tilted(usual, tilt)
-    # A finger that is always far aside has its zero moved, or its abduction would meet a limit.
-    mean = float(_abduction((points @ distal).reshape(1, -1), (points @ across).reshape(1, -1), noise)[0])
-    turn = mean - float(np.clip(mean, -USUAL_ABDUCTION, USUAL_ABDUCTION))
-    cosine, sine = np.cos(turn), np.sin(turn)
-    return FingerAxes(cosine * distal + sine * across, dorsal, cosine * across - sine * distal)
-
-
-def _tilted(usual: FingerAxes, tilt: FloatArray) -> FingerAxes:
-    """Return a finger's axes with a dorsal axis that leans by tangents along and across it."""
-    leaning = usual.dorsal + tilt[0] * usual.distal + tilt[1] * usual.across
-    leaning = leaning / np.linalg.norm(leaning)
-    onward = usual.distal - (usual.distal @ leaning) * leaning
-    onward = onward / np.linalg.norm(onward)
-    # As `np.cross` computes it, which takes longer than all else here.
-    (a, b, c), (d, e, f) = leaning, onward
-    aside = np.array([b * f - c * e, c * d - a * f, a * e - b * d])
-    return FingerAxes(onward, leaning, aside * np.sign(aside @ usual.across))
-
-
-def _abduction(along: FloatArray, aside: FloatArray, noise: float) -> FloatArray:
+def plane_abduction(along: FloatArray, aside: FloatArray, noise: float) -> FloatArray:
     """Compute the abduction of the plane nearest to points, with coordinates (N, 3) each, in (-π/2, π/2]."""
     pp, pq, qq = (aside**2).sum(axis=1), (aside * along).sum(axis=1), (along**2).sum(axis=1)
     return np.asarray(0.5 * np.arctan2(2.0 * pq, qq + (noise / USUAL_ABDUCTION) ** 2 - pp))
 
 
-def _noise(squares: FloatArray, free: int) -> float:
+def noise_of(squares: FloatArray, free: int) -> float:
     """Return the noise of a coordinate [m] from sums of squares with so many degrees of freedom."""
     return max(float(np.sqrt(np.median(squares) / free)), NOISE_FLOOR) if squares.size else NOISE_FLOOR
 
 
-def _spread(count: int) -> IntArray:
+def spread_samples(count: int) -> IntArray:
     """Return at most `SUBSAMPLE` indices, evenly spread."""
     return np.asarray(np.unique(np.linspace(0, count - 1, min(count, SUBSAMPLE)).round().astype(np.int64)))
 
@@ -222,9 +117,9 @@ class _Finger:
 
     def followed(self) -> FloatArray:
         """Return the angles of all samples, shape (T, 4)."""
-        chosen = self.points[_spread(len(self.points))]
+        chosen = self.points[spread_samples(len(self.points))]
         angles = self._solved(chosen, self._start(chosen, NOISE_FLOOR), NOISE_FLOOR, None)
-        noise = _noise(self._squares(chosen, angles), FREE)
+        noise = noise_of(self._squares(chosen, angles), FREE)
         blocks: list[FloatArray] = []
         for first in range(0, len(self.points), BLOCK):
             points = self.points[first : first + BLOCK]
@@ -268,7 +163,7 @@ class _Finger:
 
     def _in_plane(self, points: FloatArray, vectors: FloatArray, noise: float) -> FloatArray:
         """Return angles of joints in the plane nearest to vectors of each sample, shape (T, 3, 3)."""
-        turn = _abduction(vectors @ self.distal, vectors @ self.across, noise)
+        turn = plane_abduction(vectors @ self.distal, vectors @ self.across, noise)
         along, aside, above = (points @ axis for axis in (self.distal, self.across, self.dorsal))
         onward = np.cos(turn)[:, None] * along + np.sin(turn)[:, None] * aside
         steps = [np.diff(part, axis=1, prepend=0.0) for part in (-above, onward)]
@@ -349,106 +244,3 @@ class _Finger:
             if change < CONVERGED or settled:
                 break
         return angles
-
-
-BREADTHS = (0.26, 0.74)
-"""Range of hand breadths that the palm model takes [hand lengths]."""
-FITTED = "--fit-hand"
-"""Name of the fitted hand in messages."""
-SHORTEST = 0.004
-"""Shortest bone, to the centre of the fingertip [m]."""
-
-
-def fitted_hand(recording: Recording, source: str) -> tuple[Recording, str]:
-    """Fit a hand to the joint centres of a recording: bones, finger axes, limits, and radii or radii in proportion.
-
-    Limits are the default hand's, widened to hold the recorded motion. A recording without a world frame holds no joint
-    centres any more: its fingers keep the default hand's axes and limits.
-
-    Returns the recording with the angles of this hand and its palm moved so that the hand's knuckles are the recorded
-    ones, and the text of a hand file with a right hand, or the mirror of a left one, whose first line names the source.
-    Raises TrajectoryError for no joint centres, or bones that are no hand's, InputError for sizes that `hhsim replay
-    --hand-file` refuses.
-    """
-    bones = recording.bones
-    if bones is None:
-        form = recording.form or "it"
-        raise TrajectoryError(f"--fit-hand needs the centres of the joints, and {form} holds angles only")
-    low, high = model.HAND_LENGTH_RANGE
-    if not low <= bones.hand_length <= high:
-        raise TrajectoryError(f"--fit-hand: the hand is {bones.hand_length:.3g} m long; expected {low:g} to {high:g} m")
-    usual = usual_fingers()["base"]
-    width = np.linalg.norm(bones.base[1] - bones.base[4]) / np.linalg.norm(usual[1] - usual[4])
-    share = float(np.clip(width * model.BREADTH_PER_LENGTH * model.DEFAULT_HAND_LENGTH / bones.hand_length, *BREADTHS))
-    breadth = share * bones.hand_length
-    ours = model.default_fingers(bones.hand_length, breadth)
-    radius = ours["radius"] if bones.radius is None else np.minimum.accumulate(bones.radius, axis=1)
-    length = bones.length.copy()
-    if bones.tip_on_surface:
-        # A hand file's last bone ends in the centre of the fingertip's sphere.
-        length[:, 2] -= radius[:, 3]
-    short = np.argwhere(~(length > SHORTEST))
-    if len(short):
-        finger, bone = short[0]
-        what = f"bone {bone + 1} of the {FINGERS[finger]} is {1e3 * length[finger, bone]:.1f} mm long"
-        raise TrajectoryError(f"--fit-hand: {what}; expected more than {1e3 * SHORTEST:g} mm")
-    mirror = model.MIRROR if bones.hand == "left" else np.ones(3)
-    axes: dict[str, FloatArray] = {}
-    if recording.joints is not None:
-        recording, axes = _fitted(recording, recording.joints, bones, mirror)
-    base = bones.base * mirror
-    # From the recording's palm origin to that of this hand, palm frame [m].
-    shift = base[1:].mean(axis=0) - ours["base"][1:].mean(axis=0)
-    sizes = {"base": base - shift, "length": length} | axes | ({} if bones.radius is None else {"radius": radius})
-    fingers = {finger: {key: rows[f] for key, rows in sizes.items()} for f, finger in enumerate(FINGERS)}
-    radii = "radii in proportion to its length and breadth" if bones.radius is None else "radii as recorded"
-    said = f"Fitted to {source}: bones as medians, {radii}."
-    text = model.format_hand_file(bones.hand_length, breadth, fingers, said)
-    # What no hand file may hold is refused before it is written.
-    HandModel.of_text(text, FITTED)
-    moved = recording.changed(position=recording.position + turned(recording.orientation, shift * mirror))
-    by = f"palm moved by {1e3 * np.linalg.norm(shift):.1f} mm in the hand: its knuckles are the fitted hand's"
-    return moved.found(note(by)), text
-
-
-def in_angles_of(recording: Recording, hand: HandModel) -> Recording:
-    """Return a recording of joint centres in the angles of a hand that was fitted to other samples of the same hand.
-
-    Raises TrajectoryError for no joint centres.
-    """
-    bones, joints = recording.bones, recording.joints
-    if bones is None or joints is None:
-        raise TrajectoryError(f"{recording.form or 'it'} holds angles only; expected the centres of joints")
-    fingers = joints[:, 1:].reshape(-1, len(FINGERS), 4, 3)
-    position = fingers[:, 1:, 0].mean(axis=1) - turned(recording.orientation, hand.base[1:].mean(axis=0))
-    at = in_palm(fingers - position[:, None, None], recording.orientation)
-    length = hand.length.copy()
-    if bones.tip_on_surface:
-        length[:, 2] += hand.radius[:, 3]
-    axes = FingerAxes(hand.distal, hand.dorsal, hand.abduction_sign * hand.flexion_axis)
-    flexion, abduction = fitted_angles(at, hand.base, length, axes, bones.hand)
-    return recording.changed(position=position, flexion=flexion, abduction=abduction)
-
-
-def _fitted(
-    recording: Recording, joints: FloatArray, bones: RecordedBones, mirror: FloatArray
-) -> tuple[Recording, dict[str, FloatArray]]:
-    """Return the recording in the angles of a hand with its own finger axes, and these axes and limits by file keys."""
-    fingers = joints[:, 1:].reshape(-1, len(FINGERS), 4, 3)
-    at = in_palm(fingers - recording.position[:, None, None], recording.orientation)
-    axes = fitted_axes(at, bones.base, bones.hand)
-    flexion, abduction = fitted_angles(at, bones.base, bones.length, axes, bones.hand)
-    rms, largest = fit_error(at, finger_joints(bones.base, bones.length, flexion, abduction, axes))
-    bones = replace(bones, rms=rms, largest=largest)
-    fitted = recording.changed(flexion=flexion, abduction=abduction, bones=bones)
-    worst = int(np.nanargmax(rms))
-    text = f"finger axes fitted: joints {1e3 * rms[worst]:.1f} mm off (rms) in the {FINGERS[worst]}, less in the others"
-    keys = {"distal": axes.distal * mirror, "dorsal": axes.dorsal * mirror}
-    return fitted.found(note(text)), keys | recorded_limits(flexion, abduction, axes, bones.hand)
-
-
-def check_hand_path(path: Path) -> None:
-    """Raise OutputError if no hand file can be written: a wrong suffix, another kind of file, or no permission."""
-    if path.suffix.lower() != ".toml":
-        raise OutputError(f"{path} is no name for a hand file: it has to end in .toml")
-    check_output_path(path, "hand file", holds(b"hand_length"))

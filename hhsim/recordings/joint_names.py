@@ -4,10 +4,8 @@ A joint lies at the proximal end of the bone that it is named after: index_proxi
 thumb_metacarpal the saddle joint (CMC). OpenXR has 26 joints, WebXR 25 (no palm), MediaPipe and MANO 21 (no palm, and
 of the metacarpals the thumb's alone): these 21 are what our hand is fitted to.
 
-What a recording says of a joint, or of all joints of a hand, has a kind of `VALIDITY_WORDS`; a missing joint has no
-position, whatever stands there. Fields beside the samples have the names of `_FIELD_NAMES`, read without capitals and
-punctuation, of nested ones the last part; one has no effect but where a reader takes it, and what is taken is told.
-docs/recordings.md has both as tables.
+docs/recordings.md has statements on validity and fields beside the samples as tables. A field has no effect but where a
+reader takes it, and what is taken is told.
 """
 
 import math

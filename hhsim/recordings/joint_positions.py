@@ -1,8 +1,10 @@
 """Recordings of joint centres: the palm and the angles of our hand that fit them, for every device.
 
-The palm frame follows from wrist and knuckles (its origin where our knuckles meet the recorded ones), the fingers'
-angles from the joints (`hhsim.recordings.joint_fit`). The device's own frames of palm and joints are not used: they
-differ between devices, joint centres do not.
+The palm frame follows from wrist and knuckles (its origin where our knuckles meet the recorded ones): frames differ
+between devices, joint centres do not.
+
+Fingers bend to the palm's side, and the thumb stands on it: that tells a right hand from a left one, and a right-handed
+world from Unity's left-handed one, in which a hand is the mirror of the other.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,11 +20,12 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import DEFAULT_HAND_LENGTH
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.content import Content, ReadOptions, stated_hand
 from hhsim.recordings.finger_ik import (
+    finger_angles,
     finger_axes,
     finger_joints,
     median_bones,
-    misplaced_joints,
     palm_from_knuckles,
     palm_origin,
     recorded_bones,
@@ -31,8 +34,7 @@ from hhsim.recordings.frames import FileFrame, axis_flip, in_palm, to_our_world,
 from hhsim.recordings.joint_fit import fitted_angles
 from hhsim.recordings.joint_names import KEYPOINTS, missing_and_doubtful
 from hhsim.recordings.object_poses import ObjectPoses, placed
-from hhsim.recordings.recording import UNITY, Finding, Recording, in_right_handed_world, known_side, note, readings
-from hhsim.recordings.registry import Content, ReadOptions, stated_hand
+from hhsim.recordings.recording import OTHER, SIDES, Finding, Recording, note, readings
 from hhsim.recordings.unit_detection import LENGTH_UNITS, TIME_UNITS
 from hhsim.system.counted import counted
 
@@ -42,6 +44,12 @@ TINY = 1e-300
 """Smallest divisor."""
 MOST_REPEATED = 0.2
 """Share of samples that repeat the one before from which on the device is slower than the file."""
+LEAST_BEND = np.radians(8.0)
+"""Mean flexion from which on the fingers tell the palmar side of the hand [rad]."""
+THUMB_HEIGHT = 0.15
+"""Distance of the thumb from the plane of wrist and knuckles from which on it tells the palmar side [palm lengths]."""
+UNITY = np.array([1.0, 1.0, -1.0])
+"""Factors from Unity's left-handed world to a right-handed one, y up in both."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +57,6 @@ class JointPositions:
     """Positions of the 21 joints of `KEYPOINTS` over time, as a device gave them."""
 
     position: FloatArray  # joint centres in the order of `KEYPOINTS`, NaN where missing, shape (T, 21, 3)
-    form: str  # name of the format
     what: str = "21 joints"  # joints that were recognised, for messages
     time: FloatArray | None = None  # stamps, NaN where missing, shape (T,); None to make them from a rate
     time_unit: str | None = None  # word of `TIME_UNITS`; None if the file states none
@@ -64,19 +71,20 @@ class JointPositions:
     radius: FloatArray | None = None
     # What the file says of the joints, shape (T, 21), or of all of them, (T, 1), by its kind; see `stated_validity`.
     validity: Mapping[str, FloatArray] = field(default_factory=dict)
-    # Place of each joint among those of a row of the file, if it has no names.
-    joint_order: tuple[int, ...] = tuple(range(len(KEYPOINTS)))
     misfit: str = ""  # how far the bones in a stated order of joints are from a hand's; "" if they are a hand's
     # Poses of an object in the coordinates of `position`, one a sample; None without any.
     object_poses: ObjectPoses | None = None
+    # Palm to the file's coordinates (w, x, y, z), shape (T, 4); None if it follows from the wrist and the knuckles.
+    palm: FloatArray | None = None
     device: str = ""
-    findings: tuple[Finding, ...] = ()
+    findings: Sequence[Finding] = ()
     # Row, line or frame of the file of each sample, shape (T,); empty for all in order.
     rows: Sequence[int] | IntArray = ()
+    checksums_hold: bool = False  # True if checksums prove every number
 
     def chosen(self, shown: BoolArray, rows: IntArray) -> Self:
         """Return the samples of a mask, shape (T,), which are of these rows of the file, shape (T,)."""
-        given = {name: getattr(self, name) for name in ("position", "time", "radius")}
+        given = {name: getattr(self, name) for name in ("position", "time", "radius", "palm")}
         some = {name: values[shown] for name, values in given.items() if values is not None}
         validity = {kind: values[shown] for kind, values in self.validity.items()}
         poses = self.object_poses and self.object_poses.at(shown)
@@ -92,7 +100,7 @@ class JointPositions:
             object.__setattr__(self, "radius", np.where(radius > 0.0, radius, np.nan))
 
 
-def recording_of_joints(joints: JointPositions, content: Content, options: ReadOptions) -> Recording:
+def recording_of_joints(joints: JointPositions, form: str, content: Content, options: ReadOptions) -> Recording:
     """Fit our hand to joint centres; `options` state hand, unit, rate and the axis that points up, else `content` may.
 
     Raises TrajectoryError for no stamps, no sample with wrist and knuckles, a hand of unknown side, or not of
@@ -109,13 +117,14 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         kinds = ", ".join(joints.validity)
         raise TrajectoryError(f"no joint has a valid position in any sample, says the file ({kinds})")
     joints = replace(joints, position=np.where(invalid[:, :, None], np.nan, joints.position))
-    whole = np.asarray(np.isfinite(joints.position).all(axis=(1, 2)))
-    if not np.isfinite(joints.position[:, [0, 5, 9, 13, 17]]).all(axis=(1, 2)).any():
-        raise TrajectoryError(f"no sample of {len(whole)} holds the wrist and the four knuckles")
-    if not whole.any():
-        missing = [KEYPOINTS[k] for k in range(len(KEYPOINTS)) if np.isnan(joints.position[:, k]).any(axis=1).all()]
+    known = np.asarray(np.isfinite(joints.position).all(axis=2))
+    if not known[:, [0, 5, 9, 13, 17]].all(axis=1).any():
+        raise TrajectoryError(f"no sample of {len(known)} holds the wrist and the four knuckles")
+    if not known.all(axis=1).any():
+        missing = [joint for k, joint in enumerate(KEYPOINTS) if not known[:, k].any()]
         raise TrajectoryError(f"no sample holds all 21 joints; missing: {', '.join(missing[:4]) or 'one or another'}")
-    findings.append(note(joints.what + (joints.misfit and f", though {joints.misfit}")))
+    if joints.what:
+        findings.append(note(joints.what + (joints.misfit and f", though {joints.misfit}")))
     time, stated, first = _times(joints, content, options, findings)
     metre = _scale(joints, content, options, findings)
     frame = FileFrame(np.eye(3), metre, axis_flip(options.mirror))
@@ -127,18 +136,18 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         findings.append(note(f"{unseen} with all joints at one point: no hand was seen, so missing"))
     if joints.may_be_mirrored and options.mirror is None:
         given = points
-        points = in_right_handed_world(points, side, findings)
+        points = _in_right_handed_world(points, side, findings)
         frame = frame if points is given else frame._replace(flip=UNITY)
-    side = known_side(points, side, findings, options.mirror, named, joints.misfit)
+    side = _known_side(points, side, findings, options.mirror, named, joints.misfit)
     fingers, wrist = points[:, 1:].reshape(-1, len(FINGERS), 4, 3), points[:, 0]
-    palm = palm_from_knuckles(fingers[:, 1:, 0], wrist, side)
-    posture, off = fitted_posture(fingers, palm, side, fits_angles=options.fits_angles)
+    palm = palm_from_knuckles(fingers[:, 1:, 0], wrist, side) if joints.palm is None else joints.palm
+    posture, off = _fitted_posture(fingers, palm, side, options.fits_angles)
     radii = None if joints.radius is None else metre * joints.radius[:, 1:].reshape(-1, len(FINGERS), 4)
     bones = recorded_bones(fingers, wrist, posture, side, radii)
     if radii is not None:
         long = f"with that of the middle one the hand is {1e3 * bones.hand_length:.0f} mm long"
         findings.append(note(f"fingertips are balls of the recorded radii: {long}"))
-    findings += [off, *map(note, misplaced_joints(fingers, wrist))]
+    findings.append(off)
     up = options.world_up or joints.up or options.usual_up
     if up is None and joints.object_poses is not None:
         up = "z"
@@ -152,7 +161,7 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         text = f"world {up} up; the palm follows from the wrist and the knuckles"
         position, orientation = to_our_world(posture.position, posture.orientation, up)
         frame = frame._replace(turn=world_matrix(up))
-    findings.append(note(text))
+    findings += [note(text)] if joints.palm is None else []
     # A sample in which no hand was seen repeats nothing.
     same = (points[1:] == points[:-1]).all(axis=(1, 2))
     if same.size and same.mean() > MOST_REPEATED:
@@ -167,9 +176,10 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         abduction=posture.abduction,
         stated=frozenset({"length", "angle", "time"} if stated else {"length", "angle"}),
         scaled=True,
-        form=joints.form,
+        form=form,
         name=content.name,
         device=joints.device,
+        checksums="held" if joints.checksums_hold else "",
         hand=side,
         hand_length=bones.hand_length,
         bones=bones,
@@ -177,7 +187,6 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         joints=None if up is None else points @ world_matrix(up).T,
         file_frame=frame,
         rows=np.asarray(joints.rows, dtype=np.int64),
-        joint_order=joints.joint_order,
         first_stamp=first,
     )
     text = "joints without a valid position, says the device: missing"
@@ -187,44 +196,39 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
     return placed(recording, joints.object_poses)
 
 
-def fitted_posture(
-    fingers: FloatArray, palm: FloatArray, side: HandSide, *, fits_angles: bool = True
+def _fitted_posture(
+    fingers: FloatArray, palm: FloatArray, side: HandSide, fits_angles: bool
 ) -> tuple[HandConfiguration, Finding]:
-    """Compute our hand's posture in a recorded palm frame, with our knuckles on the recorded ones.
+    """Compute our hand's posture with our knuckles on the recorded ones, and the finding about the bones' angle to it.
 
-    `fingers` are joints and tip of each finger from its base on [m], world, shape (T, 5, 4, 3); `palm` is palm to
-    world, unit (w, x, y, z), shape (T, 4). Returns the posture, NaN where a joint is missing, and the finding about the
-    bones' angle to it; all angles are 0 unless `fits_angles`. Raises TrajectoryError where no finger is whole in any
-    sample.
+    `fingers` are joints and tip of each finger from its base on [m], world, shape (T, 5, 4, 3).
     """
     origin, axes = palm_origin(fingers[:, 1:, 0], palm, side), finger_axes(side)
     joints = in_palm(fingers - origin[:, None, None], palm)
     base, length = median_bones(joints)
+    flexion, abduction = np.zeros((len(joints), 5, 3)), np.zeros((len(joints), 5))
     if fits_angles:
         flexion, abduction = fitted_angles(joints, base, length, axes, side)
-    else:
-        flexion, abduction = np.zeros((len(joints), 5, 3)), np.zeros((len(joints), 5))
     if not np.isfinite(abduction).any():
         raise TrajectoryError("no sample holds the joints of a whole finger")
-    posture = HandConfiguration(origin, palm, flexion, abduction)
     bones, ours = np.diff(joints, axis=2), np.diff(finger_joints(base, length, flexion, abduction, axes), axis=2)
     cosine = (bones * ours).sum(axis=3) / np.maximum(np.linalg.norm(bones, axis=3) * np.linalg.norm(ours, axis=3), TINY)
-    off = np.arccos(np.clip(cosine, -1.0, 1.0))
-    return posture, note(f"bones are {np.degrees(np.nanmedian(off)):.1f}° off our plane fingers in the median")
+    off = np.degrees(np.nanmedian(np.arccos(np.clip(cosine, -1.0, 1.0))))
+    found = note(f"bones are {off:.1f}° off our plane fingers in the median")
+    return HandConfiguration(origin, palm, flexion, abduction), found
 
 
 def _times(
     joints: JointPositions, content: Content, options: ReadOptions, findings: list[Finding]
 ) -> tuple[FloatArray, bool, float]:
     """Return stamps since the first one, or those of the file if it states no unit, if they are in s, and the first."""
-    count = len(joints.position)
     if joints.time is None:
         rate = options.rate or content.stated.take("rate") or joints.rate
         if rate is None:
             expected = "say how many there are a second: --rate"
             raise TrajectoryError(f"{joints.what}, but no stamps of the samples; {expected}")
         findings.append(note(f"no stamps: made from the rate, {rate:g} Hz"))
-        return np.arange(count) / rate, True, 0.0
+        return np.arange(len(joints.position)) / rate, True, 0.0
     if joints.time_unit is None:
         return joints.time, False, 0.0
     # Whole ns since 1970 keep their steps only if the first is subtracted before they are scaled.
@@ -235,9 +239,8 @@ def _times(
 
 def _scale(joints: JointPositions, content: Content, options: ReadOptions, findings: list[Finding]) -> float:
     """Return the unit of the positions [m], stated or by the length of the hand; add what is assumed to `findings`."""
-    wrist, middle = joints.position[:, 0], joints.position[:, 9:13]
-    bones = np.linalg.norm(np.diff(middle, axis=1), axis=2).sum(axis=1)
-    lengths = np.linalg.norm(middle[:, 0] - wrist, axis=1) + bones
+    bones = np.linalg.norm(np.diff(joints.position[:, [0, 9, 10, 11, 12]], axis=1), axis=2)
+    lengths = bones[:, 0] + bones[:, 1:].sum(axis=1)
     length = float(np.median(lengths[np.isfinite(lengths)]))
     low, high = HAND_LENGTHS
     said = f"the hand is {length:.4g} long from wrist to middle fingertip"
@@ -264,3 +267,81 @@ def _scale(joints: JointPositions, content: Content, options: ReadOptions, findi
     taken = f"which is no hand in m, cm, mm or inch: taken for a hand of {1e3 * wanted:.0f} mm ({why})"
     findings.append(note(f"no scale: {said}, {taken}; angles are right if x, y and z have one scale"))
     return wanted / length
+
+
+def _known_side(
+    points: FloatArray, hand: HandSide, findings: list[Finding], mirror: str | None, structural: bool, misfit: str
+) -> HandSide:
+    """Return the side of the hand, as named or by the bend of its fingers; `structural` if --hand cannot replace it."""
+    side, above = _bends_as(points), _thumb_above(points)
+    if not hand:
+        if not side:
+            raise TrajectoryError("the file names no hand, and its fingers are too straight to tell: say --hand")
+        text = f"the file does not say which hand it is: a {side} one by the bend of its fingers"
+        if not mirror and not misfit:
+            text += f", a {OTHER[side]} one in left-handed coordinates, as Unity's: --mirror x|y|z"
+        findings.append(note(f"{text}; else say --hand"))
+        return side
+    back = -np.degrees(_bend(points, hand))
+    # A hand that is bent backwards has its thumb before the palm all the same.
+    if side == OTHER[hand] and above[hand] > -THUMB_HEIGHT:
+        way = f"leave out --mirror {mirror}" if mirror else "say --mirror x|y|z if its coordinates are left-handed"
+        other = "--mirror x --other-hand" if structural else f"--hand {side}"
+        remedy = misfit or f"{way}, {other} if it is the {side} hand"
+        bent = f"its fingers bend as a {side} one's, by {back:.0f}° on average"
+        raise TrajectoryError(f"named a {hand} hand, but {bent}: {remedy}")
+    bent = f"fingers bend backwards by {back:.0f}° on average" if back > np.degrees(LEAST_BEND) else ""
+    if bent or _looks_as(points) not in ("", hand):
+        wrong = bent or "thumb is behind its palm"
+        findings.append(note(f"as a {hand} hand its {wrong}: is it the other hand, or mirrored?"))
+    return hand
+
+
+def _in_right_handed_world(points: FloatArray, hand: HandSide, findings: list[Finding]) -> FloatArray:
+    """Return joint centres in a right-handed world: in Unity's, y up, z points the other way."""
+    seen = _looks_as(points)
+    if not hand or seen == hand:
+        return points
+    if not seen:
+        text = "its fingers are too straight, and its thumb too level with them, to tell whether its coordinates are"
+        findings.append(note(f"{text} left-handed, as Unity's: taken for right-handed"))
+        return points
+    text = f"the {hand} hand of the file is the mirror of one: its coordinates are left-handed, as Unity's, and z is"
+    findings.append(note(f"{text} turned round; if it is the other hand, say --other-hand"))
+    return np.asarray(points * UNITY)
+
+
+def _bends_as(points: FloatArray) -> HandSide:
+    """Return the side of joints (T, 21, 3) in a right-handed world by the bend of the fingers; "" if too straight."""
+    bend = {side: _bend(points, side) for side in SIDES}
+    side = max(SIDES, key=lambda each: bend[each])
+    return side if bend[side] >= LEAST_BEND else ""
+
+
+def _looks_as(points: FloatArray) -> HandSide:
+    """Return the side of a hand by the bend of its fingers, else by its thumb; "" if neither tells it."""
+    above = _thumb_above(points)
+    return _bends_as(points) or next((side for side in SIDES if above[side] <= -THUMB_HEIGHT), "")
+
+
+def _bend(points: FloatArray, side: HandSide) -> float:
+    """Compute the mean flexion of the joints of index to little finger, if it is a hand of this side [rad]."""
+    fingers = points[:, 5:].reshape(-1, 4, 4, 3)
+    orientation = palm_from_knuckles(fingers[:, :, 0], points[:, 0], side)
+    chains = np.concatenate([fingers[:, :1], fingers], axis=1)
+    return _mean(finger_angles(in_palm(np.diff(chains, axis=2), orientation), side)[0][:, 1:])
+
+
+def _thumb_above(points: FloatArray) -> dict[HandSide, float]:
+    """Compute the thumb's mean height above the back of a hand of each side [palm lengths]; palmar is negative."""
+    orientation = palm_from_knuckles(points[:, 5::4], points[:, 0], "right")
+    from_wrist = in_palm(points - points[:, :1], orientation)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        above = _mean(from_wrist[:, 2:5, 2] / np.linalg.norm(from_wrist[:, 9:10], axis=2))
+    return {"right": above, "left": -above}
+
+
+def _mean(values: FloatArray) -> float:
+    """Return the mean of the finite values, 0 without any."""
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else 0.0

@@ -1,29 +1,41 @@
-"""JSON of any maker, one document or one a line; values that are no numbers become NaN."""
+"""JSON of any maker, one document or one a line: its numbers as arrays; values that are no numbers become NaN."""
 
 import json
-import re
-from collections.abc import Callable, Iterable, Iterator
-from functools import partial
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
-from hhsim.motion.text_edit import NumberEdit
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.joint_names import VALIDITY_WORDS, joint_name, side_in, stated_value
 
 MOST = 1e20
 """Largest magnitude of a reading: nanoseconds since 1970 are less."""
 SHOWN_KEYS = 6
+ROWS = "rows"
+"""Name of an array or a list that has none."""
+LABELS = ("name", "joint", "jointName", "joint_name", "id")
+"""Keys of the name of an object in a list."""
+COUNTS = (21, 25, 26)
+"""Numbers of joints in a row without names."""
+FEWEST = 8
+"""Number of joints among the objects of a list that make it a hand."""
+DEEPEST = 12
+"""Deepest nesting of a value in a frame."""
+MOST_ENTRIES = 64
+"""Number of entries of a list that are searched for hands."""
+Leaf = tuple[HandSide, str, FloatArray]
+"""Numbers in a document: side of the hand, name, and values."""
 
 
-_TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|-?[0-9]+(?:\.[0-9]+)?(?:[eE][-+]?[0-9]+)?', re.DOTALL)
-"""String or number."""
-
-
-def read_json(text: str, decode: Callable[[str], Any] = json.loads) -> Any:
+def read_json(text: str) -> Any:
     """Return the document, or a list of the documents of its lines; raise TrajectoryError with the place of a fault."""
     try:
-        return decode(text)
+        return json.loads(text)
     except (ValueError, RecursionError) as error:
         reason = str(error)
     documents = []
@@ -31,7 +43,7 @@ def read_json(text: str, decode: Callable[[str], Any] = json.loads) -> Any:
     lines = text.replace("\r", "\n").split("\n")
     for place, line in enumerate((line for line in lines if line.strip()), start=1):
         try:
-            documents.append(decode(line))
+            documents.append(json.loads(line))
         except (ValueError, RecursionError) as error:
             # Of a text whose first line alone is none, the whole is one document.
             where, reason = (f"line {place} is ", str(error)) if place > 1 else ("", reason)
@@ -71,47 +83,6 @@ def objects(node: Any) -> Iterator[dict[str, Any]]:
         yield from (item for item in node if isinstance(item, dict))
 
 
-class _Whole(int):
-    """Whole number that knows its place among the numbers of a text."""
-
-    place: int
-
-
-class _Decimal(float):
-    """Other number that knows its place among the numbers of a text."""
-
-    place: int
-
-
-class PlacedJson:
-    """JSON `document`, as of `read_json`, whose numbers can be replaced in its text."""
-
-    def __init__(self, text: str) -> None:
-        self._spans = [found.span() for found in _TOKEN.finditer(text) if found[0][0] != '"']
-        self._count = 0
-        self.document = read_json(text.replace("\ufeff", " ", 1) if text.startswith("\ufeff") else text, self._decode)
-
-    def edits(self, node: Any, values: Iterable[float], decimals: int, names: str = "xyz") -> Iterator[NumberEdit]:
-        """Yield edits of the numbers of a list of the document, or of an object with these keys."""
-        items = [node.get(name) for name in names] if isinstance(node, dict) else node
-        for item, value in zip(items if isinstance(items, list) else [], values):
-            if isinstance(item, _Whole | _Decimal):
-                yield NumberEdit(*self._spans[item.place], float(value), decimals)
-
-    def _decode(self, text: str) -> Any:
-        before, whole, decimal = self._count, partial(self._placed, _Whole), partial(self._placed, _Decimal)
-        try:
-            return json.loads(text, parse_int=whole, parse_float=decimal)
-        except (ValueError, RecursionError):
-            self._count = before
-            raise
-
-    def _placed(self, kind: type[_Whole | _Decimal], word: str) -> _Whole | _Decimal:
-        found = kind(word)
-        found.place, self._count = self._count, self._count + 1
-        return found
-
-
 def keys_of(document: Any) -> str:
     """Describe the content of a document, for messages."""
     if isinstance(document, dict):
@@ -121,3 +92,105 @@ def keys_of(document: Any) -> str:
     if isinstance(document, list):
         return f"a list of {len(document)}, the first {keys_of(document[0])}" if document else "an empty list"
     return repr(document)[:40]
+
+
+def joints_in(shape: tuple[int, ...]) -> int:
+    """Return the number of joints in points, or in matrices, of this shape; 0 for another one."""
+    return next((n for n in COUNTS if shape in ((n, 3), (3 * n,), (n, 16), (n, 4, 4), (16 * n,))), 0)
+
+
+def place_in(values: FloatArray) -> FloatArray | None:
+    """Return the points, or the translations of matrices, of an array with this last shape, (…, 3); None for others.
+
+    16 numbers are a matrix column by column, as WebXR has them, or row by row.
+    """
+    if values.shape[-1:] == (16,):
+        by_columns = (values[..., 3:16:4] == [0.0, 0.0, 0.0, 1.0]).all(axis=-1, keepdims=True)
+        return np.where(by_columns, values[..., 12:15], values[..., 3:12:4])
+    if values.shape[-2:] == (4, 4):
+        return values[..., :3, 3]
+    return values if values.shape[-1:] == (3,) else None
+
+
+def leaves(
+    node: Any, name: str = "", side: HandSide = "", depth: int = 0
+) -> Iterator[tuple[HandSide, str, FloatArray]]:
+    """Yield the numbers in JSON by the keys above them, and the side that the nearest object states; "" for none.
+
+    x, y, z, with w or without it, are one value, and so is a list of numbers. Of objects in a list those that name
+    their joint have its name, 21, 25 or 26 others are points; else the first that has a name counts.
+    """
+    if depth > DEEPEST:
+        return
+    if isinstance(node, dict) and "0" in node and all(str(k) == key for k, key in enumerate(node)):
+        # A typed array of JavaScript, such as that of fillPoses.
+        node = list(node.values())
+    if isinstance(node, dict):
+        side = side_in(node) or side
+        whole = {"x", "y", "z"} <= node.keys() and name != ""
+        if whole and "w" in node:
+            yield side, f"{name}_wxyz", np.array(vector(node, "wxyz"))
+        elif whole and joint_name(name).part != "rotation":
+            yield side, name, np.array(vector(node))
+        for key, value in node.items():
+            if not (whole and key in "xyzw"):
+                yield from leaves(value, f"{name}.{key}" if name else str(key), side, depth + 1)
+    elif isinstance(node, list):
+        yield from _of_list(node, name, side, depth)
+    else:
+        value = stated_value(node) if joint_name(name).part in VALIDITY_WORDS.values() else number(node)
+        if value == value:
+            yield side, name, np.array(value)
+
+
+def _of_list(node: list[Any], name: str, side: HandSide, depth: int) -> Iterator[Leaf]:
+    """Yield the numbers in a list as `leaves` does."""
+    labels = [str(next((entry[key] for key in LABELS if key in entry), "")) for entry in objects(node)]
+    if sum(bool(joint_name(label).joint) for label in labels) >= FEWEST:
+        for label, entry in zip(labels, objects(node)):
+            yield from leaves(entry, f"{name}.{label}", side, depth + 1)
+        return
+    with suppress(TypeError, ValueError, OverflowError):
+        values = np.array(node, dtype=np.float64)
+        while values.ndim > 1 and not joints_in(values.shape) and joints_in(values.shape[1:]):
+            values = values[0]
+        yield side, name, values
+        return
+    if len(node) in COUNTS:
+        given = [list(leaves(entry, "joint")) for entry in node]
+        found = [[p for _, key, v in each if (p := _place(key, v)) is not None] for each in given]
+        places = np.array([each[0] if each else np.full(3, np.nan) for each in found])
+        if np.isfinite(places).all(axis=1).any():
+            yield side, name, places
+            scalars = [{key: float(v) for _, key, v in each if v.ndim == 0} for each in given]
+            for key in dict.fromkeys(key for each in scalars for key in each):
+                yield side, key.replace("joint", name, 1), np.array([each.get(key, np.nan) for each in scalars])
+            return
+    for entry in node[:MOST_ENTRIES]:
+        yield from leaves(entry, name, side, depth + 1)
+
+
+def _place(key: str, values: FloatArray) -> FloatArray | None:
+    return None if joint_name(key).part == "rotation" or values.shape not in ((3,), (16,), (4, 4)) else place_in(values)
+
+
+def frame_arrays(frames: Sequence[Any]) -> dict[tuple[HandSide, str], FloatArray]:
+    """Return the numbers of frames by side and name, as `leaves` yields them, a row a frame, NaN where missing.
+
+    A frame that is no object has its numbers under `ROWS`. Of values of several shapes the largest count.
+    """
+    rows: list[dict[tuple[HandSide, str], FloatArray]] = []
+    for frame in frames:
+        rows.append({})
+        for side, name, values in leaves(frame if isinstance(frame, dict) else {ROWS: frame}):
+            rows[-1].setdefault((side, name), values)
+    arrays = {}
+    for key in dict.fromkeys(key for row in rows for key in row):
+        shape = max((row[key].shape for row in rows if key in row), key=math.prod)
+        arrays[key] = np.full((len(rows), *shape), np.nan)
+        for k, row in enumerate(rows):
+            if key in row and row[key].shape == shape:
+                arrays[key][k] = row[key]
+        # Beyond that it is damage, and what is computed from it overflows.
+        arrays[key][~(np.abs(arrays[key]) <= MOST)] = np.nan
+    return arrays

@@ -1,16 +1,7 @@
 """Poses of an object, in a file of their own (`--object-poses`) or among the arrays, columns or keys of a recording.
 
-Names have a word for the object (object, obj), which a file of its own may leave out, and one of these; a name may end
-with the order of a quaternion (_wxyz, _xyzw) and with a unit (_m, _cm, _mm):
-
-| names | hold, one row a sample or a single one |
-|---|---|
-| pos, position, t, trans, transl, translation, location | position (3) |
-| q, quat, quaternion, R, rot, rotation, orient, orientation | quaternion (4), rotation vector [rad] (3), 3 × 3 matrix |
-| rotvec, axis_angle, rotmat | rotation vector [rad], matrix |
-| pose, transform, transformation, matrix | matrix (4 × 4, 3 × 4), position and quaternion (7), ARCTIC's row (7) |
-| columns px, tx, x, pos_x, t_wo_x, qw, quat_w, rotvec_x, m00, pose_0, … | the same, number by number |
-| transl with global_orient | GRAB's object |
+docs/recordings.md has the names as a table: a word for the object (object, obj), which a file of its own may leave out,
+one for a position, an orientation or a pose, and at the end the order of a quaternion (_wxyz, _xyzw) and a unit (_mm).
 
 ARCTIC's row is articulation [rad], rotation vector, translation [mm] (its docs/data/data_doc.md); its last four numbers
 are no unit quaternion. GRAB multiplies vertices by the matrix from the right (its tools/objectmodel.py), so its object
@@ -19,27 +10,25 @@ where a number is NaN, or the quaternion or the matrix all zeros.
 """
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, named
 from hhsim.hand.quaternion import conjugate, quaternion, quaternion_from_matrix, quaternion_product
 from hhsim.motion.csv_table import Table, lacks_names, read_header, read_table
-from hhsim.motion.npz_arrays import read_npy, read_npz
-from hhsim.motion.pickled_data import MOST_DEPTH
+from hhsim.motion.npz_arrays import read_npy
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import ObjectMotion, as_numbers
+from hhsim.recordings.content import NPY, ZIP, Content, ReadOptions
 from hhsim.recordings.frames import OURS, mirrored, quaternions_of, turned
-from hhsim.recordings.joint_names import StatedFields
-from hhsim.recordings.json_document import keys_of, number, read_json, vector
+from hhsim.recordings.json_document import ROWS, frame_arrays, keys_of, leaves
 from hhsim.recordings.recording import MOST, Finding, Recording, note, unreadable, unused
-from hhsim.recordings.registry import Content, ReadOptions
-from hhsim.recordings.unit_detection import CERTAINLY_FAR, FAR, LENGTH_UNITS, TIME_UNITS, time_column
+from hhsim.recordings.unit_detection import CERTAINLY_FAR, FAR, TIME_UNITS, time_column
 
 OBJECT_WORDS = {"object", "obj", "objects", "objs"}
 _KINDS = {
@@ -60,9 +49,13 @@ STAMP_SLACK = 1e-6
 """Largest time of a sample before the first pose or after the last one [s], for stamps that were rounded."""
 WIDTHS = (7, 12, 16)
 """Numbers of a pose without names: position and quaternion (or ARCTIC's row), 3 × 4 matrix, 4 × 4 matrix."""
-TURN_SHAPES = ((4,), (3,), (3, 3), (9,))
 POSE_SHAPES = ((4, 4), (3, 4), *((width,) for width in WIDTHS))
-"""Shapes of a row of an orientation and of a pose."""
+SHAPES: dict[str, tuple[tuple[int, ...], ...]] = {
+    "position": ((3,),), "turn": ((4,), (3,), (3, 3), (9,)), "pose": POSE_SHAPES,
+}  # fmt: skip
+"""Shapes of a row of each kind."""
+OBJECT_UID = "object_uid"
+"""Column of the object of each row in a table of several, as HOT3D's."""
 
 _OF_OTHERS = ("cam", "hand", "wrist", "palm", "mano", "left", "right")
 """Beginnings of words for what else has a pose below an object."""
@@ -104,35 +97,30 @@ def _words(name: str, alone: bool) -> tuple[list[str], float | None] | None:
     return (words if metre is None else words[:-1]), metre
 
 
-def _bare(words: list[str]) -> list[str]:
-    """Return words without those that only say what the last one is part of, such as pose.position."""
+def _kind(words: list[str]) -> str:
+    """Return the kind of words, of which some only say what the last one is part of, such as pose.position."""
     words = [word for word in words if word not in ("world", "wo", "params")]
     while len(words) > 1 and KIND_OF.get(words[0]) == "pose":
         words = words[1:]
-    return words
+    return KIND_OF.get("".join(words), "" if words else "none")
 
 
-def _meaning(name: str, alone: bool) -> _Name | None:
+def _meaning(name: str, alone: bool = False) -> _Name | None:
     """Return the meaning of the name of an array or a key; None for another one."""
     above, _, last = name.replace(".", "/").rpartition("/")
     inner = _words(above, alone=False)
-    if inner is not None and not any(word.startswith(_OF_OTHERS) for word in inner[0]):
-        # Below an object, which may have a name of its own, the last part says it.
-        below = _meaning(last, alone=True)
-        if below is not None:
-            return below._replace(above=above)
-    found = _words(name, alone)
-    if found is None:
-        return None
-    words, metre = found
+    # Below an object, which may have a name of its own, the last part says it.
+    if inner and not any(word.startswith(_OF_OTHERS) for word in inner[0]) and (below := _meaning(last, True)):
+        return below._replace(above=above)
+    words, metre = _words(name, alone) or ([], None)
     order = next((word for word in words if word in ORDERS), None)
-    kind = KIND_OF.get("".join(_bare([word for word in words if word != order])), "")
-    return _Name(kind.replace("vector", "turn"), order, metre) if kind else None
+    kind = _kind([word for word in words if word != order]).replace("vector", "turn")
+    return _Name(kind, order, metre) if kind in SHAPES else None
 
 
 def is_objects(name: str) -> bool:
     """Return True for the name of an object's position, orientation or pose."""
-    return _meaning(name, alone=False) is not None
+    return _meaning(name) is not None
 
 
 def poses_in(
@@ -147,52 +135,59 @@ def poses_in(
     """Return the poses among named arrays, for `count` samples if it is given; None if no name tells of any.
 
     `order` is that of quaternions whose name does not say it; `alone` takes names without a word for the object. Arrays
-    of another shape are none; a position or an orientation without the other is none, or refused if `strict`. Raises
-    TrajectoryError for another number of rows, no rotation, a quaternion of unknown order, or as `strict` says.
+    of another shape are none; a position or an orientation without the other is none, or refused if `strict`.
     """
-    tails = {"position": ((3,),), "turn": TURN_SHAPES, "pose": POSE_SHAPES}
-    meanings = {}
+    meanings: dict[str, dict[str, _Name]] = {kind: {} for kind in SHAPES}
     for name, values in arrays.items():
         meaning, shape = _meaning(name, alone), np.shape(values)
-        if meaning is not None and {shape, shape[1:]} & {*tails[meaning.kind]}:
-            meanings[name] = meaning
+        if meaning is not None and {shape, shape[1:]} & {*SHAPES[meaning.kind]}:
+            meanings[meaning.kind][name] = meaning
     # Of those at several depths the uppermost; of several objects none, since nobody knows which one is held.
     names: dict[str, str] = {}
-    for kind in tails:
-        depth = {name: meaning.above.count("/") for name, meaning in meanings.items() if meaning.kind == kind}
-        top = [name for name, below in depth.items() if below == min(depth.values())]
-        if len({meanings[name].above for name in top}) == 1:
+    for kind, held in meanings.items():
+        depth = {name: meaning.above.count("/") for name, meaning in held.items()}
+        top = [name for name in held if depth[name] == min(depth.values())]
+        if len({held[name].above for name in top}) == 1:
             names[kind] = top[0]
-    if not names or (len(names) < 2 and "pose" not in names and not strict):
-        return None
     if "pose" in names:
-        meaning = meanings[names["pose"]]
+        meaning = meanings["pose"][names["pose"]]
         poses = _of_rows(names["pose"], arrays[names["pose"]], meaning.order or order, options)
         poses = poses._replace(metre=meaning.metre or poses.metre)
-    elif len(names) < 2:
+    elif len(names) == 2:
+        poses = _of_two(names["position"], names["turn"], arrays, meanings, order, options)
+    elif names and strict:
         (name,) = names.values()
         raise TrajectoryError(f"'{name}' is only one of an object's position and orientation; expected both or neither")
     else:
-        place, turn = names["position"], names["turn"]
-        position = _rows(place, arrays[place], (3,))
-        orientation = _quaternions(turn, arrays[turn], meanings[turn].order or order, options)
-        findings: tuple[Finding, ...] = ()
-        if re.search("global_?orient", turn, re.IGNORECASE) and re.search("transl$", place):
-            orientation = conjugate(orientation)
-            text = f"'{turn}' as in GRAB: vertices times the matrix, so the object turns by its transpose"
-            findings = (note(text),)
-        counts = len(position), len(orientation)
-        if counts[0] != counts[1] and 1 not in counts:
-            raise TrajectoryError(f"'{place}' has {counts[0]} rows and '{turn}' {counts[1]}; expected as many")
-        rows = max(counts)
-        position, orientation = np.broadcast_to(position, (rows, 3)), np.broadcast_to(orientation, (rows, 4))
-        poses = ObjectPoses(position, orientation, meanings[place].metre, (place, turn), findings)
+        return None
     if options.pose_unit is not None:
         poses = poses._replace(metre=UNITS[options.pose_unit])
     lost = np.isnan(np.concatenate(poses[:2], axis=1)).any(axis=1, keepdims=True)
     position, orientation = (np.where(lost, np.nan, each) for each in poses[:2])
     poses = poses._replace(position=position, orientation=orientation)
     return poses if count is None else _counted(poses, count)
+
+
+def _of_two(
+    place: str,
+    turn: str,
+    arrays: Mapping[str, Any],
+    meanings: Mapping[str, Mapping[str, _Name]],
+    order: str | None,
+    options: ReadOptions,
+) -> ObjectPoses:
+    """Return the poses in arrays of positions and orientations of these names."""
+    position = _rows(place, arrays[place], *SHAPES["position"])
+    orientation = _quaternions(turn, arrays[turn], meanings["turn"][turn].order or order, options)
+    findings: tuple[Finding, ...] = ()
+    if re.search("global_?orient", turn, re.IGNORECASE) and re.search("transl$", place):
+        orientation = conjugate(orientation)
+        findings = (note(f"'{turn}' as in GRAB: vertices times the matrix, so the object turns by its transpose"),)
+    counts = len(position), len(orientation)
+    if counts[0] != counts[1] and 1 not in counts:
+        raise TrajectoryError(f"'{place}' has {counts[0]} rows and '{turn}' {counts[1]}; expected as many")
+    position, orientation = np.broadcast_to(position, (max(counts), 3)), np.broadcast_to(orientation, (max(counts), 4))
+    return ObjectPoses(position, orientation, meanings["position"][place].metre, (place, turn), findings)
 
 
 def _counted(poses: ObjectPoses, count: int) -> ObjectPoses:
@@ -206,8 +201,7 @@ def _counted(poses: ObjectPoses, count: int) -> ObjectPoses:
 def _rows(name: str, given: Any, *tails: tuple[int, ...]) -> FloatArray:
     """Return rows of one of these shapes as numbers; one without the first axis is a single row."""
     values = as_numbers(f"'{name}'", given)
-    if values.shape in tails:
-        values = values[None]
+    values = values[None] if values.shape in tails else values
     if values.shape[1:] not in tails or not len(values):
         wanted = " or ".join(f"(T, {', '.join(map(str, tail))})" for tail in tails)
         raise TrajectoryError(f"'{name}' has shape {np.shape(given)}; expected {wanted}")
@@ -216,7 +210,7 @@ def _rows(name: str, given: Any, *tails: tuple[int, ...]) -> FloatArray:
 
 
 def _quaternions(name: str, given: Any, order: str | None, options: ReadOptions) -> FloatArray:
-    values = _rows(name, given, *TURN_SHAPES)
+    values = _rows(name, given, *SHAPES["turn"])
     if values.shape[1:] == (3,):
         return np.where(np.isnan(values).any(axis=1, keepdims=True), np.nan, quaternion(np.nan_to_num(values)))
     if values.shape[1:] != (4,):
@@ -248,17 +242,15 @@ def _of_rows(name: str, given: Any, order: str | None, options: ReadOptions) -> 
     if values.shape[1:] != (7,):
         values[(values == 0.0).reshape(len(values), -1).all(axis=1)] = np.nan
         matrix = values.reshape(len(values), -1, 4)
-        last = matrix[:, 3:, :]
-        wrong = (np.abs(last - [0.0, 0.0, 0.0, 1.0]) > UNIT_TOLERANCE).any(axis=(1, 2))
+        wrong = (np.abs(matrix[:, 3:] - [0.0, 0.0, 0.0, 1.0]) > UNIT_TOLERANCE).any(axis=(1, 2))
         if wrong.any():
             text = f"'{name}' has the last row {matrix[int(np.argmax(wrong)), 3].tolist()}"
             raise TrajectoryError(f"{text}; expected [0, 0, 0, 1]: is the matrix transposed?")
         return ObjectPoses(matrix[:, :3, 3], _of_matrices(name, matrix[:, :3, :3]), None, (name,))
-    with np.errstate(invalid="ignore"):
-        seen = np.isfinite(values).all(axis=1)
-        off = np.abs(np.linalg.norm(values[seen, 3:], axis=1) - 1.0) > UNIT_TOLERANCE
-    if seen.any() and off.mean() > 0.5:
-        if (np.linalg.norm(values[seen, 1:4], axis=1) > 2.0 * np.pi + UNIT_TOLERANCE).any():
+    seen = values[np.isfinite(values).all(axis=1)]
+    off = np.abs(np.linalg.norm(seen[:, 3:], axis=1) - 1.0) > UNIT_TOLERANCE
+    if off.size and off.mean() > 0.5:
+        if (np.linalg.norm(seen[:, 1:4], axis=1) > 2.0 * np.pi + UNIT_TOLERANCE).any():
             raise TrajectoryError(f"'{name}' is neither position and unit quaternion nor ARCTIC's row")
         text = f"'{name}' as ARCTIC's rows: rotation vector, translation in mm; its articulation is left out"
         turns = _quaternions(name, values[:, 1:4], None, options)
@@ -270,64 +262,29 @@ def table_arrays(table: Table, findings: list[Finding], *, alone: bool = False) 
     """Return the columns of an object's pose as arrays for `poses_in`, and the columns; add findings of its cells."""
     groups: dict[str, dict[int, str]] = {}
     for column in table.header:
-        found = _words(column, alone)
-        words, metre = found if found is not None else ([], None)
+        words, metre = _words(column, alone) or ([], None)
         part = _COLUMN.fullmatch(words[-1]) if words else None
         # Digits stand apart from the letter before them: m00 is m and 00.
-        stem = "".join(_bare([word for word in words[:-1] if word != "m"]))
-        if part is None or not (stem in KIND_OF or (not stem and len(words) < 3)):
+        stem = _kind([word for word in words[:-1] if word != "m"])
+        if part is None or not (stem in KIND_OF.values() or (stem == "none" and len(words) < 3)):
             continue
-        stem = KIND_OF.get(stem, "")
         kind, axis = {"p": "position", "t": "position", "q": "quat_wxyz"}.get(part["kind"] or "", ""), part["axis"]
         suffix = next((f"_{word}" for word, size in UNITS.items() if size == metre), "")
         if axis is None:
-            kind = "rotmat" if stem in ("turn", "vector") else "pose" + suffix
+            kind = "rotmat" if stem in ("turn", "vector") else f"pose{suffix}"
         elif not kind:
             kind = {"vector": "rotvec", "turn": "quat_wxyz"}.get(stem, "position")
-        if kind == "position":
-            kind += suffix
+        kind = f"position{suffix}" if kind == "position" else kind
         groups.setdefault(f"object_{kind}", {})["wxyz".index(axis) if axis else int(part["place"])] = column
-    sizes = {"position": (3,), "rotvec": (3,), "quat_wxyz": (4,), "rotmat": (9,), "pose": WIDTHS}
+    sizes = {"position": (3,), "rotvec": (3,), "quat": (4,), "rotmat": (9,), "pose": WIDTHS}
     arrays, used = {}, set()
     for name, parts in groups.items():
-        if len(parts) in next(size for key, size in sizes.items() if name.startswith(f"object_{key}")):
+        if len(parts) in sizes[name.split("_")[1]]:
             columns = [parts[k] for k in sorted(parts)]
             arrays[name], broken = table.numbers(columns)
             findings.extend(unreadable(broken, f" of {columns[0]} and its like"))
             used.update(columns)
     return arrays, used
-
-
-def record_arrays(records: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return arrays of the values in JSON objects by their keys, one row an object, NaN where missing."""
-    rows = [dict(_leaves(record)) for record in records]
-    arrays = {}
-    for name in dict.fromkeys(name for row in rows for name in row):
-        shape = next((row[name].shape for row in rows if name in row), ())
-        missing = np.full(shape, np.nan)
-        given = [row.get(name, missing) for row in rows]
-        arrays[name] = np.array([values if values.shape == shape else missing for values in given])
-    return arrays
-
-
-def _leaves(node: Mapping[str, Any], above: str = "", depth: int = 0) -> Iterator[tuple[str, FloatArray]]:
-    """Yield the numbers of a JSON object by their keys; x, y, z with w, or without it, are one value."""
-    for key, value in node.items():
-        name = f"{above}.{key}" if above else str(key)
-        if isinstance(value, dict) and {"x", "y", "z"} <= set(value):
-            if "w" in value:
-                yield f"{name}_wxyz", np.array(vector(value, "wxyz"))
-            elif (meaning := _meaning(name, True)) is not None and meaning.kind == "position":
-                yield name, np.array(vector(value))
-        elif isinstance(value, dict) and depth < MOST_DEPTH:
-            yield from _leaves(value, name, depth + 1)
-        elif isinstance(value, int | float) and not isinstance(value, bool):
-            yield name, np.array(number(value))
-        elif isinstance(value, list):
-            try:
-                yield name, np.array(value, dtype=np.float64)
-            except (TypeError, ValueError):
-                yield name, np.array(np.nan)
 
 
 def placed(recording: Recording, poses: ObjectPoses | None) -> Recording:
@@ -361,60 +318,47 @@ def with_object_poses(recording: Recording, path: Path, options: ReadOptions) ->
 
     Poses with stamps are interpolated, others are one a sample, or one a frame of the recording's file, and a single
     one is of an object at rest. With `options.camera_poses` they are relative to a camera that moves. Raises
-    TrajectoryError, in one line that begins with the path, for no such file, another content, number of rows, unit or
-    order, or stamps that end before the recording's; and for a hand without a place, which stays at the origin.
+    TrajectoryError for a file that does not fit, and for a hand without a place, which stays at the origin.
     """
     if not np.nan_to_num(recording.position).any():
         raise TrajectoryError("the hand stays at the origin, so an object cannot be beside it; expected --world-up")
-    findings: list[Finding] = []
+    findings = [note("the object's pose in the recording is replaced")] if recording.object_motion is not None else []
     time, rows, frame = recording.time + recording.first_stamp, recording.rows, recording.file_frame
-    hand = np.nanmedian(frame.to_file(recording.position), axis=0) * frame.metre
+
+    def read(path: Path, hand: FloatArray | None) -> ObjectMotion:
+        with named(path):
+            poses, stamps = _stamped(path, options, findings, hand)
+            if stamps is not None and len(poses.position) > 1:
+                return _at(poses, stamps, time)
+            if len(time) < len(poses.position) > int(rows.max(initial=0)) and (rows != np.arange(len(time))).any():
+                # The recording has no samples of frames without a hand, where the object has its pose.
+                return ObjectMotion(*poses.at(rows)[:2])
+            return ObjectMotion(*_counted(poses, len(time))[:2])
+
     if options.camera_poses is None:
-        place, turn = _read(path, time, rows, options, findings, hand)
+        place, turn = read(path, np.nanmedian(frame.to_file(recording.position), axis=0) * frame.metre)
     else:
-        place, turn = _read(path, time, rows, options, findings)
-        camera = _read(options.camera_poses, time, rows, options, findings)
+        place, turn = read(path, None)
+        camera = read(options.camera_poses, None)
         findings.append(note(f"the object is relative to the camera of {options.camera_poses.name}"))
         place = camera.position + turned(camera.orientation, place)
         turn = quaternion_product(camera.orientation, turn)
-    before = [note("the object's pose in the recording is replaced")] if recording.object_motion is not None else []
-    return placed(recording, ObjectPoses(place, turn, 1.0, (path.name,), (*before, *findings)))
+    return placed(recording, ObjectPoses(place, turn, 1.0, (path.name,), tuple(findings)))
 
 
 def read_stamped_poses(path: Path, options: ReadOptions) -> tuple[FloatArray | None, ObjectMotion]:
-    """Read the poses of an object [m], NaN where missing, and their rising stamps [s], (T,), None without any.
-
-    Raises TrajectoryError for no such file, another content, unit or order, in one line that begins with the path.
-    """
+    """Read the poses of an object [m], NaN where missing, and their rising stamps [s], (T,), None without any."""
     with named(path):
-        poses, stamps = _stamped(path, options, [])
-        motion = ObjectMotion(poses.position, poses.orientation)
-        return stamps, motion if stamps is None else _at(poses, stamps, stamps)
-
-
-def _read(
-    path: Path,
-    time: FloatArray,
-    rows: IntArray,
-    options: ReadOptions,
-    findings: list[Finding],
-    hand: FloatArray | None = None,
-) -> ObjectMotion:
-    with named(path):
-        poses, stamps = _stamped(path, options, findings, hand)
-        if stamps is not None and len(poses.position) > 1:
-            return _at(poses, stamps, time)
-        if len(time) < len(poses.position) > int(rows.max(initial=0)) and (rows != np.arange(len(time))).any():
-            # The recording has no samples of frames without a hand, where the object has its pose.
-            return ObjectMotion(*poses.at(rows)[:2])
-        return ObjectMotion(*_counted(poses, len(time))[:2])
+        poses, stamps = _stamped(path, options, [], None)
+        return stamps, ObjectMotion(*poses[:2]) if stamps is None else _at(poses, stamps, stamps)
 
 
 def _stamped(
-    path: Path, options: ReadOptions, findings: list[Finding], hand: FloatArray | None = None
+    path: Path, options: ReadOptions, findings: list[Finding], hand: FloatArray | None
 ) -> tuple[ObjectPoses, FloatArray | None]:
-    """Return the poses of a file [m] and their stamps [s], None without any."""
-    arrays, unit = _arrays_of(Content(path, what="poses of an object"), options.object_track, findings)
+    """Return the poses of a file [m] and their stamps [s], None without any; `hand` is the place of a hand [m]."""
+    content = Content(path, what="poses of an object")
+    arrays = _arrays_of(content, options.object_track, findings)
     column = time_column(name for name, values in arrays.items() if np.shape(values)[1:] in ((), (1,)))
     stamps = None if column is None else column.stamps(lambda name: np.ravel(as_numbers(f"'{name}'", arrays[name])))
     others = {name: values for name, values in arrays.items() if column is None or name not in column.names}
@@ -423,34 +367,31 @@ def _stamped(
         name, values, first = _unnamed(others)
         poses = _of_rows(name, values, None, options)
         stamps = first if stamps is None else stamps
-    metre = _metre(poses, unit, options, findings, hand)
-    told = StatedFields({name: values for name, values in others.items() if name not in STATED}).told()
-    findings += [*poses.findings, *unused(others, poses.names), *map(note, told)]
-    poses = poses._replace(position=metre * poses.position)
+    metre = _metre(poses, content, options, findings, hand)
+    findings += [*poses.findings, *unused(others, poses.names), *map(note, content.stated.told())]
     factor = TIME_UNITS[column.unit] if column is not None and column.unit else 1.0
-    return poses, None if stamps is None else factor * stamps
+    return poses._replace(position=metre * poses.position), None if stamps is None else factor * stamps
 
 
-OBJECT_UID = "object_uid"
-"""Column of the object of each row in a table of several, as HOT3D's."""
-ROWS = "rows"
-"""Name of an array or a list that has none."""
-STATED = ("unit", "units", "length_unit")
-"""Names of what states the unit of a file of poses."""
-
-
-def _arrays_of(content: Content, wanted: str | None, findings: list[Finding]) -> tuple[dict[str, Any], str]:
-    """Return the arrays of a file by their names, `ROWS` without one, and the unit that it states, or "".
-
-    Of a table of several objects they are those of the wanted one.
-    """
-    if content.head.startswith(b"\x93NUMPY"):
-        return {ROWS: read_npy(content.data)}, ""
-    if content.head.startswith(b"PK"):
-        held = read_npz(content.data)
-        return held, _stated(held)
+def _arrays_of(content: Content, wanted: str | None, findings: list[Finding]) -> dict[str, Any]:
+    """Return the arrays of a file by their names, `ROWS` without one; of several objects those of the wanted one."""
+    if content.head.startswith(NPY):
+        return {ROWS: read_npy(content.data)}
+    if content.head.startswith(ZIP):
+        return content.arrays
     if content.is_json:
-        return _of_json(read_json(content.text))
+        document = content.document
+        if isinstance(document, dict):
+            lists = (value for value in document.values() if isinstance(value, list) and value)
+            records = next((value for value in lists if isinstance(value[0], dict)), None)
+            if records is None:
+                return {name: values for _, name, values in leaves(document)}
+            document = records
+        if not isinstance(document, list) or not document:
+            raise TrajectoryError(f"JSON that is {keys_of(document)}; expected a list of poses")
+        if isinstance(document[0], dict):
+            document = [record for record in document if isinstance(record, dict)]
+        return {name: values for (_, name), values in frame_arrays(document).items()}
     header = read_header(content.text)
     bare = lacks_names(header)
     table = read_table(content.text, names=[f"number {k}" for k in range(len(header))] if bare else None)
@@ -462,38 +403,18 @@ def _arrays_of(content: Content, wanted: str | None, findings: list[Finding]) ->
             raise TrajectoryError(f"poses of the objects {known}; expected one of them as --object-track")
         kept = [row for row, uid in enumerate(owner) if uid == wanted]
         table = replace(table, rows=tuple(table.rows[row] for row in kept), lines=[table.lines[row] for row in kept])
-    findings += [note(text) for text in table.notes]
+    findings += map(note, table.notes)
     if bare:
         rows, broken = table.numbers(table.header)
         findings += unreadable(broken)
-        return {ROWS: rows}, _stated(table.remarks)
+        return {ROWS: rows}
     arrays, used = table_arrays(table, findings, alone=True)
     if not arrays:
         raise TrajectoryError(f"columns {', '.join(header[:6])}; expected px, py, pz, qw, qx, qy, qz, or m00 to m33")
     if (column := time_column(header)) is not None:
         arrays |= {name: table.numbers([name])[0][:, 0] for name in column.names}
     findings += unused(dict.fromkeys(header), {*used, *arrays, OBJECT_UID})
-    return arrays, _stated(table.remarks)
-
-
-def _of_json(document: Any) -> tuple[dict[str, Any], str]:
-    unit = ""
-    if isinstance(document, dict):
-        unit = _stated(document)
-        lists = [value for value in document.values() if isinstance(value, list) and value]
-        records = next((value for value in lists if isinstance(value[0], dict)), None)
-        if records is None:
-            return {name: values for name, values in _leaves(document) if name not in STATED}, unit
-        document = records
-    if not isinstance(document, list) or not document:
-        raise TrajectoryError(f"JSON that is {keys_of(document)}; expected a list of poses")
-    if isinstance(document[0], dict):
-        return record_arrays(record for record in document if isinstance(record, dict)), unit
-    return record_arrays({ROWS: row} for row in document), unit
-
-
-def _stated(held: Mapping[str, Any]) -> str:
-    return next((str(held[name]).strip() for name in STATED if name in held), "")
+    return arrays
 
 
 def _unnamed(arrays: Mapping[str, Any]) -> tuple[str, FloatArray, FloatArray | None]:
@@ -510,20 +431,12 @@ def _unnamed(arrays: Mapping[str, Any]) -> tuple[str, FloatArray, FloatArray | N
 
 
 def _metre(
-    poses: ObjectPoses, unit: str, options: ReadOptions, findings: list[Finding], hand: FloatArray | None
+    poses: ObjectPoses, content: Content, options: ReadOptions, findings: list[Finding], hand: FloatArray | None
 ) -> float:
-    """Return the unit of the positions [m]: the option's, the file's, or that of their distance from the origin.
-
-    A hand farther than `FAR` from the origin takes its place.
-    """
-    if options.pose_unit is not None:
-        return LENGTH_UNITS[options.pose_unit]
-    if poses.metre is not None:
-        return poses.metre
-    if unit:
-        if unit not in LENGTH_UNITS:
-            raise TrajectoryError(f"states the unit {unit[:20]!r}; expected one of {', '.join(LENGTH_UNITS)}")
-        return LENGTH_UNITS[unit]
+    """Return the unit of the positions [m], stated or by their distance from the origin, or from a hand far from it."""
+    metre = UNITS.get(options.pose_unit or "") or poses.metre or content.stated.take("unit")
+    if metre is not None:
+        return float(metre)
     where, origin = "origin", np.zeros(3)
     if hand is not None and np.linalg.norm(hand) > FAR:
         where, origin = "hand", hand
@@ -548,11 +461,11 @@ def _at(poses: ObjectPoses, stamps: FloatArray, time: FloatArray) -> ObjectMotio
         span = f"the recording's {low:.6g} to {high:.6g} s"
         raise TrajectoryError(f"stamps from {stamps[0]:.6g} to {stamps[-1]:.6g} s; expected poses for {span}")
     ticks = np.clip(np.where(known, time, stamps[0]), stamps[0], stamps[-1])
-    seen: BoolArray = np.isfinite(np.concatenate([poses.position, poses.orientation], axis=1)).all(axis=1)
+    seen = np.isfinite(np.concatenate([poses.position, poses.orientation], axis=1)).all(axis=1)
     position, orientation = np.full((len(time), 3), np.nan), np.full((len(time), 4), np.nan)
     after = np.searchsorted(stamps, ticks - STAMP_SLACK)
     before = np.searchsorted(stamps, ticks + STAMP_SLACK, side="right") - 1
-    whole: BoolArray = known & seen[np.minimum(after, len(stamps) - 1)] & seen[before]
+    whole = known & seen[np.minimum(after, len(stamps) - 1)] & seen[before]
     if whole.any():
         position[whole] = interpolate_monotone(stamps[seen], poses.position[seen], ticks[whole])
         orientation[whole] = interpolate_orientation(stamps[seen], poses.orientation[seen], ticks[whole])

@@ -59,10 +59,7 @@ FROZEN_RUN = 5
 
 
 def clean_glitches(recording: Recording) -> Recording:
-    """Replace outliers by NaN, and flag jumps and suspect samples, in a recording with increasing stamps, SI units.
-
-    Raises TrajectoryError for jumps all over: the rows are no motion.
-    """
+    """Replace outliers by NaN, flag jumps and suspect samples, of increasing stamps, SI units; error for no motion."""
     if recording.sample_count >= 8:
         # Medians: a few spikes are no disorder.
         one, two = (float(np.median(way)) for way in _ways(recording))
@@ -71,7 +68,7 @@ def clean_glitches(recording: Recording) -> Recording:
             raise TrajectoryError(f"{reason}: the rows are no motion; are they out of order?")
     for kind in (POSITION, ORIENTATION, JOINT):
         recording = _without_outliers(recording, kind)
-    return _suspects(_frozen(recording))
+    return suspect_joints(_suspects(_frozen(recording)))
 
 
 def _ways(recording: Recording) -> tuple[FloatArray, FloatArray]:
@@ -86,19 +83,15 @@ def _without_outliers(recording: Recording, kind: Kind) -> Recording:
     width = 1 if kind is JOINT else values.shape[1]
     bad, jump, worst = np.zeros(values.shape, dtype=bool), np.zeros(total, dtype=bool), 0.0
     for first in range(0, values.shape[1], width):
-        part = values[:, first : first + width]
-        valid = np.isfinite(part).all(axis=1)
-        if kind is ORIENTATION:
-            valid &= np.linalg.norm(np.nan_to_num(part), axis=1) > 0.0
-        index, out, vector = np.flatnonzero(valid), np.zeros(total, dtype=bool), partial(_way, part, kind)
+        part, out = values[:, first : first + width], np.zeros(total, dtype=bool)
+        # A quaternion of length zero is no orientation.
+        index = np.flatnonzero(np.isfinite(part).all(axis=1) & (kind is not ORIENTATION or (part != 0.0).any(axis=1)))
+        vector = partial(_way, part, kind)
         if index.size >= 3:
             fast = np.linalg.norm(vector(index[:-1], index[1:]), axis=1)
             fast = fast > kind.noise + kind.speed * np.diff(time[index])
-            if fast.any():
-                worst = max(worst, _mark_runs(time, index, vector, kind, fast, out, jump))
-            index = index[~out[index]]
-            if index.size >= 3:
-                worst = max(worst, _mark_spikes(time, index, vector, kind, out))
+            worst = max(worst, _mark_runs(time, index, vector, kind, fast, out, jump) if fast.any() else 0.0)
+            worst = max(worst, _mark_spikes(time, index[~out[index]], vector, kind, out))
         bad[:, first : first + width] = out[:, None]
     outliers = np.asarray(bad.any(axis=1))
     found = int((outliers | jump).sum())
@@ -148,6 +141,8 @@ def _mark_runs(
 
 def _mark_spikes(time: FloatArray, index: IntArray, vector: Vectors, kind: Kind, bad: BoolArray) -> float:
     """Mark single samples that no force could have moved there and back; return the largest deviation."""
+    if index.size < 3:
+        return 0.0
     a, b, c = index[:-2], index[1:-1], index[2:]
     before, after = time[b] - time[a], time[c] - time[b]
     over = vector(a, c)

@@ -5,9 +5,6 @@ Formats (`hhsim.recordings.formats`) read one; `hhsim.recordings.cleaning` turns
 
 The distance between samples is one length: a rotation of the palm counts as the displacement of a point at `PALM_ARM`,
 a joint angle as that of a fingertip.
-
-Fingers bend to the palm's side, and the thumb stands on it: that tells a right hand from a left one, and a right-handed
-world from Unity's left-handed one, in which a hand is the mirror of the other.
 """
 
 import re
@@ -25,8 +22,8 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_vector
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import Checksums, HandSide, ObjectMotion, Phase, RawChannel, as_numbers
-from hhsim.recordings.finger_ik import RecordedBones, finger_angles, palm_from_knuckles
-from hhsim.recordings.frames import FileFrame, in_palm
+from hhsim.recordings.finger_ik import RecordedBones
+from hhsim.recordings.frames import FileFrame
 from hhsim.recordings.joint_names import VALIDITY_WORDS, joint_name, kind_of
 from hhsim.system.counted import counted
 
@@ -50,12 +47,6 @@ OF_OTHERS = ("cam", "hand", "wrist", "palm", "head", "root", "mano", "body", "vi
 SIDES: tuple[HandSide, HandSide] = ("right", "left")
 OTHER: dict[HandSide, HandSide] = {"right": "left", "left": "right", "": ""}
 """Other side of each."""
-LEAST_BEND = np.radians(8.0)
-"""Mean flexion from which on the fingers tell the palmar side of the hand [rad]."""
-THUMB_HEIGHT = 0.15
-"""Distance of the thumb from the plane of wrist and knuckles from which on it tells the palmar side [palm lengths]."""
-UNITY = np.array([1.0, 1.0, -1.0])
-"""Factors from Unity's left-handed world to a right-handed one, y up in both."""
 
 
 @dataclass(frozen=True)
@@ -88,21 +79,16 @@ def unreadable(cells: int, where: str = "") -> list[Finding]:
 def unused(held: Mapping[str, Any], used: Collection[str | None] = ()) -> list[Finding]:
     """Return the finding that names the values that a reader left out, with the shapes of arrays; none without any."""
     # What a field of a known name is used for, or not, is told for all formats by `hhsim.recordings.registry`.
-    left = [name for name in held if name not in used and not kind_of(name)]
+    left = [(name, np.shape(held[name])) for name in held if name not in used and not kind_of(name)]
     # What states that a reading is not one comes first.
-    left.sort(key=lambda name: joint_name(name).part not in VALIDITY_WORDS)
-    told: dict[str, list[str]] = {"note": [], UNUSED_POSE: []}
-    for name in left:
-        shape = np.shape(held[name])
-        kind = UNUSED_POSE if looks_like_pose(name, shape) else "note"
-        told[kind].append(f"{name} {shape}" if shape else name)
-    what = {"note": "not used", UNUSED_POSE: "not used, though it looks like the pose of an object"}
-    more = {kind: f" and {n - SHOWN_NAMES} more" for kind, names in told.items() if (n := len(names)) > SHOWN_NAMES}
-    return [
-        Finding(kind, f"{what[kind]}: {', '.join(names[:SHOWN_NAMES])}{more.get(kind, '')}")
-        for kind, names in told.items()
-        if names
-    ]
+    left.sort(key=lambda each: joint_name(each[0]).part not in VALIDITY_WORDS)
+    findings = []
+    for kind, what in (("note", "not used"), (UNUSED_POSE, "not used, though it looks like the pose of an object")):
+        found = [each for each in left if looks_like_pose(*each) == (kind == UNUSED_POSE)]
+        names = ", ".join(f"{name} {shape}" if shape else name for name, shape in found[:SHOWN_NAMES])
+        more = f" and {len(found) - SHOWN_NAMES} more" if len(found) > SHOWN_NAMES else ""
+        findings += [Finding(kind, f"{what}: {names}{more}")] if found else []
+    return findings
 
 
 def unused_poses(recording: "Recording") -> tuple[str, ...]:
@@ -171,9 +157,8 @@ class Recording:
     file_frame: FileFrame = field(default_factory=FileFrame)  # coordinates of the file's joints or palm
     # Row, line or frame of the file that each sample was read from, shape (T,); empty for all in order.
     rows: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    # Place of each joint of `KEYPOINTS` among the joints of a row of the file, if it has no names.
-    joint_order: tuple[int, ...] = tuple(range(21))
     first_stamp: float = 0.0  # stamp of the file [s] at which `time` is zero
+    is_written_back: bool = True  # False if its file is read and not written: what is corrected needs a new file
 
     def __post_init__(self) -> None:
         count = len(np.atleast_1d(self.time))
@@ -267,10 +252,7 @@ MOTION = ("position", "orientation", "flexion", "abduction")
 
 
 def turn(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Compute rotation vectors [rad] from quaternions `first` to `second`, in the frame of `first`, shape (…, 3).
-
-    The quaternions have any length and sign; NaN or a length of zero gives NaN.
-    """
+    """Compute rotation vectors [rad] from quaternions of any length `first` to `second`, in the frame of `first`."""
     with np.errstate(invalid="ignore", divide="ignore"):
         a = first / np.linalg.norm(first, axis=-1, keepdims=True)
         b = second / np.linalg.norm(second, axis=-1, keepdims=True)
@@ -291,8 +273,7 @@ def change(recording: Recording, first: IntArray, second: IntArray) -> FloatArra
 def chosen_side(samples: Mapping[HandSide, int], wanted: HandSide) -> tuple[HandSide, list[Finding]]:
     """Return the wanted hand, else the one of more samples (of equals the right one), and findings about it.
 
-    `samples` has the number of samples of each hand in the file; "" is a hand of no stated side. Raises TrajectoryError
-    where the wanted hand is not in the file.
+    "" is a hand of no stated side. Raises TrajectoryError where the wanted hand is not in the file.
     """
     if wanted and wanted not in samples and "" not in samples:
         raise TrajectoryError(f"no {wanted} hand; the file has {' and '.join(f'a {s} one' for s in samples)}")
@@ -306,10 +287,7 @@ def chosen_side(samples: Mapping[HandSide, int], wanted: HandSide) -> tuple[Hand
 def frames_with_hand(
     frames: Sequence[Collection[HandSide]], wanted: HandSide
 ) -> tuple[HandSide, list[int], list[Finding]]:
-    """Return a hand as `chosen_side`, the indices of the frames, by their hands, that show it, and findings about both.
-
-    Raises TrajectoryError where the wanted hand is in no frame, or no frame has a hand.
-    """
+    """Return a hand as `chosen_side`, the indices of the frames, by their hands, that show it, and findings."""
     seen = Counter(side for sides in frames for side in sides)
     if not seen:
         raise TrajectoryError(f"{len(frames)} frames, but no hand in any")
@@ -318,96 +296,3 @@ def frames_with_hand(
     if len(shown) < len(frames):
         findings.append(note(f"{len(frames) - len(shown)} of {len(frames)} frames show no such hand: no samples"))
     return side, shown, findings
-
-
-def known_side(
-    points: FloatArray, hand: HandSide, findings: list[Finding], mirror: str | None, structural: bool, misfit: str = ""
-) -> HandSide:
-    """Return the side of the hand, as named or by the bend of its fingers; add what is doubtful to `findings`.
-
-    `mirror` is the axis of left-handed coordinates that was turned round, `structural` True for a side that --hand
-    chooses and does not replace, `misfit` says how far the joints are from a hand's. Raises TrajectoryError where
-    nothing tells the side, or the fingers contradict it.
-    """
-    side = bends_as(points)
-    if not hand:
-        if not side:
-            raise TrajectoryError("the file names no hand, and its fingers are too straight to tell: say --hand")
-        text = f"the file does not say which hand it is: a {side} one by the bend of its fingers"
-        if not mirror and not misfit:
-            text += f", a {OTHER[side]} one in left-handed coordinates, as Unity's: --mirror x|y|z"
-        findings.append(note(f"{text}; else say --hand"))
-        return side
-    bend = _bend(points, hand)
-    # A hand that is bent backwards has its thumb before the palm all the same.
-    if side == OTHER[hand] and _thumb_above(points, hand) > -THUMB_HEIGHT:
-        way = f"leave out --mirror {mirror}" if mirror else "say --mirror x|y|z if its coordinates are left-handed"
-        other = "--mirror x --other-hand" if structural else f"--hand {side}"
-        remedy = misfit or f"{way}, {other} if it is the {side} hand"
-        bent = f"its fingers bend as a {side} one's, by {np.degrees(-bend):.0f}° on average"
-        raise TrajectoryError(f"named a {hand} hand, but {bent}: {remedy}")
-    bent = f"fingers bend backwards by {np.degrees(-bend):.0f}° on average" if bend < -LEAST_BEND else ""
-    if bent or looks_as(points) not in ("", hand):
-        wrong = bent or "thumb is behind its palm"
-        findings.append(note(f"as a {hand} hand its {wrong}: is it the other hand, or mirrored?"))
-    return hand
-
-
-def bends_as(points: FloatArray) -> HandSide:
-    """Return the side of a hand in a right-handed world by the bend of its fingers; "" if they are too straight.
-
-    The points are joints in the order of `KEYPOINTS`, any unit, shape (T, 21, 3).
-    """
-    bend = {side: _bend(points, side) for side in SIDES}
-    side = max(SIDES, key=lambda each: bend[each])
-    return side if bend[side] >= LEAST_BEND else ""
-
-
-def looks_as(points: FloatArray) -> HandSide:
-    """Return the side of a hand by the bend of its fingers, else by its thumb; arguments as of `bends_as`."""
-    if side := bends_as(points):
-        return side
-    above = {side: _thumb_above(points, side) for side in SIDES}
-    side = min(SIDES, key=lambda each: above[each])
-    return side if above[side] <= -THUMB_HEIGHT else ""
-
-
-def in_right_handed_world(points: FloatArray, hand: HandSide, findings: list[Finding]) -> FloatArray:
-    """Return joint centres in a right-handed world, y up, and add what was mirrored to `findings`.
-
-    In Unity's world z points the other way: there a right hand is a left one's mirror, which its fingers and its thumb
-    tell. A hand of no stated side, "", is left as it is.
-    """
-    seen = looks_as(points)
-    if not hand or seen == hand:
-        return points
-    if not seen:
-        text = "its fingers are too straight, and its thumb too level with them, to tell whether its coordinates are"
-        findings.append(note(f"{text} left-handed, as Unity's: taken for right-handed"))
-        return points
-    text = f"the {hand} hand of the file is the mirror of one: its coordinates are left-handed, as Unity's, and z is"
-    findings.append(note(f"{text} turned round; if it is the other hand, say --other-hand"))
-    return np.asarray(points * UNITY)
-
-
-def _bend(points: FloatArray, side: HandSide) -> float:
-    """Compute the mean flexion of the joints of index to little finger, if it is a hand of this side [rad]."""
-    fingers = points[:, 5:].reshape(-1, 4, 4, 3)
-    orientation = palm_from_knuckles(fingers[:, :, 0], points[:, 0], side)
-    chains = np.concatenate([fingers[:, :1], fingers], axis=1)
-    return _mean(finger_angles(in_palm(np.diff(chains, axis=2), orientation), side)[0][:, 1:])
-
-
-def _thumb_above(points: FloatArray, side: HandSide) -> float:
-    """Compute the thumb's mean height above the back of a hand of this side [palm lengths]; palmar is negative."""
-    orientation = palm_from_knuckles(points[:, 5::4], points[:, 0], side)
-    from_wrist = in_palm(points - points[:, :1], orientation)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        above = from_wrist[:, 2:5, 2] / np.linalg.norm(from_wrist[:, 9:10], axis=2)
-    return _mean(above)
-
-
-def _mean(values: FloatArray) -> float:
-    """Return the mean of the finite values, 0 without any."""
-    finite = values[np.isfinite(values)]
-    return float(finite.mean()) if finite.size else 0.0

@@ -1,17 +1,13 @@
 """Detection of units by what no hand can do, and conversion if only one unit fits.
 
-| what | is wrong where | becomes |
-|---|---|---|
-| stamps | the median step is above 0.5 s | ms if it is 1 to 100, µs (10³ to 10⁵), ns (10⁶ to 10⁸): 10 to 1,000 Hz |
-| positions | a palm far away sweeps 0.001 to 0.5 at a hand's speed: too little of any other unit | m |
-| positions | most samples are farther than 100 from the origin, or move faster than 200 a second | mm |
-| positions | else, most samples are farther than 8, or faster than 20 | refused: mm, cm and inches are all possible |
-| joint angles | one beyond ±200° in more than a fifth of the samples, read as radians | degrees |
-| joint angles | else, three more than 30° beyond a hand's range in so many | refused: they may be degrees |
+Stamps whose median step is above 0.5 s are ms, µs or ns, whichever gives 10 to 1,000 Hz. A palm far away that sweeps
+0.001 to 0.5 at a hand's speed is in metres; positions of which most are farther than 100 from the origin, or faster
+than 200 a second, are in mm. Joint angles beyond ±200° in more than a fifth of the samples, read as radians, are
+degrees. What more than one unit fits is refused: positions farther than 8 from the origin or faster than 20 a second,
+and three joints more than 30° beyond a hand's range in so many samples.
 
-A sweep of 0.5 to 8 farther than 8 from the origin is refused too: it may be one of metres, or a small one of mm. A unit
-that the file's mapping or the user states is not detected; there speed and sweep refuse, the distance does not. The
-name of a column or key may say that it holds the stamps, and their unit.
+A unit that the file's mapping or the user states is not detected; there speed and sweep refuse, the distance does not.
+The name of a column or key may say that it holds the stamps, and their unit.
 """
 
 import re
@@ -78,29 +74,24 @@ def clean_units(recording: Recording) -> Recording:
 
 def in_seconds(recording: Recording) -> Recording:
     """Convert stamps to s, from the first one if they count from long ago; TrajectoryError for a wrong unit."""
-    recording = _stamps(recording)
+    time = np.unique(recording.time[np.isfinite(recording.time)])
+    step = float(np.median(np.diff(time))) if time.size > 1 else SLOWEST_STEP
+    if not FASTEST_STEP <= step <= SLOWEST_STEP:
+        stated = "time" in recording.stated
+        other = f" than the one stated? {_corrected('time')}" if stated else "? Say --time-unit"
+        how = f"are they in another unit{other}"
+        if step < FASTEST_STEP:
+            raise TrajectoryError(f"the stamps step by {step:.3g} s, {1.0 / step:,.0f} a second; expected [s]: {how}")
+        fitting = [unit for unit, (low, high) in STEP_RANGES.items() if low <= step <= high]
+        if stated or not fitting:
+            raise TrajectoryError(f"the stamps step by {step:.6g} s, too slow for a hand; expected [s]: {how}")
+        text = f"stamps step by {step:.4g}: taken for {fitting[0]}; if they are not, say --time-unit"
+        recording = _with_clock(_converted(recording, text), TIME_UNITS[fitting[0]])
     time = recording.time[np.isfinite(recording.time)]
     if not time.size or float(np.median(time)) <= LATE:
         return recording
     found = note(f"stamps begin at {time[0]:.6f} s: they count from the first one now")
     return _with_clock(recording, 1.0, -float(time[0])).found(found)
-
-
-def _stamps(recording: Recording) -> Recording:
-    time = np.unique(recording.time[np.isfinite(recording.time)])
-    step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
-    if time.size < 2 or FASTEST_STEP <= step <= SLOWEST_STEP:
-        return recording
-    stated = "time" in recording.stated
-    other = f" than the one stated? {_corrected('time')}" if stated else "? Say --time-unit"
-    how = f"are they in another unit{other}"
-    if step < FASTEST_STEP:
-        raise TrajectoryError(f"the stamps step by {step:.3g} s, {1.0 / step:,.0f} a second; expected [s]: {how}")
-    fitting = [unit for unit, (low, high) in STEP_RANGES.items() if low <= step <= high]
-    if stated or not fitting:
-        raise TrajectoryError(f"the stamps step by {step:.6g} s, too slow for a hand; expected [s]: {how}")
-    text = f"stamps step by {step:.4g}: taken for {fitting[0]}; if they are not, say --time-unit"
-    return _with_clock(_converted(recording, text), TIME_UNITS[fitting[0]])
 
 
 def _lengths(recording: Recording) -> Recording:
@@ -114,15 +105,13 @@ def _lengths(recording: Recording) -> Recording:
         speeds = (way / step)[(step > 0.0) & (way > 0.0)]
     # A hand rests at times, a unit never does: the faster half decides.
     speed = float(np.percentile(speeds, 75.0)) if speeds.size else 0.0
-    if distance <= FAR and speed <= FAST:
+    by_hand, stated = sweep <= FAR and speed <= FAST, "length" in recording.stated
+    if max(distance / FAR, speed / FAST) <= 1.0 or (by_hand and (stated or STILL < sweep <= SHORT)):
         return recording
-    by_hand = sweep <= FAR and speed <= FAST
-    if by_hand and ("length" in recording.stated or STILL < sweep <= SHORT):
-        return recording
-    reason = f"palm moves at {speed:.4g} m/s" if distance <= FAR else f"palm {distance:.4g} m from the origin"
-    if "length" in recording.stated:
+    if stated:
         reason = f"palm moves at {speed:.4g} m/s" if speed > FAST else f"palm sweeps {sweep:.4g} m"
         raise TrajectoryError(f"{reason}, which is no hand's; expected another unit: {_corrected('length')}")
+    reason = f"palm moves at {speed:.4g} m/s" if distance <= FAR else f"palm {distance:.4g} m from the origin"
     if (by_hand and sweep > STILL) or (distance <= CERTAINLY_FAR and speed <= CERTAINLY_FAST):
         raise TrajectoryError(f"{reason}: maybe not in metres, but cm, mm and inch are all possible; say --length-unit")
     text = f"positions: {reason}: taken for millimetres; if they are not, say --length-unit"
@@ -144,31 +133,30 @@ def _angles(recording: Recording) -> Recording:
     angles, stated = recording.angles, "angle" in recording.stated
     if not angles.size:
         return recording
-    beyond = np.abs(angles) > JOINT_LIMIT
-    share = float(beyond.any(axis=1).mean())
-    if share <= FEW:
-        # As degrees within ±200°, as radians maybe beyond what a hand bends.
-        sizes = usual_fingers()
-        least, most = (
-            np.concatenate([sizes[f"flexion_{end}"].ravel(), sizes[f"abduction_{end}"]]) for end in ("min", "max")
+    worst = np.nanmax(np.abs(angles), initial=0.0)
+    share = float((np.abs(angles) > JOINT_LIMIT).any(axis=1).mean())
+    if share > FEW:
+        reason = (
+            f"joint angles reach {worst:.4g} rad, beyond what a joint can do in {100.0 * share:.0f} % of the samples"
         )
-        open_joints = (np.maximum(least - angles, angles - most) > SLACK).sum(axis=1)
-        share = float((open_joints >= JOINTS_BEYOND).mean())
-        if share > MANY and not stated:
-            raise TrajectoryError(
-                f"joint angles reach {np.nanmax(np.abs(angles)):.3g}: as radians, {JOINTS_BEYOND} or more are over "
-                f"{np.degrees(SLACK):.0f}° beyond a hand's range in {100.0 * share:.0f} % of the samples; say "
-                "--angle-unit deg, or --angle-unit rad if that is what they are"
-            )
-        return recording
-    worst = float(np.nanmax(np.abs(angles)))
-    reason = f"joint angles reach {worst:.4g} rad, beyond what a joint can do in {100.0 * share:.0f} % of the samples"
-    if stated:
-        raise TrajectoryError(f"{reason}: are they in another unit than the one stated? {_corrected('angle')}")
-    if share <= MANY:
-        raise TrajectoryError(f"{reason}; expected [rad]: are they in degrees? Say --angle-unit")
-    converted = _converted(recording, f"{reason}: taken for degrees; if they are not, say --angle-unit")
-    return converted.with_angles(angles * ANGLE_UNITS["deg"])
+        if stated:
+            raise TrajectoryError(f"{reason}: are they in another unit than the one stated? {_corrected('angle')}")
+        if share <= MANY:
+            raise TrajectoryError(f"{reason}; expected [rad]: are they in degrees? Say --angle-unit")
+        converted = _converted(recording, f"{reason}: taken for degrees; if they are not, say --angle-unit")
+        return converted.with_angles(angles * ANGLE_UNITS["deg"])
+    # As degrees within ±200°, as radians maybe beyond what a hand bends.
+    sizes = usual_fingers()
+    least, most = (np.append(sizes[f"flexion_{end}"], sizes[f"abduction_{end}"]) for end in ("min", "max"))
+    beyond = (np.maximum(least - angles, angles - most) > SLACK).sum(axis=1)
+    share = float((beyond >= JOINTS_BEYOND).mean())
+    if share > MANY and not stated:
+        raise TrajectoryError(
+            f"joint angles reach {worst:.3g}: as radians, {JOINTS_BEYOND} or more are over {np.degrees(SLACK):.0f}° "
+            f"beyond a hand's range in {100.0 * share:.0f} % of the samples; say --angle-unit deg, or --angle-unit rad "
+            "if that is what they are"
+        )
+    return recording
 
 
 def _corrected(key: str) -> str:

@@ -21,8 +21,8 @@ from hhsim.metrics.field.hands import FieldHands, FieldPair
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.recordings.correction import Correction
+from hhsim.recordings.fitted_hand import FITTED, fitted_hand, in_angles_of
 from hhsim.recordings.formats.mano import read_mano_model
-from hhsim.recordings.joint_fit import FITTED, fitted_hand, in_angles_of
 from hhsim.recordings.object_poses import with_object_poses
 from hhsim.recordings.outliers import suspect_joints
 from hhsim.recordings.recording import Recording, note, unused_poses
@@ -32,7 +32,6 @@ from hhsim.recordings.registry import (
     ReadOptions,
     check_target,
     format_of,
-    is_written_back,
     read_new_file,
     read_recording,
     repaired_suffix,
@@ -118,7 +117,7 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     if off is not None and off > ROUNDING:
         text = f"the format holds the corrected joints to {1e3 * off:.3f} mm; the figures are of what it holds"
         recording = recording.found(note(text))
-    if not is_written_back(recording):
+    if not recording.is_written_back:
         held = "joint angles in our world" if recording.joints is None else "21 joints [m] in the axes of the file"
         text = f"format {recording.form} is read and not written: {paths['recording'].name} has {held}, and the stamps"
         recording = recording.found(note(text))
@@ -226,7 +225,7 @@ def _prepared(request: RepairRequest, read: ReadOptions, bodies: DeclaredBodies)
 
 def _written(request: RepairRequest, read: ReadOptions, recording: Recording) -> Recording:
     """Return the repaired recording: what is judged is what the file says, without angles that fit its joints."""
-    if not is_written_back(recording):
+    if not recording.is_written_back:
         return read_new_file(request.out, recording)
     return in_our_units(request.out, replace(read, fits_angles=recording.joints is None), request.recording)
 

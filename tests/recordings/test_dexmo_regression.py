@@ -8,7 +8,6 @@ from conftest import Run
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
-from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.motion.file import load_trajectory
 from hhsim.recordings.column_map import JOINT_NAMES
@@ -40,14 +39,6 @@ def test_the_default_opens_closes_and_stays_within_the_hand() -> None:
     assert flexion.shape == (200, 5, 3) and abduction.shape == (200, 5)
     assert (flexion >= limits.flexion_min).all() and (flexion <= limits.flexion_max).all()
     assert (abduction >= limits.abduction_min).all() and (abduction <= limits.abduction_max).all()
-
-
-def test_each_finger_follows_its_own_channels_alone() -> None:
-    for k, channel in enumerate(CHANNELS):
-        flexion, abduction = DEFAULT.angles(np.eye(11)[k])
-        still, rest = DEFAULT.angles(np.zeros(11))
-        moved = (flexion != still).any(axis=1) | (abduction != rest)
-        assert [finger for finger, m in zip(FINGERS, moved) if m] == [channel.split("_")[0]]
 
 
 def test_the_bends_of_a_posture_are_the_channels_that_made_it() -> None:

@@ -9,36 +9,21 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Run
-from joint_samples import (
-    Y_UP,
-    array_npy,
-    arrays_npz,
-    iwer_json,
-    joint_sample,
-    mcap_bytes,
-    openxr_csv,
-    webxr_json,
-    words,
-)  # fmt: skip
+from joint_samples import Y_UP, array_npy, arrays_npz, joint_sample, mcap_bytes, webxr_json, words  # fmt: skip
 from leap_document import document
-from pose_samples import lerobot_bytes
 from recording_samples import read_as, smooth_recording
 from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.linkage.file import resolve_object
 from hhsim.motion.csv_file import format_csv
 from hhsim.motion.file import load_trajectory, save_trajectory
 from hhsim.motion.trajectory import ObjectMotion
 from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.column_map import ColumnMap
-from hhsim.recordings.dexmo_regression import CHANNELS
 from hhsim.recordings.object_poses import with_object_poses
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import ReadOptions, read_recording
-from hhsim.repair.score import field_score
-from hhsim.scene.motion_catalogue import read_imported
 from hhsim.system.settings_file import parse_settings
 
 SAMPLE = joint_sample()
@@ -109,12 +94,6 @@ def mapped_table(flip: FloatArray) -> str:
     return table([*"txyzabc", "bend"], motion.time, motion.position, euler, motion.flexion[:, 1, 0])
 
 
-def dexmo_table(flip: FloatArray) -> str:
-    motion = angles(flip)
-    names = ["time", *CHANNELS, "px", "py", "pz", "qw", "qx", "qy", "qz"]
-    return table(names, motion.time, np.tile(TIME[:, None], 11) / 9.0, motion.position, motion.orientation)
-
-
 def leap_document(flip: FloatArray) -> str:
     def flipped(node: Any) -> Any:
         if isinstance(node, dict):
@@ -139,16 +118,12 @@ MIRRORED: dict[str, tuple[str, Callable[[FloatArray], str | bytes], dict[str, An
         {"world_up": "y"},
     ),
     "npy": ("keypoints", lambda flip: array_npy(seen(flip).named()), {"rate": 30.0, "hand": "right", "world_up": "-x"}),
-    "openxr": ("openxr", lambda flip: openxr_csv(seen(flip)), {}),
     "webxr": ("webxr", lambda flip: webxr_json(seen(flip)), {}),
-    "iwer": ("webxr", lambda flip: iwer_json(seen(flip)), {}),
     "mcap": ("mcap", lambda flip: mcap_bytes(seen(flip)), {}),
-    "lerobot": ("lerobot", lambda flip: lerobot_bytes(seen(flip)), {"hand": "right"}),
     "leap": ("leap", leap_document, {}),
     "npz of angles": ("npz", npz_of_angles, {}),
     "own csv": ("csv", own_csv, {"world_up": "y", "palm_axes": ("y", "z", "x")}),
     "mapped csv": ("csv", mapped_table, {"columns": COLUMNS}),
-    "dexmo": ("dexmo", dexmo_table, {}),
 }
 
 
@@ -174,7 +149,7 @@ def test_a_mirrored_hand_and_its_object_come_in_as_they_were(form: str) -> None:
         assert f"left-handed coordinates: {axis} is turned round, as --mirror says" in words(again)
 
 
-@pytest.mark.parametrize("form", ["npz of joints", "npy", "mcap", "lerobot", "leap"])
+@pytest.mark.parametrize("form", ["npz of joints", "npy", "mcap", "leap"])
 def test_a_named_side_that_the_fingers_contradict_stops(form: str) -> None:
     name, make, options = MIRRORED[form]
     remedy = "--hand left" if name == "keypoints" else "--mirror x --other-hand"
@@ -213,33 +188,6 @@ def test_a_file_of_hhsim_is_right_handed(tmp_path: Path) -> None:
     save_trajectory(clean_recording(MOTION).trajectory, tmp_path / "take.h5")
     with pytest.raises(InputError, match="--mirror z: a file of hhsim is right-handed"):
         read_recording(tmp_path / "take.h5", ReadOptions(mirror="z"))
-
-
-def test_two_hands_of_a_replay_are_mirrored_and_a_contradiction_stops_there_too(tmp_path: Path) -> None:
-    path = tmp_path / "both.csv"
-    path.write_bytes(mcap_bytes(seen(FLIPS["z"])))
-    right = read_as("mcap", mcap_bytes(SAMPLE))
-    path = path.rename(tmp_path / "both.mcap")
-    assert_same(read_imported(path, "right", {"mirror": "z"}), right)
-    with pytest.raises(TrajectoryError, match=r"named a right hand, .* say --mirror"):
-        read_imported(path, "right")
-
-
-def test_a_score_of_mirrored_files_is_that_of_the_files(tmp_path: Path) -> None:
-    mesh, _ = resolve_object("cube", None, None)
-    for name, flip in (("right", NONE), ("left", FLIPS["x"])):
-        for kind, shift in (("before", 0.0), ("after", 0.003)):
-            joints = SAMPLE._replace(joints=SAMPLE.joints + shift)
-            flipped = joints._replace(joints=(joints.joints @ Y_UP.T * flip) @ Y_UP)
-            data = arrays_npz(keypoints=flipped.named(), t=TIME, side=b"right", **object_of(flip))
-            (tmp_path / f"{name}-{kind}.npz").write_bytes(data)
-
-    def figures(name: str, **options: Any) -> Any:
-        before, after = (tmp_path / f"{name}-{kind}.npz" for kind in ("before", "after"))
-        score = field_score(before, after, mesh, options=ReadOptions(world_up="y", **options), max_correction=0.015)
-        return [[row.before, row.after] for row in score.rows]
-
-    np.testing.assert_allclose(figures("left", mirror="x"), figures("right"), atol=1e-9, rtol=1e-6, equal_nan=True)
 
 
 def test_real_mirrored_hands_have_the_angles_of_the_one_they_show(run: Run, shared_data: Path, tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from joint_samples import Y_UP, array_npy, arrays_npz, joint_sample, openxr_csv, words
-from leap_document import document
 from recording_samples import read_as
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -235,7 +234,6 @@ FAR[:, :3, 3] = 30.0
         (arrays_npz(a=MATRIX, b=MATRIX), ".npz", r"several arrays that may be poses, it holds a \(40, 4, 4\)"),
         (array_npy(PLACE), ".npy", r"no poses, it holds rows \(40, 3\); expected \(T, 4, 4\)"),
         (array_npy(FAR), ".npy", "the object is 51.96 from the origin, which may be cm or mm; say --pose-unit"),
-        (arrays_npz(pose=MATRIX, unit="yd"), ".npz", "states the unit 'yd'; expected one of m, cm, mm"),
         (arrays_npz(pose=MATRIX, t=TIME[::-1]), ".npz", "the stamps of the poses do not increase"),
         (csv("a,b,c", PLACE), ".csv", "columns a, b, c; expected px, py, pz"),
         (csv("px,py,pz,rot_x,rot_y,rot_z", PLACE, PLACE), ".csv", "only one of an object's position and orientation"),
@@ -327,16 +325,6 @@ def test_without_a_stated_world_the_axes_are_kept_so_hand_and_object_stay_togeth
     assert "its axes are the world's" in words(recording)
 
 
-def test_in_unitys_left_handed_world_the_object_is_mirrored_with_the_hand() -> None:
-    flip = np.diag([1.0, 1.0, -1.0])
-    mirrored = Rotation.from_matrix(flip @ MATRIX[:, :3, :3] @ flip).as_quat()
-    text = with_columns(openxr_csv(SAMPLE, unity=True), OPENXR_OBJECT, PLACE @ flip, mirrored)
-    recording = read_as("openxr", text)
-    assert recording.file_frame.flip.tolist() == [1.0, 1.0, -1.0]
-    assert_pose(recording.object_motion, FRAME_PLACE, FRAME_TURN)
-    assert "object's own axes are mirrored along z" in words(recording)
-
-
 def test_wrong_rows_and_units_in_a_recording_are_refused() -> None:
     for arrays, said in (
         ({"obj_pose": MATRIX[:-1]}, f"{COUNT - 1} poses of the object .obj_pose. for {COUNT} samples"),
@@ -422,17 +410,6 @@ def test_a_file_of_poses_moves_the_object_of_a_recording_in_its_coordinates(tmp_
         TrajectoryError, match=r"poses\.npz: stamps from 0 to .*; expected poses for the recording's 5000"
     ):
         with_object_poses(recording, tmp_path / "poses.npz", options)
-
-
-def test_a_file_of_poses_by_leaps_clock_and_in_its_axes(tmp_path: Path) -> None:
-    leap = read_as("leap", json.dumps(document() | {"room": 3}))
-    assert "not used: room" in words(leap)
-    count = leap.sample_count
-    stamps = 20746785498 + 1e6 * leap.time
-    data = arrays_npz(object_pos_mm=1e3 * PLACE[:count], object_quat_xyzw=XYZW[:count], timestamp_us=stamps)
-    (tmp_path / "poses.npz").write_bytes(data)
-    recording = with_object_poses(leap, tmp_path / "poses.npz", ReadOptions())
-    assert_pose(recording.object_motion, FRAME_PLACE[:count], FRAME_TURN[:count])
 
 
 def test_of_a_table_of_several_objects_one_is_chosen(tmp_path: Path) -> None:

@@ -4,28 +4,31 @@ import csv
 import io
 import json
 import re
-import zipfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 from bvh_document import RIGS, bvh_text
 from correction_samples import a_correction
 from joint_samples import array_npy, arrays_npz, joint_sample, mcap_bytes, openxr_csv, webxr_json
 from leap_document import document as leap
-from pose_samples import lerobot_bytes, mano_fields, mano_poses, umetrack_lines, umetrack_profile
+from pose_samples import mano_fields, mano_poses, umetrack_lines, umetrack_profile
+from recorded_files import CASES, GOLDEN, Case, egodex, laid_out
 from scipy.spatial.transform import Rotation
 
 from hhsim.errors import InputError, OutputError, UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.file import load_trajectory, save_trajectory
+from hhsim.motion.pickled_data import flat
 from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.column_map import JOINT_NAMES, ColumnMap
+from hhsim.recordings.correction import changes
 from hhsim.recordings.dexmo_regression import CHANNELS
-from hhsim.recordings.joint_names import KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS, UNITY_JOINTS, WEBXR_JOINTS
+from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, UNITY_JOINTS, WEBXR_JOINTS
 from hhsim.recordings.recording import HandMotion
 from hhsim.recordings.registry import (
     NEW_SUFFIXES,
@@ -33,7 +36,6 @@ from hhsim.recordings.registry import (
     ReadOptions,
     exported,
     format_of,
-    is_written_back,
     read_content,
     read_new_file,
     read_recording,
@@ -46,186 +48,132 @@ from hhsim.system.settings_file import parse_settings
 
 SAMPLE = joint_sample()
 POINTS = SAMPLE.named()
-IN_MANO = SAMPLE.named(MANO_JOINTS)
 NAMED = (*reversed(OPENXR_JOINTS[2:]), "wrist")
 """25 joints in an order of their own."""
-UNIT = np.tile([1.0, 0.0, 0.0, 0.0], (len(POINTS), 1))
-"""Orientation of an object that does not turn."""
 NUMBER = re.compile(r"-?[0-9]+(?:[.,][0-9]+)?(?:[eE][-+]?[0-9]+)?")
+UP: dict[str, Any] = {"world_up": "y"}
+SIDED: dict[str, Any] = {"rate": 100.0, "hand": "right", **UP}
 
 
-def keypoints_csv(*, header: bool = True, end: str = "\n", digits: int = 17, points: Any = POINTS) -> str:
-    names = [f"right_lm{k:02d}_{axis}" for k in range(21) for axis in "xyz"]
-    rows = ([f"{x:.{digits}g}" for x in row.ravel()] for row in points)
-    lines = [",".join(names)] if header else []
-    return end.join([*lines, *map(",".join, rows)]) + end
-
-
-def keypoints_json(*, flat: bool = False, points: Any = POINTS) -> str:
-    frames = [
-        {"t": 0.01 * k, "note": "x 1.5e3", "landmarks": (p.ravel() if flat else p).tolist()}
-        for k, p in enumerate(points)
-    ]
-    return json.dumps({"hand": "right", "frames": frames}, indent=1)
-
-
-def german(text: str) -> str:
-    return text.replace(",", ";").replace(".", ",").replace("\n", "\r\n")
-
-
-def by_turns() -> bytes:
-    """Rows of both hands, of which a field says for each whose it is."""
-    points = np.stack([POINTS, joint_sample("left").named()], axis=1).reshape(-1, 21, 3)
-    return arrays_npz(keypoints=points, t=SAMPLE.motion.time.repeat(2), is_right=np.tile([1, 0], len(POINTS)))
+def few_digits() -> str:
+    """A table without a header, with lines of Windows."""
+    return "".join(",".join(f"{x:.5g}" for x in row.ravel()) + "\r\n" for row in POINTS)
 
 
 def two_hands() -> str:
-    """A table of both hands, the right one with more joints that are there."""
+    """A table of both hands."""
     rows = zip(*(list(csv.reader(io.StringIO(openxr_csv(joint_sample(side), side)))) for side in ("right", "left")))
     text = io.StringIO()
     csv.writer(text, lineterminator="\r\n").writerows([*one, *other[2:]] for one, other in rows)
     return "# made: by hand\r\n" + text.getvalue()
 
 
-FILES: dict[str, tuple[str, Any, dict[str, Any]]] = {
-    "npy": ("take.npy", lambda: array_npy(POINTS), {"rate": 100.0, "world_up": "y", "hand": "right"}),
-    "npy float32 flat": (
-        "take.npy",
-        lambda: array_npy(np.asfortranarray(1e3 * POINTS.reshape(-1, 63), dtype=np.float32)),
-        {"rate": 100.0, "world_up": "y", "hand": "right"},
-    ),
-    "npz": (
-        "take.npz",
-        lambda: arrays_npz(extra=np.arange(7), keypoints=POINTS, t=SAMPLE.motion.time, name=np.array("μ")),
-        {"world_up": "y", "hand": "right"},
-    ),
-    "npz, mirrored": (
-        "take.npz",
-        lambda: arrays_npz(keypoints=POINTS * [-1.0, 1.0, 1.0], t=SAMPLE.motion.time, hand="right", fps=30),
-        {"world_up": "y", "mirror": "x"},
-    ),
-    "npz, 25 named joints": (
-        "take.npz",
-        lambda: arrays_npz(points=SAMPLE.named(NAMED), joint_names=NAMED, fps=30, unit="m"),
-        {"world_up": "y"},
-    ),
-    "npz, both hands by turns": ("take.npz", by_turns, {"world_up": "y", "hand": "left"}),
-    "npy, 26 joints": ("take.npy", lambda: array_npy(SAMPLE.named(OPENXR_JOINTS)), {"rate": 100.0}),
-    "npy, 26 joints, Unity": ("take.npy", lambda: array_npy(SAMPLE.named(UNITY_JOINTS)), {"rate": 100.0}),
-    "npy, 25 joints, flat": (
-        "take.npy",
-        lambda: array_npy(SAMPLE.named(WEBXR_JOINTS).reshape(-1, 75)),
-        {"rate": 100.0, "world_up": "y"},
-    ),
-    "npz, MANO's order": (
-        "take.npz",
-        lambda: arrays_npz(joints=IN_MANO, t=SAMPLE.motion.time, obj_pos=POINTS[:, 0], obj_quat_wxyz=UNIT),
-        {"world_up": "y"},
-    ),
-    "keypoints csv, MANO's order": (
-        "take.csv",
-        lambda: keypoints_csv(points=IN_MANO),
-        {"rate": 100.0, "world_up": "y"},
-    ),
-    "keypoints json, MANO's order": ("take.json", lambda: keypoints_json(points=IN_MANO), {"world_up": "y"}),
-    "keypoints csv": ("take.csv", keypoints_csv, {"rate": 100.0, "world_up": "y"}),
-    "keypoints csv, bare, CR LF, few digits": (
-        "take.csv",
-        lambda: keypoints_csv(header=False, end="\r\n", digits=5),
-        {"rate": 100.0, "world_up": "y", "hand": "right"},
-    ),
-    "keypoints json": ("take.json", keypoints_json, {"world_up": "y"}),
-    "keypoints json, flat": ("take.json", lambda: keypoints_json(flat=True), {"world_up": "-y"}),
-    "openxr": ("take.csv", lambda: openxr_csv(SAMPLE), {}),
-    "openxr, unity": ("take.csv", lambda: openxr_csv(joint_sample("left"), "left", unity=True), {}),
-    "openxr, two hands": ("take.csv", two_hands, {"hand": "left"}),
-    "openxr, byte order mark": ("take.csv", lambda: "\ufeff" + openxr_csv(SAMPLE).replace(",", ";"), {}),
-    "openxr, UTF-16": ("take.csv", lambda: openxr_csv(SAMPLE).encode("utf-16"), {}),
-    "openxr, decimal commas": ("take.csv", lambda: "\ufeff" + german(openxr_csv(SAMPLE)), {}),
-    "keypoints csv, bare, decimal commas": (
-        "take.csv",
-        lambda: german(keypoints_csv(header=False)),
-        {"rate": 100.0, "world_up": "y", "hand": "right"},
-    ),
-}
-
-
+with np.load(GOLDEN) as held:
+    # What is written of joint centres; of poses and angles it is two-dimensional.
+    FILES = {name: CASES[name] for name in CASES if np.ndim(held.get(f"{name}/written")) == 3}
 FILES |= {
-    "bvh": ("take.bvh", lambda: bvh_text(SAMPLE.motion, RIGS["mixamo"]), {}),
-    "bvh, metres": ("take.bvh", lambda: bvh_text(SAMPLE.motion, RIGS["rigify"]).replace("\n", "\r\n"), {}),
-    "bvh, left": ("take.bvh", lambda: bvh_text(joint_sample("left").motion, RIGS["neuron"], "left"), {"world_up": "z"}),
-    "bvh, no ends": ("take.bvh", lambda: bvh_text(SAMPLE.motion, RIGS["no ends"]).replace("\t", "  "), {}),
-    "lerobot": ("take.parquet", lambda: lerobot_bytes(SAMPLE, episodes=3), {"episode": 1}),
+    "npy float32 flat": Case(
+        {"a.npy": array_npy(np.asfortranarray(1e3 * POINTS.reshape(-1, 63), dtype=np.float32))}, SIDED
+    ),
+    "npy, 25 joints, flat": Case({"a.npy": array_npy(SAMPLE.named(WEBXR_JOINTS).reshape(-1, 75))}, {"rate": 100.0}),
+    "npz": Case(
+        {"a.npz": arrays_npz(extra=np.arange(7), keypoints=POINTS, t=SAMPLE.motion.time, name=np.array("μ"))},
+        {"hand": "right", **UP},
+    ),
+    "npz, 25 named joints": Case(
+        {"a.npz": arrays_npz(points=SAMPLE.named(NAMED), joint_names=NAMED, fps=30, unit="m")}, UP
+    ),
+    "keypoints csv, bare, CR LF, few digits": Case({"a.csv": few_digits()}, SIDED),
+    "openxr, two hands of many samples": Case({"a.csv": two_hands()}, {"hand": "left"}),
+    "openxr, UTF-16": Case({"a.csv": openxr_csv(SAMPLE).encode("utf-16")}),
 }
-BINARY = (".npy", ".npz", ".parquet")
-REPACKED = (".npz", ".parquet")
+BINARY = (".npy", ".npz", ".parquet", ".pkl", ".hdf5")
+REPACKED = (".npz", ".parquet", ".pkl", ".hdf5")
 """Suffixes whose bytes may differ where the content is the same."""
 
 
-def written(tmp_path: Path, name: str, **arguments: Any) -> tuple[bytes, bytes, Any, Any, ReadOptions, float | None]:
+def written(
+    tmp_path: Path, name: str, samples: Any = None, **arguments: Any
+) -> tuple[bytes, bytes, Any, Any, ReadOptions, float | None]:
     """File before and after a correction, the recording, its correction, the options, and the distance read back."""
-    file, make, given = FILES[name]
-    options = ReadOptions(**given)
-    path, out = tmp_path / file, tmp_path / f"new{Path(file).suffix}"
-    data = make()
-    path.write_bytes(data.encode() if isinstance(data, str) else data)
+    path, options = laid_out(FILES[name], tmp_path)
     recording = read_recording(path, options)
+    recording = recording if samples is None else recording.chosen(samples)
     correction = a_correction(recording, **arguments)
+    out = tmp_path / f"new{path.name[path.name.index('.') :]}"
     off = write_recording(path, options, recording, correction, out)
     return path.read_bytes(), out.read_bytes(), recording, correction, options, off
+
+
+def members(path: Path, *contents: bytes) -> dict[str, tuple[Any, Any]]:
+    """Arrays of an archive, an array or a dictionary before and after, by names."""
+    found: list[dict[str, Any]] = []
+    for data in contents:
+        path.write_bytes(data)
+        if path.suffix == ".parquet":
+            return {}
+        if path.suffix == ".hdf5":
+            with h5py.File(path) as file:
+                found.append({"hands/right": file["hands/right"][()], "frame_id": file["frame_id"][()]})
+        else:
+            whole = np.load(path, allow_pickle=True)
+            whole = whole.item() if isinstance(whole, np.ndarray) and whole.dtype == object else whole
+            found.append(
+                dict(flat(whole)) if isinstance(whole, dict) else dict(whole) if path.suffix == ".npz" else {"": whole}
+            )
+    assert [*found[0]] == [*found[1]]
+    return {key: (np.asarray(found[0][key]), np.asarray(found[1][key])) for key in found[0]}
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_no_correction_gives_the_same_bytes(name: str, tmp_path: Path) -> None:
     before, after, recording, correction, options, _ = written(tmp_path, name, changed=slice(0))
     assert after == before and not correction.changed.any()
-    content = Content(tmp_path / FILES[name][0])
-    form = format_of(content, options)
-    assert form.write is not None
-    if Path(FILES[name][0]).suffix not in REPACKED:
-        assert form.write(content, options, recording, correction) == before
+    content = Content(tmp_path / next(iter(FILES[name].files)))
+    if content.path is not None and content.path.suffix not in REPACKED and "mano" not in content.path.name:
+        form = format_of(content, options)
+        assert form.write is not None
+        assert form.write(content, options, recording, changes(recording, correction)) == before
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_corrected_joints_are_read_back_and_all_else_is_the_same_text(name: str, tmp_path: Path) -> None:
     before, after, recording, correction, options, off = written(tmp_path, name)
     assert correction.changed.sum() >= 4 and off is not None
-    # Half a micrometre of text, or half a unit of float32 at half a metre.
-    assert off < 0.9e-6
-    (tmp_path / "again").mkdir()
-    path = tmp_path / "again" / FILES[name][0]
+    # Half a micrometre of text, or half a unit of float32 at half a metre; 44 coefficients hold no hand.
+    nearest = 5e-3 if "coefficients" in name else 2e-6
+    assert off < (nearest if "coefficients" in name else 0.9e-6)
+    path = tmp_path / next(iter(FILES[name].files))
     path.write_bytes(after)
     again = read_recording(path, options)
     assert again.joints is not None and np.array_equal(again.rows, recording.rows)
-    assert np.nanmax(np.abs(again.joints - correction.joints)) < 2e-6
-    assert np.nanmax(np.linalg.norm(again.joints - recording.joints, axis=2)) > 5e-3
+    assert np.nanmax(np.abs(again.joints - correction.joints)) < nearest
+    assert np.nanmax(np.linalg.norm(again.joints - recording.joints, axis=2)) > 4e-3
     still = ~correction.changed
     assert np.array_equal(again.joints[still], recording.joints[still], equal_nan=True)
     if path.suffix in BINARY:
+        for key, (old, new) in members(path, before, after).items():
+            rows = np.reshape(old != new, (len(old), -1)).any(axis=1) if np.ndim(old) else np.array([old != new])
+            assert old.dtype == new.dtype and set(np.flatnonzero(rows)) <= set(recording.rows[correction.changed]), key
         return
     # All but the numbers of corrected samples is the same text.
     texts = [data.decode("utf-16" if "UTF-16" in name else "utf-8") for data in (before, after)]
     assert NUMBER.sub("#", texts[0]) == NUMBER.sub("#", texts[1])
-    if texts[0].lstrip("\ufeff")[0] not in "{[":
-        lines = [text.splitlines() for text in texts]
-        first = len(lines[0]) - len(POINTS)
-        changed = {first + row for row in recording.rows[correction.changed].tolist()}
-        assert {k for k, pair in enumerate(zip(*lines)) if pair[0] != pair[1]} == changed
+    lines = [text.splitlines() for text in texts]
+    first = len(lines[0]) - recording.sample_count
+    changed = {first + row for row in recording.rows[correction.changed].tolist()}
+    assert {k for k, pair in enumerate(zip(*lines)) if pair[0] != pair[1]} == changed
 
 
-@pytest.mark.parametrize("name", ["openxr, two hands", "keypoints json", "bvh", "lerobot", "npz"])
+@pytest.mark.parametrize("name", ["openxr, two hands", "bvh, mixamo", "lerobot", "keypoints, npz"])
 def test_some_samples_in_another_order_are_found_in_the_file(name: str, tmp_path: Path) -> None:
-    file, make, given = FILES[name]
-    path, out, data = tmp_path / file, tmp_path / f"new{Path(file).suffix}", make()
-    path.write_bytes(data.encode() if isinstance(data, str) else data)
-    whole = read_recording(path, ReadOptions(**given))
-    some = whole.chosen(np.array([12, 3, 11, 6, 10]))
-    correction = a_correction(some, changed=slice(1, 4))
-    off = write_recording(path, ReadOptions(**given), some, correction, out)
-    assert off is not None and off < 0.9e-6
-    again = read_recording(out, ReadOptions(**given)).joints
-    assert again is not None and whole.joints is not None
-    moved = np.nanmax(np.linalg.norm(again - whole.joints, axis=2), axis=1)
+    _, after, _, _, options, off = written(tmp_path, name, np.array([10, 3, 11, 6, 8]), changed=slice(1, 4))
+    path = tmp_path / next(iter(FILES[name].files))
+    whole = read_recording(path, options).joints
+    path.write_bytes(after)
+    again = read_recording(path, options).joints
+    assert off is not None and off < 0.9e-6 and again is not None and whole is not None
+    moved = np.nanmax(np.linalg.norm(again - whole, axis=2), axis=1)
     assert np.flatnonzero(moved > 0.0).tolist() == [3, 6, 11]
 
 
@@ -237,7 +185,7 @@ def test_the_other_hand_and_unknown_columns_stay(tmp_path: Path) -> None:
     assert not [header[k] for k in places if "radius" in header[k]]
 
 
-@pytest.mark.parametrize("name", ["openxr", "openxr, unity"])
+@pytest.mark.parametrize("name", ["openxr", "openxr, Unity, left"])
 def test_orientations_turn_and_the_palms_joints_move_with_their_bone(name: str, tmp_path: Path) -> None:
     before, after, recording, correction, *_ = written(tmp_path, name)
     side = recording.hand
@@ -260,8 +208,10 @@ def joint_pose(text: str, side: str, joint: str, k: int) -> Any:
 
 @pytest.mark.parametrize("names", [OPENXR_JOINTS, WEBXR_JOINTS, UNITY_JOINTS])
 def test_joints_of_an_array_beyond_the_21_move_with_the_palm(names: tuple[str, ...], tmp_path: Path) -> None:
-    form = {26: "npy, 26 joints", 25: "npy, 25 joints, flat"}[len(names)] + ", Unity" * (names is UNITY_JOINTS)
-    before, after, recording, correction, *_ = written(tmp_path, form)
+    form = {26: "keypoints, 26 joints", 25: "npy, 25 joints, flat"}[len(names)]
+    before, after, recording, correction, *_ = written(
+        tmp_path, "keypoints, Unity's" if names is UNITY_JOINTS else form
+    )
     old, new = (np.load(io.BytesIO(data)).reshape(-1, len(names), 3) for data in (before, after))
     turn, wrist = recording.file_frame.rotation_to_file(correction.rotation[:, 0]), names.index("wrist")
     others = [k for k, name in enumerate(names) if name not in KEYPOINTS]
@@ -269,15 +219,6 @@ def test_joints_of_an_array_beyond_the_21_move_with_the_palm(names: tuple[str, .
     for k in others:
         expected = np.einsum("tij,tj->ti", turn, old[:, k] - old[:, wrist])
         assert np.allclose(new[:, k] - new[:, wrist], expected, atol=1e-12)
-
-
-def test_other_members_of_an_archive_stay(tmp_path: Path) -> None:
-    before, after, *_ = written(tmp_path, "npz")
-    with zipfile.ZipFile(io.BytesIO(before)) as old, zipfile.ZipFile(io.BytesIO(after)) as new:
-        assert old.namelist() == new.namelist()
-        assert [name for name in old.namelist() if old.read(name) != new.read(name)] == ["keypoints.npy"]
-    before, after, *_ = written(tmp_path, "npy float32 flat")
-    assert before[:128] == after[:128] and len(before) == len(after)
 
 
 def test_what_cannot_be_written_says_so(tmp_path: Path) -> None:
@@ -298,13 +239,6 @@ def test_what_cannot_be_written_says_so(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"orientation of .*_rot_x, .*: no quaternion"):
         write_recording(tmp_path / "e.csv", ReadOptions(), recording, a_correction(recording), tmp_path / "f.csv")
     assert not (tmp_path / "f.csv").exists()
-    for other in ({"x": 0.0, "y": 10.0, "z": 90.0}, np.eye(4).ravel().tolist()):
-        frames = [[{"position": point, "rotation": other} for point in frame] for frame in POINTS.tolist()]
-        document = [{"t": 0.01 * k, "right": frame} for k, frame in enumerate(frames)]
-        (tmp_path / "e.json").write_text(json.dumps(document))
-        recording = read_recording(tmp_path / "e.json", options := ReadOptions(world_up="y"))
-        with pytest.raises(InputError, match=r"the orientation of wrist is no quaternion \(x, y, z, w\)"):
-            write_recording(tmp_path / "e.json", options, recording, a_correction(recording), tmp_path / "f.json")
 
 
 def test_few_coefficients_of_mano_come_as_near_as_they_can(tmp_path: Path) -> None:
@@ -373,17 +307,15 @@ angle = { unit = "deg" }
 """
 
 
-@pytest.mark.parametrize("order", ["xyzw", "wxyz", "ZYX", "xyz", "zxz"])
+@pytest.mark.parametrize("order", ["xyzw", "wxyz"])
 def test_a_mapped_table(order: str, tmp_path: Path) -> None:
     motion = SAMPLE.motion
-    names = ["qa", "qb", "qc", "qd"][: len(order)]
+    names = ["qa", "qb", "qc", "qd"]
     joints = [f'{name} = {{ column = "c{k}", scale = -2.0, offset = {k}.5 }}' for k, name in enumerate(JOINT_NAMES)]
-    unit = ', unit = "deg"' if len(order) == 3 else ""
-    orientation = f"orientation = {{ columns = {names}, order = '{order}'{unit} }}"
+    orientation = f"orientation = {{ columns = {names}, order = '{order}' }}"
     columns = parse_settings("\n".join([MAP, orientation, "[joint]", *joints]), ColumnMap, "map.toml")
     turns = Rotation.from_quat(motion.orientation, scalar_first=True)
-    euler = cast(Any, order)
-    given = turns.as_euler(euler, degrees=True) if len(order) == 3 else turns.as_quat(scalar_first=order == "wxyz")
+    given = turns.as_quat(scalar_first=order == "wxyz")
     angles = np.degrees(motion.angles) / -2.0 + np.arange(20) + 0.5
     rows = np.concatenate([motion.time[:, None], 1e3 * motion.position, given, angles], axis=1).tolist()
     header = ["t", "X", "Y", "Z", *names, *(f"c{k}" for k in range(20))]
@@ -417,6 +349,12 @@ def test_what_a_mapped_table_does_not_hold_is_said(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match="column 'a' holds more than one number"):
         write_recording(path, both, twice, still, tmp_path / "new.csv")
+    euler = 'orientation = { columns = ["x", "y", "z"], order = "ZYX" }\nrate = 9\n[joint]\nindex_flex1 = "a"\n'
+    turned = ReadOptions(columns=parse_settings(euler, ColumnMap, "map.toml"))
+    (tmp_path / "euler.csv").write_text("a,x,y,z\n" + "0.1,0.1,0.2,0.3\n" * 10)
+    given = read_recording(tmp_path / "euler.csv", turned)
+    with pytest.raises(InputError, match="Euler angles in a table are not corrected in it: export it in another"):
+        write_recording(tmp_path / "euler.csv", turned, given, a_correction(given, palm=False), tmp_path / "new.csv")
     for palm, said in ((True, "whose position no column"), (False, "bends thumb_flex1, which no column")):
         with pytest.raises(InputError, match=said):
             write_recording(path, options, recording, a_correction(recording, palm=palm), tmp_path / "new.csv")
@@ -532,6 +470,8 @@ READ_ALONE: dict[str, tuple[str, Any, dict[str, Any]]] = {
     "webxr, unity": ("take.json", lambda: webxr_json(joint_sample("left"), "left", unity=True), {}),
     "umetrack": ("take.jsonl", lambda: umetrack_lines(joint_sample("left")), {"world_up": "-y"}),
     "dexmo": ("take.csv", dexmo_csv, {}),
+    "egodex": ("take.hdf5", egodex, {"hand": "right"}),
+    "keypoints json": ("take.json", lambda: json.dumps({"fps": 30, "frames": POINTS.tolist()}), {"world_up": "y"}),
 }
 
 
@@ -544,7 +484,7 @@ def test_what_is_read_and_not_written_has_a_new_file(name: str, suffix: str, tmp
     (tmp_path / "umetrack_hand_user_profile.json").write_text(umetrack_profile())
     recording = read_recording(path, options)
     correction = a_correction(recording)
-    assert not is_written_back(recording)
+    assert not recording.is_written_back
     assert repaired_suffix(path, options) == ".npz"
     with pytest.raises(OutputError, match=rf"format {recording.form} is read and not written; expected .* \.npz or"):
         write_recording(path, options, recording, correction, tmp_path / "new.bvh")
@@ -560,4 +500,4 @@ def test_what_is_read_and_not_written_has_a_new_file(name: str, suffix: str, tmp
 
 def test_the_formats_that_are_read_and_not_written() -> None:
     found = {form.name for form in recording_formats().values() if form.write is None}
-    assert found == {"aria", "dexmo", "leap", "mcap", "umetrack", "webxr"}
+    assert found == {"aria", "dexmo", "egodex", "leap", "mcap", "umetrack", "webxr"}

@@ -21,7 +21,7 @@ from hhsim.system.hdf5_input import hdf5_format, open_hdf5
 
 WRITERS = {
     *("hhsim/result/writer.py", "hhsim/result/merge.py"),
-    *("hhsim/system/atomic_write.py", "hhsim/recordings/formats/hhsim.py", "hhsim/recordings/hdf5_arrays.py"),
+    *("hhsim/system/atomic_write.py", "hhsim/recordings/formats/hhsim.py", "hhsim/recordings/content.py"),
 }
 DOOR = {"hhsim/system/hdf5_input.py"}
 

@@ -11,17 +11,17 @@ from itertools import chain
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
-from hhsim.motion.csv_table import Table, read_table
+from hhsim.motion.csv_table import read_table
 from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.content import Content, ReadOptions
 from hhsim.recordings.finger_ik import palm_from_knuckles, usual_fingers
 from hhsim.recordings.frames import turned
 from hhsim.recordings.joint_names import KEYPOINTS
-from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.recording import SIDES, Finding, Recording, chosen_side, note, unreadable
-from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.joint_positions import JointPositions
+from hhsim.recordings.recording import SIDES, chosen_side, note, unreadable
+from hhsim.recordings.registry import RecordingFormat
 
 LANDMARKS = (
     *(f"{finger}_tip" for finger in FINGERS),
@@ -30,8 +30,7 @@ LANDMARKS = (
     "palm",
 )
 """OpenXR's names of the landmarks in their order."""
-SADDLE = "thumb_metacarpal"
-STAMPS = "tracking_timestamp_us"
+STAMPS, SURE = "tracking_timestamp_us", "{}_tracking_confidence"
 _LANDMARK = re.compile(r"tx_(left|right)_landmark_0_device")
 
 
@@ -40,45 +39,28 @@ def landmark_columns(side: HandSide) -> dict[str, list[str]]:
     return {joint: [f"t{axis}_{side}_landmark_{k}_device" for axis in "xyz"] for k, joint in enumerate(LANDMARKS)}
 
 
-def _table(content: Content, options: ReadOptions) -> tuple[Table, HandSide, FloatArray, list[Finding]]:
-    """Return the table, the hand of the options or else the one in more frames, its confidence (T,), and findings."""
-    table = read_table(content.text)
-    findings, confidence = [*map(note, table.notes)], dict[HandSide, FloatArray]()
-    for side in SIDES:
-        needed = [STAMPS, f"{side}_tracking_confidence", *chain(*landmark_columns(side).values())]
-        missing = [column for column in needed if column not in table.header]
-        if f"tx_{side}_landmark_0_device" not in table.header:
-            continue
-        if missing:
-            raise TrajectoryError(f"no column {missing[0]}; expected Aria's stamps, confidence and 21 landmarks")
-        confidence[side] = table.numbers([f"{side}_tracking_confidence"])[0][:, 0]
-    seen = {side: int((values >= 0.0).sum()) for side, values in confidence.items()}
-    side, remarks = chosen_side(seen, options.hand)
-    return table, side, confidence[side], [*findings, *remarks]
-
-
-def _read(content: Content, options: ReadOptions) -> Recording:
+def _read(content: Content, options: ReadOptions) -> JointPositions:
     """Read the hand of the options, else the one in more frames; raises TrajectoryError."""
-    table, side, confidence, findings = _table(content, options)
-    columns = landmark_columns(side)
-    values, broken = table.numbers([*chain(*columns.values())])
-    findings += unreadable(broken)
-    values[~(confidence >= 0.0)] = np.nan
+    table = read_table(content.text)
+    columns = {side: [*chain(*landmark_columns(side).values())] for side in SIDES}
+    columns = {side: names for side, names in columns.items() if names[0] in table.header}
+    seen = {side: table.numbers([SURE.format(side)])[0][:, 0] >= 0.0 for side in columns}
+    side, remarks = chosen_side({side: int(each.sum()) for side, each in seen.items()}, options.hand)
+    values, broken = table.numbers(columns[side])
+    values[~seen[side]] = np.nan
     places = dict(zip(LANDMARKS, values.reshape(len(values), -1, 3).swapaxes(0, 1), strict=True))
-    places[SADDLE] = _saddle(places, side)
-    findings.append(note("the thumb's saddle joint is that of a usual hand of this size: the file has none"))
-    made = JointPositions(
+    places["thumb_metacarpal"] = _saddle(places, side)
+    saddle = note("the thumb's saddle joint is that of a usual hand of this size: the file has none")
+    return JointPositions(
         position=np.stack([places[joint] for joint in KEYPOINTS], axis=1),
-        form="aria",
         what=f"{len(LANDMARKS)} landmarks of the {side} hand, in the frame of the glasses",
         time=table.numbers([STAMPS])[0][:, 0],
         time_unit="us",
         hand=side,
         unit=1.0,
         device="Project Aria, MPS",
-        findings=tuple(findings),
+        findings=[*map(note, table.notes), *remarks, *unreadable(broken), saddle],
     )
-    return recording_of_joints(made, content, options)
 
 
 def _saddle(places: dict[str, FloatArray], side: HandSide) -> FloatArray:
@@ -92,8 +74,10 @@ def _saddle(places: dict[str, FloatArray], side: HandSide) -> FloatArray:
     return np.asarray(wrist + turned(palm, np.broadcast_to(size * (base[0] - usual), wrist.shape)))
 
 
-def _sniff(content: Content, options: ReadOptions) -> bool:
-    return options.columns is None and any(_LANDMARK.fullmatch(column) for column in content.header)
-
-
-FORMAT = RecordingFormat("aria", "Project Aria's hand_tracking_results.csv of MPS", (".csv",), _sniff, _read)
+FORMAT = RecordingFormat(
+    "aria",
+    "Project Aria's hand_tracking_results.csv of MPS",
+    (".csv",),
+    lambda content, options: options.columns is None and any(map(_LANDMARK.fullmatch, content.header)),
+    _read,
+)

@@ -15,23 +15,22 @@ length tells it. Its world has y up unless the options say otherwise.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import islice, takewhile
-from typing import NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
-from hhsim.motion.text_edit import NewColumn, NumberEdit, line_starts, word_spans
+from hhsim.motion.text_edit import NumberEdit, line_starts, word_spans
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.correction import Correction, joint_changes
-from hhsim.recordings.frames import euler_angles
-from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
+from hhsim.recordings.content import Content, ReadOptions
+from hhsim.recordings.correction import Changes
+from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.recording import MOST_SAMPLES, SIDES, Finding, Recording, chosen_side, note
-from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import RecordingFormat
 from hhsim.system.counted import counted
 
 MOST_JOINTS = 2_000
@@ -75,10 +74,11 @@ class Joint:
 
     name: str
     parent: int  # index of its parent, -1 for a root
-    offset: FloatArray  # vector from the parent's joint, in the parent's frame, shape (3,)
+    is_end: bool = False
+    # Vector from the parent's joint, in the parent's frame, shape (3,); NaN until it is read.
+    offset: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
     channels: tuple[str, ...] = ()  # names in lower case, in their order
     first: int = 0  # column of the first channel
-    is_end: bool = False
     children: list[int] = field(default_factory=list)  # indices of its children
 
     @property
@@ -90,6 +90,10 @@ class Joint:
     def order(self) -> str:
         """Letters of the axes of rotation, as scipy's."""
         return "".join(channel[0].upper() for channel in self.turns)
+
+    def places(self, channels: Iterable[str]) -> list[int]:
+        """Return the columns of some of its channels."""
+        return [self.first + self.channels.index(channel) for channel in channels if channel in self.channels]
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,14 +113,16 @@ class Bvh:
         count = len(self.values)
         at, turned = np.empty((count, len(self.joints), 3)), np.empty((count, len(self.joints), 3, 3))
         for index, joint in enumerate(self.joints):
-            columns = {channel: self.values[:, joint.first + k] for k, channel in enumerate(joint.channels)}
             # Position channels stand for the offset, they do not add to it; but for those that are 0.
-            offsets = zip(POSITIONS, joint.offset)
-            shift = np.stack([columns.get(key, np.full(count, offset)) for key, offset in offsets], axis=1)
+            shift = np.tile(joint.offset, (count, 1))
+            for axis, channel in enumerate(POSITIONS):
+                for place in joint.places([channel]):
+                    shift[:, axis] = self.values[:, place]
             turn = np.tile(np.eye(3), (count, 1, 1))
             if joint.turns:
-                angles = np.stack([columns[channel] for channel in joint.turns], axis=1)
-                turn = Rotation.from_euler(joint.order, angles, degrees=True).as_matrix()
+                turn = Rotation.from_euler(
+                    joint.order, self.values[:, joint.places(joint.turns)], degrees=True
+                ).as_matrix()
             if joint.parent >= 0:
                 parent = turned[:, joint.parent]
                 shift, turn = at[:, joint.parent] + np.einsum("tij,tj->ti", parent, shift), parent @ turn
@@ -137,37 +143,35 @@ def _hierarchy(lines: list[tuple[int, list[str]]]) -> tuple[tuple[Joint, ...], i
     """Return the joints, and the number of lines up to MOTION."""
     joints: list[Joint] = []
     open_joints: list[int] = []
-    pending: Joint | None = None
-    columns = 0
+    declared, columns = False, 0
     for count, (number, words) in enumerate(lines, start=1):
         key, where = words[0].upper(), f"line {number}"
-        if key in ("ROOT", "JOINT", "END") and pending is None and (key == "ROOT") == (not open_joints):
+        inside = joints[open_joints[-1]] if open_joints and not declared else None
+        if key in ("ROOT", "JOINT", "END") and not declared and (key == "ROOT") == (inside is None):
             if len(joints) >= MOST_JOINTS:
                 raise TrajectoryError(f"{where}: more than {MOST_JOINTS} joints; expected a skeleton")
-            parent = open_joints[-1] if open_joints else -1
-            name = f"{joints[parent].name} end" if key == "END" else " ".join(words[1:])
-            pending = Joint(name, parent, np.full(3, np.nan), is_end=key == "END")
-        elif key == "{" and pending is not None:
-            joints.append(pending)
-            if pending.parent >= 0:
-                joints[pending.parent].children.append(len(joints) - 1)
+            name = " ".join(words[1:]) if inside is None or key != "END" else f"{inside.name} end"
+            joints.append(Joint(name, open_joints[-1] if open_joints else -1, key == "END"))
+            declared = True
+            if inside is not None:
+                inside.children.append(len(joints) - 1)
+        elif key == "{" and declared:
             open_joints.append(len(joints) - 1)
-            pending = None
-        elif key == "}" and open_joints and pending is None:
-            if np.isnan(joints[open_joints[-1]].offset).any():
-                raise TrajectoryError(f"{where}: {joints[open_joints[-1]].name} has no OFFSET")
+            declared = False
+        elif key == "}" and inside is not None:
+            if np.isnan(inside.offset).any():
+                raise TrajectoryError(f"{where}: {inside.name} has no OFFSET")
             open_joints.pop()
-        elif key == "OFFSET" and open_joints and pending is None:
-            joints[open_joints[-1]].offset = np.array(_numbers(words[1:], 3, where, "OFFSET"))
-        elif key == "CHANNELS" and open_joints and pending is None:
-            joint, channels = joints[open_joints[-1]], tuple(word.lower() for word in words[2:])
-            once = len(channels) == len({*channels} & {*POSITIONS, *ROTATIONS})
-            if words[1:2] != [str(len(channels))] or not once:
+        elif key == "OFFSET" and inside is not None:
+            inside.offset = np.array(_numbers(words[1:], 3, where, "OFFSET"))
+        elif key == "CHANNELS" and inside is not None:
+            channels = tuple(word.lower() for word in words[2:])
+            known = len(channels) == len({*channels} & {*POSITIONS, *ROTATIONS})
+            if words[1:2] != [str(len(channels))] or not known:
                 expected = "expected CHANNELS, their number, names as Xposition"
                 raise TrajectoryError(f"{where}: {' '.join(words)[:60]}; {expected}")
-            joint.channels, joint.first = channels, columns
-            columns += len(channels)
-        elif key == "MOTION" and not open_joints and joints:
+            inside.channels, inside.first, columns = channels, columns, columns + len(channels)
+        elif key == "MOTION" and joints and not open_joints and not declared:
             return tuple(joints), count
         else:
             raise TrajectoryError(f"{where} is '{' '.join(words)[:40]}', which no BVH hierarchy holds there")
@@ -185,16 +189,15 @@ def _motion(lines: list[tuple[int, list[str]]], joints: tuple[Joint, ...], *, co
     if not 0 < len(rows) <= MOST_SAMPLES:
         expected = f"one line of numbers each, at most {MOST_SAMPLES:,}"
         raise TrajectoryError(f"{len(rows) or 'no'} frames; expected {expected}")
-    width = sum(len(joint.channels) for joint in joints)
-    values = np.full((len(rows), width), np.nan)
     findings: list[Finding] = []
     if stated != len(rows):
         findings.append(note(f"{len(rows)} frames where the file says {stated:g}: some are lost"))
     if not complete and len(rows) > 1:
         # A number that was cut in the middle is a wrong number that looks like a right one.
         findings.append(note(f"line {rows[-1][0]}, the last one, has no line end: left out, it may have been cut"))
-        rows, values = rows[:-1], values[:-1]
-    broken = []
+        rows = rows[:-1]
+    width, broken = sum(len(joint.channels) for joint in joints), []
+    values = np.full((len(rows), width), np.nan)
     for row, (number, words) in enumerate(rows):
         try:
             values[row] = _numbers(words, width, f"line {number}", "frame")
@@ -207,9 +210,9 @@ def _motion(lines: list[tuple[int, list[str]]], joints: tuple[Joint, ...], *, co
         findings.append(note(text))
     zeros = 0
     for joint in joints:
-        places = [joint.first + k for k, channel in enumerate(joint.channels) if channel in POSITIONS]
-        known = np.nan_to_num(np.abs(values[:, places]), nan=0.0)
-        if joint.parent >= 0 and places and known.max() < STILL_OFFSET * np.linalg.norm(joint.offset):
+        places = joint.places(POSITIONS)
+        largest = np.nan_to_num(np.abs(values[:, places]), nan=0.0).max(initial=0.0)
+        if joint.parent >= 0 and places and largest < STILL_OFFSET * np.linalg.norm(joint.offset):
             joint.channels = tuple("" if name in POSITIONS else name for name in joint.channels)
             zeros += 1
     if zeros:
@@ -228,120 +231,102 @@ def _numbers(words: list[str], count: int, where: str, key: str) -> list[float]:
     return numbers
 
 
-class _Chain(NamedTuple):
-    """Indices of a finger's three joints and its tip; no tip where the last bone has no end."""
-
-    joints: list[int]
-    tip: int | None
+Hand = tuple[int, dict[str, list[int]]]
+"""Index of the wrist, and those of each finger's joints from its base, with the tip where the last bone has one."""
 
 
-def _read(content: Content, options: ReadOptions) -> Recording:
+def _read(content: Content, options: ReadOptions) -> JointPositions:
     """Read the hand of the options, else the right one; raises TrajectoryError."""
     bvh = read_bvh(content.text)
-    side, chains, findings = _hand(bvh, options)
-    wrist = _wrist(bvh.joints, chains)
+    side, (wrist, fingers), findings = _hand(bvh, options)
     at, turned = bvh.pose()
     points = [at[:, wrist]]
-    for joints, tip in (chains[finger] for finger in FINGERS):
-        points += [at[:, joint] for joint in joints]
-        # A last bone without an end continues the one before in the rest pose, at a usual length.
-        last = at[:, joints[2]] + turned[:, joints[2]] @ (0.7 * bvh.joints[joints[2]].offset)
-        points.append(last if tip is None else at[:, tip])
-    made = JointPositions(
+    for line in fingers.values():
+        points += [at[:, joint] for joint in line]
+        if len(line) == 3:
+            # A last bone without an end continues the one before in the rest pose, at a usual length.
+            points.append(at[:, line[2]] + turned[:, line[2]] @ (0.7 * bvh.joints[line[2]].offset))
+    return JointPositions(
         position=np.stack(points, axis=1),
-        form="bvh",
         what=f"{side} hand at '{bvh.joints[wrist].name}'".strip(),
         time=np.arange(len(bvh.values), dtype=np.float64) * bvh.frame_time,
         hand=side,
         up="y",
-        findings=(*bvh.findings, *findings),
+        findings=[*bvh.findings, *findings],
     )
-    return recording_of_joints(made, content, options)
 
 
-def _hand(bvh: Bvh, options: ReadOptions) -> tuple[HandSide, dict[str, _Chain], list[Finding]]:
-    """Return the hand of the options, else the right one, its fingers, and findings; TrajectoryError for none."""
-    fingers = {side: _finger_lines(bvh.joints, side) for side in (*SIDES, "")}
-    found = {side: _hands(bvh.joints, lines) for side, lines in fingers.items()}
-    if not any(found.values()):
+def _hand(bvh: Bvh, options: ReadOptions) -> tuple[HandSide, Hand, list[Finding]]:
+    """Return the hand of the options, else the right one, and findings; TrajectoryError for none."""
+    lines = {side: _finger_lines(bvh.joints, side) for side in (*SIDES, "")}
+    found = {side: hands for side in (*SIDES, "") if (hands := _hands(bvh.joints, lines[side]))}
+    if not found:
         some = "; ".join(
-            f"{side or 'no side'}: {', '.join(lines)}{' apart' if len(lines) == len(FINGERS) else ''}"
-            for side, lines in fingers.items()
-            if lines
+            f"{side or 'no side'}: {', '.join(known)}{' apart' if len(known) == len(FINGERS) else ''}"
+            for side, known in lines.items()
+            if known
         )
         names = ", ".join(joint.name for joint in bvh.joints if not joint.is_end)[:60]
         what = f"{len(bvh.joints)} joints ({some or 'none'}), such as {names}…"
         raise TrajectoryError(f"no hand with five fingers of three joints each among {what}; {NO_HAND}")
-    side, findings = chosen_side({side: 1 for side, hands in found.items() if hands}, options.hand)
+    side, findings = chosen_side(dict.fromkeys(found, 1), options.hand)
     if len(found[side]) > 1:
-        at = " and ".join(f"'{bvh.joints[_wrist(bvh.joints, hand)].name}'" for hand in found[side][:2])
+        at = " and ".join(f"'{bvh.joints[wrist].name}'" for wrist, _ in found[side][:2])
         if not side:
             raise TrajectoryError(f"{len(found[side])} hands, at {at}, and no joint names a side; {NO_HAND}")
         findings.append(note(f"{len(found[side])} {side} hands, at {at}: the first one is taken"))
     return side, found[side][0], findings
 
 
-def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
-    bvh = read_bvh(content.text)
-    _, chains, _ = _hand(bvh, options)
-    joints, wrist = bvh.joints, _wrist(bvh.joints, chains)
-    made = joint_changes(recording, correction)
-    old = replace(bvh, values=bvh.values[made.rows])
-    _, world = old.pose()
-    bones = {wrist: 0}
-    for finger, name in enumerate(FINGERS):
-        bones |= {joint: 1 + 3 * finger + bone for bone, joint in enumerate(chains[name].joints)}
-    new: dict[int, NewColumn] = {}
-    for index, bone in bones.items():
-        joint = joints[index]
-        before = np.eye(3) if joint.parent < 0 else world[:, joint.parent]
-        above = next((made.turn[:, bones[k]] for k in _ancestors(joints, joint.parent) if k in bones), np.eye(3))
-        if np.abs(made.turn[:, bone] - above).max(initial=0.0) < SAME_TURN:
-            continue
-        local = np.swapaxes(above @ before, -1, -2) @ made.turn[:, bone] @ world[:, index]
-        new |= _rotation_columns(joint, local, old.values)
-    shift = made.shift[:, 0]
-    if np.abs(shift).max(initial=0.0) > STILL:
-        carrier = _carrier(joints, wrist)
-        if carrier is None:
-            far = 1e3 * recording.file_frame.metre * np.linalg.norm(shift, axis=1).max()
-            moves = f"the correction moves the wrist '{joints[wrist].name}' by {far:.1f} mm, and neither it nor a joint"
-            raise InputError(f"{moves} that moves this hand alone has position channels: export it in another format")
-        if carrier.parent >= 0:
-            shift = np.einsum("tji,tj->ti", world[:, carrier.parent], shift)
-        places = [carrier.first + carrier.channels.index(channel) for channel in POSITIONS]
-        new |= {k: NewColumn(old.values[:, k] + step, made.digits) for k, step in zip(places, shift.T)}
-    text = content.exact_text
-    starts, lines = line_starts(text), text.splitlines()
-    edits: list[NumberEdit] = []
-    for k, row in enumerate(made.rows):
-        line = bvh.lines[row] - 1
-        spans = word_spans(lines[line])
-        for place, column in new.items():
-            first, last = (starts[line] + end for end in spans[place])
-            edits.append(NumberEdit(first, last, float(column.values[k]), column.decimals))
-    return content.edited(edits)
+def _finger_lines(joints: tuple[Joint, ...], side: str) -> dict[str, list[list[int]]]:
+    """Return the lines of three and more joints that are named after a finger of one side, from the palm outwards."""
+    found = {}
+    for finger in FINGERS:
+        members = {
+            index
+            for index, joint in enumerate(joints)
+            if not joint.is_end
+            and finger_of(joint.name) == finger
+            and next((each for k in _ancestors(joints, index) if (each := side_of(joints[k].name))), "") == side
+            and (finger == "thumb" or METACARPAL.search(joint.name) is None)
+        }
+        # Each joint the child of the one before.
+        lines = [[*takewhile(members.__contains__, _ancestors(joints, last))][::-1] for last in sorted(members)]
+        if finger != "thumb":
+            # The joint numbered 0 of four is a metacarpal.
+            numbered = re.compile(r"0\D*$")
+            lines = [line[len(line) >= 4 and numbered.search(joints[line[0]].name) is not None :] for line in lines]
+        if long := [line for line in lines if len(line) >= 3]:
+            found[finger] = long
+    return found
 
 
-def _rotation_columns(joint: Joint, local: FloatArray, values: FloatArray) -> dict[int, NewColumn]:
-    """Return the new columns of a joint's rotation in its parent's frame; InputError if it has too few channels."""
-    if len(joint.turns) < len(ROTATIONS):
-        raise InputError(f"joint '{joint.name}' has {len(joint.turns)} channels of rotation; expected 3 to correct it")
-    places = [joint.first + joint.channels.index(channel) for channel in joint.turns]
-    angles = np.degrees(euler_angles(local, joint.order, np.radians(values[:, places])))
-    return {place: NewColumn(column, DEGREE_DIGITS) for place, column in zip(places, angles.T)}
+def _hands(joints: tuple[Joint, ...], fingers: dict[str, list[list[int]]]) -> list[Hand]:
+    """Return the hands of one side: five lines that hang from one joint, as near to it as there are any."""
+    if len(fingers) < len(FINGERS):
+        return []
+
+    def above(line: list[int]) -> list[int]:
+        return [*islice(_ancestors(joints, joints[line[0]].parent), 1 + MOST_BETWEEN)]
+
+    def whole(line: list[int]) -> list[int]:
+        """Return three joints and the tip, if the last bone has an end."""
+        ends = line[3:4] or [child for child in joints[line[2]].children if joints[child].is_end][:1]
+        return line[:3] + [end for end in ends if np.linalg.norm(joints[end].offset) > 0.0]
+
+    shared = set.intersection(*({k for line in lines for k in above(line)} for lines in fingers.values()))
+    nearest = shared - {k for wrist in shared for k in _ancestors(joints, joints[wrist].parent)}
+    return [
+        (wrist, {f: whole(max((line for line in fingers[f] if wrist in above(line)), key=len)) for f in FINGERS})
+        for wrist in sorted(nearest)
+    ]
 
 
-def _carrier(joints: tuple[Joint, ...], wrist: int) -> Joint | None:
-    """Return the wrist, or the nearest joint above that moves nothing but this hand, with channels of position."""
-    below = wrist
-    for index in _ancestors(joints, wrist):
-        if index != wrist and any(child != below and not joints[child].is_end for child in joints[index].children):
-            return None
-        if set(POSITIONS) <= set(joints[index].channels):
-            return joints[index]
-        below = index
-    return None
+def _ancestors(joints: tuple[Joint, ...], index: int) -> Iterator[int]:
+    """Yield a joint and all that it hangs from."""
+    while index >= 0:
+        yield index
+        index = joints[index].parent
 
 
 def side_of(name: str) -> HandSide:
@@ -377,73 +362,76 @@ def _words(name: str) -> list[str]:
     return [word.lower() for word in WORD.findall(name)]
 
 
-def _finger_lines(joints: tuple[Joint, ...], side: str) -> dict[str, list[list[int]]]:
-    """Return the lines of three and more joints that are named after a finger of one side, from the palm outwards."""
-    found = {}
-    for finger in FINGERS:
-        members = {
-            index
-            for index, joint in enumerate(joints)
-            if not joint.is_end
-            and finger_of(joint.name) == finger
-            and _side(joints, index) == side
-            and (finger == "thumb" or METACARPAL.search(joint.name) is None)
-        }
-        # Each joint the child of the one before.
-        lines = [[*takewhile(members.__contains__, _ancestors(joints, last))][::-1] for last in sorted(members)]
-        if finger != "thumb":
-            # The joint numbered 0 of four is a metacarpal.
-            numbered = re.compile(r"0\D*$")
-            lines = [line[len(line) >= 4 and numbered.search(joints[line[0]].name) is not None :] for line in lines]
-        if long := [line for line in lines if len(line) >= 3]:
-            found[finger] = long
-    return found
+def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
+    bvh = read_bvh(content.text)
+    _, (wrist, fingers), _ = _hand(bvh, options)
+    joints, old = bvh.joints, replace(bvh, values=bvh.values[made.rows])
+    _, world = old.pose()
+    bones = {wrist: 0}
+    for finger, line in enumerate(fingers.values()):
+        bones |= {joint: 1 + 3 * finger + bone for bone, joint in enumerate(line[:3])}
+    # New values of each column, and their decimals.
+    new: dict[int, tuple[FloatArray, int]] = {}
+    for index, bone in bones.items():
+        joint = joints[index]
+        before = np.eye(3) if joint.parent < 0 else world[:, joint.parent]
+        above = next((made.turn[:, bones[k]] for k in _ancestors(joints, joint.parent) if k in bones), np.eye(3))
+        if np.abs(made.turn[:, bone] - above).max(initial=0.0) < SAME_TURN:
+            continue
+        if len(joint.turns) < len(ROTATIONS):
+            few = f"joint '{joint.name}' has {len(joint.turns)} channels of rotation"
+            raise InputError(f"{few}; expected 3 to correct it")
+        local = np.swapaxes(above @ before, -1, -2) @ made.turn[:, bone] @ world[:, index]
+        places = joint.places(joint.turns)
+        angles = np.degrees(euler_angles(local, joint.order, np.radians(old.values[:, places])))
+        new |= {place: (column, DEGREE_DIGITS) for place, column in zip(places, angles.T)}
+    shift = made.shift[:, 0]
+    if np.abs(shift).max(initial=0.0) > STILL:
+        carrier = _carrier(joints, wrist)
+        if carrier is None:
+            far = 1e3 * recording.file_frame.metre * np.linalg.norm(shift, axis=1).max()
+            moves = f"the correction moves the wrist '{joints[wrist].name}' by {far:.1f} mm, and neither it nor a joint"
+            raise InputError(f"{moves} that moves this hand alone has position channels: export it in another format")
+        if carrier.parent >= 0:
+            shift = np.einsum("tji,tj->ti", world[:, carrier.parent], shift)
+        new |= {k: (old.values[:, k] + step, made.digits) for k, step in zip(carrier.places(POSITIONS), shift.T)}
+    starts, lines = line_starts(content.exact_text), content.exact_text.splitlines()
+    edits: list[NumberEdit] = []
+    for k, row in enumerate(made.rows):
+        line = bvh.lines[row] - 1
+        spans = word_spans(lines[line])
+        for place, (column, decimals) in new.items():
+            first, last = (starts[line] + end for end in spans[place])
+            edits.append(NumberEdit(first, last, float(column[k]), decimals))
+    return content.edited(edits)
 
 
-def _hands(joints: tuple[Joint, ...], fingers: dict[str, list[list[int]]]) -> list[dict[str, _Chain]]:
-    """Return the hands of one side: five lines that hang from one joint, as near to it as there are any."""
-    if len(fingers) < len(FINGERS):
-        return []
+def euler_angles(rotation: FloatArray, order: str, near: FloatArray) -> FloatArray:
+    """Convert rotation matrices, shape (T, 3, 3), to the Euler angles [rad] nearest to given ones, shape (T, 3).
 
-    def above(line: list[int]) -> list[int]:
-        return [*islice(_ancestors(joints, joints[line[0]].parent), 1 + MOST_BETWEEN)]
+    `order` has three letters, as scipy's: ZYX about turned axes, zyx about fixed ones.
+    """
+    from scipy.spatial.transform import Rotation
 
-    shared = set.intersection(*({k for line in lines for k in above(line)} for lines in fingers.values()))
-    wrists = shared - {k for wrist in shared for k in _ancestors(joints, joints[wrist].parent)}
-    return [
-        {
-            finger: _chain(joints, max((line for line in lines if wrist in above(line)), key=len))
-            for finger, lines in fingers.items()
-        }
-        for wrist in sorted(wrists)
-    ]
+    first = Rotation.from_matrix(rotation).as_euler(order)  # type: ignore[call-overload]
+    second = first + np.pi
+    second[:, 1] = (np.pi if len(set(order)) == 3 else 0.0) - first[:, 1]
+    both = np.stack([first, second]) - near
+    both -= 2.0 * np.pi * np.round(both / (2.0 * np.pi))
+    nearest = np.argmin((both**2).sum(axis=2), axis=0)
+    return np.asarray(near + both[nearest, np.arange(len(near))])
 
 
-def _chain(joints: tuple[Joint, ...], line: list[int]) -> _Chain:
-    """Return the finger of a line of joints."""
-    ends = [child for child in joints[line[2]].children if joints[child].is_end]
-    tip = line[3] if len(line) > 3 else ends[0] if ends else None
-    if tip is not None and not np.linalg.norm(joints[tip].offset) > 0.0:
-        tip = None
-    return _Chain(line[:3], tip)
-
-
-def _ancestors(joints: tuple[Joint, ...], index: int) -> Iterator[int]:
-    """Yield a joint and all that it hangs from."""
-    while index >= 0:
-        yield index
-        index = joints[index].parent
-
-
-def _side(joints: tuple[Joint, ...], index: int) -> HandSide:
-    """Return the side of a joint, or of its nearest ancestor that names one."""
-    return next((side for k in _ancestors(joints, index) if (side := side_of(joints[k].name))), "")
-
-
-def _wrist(joints: tuple[Joint, ...], chains: dict[str, _Chain]) -> int:
-    """Return the nearest common ancestor of all fingers."""
-    lines = [list(_ancestors(joints, joints[chain.joints[0]].parent)) for chain in chains.values()]
-    return next(index for index in lines[0] if all(index in line for line in lines))
+def _carrier(joints: tuple[Joint, ...], wrist: int) -> Joint | None:
+    """Return the wrist, or the nearest joint above that moves nothing but this hand, with channels of position."""
+    below = wrist
+    for index in _ancestors(joints, wrist):
+        if index != wrist and any(child != below and not joints[child].is_end for child in joints[index].children):
+            return None
+        if set(POSITIONS) <= set(joints[index].channels):
+            return joints[index]
+        below = index
+    return None
 
 
 FORMAT = RecordingFormat(

@@ -26,11 +26,12 @@ from hhsim.recordings.column_map import (
     mapped,
     stamp_columns,
 )
-from hhsim.recordings.correction import Correction, angle_unit, changes
+from hhsim.recordings.content import Content, ReadOptions
+from hhsim.recordings.correction import Changes
 from hhsim.recordings.frames import FileFrame, to_our_frames
 from hhsim.recordings.object_poses import placed, poses_in, table_arrays
 from hhsim.recordings.recording import SIDES, Finding, HandMotion, Recording, note, unreadable, unused
-from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import RecordingFormat
 
 OWN = ColumnMap(
     joints={name: name for name in COLUMNS[8:]},
@@ -78,12 +79,10 @@ def columns_of(options: ReadOptions) -> ColumnMap | None:
     return structs.replace(columns, palm_axes=tuple(axes), world_up=up, mirror=options.mirror or columns.mirror)
 
 
-def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
+def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
     columns = columns_of(options) or OWN
-    unit = angle_unit(recording, _read(content, options))
     table = read_table(content.text, delimiter=columns.delimiter, decimal=columns.decimal)
-    edits = map_edits(content.exact_text, table, columns, changes(recording, correction), unit)
-    return content.edited(edits, table.decimal)
+    return content.edited(map_edits(content.exact_text, table, columns, made), table.decimal)
 
 
 def _make(suffix: str, motion: HandMotion) -> bytes:

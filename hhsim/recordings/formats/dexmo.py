@@ -10,15 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError, TrajectoryError
+from hhsim.errors import InputError
 from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.csv_table import read_table
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import RawChannel
 from hhsim.recordings.column_map import ColumnMap, OrientationColumns, PositionColumns, TimeColumn, mapped
+from hhsim.recordings.content import Content, ReadOptions
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression, calibrated
 from hhsim.recordings.recording import Recording, note, unreadable, unused
-from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import RecordingFormat
 from hhsim.recordings.unit_detection import in_seconds, in_units
 
 ALIAS = {"pinky_split": "little_split", "pinky_bend": "little_bend"}
@@ -35,8 +36,6 @@ def _calibrated(content: Content, options: ReadOptions) -> tuple[Recording, Dexm
     """Read a table of channels; returns the recording and the calibration used."""
     table = read_table(content.text)
     table = replace(table, header=tuple(ALIAS.get(column, column) for column in table.header))
-    if "time" not in table.header:
-        raise TrajectoryError("no column 'time'; expected stamps [s] beside the channels")
     places = {"px", "py", "pz"} <= set(table.header)
     turns = {"qw", "qx", "qy", "qz"} <= set(table.header)
     columns = ColumnMap(

@@ -19,28 +19,22 @@ import io
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from hhsim.errors import TrajectoryError, named
-from hhsim.motion.npz_arrays import array_names, npz_with, numbers, read_npy
+from hhsim.motion.npz_arrays import array_names, npz_with, read_npy
 from hhsim.motion.pickled_data import flat, npy_dictionary, replaced
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.correction import Correction, joint_changes
+from hhsim.recordings.content import NPY, OF_OBJECTS, ZIP, Content, ReadOptions
+from hhsim.recordings.correction import Changes
 from hhsim.recordings.formats.keypoints import joints_of_array
-from hhsim.recordings.formats.mano import (
-    ANGLES,
-    ManoParameters,
-    ManoPoses,
-    corrected_arrays,
-    parameters_of,
-    recording_of_poses,
-)
-from hhsim.recordings.joint_positions import recording_of_joints
+from hhsim.recordings.formats.mano import ANGLES, ManoPoses, chosen_names, corrected_arrays, poses_of
+from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.object_poses import ObjectPoses, poses_in
 from hhsim.recordings.recording import SIDES, Finding, Recording, chosen_side, note, unused
-from hhsim.recordings.registry import NPY, OF_OBJECTS, Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import RecordingFormat
 from hhsim.recordings.unit_detection import FAR
 
 SIDE_WORDS: dict[str, HandSide] = {"rhand": "right", "right": "right", "r": "right"}
@@ -66,124 +60,92 @@ CONVERT = (
 
 
 def _hands(names: Iterable[str]) -> dict[HandSide, dict[str, str]]:
-    """Return the names of the arrays of each hand that has a rotation and a pose, by the words of `FIELDS`."""
+    """Return the names of the arrays of each hand that has a rotation and a pose, by their words without the side."""
     hands: dict[HandSide, dict[str, str]] = {}
     for name in names:
         words = [word for word in re.split(r"[._/]", name.lower()) if word not in ("", "params")]
         sides = [SIDE_WORDS[word] for word in words if word in SIDE_WORDS]
         if sides:
             hands.setdefault(sides[0], {})["_".join(word for word in words if word not in SIDE_WORDS)] = name
-    return {side: held for side, held in hands.items() if _key(held, "rotation") and _key(held, "pose")}
+    return {side: held for side, held in hands.items() if {"rotation", "pose"} <= chosen_names(held, FIELDS).keys()}
 
 
-def _key(held: Mapping[str, str], field: str) -> str:
-    """Return the word of `FIELDS` under which a hand's arrays have a field, "" if they lack it."""
-    return next((key for key in FIELDS[field] if key in held), "")
+def _arrays(content: Content) -> dict[str, Any]:
+    if content.head.startswith(NPY):
+        return dict(flat(npy_dictionary(content.data, DICTIONARY)))
+    if _is_pickled(content):
+        raise TrajectoryError(CONVERT)
+    return content.arrays
 
 
-class _Hand(NamedTuple):
-    """Hand of a file: all arrays, the names of its own by `FIELDS`, its poses, and their usual reading."""
-
-    arrays: dict[str, Any]
-    fields: dict[str, str]
-    poses: ManoPoses
-    usual: str | None
-
-
-def _read(content: Content, options: ReadOptions) -> Recording:
+def _read(content: Content, options: ReadOptions) -> JointPositions:
     """Read the hand of the options, else the one of more samples; raises TrajectoryError."""
     if content.head.startswith(NPY):
-        arrays = dict(flat(npy_dictionary(content.data, DICTIONARY)))
+        arrays = _arrays(content)
         if any(name in arrays for name in PROCESSED.values()):
             return _of_joints(arrays, content, options)
-    hand = _hand(content, options)
     content.name = content.name.removesuffix(".mano")
-    return recording_of_poses(hand.poses, content, "grab", options, hand.usual)
+    return _poses(content, options).joints(options)
 
 
-def _of_joints(arrays: Mapping[str, Any], content: Content, options: ReadOptions) -> Recording:
-    """Return the recording of the joints of a processed sequence, which needs no model of the hand."""
+def _of_joints(arrays: Mapping[str, Any], content: Content, options: ReadOptions) -> JointPositions:
+    """Return the joints of a processed sequence, which need no model of the hand."""
     side, remarks = chosen_side({of: len(arrays[key]) for of, key in PROCESSED.items() if key in arrays}, options.hand)
     joints = joints_of_array(arrays[PROCESSED[side]], PROCESSED[side], content, options)
     poses = poses_in(arrays, len(joints.position), options)
     if poses is not None and poses.metre is None:
         # The data set has millimetres, and DexMachina's copy of it metres.
         poses = poses._replace(metre=1e-3 if np.nanmax(np.abs(poses.position)) > FAR else 1.0)
-    used = {*PROCESSED.values(), *(() if poses is None else poses.names)}
-    remarks += unused(arrays, used)
-    stated: dict[str, Any] = {"form": "grab", "rate": ARCTIC_RATE, "hand": side, "unit": 1.0, "object_poses": poses}
-    return recording_of_joints(replace(joints, findings=tuple(remarks), **stated), content, options)
+    remarks += unused(arrays, {*PROCESSED.values(), *(() if poses is None else poses.names)})
+    return replace(joints, findings=remarks, rate=ARCTIC_RATE, hand=side, unit=1.0, object_poses=poses)
 
 
-def _parameters(content: Content, options: ReadOptions) -> ManoParameters:
-    hand = _hand(content, options)
-    return parameters_of(hand.poses, options, hand.usual)
-
-
-def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
-    hand, made = _hand(content, options), joint_changes(recording, correction)
-    pose, turn, shift = (hand.fields.get(field, "") for field in ("pose", "rotation", "translation"))
-    new = corrected_arrays(hand.arrays, (pose, turn, shift), hand.poses, made, options, hand.usual)
-    if content.head.startswith(NPY):
-        out = io.BytesIO()
-        np.save(out, np.array(replaced(npy_dictionary(content.data, DICTIONARY), new), dtype=object))
-        return out.getvalue()
-    return npz_with(content.data, new)
-
-
-def _hand(content: Content, options: ReadOptions) -> _Hand:
+def _poses(content: Content, options: ReadOptions) -> ManoPoses:
     """Return the hand of the options, else the one of more samples; raises TrajectoryError."""
-    if content.head.startswith(NPY):
-        arrays = dict(flat(npy_dictionary(content.data, DICTIONARY)))
-    elif _is_pickled(content):
-        raise TrajectoryError(CONVERT)
-    else:
-        arrays = content.arrays
+    arrays = _arrays(content)
     hands = _hands(arrays)
     if not hands:
         held = ", ".join(list(arrays)[:6]) or "nothing"
         raise TrajectoryError(f"no hand, it holds {held}; expected right and left with rot, pose and trans")
-    samples = {side: len(np.atleast_1d(arrays[held[_key(held, "pose")]])) for side, held in hands.items()}
-    side, remarks = chosen_side(samples, options.hand)
-    fields = {field: hands[side][key] for field in FIELDS if (key := _key(hands[side], field))}
-    pose = numbers(arrays, fields["pose"])
-    if pose.ndim != 2:
-        raise TrajectoryError(f"'{fields['pose']}' has shape {pose.shape}; expected (T, {ANGLES})")
-    count, key = len(pose), _key(hands[side], "pose")
-    usual = "pca-flat" if key == "hand_pose" and pose.shape[1] < ANGLES else READINGS.get(key)
-    arctic = key == "pose"
-    poses, found = _object(content, arrays, count, arctic, options)
-    betas = numbers(arrays, fields["betas"]) if "betas" in fields else np.zeros(0)
-    if not betas.size:
+    words = {side: chosen_names(held, FIELDS) for side, held in hands.items()}
+    poses = {side: arrays[held[words[side]["pose"]]] for side, held in hands.items()}
+    side, remarks = chosen_side({side: len(np.atleast_1d(each)) for side, each in poses.items()}, options.hand)
+    word, names = words[side]["pose"], {field: hands[side][each] for field, each in words[side].items()}
+    few = word == "hand_pose" and np.shape(poses[side])[-1] < ANGLES
+    moved, found = _object(content, arrays, len(np.atleast_1d(poses[side])), word == "pose", options)
+    if "betas" not in names or not np.size(arrays[names["betas"]]):
         found.append(note("no shape of the hand: the model's mean one, whose bones may be millimetres off"))
-    used = {*fields.values(), *(poses.names if poses is not None else ())}
-    other = {name for each, held in hands.items() if each != side for name in held.values()}
-    found += unused(arrays, used | other)
-    hand = ManoPoses(
-        numbers(arrays, fields["rotation"], count, 3),
-        numbers(arrays, fields["translation"], count, 3) if "translation" in fields else None,
-        pose,
-        (betas[0] if betas.ndim == 2 and len(betas) else betas.ravel())[:10],
+    used = {*(name for held in hands.values() for name in held.values()), *(moved.names if moved is not None else ())}
+    more = {*hands[side].values()} - {*names.values()}
+    return poses_of(
+        arrays,
+        names,
         side,
-        None,
-        None,
-        ARCTIC_RATE if arctic else None,
-        (*remarks, *found),
-        poses,
+        usual="pca-flat" if few else READINGS.get(word),
+        rate=ARCTIC_RATE if word == "pose" else None,
+        findings=[*remarks, *found, *unused(arrays, used - more)],
+        object_poses=moved,
     )
-    return _Hand(arrays, fields, hand, usual)
+
+
+def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
+    new = corrected_arrays(_arrays(content), _poses(content, options), made, options)
+    if content.head.startswith(ZIP):
+        return npz_with(content.data, new)
+    out = io.BytesIO()
+    np.save(out, np.array(replaced(npy_dictionary(content.data, DICTIONARY), new), dtype=object))
+    return out.getvalue()
 
 
 def _object(
     content: Content, arrays: Mapping[str, Any], count: int, arctic: bool, options: ReadOptions
 ) -> tuple[ObjectPoses | None, list[Finding]]:
     """Return the object's poses among the arrays, else those of ARCTIC's file beside, and findings about them."""
-    poses = poses_in(arrays, count, options)
+    poses, path = poses_in(arrays, count, options), content.original
     if poses is not None:
         return (poses._replace(metre=poses.metre or 1e-3) if arctic else poses), []
-    path = content.original
-    beside = path.with_name(path.name.replace(".mano.", ".object.")) if path is not None else None
-    if path is None or beside is None or beside == path or not beside.is_file():
+    beside = path and path.with_name(path.name.replace(".mano.", ".object."))
+    if beside is None or beside == path or not beside.is_file():
         return None, []
     with named(beside):
         rows = read_npy(Content(beside, what="poses of an object").data)
@@ -199,7 +161,7 @@ def _is_pickled(content: Content) -> bool:
 def _sniff(content: Content, options: ReadOptions) -> bool:
     if content.head.startswith(NPY):
         return OF_OBJECTS in content.head[:256]
-    return content.head.startswith(b"PK") and (_is_pickled(content) or bool(_hands(array_names(content.data))))
+    return content.head.startswith(ZIP) and (_is_pickled(content) or bool(_hands(array_names(content.data))))
 
 
 FORMAT = RecordingFormat(
@@ -209,5 +171,5 @@ FORMAT = RecordingFormat(
     _sniff,
     _read,
     write=_write,
-    mano=_parameters,
+    mano=lambda content, options: _poses(content, options).parameters(options),
 )

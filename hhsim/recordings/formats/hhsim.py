@@ -9,14 +9,13 @@ import h5py
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.file import HDF5_SUFFIXES, read_fields
 from hhsim.motion.trajectory import HandSide, Trajectory
-from hhsim.recordings.correction import Correction, angle_unit, changes
+from hhsim.recordings.content import HDF5, Content, ReadOptions
+from hhsim.recordings.correction import Changes
 from hhsim.recordings.recording import MOTION, Recording
-from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import RecordingFormat
 from hhsim.result.motion import holds_a_result, load_result_motion
 from hhsim.system.checksummed_file import MARK, SIZE, seal_holds, sealed
 from hhsim.system.hdf5_input import require_own_data
-
-SIGNATURE = b"\x89HDF"
 
 
 def recording_of(trajectory: Trajectory) -> Recording:
@@ -48,17 +47,15 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     return recording.changed(checksums=(recording.checksums or "held") if seal_holds(content.path) else "missing")
 
 
-def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
+def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
     if content.path is None or holds_a_result(content.path):
         raise InputError("a result or a session is not corrected; expected a trajectory")
-    made = changes(recording, correction)
-    unit = angle_unit(recording, _read(content, options))
     given = content.data.removesuffix(content.data[-SIZE:]) if content.data[-SIZE:].startswith(MARK) else content.data
     image = io.BytesIO(given)
     with h5py.File(image, "r+") as file:
         require_own_data(file)
         place, turn, flexion, abduction = (file[key][()] for key in MOTION)
-        for key, values in zip(MOTION, made.motion(place, turn, flexion, abduction, unit)):
+        for key, values in zip(MOTION, made.motion(place, turn, flexion, abduction)):
             file[key][...] = values
     return image.getvalue() if given is content.data else sealed(image.getvalue())
 
@@ -67,7 +64,7 @@ FORMAT = RecordingFormat(
     "hhsim",
     "a trajectory, a result or a session of hhsim, .h5",
     HDF5_SUFFIXES,
-    lambda content, options: content.head.startswith(SIGNATURE),
+    lambda content, options: content.head.startswith(HDF5),
     _read,
     write=_write,
 )

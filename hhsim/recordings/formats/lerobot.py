@@ -5,7 +5,8 @@ y up. Other features are mapped by --columns as `feature.name`, by the names of 
 """
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,21 +17,21 @@ from hhsim.errors import DamagedFileError, InputError, TrajectoryError
 from hhsim.motion.csv_table import Table
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import mapped
-from hhsim.recordings.correction import Correction, joint_changes
+from hhsim.recordings.content import Content, ReadOptions
+from hhsim.recordings.correction import Changes
 from hhsim.recordings.formats.csv import columns_of, with_columns
-from hhsim.recordings.formats.keypoints import order_by_bones
+from hhsim.recordings.joint_arrays import order_by_bones
 from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS, StatedFields, kind_of
-from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.json_document import number
+from hhsim.recordings.joint_positions import JointPositions
+from hhsim.recordings.json_document import MOST, number
 from hhsim.recordings.object_poses import is_objects, poses_in
 from hhsim.recordings.recording import Finding, Recording, chosen_side, note, unused
-from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import RecordingFormat
 from hhsim.system.child_reader import read_in_child
 from hhsim.system.input_file import most_unpacked
 
 MAGIC = b"PAR1"
 JOINTS = len(WEBXR_JOINTS)
-SIDES: tuple[HandSide, HandSide] = ("left", "right")
 LEVELS_UP = 4
 """Most folders from the file up to that of meta/."""
 MOST_CELLS = 1 << 28
@@ -39,7 +40,7 @@ MOST_BYTES = 1 << 28
 """Largest column of an episode [bytes]: half an hour of two hands at 100 Hz in doubles."""
 
 
-def _read(content: Content, options: ReadOptions) -> Recording:
+def _read(content: Content, options: ReadOptions) -> Recording | JointPositions:
     """Read one episode and hand; raises TrajectoryError, and InputError for an episode that is not there."""
     columns = _columns(content.data)
     info = _info(content)
@@ -50,70 +51,58 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         table = _table(columns, rows, info)
         recording = mapped(table, mapping, content.name, "lerobot").found(*findings).changed(rows=rows)
         return with_columns(recording, table, mapping, options)
-    names = _joint_columns(columns)
-    named = names[0] if names else None
-    width = 2 * JOINTS * 3
-    values = None if named is None else _numbers(columns, named, rows)
-    if values is None or values.shape[1] not in (width, width // 2):
+    names = [name for name in columns if name.split(".")[-1] == "hand_joints"]
+    width, hands = 2 * JOINTS * 3, _numbers(columns, names[0], rows) if names else np.zeros((0, 0))
+    if hands.shape[1] not in (width, width // 2):
         held = ", ".join(f"{name} ({_numbers(columns, name, rows[:1]).shape[1]})" for name in list(columns)[:6])
-        what = f"{named} has {values.shape[1]} numbers" if values is not None else "no hand_joints"
+        what = f"{names[0]} has {hands.shape[1]} numbers" if names else "no hand_joints"
         expected = f"hand_joints of 2 × {JOINTS} × 3, or --columns that explain the others"
         raise TrajectoryError(f"{what}; it holds {held}; expected {expected}")
     if len(names) > 1:
-        findings.append(note(f"joints from {named}; there is also {', '.join(names[1:3])}"))
-    hands, sides, side, remarks = _hands(values, options)
-    order_by_bones(hands[:, sides.index(side)], {"openxr": WEBXR_JOINTS})
+        findings.append(note(f"joints from {names[0]}; there is also {', '.join(names[1:3])}"))
+    sides, side, remarks = _chosen(hands, options)
+    points = hands.reshape(len(hands), -1, JOINTS, 3)[:, sides.index(side)]
+    order_by_bones(points, {"openxr": WEBXR_JOINTS})
     places = [WEBXR_JOINTS.index(joint) for joint in KEYPOINTS]
-    arrays = {name: _numbers(columns, name, rows) for name in columns if is_objects(name)}
-    poses = poses_in(arrays, len(values), options)
+    poses = poses_in({name: _numbers(columns, name, rows) for name in columns if is_objects(name)}, len(hands), options)
     used = {*names, "timestamp", "episode_index", *(poses.names if poses is not None else ())}
-    findings += unused(dict.fromkeys(columns), used)
     rate = number(info.get("fps"))
-    joints = JointPositions(
-        position=hands[:, sides.index(side)][:, places],
-        form="lerobot",
+    return JointPositions(
+        position=points[:, places],
         what=f"{len(sides)} × 25 joints in WebXR's order{', taken as left, then right' if len(sides) == 2 else ''}",
         time=_numbers(columns, "timestamp", rows)[:, 0] if "timestamp" in columns else None,
         time_unit="s",
         rate=rate if 0.1 <= rate <= 1e5 else None,
         hand=side,
         up="y",
-        joint_order=tuple(places),
         object_poses=poses,
         device=str(info.get("robot_type") or ""),
-        findings=(*findings, *remarks),
+        findings=[*findings, *unused(dict.fromkeys(columns), used), *remarks],
         rows=rows,
     )
-    return recording_of_joints(joints, content, options)
 
 
-def _joint_columns(columns: Iterable[str]) -> list[str]:
-    return [name for name in columns if name.split(".")[-1] == "hand_joints"]
-
-
-def _hands(
-    values: FloatArray, options: ReadOptions
-) -> tuple[FloatArray, tuple[HandSide, ...], HandSide, list[Finding]]:
-    """Return hands, shape (T, n, 25, 3), the side of each, the chosen one, and findings about it."""
-    hands = values.reshape(len(values), -1, JOINTS, 3)
-    sides: tuple[HandSide, ...] = SIDES if hands.shape[1] == 2 else ("",)
+def _chosen(hands: FloatArray, options: ReadOptions) -> tuple[list[HandSide], HandSide, list[Finding]]:
+    """Return the side of each hand in rows, shape (T, n · 75), the chosen one, and findings about it."""
+    points = hands.reshape(len(hands), -1, JOINTS, 3)
+    sides: list[HandSide] = ["left", "right"] if points.shape[1] == 2 else [""]
     with np.errstate(invalid="ignore", over="ignore"):
-        seen = {side: int((np.ptp(hands[:, k], axis=1) > 0.0).any(axis=1).sum()) for k, side in enumerate(sides)}
-    return hands, sides, *chosen_side(seen, options.hand)
+        seen = (np.ptp(points, axis=2) > 0.0).any(axis=2).sum(axis=0)
+    return sides, *chosen_side(dict(zip(sides, seen.tolist())), options.hand)
 
 
-def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
+def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
     if options.columns is not None:
         raise InputError("features that --columns explain are not written to Parquet: export in another format")
     import pyarrow
     from pyarrow import parquet
 
-    made = joint_changes(recording, correction)
     columns = _columns(content.data)
-    name = _joint_columns(columns)[0]
+    name = next(name for name in columns if name.split(".")[-1] == "hand_joints")
     rows = _episode(columns, options, [])
-    hands, sides, side, _ = _hands(_numbers(columns, name, rows), options)
-    new = hands[np.searchsorted(rows, made.rows)]
+    hands = _numbers(columns, name, rows)
+    sides, side, _ = _chosen(hands, options)
+    new = hands[np.searchsorted(rows, made.rows)].reshape(len(made.rows), -1, JOINTS, 3)
     for k, joint in enumerate(WEBXR_JOINTS):
         new[:, sides.index(side), k] = made.moved(joint, new[:, sides.index(side), k])
     cells = columns[name].to_pylist()
@@ -205,20 +194,22 @@ def _episode(columns: dict[str, Any], options: ReadOptions, findings: list[Findi
 def _numbers(columns: dict[str, Any], name: str, rows: IntArray | None) -> FloatArray:
     """Return the numbers of a column, nested lists flattened, shape (T, N); NaN where missing."""
 
-    def flattened(cell: Any, depth: int) -> list[float]:
-        if isinstance(cell, list) and depth < 6:
-            return [value for item in cell for value in flattened(item, depth + 1)]
-        return [number(cell)]
+    def flattened(cell: Any) -> FloatArray:
+        with suppress(TypeError, ValueError):
+            return np.ravel(np.array(cell, dtype=np.float64))
+        return np.full(1, np.nan)
 
     chosen = columns[name] if rows is None else columns[name].take(rows)
     if chosen.nbytes > MOST_BYTES and "binary" not in str(chosen.type):
         raise TrajectoryError(f"{name} has {chosen.nbytes >> 20:,} MB; expected the recording of a hand")
-    flat = [flattened(cell, 0) for cell in chosen.to_pylist()]
+    flat = [flattened(cell) for cell in chosen.to_pylist()]
     width = max((len(row) for row in flat), default=0)
     values = np.full((len(flat), max(width, 1)), np.nan)
     for place, row in zip(values, flat):
         if len(row) == width:
             place[:] = row
+    # Beyond that it is damage, and what is computed from it overflows.
+    values[~(np.abs(values) <= MOST)] = np.nan
     return values
 
 

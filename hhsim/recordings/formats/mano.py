@@ -3,7 +3,7 @@
 | file | holds |
 |---|---|
 | .npz | `poses` (T, 48) or (T, 3 + n), or with `global_orient`; `trans` (T, 3), `betas`, `fps` or stamps, `hand` |
-| .jsonl | HOT3D's lines: a wrist's pose and n coefficients |
+| .jsonl | HOT3D's lines: a wrist's pose and n coefficients; read and not written |
 
 The same 48 numbers have four meanings (`READINGS`) that the file does not tell apart: DexYCB's are coefficients, those
 of other sets are angles. So `--mano-pose` says it.
@@ -14,7 +14,7 @@ Fewer than 45 coefficients cannot hold every pose: they are those whose joints a
 `hhsim.recordings.registry.write_recording` returns how far off these are.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,15 +27,14 @@ from hhsim.hand.quaternion import quaternion, quaternion_from_matrix, rotation_m
 from hhsim.motion.npz_arrays import array_names, npz_with, numbers, read_npz
 from hhsim.motion.pickled_data import plain, unpickled
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.correction import Changes, Correction, joint_changes
-from hhsim.recordings.frames import posed_tree
+from hhsim.recordings.content import ZIP, Content, ReadOptions, stated_hand
+from hhsim.recordings.correction import Changes
 from hhsim.recordings.joint_names import KEYPOINTS
-from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.json_document import PlacedJson
+from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.object_poses import ObjectPoses, poses_in
-from hhsim.recordings.pose_lines import Poses, pose_line_edits, read_pose_lines
+from hhsim.recordings.pose_lines import read_pose_lines
 from hhsim.recordings.recording import OTHER, Finding, Recording, note, unused
-from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat, stated_hand
+from hhsim.recordings.registry import RecordingFormat
 from hhsim.recordings.unit_detection import time_column
 
 VERTICES, JOINTS, SHAPES = 778, 16, 10
@@ -59,15 +58,48 @@ CONVERT = (
 )
 BLOCK_POSES = 256
 """Poses whose vertices are computed at once: tens of megabytes."""
+FIELDS = {
+    "pose": ("poses", "pose", "mano_pose", "hand_pose"),
+    "rotation": ("global_orient", "root_orient", "rot"),
+    "translation": ("trans", "transl", "translation"),
+    "betas": ("betas",),
+}
+"""Names of the arrays of a hand, the preferred one first."""
+ANGLES = 45
+READINGS = {
+    "axis-angle": "angles of the joints from the flat hand",
+    "axis-angle-mean": "angles of the joints from the model's mean pose",
+    "pca": "coefficients of the model's components about its mean pose",
+    "pca-flat": "coefficients of the model's components about the flat hand",
+}
+"""Meanings of a pose's numbers: 45 angles, or coefficients."""
+MEAN = ("pca", "axis-angle-mean")
+"""Readings from the model's mean pose."""
+STILL = 1e-9
+"""Largest displacement that needs no translation [m]."""
+STEP = 1e-6
+"""Step of a difference that stands for a derivative [rad]."""
+GAIN = 1e-6
+"""Relative decrease of the squared distance that is no gain."""
+REACHED = 1e-20
+"""Squared distance of all joints that counts as none [m²]."""
+Parameters = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+"""Rotation, pose, translation and betas, as `ManoModel.keypoints` takes them."""
 
 
-class ManoParameters(NamedTuple):
-    """Parameters of a MANO hand in T samples, as `ManoModel.keypoints` takes them."""
+def posed_tree(parents: Sequence[int], rest: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Compute the motion x ↦ rotation · x + shift of each joint of a tree; it turns all that follows it about itself.
 
-    rotation: FloatArray
-    pose: FloatArray
-    translation: FloatArray
-    betas: FloatArray
+    Parents come before their children, -1 is none. `rest` has the positions at rest, shape (J, 3), `turns` and the
+    result rotation matrices, shape (T, J, 3, 3); the shifts, shape (T, J, 3), have the unit of `rest`.
+    """
+    rotation, shift = np.empty_like(turns), np.empty(turns.shape[:3])
+    for joint, parent in enumerate(parents):
+        above = np.eye(3) if parent < 0 else rotation[:, parent]
+        place = rest[joint] if parent < 0 else above @ rest[joint] + shift[:, parent]
+        rotation[:, joint] = above @ turns[:, joint]
+        shift[:, joint] = place - rotation[:, joint] @ rest[joint]
+    return rotation, shift
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,51 +124,49 @@ class ManoModel:
         The rotation vectors [rad] are of the wrist, shape (T, 3), and, in `pose`, of the 15 joints from the flat hand,
         shape (T, 45); the translation [m] has shape (T, 3), `betas` at most 10 coefficients of the shape.
         """
-        rest, joints = self._at_rest(betas)
-        bend, world, shift = self._posed(joints, rotation, pose)
-        tips = list(TIPS)
-        skin = rest[tips] + np.einsum("vip,tp->tvi", self.corrections[tips], bend)
-        at = np.einsum("tjik,jk->tji", world, joints) + shift
-        blended = np.einsum("vj,tjik,tvk->tvi", self.weights[tips], world, skin) + self.weights[tips] @ shift
-        chains = at[:, list(KEYPOINT_JOINTS)]
-        fingers = [np.concatenate([chains[:, 1 + 3 * f : 4 + 3 * f], blended[:, f : f + 1]], axis=1) for f in range(5)]
-        return np.concatenate([chains[:, :1], *fingers], axis=1) + translation[:, None]
+        joints, tips = self._posed(rotation, pose, betas, list(TIPS))
+        fingers = joints[:, list(KEYPOINT_JOINTS[1:])].reshape(-1, 5, 3, 3)
+        chains = np.concatenate([fingers, tips[:, :, None]], axis=2).reshape(-1, 20, 3)
+        return np.concatenate([joints[:, :1], chains], axis=1) + translation[:, None]
 
     def vertices(
         self, rotation: FloatArray, pose: FloatArray, translation: FloatArray, betas: FloatArray
     ) -> FloatArray:
         """Compute the skin's vertices of poses [m], shape (T, 778, 3); arguments as of `keypoints`."""
-        rest, joints = self._at_rest(betas)
         found = np.empty((len(pose), VERTICES, 3))
         for first in range(0, len(pose), BLOCK_POSES):
             block = slice(first, first + BLOCK_POSES)
-            bend, world, shift = self._posed(joints, rotation[block], pose[block])
-            skin = rest + (bend @ self.corrections.reshape(-1, bend.shape[1]).T).reshape(-1, VERTICES, 3)
-            blend = (self.weights @ world.reshape(-1, JOINTS, 9)).reshape(-1, VERTICES, 3, 3)
-            found[block] = (blend @ skin[..., None])[..., 0] + self.weights @ shift + translation[block, None]
+            skin = self._posed(rotation[block], pose[block], betas, list(range(VERTICES)))[1]
+            found[block] = skin + translation[block, None]
         return found
 
     def _posed(
-        self, joints: FloatArray, rotation: FloatArray, pose: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Compute what the pose bends, shape (T, 135), and the motion of each joint, as `posed_tree` does."""
-        vectors = np.concatenate([rotation, pose], axis=1).reshape(len(pose), JOINTS, 3)
-        turns = rotation_matrix(quaternion(vectors))
-        return (turns[:, 1:] - np.eye(3)).reshape(len(pose), -1), *posed_tree(self.parents.tolist(), joints, turns)
-
-    def _at_rest(self, betas: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute the vertices and joints of a shape at rest [m], shapes (778, 3) and (16, 3)."""
+        self, rotation: FloatArray, pose: FloatArray, betas: FloatArray, chosen: list[int]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Compute the joints, shape (T, 16, 3), and the chosen vertices, (T, V, 3) [m], without the translation."""
         shape = np.zeros(SHAPES)
         shape[: len(betas)] = betas
         rest = self.template + self.shapes @ shape
-        return rest, self.regressor @ rest
+        joints, count = self.regressor @ rest, len(pose)
+        turns = rotation_matrix(quaternion(np.concatenate([rotation, pose], axis=1).reshape(count, JOINTS, 3)))
+        world, shift = posed_tree(self.parents.tolist(), joints, turns)
+        bend = (turns[:, 1:] - np.eye(3)).reshape(count, -1)
+        skin = rest[chosen] + (bend @ self.corrections[chosen].reshape(-1, bend.shape[1]).T).reshape(count, -1, 3)
+        weights = self.weights[chosen]
+        blend = (weights @ world.reshape(count, JOINTS, 9)).reshape(count, -1, 3, 3)
+        return np.einsum("tjik,jk->tji", world, joints) + shift, (blend @ skin[..., None])[..., 0] + weights @ shift
+
+    def angles(self, pose: FloatArray, reading: str) -> FloatArray:
+        """Return rotation vectors of the joints from the flat hand [rad], shape (T, 45), of poses by a reading."""
+        angles = pose @ self.components[: pose.shape[1]] if reading.startswith("pca") else pose
+        return angles + self.mean if reading in MEAN else angles
 
 
 def read_mano_model(path: Path) -> ManoModel:
     """Read a MANO model; TrajectoryError for no such file, other content, or arrays missing or of another shape."""
     with named(path):
         data = Content(path, what="a MANO model").data
-        if data.startswith(b"PK"):
+        if data.startswith(ZIP):
             return model_of(read_npz(data))
         try:
             return model_of(unpickled(data, "a MANO model"))
@@ -147,14 +177,14 @@ def read_mano_model(path: Path) -> ManoModel:
 def model_of(fields: Mapping[str, Any]) -> ManoModel:
     """Return the model of the arrays of a file; TrajectoryError for one that is missing, or of another shape."""
     arrays = {name: _array(fields, key, shape) for name, (key, shape) in ARRAYS.items()}
-    tree = _array(fields, "kintree_table", (2, JOINTS))[0]
-    parents = np.where(np.arange(JOINTS) == 0, -1, tree).astype(np.int64)
-    if not ((parents < np.arange(JOINTS)) & (parents >= np.where(np.arange(JOINTS) == 0, -1, 0))).all():
+    tree, joints = _array(fields, "kintree_table", (2, JOINTS))[0], np.arange(JOINTS)
+    parents = np.where(joints == 0, -1.0, tree)
+    if not ((parents < joints) & (parents >= np.minimum(joints, 1) - 1)).all():
         raise TrajectoryError("kintree_table is no tree of 16 joints; expected a MANO model")
     faces = np.zeros((0, 3)) if "f" not in fields else _array(fields, "f", (np.size(plain(fields["f"])) // 3, 3))
     if not ((faces >= 0) & (faces < VERTICES) & (faces == np.round(faces))).all():
         raise TrajectoryError(f"'f' names a vertex that does not exist; expected whole numbers below {VERTICES}")
-    return ManoModel(**arrays, parents=parents, faces=faces.astype(np.int64))
+    return ManoModel(**arrays, parents=parents.astype(np.int64), faces=faces.astype(np.int64))
 
 
 def _array(fields: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> FloatArray:
@@ -165,170 +195,131 @@ def _array(fields: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> Float
         values = np.asarray(plain(fields[key]), dtype=np.float64)
     except (TypeError, ValueError, IndexError, OverflowError):
         raise TrajectoryError(f"'{key}' is no array of numbers; {CONVERT}") from None
-    if key == "kintree_table" and values.shape == shape:
-        return np.where(np.abs(values) < JOINTS, values, -1.0)
     if values.shape != shape or not np.isfinite(values).all():
         raise TrajectoryError(f"'{key}' has shape {values.shape}; expected {shape}, finite; {CONVERT}")
     return values
-
-
-ANGLES = 45
-READINGS = {
-    "axis-angle": "angles of the joints from the flat hand",
-    "axis-angle-mean": "angles of the joints from the model's mean pose",
-    "pca": "coefficients of the model's components about its mean pose",
-    "pca-flat": "coefficients of the model's components about the flat hand",
-}
-"""Meanings of a pose's numbers: 45 angles, or coefficients."""
-MEAN = ("pca", "axis-angle-mean")
-"""Readings from the model's mean pose."""
-STILL = 1e-9
-"""Largest displacement that needs no translation [m]."""
-STEP = 1e-6
-"""Step of a difference that stands for a derivative [rad]."""
-GAIN = 1e-6
-"""Relative decrease of the squared distance that is no gain."""
-REACHED = 1e-20
-"""Squared distance of all joints that counts as none [m²]."""
-POSES = ("poses", "pose", "mano_pose", "hand_pose")
-TURNS = ("global_orient", "root_orient", "rot")
-SHIFTS = ("trans", "transl", "translation")
 
 
 class ManoPoses(NamedTuple):
     """Numbers of a file: wrist, pose and shape of the hand, its side, stamps or a rate [Hz], and an object's poses."""
 
     rotation: FloatArray
-    translation: FloatArray | None
     pose: FloatArray
+    translation: FloatArray | None
     betas: FloatArray
     hand: HandSide
-    time: FloatArray | None
-    unit: str | None
+    names: Mapping[str, str] = {}  # names of the arrays by the words of `FIELDS`
+    usual: str | None = None  # usual reading, of `READINGS`
+    time: FloatArray | None = None
+    unit: str | None = None
     rate: float | None = None
-    findings: tuple[Finding, ...] = ()
+    findings: Sequence[Finding] = ()
     object_poses: ObjectPoses | None = None
     rows: Sequence[int] = ()
 
+    def reading(self, options: ReadOptions) -> str:
+        """Return the meaning of the poses; errors if the options and the file do not state it, or a wrong one."""
+        count, wanted = self.pose.shape[1], options.mano_pose or self.usual
+        if not 1 <= count <= ANGLES:
+            raise TrajectoryError(f"{count} numbers a pose; expected 45 of the joints, or fewer coefficients")
+        if wanted is None:
+            choices = ", ".join(reading for reading in READINGS if count == ANGLES or reading.startswith("pca"))
+            raise TrajectoryError(
+                f"{count} numbers a pose can be read in several ways; say which: --mano-pose {choices}"
+            )
+        if wanted.startswith("axis-angle") and count < ANGLES:
+            raise InputError(f"--mano-pose {wanted}: needs 45 numbers a pose, and there are {count}")
+        return wanted
 
-def _read(content: Content, options: ReadOptions) -> Recording:
-    """Read poses by the options' model and reading; raises TrajectoryError, and InputError for a wrong reading."""
-    return recording_of_poses(_poses(content, options), content, "mano", options)
+    def model(self, options: ReadOptions) -> tuple[ManoModel, str]:
+        """Return the options' model of this hand, and the name of its file; errors for none, or the other hand's."""
+        hand, given = options.hand or self.hand, options.mano_model
+        if given is None:
+            what = (
+                f"{len(self.pose)} poses of a MANO hand, {self.pose.shape[1]} numbers each; the joints need the model"
+            )
+            raise TrajectoryError(f"{what}'s file, which is the user's own: --mano-model MANO_RIGHT.pkl")
+        # Of a file that is called the other hand's the one beside it.
+        name = given.name.replace("RIGHT", "LEFT") if hand == "left" else given.name.replace("LEFT", "RIGHT")
+        path = given.with_name(name) if hand and given.with_name(name).is_file() else given
+        model = read_mano_model(path)
+        if hand and OTHER[hand] in path.name.lower():
+            other = f"{hand} hand, but the model is called {path.name}"
+            raise InputError(f"{other}: is it the other hand's? Say --mano-model")
+        return model, path.name
 
+    def parameters(self, options: ReadOptions) -> Parameters:
+        """Return the parameters of the options' model in every sample."""
+        angles = self.model(options)[0].angles(self.pose, self.reading(options))
+        return self.rotation, angles, self._shift(), self.betas
 
-def recording_of_poses(
-    poses: ManoPoses, content: Content, form: str, options: ReadOptions, usual: str | None = None
-) -> Recording:
-    """Return the recording of poses by the options' model and reading, else by the usual one; errors as of a format."""
-    count = poses.pose.shape[1]
-    reading = _reading(count, options.mano_pose or usual)
-    if options.mano_model is None:
-        what = f"{len(poses.pose)} poses of a MANO hand, {count} numbers each; the joints need the model's file"
-        raise TrajectoryError(f"{what}, which is the user's own: --mano-model MANO_RIGHT.pkl")
-    hand = options.hand or poses.hand
-    path = _file_of(hand, options.mano_model)
-    model, file = read_mano_model(path), path.name
-    findings = list(poses.findings)
-    if hand and OTHER[hand] in file.lower():
-        raise InputError(f"{hand} hand, but the model is called {file}: is it the other hand's? Say --mano-model")
-    if poses.translation is None:
-        findings.append(note("no translation: the hand turns on the spot"))
-    joints = JointPositions(
-        position=model.keypoints(*_parameters(poses, reading, model)),
-        form=form,
-        what=f"{count} numbers a pose: {READINGS[reading]} ({reading}); model {file.lower()}",
-        time=poses.time,
-        time_unit=poses.unit,
-        rate=poses.rate,
-        hand=hand,
-        unit=1.0,
-        object_poses=poses.object_poses,
-        findings=tuple(findings),
-        rows=poses.rows,
-    )
-    return recording_of_joints(joints, content, options)
+    def joints(self, options: ReadOptions) -> JointPositions:
+        """Return the joints by the options' model and reading."""
+        reading, (model, file), count = self.reading(options), self.model(options), self.pose.shape[1]
+        still = [note("no translation: the hand turns on the spot")] if self.translation is None else []
+        return JointPositions(
+            position=model.keypoints(self.rotation, model.angles(self.pose, reading), self._shift(), self.betas),
+            what=f"{count} numbers a pose: {READINGS[reading]} ({reading}); model {file.lower()}",
+            time=self.time,
+            time_unit=self.unit,
+            rate=self.rate,
+            hand=options.hand or self.hand,
+            unit=1.0,
+            object_poses=self.object_poses,
+            findings=[*self.findings, *still],
+            rows=self.rows,
+        )
 
-
-def _parameters(poses: ManoPoses, reading: str, model: ManoModel) -> ManoParameters:
-    translation = np.zeros((len(poses.pose), 3)) if poses.translation is None else poses.translation
-    return ManoParameters(poses.rotation, _angles(poses.pose, reading, model), translation, poses.betas)
-
-
-def parameters_of(poses: ManoPoses, options: ReadOptions, usual: str | None = None) -> ManoParameters:
-    """Return the parameters of the options' model in every sample; arguments as of `recording_of_poses`."""
-    return _parameters(poses, _reading(poses.pose.shape[1], options.mano_pose or usual), _model(poses.hand, options))
-
-
-def _poses(content: Content, options: ReadOptions) -> ManoPoses:
-    if content.head.startswith(b"PK"):
-        return _from_npz(content, options)
-    lines = read_pose_lines(content.document, "pose", options.hand)
-    poses = rotation_vector(lines.orientation), lines.translation, lines.numbers, lines.betas, lines.hand
-    return ManoPoses(*poses, lines.stamps, "ns", findings=lines.findings, rows=lines.rows)
-
-
-def _angles(pose: FloatArray, reading: str, model: ManoModel) -> FloatArray:
-    """Return rotation vectors of the joints from the flat hand [rad], shape (T, 45)."""
-    angles = pose @ model.components[: pose.shape[1]] if reading.startswith("pca") else pose
-    return angles + model.mean if reading in MEAN else angles
+    def _shift(self) -> FloatArray:
+        return np.zeros((len(self.pose), 3)) if self.translation is None else self.translation
 
 
-def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
-    made = joint_changes(recording, correction)
-    if content.head.startswith(b"PK"):
-        arrays = content.arrays
-        key, turn, shift = (next((each for each in names if each in arrays), "") for names in (POSES, TURNS, SHIFTS))
-        poses = _from_npz(content, options)
-        return npz_with(content.data, corrected_arrays(arrays, (key, turn, shift), poses, made, options))
-    placed = PlacedJson(content.exact_text)
-    lines = read_pose_lines(placed.document, "pose", options.hand)
-    model = _model(lines.hand, options)
-    reading = _reading(lines.numbers.shape[1], options.mano_pose)
-
-    def corrected(turns: FloatArray, places: FloatArray, pose: FloatArray, made: Changes) -> Poses:
-        unit = turns / np.linalg.norm(turns, axis=1, keepdims=True)
-        _, pose = _corrected(rotation_vector(unit), pose, reading, model, lines.betas, made)
-        return made.turned("wrist", turns), places + made.shift[:, 0], pose
-
-    return content.edited(pose_line_edits(placed, lines, made, "pose", corrected))
+def chosen_names(held: Iterable[str], fields: Mapping[str, Sequence[str]] = FIELDS) -> dict[str, str]:
+    """Return the preferred one of the names that are there, of each field."""
+    known = set(held)
+    return {field: name for field, names in fields.items() if (name := next((n for n in names if n in known), ""))}
 
 
-def _model(hand: HandSide, options: ReadOptions) -> ManoModel:
-    if options.mano_model is None:
-        raise InputError("a MANO hand is written by its model: --mano-model MANO_RIGHT.pkl")
-    return read_mano_model(_file_of(options.hand or hand, options.mano_model))
-
-
-def _file_of(hand: HandSide, given: Path) -> Path:
-    """Return the model's file of a hand: that of its name beside the given one, if that is called the other hand's."""
-    name = given.name.replace("RIGHT", "LEFT") if hand == "left" else given.name.replace("LEFT", "RIGHT")
-    return given.with_name(name) if hand and given.with_name(name).is_file() else given
+def poses_of(arrays: Mapping[str, Any], names: Mapping[str, str], hand: HandSide, **more: Any) -> ManoPoses:
+    """Return the poses in arrays of these names by the words of `FIELDS`, with more fields; error for none."""
+    pose = numbers(arrays, names["pose"])
+    if not len(pose) or pose.ndim not in (2, 3):
+        wrong = "expected (T, 48) or (T, 3 + n)" if len(pose) else "no samples"
+        raise TrajectoryError(f"array '{names['pose']}' has shape {pose.shape}: {wrong}")
+    count = len(pose)
+    pose = pose.reshape(count, -1)
+    if "rotation" in names:
+        rotation = numbers(arrays, names["rotation"]).reshape(count, -1)
+    else:
+        rotation, pose = pose[:, :3], pose[:, 3:]
+    if rotation.shape != (count, 3):
+        raise TrajectoryError(f"the turn of the wrist has shape {rotation.shape}; expected ({count}, 3)")
+    translation = numbers(arrays, names["translation"], count, 3) if "translation" in names else None
+    betas = numbers(arrays, names["betas"]) if "betas" in names else np.zeros(0)
+    betas = (betas[0] if betas.ndim == 2 and len(betas) else betas.ravel())[:SHAPES]
+    return ManoPoses(rotation, pose, translation, betas, hand, names, **more)
 
 
 def corrected_arrays(
-    arrays: Mapping[str, Any],
-    names: tuple[str, str, str],
-    poses: ManoPoses,
-    made: Changes,
-    options: ReadOptions,
-    usual: str | None = None,
+    arrays: Mapping[str, Any], poses: ManoPoses, made: Changes, options: ReadOptions
 ) -> dict[str, FloatArray]:
-    """Return the arrays of pose, wrist's turn and translation with the changes, by their names, "" for none.
+    """Return the arrays of pose, wrist's turn and translation with the changes, by their names.
 
-    Raises InputError for no model, or a wrist that moves without a translation.
+    Raises TrajectoryError for no model, InputError for a wrist that moves without a translation.
     """
-    reading, rows = _reading(poses.pose.shape[1], options.mano_pose or usual), made.rows
-    model = _model(poses.hand, options)
+    reading, rows, names = poses.reading(options), made.rows, poses.names
+    model, _ = poses.model(options)
     rotation, pose = _corrected(poses.rotation[rows], poses.pose[rows], reading, model, poses.betas, made)
-    key, turn, shift = names
-    new = {name: numbers(arrays, name) for name in names if name}
-    flat = {name: values.reshape(len(values), -1) for name, values in new.items()}
-    if turn:
-        flat[turn][rows], flat[key][rows] = rotation, pose
+    new = {
+        names[field]: numbers(arrays, names[field]) for field in ("pose", "rotation", "translation") if field in names
+    }
+    flat = {field: new[name].reshape(len(new[name]), -1) for field, name in names.items() if name in new}
+    if "rotation" in flat:
+        flat["rotation"][rows], flat["pose"][rows] = rotation, pose
     else:
-        flat[key][rows] = np.concatenate([rotation, pose], axis=1)
-    if shift:
-        flat[shift][rows] += made.shift[:, 0]
+        flat["pose"][rows] = np.concatenate([rotation, pose], axis=1)
+    if "translation" in flat:
+        flat["translation"][rows] += made.shift[:, 0]
     elif np.abs(made.shift[:, 0]).max(initial=0.0) > STILL:
         raise InputError("the correction moves the wrist, and the file holds no translation: expected an array trans")
     return new
@@ -339,7 +330,7 @@ def _corrected(
 ) -> tuple[FloatArray, FloatArray]:
     """Turn each joint with its bone: the wrist's rotation vectors, shape (N, 3), and poses, shape (N, n)."""
     count = pose.shape[1]
-    vectors = np.concatenate([rotation, _angles(pose, reading, model)], axis=1).reshape(-1, JOINTS, 3)
+    vectors = np.concatenate([rotation, model.angles(pose, reading)], axis=1).reshape(-1, JOINTS, 3)
     parents = model.parents.tolist()
     world, _ = posed_tree(parents, np.zeros((JOINTS, 3)), rotation_matrix(quaternion(vectors)))
     world = made.turn[:, np.argsort(KEYPOINT_JOINTS)] @ world
@@ -399,61 +390,37 @@ def nearest_parameters(joints: Callable[[FloatArray], FloatArray], start: FloatA
     return parameters
 
 
-def _reading(count: int, wanted: str | None) -> str:
-    """Return the wanted reading of a pose of `count` numbers."""
-    if not 1 <= count <= ANGLES:
-        raise TrajectoryError(f"{count} numbers a pose; expected 45 of the joints, or fewer coefficients")
-    if wanted is not None and wanted.startswith("axis-angle") and count < ANGLES:
-        raise InputError(f"--mano-pose {wanted}: needs 45 numbers a pose, and there are {count}")
-    if wanted is not None:
-        return wanted
-    choices = ", ".join(reading for reading in READINGS if count == ANGLES or reading.startswith("pca"))
-    raise TrajectoryError(f"{count} numbers a pose can be read in several ways; say which: --mano-pose {choices}")
-
-
-def _from_npz(content: Content, options: ReadOptions) -> ManoPoses:
+def _poses(content: Content, options: ReadOptions) -> ManoPoses:
+    if not content.head.startswith(ZIP):
+        lines = read_pose_lines(content.document, "pose", options.hand)
+        poses = rotation_vector(lines.orientation), lines.numbers, lines.translation, lines.betas, lines.hand
+        return ManoPoses(*poses, time=lines.stamps, unit="ns", findings=lines.findings, rows=lines.rows)
     arrays = content.arrays
-    key = next((key for key in POSES if key in arrays), None)
-    if key is None:
+    names = chosen_names(arrays)
+    if "pose" not in names:
         held = ", ".join(sorted(arrays)[:6])
-        raise TrajectoryError(f"no array of poses, it holds {held}; expected {', '.join(POSES)}")
-    pose = numbers(arrays, key)
-    count = len(pose)
-    if not count or pose.ndim not in (2, 3):
-        wrong = "expected (T, 48) or (T, 3 + n)" if count else "no samples"
-        raise TrajectoryError(f"array '{key}' has shape {pose.shape}: {wrong}")
-    pose = pose.reshape(count, -1)
-    turn = next((each for each in TURNS if each in arrays), None)
-    if turn is not None:
-        rotation = numbers(arrays, turn).reshape(count, -1)
-    else:
-        rotation, pose = pose[:, :3], pose[:, 3:]
-    if rotation.shape != (count, 3):
-        raise TrajectoryError(f"the turn of the wrist has shape {rotation.shape}; expected ({count}, 3)")
-    shift = next((each for each in SHIFTS if each in arrays), None)
-    translation = None if shift is None else numbers(arrays, shift, count, 3)
-    stamps = time_column(arrays)
-    betas = numbers(arrays, "betas") if "betas" in arrays else np.zeros(0)
+        raise TrajectoryError(f"no array of poses, it holds {held}; expected {', '.join(FIELDS['pose'])}")
+    count, stamps = len(np.atleast_1d(arrays[names["pose"]])), time_column(arrays)
     moved = poses_in(arrays, count, options)
-    used = {key, turn, shift, "betas", *(moved.names if moved is not None else ())}
-    used |= set() if stamps is None else {*stamps.names}
-    return ManoPoses(
-        rotation,
-        translation,
-        pose,
-        (betas[0] if betas.ndim == 2 and len(betas) else betas.ravel())[:10],
+    used = {*names.values(), *(moved.names if moved else ()), *(stamps.names if stamps else ())}
+    return poses_of(
+        arrays,
+        names,
         stated_hand(content, options.hand, np.arange(count), [])[0],
-        None if stamps is None else stamps.stamps(lambda name: numbers(arrays, name, count)),
-        None if stamps is None else stamps.unit,
-        None,
-        tuple(unused(arrays, used)),
-        moved,
+        time=None if stamps is None else stamps.stamps(lambda name: numbers(arrays, name, count)),
+        unit=None if stamps is None else stamps.unit,
+        findings=unused(arrays, used),
+        object_poses=moved,
     )
 
 
+def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
+    return npz_with(content.data, corrected_arrays(content.arrays, _poses(content, options), made, options))
+
+
 def _sniff(content: Content, options: ReadOptions) -> bool:
-    if content.head.startswith(b"PK"):
-        return bool(array_names(content.data) & set(POSES))
+    if content.head.startswith(ZIP):
+        return bool(array_names(content.data) & set(FIELDS["pose"]))
     text = content.beginning
     return text.lstrip().startswith("{") and '"hand_poses"' in text and '"pose"' in text
 
@@ -463,7 +430,7 @@ FORMAT = RecordingFormat(
     "poses of the MANO hand, with --mano-model",
     (".npz", ".jsonl"),
     _sniff,
-    _read,
+    lambda content, options: _poses(content, options).joints(options),
     write=_write,
-    mano=lambda content, options: parameters_of(_poses(content, options), options),
+    mano=lambda content, options: _poses(content, options).parameters(options),
 )

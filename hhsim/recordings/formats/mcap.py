@@ -9,7 +9,7 @@ import io
 import re
 import struct
 import zlib
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from hhsim.arrays import FloatArray
 from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.content import MOST_BYTES, Content, ReadOptions
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
-from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.recording import MOST_SAMPLES, Finding, Recording, chosen_side, note, unused
-from hhsim.recordings.registry import MOST_BYTES, Content, ReadOptions, RecordingFormat
+from hhsim.recordings.joint_positions import JointPositions
+from hhsim.recordings.recording import MOST_SAMPLES, Finding, chosen_side, note, unused
+from hhsim.recordings.registry import RecordingFormat
 from hhsim.system.child_reader import read_in_child
 from hhsim.system.counted import counted
 
@@ -40,22 +41,13 @@ JOINT = np.dtype(
 NANOSECOND = 1e-9
 
 
-class _Sample(NamedTuple):
-    """Stamps, and the joints if the hand was seen."""
-
-    stamps: tuple[int, ...]
-    joints: NDArray[np.void] | None
-
-
-class _Messages(NamedTuple):
-    """Messages of a file that hold hands."""
-
-    channels: list[tuple[str, str]]  # topic and schema of each channel
-    hands: list[tuple[str, int, bytes]]  # topic, log time [ns] and data
-    proved: bool  # True if checksums prove every number, and none is lost
+Sample = tuple[tuple[int, ...], NDArray[np.void] | None]
+"""Stamps, and the joints if the hand was seen."""
+Messages = tuple[list[tuple[str, str]], list[tuple[str, int, bytes]], bool]
+"""Topic and schema of each channel; topic, log time [ns] and data of each hand; True if checksums prove all numbers."""
 
 
-def _read(content: Content, options: ReadOptions) -> Recording:
+def _read(content: Content, options: ReadOptions) -> JointPositions:
     """Read the hand of the options, else the one with more samples; raises TrajectoryError."""
     try:
         import mcap.stream_reader  # noqa: F401
@@ -63,47 +55,44 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         raise TrajectoryError("an MCAP file needs mcap: pip install 'hhsim[recordings]'") from None
     data = content.data
     try:
-        found = read_in_child(lambda: _read_messages(data), "a damaged MCAP file", len(data))
+        channels, hands, proved = read_in_child(lambda: _read_messages(data), "a damaged MCAP file", len(data))
     except DamagedFileError as error:
         raise TrajectoryError(str(error)) from None
-    samples: dict[HandSide, list[_Sample]] = {}
-    for topic, log_time, record in found.hands:
+    samples: dict[HandSide, list[Sample]] = {}
+    for topic, log_time, record in hands:
         samples.setdefault(_side(topic), []).append(_sample(log_time, record))
     if not samples:
-        held = ", ".join(sorted({f"{topic} ({schema or 'no schema'})" for topic, schema in found.channels})[:4])
+        held = ", ".join(sorted({f"{topic} ({schema or 'no schema'})" for topic, schema in channels})[:4])
         what = f"no hand among the channels, which are {held or 'none'}"
         raise TrajectoryError(f"{what}; expected {HAND_SCHEMA} on left_hand or right_hand")
-    others = [topic for topic, schema in found.channels if not _side(topic) or schema != HAND_SCHEMA]
-    seen = {side: sum(sample.joints is not None for sample in each) for side, each in samples.items()}
-    side, findings = chosen_side(seen, options.hand)
-    findings += unused(dict.fromkeys(others))
-    shown = [sample for sample in samples[side] if sample.joints is not None]
+    seen = {side: [k for k, sample in enumerate(each) if sample[1] is not None] for side, each in samples.items()}
+    side, findings = chosen_side({side: len(rows) for side, rows in seen.items()}, options.hand)
+    findings += unused(dict.fromkeys(topic for topic, schema in channels if not _side(topic) or schema != HAND_SCHEMA))
+    total, shown = len(samples[side]), [samples[side][k] for k in seen[side]]
     if not shown:
-        raise TrajectoryError(f"{len(samples[side])} samples of the {side} hand, and none in which it was seen")
-    if lost := len(samples[side]) - len(shown):
-        findings.append(note(f"{lost} of {len(samples[side])} frames show no {side} hand: no samples"))
-    joints = np.array([sample.joints for sample in shown])
+        raise TrajectoryError(f"{total} samples of the {side} hand, and none in which it was seen")
+    if len(shown) < total:
+        findings.append(note(f"{total - len(shown)} of {total} frames show no {side} hand: no samples"))
+    joints = np.array([joints for _, joints in shown])
     places = [OPENXR_JOINTS.index(joint) for joint in KEYPOINTS]
     with np.errstate(invalid="ignore"):
         position, radius = (joints[key][:, places].astype(np.float64) for key in ("position", "radius"))
     known = bool((np.nan_to_num(radius) > 0.0).any(axis=0).all())
-    positions = JointPositions(
+    return JointPositions(
         position=position,
-        form="mcap",
         what=f"{len(OPENXR_JOINTS)} OpenXR joints of the {side} hand",
-        time=_stamps([sample.stamps for sample in shown], findings),
+        time=_stamps([stamps for stamps, _ in shown], findings),
         time_unit="s",
         hand=side,
         unit=1.0,
         up="y",
         radius=radius if known else None,
         validity={"valid": joints["valid"][:, places].astype(np.float64)},
-        joint_order=tuple(places),
         device="OpenXR through Isaac Teleop",
-        findings=tuple(findings),
-        rows=[k for k, sample in enumerate(samples[side]) if sample.joints is not None],
+        findings=findings,
+        rows=seen[side],
+        checksums_hold=proved,
     )
-    return recording_of_joints(positions, content, options).changed(checksums="held" if found.proved else "")
 
 
 def _side(topic: str) -> HandSide:
@@ -127,7 +116,7 @@ def _stamps(stamps: list[tuple[int, ...]], findings: list[Finding]) -> FloatArra
     return np.asarray((logged - logged[0]) * NANOSECOND)
 
 
-def _read_messages(data: bytes) -> _Messages:
+def _read_messages(data: bytes) -> Messages:
     from mcap.records import Channel, Chunk, DataEnd, Footer, Message, Schema, Statistics
     from mcap.stream_reader import StreamReader, breakup_chunk
 
@@ -171,20 +160,20 @@ def _read_messages(data: bytes) -> _Messages:
                 topic, schema = channels.get(each.channel_id, ("", ""))
                 if schema == HAND_SCHEMA and _side(topic):
                     hands.append((topic, each.log_time, each.data))
-    return _Messages([*channels.values()], hands, whole_held or (each_held and statistics_hold))
+    return [*channels.values()], hands, whole_held or (each_held and statistics_hold)
 
 
-def _sample(log_time: int, data: bytes) -> _Sample:
+def _sample(log_time: int, data: bytes) -> Sample:
     """Return stamps and joints of a record: a FlatBuffers table of a table and a struct of three stamps."""
     (root,) = _unpack("<I", data, 0)
     stamp, hand = _field(data, root, 1), _field(data, root, 0)
     stamps = _unpack("<qqq", data, stamp) if stamp else (log_time,)
     joints = hand and _field(data, hand + _unpack("<I", data, hand)[0], 0)
     if not joints:
-        return _Sample(stamps, None)
+        return stamps, None
     if joints + len(OPENXR_JOINTS) * JOINT.itemsize > len(data):
         raise TrajectoryError("a damaged MCAP file: a hand ends beyond its message")
-    return _Sample(stamps, np.frombuffer(data, JOINT, len(OPENXR_JOINTS), joints))
+    return stamps, np.frombuffer(data, JOINT, len(OPENXR_JOINTS), joints)
 
 
 def _field(data: bytes, table: int, index: int) -> int:

@@ -15,13 +15,14 @@ import numpy as np
 from hhsim.errors import TrajectoryError
 from hhsim.motion.npz_arrays import npz_of, npz_with, numbers, read_npz
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.recordings.correction import Correction, angle_unit, changes
+from hhsim.recordings.content import ZIP, Content, ReadOptions
+from hhsim.recordings.correction import Changes
 from hhsim.recordings.frames import OURS, FileFrame, to_our_frames
 from hhsim.recordings.joint_names import hand_statement, missing_and_doubtful
 from hhsim.recordings.json_document import nested
 from hhsim.recordings.object_poses import ORDERS, placed, poses_in
 from hhsim.recordings.recording import Finding, HandMotion, Recording, note, unused
-from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import RecordingFormat
 
 QUATERNIONS = {"wrist_quat_wxyz": "wxyz", "wrist_quat": None, "wrist_quat_xyzw": "xyzw"}
 """Names of the orientation, and the order of its rows; None takes that of `--pose-order`, else w, x, y, z."""
@@ -113,13 +114,12 @@ def _make(suffix: str, motion: HandMotion) -> bytes:
     return npz_of(pose | {"flex": hand.flexion, "abd": hand.abduction, "meta": json.dumps({"hand": motion.side})})
 
 
-def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
+def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
     arrays = read_npz(content.data)
-    made = changes(recording, correction)
     key = next(key for key in QUATERNIONS if key in arrays)
     place, turn, flexion, abduction = (numbers(arrays, name) for name in ("wrist_pos", key, "flex", "abd"))
-    unit, places = angle_unit(recording, _read(content, options)), _places(key, options)
-    place, turn, flexion, abduction = made.motion(place, turn[:, places], flexion, abduction, unit)
+    places = _places(key, options)
+    place, turn, flexion, abduction = made.motion(place, turn[:, places], flexion, abduction)
     new = {"wrist_pos": place, key: turn[:, np.argsort(places)], "flex": flexion, "abd": abduction}
     return npz_with(content.data, new)
 
@@ -133,7 +133,7 @@ FORMAT = RecordingFormat(
     "npz",
     "NumPy arrays t, wrist_pos, wrist_quat, flex, abd",
     (".npz",),
-    lambda content, options: content.head.startswith((b"PK\x03\x04", b"PK\x05\x06")),
+    lambda content, options: content.head.startswith(ZIP),
     _read,
     write=_write,
     make=_make,

@@ -10,36 +10,33 @@ import numpy as np
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import BREADTH_PER_LENGTH, CARPAL, METACARPAL
 from hhsim.motion.csv_file import CSV_SUFFIX
-from hhsim.motion.csv_table import read_table
-from hhsim.recordings.correction import Correction, joint_changes
+from hhsim.motion.csv_table import Table, read_table
+from hhsim.recordings.content import Content, ReadOptions
+from hhsim.recordings.correction import Changes
 from hhsim.recordings.frames import turned, world_matrix
-from hhsim.recordings.joint_frames import joint_columns, joint_edits, joints_of_table, located, table_of_joints
+from hhsim.recordings.joint_arrays import joint_columns, joint_edits, joints_of_table, located, table_of_joints
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, JointName, joint_name
-from hhsim.recordings.joint_positions import recording_of_joints
+from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.recording import HandMotion, Recording
-from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import RecordingFormat
 
 FEWEST = 4
 """Number of joints with coordinates that mark this format."""
 
 
-def named_joints(header: tuple[str, ...]) -> dict[str, JointName]:
-    """Return the meanings of a table's columns by their names."""
-    return {column: joint_name(column) for column in header}
-
-
-def _read(content: Content, options: ReadOptions) -> Recording:
-    """Read the hand of the options, else the one with more columns; raises TrajectoryError."""
+def _table(content: Content) -> tuple[Table, dict[str, JointName]]:
+    """Return the table, and the meanings of its columns by their names."""
     table = read_table(content.text)
-    joints = joints_of_table(table, named_joints(table.header), "openxr", options, may_be_mirrored=True)
-    return recording_of_joints(joints, content, options)
+    return table, {column: joint_name(column) for column in table.header}
 
 
-def _write(content: Content, options: ReadOptions, recording: Recording, correction: Correction) -> bytes:
-    table = read_table(content.text)
-    made = joint_changes(recording, correction)
-    edits = joint_edits(content.exact_text, table, named_joints(table.header), options, made)
-    return content.edited(edits, table.decimal)
+def _read(content: Content, options: ReadOptions) -> JointPositions:
+    return joints_of_table(*_table(content), options, may_be_mirrored=True)
+
+
+def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
+    table, names = _table(content)
+    return content.edited(joint_edits(content.exact_text, table, names, options, made), table.decimal)
 
 
 def _make(suffix: str, motion: HandMotion) -> bytes:
@@ -57,8 +54,8 @@ def _make(suffix: str, motion: HandMotion) -> bytes:
 
 
 def _sniff(content: Content, options: ReadOptions) -> bool:
-    hands = joint_columns(named_joints(content.header)) if options.columns is None else {}
-    return any(len(located(joints)) >= FEWEST for joints in hands.values())
+    names = {column: joint_name(column) for column in content.header} if options.columns is None else {}
+    return any(len(located(joints)) >= FEWEST for joints in joint_columns(names).values())
 
 
 FORMAT = RecordingFormat(

@@ -4,30 +4,37 @@ The profile (--profile, or *user_profile.json beside the recording) is JSON with
 axes of 22 joints, four a finger and two of the wrist, and rest positions of landmarks. It describes a left hand; a
 right one is its mirror in x of the wrist's frame. A joint turns all that follows it about its axis through its rest
 position. The files do not say which axis points up: on Quest it is y, on Aria z. The object that the hand moves is that
-of --object-track in HOT3D's dynamic_objects.csv beside the recording, or the only one there.
+of --object-track in HOT3D's dynamic_objects.csv beside the recording, or the only one there: object_uid,
+timestamp[ns], t_wo_x[m] …, q_wo_w …, each object's own frame in the same world.
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import TrajectoryError, named
+from hhsim.errors import InputError, TrajectoryError, named
 from hhsim.hand.quaternion import quaternion, rotation_matrix
+from hhsim.motion.csv_table import read_table
 from hhsim.motion.trajectory import ObjectMotion
-from hhsim.recordings.frames import posed_tree, to_our_frames
+from hhsim.recordings.content import Content, ReadOptions
+from hhsim.recordings.formats.mano import posed_tree
+from hhsim.recordings.frames import to_our_frames
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.json_document import keys_of, read_json
-from hhsim.recordings.pose_lines import object_beside, read_pose_lines
-from hhsim.recordings.recording import Recording, note
-from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.json_document import keys_of
+from hhsim.recordings.object_poses import OBJECT_UID
+from hhsim.recordings.pose_lines import SAME_MOMENT, read_pose_lines
+from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.registry import RecordingFormat
+from hhsim.system.input_file import read_input_text
 
 ANGLES = 20
 PROFILE = "*user_profile.json"
 MILLIMETRE = 1e-3
 WRIST = 5
 """Landmark of the wrist, after the fingertips from thumb to little finger."""
+OBJECTS = "dynamic_objects.csv"
+OBJECT_COLUMNS = ("timestamp[ns]", *(f"t_wo_{axis}[m]" for axis in "xyz"), *(f"q_wo_{part}" for part in "wxyz"))
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
@@ -42,43 +49,44 @@ def _read(content: Content, options: ReadOptions) -> Recording:
             found = f"{len(beside)} files {PROFILE} beside it" if beside else "none beside it"
             raise TrajectoryError(f"UmeTrack poses need the profile of the hand, and there is {found}: say --profile")
         path, chosen = beside[0], ", which lies beside"
-    rest, axes, landmarks = _profile(path)
-    local = _hand_points(rest, axes, landmarks, poses.numbers[:, :ANGLES])
-    if poses.hand == "right":
-        local = local * [-1.0, 1.0, 1.0]
-    points = local @ np.swapaxes(rotation_matrix(poses.orientation), 1, 2) + poses.translation[:, None]
-    findings = list(poses.findings)
-    up = options.world_up
+    local = _hand_points(path, poses.numbers[:, :ANGLES]) * ([-1.0, 1.0, 1.0] if poses.hand == "right" else 1.0)
+    findings, up = poses.findings, options.world_up
     if up is None:
         findings.append(note("the file does not say which axis is up: y, as on Quest; on Aria it is z: --world-up"))
         up = "y"
-    moved, remark = object_beside(content.original, poses.stamps, options.object_track)
-    if remark is not None:
-        findings.append(remark)
+    moved = _object_beside(content.original, poses.stamps, options.object_track, findings)
     joints = JointPositions(
-        position=points,
-        form="umetrack",
+        position=local @ np.swapaxes(rotation_matrix(poses.orientation), 1, 2) + poses.translation[:, None],
         what=f"{ANGLES} angles of the {poses.hand} hand, sizes from {path.name}{chosen}",
         time=poses.stamps,
         time_unit="ns",
         hand=poses.hand,
         unit=1.0,
         up=up,
-        findings=tuple(findings),
+        findings=findings,
         rows=poses.rows,
     )
-    recording = recording_of_joints(joints, content, options)
-    if moved is None:
-        return recording
-    return recording.changed(object_motion=ObjectMotion(*to_our_frames(*moved, None, up, options.mirror)))
+    recording = recording_of_joints(joints, "umetrack", content, options)
+    moved = moved and ObjectMotion(*to_our_frames(*moved, None, up, options.mirror))
+    return recording.changed(object_motion=moved)
 
 
-def _hand_points(rest: FloatArray, axes: FloatArray, landmarks: FloatArray, angles: FloatArray) -> FloatArray:
-    """Compute the 21 joints in the wrist's frame, shape (T, 21, 3), from angles [rad], shape (T, 20).
-
-    The profile gives rest positions and unit axes of 20 joints, and rest positions of 21 landmarks, in its unit.
-    """
-    turns = rotation_matrix(quaternion(angles[..., None] * axes))
+def _hand_points(path: Path, angles: FloatArray) -> FloatArray:
+    """Compute the 21 joints [m] in the wrist's frame, shape (T, 21, 3), from a profile and angles [rad], (T, 20)."""
+    with named(path):
+        document = Content(path, what="the profile of an UmeTrack hand").document
+        model = document.get("hand_model", document) if isinstance(document, dict) else {}
+        keys = {"joint_rest_positions": ANGLES, "joint_rotation_axes": ANGLES, "landmark_rest_positions": 21}
+        try:
+            points = [np.array(model[key], dtype=np.float64)[:count].reshape(count, 3) for key, count in keys.items()]
+        except (KeyError, TypeError, ValueError, IndexError):
+            wanted = ", ".join(f"{count} points in {key}" for key, count in keys.items())
+            raise TrajectoryError(f"{keys_of(document)}; expected the profile of an UmeTrack hand: {wanted}") from None
+        rest, axes, landmarks = MILLIMETRE * points[0], points[1], MILLIMETRE * points[2]
+        norm = np.linalg.norm(axes, axis=1, keepdims=True)
+        if not (np.abs(norm - 1.0) < 0.02).all() or not np.isfinite([*rest, *landmarks]).all():
+            raise TrajectoryError("joint_rotation_axes are no unit vectors, or a position is missing")
+    turns = rotation_matrix(quaternion(angles[..., None] * (axes / norm)))
     rotation, shift = posed_tree([joint - 1 if joint % 4 else -1 for joint in range(ANGLES)], rest, turns)
     # The first joint of a finger turns where the second one does.
     at = np.einsum("tjik,jk->tji", rotation, rest) + shift
@@ -88,29 +96,39 @@ def _hand_points(rest: FloatArray, axes: FloatArray, landmarks: FloatArray, angl
     return np.concatenate([wrist, fingers.reshape(-1, 20, 3)], axis=1)
 
 
-def _profile(path: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Read rest positions [m] and unit axes of the joints, and the landmarks [m]."""
-    with named(path):
-        document = read_json(Content(path, what="the profile of an UmeTrack hand").text)
-        model = document.get("hand_model", document) if isinstance(document, dict) else None
-        if not isinstance(model, dict):
-            raise TrajectoryError(f"{keys_of(document)}; expected the profile of an UmeTrack hand")
-        rest = MILLIMETRE * _numbers(model, "joint_rest_positions", ANGLES)
-        axes = _numbers(model, "joint_rotation_axes", ANGLES)
-        norm = np.linalg.norm(axes, axis=1, keepdims=True)
-        if not (np.abs(norm - 1.0) < 0.02).all():
-            raise TrajectoryError("joint_rotation_axes are no unit vectors")
-        return rest, axes / norm, MILLIMETRE * _numbers(model, "landmark_rest_positions", 21)
+def _object_beside(
+    recording: Path | None, stamps: FloatArray, wanted: str | None, findings: list[Finding]
+) -> ObjectMotion | None:
+    """Read the motion of an object at the stamps [ns], shape (T,), from the table beside a recording; add a finding.
 
-
-def _numbers(model: dict[str, Any], key: str, count: int) -> FloatArray:
-    try:
-        values = np.array(model.get(key), dtype=np.float64)
-    except (TypeError, ValueError):
-        values = np.zeros(0)
-    if values.ndim != 2 or values.shape[0] < count or values.shape[1] != 3 or not np.isfinite(values).all():
-        raise TrajectoryError(f"{key} is not at least {count} points; expected the profile of an UmeTrack hand")
-    return values[:count]
+    Without a wanted uid it is the only object's. Raises InputError for no such object, TrajectoryError for a table of
+    other columns.
+    """
+    path = None if recording is None else recording.parent / OBJECTS
+    if path is None or not path.is_file():
+        if wanted is not None:
+            raise InputError(f"--object-track {wanted}: there is no {OBJECTS} beside the recording")
+        return None
+    table = read_table(read_input_text(path, errors="replace"))
+    missing = [column for column in (OBJECT_UID, *OBJECT_COLUMNS) if column not in table.header]
+    if missing:
+        raise TrajectoryError(f"{path.name} beside the recording lacks the column {missing[0]}")
+    which = np.array([cells[table.header.index(OBJECT_UID)].strip() for cells in table.rows])
+    rows, _ = table.numbers(OBJECT_COLUMNS)
+    ways = {uid: 1e3 * float(np.ptp(rows[which == uid, 1:4], axis=0).max()) for uid in dict.fromkeys(which.tolist())}
+    known = ", ".join(f"{uid} ({way:.0f} mm of way)" for uid, way in sorted(ways.items(), key=lambda item: -item[1]))
+    if wanted is None and len(ways) != 1:
+        findings.append(note(f"{OBJECTS} beside it holds {len(ways)} objects: --object-track takes one of {known}"))
+        return None
+    uid = next(iter(ways)) if wanted is None else wanted
+    if uid not in ways:
+        raise InputError(f"--object-track {uid}: {OBJECTS} beside the recording holds {known}")
+    track = rows[which == uid]
+    # Hand and object have stamps of the same frames.
+    place = np.array([int(np.argmin(np.abs(track[:, 0] - stamp))) if stamp == stamp else 0 for stamp in stamps])
+    poses = np.where((np.abs(track[place, 0] - stamps) < SAME_MOMENT)[:, None], track[place, 1:], np.nan)
+    findings.append(note(f"object {uid} moves as {OBJECTS} beside it has it, by {ways[uid]:.0f} mm"))
+    return ObjectMotion(*np.split(poses, [3], axis=1))
 
 
 def _sniff(content: Content, options: ReadOptions) -> bool:

@@ -1,14 +1,12 @@
 """21 keypoints as bare numbers in four kinds of file."""
 
 import json
-import pickle
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
-from correction_samples import a_correction
 from hypothesis import given
 from hypothesis import strategies as st
 from joint_samples import array_npy, arrays_npz, assert_our_own, joint_sample, words
@@ -16,9 +14,9 @@ from recording_samples import read_as
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
-from hhsim.recordings.formats import keypoints
+from hhsim.recordings.joint_arrays import ORDERS, order_by_bones
 from hhsim.recordings.joint_names import JOINT_ORDERS, KEYPOINTS, MANO_JOINTS, WEBXR_JOINTS
-from hhsim.recordings.registry import ReadOptions, read_recording, write_recording
+from hhsim.recordings.registry import ReadOptions, read_recording
 
 SAMPLE = joint_sample()
 POINTS, TIME = SAMPLE.named(), SAMPLE.motion.time
@@ -37,7 +35,7 @@ def test_no_posture_of_our_hand_is_taken_for_the_other_order(seed: int, order: s
     wrist = np.array([-0.070 * hand.hand_breadth, -0.223 * hand.hand_length, 0.0])
     points = np.concatenate([wrist[None], fingers.reshape(20, 3)])[None]
     rows = points[:, [KEYPOINTS.index(joint) for joint in JOINT_ORDERS[order]]]
-    assert keypoints.order_by_bones(rows, keypoints.ORDERS[21]) == order
+    assert order_by_bones(rows, ORDERS[21]) == order
 
 
 SEGMENTS_OF = {finger: [joint for joint in KEYPOINTS if joint.startswith(finger)] for finger in FINGERS}
@@ -93,7 +91,7 @@ def test_a_stated_order_is_taken_and_must_have_as_many_joints() -> None:
 def test_missing_joints_and_noise_leave_the_order() -> None:
     noisy = joint_sample(noise=0.004).named()[:, [KEYPOINTS.index(joint) for joint in MANO_JOINTS]].copy()
     noisy[::3, 5] = np.nan
-    assert keypoints.order_by_bones(noisy, keypoints.ORDERS[21]) == "mano"
+    assert order_by_bones(noisy, ORDERS[21]) == "mano"
 
 
 def hdf5(path: Path, **arrays: Any) -> Path:
@@ -104,22 +102,6 @@ def hdf5(path: Path, **arrays: Any) -> Path:
             file[name.replace("__", "/")] = values
         file["joint_names"] = [*MANO_JOINTS]
     return path
-
-
-def test_an_hdf5_of_others_is_read_and_written_as_an_npz_would_be(tmp_path: Path) -> None:
-    given = SAMPLE.named(MANO_JOINTS)
-    path = hdf5(tmp_path / "take.hdf5", hands__right=given, frame_id=np.arange(len(given)))
-    recording = read_recording(path, ReadOptions(hand="right", world_up="y"))
-    assert (recording.form, recording.hand, recording.checksums) == ("keypoints", "right", "missing")
-    assert_our_own(recording.changed(time=TIME), SAMPLE)
-    assert "100 samples a second, as 'fps' says" in words(recording) and "not used: frame_id (40,)" in words(recording)
-    correction = a_correction(recording)
-    off = write_recording(path, ReadOptions(hand="right", world_up="y"), recording, correction, tmp_path / "out.hdf5")
-    assert off is not None and off < 1e-6
-    with h5py.File(path) as old, h5py.File(tmp_path / "out.hdf5") as new:
-        moved = np.any(old["hands/right"][()] != new["hands/right"][()], axis=(1, 2))
-        assert np.array_equal(moved, correction.changed) and new.attrs["fps"] == 100
-        assert np.array_equal(old["frame_id"], new["frame_id"])
 
 
 def test_an_hdf5_of_others_lists_its_arrays_and_takes_one(tmp_path: Path) -> None:
@@ -134,39 +116,6 @@ def test_an_hdf5_of_others_lists_its_arrays_and_takes_one(tmp_path: Path) -> Non
     (tmp_path / "cut.h5").write_bytes(path.read_bytes()[:3000])
     with pytest.raises(TrajectoryError, match="a damaged HDF5 file"):
         read_recording(tmp_path / "cut.h5")
-
-
-def test_one_of_several_arrays_is_read_and_written(tmp_path: Path) -> None:
-    path, out = tmp_path / "two.npz", tmp_path / "free.npz"
-    path.write_bytes(arrays_npz(left_hand=POINTS + 1.0, right_hand=POINTS, t=TIME))
-    options = ReadOptions(array="right_hand", world_up="y", hand="right")
-    recording = read_recording(path, options)
-    assert_our_own(recording, SAMPLE)
-    write_recording(path, options, recording, a_correction(recording), out)
-    with np.load(path) as before, np.load(out) as after:
-        assert before["left_hand"].tobytes() == after["left_hand"].tobytes()
-        assert np.abs(after["right_hand"] - before["right_hand"]).max() > 1e-4
-
-
-@pytest.mark.parametrize("protocol", [2, 4, 5])
-def test_a_pickled_dictionary_comes_back_corrected(protocol: int, tmp_path: Path) -> None:
-    sample, path = joint_sample(), tmp_path / "take.pkl"
-    held: dict[str, Any] = {
-        "joints": sample.named(),
-        "t": sample.motion.time,
-        "seen": np.arange(3),
-        "by": {"who": "me"},
-    }
-    path.write_bytes(pickle.dumps(held, protocol))
-    options = ReadOptions(world_up="y", hand="right")
-    recording = read_recording(path, options)
-    assert recording.joints is not None
-    correction = a_correction(recording)
-    off = write_recording(path, options, recording, correction, tmp_path / "new.pkl")
-    assert off is not None and off < 1e-9
-    new = pickle.loads((tmp_path / "new.pkl").read_bytes())
-    assert list(new) == list(held) and new["by"] == held["by"] and np.array_equal(new["seen"], held["seen"])
-    assert not np.array_equal(new["joints"], held["joints"])
 
 
 def test_each_hand_of_two_arrays_is_read_by_its_side() -> None:

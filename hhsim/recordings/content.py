@@ -1,0 +1,334 @@
+"""Content of a file, read no further than needed, and the options for reading it."""
+
+import io
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import h5py
+import numpy as np
+
+from hhsim.arrays import AnyArray, BoolArray
+from hhsim.errors import DamagedFileError, InputError, TrajectoryError
+from hhsim.motion.csv_table import read_header, read_remarks, read_table
+from hhsim.motion.npz_arrays import npz_of, read_npz
+from hhsim.motion.pickled_data import flat, npy_dictionary, pickled_arrays, pickled_with
+from hhsim.motion.text_edit import NumberEdit, edited
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.joint_names import StatedFields, kind_of
+from hhsim.recordings.json_document import nested, read_json
+from hhsim.recordings.recording import Finding, chosen_side, note
+from hhsim.system.hdf5_input import DAMAGE, open_hdf5, require_own_data
+from hhsim.system.input_file import open_input, read_input
+
+if TYPE_CHECKING:
+    from hhsim.recordings.column_map import ColumnMap
+    from hhsim.recordings.dexmo_regression import DexmoRegression, Poses
+
+MOST_BYTES = 1 << 30
+"""Size of the largest file that is read [byte]."""
+HEAD_BYTES = 4096
+"""Size of the beginning of a file that tells its format [byte]."""
+MOST_UNREADABLE = 0.1
+"""Largest share of characters of a text that cannot be decoded."""
+NPY, OF_OBJECTS = b"\x93NUMPY", b"'descr': '|O'"
+"""Beginning of an `.npy` file, and what its header says of one that holds objects."""
+ZIP, HDF5 = b"PK", b"\x89HDF"
+PICKLES = tuple(bytes((0x80, protocol)) for protocol in range(2, 6))
+"""First bytes of a pickle."""
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """Options for reading a file."""
+
+    form: str | None = None  # name of the format; None detects it
+    columns: "ColumnMap | None" = None  # mapping of the columns of a table
+    hand: HandSide = ""  # side of the hand, if the file does not say it, or says it wrong
+    mirror: Literal["x", "y", "z"] | None = None  # axis of left-handed coordinates that is turned round
+    # Our palm's x, y, z in the recording's palm frame, such as ("-y", "x", "z"); None takes the file's.
+    palm_axes: Sequence[str] | None = None
+    world_up: str | None = None  # axis of the recording's world that points up; None takes the file's
+    usual_up: str | None = None  # the same for a file that does not say it; None then holds the wrist still and level
+    # Unit for a format whose `Recording.scaled` is true; other recordings are converted after reading.
+    length_unit: str | None = None
+    time_unit: str | None = None  # unit of the stamps, if the user states it: `poses` are in s
+    rate: float | None = None  # samples a second [Hz], of a file without stamps
+    hand_length: float | None = None  # length of the recorded hand [m], if its joints have no scale
+    mano_model: Path | None = None  # the user's own file of the MANO model, .pkl or .npz
+    mano_pose: str | None = None  # meaning of the numbers of a MANO pose, of `hhsim.recordings.formats.mano.READINGS`
+    profile: Path | None = None  # file with the sizes of an UmeTrack hand
+    object_track: str | None = None  # uid of the object that moves with an UmeTrack hand, if there are several
+    episode: int | None = None  # number of the episode, in a file with several
+    dexmo: "DexmoRegression | None" = None  # calibration of a Dexmo glove
+    poses: "Poses | None" = None  # times of the poses for its calibration
+    array: str | None = None  # name of the array of joints, in a file with several
+    # Order of the joints in rows without names, a key of `hhsim.recordings.joint_names.JOINT_ORDERS`.
+    joint_order: str | None = None
+    pose_order: str | None = None  # order of quaternions, of a palm or an object, that no name tells: "wxyz" or "xyzw"
+    pose_unit: str | None = None  # unit of an object's positions, "m", "cm" or "mm"
+    # False leaves the angles that fit joint centres out: 0 where the joints are known.
+    fits_angles: bool = True
+    # File with the poses of the camera that an object's poses are relative to; None for the world.
+    camera_poses: Path | None = None
+
+
+class Content:
+    """Content of a file, read no further than needed; `path` is None if only its bytes are given.
+
+    `name` is the recording's if the content has none, `what` the kind of file that is expected, for messages;
+    `original` the file beside which its hand's sizes and its object's poses may lie. `packed` is the pickle or the HDF5
+    of which `data` has the arrays, empty for any other file.
+    """
+
+    def __init__(
+        self,
+        path: Path | None = None,
+        *,
+        data: bytes | None = None,
+        name: str = "",
+        what: str = "a recording",
+        original: Path | None = None,
+    ) -> None:
+        self.path, self.original, self.what = path, original or path, what
+        self.name = name or (path.stem if path is not None else "")
+        self.packed = b""
+        if data is not None:
+            self.data = data
+
+    @classmethod
+    def of_recording(cls, path: Path | None, data: bytes | None = None, original: Path | None = None) -> Self:
+        """Return the content of a recording; of a pickled dictionary or others' HDF5 the arrays, as of an .npz."""
+        content, arrays = cls(path, data=data, original=original), None
+        if content.head.startswith(PICKLES):
+            arrays = pickled_arrays(content.data)
+        elif content.hdf5_names and "transforms" not in content.hdf5_names:
+            arrays = hdf5_arrays(content.data, path)
+        if arrays is not None:
+            content.packed, content.data = content.data, npz_of(arrays)
+            content.head = content.data[:HEAD_BYTES]
+        return content
+
+    def packed_with(self, data: bytes) -> bytes:
+        """Return the file with the arrays of an `.npz` in the place of its own; `data` itself if it is not packed."""
+        if not self.packed:
+            return data
+        write = pickled_with if self.packed.startswith(PICKLES) else hdf5_with
+        return write(self.packed, read_npz(data))
+
+    @cached_property
+    def data(self) -> bytes:
+        """Return all bytes of the file; TrajectoryError if it is missing, cannot be read or is too large."""
+        self.refuse_large()
+        assert self.path is not None
+        with self._readable():
+            return read_input(self.path)
+
+    @cached_property
+    def head(self) -> bytes:
+        """First bytes of the file."""
+        if self.path is None or "data" in vars(self):
+            return self.data[:HEAD_BYTES]
+        with self._readable(), open_input(self.path) as file:
+            return file.read(HEAD_BYTES)
+
+    @cached_property
+    def beginning(self) -> str:
+        """Text at the beginning, with a replacement character for what is no text."""
+        return _decoded(self.head)
+
+    @cached_property
+    def hdf5_names(self) -> frozenset[str]:
+        """Names in a sound HDF5 file that states no format of hhsim; none of any other file."""
+        if self.path is None or not self.head.startswith(HDF5):
+            return frozenset()
+        try:
+            with open_hdf5(self.path) as file:
+                return frozenset() if str(file.attrs.get("format", "")).startswith("hhsim") else frozenset(file)
+        except (DamagedFileError, *DAMAGE):
+            return frozenset()
+
+    @cached_property
+    def arrays(self) -> dict[str, Any]:
+        """Arrays of an archive by their names; TrajectoryError for a damaged one."""
+        return read_npz(self.data)
+
+    @cached_property
+    def document(self) -> Any:
+        """Document of JSON, as of `read_json`; TrajectoryError with the place of a fault."""
+        return read_json(self.text)
+
+    @cached_property
+    def stated(self) -> StatedFields:
+        """Fields of known names beside the samples; none of damaged content."""
+        try:
+            return StatedFields(self._fields())
+        except TrajectoryError:
+            return StatedFields({})
+
+    def _fields(self) -> dict[str, Any]:
+        """Return the values that may stand beside samples by their names."""
+        if self.head.startswith(ZIP):
+            return self.arrays | dict(flat({name: nested(values) for name, values in self.arrays.items()}))
+        if self.head.startswith(NPY) and OF_OBJECTS in self.head[:256]:
+            return dict(flat(npy_dictionary(self.data, self.what)))
+        if self.is_json:
+            return dict(flat(self.document)) if isinstance(self.document, dict) else {}
+        if not any(map(kind_of, self.header)):
+            return read_remarks(self.text) if self.is_text else {}
+        table = read_table(self.text)
+        columns = enumerate(table.header)
+        return table.remarks | {name: [row[k].strip() for row in table.rows] for k, name in columns if kind_of(name)}
+
+    @property
+    def is_text(self) -> bool:
+        """True if it begins as text does."""
+        return _is_text(self.beginning)
+
+    @property
+    def is_json(self) -> bool:
+        """True if it begins as a JSON object or list does."""
+        return self.beginning.lstrip()[:1] in ("{", "[")
+
+    @cached_property
+    def header(self) -> tuple[str, ...]:
+        """Names of the columns of a table; none of any other content."""
+        try:
+            return read_header(self.text) if self.is_text and not self.is_json else ()
+        except TrajectoryError:
+            return ()
+
+    @cached_property
+    def text(self) -> str:
+        """Its text, with a replacement character for what is no UTF-8; TrajectoryError for no text."""
+        text = _decoded(self.data)
+        if not _is_text(text):
+            raise TrajectoryError("no text; expected a recording of another format")
+        return text
+
+    @cached_property
+    def exact_text(self) -> str:
+        """Its text with every byte, in lines as those of `text`; TrajectoryError if it cannot be written back."""
+        try:
+            return self.data.decode(*_exact_encoding(self.data))
+        except UnicodeDecodeError:
+            raise TrajectoryError("text of UTF-16 with a damaged letter: it cannot be written back") from None
+
+    def edited(self, edits: Iterable[NumberEdit], decimal: str = ".") -> bytes:
+        """Return its bytes with numbers of `exact_text` replaced."""
+        return edited(self.exact_text, edits, decimal).encode(*_exact_encoding(self.data))
+
+    def refuse_large(self) -> None:
+        """Raise TrajectoryError for a file that is missing, or too large to be read at once."""
+        if self.path is not None:
+            with self._readable():
+                size = self.path.stat().st_size
+            if size > MOST_BYTES:
+                raise TrajectoryError("more than 1 GB; expected a recording of a hand")
+
+    @contextmanager
+    def _readable(self) -> Iterator[None]:
+        """Raise TrajectoryError for an error of the operating system."""
+        try:
+            yield
+        except FileNotFoundError:
+            raise TrajectoryError(f"no such file; expected {self.what}") from None
+        except OSError as error:
+            raise TrajectoryError(f"cannot be read: {error.strerror or error}") from None
+
+
+@contextmanager
+def opened_hdf5(data: bytes, path: Path | None = None, mode: str = "r") -> Iterator[tuple[io.BytesIO, h5py.File]]:
+    """Open a file in memory, after a child process has read that of the path; TrajectoryError for a damaged one."""
+    image = io.BytesIO(data)
+    try:
+        if path is not None:
+            open_hdf5(path).close()
+        with h5py.File(image, mode) as file:
+            require_own_data(file)
+            yield image, file
+    except (DamagedFileError, *DAMAGE) as error:
+        raise TrajectoryError(f"a damaged HDF5 file: {' '.join(str(error).split())}") from None
+
+
+def hdf5_arrays(data: bytes, path: Path | None = None) -> dict[str, Any]:
+    """Return the arrays of numbers and texts in a file by their names, and attributes that state a field.
+
+    Names of groups and names in them have slashes between. Raises TrajectoryError for a damaged file.
+    """
+    arrays: dict[str, Any] = {}
+
+    def add(name: str, value: Any) -> None:
+        with suppress(TypeError, ValueError):
+            array = np.asarray(value)
+            array = array.astype(str) if array.dtype.kind == "O" else array
+            if array.dtype.kind in "fiubUS":
+                arrays[name] = array
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset):
+            add(name, item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()])
+        for key, value in item.attrs.items():
+            if kind_of(key):
+                add(f"{name}/{key}".lstrip("/"), value)
+
+    with opened_hdf5(data, path) as (_, file):
+        visit("", file)
+        file.visititems(visit)
+    return arrays
+
+
+def hdf5_with(data: bytes, new: Mapping[str, Any]) -> bytes:
+    """Return a file with other numbers in its arrays; InputError for whole numbers, which hold no correction."""
+    with opened_hdf5(data, mode="r+") as (image, file):
+        for name, values in new.items():
+            dataset = file.get(name)
+            if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind not in "fiu":
+                continue
+            if not np.array_equal(dataset[()], values, equal_nan=dataset.dtype.kind == "f"):
+                if dataset.dtype.kind != "f":
+                    kind = f"'{name}' is of {dataset.dtype}"
+                    raise InputError(f"{kind}, which does not hold a correction; expected floating-point")
+                dataset[...] = values
+    return image.getvalue()
+
+
+def _decoded(data: bytes) -> str:
+    encoding = "utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
+    return data.decode(encoding, errors="replace")
+
+
+def _exact_encoding(data: bytes) -> tuple[str, str]:
+    """Return encoding and treatment of errors with which bytes survive; the byte order mark stays a letter."""
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return ("utf-16-le" if data.startswith(b"\xff") else "utf-16-be"), "surrogatepass"
+    return "utf-8", "surrogateescape"
+
+
+def _is_text(text: str) -> bool:
+    sample = text[:HEAD_BYTES]
+    return sum(sign in "\x00\ufffd" for sign in sample) <= MOST_UNREADABLE * len(sample)
+
+
+def stated_hand(
+    content: Content, wanted: HandSide, rows: AnyArray, findings: list[Finding]
+) -> tuple[HandSide, BoolArray]:
+    """Return the wanted side, or for "" that of the content's fields, and the samples that are of it, shape (T,).
+
+    `rows` are the rows of the file that the samples are of. Raises TrajectoryError where fields of each row are fewer.
+    """
+    sides: tuple[HandSide, ...] = content.stated.take("side") or ("",)
+    if len(sides) == 1:
+        if wanted and sides[0] not in ("", wanted):
+            findings.append(note(f"taken for a {wanted} hand, not for the {sides[0]} one that a field states"))
+        return wanted or sides[0], np.ones(len(rows), dtype=bool)
+    if len(sides) <= int(np.max(rows, initial=0)):
+        raise TrajectoryError(f"{len(sides)} sides of a hand for {len(rows)} samples; expected one, or one a sample")
+    side, remarks = chosen_side(Counter(each for each in sides if each), wanted)
+    shown = np.array(sides)[rows] == side
+    findings += [*remarks, note(f"{int(shown.sum())} of {len(shown)} rows are of the {side} hand")]
+    return side, shown

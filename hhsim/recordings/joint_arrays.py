@@ -1,0 +1,440 @@
+"""Joint centres of a hand among the columns of a table, the frames of JSON, or named arrays.
+
+Joints have names, or stand in rows of points: 21 in MediaPipe's order or MANO's, 25 in WebXR's, 26 in OpenXR's or that
+of Unity. The order of a row is the one whose bones are nearest to a hand's in their proportions; it is refused where
+these are none of a hand, or change their lengths.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache, reduce
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError, TrajectoryError
+from hhsim.hand.fingers import FINGERS
+from hhsim.hand.model import DEFAULT_HAND_LENGTH
+from hhsim.motion.csv_table import Table, format_table
+from hhsim.motion.npz_arrays import numbers
+from hhsim.motion.text_edit import NewColumn, NumberEdit, cell_edits
+from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.content import Content, ReadOptions
+from hhsim.recordings.correction import ANGLE_DIGITS, Changes
+from hhsim.recordings.finger_ik import usual_fingers, usual_wrist
+from hhsim.recordings.joint_names import (
+    KEYPOINTS,
+    MANO_JOINTS,
+    OPENXR_JOINTS,
+    UNITY_JOINTS,
+    VALIDITY_WORDS,
+    WEBXR_JOINTS,
+    JointName,
+    hand_statement,
+    joint_name,
+    recognised,
+    stated_value,
+)
+from hhsim.recordings.joint_positions import TINY, JointPositions
+from hhsim.recordings.json_document import frame_arrays, joints_in, keys_of, leaves, place_in
+from hhsim.recordings.object_poses import poses_in, table_arrays
+from hhsim.recordings.recording import HandMotion, chosen_side, frames_with_hand, note, unreadable, unused
+from hhsim.recordings.unit_detection import LENGTH_UNITS, time_column
+
+T = TypeVar("T")
+Hands = dict[HandSide, dict[str, dict[str, T]]]
+"""What hands have, by side, joint and part: the name of a joint's part, "" for its whole place."""
+KINDS = tuple(dict.fromkeys(VALIDITY_WORDS.values()))
+WORLD_JOINTS = {"palm", *(f"{finger}_metacarpal" for finger in FINGERS[1:])}
+"""Joints that OpenXR and WebXR alone have, whose world has y up."""
+RADII = ("radius", "radii", "joint_radius", "joint_radii")
+"""Names of an array of the joints' radii, in the unit and the order of the points."""
+STAMPED = ("header", "stamp", "timestamp", "time")
+"""Keys of objects that hold a stamp."""
+SEARCHED = 64
+"""Number of frames that are searched for hands."""
+
+ORDERS: dict[int, dict[str, tuple[str, ...]]] = {
+    21: {"mediapipe": KEYPOINTS, "mano": MANO_JOINTS},
+    25: {"openxr": WEBXR_JOINTS},
+    26: {"openxr": OPENXR_JOINTS, "unity": UNITY_JOINTS},
+}
+"""Known orders of the joints of a row by their number, and by the words of `--joint-order`."""
+MAKERS = {"mediapipe": "MediaPipe", "mano": "MANO", "openxr": "OpenXR and WebXR", "unity": "Unity"}
+PROPORTIONS = (0.4, 2.5)
+"""Shortest and longest bone of a hand by the usual one's, as shares of all bones."""
+MOST_CHANGE = 0.05
+"""Largest usual change of a bone's share of all bones: noise of 10 mm makes it 0.03."""
+MOST_JUDGED = 1000
+"""Number of samples, evenly over the recording, that are enough to tell the order of the joints."""
+
+
+def named_hands(named: Iterable[tuple[JointName, T]]) -> Hands[T]:
+    """Return what each hand has that has a joint with a place, of two of a kind the first."""
+    found: Hands[T] = {}
+    for name, value in named:
+        if name.joint and name.part in ("", "x", "y", "z", "radius", *KINDS):
+            found.setdefault(name.side, {}).setdefault(name.joint, {}).setdefault(name.part, value)
+    return {side: joints for side, joints in found.items() if located(joints)}
+
+
+def located(joints: Mapping[str, Mapping[str, Any]]) -> set[str]:
+    """Return the joints that have a place."""
+    return {joint for joint, parts in joints.items() if "" in parts or {"x", "y", "z"} <= set(parts)}
+
+
+def named_joints(
+    joints: Mapping[str, Mapping[str, FloatArray]], whole: Sequence[tuple[str, FloatArray]], count: int
+) -> dict[str, Any]:
+    """Return fields of `JointPositions` of joints by their parts, and of statements on the whole hand by kind."""
+
+    def part(joint: str, name: str) -> FloatArray:
+        return joints.get(joint, {}).get(name, np.full(count, np.nan))
+
+    def place(joint: str) -> FloatArray:
+        given = place_in(joints.get(joint, {}).get("", np.zeros(count)))
+        return np.stack([part(joint, axis) for axis in "xyz"], axis=1) if given is None else given
+
+    validity = {}
+    for kind in KINDS:
+        stated = [np.stack([part(joint, kind) for joint in KEYPOINTS], axis=1)]
+        stated += [values.reshape(count, 1) for each, values in whole if each == kind]
+        if len(stated) > 1 or np.isfinite(stated[0]).any():
+            validity[kind] = reduce(np.fmin, stated)
+    radius = np.stack([part(joint, "radius") for joint in KEYPOINTS], axis=1)
+    has_radii = np.isfinite(radius).any(axis=0).all()
+    position = np.stack([place(joint) for joint in KEYPOINTS], axis=1)
+    return {"position": position, "radius": radius if has_radii else None, "validity": validity}
+
+
+def joint_columns(names: Mapping[str, JointName]) -> Hands[str]:
+    """Return the columns of each hand that has a joint with all three coordinates, from the meanings of columns."""
+    return named_hands((name, column) for column, name in names.items() if name.part)
+
+
+def _columns_of(
+    names: Mapping[str, JointName], options: ReadOptions
+) -> tuple[HandSide, dict[str, dict[str, str]], Any]:
+    """Return the hand of the options, else that of more columns, its columns, and findings; error for none."""
+    hands = joint_columns(names)
+    if not hands:
+        raise TrajectoryError("no columns named after the joints of a hand, such as left_index_tip_x")
+    side, findings = chosen_side({side: len(located(joints)) for side, joints in hands.items()}, options.hand)
+    return side, hands[side], findings
+
+
+def joints_of_table(table: Table, names: Mapping[str, JointName], options: ReadOptions, **more: Any) -> JointPositions:
+    """Return the joint centres in a table, whose columns have these meanings, with more fields of `JointPositions`.
+
+    It is the hand of the options, else the one with more columns. Raises TrajectoryError for no joints, no such hand,
+    or a missing one of the 21 joints.
+    """
+    side, joints, remarks = _columns_of(names, options)
+    findings, what = [*map(note, table.notes), *remarks], recognised(located(joints), side)
+
+    def cells(*columns: str) -> FloatArray:
+        values, broken = table.numbers(columns)
+        findings.extend(unreadable(broken, f" of {columns[0]} and its like"))
+        return values
+
+    def stated(column: str) -> FloatArray:
+        return np.array([*map(stated_value, table.text(column))])
+
+    stamps = time_column(column for column in table.header if column not in names or not names[column].joint)
+    if stamps is not None and stamps.others:
+        findings.append(note(f"stamps from column '{stamps.name}'; there are also {', '.join(stamps.others[:3])}"))
+    arrays, moved = table_arrays(table, findings)
+    used = {column for parts in joints.values() for column in parts.values()}
+    said = {column: name for column in table.header if column not in used and (name := hand_statement(column))}
+    whole = {column: name.part for column, name in said.items() if name.side in ("", side)}
+    stamped = {*stamps.names, *stamps.others} if stamps is not None else set()
+    others = {
+        column
+        for column, name in names.items()
+        if name.joint and name.side in joint_columns(names) and name.side != side
+    }
+    findings += unused(dict.fromkeys(table.header), used | moved | stamped | others | whole.keys())
+    places = [(joint, axis) for joint in KEYPOINTS for axis in "xyz"]
+    held = dict(zip(places, cells(*(joints[joint][axis] for joint, axis in places)).T))
+    parts = {
+        joint: {
+            part: held[joint, part] if part in "xyz" else cells(column)[:, 0] if part == "radius" else stated(column)
+            for part, column in joints[joint].items()
+        }
+        for joint in KEYPOINTS
+    }
+    fields = named_joints(parts, [(kind, stated(column)) for column, kind in whole.items()], len(table.rows))
+    return JointPositions(
+        **{"up": "y" if located(joints) & WORLD_JOINTS else None, "what": what} | fields | more,
+        time=None if stamps is None else stamps.stamps(lambda name: cells(name)[:, 0]),
+        time_unit=None if stamps is None else stamps.unit,
+        hand=side,
+        object_poses=poses_in(arrays, len(table.rows), options),
+        findings=findings,
+    )
+
+
+def joint_edits(
+    text: str, table: Table, names: Mapping[str, JointName], options: ReadOptions, made: Changes
+) -> Iterator[NumberEdit]:
+    """Return the edits of a table's text for a correction of the hand that `joints_of_table` reads.
+
+    Joints beyond the 21 move with the palm; orientations turn with their bone. Raises InputError for orientations that
+    are no quaternions.
+    """
+    side, joints, _ = _columns_of(names, options)
+    columns: dict[str, NewColumn] = {}
+
+    def put(cells: list[str], values: FloatArray, digits: int) -> None:
+        columns.update({cell: NewColumn(column, digits) for cell, column in zip(cells, values.T)})
+
+    for joint in located(joints):
+        places = [joints[joint][axis] for axis in "xyz"]
+        put(places, made.moved(joint, table.numbers(places)[0][made.rows]), made.digits)
+    # Columns of each joint's orientation by the last letter of their names.
+    orientations: dict[str, dict[str, str]] = {}
+    for column, name in names.items():
+        if name.joint and name.side == side and name.part == "rotation":
+            orientations.setdefault(name.joint, {})[column.strip().lower()[-1:]] = column
+    for joint, turns in orientations.items():
+        cells = [turns.get(part, "") for part in "wxyz"]
+        if not all(cells) or len(turns) > 4:
+            known = ", ".join(turns.values())
+            raise InputError(f"the orientation of {joint} is {known}: no quaternion, so it cannot be corrected")
+        put(cells, made.turned(joint, table.numbers(cells)[0][made.rows]), ANGLE_DIGITS)
+    return cell_edits(text, table, made.rows.tolist(), columns)
+
+
+def table_of_joints(motion: HandMotion, names: Sequence[str], points: FloatArray) -> bytes:
+    """Return a new table of stamps [s] and of points, shape (T, n, 3), whose columns begin with the side and a name."""
+    header = ["time_s", *(f"{motion.side}_{name}_{axis}" for name in names for axis in "xyz")]
+    rows = np.column_stack([motion.time, points.reshape(len(points), -1)]).tolist()
+    return format_table({}, header, (list(map(repr, row)) for row in rows)).encode()
+
+
+def frames_in(document: Any) -> tuple[list[Any], dict[str, Any]]:
+    """Return the frames of a document, and its values beside them; raise TrajectoryError if there are no frames."""
+    frames, beside = document, {}
+    if isinstance(document, dict):
+        lists = [v for v in document.values() if isinstance(v, list) and any(isinstance(e, dict | list) for e in v)]
+        # An object's poses are as many.
+        frames = max(lists, key=lambda each: (any(map(_shows_hand, each[:SEARCHED])), len(each)), default=[])
+        beside = {key: value for key, value in document.items() if value is not frames}
+    if not isinstance(frames, list) or not frames:
+        raise TrajectoryError(f"no frames in JSON that is {keys_of(document)}; expected a list of frames with joints")
+    return frames, beside
+
+
+def _shows_hand(frame: Any) -> bool:
+    found = list(leaves(frame, "frame"))
+    places = [name for _, name, values in found if joint_name(name).joint and _is_place(values)]
+    return len(places) >= len(FINGERS) or any(joints_in(values.shape) for _, _, values in found)
+
+
+def listed_joints(content: Content) -> int:
+    """Return the number of joints of the first hand that is a list without names in a document; 0 for none."""
+    try:
+        if not content.is_json:
+            return 0
+        frames, _ = frames_in(content.document)
+    except TrajectoryError:
+        return 0
+    found = (joints_in(values.shape) for frame in frames[:SEARCHED] for _, _, values in leaves(frame, "frame"))
+    return next((count for count in found if count), 0)
+
+
+def joints_of_frames(
+    content: Content, options: ReadOptions, frames: Sequence[Any], beside: Mapping[str, Any], **more: Any
+) -> JointPositions:
+    """Return the joint centres of the hand of the options, else of the one in more frames, and the object's poses.
+
+    `beside` has the values of the file beside its frames, one a frame or a single one; there may be more fields of
+    `JointPositions`. Raises TrajectoryError for no such hand, one of the 21 joints in no frame, or an object's pose
+    that is none.
+    """
+    arrays, count, held = frame_arrays(frames), len(frames), dict[str, FloatArray]()
+    # What stands beside the hands counts whichever hand its frame states.
+    for (_, name), values in arrays.items():
+        known = held.setdefault(name, values)
+        held[name] = np.where(np.isnan(known), values, known) if known.shape == values.shape else known
+    meanings = {key: joint_name(key[1]) for key in arrays}
+    meanings = {key: name._replace(side=name.side or key[0]) for key, name in meanings.items()}
+    hands = named_hands((meanings[key], v) for key, v in arrays.items() if meanings[key].part or _is_place(v[0]))
+    # Of hands without named joints the first rows of points, with their name.
+    rows: dict[HandSide, tuple[str, FloatArray]] = {}
+    for key, values in arrays.items():
+        if joints_in(values.shape[1:]) and meanings[key].side not in hands:
+            rows.setdefault(meanings[key].side, (key[1], points_of(values)))
+    places = {side: points.reshape(count, -1) for side, (_, points) in rows.items()}
+    for side, joints in hands.items():
+        given = [parts[axis].reshape(count, -1) for parts in joints.values() for axis in ("", "x") if axis in parts]
+        places[side] = np.concatenate(given, axis=1)
+    seen = {side: np.asarray(np.isfinite(values).any(axis=1)) for side, values in places.items()}
+    side, shown, findings = frames_with_hand([[s for s in seen if seen[s][k]] for k in range(count)], options.hand)
+    poses = poses_in(held | {name: values for _, name, values in leaves(dict(beside))}, count, options)
+    stamps = time_column(name for name, values in held.items() if values.ndim == 1 and _may_be_stamp(name))
+    hand = {key[1] for key in arrays if meanings[key].joint or joints_in(arrays[key].shape[1:])}
+    whole = [(key, said) for key in arrays if (said := _statement(key[1], arrays[key], hand))]
+    stated = [(said.part, arrays[key]) for key, said in whole if {said.side, key[0]} <= {"", side}]
+    used = {*hand, *(key[1] for key, _ in whole), *(poses.names if poses else ()), *(stamps.names if stamps else ())}
+    keys = dict.fromkeys(str(key) for frame in frames if isinstance(frame, dict) for key in frame)
+    findings += unused(dict.fromkeys(beside) | keys, {name.split(".")[0] for name in used})
+    if side in hands:
+        fields = named_joints(hands[side], stated, count) | {"what": recognised(located(hands[side]), side)}
+    else:
+        name, points = rows[side]
+        fields = ordered(points, content, options)
+        below = {key.removeprefix(f"{name}."): values for key, values in held.items() if key.startswith(f"{name}.")}
+        fields |= beside_points(below, count, row_names(points, content, options)[0])[0]
+        fields["validity"] |= {kind: values.reshape(count, 1) for kind, values in stated}
+        if more and points.shape[1] > len(KEYPOINTS):
+            # A world with y up has joints of OpenXR or WebXR, whether their names stand there or not.
+            fields["what"] = recognised(ORDERS[points.shape[1]]["openxr"], side)
+    found = JointPositions(
+        **fields | more,
+        time=None if stamps is None else stamps.stamps(held.__getitem__),
+        time_unit=None if stamps is None else stamps.unit,
+        hand=side,
+        object_poses=poses,
+        findings=findings,
+    )
+    return found if len(shown) == count else found.chosen(np.isin(np.arange(count), shown), np.arange(count))
+
+
+def _is_place(values: FloatArray) -> bool:
+    return values.shape in ((3,), (16,), (4, 4))
+
+
+def _may_be_stamp(name: str) -> bool:
+    above, _, last = name.partition(".")
+    return not joint_name(name).joint and (not last or above in STAMPED)
+
+
+def _statement(name: str, values: FloatArray, hand: Iterable[str]) -> JointName | None:
+    """Return what a value says of a whole hand, whose values have these names, that it is beside; None for others."""
+    above, _, last = name.rpartition(".")
+    said = None if joint_name(name).joint or values.ndim != 1 else hand_statement(last)
+    return said if said and any(each.startswith(above) for each in hand) else None
+
+
+def points_of(values: FloatArray) -> FloatArray:
+    """Return the points, shape (T, n, 3), of rows of points or of matrices."""
+    if values.ndim == 2:
+        values = values.reshape(len(values), -1, 3 if values.shape[1] % 16 else 16)
+    places = place_in(values)
+    assert places is not None
+    return places
+
+
+def beside_points(arrays: Mapping[str, Any], count: int, names: Sequence[str]) -> tuple[dict[str, Any], set[str]]:
+    """Return radii and validity beside rows of joints as fields of `JointPositions`, and the names that were used."""
+    fields: dict[str, Any] = {"validity": {}}
+    used, width, order = set(), len(names), [names.index(joint) for joint in KEYPOINTS]
+    for name, given in arrays.items():
+        shape, said = np.shape(given), hand_statement(name)
+        if name.rpartition("/")[2] in RADII and shape in ((width,), (count, width)):
+            fields["radius"] = np.broadcast_to(numbers(arrays, name), (count, width))[:, order]
+        elif said and shape in ((count,), (count, 1), (count, width)):
+            values = numbers(arrays, name).reshape(count, -1)
+            fields["validity"][said.part] = values[:, order] if values.shape[1] == width else values
+        else:
+            continue
+        used.add(name)
+    return fields, used
+
+
+def ordered(points: FloatArray, content: Content, options: ReadOptions) -> dict[str, Any]:
+    """Return fields of `JointPositions` for the joints of rows, shape (T, n, 3); errors as of `row_names`."""
+    names, what, misfit = row_names(points, content, options)
+    position = points[:, [names.index(joint) for joint in KEYPOINTS]]
+    up = {"up": "y"} if set(names) >= set(WEBXR_JOINTS) else {}
+    return {"position": position, "what": what, "misfit": misfit, **up}
+
+
+def row_names(points: FloatArray, content: Content, options: ReadOptions) -> tuple[tuple[str, ...], str, str]:
+    """Return the joints of rows, shape (T, n, 3), what they are, and how far their bones are from a hand's.
+
+    Raises TrajectoryError if no known order makes a hand of them, and neither the options nor a field of the file state
+    one; InputError if the options state an order of other joints.
+    """
+    count, stated = points.shape[1], options.joint_order
+    word = "mano" if stated == "smplx" else stated
+    if word is not None and word not in ORDERS.get(count, {}):
+        expected = " or ".join(str(number) for number, orders in ORDERS.items() if word in orders)
+        raise InputError(f"--joint-order {stated}: {count} joints a sample; expected {expected}")
+    told: tuple[str, ...] = content.stated.seen("order") or ()
+    if word is None and len(told) == count:
+        content.stated.take("order")
+        return told, f"{count} joints in the order that the file states", ""
+    misfit = ""
+    if word is None:
+        word = order_by_bones(points, ORDERS[count])
+    else:
+        misfit = "; ".join(fit.text for fit in _bone_fits(points, {word: ORDERS[count][word]}) if not fit.fits)
+    how = "as --joint-order says" if stated else "by the lengths of its bones; else say --joint-order"
+    what = {
+        "mediapipe": f"{count} keypoints in MediaPipe's order: wrist, thumb to little finger",
+        "mano": f"{count} joints in MANO's order (wrist, index, middle, little, ring, thumb, then the tips), {how}",
+        "openxr": f"{count} joints in {'OpenXR' if count == 26 else 'WebXR'}'s order",
+        "unity": f"{count} joints in Unity's order (the wrist before the palm), {how}",
+    }[word]
+    return ORDERS[count][word], what, misfit
+
+
+def order_by_bones(points: FloatArray, orders: Mapping[str, tuple[str, ...]]) -> str:
+    """Return the one of these orders in which rows of joints, shape (T, n, 3), are most like a hand.
+
+    Raises TrajectoryError, which says how far each is off, where none makes a hand.
+    """
+    found = _bone_fits(points, orders)
+    fitting = [fit for fit in found if fit.fits]
+    if found and not fitting:
+        what = f"{points.shape[1]} joints in no order that is known, by their bones: {'; '.join(f.text for f in found)}"
+        raise TrajectoryError(f"{what}; name them in a field joint_names, or say --joint-order if it is one of these")
+    return min(fitting, key=lambda fit: fit.misfit).word if found else next(iter(orders))
+
+
+@lru_cache
+def _usual_bones() -> FloatArray:
+    """Return the default hand's distances from the wrist to each first joint, and the bones from there [m], (5, 4)."""
+    sizes = usual_fingers()
+    palm = np.linalg.norm(sizes["base"] - usual_wrist("right"), axis=1, keepdims=True)
+    return np.concatenate([palm, sizes["length"]], axis=1)
+
+
+class _BoneFit(NamedTuple):
+    """Bones of joints in an order."""
+
+    word: str  # the order, of `ORDERS`
+    misfit: float  # mean deviation of their proportions from the usual hand's, as a logarithm
+    fits: bool  # True if they have the proportions of a hand and keep their lengths
+    text: str  # how far they are off
+
+
+def _bone_fits(points: FloatArray, orders: Mapping[str, tuple[str, ...]]) -> list[_BoneFit]:
+    """Compare rows of joints, shape (T, n, 3), in each of these orders with a hand; empty if no row is whole."""
+    whole = points[np.isfinite(points).all(axis=(1, 2)) & (np.ptp(points, axis=1) > 0.0).any(axis=1)]
+    some, found = whole[:: len(whole) // MOST_JUDGED + 1], []
+    for word, names in orders.items() if len(some) else ():
+        hand = some[:, [names.index(joint) for joint in KEYPOINTS]]
+        ends = hand[:, 1:].reshape(-1, 5, 4, 3)
+        starts = np.concatenate([np.broadcast_to(hand[:, None, None, 0], (len(hand), 5, 1, 3)), ends[:, :, :3]], axis=2)
+        bones = np.linalg.norm(ends - starts, axis=3).reshape(-1, 20)
+        # Shares of all bones: a tracker without scale may see the hand grow and shrink.
+        total = np.maximum(bones.sum(axis=1, keepdims=True), TINY)
+        share = np.median(bones / total, axis=0)
+        usual = _usual_bones().ravel()
+        ratio = np.maximum(share / max(float(share.sum()), TINY) * usual.sum() / usual, 1e-3)
+        change = float(np.percentile(np.abs(bones / total - share), 90.0, axis=0).max())
+        worst, low, high = int(np.argmax(np.abs(np.log(ratio)))), *PROPORTIONS
+        # In no order the length of the hand tells the unit; the largest distance of two joints does, about.
+        size = float(np.median(np.linalg.norm(hand[:, :, None] - hand[:, None], axis=3).max(axis=(1, 2))))
+        metres = (metre for metre in LENGTH_UNITS.values() if 0.08 <= metre * size <= 0.3)
+        millimetres = 1e3 * next(metres, DEFAULT_HAND_LENGTH / size) * float(np.median(total))
+        text = (
+            f"in {MAKERS[word]}'s the bone to {KEYPOINTS[1 + worst]} is {millimetres * share[worst]:.0f} mm, "
+            f"{ratio[worst]:.2g} times a hand's, and bones change by {millimetres * change:.0f} mm"
+        )
+        fits = low <= ratio.min() and ratio.max() <= high and change <= MOST_CHANGE
+        found.append(_BoneFit(word, float(np.abs(np.log(ratio)).mean()), bool(fits), text))
+    return found
