@@ -316,11 +316,11 @@ def draw(kind: str, seed: int, number_: int, ticks: int = SCENE_TICKS) -> Case:
 
 def played(case: Case, folder: Path) -> Path:
     """Replay a scene to a result file."""
-    with SceneSolver(case.scene, case.options) as solver:
-        run = Replay(solver)
-        with run.writer(folder / "scene.h5", ()):
-            run.go(silent)
-            run.finish()
+    solver = SceneSolver(case.scene, case.options)
+    run = Replay(solver)
+    with run.writer(folder / "scene.h5", ()):
+        run.go(silent)
+        run.finish()
     return folder / "scene.h5"
 
 

@@ -10,7 +10,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.field_table import FieldRow, field_rows
 from hhsim.metrics.field.hands import FieldPair
-from hhsim.recordings.joint_fit import in_angles_of
+from hhsim.recordings.fitted_hand import in_angles_of
 from hhsim.recordings.recording import unused_poses
 from hhsim.recordings.registry import ReadOptions
 from hhsim.repair.field_verdict import FieldVerdict, doubts_of, field_verdict

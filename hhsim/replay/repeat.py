@@ -198,7 +198,8 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], options: SolverOption
     # first block's ticks alone, since all might not fit in memory.
     needs_no_poses = [body.kind for body in result.bodies.values()] in (["fixed"], ["free"])
     scene = result_scene(hands, CHUNK_TICKS if needs_no_poses else None)
-    with SceneSolver(scene, options) as solver, interruptible_between() as check_interrupt:
+    solver = SceneSolver(scene, options)
+    with interruptible_between() as check_interrupt:
         rows = [HandRows(solver, hand, list(result.bodies)) for hand in range(len(hands))]
         every = zip(result.blocks([array.name for array in of_bodies]), *(one.blocks(names) for one in hands))
         # A session's ticks were solved one by one: where the pairs of one did not fit, the loop went on.

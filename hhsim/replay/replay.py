@@ -66,11 +66,11 @@ def replay_scene(
     Raises InputError for invalid options, or a method that lacks what it needs, OutputError where the file cannot be
     written, and HhsimError where more pairs were near than the solver holds.
     """
-    with SceneSolver(scene, _checked(options)) as solver:
-        run = Replay(solver, description)
-        with run.writer(Path(output_path), command):
-            run.go(progress or silent)
-            return run.finish()[0]
+    solver = SceneSolver(scene, _checked(options))
+    run = Replay(solver, description)
+    with run.writer(Path(output_path), command):
+        run.go(progress or silent)
+        return run.finish()[0]
 
 
 def _checked(options: SolverOptions) -> SolverOptions:
@@ -257,11 +257,11 @@ def replay_two_hands(
     """
     if len(scene.hands) != len(SIDES):
         raise InputError(f"{scene!r}: expected {' and '.join(SIDES)} hand")
-    with SceneSolver(scene, _checked(options)) as solver:
-        run = Replay(solver)
-        with run.writer(Path(output_path), command) as writer:
-            run.go(progress)
-            right, left = run.finish()
+    solver = SceneSolver(scene, _checked(options))
+    run = Replay(solver)
+    with run.writer(Path(output_path), command) as writer:
+        run.go(progress)
+        right, left = run.finish()
     times = 1e-9 * np.concatenate(run.tick_durations)
     p50, p99 = (float(np.quantile(times, share)) for share in (0.5, 0.99))
     haptic, graphic = (float(np.min(of)) for of in (run.haptic_distance, np.concatenate(run.graphic_distances)))

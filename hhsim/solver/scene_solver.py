@@ -6,8 +6,7 @@ given in the world, and returned as the first free body sees them.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -208,12 +207,6 @@ class SceneSolver:
         )
         self.world = WorldSolver(self.hands, free, self.bodies)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *raised: type[BaseException] | BaseException | TracebackType | None) -> None:
-        self.world.close()
-
     def run(self, ticks: slice) -> tuple[TickRecord, ...]:
         """Run the next ticks, which are these of the scene; return the record of each hand."""
         haptic = [hand.at(ticks) for hand in self.seen.haptic]
@@ -238,5 +231,4 @@ def warm_up_hands(scene: Scene, options: SolverOptions) -> None:
     far = HandConfiguration(
         np.full((1, 3), FAR), np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 5, 3)), np.zeros((1, 5))
     )
-    with SceneSolver(scene, options) as solver:
-        solver.run_given([far, far._replace(position=-far.position)])
+    SceneSolver(scene, options).run_given([far, far._replace(position=-far.position)])

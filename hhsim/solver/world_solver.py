@@ -1,21 +1,18 @@
 """Solver of hands that keep out of each other; with what is free they move by one program."""
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhsim.arrays import AnyArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.contact.hand_pairs import hands_nearest
-from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
+from hhsim.kernels.hand.pose import update_kinematics
 from hhsim.kernels.jit import as_argument
 from hhsim.kernels.machine_code import code_of
-from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, run_block
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
-from hhsim.reproducible import norm
 from hhsim.solver.free_object import EngineBody, FreeObject
 from hhsim.solver.hand_solver import START_LINEARISATIONS, HandSolver, clearance, free_engine, shift_until
 from hhsim.solver.linearising_engine import LinearisingEngine
@@ -28,8 +25,6 @@ if TYPE_CHECKING:
 
 FAR = 10.0
 """Distance [m] up to which hands that begin in each other, or may, are measured."""
-LISTS = "candidates"
-"""Part of a tick's state that is gathered anew from the rest: its lists of near pairs, most of its memory."""
 
 
 def keeps_hands_apart(options: SolverOptions) -> bool:
@@ -40,10 +35,9 @@ def keeps_hands_apart(options: SolverOptions) -> bool:
 class WorldSolver:
     """Keeps hands between ticks, and what moves freely with them.
 
-    Where something is free all move by one program. Else each hand's ticks are those that it has alone, on a thread of
-    its own; where two might have met, and beside parts that move, they are made one by one, and those in which they
-    might have met by one program of both. Methods that promise no distance to the object, and other QP solvers, keep
-    no two hands apart.
+    Where something is free all move by one program. Else each hand's ticks are those that it has alone, but for those
+    in which two might have met: these are made by one program of both. Methods that promise no distance to the object,
+    and other QP solvers, keep no two hands apart.
 
     Args:
         hands: Solver of one hand, which has all that is free; or of the right and the left one, at one surface where it
@@ -68,7 +62,6 @@ class WorldSolver:
         if len(self.hands) > 1 and (free is not None or keeps_hands_apart(hands[0].options)):
             self._two = self.engine = free_engine(self._spaces[0], free, second=self._spaces[1], others=others)
         self._started = self._two is None
-        self._threads = ThreadPoolExecutor(len(self.hands))
 
     def run(self, *haptic: HandConfiguration) -> tuple[TickRecord, ...]:
         """Run one tick for each haptic configuration of the hands; arguments and errors as of `HandSolver.run`.
@@ -85,10 +78,6 @@ class WorldSolver:
             record.status[:1] |= start
         return records
 
-    def close(self) -> None:
-        """End the hands' threads."""
-        self._threads.shutdown()
-
     def object_ticks(self, hand: int = 0) -> "ObjectRecord":
         """Return the record of the free object in the last ticks as of one of the hands, see `FreeEngine.seen_by`."""
         assert self.engine is not None
@@ -101,43 +90,21 @@ class WorldSolver:
 
     def _run(self, blocks: tuple[HapticBlock, ...], haptic: Sequence[HandConfiguration]) -> tuple[TickRecord, ...]:
         two = self._two
-        # Hands whose ticks come one by one take turns in one call, which is quicker than two threads.
-        if two is None or not (self._has_free or two.world.is_near or len(blocks[0].position) == 1):
-            kept = [_Kept.of(space) for space in self._spaces] if two is not None else []
-            if len(self.hands) == 1:
-                return (self.hands[0].run(*haptic[0]),)
-            # What is printed by foreign code is led aside for the whole process: such hands take turns.
-            each = self._threads.map if all(hand.method.compiled for hand in self.hands) else map
-            records = tuple(each(lambda hand, given: hand.run(*given), self.hands, haptic))
-            if two is None or not self._have_met(two, kept, records):
-                return records
-            for space, before in zip(self._spaces, kept):
-                before.restore(space)
+        if two is None:
+            return tuple(hand.run(*given) for hand, given in zip(self.hands, haptic))
         records = tuple(tick_record(len(block.position)) for block in blocks)
         if self._has_free:
             done = two.run_many(blocks, records)
         else:
             from hhsim.kernels.free.side_by_side import run_hands_apart
 
-            done = run_hands_apart(*self._of_both(two, blocks, records))
+            with ExitStack() as stack:
+                for space in self._spaces:
+                    stack.enter_context(space.thread_team.at_work(space.tick_options))
+                done = run_hands_apart(*self._of_both(two, blocks, records))
         if done and any(record.status[done - 1] & STATUS_CAPACITY_EXCEEDED for record in records):
             raise two.workspace.full()
         return records
-
-    def _have_met(self, two: "FreeEngine", kept: Sequence["_Kept"], records: tuple[TickRecord, ...]) -> bool:
-        """Return whether the hands might have met in ticks of each alone, which began as `kept`."""
-        from hhsim.kernels.free.side_by_side import find_meeting
-
-        # Balls around the palms that hold the hands are looked at first.
-        poses = [before.fields["pose"][0] for before in kept]
-        way = [np.vstack([pose.position, record.position]) for pose, record in zip(poses, records)]
-        moved = sum(norm(np.diff(places, axis=0)) for places in way)
-        between = norm((way[0] - way[1])[1:]) - moved
-        if (between > two.world.meeting.reach.sum() + self.hands[0].options.offset).all():
-            return False
-        for space, pose in zip(self._spaces, poses):
-            copy_configuration(pose, space.states[0].pose)
-        return bool(find_meeting(two.method, (records[0], records[1])) < len(records[0].position))
 
     def _of_both(
         self, two: "FreeEngine", haptic: Sequence[HapticBlock], record: Sequence[TickRecord]
@@ -221,33 +188,3 @@ def _part(spaces: Sequence[TickWorkspace], pairs: Any) -> bool:
     away, clear = first.position - second.position, spaces[0].options.margin
     shift_until([first.position, second.position], away, distance, clear)
     return True
-
-
-class _Kept(NamedTuple):
-    """Copy of what a tick's state is without its lists, and of the bodies that move beside the hand."""
-
-    fields: dict[str, Any]
-    bodies: tuple[AnyArray, ...]
-
-    @classmethod
-    def of(cls, space: TickWorkspace) -> Self:
-        """Copy a workspace."""
-        fields = {name: space.states[name].copy() for name in space.states.dtype.names if name != LISTS}
-        return cls(fields, tuple(values.copy() for values in _moving(space)))
-
-    def restore(self, space: TickWorkspace) -> None:
-        """Let a workspace be again as it was, its lists gathered anew."""
-        for values, before in zip(_moving(space), self.bodies):
-            values[...] = before
-        self._write(space)
-        space.gather()
-        self._write(space)
-
-    def _write(self, space: TickWorkspace) -> None:
-        for name, values in self.fields.items():
-            space.states[name][:] = values
-
-
-def _moving(space: TickWorkspace) -> tuple[AnyArray, ...]:
-    surface = space.surface
-    return (surface.part, surface.motion.tick) if isinstance(surface, JointedSurface) else ()

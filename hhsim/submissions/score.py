@@ -223,11 +223,11 @@ def score(
         said = {"method": submission.method, "file": file, "scene": digest, "suspicions": list(doubts)}
         # Of what is free poses are sent: nothing else in the file says where it goes.
         said |= {"bodies": list(submission.bodies)} if submission.bodies else {}
-        with SceneSolver(shown, options) as solver:
-            run = Replay(solver, {"submission": said})
-            with run.writer(output_path, command) as writer:
-                run.go(progress)
-                summaries = run.finish()
+        solver = SceneSolver(shown, options)
+        run = Replay(solver, {"submission": said})
+        with run.writer(output_path, command) as writer:
+            run.go(progress)
+            summaries = run.finish()
         progress("the best poses", 0, 1)
         hands = dict[str, HandScore]()
         for hand, own, haptic, summary in zip(shown.hands, given.hands, seen.haptic, summaries, strict=True):

@@ -101,11 +101,11 @@ def _run_again(result: Result, first: Result, report: Progress, trust: bool) -> 
     scene, note = _scene(list(result.hands.values()), options, report)
     with TemporaryDirectory(prefix="hhsim-") as folder:
         path = Path(folder) / "again.h5"
-        with SceneSolver(scene, options) as solver:
-            run = Replay(solver)
-            with run.writer(path, ()):
-                run.go(report)
-                run.finish()
+        solver = SceneSolver(scene, options)
+        run = Replay(solver)
+        with run.writer(path, ()):
+            run.go(report)
+            run.finish()
         with open_hdf5(first.path) as stored, open_hdf5(path) as made:
             return [*_compared(first, stored, made)], note
 

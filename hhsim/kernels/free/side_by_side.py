@@ -14,7 +14,7 @@ from hhsim.kernels.copy import copy_values
 from hhsim.kernels.free.meeting import hands_of, measure_hands
 from hhsim.kernels.free.pairs import Free
 from hhsim.kernels.free.tick import MEASURE, TICK
-from hhsim.kernels.hand.pose import copy_configuration, step_between, update_kinematics
+from hhsim.kernels.hand.pose import copy_configuration, step_between
 from hhsim.kernels.jit import as_int64, jit, jit_noinline
 from hhsim.kernels.machine_code import call_code
 from hhsim.kernels.qp.active_set import QpWork
@@ -35,26 +35,6 @@ def _may_have_met(method: Free) -> bool:
     bound_motions(hands, two, world.meeting)
     look_at_pairs(hands, two, offset, np.inf, np.inf, world.meeting)
     return bool(world.meeting.least < np.inf)
-
-
-@jit
-def find_meeting(method: Free, records: tuple[TickRecord, TickRecord]) -> int:
-    """Return the first tick of a block in which the hands, each alone, might have met; the number of ticks for none.
-
-    The poses of the states are those before the block; without a meeting they are in the end what they were after it.
-    """
-    for i in range(records[0].position.shape[0]):
-        for h in range(2):
-            state, record = method.states[h], records[h]
-            copy_configuration(state.pose, state.prediction.start)
-            copy_values(record.position[i], state.pose.position[:])
-            copy_values(record.orientation[i], state.pose.orientation[:])
-            copy_values(record.abduction[i], state.pose.abduction[:])
-            copy_values(record.flexion[i], state.pose.flexion[:])
-            update_kinematics(method.movers[h], state.pose)
-        if _may_have_met(method):
-            return i
-    return int(records[0].position.shape[0])
 
 
 class TickCodes(NamedTuple):
@@ -143,7 +123,13 @@ def run_hands_apart(
                 sample = given.position[i], given.orientation[i], given.flexion[i], given.abduction[i]
                 record[h].status[i] = set_haptic(method.movers[h], *sample, states[h])
         said = record[0].status[i] | record[1].status[i]
-        if by_itself and (said & STATUS_NO_PLACE or not _may_have_met(method)):
+        looked = monotonic_ns()
+        apart = by_itself and (said & STATUS_NO_PLACE != 0 or not _may_have_met(method))
+        if apart:
+            looked = monotonic_ns() - looked
+            for h in range(2):
+                record[h].duration_total[i] += looked
+                record[h].duration_cpu[i] += looked
             if said & STATUS_CAPACITY_EXCEEDED:
                 return i + 1
             continue
