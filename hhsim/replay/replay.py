@@ -1,7 +1,8 @@
 """Main loop: solve a scene's ticks in compiled blocks; between blocks, measure and write them.
 
 Two hands keep out of each other beside a free object, and elsewhere with methods that can (`keeps_hands_apart`).
-Without a free object each hand is solved as if it were alone in ticks in which the hands cannot meet. All other ticks of two such hands, and all beside a free object, are one program of both.
+Without a free object each hand is solved as if it were alone in ticks in which the hands cannot meet. All other ticks
+of two such hands, and all beside a free object, are one program of both.
 """
 
 from collections.abc import Mapping, Sequence
