@@ -10,25 +10,20 @@ bones linearised. A step is shortened where it turns back, since the surface ben
 
 from collections.abc import Iterator, Sequence
 from copy import copy
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.written_hand import balls_are_clear
-from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.field.hands import ON_SURFACE, Bodies, object_bvh
-from hhsim.metrics.mesh_penetration import RESOLUTION
-from hhsim.metrics.moving_parts import MovingParts
+from hhsim.metrics.field.hands import ON_SURFACE
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.recordings.correction import BONES, Correction
+from hhsim.repair.tracks import CLEAR, GivenObject, HandJudge, farthest, put
 from hhsim.repair.written_hand import (
     JOINTS,
     NUMBERS,
-    SHARES,
     TIPS,
     WrittenHand,
     change_between,
@@ -39,7 +34,6 @@ from hhsim.repair.written_hand import (
 from hhsim.solver.options import Stiffness
 from hhsim.solver.qp import QpProblem, QpStatus, solve_active_set
 from hhsim.system.progress import Progress, silent
-from hhsim.trees.contact_surface import ContactSurface
 
 SLACK = 1000.0
 """Force [N], above that of any displacement, at which rows that contradict each other give way."""
@@ -104,10 +98,6 @@ def steady_step(
     return np.asarray(solution.x)[first]
 
 
-CLEAR = 2e-6
-"""Clearance that a hand needs [m]: above the error of the measure."""
-GivenObject: TypeAlias = ContactSurface | MovingParts
-"""Object of a recording: the surface of a closed mesh, or parts with their poses in each frame."""
 LONGEST_STEP = 5e-3
 """Largest move of a ball in one program [m], and the distance from the surface up to which balls have rows."""
 SETTLED = 2e-4
@@ -137,58 +127,8 @@ STEADINESS = ((0, 3.0), (0, 30.0), (2, 30.0), (6, 30.0))
 in the order in which they are tried."""
 STEADY = 1.1
 """Ratio of mean accelerations, written to recorded, up to which no more frames are tried."""
-USUAL_CORRECTION, USUAL_SHARE = 2e-3, 1.5
-"""A correction up to this [m] and so many times the depth is that of a hand on its own side of the object."""
-LONGEST_SHIFT = 0.3
+LONGEST_SHIFT = 0.05
 """Farthest shift by which a hand is freed where the programs find no way [m]."""
-
-
-class HandJudge:
-    """Clearance of hands from closed meshes by closest points, with nothing of the solver.
-
-    Hands are those of all frames of parts that move, or of the frames that `at` takes.
-    """
-
-    def __init__(self, hand: HandModel, given: GivenObject | Mesh) -> None:
-        mesh = given.mesh if isinstance(given, ContactSurface) else given
-        assert mesh is not None
-        self.hand, self.shape, self.bodies = hand, hand_shape(hand), Bodies.of(mesh)
-
-    def at(self, frames: int | slice | IntArray) -> "HandJudge":
-        """Return the judge of some frames, or of a single one."""
-        judge = copy(self)
-        judge.bodies = self.bodies.at(frames)
-        return judge
-
-    def clearance(self, frames: HandConfiguration, limit: float = CLEAR) -> FloatArray:
-        """Return the least signed distance of each hand [m], shape (T,), at most `limit`; NaN for a hand of NaN."""
-        return self.placed_clearance(forward_kinematics(self.hand, *frames), limit)
-
-    def placed_clearance(self, placed: PlacedHand, limit: float = CLEAR) -> FloatArray:
-        """Return the same for any joints and palms."""
-        return self.bodies.clearance(self.shape, placed, limit)
-
-    def are_clear(self, points: FloatArray, radii: FloatArray, least: FloatArray) -> bool:
-        """Return True if a hand of one frame, of balls as of `WrittenHand.samples`, has the clearance that it needs.
-
-        `least` are lower bounds of the balls' signed distances to all bodies [m], shape (n,).
-        """
-        rest = len(SHARES), CLEAR, RESOLUTION
-        return all(
-            balls_are_clear(object_bvh(mesh), np.ascontiguousarray(seen[0]), radii, least, *rest)
-            for mesh, seen in zip(self.bodies.meshes, self.bodies.seen(points[None]))
-        )
-
-
-def farthest(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the largest distance between corresponding points [m], shapes (T, P, 3); shape (T,)."""
-    return np.asarray(np.linalg.norm(first - second, axis=-1).max(axis=-1))
-
-
-def put(track: HandConfiguration, frames: int | IntArray, hands: HandConfiguration) -> None:
-    """Write hands to frames of a track, or one, T = 1, to a frame."""
-    for values, own in zip(track, hands, strict=True):
-        values[frames] = own
 
 
 class FrameHand:
@@ -283,6 +223,7 @@ def correct(
     joints: FloatArray,
     hand: HandModel,
     fitted: HandConfiguration,
+    posture: HandConfiguration,
     given: GivenObject,
     *,
     tip_on_surface: bool,
@@ -290,12 +231,12 @@ def correct(
     max_correction: float = 0.015,
     progress: Progress = silent,
 ) -> tuple[Correction, BoolArray]:
-    """Move recorded joints with the bones of our hand until the written hand does not penetrate.
+    """Move recorded joints with the bones of our hand, and on until the written hand does not penetrate.
 
     Args:
         joints: Recorded joints in the order of `KEYPOINTS`, in the object's frame [m], shape (T, 21, 3), NaN where
             missing.
-        fitted: Our hand as recorded, in the object's frame; NaN in frames without a hand.
+        fitted, posture: Our hand as recorded and as repaired, in the object's frame; NaN in frames without a hand.
         given: Object, of parts that move with their poses in each frame.
         tip_on_surface: True if recorded tips are points of the skin; False if they are centres of the fingertips.
         object_moved: Motion of the object's frame in the world, in which accelerations are measured; None: it stands
@@ -308,7 +249,7 @@ def correct(
         written hand penetrates or whose joints move by more than the limit, shape (T,).
     """
     count = len(joints)
-    known = np.flatnonzero(finite_frames(fitted))
+    known = np.flatnonzero(finite_frames(fitted) & finite_frames(posture))
     rotation = np.tile(np.eye(3), (count, BONES, 1, 1))
     moved, corrected = joints.copy(), fitted.copy()
     changed, inside = np.zeros((2, count), bool)
@@ -318,7 +259,8 @@ def correct(
         recorded = projection.clearance(written.fitted)
         if object_moved is not None:
             object_moved = RigidMotion(object_moved.turn[known], object_moved.shift[known])
-        found = projection.corrected(recorded, object_moved, progress)
+        needed = recorded < 0.0
+        found = projection.corrected(posture.at(known), needed, object_moved, progress)
         touched = np.any(change_between(written.fitted, found) != 0.0, axis=1)
         changed[known] = touched
         rotation[known[touched]] = written.rotation(found)[touched]
@@ -348,15 +290,19 @@ class Projection:
         return self.judge.placed_clearance(self.written.placed(posture))
 
     def corrected(
-        self, recorded: FloatArray, object_moved: RigidMotion | None = None, progress: Progress = silent
+        self,
+        posture: HandConfiguration,
+        needed: BoolArray,
+        object_moved: RigidMotion | None = None,
+        progress: Progress = silent,
     ) -> HandConfiguration:
         """Return free hands near the recorded ones; as few frames are changed as a steady motion allows.
 
-        `recorded` are the clearances of the recorded hands [m], shape (T,), `object_moved` is the motion of the
-        object's frame in the world; None: it stands still.
+        `posture` are the repaired hands of T frames, `needed` those whose written hand penetrates, shape (T,),
+        `object_moved` the motion of the object's frame in the world; None: it stands still.
         """
-        written, needed = self.written, recorded < 0.0
-        start = self._near(recorded, progress)
+        written = self.written
+        start = self._near(posture, needed, progress)
 
         def acceleration(hands: HandConfiguration) -> float:
             """Return the mean acceleration of the joints of hands in the world."""
@@ -374,26 +320,21 @@ class Projection:
                 break
         return best
 
-    def _near(self, recorded: FloatArray, progress: Progress) -> HandConfiguration:
-        """Return the nearest hand found of each frame whose clearance, (T,) [m], is negative.
-
-        The frames are gone through forward and backward: a frame begins with the correction of the one before, and
-        where that stays larger than its own depth explains, from the recorded hand too.
-        """
-        near, frames = self.written.fitted.copy(), np.flatnonzero(recorded < 0.0)
-        off, usual = np.full(len(recorded), np.inf), USUAL_CORRECTION + USUAL_SHARE * np.maximum(0.0, -recorded)
+    def _near(self, posture: HandConfiguration, needed: BoolArray, progress: Progress) -> HandConfiguration:
+        """Return the nearest hand found of each frame in need, from its own and from its neighbours' corrections."""
+        near, frames = self.written.fitted.copy(), np.flatnonzero(needed)
+        put(near, frames, posture.at(frames))
+        off = np.full(len(needed), np.inf)
         for done, (t, before) in enumerate(_forward_and_back(frames.tolist())):
             progress("nearest hands", done, 2 * len(frames))
-            one = self.at(t)
-            taken = None if before is None or np.isinf(off[before]) else self._taken(one, near, before)
-            starts = [] if taken is None or one.off(taken) >= off[t] - SETTLED else [taken]
-            starts += [one.written.fitted] if np.isinf(off[t]) else []
-            for start in starts:
-                found = None if off[t] <= usual[t] else one.nearest(start)
-                if found is not None and one.off(found) < off[t]:
-                    off[t] = one.off(found)
-                    put(near, t, found)
-            if np.isinf(off[t]) and (found := one.free_near(one.written.fitted)) is not None:
+            one, start = self.at(t), near.part(t, t + 1)
+            taken = None if before is None else self._taken(one, near, before)
+            if taken is not None and one.off(taken) < one.off(start) - SETTLED:
+                start = taken
+            elif np.isfinite(off[t]):
+                continue
+            found = one.nearest(start) or one.free_near(start)
+            if found is not None and one.off(found) < off[t]:
                 off[t] = one.off(found)
                 put(near, t, found)
         return near

@@ -41,13 +41,15 @@ from hhsim.recordings.unit_detection import clean_units
 from hhsim.render.before_after import deepest_frames, draw_before_after
 from hhsim.render.triangle_soup import hand_surface, piece_surfaces
 from hhsim.repair.field_verdict import doubts_of, field_verdict
+from hhsim.repair.offline import repair_frames
 from hhsim.repair.page import repair_page
-from hhsim.repair.projection import GivenObject, correct
+from hhsim.repair.projection import correct
 from hhsim.repair.recorded_scene import RecordedScene, recorded_scene
 from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairRequest
 from hhsim.repair.skin import Skin, mano_skin, moved_skin, read_skin
 from hhsim.repair.skin_depth import push_out
 from hhsim.repair.skin_hull import hand_with_skin, with_palm
+from hhsim.repair.tracks import LINEARISATIONS, GivenObject, put_at, solver_beside
 from hhsim.repair.written_hand import WrittenHand
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.stored_scene import stored_hand
@@ -58,7 +60,6 @@ from hhsim.result.schema import BETWEEN_COLUMNS
 from hhsim.result.writer import add_skin
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.scene.scene import Scene
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.known_methods import SUBMITTED, known_for_now
 from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.solver.scene_solver import seen_hand, seen_scene
@@ -68,7 +69,7 @@ from hhsim.system.atomic_write import new_files, undo_killed, write_atomically
 from hhsim.system.input_file import file_state
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
-from hhsim.trees.contact_surface import contact_surface, encloses, put_parts
+from hhsim.trees.contact_surface import contact_surface, encloses
 from hhsim.trees.triangle_tree import triangle_tree
 
 LOADED = 64
@@ -79,8 +80,6 @@ TREE_LEVEL = 2
 """Level of the tree of an object's triangles in the result."""
 METHOD = "hhsim repair"
 """Name of the method in the result of a repair."""
-LINEARISATIONS = 100
-"""Most linearisations of a tick that finds the forces of a frame."""
 ROUNDING = 2e-6
 """Distance of written joints from corrected ones that numbers of a file make [m]."""
 
@@ -287,9 +286,12 @@ def corrected(
 ) -> tuple[Correction, BoolArray]:
     """Return the correction as the object sees it, and a mask of the frames to be marked, shape (F,)."""
     hand, haptic = recorded.hand, recorded.haptic
+    free = repair_frames(hand, given, haptic, limit, progress)
     on_surface = recorded.tip_on_surface
-    options: dict[str, Any] = {"object_moved": recorded.moved, "max_correction": limit, "progress": progress}
-    first, marked = correct(recorded.joints, hand, haptic, given, tip_on_surface=on_surface, **options)
+    first, marked = correct(
+        recorded.joints, hand, haptic, free, given, tip_on_surface=on_surface, object_moved=recorded.moved,
+        max_correction=limit, progress=progress,
+    )  # fmt: skip
     if skin is None:
         return first, marked
     progress("skin", 0, 1)
@@ -512,14 +514,12 @@ def equilibrium_forces(scene: Scene, given: GivenObject, posture: HandConfigurat
     They are on the phalanges, shape (T, 5, 3, 3), and on the palm, shape (T, 3), as the object sees them.
     """
     options = SolverOptions(surface="mesh", linearisations=LINEARISATIONS, budget=UNLIMITED)
-    surface = given.surface("mesh") if isinstance(given, MovingParts) else given
-    solver = HandSolver(scene.hands[0].model, surface, options)
+    solver = solver_beside(given, scene.hands[0].model, options)
     haptic = seen_scene(scene).haptic[0]
     phalanx, palm = np.zeros((posture.ticks, 5, 3, 3)), np.zeros((posture.ticks, 3))
     for frame in range(posture.ticks):
         shown = posture.part(frame, frame + 1)
-        if isinstance(given, MovingParts):
-            put_parts(solver.workspace.surface, given.path[frame])
+        put_at(solver, given, frame)
         solver.place(*shown.at(0))
         # The shown abduction is held: it has no force.
         record = solver.run(*haptic.part(frame, frame + 1)._replace(abduction=shown.abduction))

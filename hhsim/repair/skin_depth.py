@@ -17,8 +17,9 @@ from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.hands import Bodies, object_bvh
 from hhsim.metrics.moving_parts import MovingParts
-from hhsim.repair.projection import HandJudge, Projection, put
+from hhsim.repair.projection import Projection
 from hhsim.repair.skin import BLOCK_FRAMES, Skin, carried
+from hhsim.repair.tracks import HandJudge, put
 from hhsim.repair.written_hand import NUMBERS, PosedHand, WrittenHand, ball_radii
 
 

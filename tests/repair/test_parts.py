@@ -29,11 +29,13 @@ from hhsim.metrics.field.hands import Bodies, FieldHands, FieldPair
 from hhsim.metrics.moving_parts import MovingParts, result_parts
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.recordings.registry import ReadOptions, read_recording
-from hhsim.repair.projection import HandJudge, correct
+from hhsim.repair.offline import repair_frames
+from hhsim.repair.projection import correct
 from hhsim.repair.recorded_scene import model_joints
 from hhsim.repair.repair import repair_recording
 from hhsim.repair.request import RESULT, RepairOutcome, RepairRequest
 from hhsim.repair.skin_depth import push_out, skin_depth
+from hhsim.repair.tracks import HandJudge
 from hhsim.result.reader import Result, load_result
 from hhsim.result.stored_hand import result_hand
 from hhsim.scene.declared_bodies import load_bodies
@@ -320,8 +322,9 @@ def test_parts_that_leave_no_place_have_the_frame_marked() -> None:
     poses[:, :, 3] = 1.0
     poses[:, 0, 2], poses[:, 1, 2] = -0.65, (0.65, 0.35)
     parts, frames = MovingParts("press", ("low", "high"), meshes, trees, poses, {}), held(2)
+    free = repair_frames(HAND, parts, frames, 0.1)
     joints = model_joints(HAND, frames)
-    found, marked = correct(joints, HAND, frames, parts, tip_on_surface=False, max_correction=0.1)
+    found, marked = correct(joints, HAND, frames, free, parts, tip_on_surface=False, max_correction=0.1)
     assert marked.tolist() == [False, True]
     assert np.array_equal(found.joints[0], joints[0])
 

@@ -7,17 +7,18 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from repair_scenes import HAND, Case, held, ring_case, scene_case, shape_case
-from sampled import sampled
+from repair_scenes import HAND, Case, held, scene_case, shape_case
 from sphere_scenes import random_hand
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.hand.configuration import HandConfiguration, sequence
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.recordings.correction import Correction, moved_joints
-from hhsim.repair.projection import HandJudge, Projection, correct
+from hhsim.repair.offline import repair_frames
+from hhsim.repair.projection import Projection, correct
+from hhsim.repair.tracks import HandJudge
 from hhsim.repair.written_hand import NUMBERS, WrittenHand, bone_frames, change_between, changed_hand, mean_acceleration
 
 LEFT = HandModel.default("left")
@@ -85,7 +86,9 @@ def depth(case: Case, written: WrittenHand, hands: HandConfiguration) -> FloatAr
 
 
 def corrected(case: Case, joints: FloatArray, tip_on_surface: bool = False, limit: float = 0.03) -> Corrected:
-    found = correct(joints, case.hand, case.frames, case.surface, tip_on_surface=tip_on_surface, max_correction=limit)
+    free = repair_frames(case.hand, case.surface, case.frames, limit)
+    arguments = (joints, case.hand, case.frames, free, case.surface)
+    found = correct(*arguments, tip_on_surface=tip_on_surface, max_correction=limit)
     written = WrittenHand(joints, case.hand, case.frames, tip_on_surface)
     return Corrected(*found, *(depth(case, written, hands) for hands in (case.frames, found[0].posture)))
 
@@ -115,66 +118,6 @@ def test_no_written_hand_penetrates(size: float) -> None:
     np.testing.assert_allclose(bones[0], bones[1], atol=1e-12)
 
 
-SCENES = [("cup", "grasp"), ("bunny", "grasp"), ("teapot", "grasp"), ("shamrock", "leaf")]
-
-
-def jump_through_a_plate() -> Case:
-    """The recording jumps through a plate and back: the frames below touch it by 1 mm."""
-    case = shape_case(trimesh.creation.box((0.6, 0.6, 0.002)), held(1))
-    gap = float(HandJudge(HAND, case.surface).clearance(held(1, -1.0), np.inf)[0])
-    return case._replace(frames=sequence(held(2, 0.08), held(3, gap - 1.0 + 1e-3), held(2, 0.08)))
-
-
-def on_a_block(depth: float) -> Case:
-    """The hand stretched on a wide block: no rotation and no bending helps the palm's lowest points all at once."""
-    case = shape_case(trimesh.creation.box((1.0, 1.0, 0.4)), held(1, flexion=0.0))
-    lowest = float(HandJudge(HAND, case.surface).clearance(held(1, 1.0, 0.0), np.inf)[0]) - 0.8
-    return case._replace(frames=held(2, 0.2 - depth - lowest, 0.0))
-
-
-def in_a_box(x: float, y: float, z: float, frames: HandConfiguration) -> Case:
-    return shape_case(trimesh.creation.box((x, y, z)), frames)
-
-
-PLACES = {
-    "palm on a block": (lambda: on_a_block(4e-3), 4e-3, 0.006),
-    "finger in a ring": (ring_case, 1e-3, 0.004),
-    "jump through a plate": (jump_through_a_plate, 1e-3, 0.004),
-    "fingers through a sheet": (
-        lambda: shape_case(trimesh.creation.box((0.3, 0.3, 0.002)), held(4, 0.03, 0.5)),
-        0.011,
-        0.06,
-    ),
-    "middle of a block": (lambda: in_a_box(0.5, 0.5, 0.5, held(2)), 0.2, 0.3),
-}
-"""Cases with the depth of the recorded hand, and a bound on the move of a joint [m]."""
-
-
-@pytest.mark.parametrize("name", PLACES)
-def test_a_hand_leaves_by_the_nearest_side(name: str) -> None:
-    make, deep, most = PLACES[name]
-    case = make()
-    joints = keypoints(case.hand, case.frames)
-    found = corrected(case, joints, limit=most)
-    way = np.linalg.norm(found.correction.joints - joints, axis=2).max()
-    assert found.depth_before.max() == pytest.approx(deep, rel=0.5)
-    assert not found.depth.any() and not found.marked.any() and way < most
-    written = WrittenHand(joints, case.hand, case.frames, tip_on_surface=False)
-    assert case.referee_clearance_of(written.placed(found.correction.posture)) >= 0.0
-    # What is beyond the limit is marked, and so much the more where it is a tenth.
-    assert corrected(case, joints, limit=0.1 * way).marked.any()
-
-
-@pytest.mark.parametrize(("name", "script"), sampled(SCENES, lambda place, _: place == 0))
-def test_no_corrected_frame_of_a_scene_penetrates(name: str, script: str) -> None:
-    case = scene_case(name, script)
-    joints = keypoints(case.hand, case.frames)
-    found, again = corrected(case, joints), corrected(case, joints)
-    assert (found.depth_before > 0.004).any() and not found.depth.any() and not found.marked.any()
-    assert mean_acceleration(found.correction.joints) <= 1.1 * mean_acceleration(joints)
-    assert found.correction.joints.tobytes() == again.correction.joints.tobytes()
-
-
 @pytest.mark.parametrize(("speed", "beside"), [(0.02, False), (0.0, True)])
 def test_frames_that_need_nothing_stay_unless_the_motion_would_jump(speed: float, beside: bool) -> None:
     """An object jumps up into a still hand for five frames: out of its way is a jump only where the motion is calm."""
@@ -187,7 +130,7 @@ def test_frames_that_need_nothing_stay_unless_the_motion_would_jump(speed: float
     swing = np.cumsum(speed * (-1.0) ** np.arange(30))[:, None] * [1.0, 0.0, 0.0]
     swing[:, 2] = np.where(dips, 3.1e-3, 0.0)
     moved = RigidMotion(np.tile([1.0, 0.0, 0.0, 0.0], (30, 1)), swing)
-    settled = (keypoints(HAND, frames), HAND, frames, case.surface)
+    settled = (keypoints(HAND, frames), HAND, frames, frames, case.surface)
     found, _ = correct(*settled, tip_on_surface=False, object_moved=moved)
     np.testing.assert_array_equal(depth(case, WrittenHand(settled[0], HAND, frames, False), frames) > 0.0, dips)
     assert not depth(case, WrittenHand(settled[0], HAND, frames, False), found.posture).any()
@@ -197,14 +140,15 @@ def test_frames_that_need_nothing_stay_unless_the_motion_would_jump(speed: float
     assert not changed[np.abs(np.arange(30) - 15) > 8].any()
 
 
-def test_a_recorded_hand_that_is_outside_stays() -> None:
+def test_a_recorded_hand_that_is_outside_stays_whatever_our_repair_would_change() -> None:
     case = shape_case(trimesh.creation.box((0.5, 0.5, 0.1)), held(4))
     fitted = held(4)
     # A unit quaternion up to rounding, whose product with its inverse is no identity.
     fitted.orientation[:] = np.array([0.9, 0.1, 0.3, 0.0]) / np.linalg.norm([0.9, 0.1, 0.3])
     fitted.position[:, 2] = 0.3
     joints = keypoints(HAND, fitted)
-    kept, _ = correct(joints, HAND, fitted, case.surface, tip_on_surface=False)
+    repaired = fitted._replace(position=fitted.position + 0.01)
+    kept, _ = correct(joints, HAND, fitted, repaired, case.surface, tip_on_surface=False)
     assert not kept.changed.any()
     for before, after in zip(fitted, kept.posture):
         np.testing.assert_array_equal(before, after)
@@ -239,10 +183,10 @@ def test_a_projection_ends_outside(seed: int, name: str) -> None:
     joints = residual(keypoints(HAND, frames), 2e-3)
     written = WrittenHand(joints, HAND, frames, tip_on_surface=False)
     projection = Projection(written, HandJudge(HAND, case.surface))
-    free = projection.corrected(projection.clearance(frames))
+    free = projection.corrected(frames, projection.clearance(frames) < 0.0)
     inside = projection.clearance(frames)[0] < 0.0
     assert inside or not change_between(frames, free).any()
-    # The shift that frees a hand where the programs do not is at most 0.3 m: beyond, the hand stays as it was.
+    # The shift that frees a hand where the programs do not is at most 5 cm: beyond, the hand stays as it was.
     if projection.clearance(free)[0] >= 0.0:
         assert case.referee_clearance_of(written.placed(free)) >= 0.0
     else:
@@ -256,8 +200,7 @@ def test_the_projection_of_a_shallow_hand_moves_little_more_than_its_depth() -> 
     gap = float(judge.clearance(case.frames, np.inf)[0])
     frames = case.frames._replace(position=case.frames.position - [0.0, 0.0, gap + 1e-3])
     written = WrittenHand(keypoints(HAND, frames), HAND, frames, tip_on_surface=False)
-    projection = Projection(written, judge)
-    free = projection.corrected(projection.clearance(frames))
+    free = Projection(written, judge).corrected(frames, np.ones(1, bool))
     ends = [written.samples(written.posed(hands))[0] for hands in (free, frames)]
     moved = np.linalg.norm(ends[0] - ends[1], axis=1).max()
     # Some ball of the hand has to rise by the depth; the program asks for 20 µm more.

@@ -22,7 +22,7 @@ from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.recordings.registry import ReadOptions, read_recording
 from hhsim.repair.follow import FollowedFrame
-from hhsim.repair.projection import correct
+from hhsim.repair.offline import repair_frames
 from hhsim.repair.recorded_scene import model_joints
 from hhsim.repair.repair import repair_recording
 from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairRequest
@@ -248,7 +248,8 @@ def test_a_recording_pushed_into_the_object_comes_back_towards_the_known_hand(tm
     """The truth is a hand without penetration; the recording is it, 8 mm towards the object and with noise."""
     hand, frames = grasp()
     surface = contact_surface("mesh", load_object("sphere").mesh, None)
-    truth = correct(model_joints(hand, frames), hand, frames, surface, tip_on_surface=False)[0].joints
+    free = repair_frames(hand, surface, frames, 0.05)
+    truth = model_joints(hand, free)
     toward = load_object("sphere").mesh.vertices.mean(axis=0) - truth[:, 4::4].mean(axis=1)
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)
     shift = 0.008 * toward + np.random.default_rng(3).normal(0.0, 5e-4, toward.shape)
