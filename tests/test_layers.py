@@ -23,7 +23,7 @@ from tools.import_graph import (
     reached_from,
 )
 
-MOST_LINES = {"replay": 51_100, "build_tree": 15_650}
+MOST_LINES = {"replay": 50_700, "build_tree": 15_650}
 """Lines that a command can import, of some 100,000; who lowers what it imports lowers these."""
 ROOMS = tuple(
     f"hhsim.{name}"

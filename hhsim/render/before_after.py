@@ -12,9 +12,10 @@ from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.hands import object_bvh
 from hhsim.render.figure import new_figure, save_figure
-from hhsim.render.hand_picture import AZIMUTHS, BODY_OPACITY, RED, View
-from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, blend, frame, look_from, rendered, shade
-from hhsim.render.triangle_soup import SKIN, STONE, Surface, mesh_surface, near_hands
+from hhsim.render.hand_picture import BODY_OPACITY, RED
+from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, blend, frame, rendered, shade
+from hhsim.render.triangle_soup import SKIN, STONE, Surface, look_from, mesh_surface, near_hands
+from hhsim.render.viewpoint import AZIMUTHS, View
 from hhsim.system.output_path import check_picture
 
 if TYPE_CHECKING:

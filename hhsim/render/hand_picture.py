@@ -1,33 +1,27 @@
 """Layers of a picture of the hand on an object: skin, the haptic hand as blue glass, forces in red with their sizes.
 
 A force behind another part of the hand is hollow, and has the name of its finger beside its size.
-
-The viewpoint is the one that shows most of the hand, chosen from points of the surfaces.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hhsim.arrays import FloatArray, IntArray
-from hhsim.mesh.topology import face_samples
+from hhsim.arrays import FloatArray
 from hhsim.render.figure import halo
-from hhsim.render.rasterizer import Camera, Layer, blend, look_from, shade
+from hhsim.render.rasterizer import Camera, Layer, blend, shade
 from hhsim.render.triangle_soup import Surface, arrow_surface, joined
+from hhsim.render.viewpoint import PieceForce, arrow
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-GHOST = np.array([0.25, 0.52, 0.95])
 RED = np.array([0.85, 0.10, 0.08])
 
 ARROW_RADIUS = 1.3e-3
 """Radius of an arrow's shaft [m]."""
-ARROW_LENGTH = 0.02
-"""Length of the arrow of 1 N [m]; it grows with the square root of the force, so that small ones can be seen."""
-
 LONGEST_ARROW = 10.0
 """Longest arrow that is drawn [m]: a damaged file may hold forces that no picture has space for."""
 
@@ -40,32 +34,10 @@ RIM = 300
 """Height of a picture over the width of the rim of a hollow arrow."""
 LETTER = 0.92
 """Width of a letter or digit with its share of the white rim [pixels at 100 to the inch, by the size in pt]."""
-AZIMUTHS, ELEVATIONS = tuple(range(0, 360, 30)), (10.0, 35.0)
-"""Views that are tried [degrees]."""
-CELLS = 48
-GAIN = 0.5
-"""Score, of at most about 2.5, by which another view must be better than the usual one."""
-POINTS = 10_000
-"""Least number of points that stand for a surface: several to each cell that it fills."""
 
 
 Layers = list[tuple[Layer, FloatArray | float]]
 """Layers of a picture with their opacities."""
-
-
-@dataclass(frozen=True)
-class PieceForce:
-    """Contact force on one piece of a hand [N], and where its arrow begins [m], shapes (3,), world."""
-
-    name: str
-    contact: FloatArray
-    force: FloatArray
-    is_hidden: bool = False  # True if another part of the hand is before its contact
-
-
-def arrow(force: PieceForce) -> FloatArray:
-    """Return the arrow of a force [m], shape (3,)."""
-    return np.asarray(ARROW_LENGTH * force.force / np.sqrt(np.linalg.norm(force.force)))
 
 
 def arrow_surfaces(forces: Sequence[PieceForce]) -> list[Surface]:
@@ -160,73 +132,3 @@ def label(axes: "Axes", forces: Sequence[PieceForce], camera: Camera, size: floa
             color=color, **halo(3),
             arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.7, "shrinkB": 0.0} if far else None,
         )  # fmt: skip
-
-
-class View(NamedTuple):
-    """Azimuth from x to y, and elevation [degrees], of a viewer."""
-
-    azimuth: float
-    elevation: float
-
-    @property
-    def towards(self) -> FloatArray:
-        """Unit direction to the viewer, shape (3,)."""
-        a, e = np.radians(self)
-        return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-
-
-def viewpoint(
-    hand: Surface,
-    body: Surface,
-    marks: FloatArray,
-    forces: FloatArray,
-    usual: View | None = None,
-    below: float = np.inf,
-    rest: Surface | None = None,
-    elevations: Sequence[float] = ELEVATIONS,
-) -> View:
-    """Return the view that shows most of the marks, then of hand and object, with forces not seen end on.
-
-    Marks are points that the object should not hide [m], shape (k, 3); forces are vectors, (j, 3). Only a view better
-    by `GAIN` replaces the usual one of another picture; from `below` [m] under its surface the hand hides marks. Beside
-    other things, `rest`, which may hide it, most of the object itself is to be seen.
-    """
-    rng = np.random.default_rng(0)
-    surfaces = (hand, body) if rest is None else (hand, body, rest)
-    sampled = [face_samples(surface.points, surface.faces, POINTS, rng)[0] for surface in surfaces]
-    # A fine mesh has a point on each of very many faces, of which some suffice.
-    points = [points[:: max(1, len(points) // POINTS)] for points in sampled]
-    views = [View(float(azimuth), elevation) for elevation in elevations for azimuth in AZIMUTHS]
-    return max(views, key=lambda view: _seen(view, points, marks, forces, below) + GAIN * (view == usual))
-
-
-def _seen(view: View, points: Sequence[FloatArray], marks: FloatArray, forces: FloatArray, below: float) -> float:
-    rotation = look_from(view.towards)
-    whole = np.concatenate(points) @ rotation[:2].T
-    low, scale = whole.min(axis=0), CELLS / max(float(np.ptp(whole, axis=0).max()), 1e-9)
-
-    def depths(points: FloatArray) -> tuple[IntArray, FloatArray]:
-        seen = points @ rotation.T
-        cell = np.clip(((seen[:, :2] - low) * scale).astype(np.int64), 0, CELLS)
-        return cell[:, 0] * (CELLS + 1) + cell[:, 1], seen[:, 2]
-
-    nearest = []
-    for surface in points:
-        cell, depth = depths(surface)
-        nearest.append(np.full((CELLS + 1) ** 2, -np.inf))
-        np.maximum.at(nearest[-1], cell, depth)
-    skin, stone = nearest[:2]
-    others = np.maximum.reduce([skin, *nearest[2:]])
-    body_cells = int((stone > others).sum())
-    score = 1.5 * min(int((skin > stone).sum()), 1.5 * body_cells) / CELLS**2
-    if len(nearest) > 2:
-        score += body_cells / int((stone > -np.inf).sum())
-    if len(marks):
-        cell, depth = depths(marks)
-        hidden = np.maximum.reduce([stone - 2e-3, skin - below, *nearest[2:]])[cell]
-        score += float(np.mean(depth > hidden))
-    if len(forces):
-        size = np.linalg.norm(forces, axis=1)
-        across = np.linalg.norm((forces @ rotation.T)[:, :2], axis=1)
-        score += 0.5 * float(across.sum() / max(float(size.sum()), 1e-12))
-    return score

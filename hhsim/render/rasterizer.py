@@ -52,15 +52,6 @@ class Layer:
         return np.isfinite(self.depth)
 
 
-def look_from(towards: ArrayLike) -> FloatArray:
-    """Return a camera's rotation for a viewer in the direction `towards`, with the z axis upright in the picture."""
-    to_viewer = np.array(towards, dtype=np.float64)
-    to_viewer /= np.linalg.norm(to_viewer)
-    right = np.cross((0.0, 0.0, 1.0), to_viewer)
-    right /= np.linalg.norm(right)
-    return np.array([right, np.cross(to_viewer, right), to_viewer])
-
-
 def frame(points: FloatArray, rotation: FloatArray, shape: tuple[int, int], margin: float = 0.04) -> Camera:
     """Return the camera that shows all points [m], with `margin` of the picture left free on each side."""
     seen = points @ rotation.T

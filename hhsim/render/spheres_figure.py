@@ -10,8 +10,8 @@ from hhsim.arrays import FloatArray
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.signed_bvh import heights, signed_bvh
 from hhsim.render.figure import new_figure, save_figure, tidy
-from hhsim.render.rasterizer import blend, frame, lit, look_from, see_spheres, shade
-from hhsim.render.triangle_soup import joined, mesh_surface, moved
+from hhsim.render.rasterizer import blend, frame, lit, see_spheres, shade
+from hhsim.render.triangle_soup import joined, look_from, mesh_surface, moved
 from hhsim.robots.poses import start_poses
 from hhsim.robots.robot_spheres import RobotSpheres
 from hhsim.system.output_path import check_picture

@@ -219,3 +219,12 @@ def _turn(axis: int, angle: FloatArray) -> FloatArray:
     quaternion = np.zeros((*angle.shape, 4))
     quaternion[..., 0], quaternion[..., 1 + axis] = np.cos(0.5 * angle), np.sin(0.5 * angle)
     return quaternion
+
+
+def look_from(towards: ArrayLike) -> FloatArray:
+    """Return a camera's rotation for a viewer in the direction `towards`, with the z axis upright in the picture."""
+    to_viewer = np.array(towards, dtype=np.float64)
+    to_viewer /= np.linalg.norm(to_viewer)
+    right = np.cross((0.0, 0.0, 1.0), to_viewer)
+    right /= np.linalg.norm(right)
+    return np.array([right, np.cross(to_viewer, right), to_viewer])

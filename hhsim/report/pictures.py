@@ -16,9 +16,10 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.metrics.run_ticks import HOLD
 from hhsim.render.figure import png_bytes
-from hhsim.render.hand_picture import View, label, seen_through
-from hhsim.render.rasterizer import Camera, blend, frame, look_from, shade
-from hhsim.render.triangle_soup import STONE, Surface, joined, mesh_surface, near_hands
+from hhsim.render.hand_picture import label, seen_through
+from hhsim.render.rasterizer import Camera, blend, frame, shade
+from hhsim.render.triangle_soup import STONE, Surface, joined, look_from, mesh_surface, near_hands
+from hhsim.render.viewpoint import View
 from hhsim.report.figure import DPI, INK, TEXT, Album, Drawing, PageFigure, ReportFigure, drawn_figure, new_figure
 from hhsim.report.run import ReportRun
 from hhsim.result.reader import Result, load_result

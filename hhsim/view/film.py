@@ -20,8 +20,17 @@ from hhsim.errors import InputError, OutputError
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.render.hand_picture import transparent
-from hhsim.render.rasterizer import OVERSAMPLING, composed, frame, look_from, shade
-from hhsim.render.triangle_soup import STONE, Surface, joined, mesh_surface, moved, near_hands, piece_surfaces
+from hhsim.render.rasterizer import OVERSAMPLING, composed, frame, shade
+from hhsim.render.triangle_soup import (
+    STONE,
+    Surface,
+    joined,
+    look_from,
+    mesh_surface,
+    moved,
+    near_hands,
+    piece_surfaces,
+)
 from hhsim.result.reader import Result
 from hhsim.system.atomic_write import partial_file, write_atomically
 from hhsim.system.input_file import media_kind_of

@@ -11,7 +11,7 @@ from hhsim.arrays import AnyArray, FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import RigidMotion
-from hhsim.render.hand_picture import View
+from hhsim.render.viewpoint import View
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb

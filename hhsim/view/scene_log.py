@@ -41,7 +41,6 @@ from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.metrics.moving_parts import MovingParts, placed_mesh
 from hhsim.metrics.run_ticks import HOLD
 from hhsim.motion.trajectory import RigidMotion
-from hhsim.render.hand_picture import GHOST, PieceForce, View, arrow, viewpoint
 from hhsim.render.triangle_soup import (
     PIECES,
     SKIN,
@@ -54,6 +53,7 @@ from hhsim.render.triangle_soup import (
     piece_poses,
     piece_surfaces,
 )
+from hhsim.render.viewpoint import GHOST, PieceForce, View, arrow, viewpoint
 from hhsim.result.reader import Result
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from hhsim.render.figure import new_figure
-from hhsim.render.hand_picture import PieceForce, arrow_layers, label, with_hidden
-from hhsim.render.rasterizer import Camera, look_from, shade
-from hhsim.render.triangle_soup import SKIN, joined, round_cone_surface
+from hhsim.render.hand_picture import arrow_layers, label, with_hidden
+from hhsim.render.rasterizer import Camera, shade
+from hhsim.render.triangle_soup import SKIN, joined, look_from, round_cone_surface
+from hhsim.render.viewpoint import PieceForce
 
 CAMERA = Camera(look_from((1.0, 0.0, 0.0)), np.zeros(3), 0.12, (300, 300))
 

@@ -8,8 +8,8 @@ import pytest
 
 from hhsim.errors import InputError, OutputError
 from hhsim.render.figure import new_figure, save_figure
-from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, blend, frame, lit, look_from, rasterise, shade
-from hhsim.render.triangle_soup import SKIN, SPHERE, round_cone_surface
+from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, blend, frame, lit, rasterise, shade
+from hhsim.render.triangle_soup import SKIN, SPHERE, look_from, round_cone_surface
 
 
 def test_nearest_triangle_is_seen() -> None:

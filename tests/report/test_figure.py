@@ -20,8 +20,8 @@ from short_grasp import short_grasp, short_result
 
 from hhsim.errors import InputError
 from hhsim.metrics.metrics import tick_statistics
-from hhsim.render.hand_picture import View, viewpoint
 from hhsim.render.triangle_soup import SKIN, Surface, joined, round_cone_surface
+from hhsim.render.viewpoint import View, viewpoint
 from hhsim.report import pictures as report_pictures
 from hhsim.report import time_series as report_series
 from hhsim.report.figure import RUN_STYLES, ReportFigure, run_style, time_text

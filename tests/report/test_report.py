@@ -23,7 +23,7 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.metrics.metrics import worst_force_ripple
 from hhsim.metrics.run.registry import run_metrics
-from hhsim.render.hand_picture import View
+from hhsim.render.viewpoint import View
 from hhsim.replay.recorded_verdict import checked_figures, read_ticks
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary

@@ -18,19 +18,10 @@ from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.brute_force_distance import round_cone_contact
 from hhsim.render.figure import new_figure, save_figure, tidy
-from hhsim.render.hand_picture import (
-    GHOST,
-    PieceForce,
-    View,
-    arrow_layers,
-    arrow_surfaces,
-    behind,
-    label,
-    viewpoint,
-    with_hidden,
-)
-from hhsim.render.rasterizer import blend, frame, look_from, shade
-from hhsim.render.triangle_soup import PIECES, STONE, hand_surface, joined, mesh_surface, painted
+from hhsim.render.hand_picture import arrow_layers, arrow_surfaces, behind, label, with_hidden
+from hhsim.render.rasterizer import blend, frame, shade
+from hhsim.render.triangle_soup import PIECES, STONE, hand_surface, joined, look_from, mesh_surface, painted
+from hhsim.render.viewpoint import GHOST, PieceForce, View, viewpoint
 from hhsim.scene.contact_goals import TOUCHING
 from hhsim.system.output_path import check_picture
 from hhsim.system.progress import Progress, silent

@@ -131,8 +131,8 @@ def test_pictures_show_paper_beside_coupled_and_forces_in_red(
     monkeypatch.setattr(paper_figures, "TILE", 40)
     monkeypatch.setattr(paper_figures, "KINDS", (".png",))
     monkeypatch.setattr(paper_figures, "ELEVATIONS", (10.0,))
-    monkeypatch.setattr("hhsim.render.hand_picture.POINTS", 500)
-    monkeypatch.setattr("hhsim.render.hand_picture.AZIMUTHS", (0, 90))
+    monkeypatch.setattr("hhsim.render.viewpoint.POINTS", 500)
+    monkeypatch.setattr("hhsim.render.viewpoint.AZIMUTHS", (0, 90))
     drawn: list[tuple[str, str, int]] = []
     draw = paper_figures.draw_scene
 
@@ -227,7 +227,7 @@ def test_the_command_writes_tables_and_pictures_and_says_what_it_missed(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("hhsim.bench.paper.figures.TILE", 60)
-    monkeypatch.setattr("hhsim.render.hand_picture.AZIMUTHS", (0, 90))
+    monkeypatch.setattr("hhsim.render.viewpoint.AZIMUTHS", (0, 90))
     scene = ("--quick", "--object", "hexagonal-prism", "--method", "coupled")
     arguments = (*scene, "--instances", "1", "--repetitions", "1")
     answer = run("bench", "paper", *arguments, "--out", "paper.h5", "--plot", "figures", "--json")
