@@ -8,7 +8,7 @@ from mesh_oracle import Cones, to_cone
 from sphere_scenes import spheres_of
 
 from hhsim.arrays import FloatArray
-from hhsim.kernels.round_cone_distance import round_cone_distances, sphere_pair_distances
+from hhsim.kernels.round_cone_distance import round_cone_distances
 
 Scene = tuple[FloatArray, float, FloatArray, FloatArray, float, float]
 TOLERANCE = 1e-12
@@ -79,20 +79,3 @@ def test_distance_is_the_least_over_the_axis(scene: Scene) -> None:
     assert distance == pytest.approx(brute_force(*scene), abs=1e-9 * size(center, radius, a, b, radius_a))
     there = float(np.linalg.norm(center - (a + s * (b - a)))) - (radius_a + s * (radius_b - radius_a)) - radius
     assert distance == pytest.approx(there, abs=TOLERANCE * size(center, radius, a, b, radius_a))
-
-
-@given(st.integers(0, 2**32 - 1))
-@settings(max_examples=30)
-def test_sphere_pairs_are_numpys(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    count = int(random.integers(0, 20))
-    hand, thing = random.uniform(-1.0, 1.0, (2, count + 2, 3))
-    hand_radius, thing_radius = random.uniform(0.0, 0.3, (2, count + 2))
-    position = random.uniform(-1.0, 1.0, 3)
-    rotation = np.ascontiguousarray(np.linalg.qr(random.normal(size=(3, 3)))[0])
-    out = np.full(count + 2, np.nan)
-    ours, others = spheres_of(hand, hand_radius), spheres_of(thing, thing_radius)
-    sphere_pair_distances(ours, others, count, position, rotation, out)
-    expected = np.linalg.norm(position + hand @ rotation.T - thing, axis=1) - hand_radius - thing_radius
-    np.testing.assert_allclose(out[:count], expected[:count], atol=1e-14)
-    assert np.isnan(out[count:]).all()

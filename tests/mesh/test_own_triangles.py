@@ -10,7 +10,6 @@ from hhsim.kernels.cover.sampled_error import union_distance
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh, with_inside
 from hhsim.mesh.signed_bvh import heights, signed_bvh
-from hhsim.mesh.topology import face_areas
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.error import sample_mesh
 from hhsim.trees.options import TreeOptions
@@ -100,16 +99,3 @@ def test_a_tree_covers_the_triangles_of_a_mesh_that_is_no_solid(name: str) -> No
     assert last.protrusion_max <= last.bound * (1.0 + 1e-9)
     # Spheres of a sheet stand in it: sixty-four of them are well below its size.
     assert last.bound < 0.2 * given.extent.max()
-
-
-def test_folded_flat_polygons_are_cut_anew_for_a_solid() -> None:
-    given = fanned_bracket(turn=0.4)
-    solid = with_inside(replace(given, source=given.name))
-    assert solid.volume == pytest.approx(given.volume, rel=1e-5) == pytest.approx(1.14e-4, rel=1e-4)
-    assert face_areas(solid.vertices, solid.faces).sum() == pytest.approx(2.02e-2, rel=1e-5)
-    assert solid.repairs == (
-        "cut 2 flat polygons anew, whose triangles were folded over each other",
-        *solid.repairs[1:],
-    )
-    tree = build_sphere_tree(solid, TreeOptions(level=2))
-    assert max(error.bound for error in tree.errors) < 0.08

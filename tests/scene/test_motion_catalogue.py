@@ -97,13 +97,6 @@ def test_a_recording_that_was_imported_on_the_way_in_is_said_to_be(tmp_path: Pat
         assert UNCHECKED not in import_remarks(replace(found, checksums="held"), str(path))
 
 
-def test_an_option_that_a_recording_lacks_is_one_of_the_import(tmp_path: Path) -> None:
-    np.save(tmp_path / "points.npy", joint_sample().named())
-    said = r"points\.npy: 21 keypoints .* no stamps .*: --rate \(of hhsim import, whose output is replayed\)$"
-    with pytest.raises(TrajectoryError, match=said):
-        resolve_trajectory(tmp_path / "points.npy")
-
-
 def test_what_is_no_trajectory_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match="unknown trajectory 'grsp': did you mean grasp"):
         resolve_trajectory("grsp")

@@ -4,7 +4,7 @@ import importlib
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,12 +14,10 @@ from sphere_scenes import bumpy_ball
 import hhsim.kernels.surfaces
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
-from hhsim.kernels.tick.state import tick_state_dtype
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import SURFACES, surface_of
-from hhsim.solver.surface_code import surface_code
 
 PLANE = '''
 """A table: everything below a height is inside."""
@@ -173,11 +171,3 @@ def test_a_surface_is_added_by_one_file(plane: Any) -> None:
     assert count > 0
     np.testing.assert_allclose(np.sort(state.contacts.distance[:count]), np.sort(gaps[gaps <= margin]), atol=1e-12)
     np.testing.assert_array_equal(state.contacts.normal[2, :count], 1.0)
-
-
-def test_arrays_that_kernels_would_take_field_by_field_are_refused(plane: Any) -> None:
-    class Arrays(NamedTuple):
-        height: float
-
-    with pytest.raises(InputError, match="Arrays of a surface: expected a NamedTuple that is declared by_reference"):
-        surface_code(Arrays(0.0), HandModel.default().arrays(), tick_state_dtype(plane.candidates))

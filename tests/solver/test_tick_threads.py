@@ -3,7 +3,6 @@
 import signal
 import threading
 import time
-from typing import Any
 
 import numpy as np
 import pytest
@@ -72,23 +71,6 @@ def test_any_number_of_threads_gives_the_same_bytes(hand: HandModel, name: str, 
         assert_same_bytes(alone, shared)
         assert tasks > 100
     assert helpers() == []
-
-
-def test_no_helper_outlives_an_error_of_its_own(hand: HandModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    solver = HandSolver(hand, bumpy_ball(300).arrays(), SolverOptions(method="progressive", threads=2))
-    motion = random_targets(hand, 60, seed=0)
-    expected = HandSolver(hand, bumpy_ball(300).arrays(), SolverOptions(method="progressive")).run(*motion)
-
-    def fail(*_: Any) -> None:
-        if threading.current_thread() in helpers():
-            raise MemoryError("no room")
-
-    monkeypatch.setattr(hhsim.solver.workspace, "help_out", fail)
-    with pytest.raises(MemoryError, match="no room"):
-        solver.run(*motion)
-    assert helpers() == []
-    monkeypatch.undo()
-    assert expected.status.shape == solver.run(*motion).status.shape, "the thread team is of use again"
 
 
 def test_no_helper_outlives_an_interrupt(hand: HandModel) -> None:

@@ -5,19 +5,15 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from hhsim.hand.model import HandModel
-from hhsim.kernels.tick.state import STATUS_LAG
 from hhsim.result.reader import load_result
 from tools.random_scenes import draw, played
 from tools.scene_judge import Moved, Recorded, judge
 
 TICKS, EVERY = 300, 10
-RIGHT, LEFT = HandModel.default("right"), HandModel.default("left")
 SCENES = {"fixed": 28, "several": 9, "free": 9}
 """A scene of some kinds in which hands touch: one with fingers that meet; of several bodies one of two hands."""
 
@@ -94,28 +90,3 @@ def test_a_shown_hand_that_is_off_by_a_millimetre_is_found() -> None:
         moved = replace(scene, shown=(shown._replace(position=shown.position + way), *others))
         found += [finding.what for finding in judge(moved, EVERY).findings]
     assert "hand in body, depth [m]" in found
-
-
-def test_fingers_and_hands_that_go_through_each_other_are_found() -> None:
-    scene = clean("fixed")
-    (commanded,) = scene.haptic
-    own = judge(replace(scene, shown=scene.haptic), EVERY)
-    assert own.deepest["hand in itself"] > 1e-3
-    assert "hand in itself, depth [m]" in [finding.what for finding in own.findings]
-    other = commanded._replace(position=commanded.position + [0.07, 0.0, 0.0])
-    both: dict[str, Any] = {"hands": (RIGHT, LEFT), "shown": (commanded, other), "haptic": (commanded, other)}
-    both["status"] = np.zeros((2, TICKS), np.int64)
-    kept = judge(replace(scene, **both, self_contact=False), 100)
-    assert kept.deepest["hand in hand"] > 1e-3
-    assert "hand in hand, depth [m]" in [finding.what for finding in kept.findings]
-
-
-def test_a_hand_that_stops_is_found_where_no_contact_bears_its_pull() -> None:
-    scene = clean("fixed")
-    rest = [type(of)(*(np.repeat(values[:1], TICKS, axis=0) for values in of)) for of in scene.shown]
-    asked = [of._replace(position=of.position + [0.01, 0.0, 0.0]) for of in rest]
-    for status, stops in ((0, 0), (STATUS_LAG, 1)):
-        still_there = np.full((1, TICKS), status)
-        found = judge(replace(scene, shown=tuple(rest), haptic=tuple(asked), status=still_there))
-        assert (found.stops, found.explained) == (stops, 0)
-        assert [finding.what[:18] for finding in found.findings] == ["a hand has stopped"] * stops

@@ -10,7 +10,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from sphere_scenes import cloud, palm_spheres, random_hand, set_pose, tick_state
+from sphere_scenes import cloud, random_hand, set_pose, tick_state
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
@@ -28,8 +28,6 @@ RIGHT = HandModel.default("right")
 LEFT = HandModel.default("left")
 ROOT = np.sqrt(Stiffness().diagonal())
 GROWTH = 2e-3
-DOUBT = 1e-12
-"""Pairs this near to a threshold [m, or relative for squares] may be called either way."""
 STEP = 1e-6
 """Of the central differences [m, rad]."""
 ACCURACY = 1e-8
@@ -67,15 +65,6 @@ def frustum_excess(cone: Frustum, centers: FloatArray, radius: FloatArray) -> tu
     return distance - (radius / math.cos(phi) + k * (cone.r1 - cone.r2) + cone.r2), k
 
 
-def range_excess(cone: Frustum, k: FloatArray, radius: FloatArray, tip: bool, closed: bool) -> FloatArray:
-    """How far k is outside of its range in Eq. 7, or in Eq. 13 [m], negative inside, shape (L,)."""
-    length = float(np.linalg.norm(cone.e - cone.d))
-    sine = math.sin(math.atan2(cone.r1 - cone.r2, length))
-    low = -radius / length * (sine if tip or closed else 1.0)
-    high = 1.0 - radius * sine / length if closed else 1.0 + radius / length
-    return np.maximum(low - k, k - high) * length
-
-
 def states(hand: HandModel, at: HandConfiguration, closed: bool) -> tuple[Any, Any]:
     """What a tick and the method keep of a hand in a place."""
     state, paper = tick_state(ROOT**2), zeroed(PAPER_STATE)[0]
@@ -103,48 +92,6 @@ def scene(
     state, paper = states(hand, at, closed)
     detected(hand, tree, GROWTH, state, paper)
     return hand, tree, at, state, paper
-
-
-@given(SEEDS, st.booleans())
-@settings(max_examples=40)
-def test_every_pair_of_the_equations_and_no_other_is_found(seed: int, closed: bool) -> None:
-    hand, tree, at, state, paper = scene(seed, closed)
-    assert not paper.full.any()
-    joints = hand.joints(*at.at(0))
-    center, radius = tree.leaf_center, tree.leaf_radius + GROWTH
-    candidates = state.candidates
-
-    ball = np.concatenate([palm_spheres(hand.palm_tree.leaf_center, at.position, at.orientation)[0], joints[:, 0]])
-    ball_radius = np.concatenate([hand.palm_tree.leaf_radius, hand.radius[:, 0]])
-    local = np.concatenate([hand.palm_tree.leaf_center, hand.base])
-    gap = np.linalg.norm(ball[:, None] - center, axis=2) - ball_radius[:, None] - radius
-    found = np.zeros(gap.shape, int)
-    for i in range(candidates.count[15]):
-        hand_center = np.array([candidates.hand_x[i], candidates.hand_y[i], candidates.hand_z[i]])
-        object_center = np.array([candidates.object_x[i], candidates.object_y[i], candidates.object_z[i]])
-        row = np.flatnonzero((local == hand_center).all(axis=1) & (ball_radius == candidates.hand_radius[i]))
-        column = np.flatnonzero((center == object_center).all(axis=1))
-        found[row, column] += 1
-    sure = np.abs(gap) > DOUBT
-    np.testing.assert_array_equal(found[sure], (gap <= 0.0)[sure])
-
-    for f in range(5):
-        for k in range(3):
-            body = 3 * f + k
-            cone = frustum_of(hand, joints, f, k)
-            excess, along = frustum_excess(cone, center, radius)
-            outside = range_excess(cone, along, radius, k == 2, closed)
-            apart = np.linalg.norm(center - joints[f, k + 1], axis=1) - hand.radius[f, k + 1] - radius
-            frustum = (excess <= 0.0) & (outside <= 0.0)
-            kind = np.zeros(tree.leaf_count, int)
-            count = candidates.count[body]
-            leaves = candidates.leaf[body, :count] - tree.leaf_start
-            assert len(set(leaves.tolist())) == count
-            kind[leaves] = paper.kind[body, :count]
-            sure = (np.abs(excess) > DOUBT) & (np.abs(outside) > DOUBT)
-            np.testing.assert_array_equal((kind & ON_FRUSTUM > 0)[sure], frustum[sure])
-            sure = np.abs(apart) > DOUBT
-            np.testing.assert_array_equal((kind & ON_SPHERE > 0)[sure], (apart <= 0.0)[sure])
 
 
 @given(SEEDS, ANGLES)
