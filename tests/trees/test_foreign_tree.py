@@ -96,6 +96,16 @@ def test_a_tree_with_holes_has_its_gap_measured_and_no_proof(tmp_path: Path) -> 
     assert f"are not proved to cover {found.unproved}" in found.notes[-1]
 
 
+def test_where_both_frames_leave_no_gap_the_one_that_sticks_out_less(tmp_path: Path) -> None:
+    near = Mesh(MESH.vertices - AWAY + [0.0, 0.0, 0.01], MESH.faces, name="box")
+    for middle, frame in ((0.0, "centred"), (0.01, "mesh")):
+        (tmp_path / "ball.sph").write_text(f"1 2\n0 0 {middle} 0.08 1\n")
+        found = import_tree(tmp_path / "ball.sph", near)
+        assert found.frame == frame
+        assert found.tree.center[0, 2] == pytest.approx(0.01)
+        assert "the spheres protrude by" in found.notes[0]
+
+
 @pytest.mark.parametrize(("size", "told"), [(1.0, ""), (2.54, "note"), (3.5, "refused")])
 def test_spheres_that_stick_out_far_are_told_or_refused(tmp_path: Path, size: float, told: str) -> None:
     around = MESH.transformed(np.eye(3), -AWAY)
