@@ -2,12 +2,7 @@
 
 from dataclasses import replace
 
-import numpy as np
-
-from hhsim.hand.quaternion import rotation_matrix
-from hhsim.mesh.mesh import Mesh
 from hhsim.scene.body import Body, Driven
-from hhsim.scene.declared_bodies import load_bodies
 from hhsim.scene.scene import Hand, Scene
 
 
@@ -37,11 +32,3 @@ def moved_hand(scene: Scene, hand: int, **changed: object) -> Scene:
     hands: list[Hand] = list(scene.hands)
     hands[hand] = replace(hands[hand], ticks=replace(hands[hand].ticks, **changed))  # type: ignore[arg-type]
     return replace(scene, hands=tuple(hands))
-
-
-def placed_meshes(word: str, *, solid: bool = True) -> list[Mesh]:
-    """Return the meshes of the bodies of a file where they begin in its frame [m]."""
-    bodies = load_bodies(word, solid=solid)
-    begin = bodies.path(np.zeros(1))
-    place = {name: (rotation_matrix(pose.orientation[0]), pose.position[0]) for name, pose in begin.items()}
-    return [bodies.meshes[name].transformed(*place[name]) for name in place]

@@ -58,7 +58,6 @@ WrongShape = answering(lambda haptic: haptic._replace(flexion=haptic.flexion.rav
 NotFinite = answering(lambda haptic: haptic._replace(position=np.full(3, np.nan)))
 NoNumbers = answering(lambda haptic: haptic._replace(abduction="wide"))  # type: ignore[arg-type]
 NoHand = answering(lambda haptic: None)
-Modest = answering(lambda haptic: TickAnswer(haptic, native_ns=123))
 Boasts = answering(lambda haptic: TickAnswer(haptic, native_ns=10**15))
 Owes = answering(lambda haptic: TickAnswer(haptic, native_ns=-(10**18)))
 Leaves = answering(lambda haptic: sys.exit(0))
@@ -129,17 +128,6 @@ class StopsTheClock(Follow):
             setattr(time, name, lambda: 0)
         work_for(0.003)
         return haptic
-
-
-class Rewrites(Follow):
-    """Writes to all arrays of its scene."""
-
-    def __init__(self, scene: MethodScene) -> None:
-        super().__init__(scene)
-        assert scene.mesh is not None
-        for array in (scene.mesh.vertices, scene.hand.length):
-            array.flags.writeable = True
-            array[...] = 7.0
 
 
 class Lazy(Follow):

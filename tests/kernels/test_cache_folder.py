@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from hhsim.kernels import cache_folder
 from hhsim.kernels.cache_folder import CacheFolderWarning, cache_root
 
 
@@ -77,42 +76,3 @@ def test_a_group_of_the_owner_alone_may_write(monkeypatch: pytest.MonkeyPatch, u
     monkeypatch.setenv("HHSIM_CACHE_DIR", "")
     members.clear()
     assert cache_root() == usual
-
-
-def test_one_of_another_user_is_not_used(monkeypatch: pytest.MonkeyPatch, usual: Path) -> None:
-    usual.mkdir(parents=True)
-    told = usual.stat().st_uid
-    monkeypatch.setattr(os, "getuid", lambda: told + 1)
-    monkeypatch.setattr(cache_folder, "TRUSTED", ())
-    with pytest.warns(CacheFolderWarning, match=f"{usual} belongs to another user"):
-        assert cache_root() != usual
-
-
-def test_a_temporary_one_that_others_can_write_is_not_used(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, usual: Path
-) -> None:
-    (tmp_path / "home").touch()
-    temporary = tmp_path / f"hhsim-{os.getuid()}"
-    temporary.mkdir()
-    temporary.chmod(0o777)
-    with pytest.warns(CacheFolderWarning, match="not a directory"):
-        found = cache_root()
-    assert found not in (usual, temporary)
-    assert found.stat().st_mode & 0o077 == 0
-    monkeypatch.setenv("HHSIM_CACHE_DIR", "")
-    temporary.chmod(0o700)
-    with pytest.warns(CacheFolderWarning, match="not a directory"):
-        assert cache_root() == temporary
-
-
-def test_one_in_a_folder_of_everybody_is_not_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, usual: Path) -> None:
-    """But where the sticky bit keeps others from replacing it, as in the system's temporary folder."""
-    common = tmp_path / "common"
-    common.mkdir()
-    common.chmod(0o777)
-    monkeypatch.setenv("HHSIM_CACHE_DIR", str(common / "cache"))
-    with pytest.warns(CacheFolderWarning, match=f"others can replace it in {common}"):
-        assert cache_root() == usual
-    common.chmod(0o1777)
-    monkeypatch.setenv("HHSIM_CACHE_DIR", str(common / "cache"))
-    assert cache_root() == common / "cache"

@@ -6,12 +6,9 @@ from collections.abc import Callable
 
 import mpmath
 import numpy as np
-import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from hhsim.arrays import FloatArray
-from hhsim.kernels.elementary import LARGEST_ANGLE, MOST_EXPONENT, arc_tangent, exponential, hypotenuse, sine_cosine
+from hhsim.kernels.elementary import LARGEST_ANGLE, arc_tangent, exponential, hypotenuse, sine_cosine
 from hhsim.reproducible import arc_tangent as arc_tangents
 from hhsim.reproducible import exponential as exponentials
 from hhsim.reproducible import sine_and_cosine
@@ -19,8 +16,6 @@ from hhsim.reproducible import sine_and_cosine
 WORST = 1.5
 """Error of any result [units in the last place]: it is the correctly rounded number or a neighbour of that."""
 ARGUMENTS = 2000
-SOAKED = 1_250_000
-"""Of each of the eight samples of the soak: 10⁷ in all."""
 SUSPECTS = 300
 """Arguments of a larger sample that mpmath judges: those with the largest errors by numpy's long double."""
 WIDE: dict[Callable[..., mpmath.mpf], np.ufunc] = {
@@ -78,38 +73,6 @@ def check(random: np.random.Generator, count: int) -> None:
 
 def test_they_are_within_a_unit_of_the_last_place() -> None:
     check(np.random.default_rng(0), ARGUMENTS)
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("seed", range(1, 21))
-def test_ten_million_arguments(seed: int) -> None:
-    check(np.random.default_rng(seed), 8 * SOAKED // (20 * 6))
-
-
-@given(st.floats(-LARGEST_ANGLE, LARGEST_ANGLE))
-def test_sine_and_cosine_of_any_angle(angle: float) -> None:
-    sine, cosine = sine_cosine(angle)
-    assert worst(np.array([sine]), mpmath.sin, np.array([angle])) <= WORST
-    assert worst(np.array([cosine]), mpmath.cos, np.array([angle])) <= WORST
-
-
-@given(st.floats(allow_nan=False), st.floats(allow_nan=False))
-def test_arc_tangent_and_hypotenuse_of_any_vector(x: float, y: float) -> None:
-    expected = math.atan2(y, x)
-    assert arc_tangent(y, x) == pytest.approx(expected, rel=1e-15, abs=1e-320)
-    assert math.copysign(1.0, arc_tangent(y, x)) == math.copysign(1.0, expected)
-    assert hypotenuse(x, y) == pytest.approx(math.hypot(x, y), rel=1e-15, abs=1e-320)
-
-
-@given(st.floats(allow_nan=False))
-def test_exponential_of_any_number(x: float) -> None:
-    if abs(x) > MOST_EXPONENT:
-        assert exponential(x) == (math.inf if x > 0.0 else 0.0)
-    elif abs(x) > 709.7:
-        # What is no normal number is rounded twice.
-        assert exponential(x) == pytest.approx(float(mpmath.exp(x)), rel=1e-14, abs=1e-323)
-    else:
-        assert worst(np.array([exponential(x)]), mpmath.exp, np.array([x])) <= WORST
 
 
 def test_edges() -> None:

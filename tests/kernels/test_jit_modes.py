@@ -1,11 +1,9 @@
-"""The kernels give the same results compiled, compiled with bounds checks, and as plain Python; each is compiled once.
+"""The kernels give the same results compiled, compiled with bounds checks, and as plain Python.
 
 Bounds checks keep loops off the vector unit, and plain Python fuses no multiplication with an addition: floats agree to
-rounding, integers exactly. With bounds checks the cache is a new one: a kernel from a cache does not tell what its
-callees were compiled for.
+rounding, integers exactly.
 """
 
-import json
 import os
 import pickle
 import subprocess
@@ -22,25 +20,18 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.cache_folder import cache_root
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.motion.analytic_motion import still
-from hhsim.solver.method import METHODS
 from hhsim.trees.file import save_tree
 
 TICKS = 24
 SCRIPT = textwrap.dedent(
     f"""
-    import importlib, json, pickle, pkgutil, sys
+    import pickle, sys
     from pathlib import Path
     sys.path.insert(0, {str(Path(__file__).parents[1])!r})
     import numpy as np
-    from sphere_scenes import bumpy_ball, random_targets
-    import hhsim.kernels
     from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
-    from hhsim.kernels.callee import Kernel
     from hhsim.metrics.metrics import penetration
-    from hhsim.motion.analytic_motion import still
     from hhsim.solver.hand_solver import HandSolver
-    from hhsim.solver.hand_solver import warm_up
-    from hhsim.solver.method import METHODS
     from hhsim.solver.options import SolverOptions
     from hhsim.trees.file import load_tree
 
@@ -62,21 +53,6 @@ SCRIPT = textwrap.dedent(
     depth = penetration(tree.arrays(), hand_shape(hand), shown)
     results.update(depth._asdict())
     np.savez(folder / f"{{mode}}.npz", **results)
-
-    if mode == "checked":
-        for method, promised in METHODS.items():
-            options = SolverOptions(method=method, threads=2 if promised.takes_threads else 1)
-            warm_up(hand, options)
-            solver = HandSolver(hand, bumpy_ball(300).arrays(), options)
-            solver.place(*still([0.0, 0.0, 0.2]).at(0))
-            solver.run(*random_targets(hand, 200, 0))
-        signatures = {{}}
-        for module in pkgutil.walk_packages(hhsim.kernels.__path__, "hhsim.kernels."):
-            for name, kernel in vars(importlib.import_module(module.name)).items():
-                if isinstance(kernel, Kernel) and kernel.__module__ == module.name:
-                    kernel_name = f"{{module.name.removeprefix('hhsim.kernels.')}}.{{name}}"
-                    signatures[kernel_name] = [str(signature[:1]) for signature in kernel.signatures]
-        (folder / "signatures.json").write_text(json.dumps(signatures))
     """
 )
 MODES = {"compiled": {}, "checked": {"NUMBA_BOUNDSCHECK": "1", "NUMBA_OPT": "0"}, "python": {"NUMBA_DISABLE_JIT": "1"}}
@@ -135,23 +111,3 @@ def test_results_are_equal_to_rounding(folder: Path, mode: str) -> None:
             np.testing.assert_array_equal(other[name], values, err_msg=name)
         else:
             np.testing.assert_allclose(other[name], values, rtol=1e-9, atol=1e-9, err_msg=name)
-
-
-FOR_TWO = {
-    "sphere_tree.node_distance": "indices with and without a sign",
-    "surfaces.spheres.write_palm_pair": "indices with and without a sign",
-    "contact.self_pairs.nothing": "whatever it is given, with which it does nothing",
-    "tick.step.take_multipliers": "the record of a step, and that of a finger's part of one",
-}
-"""Kernels that are compiled more than once, and for what: they are put into their callers, and small."""
-
-
-@pytest.mark.soak
-def test_every_kernel_of_a_replay_is_compiled_for_one_signature(folder: Path) -> None:
-    # A second signature would cost seconds at the first run of each user, for nothing. What is generic in the method is
-    # compiled once for each: its type is that of the first argument.
-    computed(folder, "checked")
-    signatures = json.loads((folder / "signatures.json").read_text())
-    assert len(signatures["tick.block.run_block"]) == len(METHODS)
-    assert len(signatures["tick.progressive.help_out"]) == 1
-    assert {name: kinds for name, kinds in signatures.items() if len(kinds) > len(set(kinds))}.keys() == FOR_TWO.keys()

@@ -1,16 +1,14 @@
 """Rotations and Euler angles against scipy: tiny angles, half turns, both signs of a quaternion, all branches."""
 
-import itertools
 import math
 
 import numpy as np
-import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray
-from hhsim.kernels.euler import euler_axes, euler_quaternion, nearest_euler
+from hhsim.kernels.euler import euler_quaternion
 from hhsim.kernels.rotation import quaternion_to_matrix, rotate_quaternion, rotation_vector_between
 
 
@@ -78,23 +76,6 @@ def test_vector_between_is_scipys(source: FloatArray, target: FloatArray) -> Non
         np.testing.assert_allclose(vector, expected.as_rotvec(), atol=1e-9)
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_half_turn_has_length_pi(sign: float) -> None:
-    source = unit(7)
-    for axis in np.eye(3):
-        target = (Rotation.from_rotvec(math.pi * axis) * scipy_rotation(source)).as_quat(scalar_first=True)
-        vector = between(source, sign * target)
-        assert np.linalg.norm(vector) == pytest.approx(math.pi, abs=1e-14)
-        np.testing.assert_allclose(matrix(rotated(source, vector)), matrix(target), atol=4e-15)
-
-
-def test_no_turn_is_exactly_zero() -> None:
-    source = np.array([0.5, 0.5, 0.5, 0.5])
-    np.testing.assert_array_equal(between(source, source), np.zeros(3))
-    np.testing.assert_array_equal(between(source, -source), np.zeros(3))
-    np.testing.assert_array_equal(rotated(source, np.zeros(3)), source)
-
-
 ANGLES = st.tuples(*[st.floats(-7.0, 7.0)] * 3).map(np.array)
 
 
@@ -118,48 +99,7 @@ def matrix_of(euler: FloatArray) -> FloatArray:
     return matrix
 
 
-def nearest(matrix: FloatArray, near: FloatArray) -> FloatArray:
-    out = np.empty(3)
-    nearest_euler(matrix, near, out)
-    return out
-
-
 @given(ANGLES)
 def test_the_quaternion_is_the_printed_matrix(euler: FloatArray) -> None:
     np.testing.assert_allclose(matrix_of(euler), paper_matrix(euler), atol=1e-14)
     np.testing.assert_allclose(Rotation.from_euler("xyz", euler).as_matrix(), paper_matrix(euler), atol=1e-14)
-
-
-@given(ANGLES)
-def test_the_axes_are_the_derivatives(euler: FloatArray) -> None:
-    axes = np.empty((3, 3))
-    euler_axes(euler, axes)
-    for j, unit in enumerate(np.eye(3)):
-        step = 1e-6 * unit
-        rate = (paper_matrix(euler + step) - paper_matrix(euler - step)) / 2e-6 @ paper_matrix(euler).T
-        np.testing.assert_allclose(rate, np.cross(axes[j], np.eye(3)).T, atol=1e-8)
-
-
-WHOLE_TURNS = 2.0 * math.pi * np.array(list(itertools.product(range(-5, 6), repeat=3)))
-
-
-@given(ANGLES, ANGLES)
-def test_the_nearest_angles_are_the_same_rotation_and_no_branch_is_nearer(euler: FloatArray, near: FloatArray) -> None:
-    matrix = paper_matrix(euler)
-    found = nearest(matrix, near)
-    # Near the lock rounding of the matrix is divided by cos β.
-    np.testing.assert_allclose(paper_matrix(found), matrix, atol=1e-8)
-    if abs(math.cos(euler[1])) < 1e-6:
-        return
-    other = np.array([euler[0] + math.pi, math.pi - euler[1], euler[2] + math.pi])
-    best = min(np.linalg.norm(branch + WHOLE_TURNS - near, axis=1).min() for branch in (euler, other))
-    assert np.linalg.norm(found - near) <= best + 1e-9
-
-
-def test_locked_angles_keep_gamma() -> None:
-    for b in (0.5 * math.pi, -0.5 * math.pi):
-        matrix = np.round(paper_matrix(np.array([0.3, b, 0.0])), 15)
-        matrix[0, 0] = matrix[1, 0] = 0.0
-        found = nearest(matrix, np.array([0.0, b, 0.4]))
-        assert found[2] == 0.4
-        np.testing.assert_allclose(paper_matrix(found), matrix, atol=1e-14)

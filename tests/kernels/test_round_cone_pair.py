@@ -57,22 +57,3 @@ def test_distance_is_the_least_over_both_axes(pair: tuple[FloatArray, FloatArray
     assert abs(math.hypot(*normal) - 1.0) < 1e-12
     back, *_ = round_cone_pair(cones.kernel(1), cones.kernel(0))
     assert abs(back - distance) < 1e-9
-
-
-@settings(max_examples=40, deadline=None)
-@given(pairs())
-def test_normal_is_the_gradient_where_axes_are_apart(pair: tuple[FloatArray, FloatArray]) -> None:
-    ends, radius = pair
-    radius = 0.01 * radius
-    distance, _, _, *normal = _moved(ends, radius, np.zeros(3))
-    if distance < 0.05:
-        return
-    step = 1e-5 * np.eye(3)
-    slope = [(_moved(ends, radius, e)[0] - _moved(ends, radius, -e)[0]) / 2e-5 for e in step]
-    assert np.allclose(slope, normal, atol=1e-4)
-
-
-def _moved(ends: FloatArray, radius: FloatArray, by: FloatArray) -> tuple[float, ...]:
-    moved = ends + np.array([by, by, 0.0 * by, 0.0 * by])
-    cones = Cones(moved[[0, 2]], moved[[1, 3]], radius[[0, 2]], radius[[1, 3]])
-    return tuple(round_cone_pair(cones.kernel(0), cones.kernel(1)))

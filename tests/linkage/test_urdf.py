@@ -12,7 +12,7 @@ from sampled import sampled
 
 from hhsim.errors import InputError
 from hhsim.linkage import file as linkage_file
-from hhsim.linkage.file import names_a_linkage, read_linkage, read_robot
+from hhsim.linkage.file import read_linkage, read_robot
 from hhsim.linkage.linkage import Linkage
 from hhsim.mesh.shapes import ENCLOSING, capsule, cylinder
 from hhsim.scene.scene import open_scene
@@ -93,19 +93,6 @@ def test_mass_centre_and_inertia_of_all_links_are_as_mujoco_has_them(tmp_path: P
             turn = data.ximat[body].reshape(3, 3)
             inertia = place[:3, :3] @ each.inertial.inertia @ place[:3, :3].T
             np.testing.assert_allclose(inertia, turn * model.body_inertia[body] @ turn.T, atol=1e-9)
-
-
-def test_the_smallest_case_of_the_field(shared_data: Path) -> None:
-    laptop = read_linkage(shared_data / "field" / "laptop.urdf")
-    assert [each.name for each in laptop.links] == ["base", "lid"]
-    hinge = laptop.joints["lid"]
-    assert (hinge.name, hinge.type, hinge.parent, hinge.limits) == ("hinge", "hinge", "base", (-2.0, 0.0))
-    np.testing.assert_allclose(hinge.origin, [0.0, 0.11, 0.01])
-    vertices, faces = laptop.link("lid").triangles
-    np.testing.assert_allclose(
-        [vertices.min(axis=0), vertices.max(axis=0)], [[-0.075, 0.05, -0.005], [0.075, 0.15, 0.005]]
-    )
-    assert faces.shape == (12, 3)
 
 
 def test_the_example_is_the_shipped_laptop() -> None:
@@ -235,86 +222,32 @@ REFUSED = {
     "no XML": ("<robot", r"no XML: .*; expected a URDF or an MJCF file"),
     "other XML": ("<svg/>", r"its first element is <svg>; expected <robot> \(URDF\) or <mujoco> \(MJCF\)"),
     "no links": (urdf(), "no links; expected at least one, with a shape"),
-    "no shape": (
-        urdf(link("a", "")),
-        "no link has a collision or a visual shape; expected a mesh, box, cylinder or sphere",
-    ),
-    "planar": (
-        urdf(A, B, joint("a", "b", "planar")),
-        "joint 'b_joint': its type is 'planar'; expected revolute, .*: of a link",
-    ),
-    "floating": (
-        urdf(A, B, joint("a", "b", "floating")),
-        "joint 'b_joint': its type is 'floating'; expected revolute, .*: of a",
-    ),
-    "unknown type": (
-        urdf(A, B, joint("a", "b", "screw")),
-        "joint 'b_joint': its type is 'screw'; expected revolute, .* fixed$",
-    ),
-    "mimic": (
-        urdf(A, B, joint("a", "b", more='<mimic joint="x"/>')),
-        "joint 'b_joint': it mimics 'x'; .* remove its <mimic>",
-    ),
-    "missing mesh": (
-        urdf(link("a", MESH.format("gone.stl", "1 1 1"))),
-        "link 'a': mesh 'gone.stl' is missing; expected it beside",
-    ),
+    "no shape": (urdf(link("a", "")), "no link has a collision or a visual shape; expected a mesh, box, cylinder"),
+    "planar": (urdf(A, B, joint("a", "b", "planar")), "joint 'b_joint': its type is 'planar'; expected revolute"),
+    "floating": (urdf(A, B, joint("a", "b", "floating")), "joint 'b_joint': its type is 'floating'"),
+    "unknown type": (urdf(A, B, joint("a", "b", "screw")), "joint 'b_joint': its type is 'screw'; expected revolute"),
+    "mimic": (urdf(A, B, joint("a", "b", more='<mimic joint="x"/>')), "joint 'b_joint': it mimics 'x'; .* remove"),
+    "missing mesh": (urdf(link("a", MESH.format("gone.stl", "1 1 1"))), "link 'a': mesh 'gone.stl' is missing"),
     "missing package": (
         urdf(link("a", MESH.format("package://p/gone.stl", "1 1 1"))),
         "link 'a': mesh 'package://p/gone.stl' is missing; expected it beside thing.urdf or in a folder above it",
     ),
-    "an address": (
-        urdf(link("a", MESH.format("http://x/y.stl", "1"))),
-        r'link \'a\': <mesh filename="http://x/y.stl">; expected a path',
-    ),
-    "scaled to 0": (
-        urdf(link("a", MESH.format("box.obj", "0 1 1"))),
-        r'link \'a\': <mesh scale="0 1 1">; .* numbers other than 0',
-    ),
-    "scaled to nothing": (
-        urdf(link("a", MESH.format("box.obj", "1e-9 1e-9 1e-9"))),
-        r"link 'a': <mesh>: its longest extent is 1e-07 m; .* scale",
-    ),
-    "scaled to all": (
-        urdf(link("a", MESH.format("box.obj", "100 100 100"))),
-        r"link 'a': <mesh>: its longest extent is 1e\+04 m; .* scale",
-    ),
-    "no size": (
-        urdf(link("a", BOX.format("0 1 1"))),
-        r'link \'a\': <box size="0 1 1">; expected lengths above 0, in metres',
-    ),
-    "two numbers": (urdf(link("a", BOX.format("1 1"))), r'link \'a\': <box size="1 1">; expected 3 numbers'),
-    "nan": (urdf(link("a", BOX.format("1 nan 1"))), r'link \'a\': <box size="1 nan 1">; expected 3 numbers'),
-    "two shapes": (
-        urdf(link("a", "<visual><geometry/></visual>")),
-        "link 'a': <visual> has 0 shapes in its <geometry>; expected one",
-    ),
-    "unknown shape": (
-        urdf(link("a", "<visual><geometry><cone/></geometry></visual>")),
-        "link 'a': shape <cone>; expected mesh, box",
-    ),
+    "an address": (urdf(link("a", MESH.format("http://x/y.stl", "1"))), r"link \'a\': <mesh"),
+    "scaled to 0": (urdf(link("a", MESH.format("box.obj", "0 1 1"))), r'link \'a\': <mesh scale="0 1 1">; .* numbers'),
+    "scaled to nothing": (urdf(link("a", MESH.format("box.obj", "1e-9 1e-9 1e-9"))), r"link 'a': <mesh>: its longest"),
+    "scaled to all": (urdf(link("a", MESH.format("box.obj", "100 100 100"))), r"link 'a': <mesh>: its longest extent"),
+    "no size": (urdf(link("a", BOX.format("0 1 1"))), r'link \'a\': <box size="0 1 1">; expected lengths above 0'),
+    "two numbers": (urdf(link("a", BOX.format("1 1"))), r'link \'a\': <box size="1 1">; expected 3'),
+    "nan": (urdf(link("a", BOX.format("1 nan 1"))), r'link \'a\': <box size="1 nan 1">; expected 3'),
+    "two shapes": (urdf(link("a", "<visual><geometry/></visual>")), "link 'a': <visual> has 0 shapes"),
+    "unknown shape": (urdf(link("a", "<visual><geometry><cone/></geometry></visual>")), "link 'a': shape <cone>"),
     "no axis": (urdf(A, B, joint("a", "b", axis="0 0 0")), "joint 'b_joint': its axis is 0 0 0; expected a direction"),
-    "no limit": (
-        urdf(A, B, joint("a", "b", limit="")),
-        "joint 'b_joint': no <limit>; .* lower and upper, or the type continuous",
-    ),
-    "limits reversed": (
-        urdf(A, B, joint("a", "b", limit='lower="2" upper="1"')),
-        "joint 'b_joint': its limits are 2 to 1; expected the",
-    ),
-    "limits without end": (
-        urdf(A, B, joint("a", "b", limit='lower="-1e9" upper="1e9"')),
-        "its limits are -1e.09 to 1e.09; .* continuous",
-    ),
+    "no limit": (urdf(A, B, joint("a", "b", limit="")), "joint 'b_joint': no <limit>; .* lower and upper"),
+    "limits reversed": (urdf(A, B, joint("a", "b", limit='lower="2" upper="1"')), "joint 'b_joint': its limits are 2"),
+    "limits without end": (urdf(A, B, joint("a", "b", limit='lower="-1e9" upper="1e9"')), "its limits are -1e.09"),
     "no link": (urdf(A, joint("a", "c")), "joint 'c_joint': its child is 'c', which is no link of the file"),
-    "two parents": (
-        urdf(A, B, link("c"), joint("a", "c"), joint("b", "c", name="k")),
-        "link 'c' is the child of two joints, 'c_joint' and 'k'",
-    ),
-    "a circle": (
-        urdf(A, B, joint("a", "b"), joint("b", "a")),
-        "joints in a circle: a on b on a; expected one link that hangs on no other",
-    ),
+    "two parents": (urdf(A, B, link("c"), joint("a", "c"), joint("b", "c", name="k")), "link 'c' is the child of two"),
+    "a circle": (urdf(A, B, joint("a", "b"), joint("b", "a")), "joints in a circle: a on b on a; expected one link"),
     "two roots": (urdf(A, B), "links a, b hang on no joint; expected one such link"),
     "named twice": (urdf(A, A), "two links have the name 'a'; expected a name for each"),
     "no name": (urdf("<link/>"), "a <link> without a name; expected one for each"),
@@ -326,14 +259,8 @@ REFUSED = {
         urdf(link("a", BOX.format("1 1 1") + '<inertial><mass value="-1"/></inertial>')),
         "link 'a': its mass is -1 kg; expected",
     ),
-    "far away": (
-        urdf(A, B, joint("a", "b", origin='xyz="1e9 0 0"')),
-        r'joint \'b_joint\': <origin xyz="1e9 0 0">; expected numbers within',
-    ),
-    "xacro": (
-        '<robot xmlns:x="http://x/xacro" name="r"><x:macro/></robot>',
-        "macros of xacro; expected a URDF: xacro FILE > FILE.urdf",
-    ),
+    "far away": (urdf(A, B, joint("a", "b", origin='xyz="1e9 0 0"')), r'joint \'b_joint\': <origin xyz="1e9 0 0">'),
+    "xacro": ('<robot xmlns:x="http://x/xacro" name="r"><x:macro/></robot>', "macros of xacro; expected a URDF"),
     "xacro unbound": ('<robot name="r"><xacro:macro/></robot>', "macros of xacro; expected a URDF"),
     "many links": (urdf(*(link(f"l{k}") for k in range(1001))), "1,001 links; expected 1,000 at most"),
 }
@@ -369,11 +296,6 @@ def test_entities_without_end_are_refused(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match=r"thing\.urdf: (no XML|cannot be read)"):
         _read(tmp_path, text=f"<!DOCTYPE robot [{entities}]><robot name='&j;'><link name='a'/></robot>")
-
-
-def test_a_linkage_is_known_by_its_suffix() -> None:
-    assert names_a_linkage("a/b.urdf") and names_a_linkage("B.XML") and names_a_linkage("c.mjcf")
-    assert not names_a_linkage("cube") and not names_a_linkage("a.stl") and not names_a_linkage("laptop.toml")
 
 
 MASS = '<inertial><mass value="{}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'

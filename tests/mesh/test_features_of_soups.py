@@ -82,25 +82,6 @@ def _t_junctions(random: np.random.Generator) -> FloatArray:
     return np.array(triangles)
 
 
-def _books(random: np.random.Generator) -> FloatArray:
-    # Edges of three to eight triangles.
-    triangles = []
-    for _ in range(random.integers(1, 4)):
-        a, b = random.normal(0.0, 0.02, (2, 3))
-        for _ in range(random.integers(3, 9)):
-            page = random.normal(0.0, 0.02, 3)
-            triangles.append([a, b, page] if random.random() < 0.5 else [b, a, page])
-    return np.array(triangles)
-
-
-def _coplanar(random: np.random.Generator) -> FloatArray:
-    count = random.integers(2, 12)
-    flat = random.normal(0.0, 0.02, (count, 1, 2)) + random.normal(0.0, 0.02, (count, 3, 2))
-    if random.random() < 0.5:
-        flat = np.round(flat, int(random.integers(2, 9)))
-    return np.concatenate([flat, np.zeros((count, 3, 1))], axis=2)
-
-
 def _slivers(random: np.random.Generator) -> FloatArray:
     triangles = []
     for a, b, _ in _loose(random):
@@ -135,56 +116,12 @@ def _bumpy(random: np.random.Generator) -> FloatArray:
     return np.asarray((vertices + random.normal(size=vertices.shape) * 10.0 ** random.uniform(-9.0, -2.3))[faces])
 
 
-def _shells(random: np.random.Generator) -> FloatArray:
-    # In each other, through each other, inside out, or one nearly on the other.
-    shells = []
-    for _ in range(random.integers(2, 5)):
-        shell = _bumpy(random) @ Rotation.random(rng=random).as_matrix().T
-        if random.random() < 0.6:
-            shell = shell + random.normal(0.0, 0.01, 3)
-        shell = shell * random.choice([1.0, 0.5, 0.9])
-        shells += [shell] if random.random() < 0.7 else [shell, shell * (1.0 + 10.0 ** random.uniform(-7.0, -2.0))]
-    return np.concatenate([shell[:, ::-1] if random.random() < 0.4 else shell for shell in shells])
-
-
-def _with_flaps(random: np.random.Generator) -> FloatArray:
-    # A solid with pairs of triangles of no thickness, so that every edge is walked as often forth as back.
-    body = _bumpy(random)
-    triangles = [body]
-    for _ in range(random.integers(1, 6)):
-        a, b, c = body[random.integers(len(body))]
-        middle, normal = (a + b + c) / 3.0, np.cross(b - a, c - a)
-        tip = middle + random.uniform(-0.02, 0.02) * normal / np.linalg.norm(normal)
-        tip = tip + random.uniform(0.0, 0.02) * unit(random)
-        flaps = [[a, b, tip] if random.random() < 0.7 else [a, tip, middle + 0.02 * unit(random)]]
-        if random.random() < 0.3:
-            flaps.append([b, tip + 0.01 * unit(random), tip])
-        for flap in np.array(flaps):
-            triangles += [flap[None], np.roll(flap[::-1], random.integers(3), axis=0)[None]]
-    return np.concatenate(triangles)
-
-
-def _touching_boxes(random: np.random.Generator) -> FloatArray:
-    # On a lattice: they share faces, edges, corners, or all of themselves; one may be inside out.
-    size = random.uniform(0.01, 0.03)
-    boxes = [_box(random, size) + size * random.integers(-1, 2, 3) for _ in range(random.integers(2, 7))]
-    if random.random() < 0.4:
-        boxes[-1] = boxes[-1][:, ::-1]
-    return np.concatenate(boxes)
-
-
 SOUPS: dict[str, Callable[[np.random.Generator], FloatArray]] = {
-    "loose": _loose,
     "coincident": _coincident,
     "folded": _folded,
     "T-junctions": _t_junctions,
-    "edges of many": _books,
-    "coplanar": _coplanar,
     "slivers": _slivers,
     "closed": _bumpy,
-    "shells": _shells,
-    "flaps": _with_flaps,
-    "touching boxes": _touching_boxes,
 }
 
 
@@ -251,17 +188,14 @@ def goes_around(triangles: FloatArray, point: FloatArray) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("kind", "first"),
-    sampled([(kind, first) for first in range(0, 336, 2) for kind in SOUPS], lambda i, _: i < len(SOUPS)),
+    ("kind", "first"), sampled([(kind, first) for first in range(0, 80, 2) for kind in SOUPS], lambda i, _: i in (0, 3))
 )
-@pytest.mark.soak
 def test_the_least_over_features_is_the_least_over_triangles(kind: str, first: int) -> None:
     judged = 0
     for seed in range(first, first + 2):
         triangles, random = soup(kind, seed)
         mesh, closed = features_of(triangles)
         wanted = judged + POSES
-        # Of shells in each other most cones are inside one of them.
         for _ in range(TRIES * POSES):
             cones = touching_cone(random, triangles)
             if closed and goes_around(triangles, cones.a[0]):
@@ -272,5 +206,4 @@ def test_the_least_over_features_is_the_least_over_triangles(kind: str, first: i
                 judged += 1
                 if judged == wanted:
                     break
-    # Two soups of shells may have no more cones outside than one should.
-    assert judged >= POSES + (kind != "shells")
+    assert judged > POSES

@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from hhsim.errors import MeshError
 from hhsim.kernels.cover.sampled_error import union_distance
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh, with_inside
-from hhsim.mesh.repair import closed_surface
 from hhsim.mesh.signed_bvh import heights, signed_bvh
-from hhsim.mesh.topology import face_areas
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.error import sample_mesh
 from hhsim.trees.options import TreeOptions
@@ -102,44 +99,3 @@ def test_a_tree_covers_the_triangles_of_a_mesh_that_is_no_solid(name: str) -> No
     assert last.protrusion_max <= last.bound * (1.0 + 1e-9)
     # Spheres of a sheet stand in it: sixty-four of them are well below its size.
     assert last.bound < 0.2 * given.extent.max()
-
-
-def test_folded_flat_polygons_are_cut_anew_for_a_solid() -> None:
-    given = fanned_bracket(turn=0.4)
-    solid = with_inside(replace(given, source=given.name))
-    assert solid.volume == pytest.approx(given.volume, rel=1e-5) == pytest.approx(1.14e-4, rel=1e-4)
-    assert face_areas(solid.vertices, solid.faces).sum() == pytest.approx(2.02e-2, rel=1e-5)
-    assert solid.repairs == (
-        "cut 2 flat polygons anew, whose triangles were folded over each other",
-        *solid.repairs[1:],
-    )
-    tree = build_sphere_tree(solid, TreeOptions(level=2))
-    assert max(error.bound for error in tree.errors) < 0.08
-
-
-def test_folds_that_are_not_flat_make_no_solid_as_they_are() -> None:
-    given = fanned_bracket(bend=1e-4)
-    with pytest.raises(MeshError, match=r"crosses itself|folded over itself: \d+ triangles with no inside behind"):
-        closed_surface(given.vertices, given.faces, "bracket")
-
-
-def test_a_solid_is_as_it_was_repaired_before() -> None:
-    given = mesh_of(at(inside_out(BOX), 0.2, 0.0, 0.0), at(BOX, 0.0, 0.3, 0.0))
-    mesh = kept(given)
-    assert mesh.shell is None
-    assert mesh.volume == pytest.approx(2.0 * BOX.volume)
-
-
-def test_each_own_triangle_is_covered_once_and_in_its_place() -> None:
-    given = mesh_of(SHEET, inside_out(SHEET), SHEET, at(BOX, 0.0, 0.0, 0.001))
-    mesh = kept(given)
-    corners = np.sort(mesh.vertices[mesh.faces].reshape(-1, 9), axis=1)
-    wanted = np.unique(np.sort(given.triangles.reshape(-1, 9), axis=1), axis=0)
-    assert len(corners) == len(wanted) == len(BOX.faces) + len(SHEET.faces)
-    assert np.array_equal(np.unique(corners, axis=0), wanted)
-
-
-def test_triangles_without_area_are_refused() -> None:
-    line = Mesh(np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.0]]), np.array([[0, 1, 2]]), name="line")
-    with pytest.raises(MeshError, match="no volume: its triangles have no area"):
-        kept(line)

@@ -9,10 +9,9 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.mesh.repair import MeshInRepair, closed_surface, winding_faults
 from hhsim.mesh.topology import is_closed, signed_volume
-from tools.shapes.generators import cube, sphere
+from tools.shapes.generators import sphere
 
 BALL = sphere(0.08, subdivisions=2)
-CUBE = cube(0.07)
 
 
 def repaired(vertices: FloatArray, faces: IntArray) -> MeshInRepair:
@@ -101,39 +100,6 @@ def test_missing_triangles_are_filled(seed: int, holes: int) -> None:
     assert surface.repairs[0].startswith("closed ")
 
 
-def test_wide_flat_hole_is_closed_and_warned_of() -> None:
-    top = (CUBE.vertices[CUBE.faces][:, :, 2] > 0.0).all(axis=1)
-    surface = repaired(CUBE.vertices, CUBE.faces[~top])
-    assert surface.repairs == ["closed 1 hole up to 70 mm wide"]
-    assert surface.warnings == [
-        "1 hole up to 70 mm wide closed: it is solid there; if it should be hollow, give the wall a thickness"
-    ]
-    assert volume(surface) == pytest.approx(0.07**3)
-
-
-def test_a_cavity_is_no_hole_in_a_part_that_fills_it() -> None:
-    vertices, faces = second_ball(0.0, inward=True, scale=0.5)
-    # A third ball reaches into the cavity: what is in both is solid, but a union cannot count that.
-    third = BALL.vertices * 0.9 + np.array([0.05, 0.0, 0.0])
-    with pytest.raises(MeshError, match="crosses itself"):
-        closed_surface(np.concatenate([vertices, third]), np.concatenate([faces, BALL.faces + len(vertices)]), "test")
-    # One that stays clear of it is joined, and the cavity stays.
-    aside = BALL.vertices * 0.4 + np.array([0.04, 0.0, 0.0])
-    surface = repaired(np.concatenate([vertices, aside]), np.concatenate([faces, BALL.faces + len(vertices)]))
-    assert surface.repairs == ["joined 3 overlapping parts into 2"]
-    assert 0.875 * BALL.volume < volume(surface) < 0.94 * BALL.volume
-
-
-def test_a_part_wound_inward_that_only_overlaps_is_no_cavity() -> None:
-    vertices, faces = second_ball(0.03, inward=True, scale=0.8)
-    # Its first face lies in the other ball, and most of it does not.
-    order = np.argsort(vertices[faces[len(BALL.faces) :]].mean(axis=1)[:, 0])
-    faces[len(BALL.faces) :] = faces[len(BALL.faces) :][order]
-    surface = repaired(vertices, faces)
-    assert surface.repairs == ["1 of 2 parts wound inside out: turned", "joined 2 overlapping parts into 1"]
-    assert volume(surface) > BALL.volume
-
-
 def test_one_sided_strip_is_refused() -> None:
     count = 40
     angle = 2.0 * np.pi * np.arange(count) / count
@@ -146,14 +112,6 @@ def test_one_sided_strip_is_refused() -> None:
         faces += [[a, c, b], [b, c, d]]
     with pytest.raises(MeshError, match="one-sided"):
         closed_surface(np.concatenate([ring - 0.3 * across, ring + 0.3 * across]), np.array(faces), "test")
-
-
-def test_winding_faults_see_an_overlap_of_few_large_triangles() -> None:
-    both = np.concatenate([CUBE.vertices, CUBE.vertices + 0.06])
-    faulty, tested, low, high = winding_faults(both, np.concatenate([CUBE.faces, CUBE.faces + 8]))
-    assert faulty > 0
-    assert tested > 500
-    assert (round(low), round(high)) == (0, 2)
 
 
 JOINED, TURNED = "joined 2 overlapping parts into 1", "1 of 2 parts wound inside out: turned"

@@ -126,56 +126,6 @@ def test_corrupted_meshes_become_a_covered_solid_or_are_refused(seed: int) -> No
     assert gap.min(axis=1).max(initial=-1.0) <= out + 1e-9, what
 
 
-def test_a_closed_mesh_is_left_alone_and_its_thickness_unused() -> None:
-    surface = solid_surface(BALL.vertices, BALL.faces, "test", thickness=0.002)
-    assert surface.repairs == []
-    assert surface.warnings == ["the thickness is not used: the mesh is closed"]
-    assert len(surface.faces) == len(BALL.faces)
-
-
-def fin_on_ball() -> tuple[FloatArray, IntArray]:
-    """A ball with a fin, and with a bent window that no safe repair closes."""
-    x, _, z = BALL.triangles.mean(axis=1).T
-    faces = BALL.faces[~((np.abs(z) < 0.015) & (x > -0.02))]
-    a, b = faces[0, :2]
-    tip = 1.1 * BALL.vertices[[a]] + np.array([[0.0, 0.01, 0.0]])
-    return np.concatenate([BALL.vertices, tip]), np.concatenate([faces, [[a, b, len(BALL.vertices)]]])
-
-
-@pytest.fixture(scope="module")
-def finned() -> MeshInRepair:
-    """The solid of the ball with the fin, coarse."""
-    with pytest.MonkeyPatch.context() as patch:
-        make_coarse(patch)
-        return solid_surface(*fin_on_ball(), "test")
-
-
-@pytest.mark.soak
-def test_a_bent_hole_is_filled_by_winding_number_and_a_fin_left_out(finned: MeshInRepair) -> None:
-    (vertices, faces), surface = fin_on_ball(), finned
-    assert "its inside is taken to be where the winding number exceeds 1/2" in surface.repairs[0]
-    assert any(re.match(r"left out .* of the surface, which encloses nothing", line) for line in surface.repairs)
-    assert any(" of the surface is assumed, up to " in line for line in surface.repairs)
-    assert surface.warnings == ["no safe repair gives it an inside: it is assumed by winding number"]
-    # Its volume, by the share of random points that the exact number, without the fin, takes for inside.
-    points = np.random.default_rng(6).uniform(-0.042, 0.042, size=(20_000, 3))
-    share = (exact_winding(vertices[faces[:-1]], points) > 0.5).mean()
-    assert signed_volume(surface.vertices, surface.faces) == pytest.approx(share * 0.084**3, rel=0.02)
-    assert_true_statement(vertices, faces, surface)
-
-
-@pytest.mark.usefixtures("coarse")
-@pytest.mark.soak
-def test_the_result_does_not_depend_on_place_and_unit_beyond_rounding(finned: MeshInRepair) -> None:
-    (vertices, faces), here = fin_on_ball(), finned
-    there = solid_surface(1000.0 * vertices + 5000.0, faces, "test", unit_length=0.001)
-    volume = signed_volume(here.vertices, here.faces)
-    assert 1e-9 * signed_volume(there.vertices, there.faces) == pytest.approx(volume, rel=1e-3)
-    again = solid_surface(vertices, faces, "test")
-    assert again.vertices.tobytes() == here.vertices.tobytes()
-    assert again.faces.tobytes() == here.faces.tobytes()
-
-
 @pytest.mark.usefixtures("coarse")
 def test_an_open_ball_becomes_a_shell_of_the_thickness() -> None:
     ball = sphere(0.08, subdivisions=2)
@@ -187,19 +137,6 @@ def test_an_open_ball_becomes_a_shell_of_the_thickness() -> None:
     # A shell about a surface, and half a tube about its rim.
     expected = 0.004 * area + 0.5 * np.pi * 0.002**2 * 2.0 * np.pi * 0.04
     assert signed_volume(surface.vertices, surface.faces) == pytest.approx(expected, rel=0.02)
-
-
-@pytest.mark.usefixtures("coarse")
-@pytest.mark.soak
-def test_a_sheet_of_many_triangles_is_meshed_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    ball = sphere(0.08, subdivisions=2)
-    lower = ball.faces[ball.triangles.mean(axis=1)[:, 2] < 0.0]
-    slabs = solid_surface(ball.vertices, lower, "test", thickness=0.008)
-    monkeypatch.setattr(solidify, "SLABS", 0)
-    anew = solid_surface(ball.vertices, lower, "test", thickness=0.008)
-    assert len(anew.faces) != len(slabs.faces)
-    volume = signed_volume(slabs.vertices, slabs.faces)
-    assert signed_volume(anew.vertices, anew.faces) == pytest.approx(volume, rel=0.02)
 
 
 def test_a_closed_part_beside_a_sheet_stays_solid() -> None:
@@ -218,18 +155,6 @@ def test_a_thickness_out_of_range_names_the_range(thickness: float) -> None:
     lower = BALL.faces[BALL.triangles.mean(axis=1)[:, 2] < 0.0]
     with pytest.raises(MeshError, match=r"a sheet .* mm thick; expected 0.16 mm to 40 mm for a mesh 80 mm long"):
         solid_surface(BALL.vertices, lower, "test", thickness=thickness)
-
-
-@pytest.mark.parametrize("turned", [0.0, 0.5, 1.0])
-def test_loose_triangles_are_turned_outward_one_by_one(turned: float) -> None:
-    vertices = (BALL.triangles * 0.98 + 0.02 * BALL.triangles.mean(axis=1, keepdims=True)).reshape(-1, 3)
-    faces = np.arange(len(vertices)).reshape(-1, 3)
-    wrong = np.random.default_rng(8).random(len(faces)) < turned
-    faces[wrong] = faces[wrong][:, ::-1]
-    result, count = turned_outward(vertices, faces, 1e-6)
-    outward = np.einsum("ij,ij->i", face_normals(vertices, result), vertices[result].mean(axis=1)) > 0.0
-    assert outward.mean() > 0.99
-    assert abs(count - int(wrong.sum())) <= 0.02 * len(faces)
 
 
 NASTY = ("nasty_bunny_94_components.ply", "nasty_teapot_open_shells.obj")
@@ -265,16 +190,3 @@ def test_loose_triangles_are_refused_and_become_sheets_on_demand(shared_data: Pa
     assert mesh.repairs[0] == f"made {count} open parts a sheet 2 mm thick"
     assert is_closed(mesh.faces)
     assert mesh.volume > 0.0
-
-
-def test_a_surface_outside_of_the_assumed_solid_is_in_its_repairs() -> None:
-    mesh = BALL
-    kept = mesh.triangles.mean(axis=1)[:, 2] < 0.9 * mesh.vertices[:, 2].max()
-    spike = np.array([[0.0, 0.0, 0.039], [0.002, 0.0, 0.060], [0.0, 0.002, 0.060]])
-    vertices = np.concatenate([mesh.vertices, spike])
-    faces = np.concatenate([mesh.faces[kept], len(mesh.vertices) + np.arange(3)[None]])
-    surface = solid_surface(vertices, faces, "spiked")
-    (said,) = [text for text in surface.repairs if text.startswith(solidify.ASSUMED_SOLID)]
-    millimetres = float(re.search(r"up to ([\d.]+) mm, lies outside it", said)[1])  # type: ignore[index]
-    # Tips at 60 mm: 20 mm above the ball, and 25 mm above where its hole is closed flat.
-    assert 20.0 < millimetres < 25.0

@@ -48,13 +48,6 @@ def test_quaternions_are_normalised_and_flips_are_fixed() -> None:
     assert (np.sum(made.orientation[1:] * made.orientation[:-1], axis=1) > 0.0).all()
 
 
-def test_normalising_twice_changes_no_bit() -> None:
-    rng = np.random.default_rng(3)
-    made = motion(count=2000, orientation=rng.normal(size=(2000, 4)))
-    again = replace(made)
-    assert again.orientation.tobytes() == made.orientation.tobytes()
-
-
 def spoiled(label: str, index: tuple[int, ...], value: float) -> dict[str, FloatArray]:
     array = np.array(getattr(motion(), label))
     array[index] = value
@@ -182,23 +175,6 @@ def test_what_the_object_sees_is_the_inverse_by_scipys_rotations(seed: int) -> N
     np.testing.assert_allclose(moved.seen_points(moved.points(points)), points, atol=1e-13)
     np.testing.assert_allclose(moved.seen_vectors(moved.vectors(points)), points, atol=1e-13)
     np.testing.assert_allclose(moved.seen_orientations(moved.orientations(moved.turn)), moved.turn, atol=1e-13)
-
-
-def test_ticks_are_the_same_bytes_however_many_at_a_time() -> None:
-    moved, points = swing(TIME), np.random.default_rng(1).normal(size=(40, 7, 3))
-    whole = moved.points(points)
-    for i in range(40):
-        part = type(moved)(moved.turn[i : i + 1], moved.shift[i : i + 1])
-        assert part.points(points[i : i + 1]).tobytes() == whole[i : i + 1].tobytes()
-
-
-def test_an_object_that_stands_still_is_no_motion() -> None:
-    fixed = still()
-    poses = ObjectMotion(np.tile(fixed.object_position, (40, 1)), np.tile(fixed.object_orientation, (40, 1)))
-    same = replace(fixed, object_motion=poses, object_position=np.zeros(3))
-    assert same.object_motion is None
-    assert same.object_position.tobytes() == fixed.object_position.tobytes()
-    assert same.resampled(1000.0).object_motion is None
 
 
 def test_ticks_on_a_sample_take_its_pose_bit_for_bit_and_others_lie_between() -> None:

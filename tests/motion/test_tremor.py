@@ -46,16 +46,6 @@ def test_the_seed_decides_and_parts_do_not_depend_on_each_other() -> None:
     assert alone[0].tobytes() == one[0].tobytes()
 
 
-def test_sensor_noise_and_counts() -> None:
-    time, position, orientation, flexion = still()
-    noisy = Disturbance(sensor_noise=0.002).apply(3, time, position, orientation, flexion)[2]
-    assert (noisy - flexion).std() == pytest.approx(0.002, rel=0.03)
-    coarse = Disturbance(sensor_counts=4096, sensor_noise=0.002).apply(3, time, position, orientation, flexion)[2]
-    steps = coarse / (2.0 * math.pi / 4096)
-    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
-    assert np.abs(coarse - noisy).max() <= math.pi / 4096 + 1e-12
-
-
 @pytest.mark.parametrize(
     ("values", "message"),
     [

@@ -10,14 +10,12 @@ from sampled import sampled
 from short_grasp import short_grasp, short_scene
 
 from hhsim.hand.forward_kinematics import PlacedHand
-from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.run_ticks import PLACED
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
 from hhsim.result.reader import Result, load_result
-from hhsim.scene.scene import Scene, make_scene, open_scene
+from hhsim.scene.scene import Scene, open_scene
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.contact_surface import contact_surface
 
 pytestmark = pytest.mark.slow
 
@@ -40,9 +38,6 @@ def run(
     return load_result(path), summary
 
 
-ONE = pytest.mark.parametrize("run", sampled(METHODS, lambda place, method: method == "coupled"), indirect=True)
-
-
 def test_the_hand_touches_the_mesh_to_a_micrometre_and_is_nowhere_inside(run: tuple[Result, ReplaySummary]) -> None:
     result, summary = run
     figures = summary.attributes()
@@ -61,17 +56,6 @@ def test_the_hand_touches_the_mesh_to_a_micrometre_and_is_nowhere_inside(run: tu
         assert away.min() > 0.0
         least = min(least, float(away.min()))
     assert least < 1e-3
-
-
-def test_a_sheet_that_encloses_nothing_is_touched_from_both_sides(scene: Scene, tmp_path: Path) -> None:
-    # The upper half of the cylinder's triangles: an open shell.
-    middle = scene.solids[0].placed_mesh.triangles.mean(axis=1)
-    upper = middle[:, 2] > np.median(middle[:, 2])
-    shell = Mesh(scene.solids[0].placed_mesh.vertices, scene.solids[0].placed_mesh.faces[upper], name="shell")
-    opened = make_scene(shell, scene.solids[0].placed_tree, scene.hands[0].model, scene.hands[0].trajectory)
-    summary = replay_scene(opened, SolverOptions(surface="mesh"), tmp_path / "shell.h5")
-    assert summary.attributes()["penetration_max"] == 0.0
-    assert any("both sides can be touched" in note for note in summary.notes)
 
 
 @pytest.mark.parametrize(
@@ -94,12 +78,3 @@ def test_meshes_that_enclose_nothing_are_grasped(name: str, shared_data: Path, t
     assert figures["penetration_max"] == 0.0 and figures["stuck_ticks"] == 0
     assert figures["force_contact_max"] > 0.1 and figures["contact_error_max"] <= 1e-6
     assert any("both sides can be touched" in note for note in summary.notes)
-
-
-def test_what_stands_for_another_triangle_is_said(scene: Scene) -> None:
-    mesh = scene.solids[0].placed_mesh
-    first = mesh.faces[0]
-    spoiled = Mesh(mesh.vertices, np.concatenate([mesh.faces, [first], [[first[0], first[0], first[1]]]]))
-    notes = contact_surface("mesh", spoiled, scene.solids[0].placed_tree).notes
-    assert any(note.startswith("1 triangle on the same corners") for note in notes)
-    assert contact_surface("mesh", mesh, scene.solids[0].placed_tree).notes == ()

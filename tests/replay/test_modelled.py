@@ -24,7 +24,6 @@ from hhsim.trees.triangle_tree import coarsest_sphere_tree
 HAND = HandModel.default()
 BALL = bumpy_ball(1200)
 METHODS = ("coupled", "progressive")
-PALM = 15
 
 
 def closing(ticks: int = 400, depth: float = 0.02) -> HandConfiguration:

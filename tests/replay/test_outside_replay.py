@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 from conftest import Run
 from drawings_alone import leave_report_undrawn
@@ -34,17 +33,6 @@ def test_what_cannot_be_known_has_no_row(tmp_path: Path) -> None:
     assert known_figures(EVERYTHING) == set(run_metrics())
 
 
-def test_its_errors_are_those_of_the_same_poses_from_inside(tmp_path: Path) -> None:
-    scene = short_scene(RELEASED)
-    names = ("coupled", "outside_methods:OurOwn")
-    inside, outside = (replay_scene(scene, SolverOptions(method=name), tmp_path / "same.h5") for name in names)
-    ours, theirs = ({row.name: row.value for row in summary.rows} for summary in (inside, outside))
-    exact = [name for name in theirs if not name.startswith(("tick_", "candidates"))]
-    assert len(exact) > 10
-    for name in exact:
-        assert theirs[name] == pytest.approx(ours[name], rel=1e-12, abs=1e-12, nan_ok=True), name
-
-
 def test_what_it_prints_and_where_it_goes_change_no_answer(run: Run, tmp_path: Path) -> None:
     more = ("--method", "outside_methods:Talks", "--ticks", "5", "--level", "2", "--out", "talks.h5", "--json")
     answer = run("replay", "sphere", "grasp", *more)
@@ -71,13 +59,6 @@ def test_the_referee_the_second_run_and_the_page_take_it(
     assert page.code == 0, page.err
     exported = run("export", str(tmp_path / "result.h5"), str(tmp_path / "ticks.csv"))
     assert exported.code == 0, exported.err
-
-
-def test_a_planted_depth_is_found(tmp_path: Path) -> None:
-    result = short_result(tmp_path / "result.h5", RELEASED, method="outside_methods:Promises")
-    deepest = float(np.max(result["penetration_depth"]))
-    assert deepest > 1e-3
-    assert result.summary["penetration_max"] == deepest
 
 
 def test_a_second_run_says_where_the_methods_code_has_changed_since(

@@ -15,7 +15,7 @@ from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.replay.repeat import COMPARED, DIFFERENT, WITHIN, run_again
 from hhsim.replay.replay import replay_scene
-from hhsim.replay.stored_scene import stored_hand, stored_mesh, stored_options, stored_tree
+from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS, hand_columns
 from hhsim.scene.scene import make_scene
@@ -81,16 +81,6 @@ def test_the_hand_comes_back_bit_for_bit(runs: dict[str, Path], hand: HandModel)
     for name, array in hand.palm_tree.arrays()._asdict().items():
         assert np.array_equal(again.palm_tree.arrays()._asdict()[name], array), name
     assert again.palm_mesh.sha256 == hand.palm_mesh.sha256
-
-
-def test_tree_mesh_and_options_come_back(runs: dict[str, Path]) -> None:
-    ball = bumpy_ball(200)
-    for method, options in ODD_OPTIONS.items():
-        result = load_result(runs[method])
-        assert stored_options(result) == options
-        tree = stored_tree(result.body)
-        assert np.array_equal(tree.level, ball.level)
-        assert len(stored_mesh(result.body).faces) == len(sphere(0.076, 3).faces)
 
 
 @pytest.mark.parametrize("method", ODD_OPTIONS)

@@ -43,7 +43,3 @@ def test_mean_and_deviation_are_those_of_the_runs(summary: ReplaySummary) -> Non
 def test_a_small_deviation_has_digits(summary: ReplaySummary, seconds: tuple[float, ...], shown: str) -> None:
     found = {time.row.name: time for time in repeated_times([taking(summary, t) for t in seconds])}
     assert found["tick_cpu_p50"].shown == shown
-
-
-def test_what_is_undefined_is_left_out(summary: ReplaySummary) -> None:
-    assert "tick_cpu_p50" not in {time.row.name for time in repeated_times([taking(summary, math.nan), summary])}

@@ -1,7 +1,5 @@
 """Which lines a table has: all that say something, or those that matter."""
 
-import math
-
 import pytest
 
 from hhsim.metrics.run.registry import run_metrics
@@ -23,15 +21,6 @@ def test_the_short_table_has_the_lines_that_matter() -> None:
         *("force_contact_mean", "force_contact_step", "force_variation_tremor", "correction_joint_mean"),
         *("tick_cpu_p50", "tick_cpu_p99", "stuck_ticks", "lag_ticks"),
     ]
-
-
-def test_a_recording_has_its_variation_in_contact_in_that_place() -> None:
-    undefined = {name: math.nan for name in EVERY if "hold" in name}
-    figures = {name: value for name, value in (EVERY | undefined).items() if "tremor" not in name}
-    short = names(short_table(summary_rows(figures)))
-    assert "force_variation_contact" in short and not any("hold" in name for name in short)
-    live_hold = figures | {"force_variation_hold": 0.3}
-    assert "force_variation_hold" in names(short_table(summary_rows(live_hold)))
 
 
 def test_what_is_over_its_limit_is_in_the_short_table() -> None:

@@ -1,33 +1,20 @@
 """A result for analysis: xarray, pandas and matplotlib are given the values of the file, with names and units."""
 
 import sys
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from body_tables import body_file
-from matrix import OBJECTS, SHORT, Scene
 from short_grasp import short_result
 
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
-from hhsim.result.reader import Result, load_result
+from hhsim.result.reader import Result
 from hhsim.result.schema import TICK_COLUMNS
 
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory: pytest.TempPathFactory) -> Result:
     return short_result(tmp_path_factory.mktemp("results") / "run.h5")
-
-
-@pytest.fixture
-def two(run: Any, tmp_path: Path) -> Result:
-    """Two hands, and a free body beside two fixed ones."""
-    body_file(tmp_path, *OBJECTS["blocks.toml"], name="blocks.toml")
-    scene = Scene("two", "several", "spheres")
-    assert run("replay", *scene.words, *SHORT, "--out", "two.h5", "--quiet").code in (0, 1)
-    return load_result(tmp_path / "two.h5")
 
 
 def test_a_data_set_has_every_value_by_name_with_its_unit(result: Result) -> None:
@@ -46,26 +33,6 @@ def test_a_data_set_has_every_value_by_name_with_its_unit(result: Result) -> Non
     assert made["force/phalanx"].dims == ("time", "finger", "phalanx", "axis")
     assert (str(made.hand.values), made.attrs["method"], made.attrs["object_name"]) == ("right", "coupled", "cylinder")
     assert set(result.to_xarray(["force"])) == {name for name in made if str(name).startswith("force/")}
-
-
-@pytest.mark.soak
-def test_two_hands_are_an_axis_and_bodies_and_contacts_have_their_names(two: Result) -> None:
-    pytest.importorskip("xarray")
-    made = two.to_xarray()
-    for hand in two.hands:
-        np.testing.assert_array_equal(made["force/total"].sel(hand=hand), two.hands[hand]["force/total"])
-    moved = "bodies/block/tick/position"
-    np.testing.assert_array_equal(made[moved].sel(axis="z"), two[moved][:, 2])
-    assert made["between/graphic"].dims == ("time",) and made["contact/point"].dims == ("contact", "axis")
-    assert made.sizes["contact"] == len(two["contact/tick"]) > 0
-    table = two.to_pandas(["force/size", moved, "between"])
-    assert list(table)[:3] == ["phase", "force/size[right]", "force/size[left]"]
-    np.testing.assert_array_equal(table[f"{moved}[z]"], two[moved][:, 2])
-    of_contacts = two.to_pandas(["contact"])
-    assert (of_contacts.index.name, len(of_contacts)) == ("contact", made.sizes["contact"])
-    with pytest.raises(InputError, match="no datasets with the same rows"):
-        two.to_pandas(["contact", "lag"])
-    assert [line.get_label() for line in two.plot("lag").lines[:2]] == ["right", "left"]
 
 
 def test_a_table_has_a_column_for_each_element(result: Result) -> None:

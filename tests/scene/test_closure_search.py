@@ -9,7 +9,6 @@ from sphere_scenes import ball, flat_tree, record_clearance
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
-from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand import finger_closure as kernel
@@ -22,7 +21,6 @@ from hhsim.scene.script import Script, ScriptPhase
 from hhsim.trees.sphere_tree import SphereTree
 
 RIGHT = HandModel.default("right")
-LEFT = HandModel.default("left")
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -134,46 +132,6 @@ def test_a_closing_finger_stops_at_contact_or_at_its_limits(seed: int, finger: i
         assert held or flexion[finger, k] == pytest.approx(hand.flexion_max[finger, k], abs=1e-8)
 
 
-def test_a_closing_finger_does_not_step_over_a_hair() -> None:
-    hand = RIGHT.arrays()
-    joints = RIGHT.joints(np.zeros(3), [1.0, 0.0, 0.0, 0.0], np.tile([0.8, 0.8, 0.5], (5, 1)), np.zeros(5))
-    hair = ball(1e-4, tuple(joints[1, 3]))
-    flexion, touching = close(hand, hair, 1, np.zeros(3), np.eye(3), closure_rates(1.0)[1])
-    assert touching[2] == 1.0
-    assert flexion[1, 0] < 0.8
-
-
-@settings(max_examples=30)
-@given(st.integers(0, 4), st.floats(0.0, 0.05), st.floats(0.0, 1.0))
-def test_deepening_moves_the_tip_by_the_depth_or_to_the_limits(finger: int, depth: float, start: float) -> None:
-    hand = RIGHT.arrays()
-    before = np.tile([start, start, 0.5 * start], (5, 1))
-    after = before.copy()
-    rate = closure_rates(1.0)[finger]
-    moved = kernel.deepen_finger(finger, rate, np.zeros(5), depth, after, make_work(hand, ball(0.01).arrays()))
-    at_limit = after[finger] >= np.maximum(hand.flexion_max[finger], before[finger]) - 1e-12
-    upright = [1.0, 0.0, 0.0, 0.0]
-    tips = [RIGHT.joints(np.zeros(3), upright, flexion, np.zeros(5))[finger, 3] for flexion in (before, after)]
-    assert np.linalg.norm(tips[1] - tips[0]) == pytest.approx(moved, abs=1e-12)
-    assert at_limit.all() or moved == pytest.approx(depth, abs=1e-9)
-    assert (np.delete(after, finger, axis=0) == np.delete(before, finger, axis=0)).all()
-
-
-def test_the_contact_normal_points_from_the_object_to_the_finger() -> None:
-    hand = RIGHT.arrays()
-    tree = ball(0.02, (-0.02, 0.07, -0.06))
-    work = make_work(hand, tree.arrays())
-    body_distances(np.zeros(3), np.eye(3), np.zeros((5, 3)), np.zeros(5), work)
-    normal = np.empty(3)
-    distance = kernel.contact_normal(1, 0, work, normal)
-    # The distance grows by exactly the step along the normal.
-    step = 1e-6
-    moved = tree.transformed(np.eye(3), -step * normal)
-    farther = kernel.contact_normal(1, 0, work._replace(tree=moved.arrays()), np.empty(3))
-    assert np.linalg.norm(normal) == pytest.approx(1.0)
-    assert farther - distance == pytest.approx(step, rel=1e-4)
-
-
 def test_a_hand_that_must_not_touch_keeps_its_distance_at_every_stage() -> None:
     script = load_script("never")
     tree = box()
@@ -191,12 +149,6 @@ def test_the_plan_moves_with_the_object() -> None:
     there = plan_finger_closure(script, RIGHT, cluster(4).transformed(np.eye(3), shift))
     np.testing.assert_allclose(there.position, here.position + shift, atol=1e-6)
     np.testing.assert_allclose(there.command, here.command, atol=1e-5)
-
-
-def test_an_object_too_small_for_five_fingers_is_held_by_some() -> None:
-    closure = plan_finger_closure(load_script("grasp"), RIGHT, ball(0.006))
-    assert closure.reached
-    assert set(closure.reached) | set(closure.missed) == set(FINGERS)
 
 
 def test_what_no_finger_can_reach_is_refused() -> None:

@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import cast
 
-import numpy as np
 import pytest
 from sampled import sampled
 from sphere_scenes import object_tree, record_clearance
@@ -44,19 +43,6 @@ def test_the_finger_taps_every_object(name: str) -> None:
     assert distance[:, 15].min() > 0.0, "the palm stays away"
     assert "the object placed so that the index goes 15 mm into it" in motion.source
     assert motion.position.tobytes() == TAP.motion.position.tobytes()
-
-
-def test_the_command_is_as_deep_as_asked_behind_first_contact() -> None:
-    tree = object_tree("cube", 2)
-    shallow, deep = (Demonstration(TAP.motion, Wanted("index", depth)).placed(HAND, tree) for depth in (0.006, 0.012))
-    tips = forward_kinematics(HAND, *HandConfiguration.of(TAP.motion)).joints[:, 1, 3]
-    main = np.linalg.svd(tips - tips.mean(axis=0))[2][0]
-    stroke = main if main[2] < 0.0 else -main
-    moment = int(np.argmax(tips @ stroke))
-    for motion, depth in ((shallow, 0.006), (deep, 0.012)):
-        moved = motion.placed(motion.object_position + depth * stroke, motion.object_orientation)
-        assert abs(distances(moved, tree)[moment, 5]) < 5e-5, "without the depth the tip just touches"
-        assert distances(motion, tree)[moment, 5] < -0.4 * depth
 
 
 def test_the_catalogue_tells_scripts_and_recordings_apart() -> None:

@@ -1,9 +1,7 @@
 """Closures that ship or lie in the cache are those that the search finds, and damage to them is healed."""
 
-import json
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -53,13 +51,6 @@ def searches(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 @pytest.mark.soak
-def test_those_that_ship_are_what_the_search_finds() -> None:
-    shipped = shipped_closures()
-    for key, fields in searched(("cylinder",)).items():
-        assert shipped.get(key) == fields, DUE
-
-
-@pytest.mark.soak
 def test_all_that_ship_are_what_the_search_finds() -> None:
     assert searched(object_names()) == shipped_closures(), DUE
 
@@ -81,48 +72,6 @@ def test_a_search_is_kept_by_the_process_and_by_the_cache(
     read = plan_finger_closure(*question)
     assert len(searches) == 1 and len(list(folder.glob("*.json"))) == 1
     assert again.open.any() and encoded(again) == encoded(read)
-
-
-@pytest.mark.parametrize("content", ["", "{", "[]", '{"open": []}', "shape"])
-@pytest.mark.quick("{", '{"open": []}')
-def test_a_damaged_file_is_searched_for_again(
-    content: str, folder: Path, searches: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    question = load_script("pinch"), HandModel.default(hand_length=0.2), tree_of("cube", 2)
-    wanted = encoded(plan_finger_closure(*question))
-    (path,) = folder.glob("*.json")
-    fields = json.loads(path.read_text())
-    path.write_text(json.dumps(fields | {"open": [0.0]}) if content == "shape" else content)
-    monkeypatch.setattr(kept_closures, "_found", {})
-    assert encoded(plan_finger_closure(*question)) == wanted
-    assert len(searches) == 2
-    assert json.loads(path.read_text()) == wanted
-
-
-@pytest.mark.soak
-def test_a_search_is_made_again_for_what_it_depends_on_alone(folder: Path, searches: list[str]) -> None:
-    script, hand, tree = load_script("pinch"), HandModel.default(hand_length=0.2), tree_of("cube", 2)
-    phases = tuple(replace(phase, duration=2.0 * phase.duration) for phase in script.phases)
-    for count, question in (
-        (1, (script, hand, tree)),
-        (1, (replace(script, name="slow", phases=phases), hand, tree)),
-        (2, (replace(script, depth=0.01), hand, tree)),
-        (3, (script, HandModel.default("left"), tree)),
-        (4, (script, hand, tree_of("cube", 1))),
-    ):
-        plan_finger_closure(*question)
-        assert len(searches) == count
-
-
-def test_another_source_of_the_search_makes_the_cache_stale(
-    folder: Path, searches: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    question = load_script("pinch"), HandModel.default(hand_length=0.2), tree_of("cube", 2)
-    plan_finger_closure(*question)
-    monkeypatch.setattr(kept_closures, "_found", {})
-    monkeypatch.setattr(kept_closures, "_sources", lambda: "edited")
-    plan_finger_closure(*question)
-    assert len(searches) == 2
 
 
 SOURCES = """

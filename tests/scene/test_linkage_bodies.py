@@ -14,7 +14,6 @@ from hhsim.linkage.file import read_linkage
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.body import Body, Driven, Fixed, Free, HalfSpace
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
-from hhsim.scene.scene import open_scene
 from hhsim.trees.triangle_tree import tree_of_any
 
 MOMENTS = '<inertia ixx="1e-3" iyy="2e-3" izz="2.5e-3" ixy="1e-4"/>'
@@ -161,11 +160,3 @@ PLACED = Trajectory(
 
 def _scene(bodies: DeclaredBodies) -> tuple[Body | HalfSpace, ...]:
     return bodies.with_trees(lambda mesh: tree_of_any(mesh, 1)).placed(PLACED.resampled(10.0), PLACED)
-
-
-def test_the_laptop_of_the_field_opens(shared_data: Path) -> None:
-    scene = open_scene(shared_data / "field" / "laptop.urdf", "open", level=1)
-    base, lid = scene.solids
-    assert (base.name, lid.name) == ("base", "lid") and isinstance(base.motion, Fixed)
-    assert isinstance(lid.motion, Driven) and lid.motion.values is not None
-    assert (lid.motion.values.min(), lid.motion.values.max()) == (-0.55, -0.35)

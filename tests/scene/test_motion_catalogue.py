@@ -22,8 +22,6 @@ from hhsim.motion.file import save_trajectory
 from hhsim.motion.sample_flags import DAMAGED, SampleFlag
 from hhsim.motion.trajectory import UNCHECKED, Trajectory
 from hhsim.recordings.cleaning import clean_recording
-from hhsim.scene.closure_search import plan_finger_closure
-from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.scene.motion_catalogue import (
     describe,
     import_remarks,
@@ -47,25 +45,6 @@ def test_the_catalogue_is_what_the_contract_names() -> None:
     general = NAMES + MOVING
     assert script_names()[: len(general)] == general
     assert not any(describe(name).objects for name in general)
-
-
-def test_a_line_that_shows_a_motion_is_the_scripts_or_names_the_first_object() -> None:
-    assert describe("lift").line == "hhsim replay cube lift --free --torsion 5 --surface mesh"
-    assert describe("handle").line == "hhsim replay cup handle"
-    assert describe("grasp").line == "hhsim replay bunny grasp" and describe("finger-tap").line.startswith(
-        "hhsim replay "
-    )
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_every_script_is_described_and_has_the_stated_length(name: str) -> None:
-    description = describe(name)
-    assert description.title and description.stresses
-    assert description.rate == 1000.0
-    assert load_script(name).sample_count == {"sequence": 7000, "carry": 3700}.get(name, 3000)
-    assert description.phases[0] == "approach" and description.phases[-1] == "release"
-    assert "hold" in description.phases
-    assert not load_script(name).disturbance.tremor_position
 
 
 def test_names_scripts_and_recordings_are_resolved(tmp_path: Path) -> None:
@@ -116,13 +95,6 @@ def test_a_recording_that_was_imported_on_the_way_in_is_said_to_be(tmp_path: Pat
         found = replace(unchecked, flags=np.full(unchecked.sample_count, flag.value, dtype=np.uint32))
         assert (UNCHECKED in import_remarks(found, str(path))) == (flag in DAMAGED)
         assert UNCHECKED not in import_remarks(replace(found, checksums="held"), str(path))
-
-
-def test_an_option_that_a_recording_lacks_is_one_of_the_import(tmp_path: Path) -> None:
-    np.save(tmp_path / "points.npy", joint_sample().named())
-    said = r"points\.npy: 21 keypoints .* no stamps .*: --rate \(of hhsim import, whose output is replayed\)$"
-    with pytest.raises(TrajectoryError, match=said):
-        resolve_trajectory(tmp_path / "points.npy")
 
 
 def test_what_is_no_trajectory_is_refused(tmp_path: Path) -> None:
@@ -181,21 +153,3 @@ def test_every_script_does_what_it_says_on_every_object(name: str, item: str) ->
                 assert holding == set(closed)
                 assert free == set(FINGERS) - set(closed)
             assert (distance[inside, PALM_BODY].max() < 0.0) == (script.palm_depth > 0.0)
-
-
-@pytest.mark.parametrize(
-    ("name", "item"),
-    sampled([(name, item) for name in MOVING for item in object_names()], lambda place, case: place % 22 == 0),
-)
-def test_what_moves_an_object_reaches_it_with_all_fingers_and_stays_over_the_table(name: str, item: str) -> None:
-    script, tree = load_script(name), object_tree(item)
-    assert script.moves_object
-    motion = synthesize(script, HAND, tree)
-    time, distance, _ = look(motion, tree, HAND)
-    first = next(phase for phase in motion.phases if phase.name == "hold")
-    held = distance[(time >= first.start_time) & (time < first.end_time), :PALM_BODY].reshape(-1, 5, 3).min(axis=(0, 2))
-    assert {finger for f, finger in enumerate(FINGERS) if held[f] < 0.0} == set(script.fingers)
-    closure = plan_finger_closure(script, HAND, tree)
-    work = make_work(HAND.arrays(), tree.arrays())
-    body_distances(closure.position, closure.rotation, closure.contact, closure.abduction, work)
-    assert float((work.joints[..., 2] - HAND.radius).min()) > tree.bounds[0, 2]

@@ -13,10 +13,8 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
-from hhsim.scene.body import CLEARANCE, Body, Free
 from hhsim.scene.declared_bodies import load_bodies
-from hhsim.scene.overlap import MOST_RAISED, Solid, overlap, raised
-from hhsim.trees.triangle_tree import tree_of_any
+from hhsim.scene.overlap import Solid, overlap
 from hhsim.verify.bodies_apart import _Solid
 
 FALSE_DEPTH = 1e-12
@@ -62,15 +60,6 @@ def turned_boxes(rng: np.random.Generator) -> tuple[Mesh, Mesh]:
     return one, two
 
 
-def boxes_of_a_grid(rng: np.random.Generator) -> tuple[Mesh, Mesh]:
-    """Two boxes whose faces and edges lie in each other's, or coincide."""
-    one, two = (
-        box_mesh((0.01 * rng.integers(1, 6, 3)).tolist()).transformed(np.eye(3), 0.005 * rng.integers(-3, 4, 3))
-        for _ in range(2)
-    )
-    return one, two
-
-
 def boxes_that_touch(rng: np.random.Generator) -> tuple[Mesh, Mesh]:
     """Two boxes that enter each other by 10 µm to 3 mm with a face each."""
     (a, b), depth, turn = rng.uniform(0.01, 0.1, (2, 3)), 10.0 ** rng.uniform(-5.0, -2.5), Rotation.random(None, rng)
@@ -80,7 +69,7 @@ def boxes_that_touch(rng: np.random.Generator) -> tuple[Mesh, Mesh]:
 
 
 @WAYS
-@pytest.mark.parametrize("made", [turned_boxes, boxes_of_a_grid, boxes_that_touch])
+@pytest.mark.parametrize("made", [turned_boxes, boxes_that_touch])
 def test_no_more_is_found_than_separates_boxes_and_always_a_share_of_it(
     made: Callable[[np.random.Generator], tuple[Mesh, Mesh]], depth: Callable[[Mesh, Mesh], float]
 ) -> None:
@@ -148,25 +137,3 @@ def test_bodies_that_touch_are_apart() -> None:
         pair = [box_mesh([edge] * 3).transformed(turn, turn @ [0.1 + k * edge, 0.2, 0.3]) for k in range(2)]
         found += [of_scene(*pair), of_referee(*pair)]
     assert max(found) < FALSE_DEPTH
-
-
-@pytest.mark.parametrize(("place", "rises"), [((0.0, 0.0, 0.040002), True), ((0.040002, 0.0, 0.0), False)])
-@pytest.mark.soak
-def test_a_free_body_that_stands_on_another_one_is_raised_off_its_spheres(
-    place: tuple[float, float, float], rises: bool
-) -> None:
-    box = box_mesh((0.04, 0.04, 0.04), "box")
-    free = Free(0.1, place, ((1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-4)))
-    tree = tree_of_any(box, 3)
-    one = Body("one", box, tree)
-    two = Body("two", box, tree, np.array(place), motion=free)
-    (same, moved) = raised((one, two))
-    assert same is one and (moved is two) is not rises
-    if rises:
-        way = moved.position - two.position
-        assert way[:2].tolist() == [0.0, 0.0] and 0.0 < way[2] < MOST_RAISED
-        np.testing.assert_allclose(np.array(moved.motion.center) - free.center, way)
-        apart = moved.placed_tree.leaf_center[:, None] - tree.leaf_center[None]
-        gap = np.linalg.norm(apart, axis=2) - moved.tree.leaf_radius[:, None] - tree.leaf_radius[None]
-        assert 0.0 < gap.min() <= 1.01 * CLEARANCE
-        assert raised((one, moved)) == (one, moved)

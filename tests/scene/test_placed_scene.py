@@ -5,17 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sphere_scenes import record_clearance
 
 from hhsim.errors import TrajectoryError
-from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.scene.described_scene import Place, PlacedScene, SceneWords, depth_at_start, described_scene, touches
-from hhsim.scene.scene import Scene
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 
@@ -102,22 +98,3 @@ def test_where_no_place_is_found_it_says_so_and_stays(monkeypatch: pytest.Monkey
     assert found.note.endswith("no other place was found: no finger meets it")
     with pytest.raises(TrajectoryError):
         placed(fist(), "auto")
-
-
-@pytest.mark.parametrize("height", [0.02, 0.06, 0.0912, 0.0914, 0.12, 0.2])
-def test_a_touch_is_one_by_brute_force(height: float) -> None:
-    scene = placed(fist(height), "recorded").scene
-    placed_hand = forward_kinematics(HAND, *HandConfiguration.of(scene.hands[0].ticks))
-    least = record_clearance(HAND, scene.solids[0].placed_tree, placed_hand).min()
-    assert touches(scene, scene.solids[0].placed_tree) == (least < 1e-5)
-
-
-def test_fingers_that_the_scene_leaves_out_touch_nothing() -> None:
-    scene: Scene = placed(fist(), "recorded").scene
-    tip = forward_kinematics(HAND, *HandConfiguration.of(scene.hands[0].ticks)).joints[0, 1, 3]
-    outward = tip - scene.hands[0].ticks.position[0]
-    radius = float(np.linalg.norm(TREE.leaf_center, axis=1).max())
-    beside = tip + (radius + 0.002) * outward / np.linalg.norm(outward)
-    at_the_index = TREE.transformed(np.eye(3), beside)
-    assert touches(scene, at_the_index, ["index"])
-    assert not touches(scene, at_the_index, ["thumb"])

@@ -9,10 +9,9 @@ from sampled import sampled
 from sphere_scenes import brute_pairs, object_tree
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
+from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene.motion_catalogue import load_recorded
 from hhsim.scene.recorded_grasp_pose import GraspPlacement, find_grasp, place_at_grasp
@@ -78,34 +77,6 @@ def test_closing_fingers_meet_the_object(name: str) -> None:
     assert placed.to_json()["position"] == placed.motion.object_position.tolist()
 
 
-@pytest.mark.soak
-def test_only_the_pose_of_the_object_changes_and_always_in_the_same_way() -> None:
-    motion, tree = reach_and_close(), object_tree("sphere", 3)
-    one, other = place_at_grasp(motion, HAND, tree), placed_at("sphere")
-    assert one.motion.object_position.tobytes() == other.motion.object_position.tobytes()
-    assert one.motion.object_orientation.tobytes() == other.motion.object_orientation.tobytes()
-    assert one.motion.position.tobytes() == motion.position.tobytes()
-    assert one.motion.flexion.tobytes() == motion.flexion.tobytes()
-
-
-@pytest.mark.soak
-def test_a_moved_recording_moves_the_object_with_it() -> None:
-    motion, tree = reach_and_close(), object_tree("cup", 3)
-    turn = quaternion(np.array([0.0, 0.0, np.radians(60.0)]))
-    shift = np.array([1.0, -2.0, 0.5])
-    moved = Trajectory(
-        time=motion.time,
-        position=motion.position @ rotation_matrix(turn).T + shift,
-        orientation=quaternion_product(turn, motion.orientation),
-        flexion=motion.flexion,
-        abduction=motion.abduction,
-    )
-    here, there = placed_at("cup"), place_at_grasp(moved, HAND, tree)
-    expected = rotation_matrix(turn) @ here.motion.object_position + shift
-    np.testing.assert_allclose(there.motion.object_position, expected, atol=1e-7)
-    assert there.depth == pytest.approx(here.depth, abs=1e-7)
-
-
 def test_the_fingers_that_close_are_those_that_count() -> None:
     grasp = find_grasp(reach_and_close(fingers=slice(1, 3)))
     assert grasp.fingers == (1, 2) and grasp.closes
@@ -134,13 +105,6 @@ def test_a_hand_that_is_always_there_begins_inside_and_says_so() -> None:
     check_by_brute_force(placed, tree)
     one = Trajectory(motion.time[:1], *HandConfiguration.of(motion).part(0, 1))
     assert place_at_grasp(one, HAND, tree).start_gap < 0.0
-
-
-@pytest.mark.soak
-def test_where_no_finger_meets_the_object_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hhsim.scene.recorded_grasp_pose.IN", 1.0)
-    with pytest.raises(TrajectoryError, match=r"reach: no finger meets"):
-        place_at_grasp(reach_and_close(), HAND, object_tree("cup", 3))
 
 
 @pytest.mark.parametrize(

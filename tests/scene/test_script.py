@@ -1,17 +1,11 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from sphere_scenes import object_tree
 
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import quaternion_from_matrix, rotation_matrix
-from hhsim.mesh.catalogue import load_object
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.tremor import Disturbance
-from hhsim.scene.closure_search import plan_finger_closure
-from hhsim.scene.finger_closure import find_placement
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import Placement, PlacementTable, Script, ScriptPhase, parse_script
 from hhsim.scene.synthesis import planned, synthesize
@@ -42,14 +36,6 @@ def test_a_short_script_takes_the_documented_defaults() -> None:
     assert script.duration == 0.75
     assert script.sample_count == 750
     assert script.fingers == ("index",)
-
-
-def test_what_disturbs_is_read_from_two_tables_and_fingers_in_the_order_of_the_hand() -> None:
-    tables = "[tremor]\nposition = 1e-4\nrotation = 0.00349\nfrequency = 9\n[sensor]\ncounts = 4096\nnoise = 0.001\n"
-    script = parse(phase("approach") + phase("pinch", 'fingers = ["middle", "thumb"]\n') + phase("grasp") + tables)
-    assert script.disturbance == Disturbance(1e-4, 0.00349, 9, 4096, 0.001)
-    assert script.phases[1].fingers == ("thumb", "middle")
-    assert script.phases[2].fingers == FINGERS
 
 
 def phase(name: str, more: str = "") -> str:
@@ -92,13 +78,6 @@ BALL, CUP = object_tree("sphere", 2), object_tree("cup", 3)
 PLACE = {"object": "cup", "position": [0.1, 0.0, 0.05], "orientation": [1.0, 0.0, 0.0, 0.0], "back": [0.0, 0.6, 0.8]}
 
 
-def test_a_placement_is_read() -> None:
-    table = PLACE | {"open": [0.1, 0.0, 0.2, 0.0, 0.0], "abduction": [0.0, 0.05, 0.0, 0.0, -0.1]}
-    one = typed(table, PlacementTable, "x").placement()
-    assert one.object_name == "cup" and np.array_equal(one.position, [0.1, 0.0, 0.05])
-    assert not one.slide.any()
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -124,13 +103,6 @@ def test_each_object_has_one_place() -> None:
             script(tables)
 
 
-def test_two_hands_have_a_place_of_their_own() -> None:
-    place = f"[[placement]]\n{chr(10).join(f'{key} = {value!r}' for key, value in PLACE.items())}\n"
-    found = script(f"{place}{place}hands = 'both'\nmirror = [1.0, 0.0, 0.0]\n")
-    assert [one.mirror.any() for one in found.placements] == [False]
-    assert [one.mirror.any() for one in found.of_two().placements] == [True, False]
-
-
 def script(head: str = "", touch: str = "") -> Script:
     return parse(head + phase("approach") + phase("pinch") + phase("hold", touch))
 
@@ -148,48 +120,11 @@ def test_a_script_that_names_parts_or_objects_is_placed_on_them(head: str, touch
         script(head, touch)
 
 
-def test_only_a_hold_says_what_it_touches() -> None:
-    with pytest.raises(TrajectoryError, match=r"phase\[2\]: touch belongs to hold"):
-        parse(phase("approach") + phase("pinch", 'touch = { thumb = "anywhere" }'))
-
-
-def test_a_hold_demands_what_closed_and_a_hold_after_a_slide_nothing() -> None:
-    touches = load_script("sequence").hold_touches
-    assert [len(one) for one in touches] == [1, 2, 5, 2, 1]
-    assert [touch.part for touch in touches[1]] == ["thumb", "index"]
-    assert [touch.part for touch in load_script("whole-hand").hold_touches[0]][-1] == "palm"
-    assert [len(one) for one in load_script("slide").hold_touches] == [5, 0]
-    assert load_script("never").hold_touches == ((),)
-
-
-def test_closing_where_the_search_ended_gives_the_same_hand() -> None:
-    for name in ("pinch", "whole-hand"):
-        motion = load_script(name)
-        best = plan_finger_closure(motion, HAND, BALL)
-        place = Placement("", best.position, quaternion_from_matrix(best.rotation), best.rotation[:, 2])
-        closure = planned(motion, HAND, BALL, placement=place)
-        assert closure.position == pytest.approx(best.position, abs=1e-4)
-        assert closure.rotation == pytest.approx(best.rotation, abs=1e-12)
-        for key in ("contact", "command"):
-            assert getattr(closure, key) == pytest.approx(getattr(best, key), abs=5e-3)
-        assert closure.reached == best.reached
-
-
 def test_a_script_that_is_made_for_one_object_says_so() -> None:
     with pytest.raises(TrajectoryError, match="script handle is made for cup, not for this object"):
         synthesize(load_script("handle"), HAND, BALL)
     with pytest.raises(TrajectoryError, match="its place on the cup is a right hand's"):
         synthesize(load_script("handle"), HandModel.default("left"), CUP)
-
-
-def test_a_script_for_any_object_keeps_its_search_where_it_has_no_place() -> None:
-    assert find_placement(load_script("whole-hand"), HAND, BALL) is None
-    assert find_placement(load_script("handle"), HAND, CUP) is not None
-    shamrock = replace(CUP, mesh_sha256=load_object("shamrock").mesh.sha256)
-    assert find_placement(load_script("whole-hand"), HAND, shamrock) is not None
-    assert find_placement(load_script("whole-hand"), HandModel.default("left"), shamrock) is None
-    with pytest.raises(TrajectoryError, match="made for cup"):
-        find_placement(load_script("handle"), HAND, replace(CUP, mesh_sha256=""))
 
 
 def test_a_place_out_of_reach_is_refused() -> None:

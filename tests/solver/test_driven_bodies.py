@@ -10,7 +10,7 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import quaternion
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import RigidMotion
-from hhsim.solver.free_object import EngineBody, FreeObject, Hinge
+from hhsim.solver.free_object import EngineBody, FreeObject
 
 DT, G = 1e-3, 9.81
 GAP = 2e-6
@@ -76,19 +76,6 @@ def test_a_block_on_a_plate_that_tilts_slides_at_the_angle_of_friction() -> None
     assert np.arctan(mu) - 1e-3 < angle[slides] < np.arctan(mu) + 0.03
 
 
-def test_a_paddle_takes_a_block_along_at_its_speed() -> None:
-    ticks = 300
-    mesh, free = block(friction=0.0, gravity=(0.0, 0.0, 0.0))
-    paddle = box((0.02, 0.3, 0.3), (-0.05, 0.0, 0.02))
-    record, found = play(mesh, free, paddle, shifted(0.4 * DT * np.arange(ticks, dtype=np.float64)))
-    assert not record.status.any()
-    meets = int(np.argmax(np.abs(found.bodies[0].velocity[:, 0]) > 0.01))
-    assert meets == pytest.approx(0.02 / 0.4 / DT, abs=2)
-    np.testing.assert_allclose(found.bodies[0].velocity[meets + 1 :, 0], 0.4, rtol=1e-6)
-    gap = found.bodies[1].shift[meets:, 0] - found.bodies[0].shift[meets:, 0] - 0.02
-    assert gap.min() > -1e-6 and gap.max() < 1e-9, "it is behind, by the clearance"
-
-
 def test_a_press_stops_where_a_block_is_in_its_way_and_goes_on_where_it_is_not() -> None:
     ticks = 240
     way = np.interp(np.arange(ticks), [0, 100, 140, 200], [0.0, 0.005, 0.005, -0.002])
@@ -101,19 +88,3 @@ def test_a_press_stops_where_a_block_is_in_its_way_and_goes_on_where_it_is_not()
     assert (bottom - top).min() > 0.0 and block_z.min() > -GAP, "nothing is entered"
     assert np.abs(press_z + np.minimum(way, 0.0025)).max() < 5e-6, "it stops at the block, and comes back as recorded"
     assert np.abs(press_z[-60:] + way[-60:]).max() < 1e-9
-
-
-def test_a_lid_on_a_driven_pot_goes_with_it() -> None:
-    ticks = 300
-    way = 0.05 * (1.0 - np.cos(2 * np.pi * np.arange(ticks) / 200.0))
-    lid, pot = box((0.1, 0.1, 0.01), (0.05, 0.0, 0.01)), box((0.1, 0.1, 0.02), (0.05, 0.0, -0.02))
-    hinge = Hinge((0.0, 1.0, 0.0), (0.0, 0.0, 0.0), limits=(-0.3, 0.3), friction=0.02, on="driven")
-    free = FreeObject.of_mesh(lid, mass=0.05, gravity=(0.0, 0.0, 0.0), hinge=hinge)
-    record, found = play(lid, free, pot, shifted(way, (0.0, 0.0, 1.0)))
-    assert not record.status.any()
-    first, second = found.bodies[:2]
-    np.testing.assert_allclose(second.shift[:, 2], way, atol=1e-8)
-    # The hinge is at the origin of both.
-    assert np.abs(first.shift - second.shift).max() < 3e-6
-    angle = 2.0 * np.arctan2(first.turn[:, 2], first.turn[:, 0])
-    assert 0.1 < np.abs(angle).max() < 0.3 + 1e-6, "inertia moves it where that exceeds friction"

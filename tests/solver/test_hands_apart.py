@@ -9,7 +9,7 @@ from sampled import sampled
 from sphere_scenes import UNTIMED, bumpy_ball, record_clearance
 
 from hhsim.arrays import FloatArray
-from hhsim.hand.configuration import HandConfiguration, sequence
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.hand.self_pairs import self_clearance, self_pairs
@@ -20,7 +20,7 @@ from hhsim.metrics.metrics import distance_of_hands, hand_clearance
 from hhsim.motion.analytic_motion import random_targets, still
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import SURFACES, surface_of
 from hhsim.solver.world_solver import WorldSolver
 from hhsim.trees.contact_surface import contact_surface
@@ -106,15 +106,6 @@ def test_hands_commanded_through_each_other_touch_and_push_alike(options: dict[s
         np.testing.assert_allclose(record.palm_wrench[rests, :3], record.total[rests], rtol=1e-2, atol=1e-3)
 
 
-@pytest.mark.parametrize("free", [None, FREE], ids=["fixed", "free"])
-def test_mirrored_hands_do_the_mirrored_thing(free: FreeObject | None) -> None:
-    # Round bodies that press on each other without friction slip aside, unless the hands hold them firmly.
-    one, two = run(through(0.002), free=free, stiffness=Stiffness(1000.0, 50.0, 50.0))
-    assert np.linalg.norm(one.total[-1]) > 0.1
-    np.testing.assert_allclose(two.total, FLIP * one.total, atol=1e-9)
-    np.testing.assert_allclose(two.joints, FLIP * one.joints, atol=1e-9)
-
-
 @pytest.mark.quick("mesh")
 @pytest.mark.parametrize("surface", ["mesh", "spheres"])
 def test_where_the_hands_are_far_every_byte_is_that_of_each_alone(surface: str) -> None:
@@ -128,31 +119,6 @@ def test_where_the_hands_are_far_every_byte_is_that_of_each_alone(surface: str) 
         assert np.abs(alone.total).max() > 1.0
         for name in UNTIMED:
             assert getattr(record, name).tobytes() == getattr(alone, name).tobytes(), name
-
-
-def test_ticks_up_to_the_first_meeting_are_those_of_each_alone_and_after_it_again() -> None:
-    there, back = through(0.02, 80, 10), through(0.02, 80, 0)
-    motions = [sequence(x, y.at(slice(None, None, -1))) for x, y in zip(there, back)]
-    one, two = run((motions[0], motions[1]))
-    distance = apart((one, two))
-    first = int(np.argmax(distance < 1e-6))
-    alone = HandSolver(HANDS[0], AIR, options_at(AIR)).run(*motions[0])
-    assert 0 < first < 80
-    for name in ("position", "joints", "total"):
-        assert getattr(one, name)[:first].tobytes() == getattr(alone, name)[:first].tobytes(), name
-    np.testing.assert_allclose(one.position[-1], motions[0].position[-1], atol=1e-12)
-
-
-@pytest.mark.parametrize("free", [None, FREE], ids=["fixed", "free"])
-def test_hands_that_pass_through_each_other_in_one_tick_do_not_swap_sides(free: FreeObject | None) -> None:
-    start = still([0.15, 0.0, 0.0])
-    leap = sequence(start.hold(20), still([-0.15, 0.0, 0.0]).hold(200))
-    motions = leap, mirrored(leap)
-    assert apart(motions).min() > 0.05
-    one, two = run(motions, free=free)
-    assert apart((one, two)).min() >= 0.0
-    # They press on, and do not go through: whether they slide past each other is another question.
-    assert one.position[21, 0] > two.position[21, 0]
 
 
 @pytest.mark.parametrize("free", [None, FREE], ids=["fixed", "free"])
@@ -189,28 +155,3 @@ def test_random_ticks_enter_neither_hand_nor_object(surface: str, seed: int) -> 
             assert least_clearance(hand, ball, record) >= 0.0
         if options:
             assert self_clearance(hand, self_pairs(hand), record.flexion, record.abduction).min() >= 0.0
-
-
-@pytest.mark.parametrize("seed", sampled(range(20), lambda seed, _: seed == 0))
-def test_random_glides_are_never_in_each_other(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    ways = []
-    for hand in HANDS:
-        goals = random_targets(hand, 6, random, hold=1)
-        way = goals.at(slice(0, 1))
-        for k in range(1, 6):
-            way = way.line(goals.at(slice(k, k + 1)), 60)
-        ways.append(way)
-    ways[1] = ways[1]._replace(position=ways[1].position + [0.1, 0.0, 0.0])
-    assert apart(run((ways[0], ways[1]))).min() >= 0.0
-
-
-@pytest.mark.parametrize("seed", sampled(range(20), lambda seed, _: seed == 0))
-def test_random_hands_at_a_free_box_enter_neither_it_nor_each_other(seed: int) -> None:
-    motions = random_hands(seed, 300)
-    free = FreeObject(0.3, (0.0, 0.0, 0.0), ROUND, gravity=(0.0, 0.0, 0.0), damping=5.0)
-    records = run(motions, free=free)
-    assert apart(records).min() >= 0.0
-    surface = contact_surface("mesh", box((0.05, 0.05, 0.05)), None)
-    for hand, record in zip(HANDS, records):
-        assert least_clearance(hand, surface.arrays, record) >= 0.0

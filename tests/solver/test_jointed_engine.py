@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import STATUS_NO_PLACE, STATUS_START_INSIDE
+from hhsim.kernels.tick.state import STATUS_NO_PLACE
 from hhsim.mesh.shapes import box_mesh
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.scene.motion_catalogue import resolve_trajectory
@@ -22,9 +21,8 @@ from hhsim.scene.script import Script
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import seen_scene
-from hhsim.trees.contact_surface import contact_surface, jointed_surface
+from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.triangle_tree import triangle_tree
-from hhsim.verify.mesh_distance import HandReferee
 
 RADIUS, WALL = 0.008, 0.08
 """Radius of a finger in a book, and the distance of a wall from the book's hinge [m]."""
@@ -102,60 +100,3 @@ def test_a_book_that_shuts_on_a_finger_leaves_no_place_at_the_angle_that_geometr
     away = np.sin(angles) * (WALL - RADIUS) - np.cos(angles) * RADIUS
     assert depth[squeezed] == pytest.approx((RADIUS - away)[squeezed], rel=0.01, abs=2e-6)
     assert np.isfinite(found.total).all()
-
-
-def test_a_book_that_shuts_over_the_axis_of_a_finger_lets_it_out_where_it_came_in() -> None:
-    # Shut, the plate reaches beyond the axis and is thinner than the finger: its far side is then the nearer one.
-    angles = np.concatenate([np.linspace(0.9, 0.02, 900), np.full(20, 0.02), np.linspace(0.02, 0.9, 900)])
-    parts, hand, found = trapped_finger(angles)
-    squeezed = found.status & STATUS_NO_PLACE > 0
-    least = 2.0 * math.atan(RADIUS / (WALL - RADIUS))
-    assert np.array_equal(
-        squeezed[np.abs(angles - least) > 0.01 * least], (angles < least)[np.abs(angles - least) > 0.01 * least]
-    )
-    # The wall and the lower plate hold it in their corner all the while.
-    tip = found.joints[squeezed, 1]
-    assert np.abs(tip[..., 2] - RADIUS).max() < MICROMETRE
-    assert np.abs(tip[:, :, 0].max(axis=1) - (WALL - RADIUS)).max() < MICROMETRE
-    shown = PlacedHand(found.joints, found.position, found.orientation)
-    fingers = np.array([False, True, False, False, False])
-    depth = parts.penetration("mesh", hand_shape(hand), shown, fingers, slice(0, len(angles))).depth
-    assert depth[squeezed].max() > 1.3 * RADIUS
-    assert depth[~squeezed].max() == 0.0
-
-
-@pytest.mark.soak
-def test_a_hand_beside_a_lid_that_moves_stays_outside_of_every_part() -> None:
-    rng = np.random.default_rng(4)
-    count = 1100
-    motion = resolve_trajectory("close")
-    assert isinstance(motion, Script)
-    # The first tick below is that of 0 s to the lid.
-    times = np.linspace(0.6, 1.0, 9)
-    values = np.concatenate([[1.92], rng.uniform(0.1, 0.9, 8)])
-    moved = replace(motion, joints=(("lid", tuple(zip(times.tolist(), values.tolist()))),))
-    scene = open_scene("laptop", moved, solid=False)
-    parts = seen_scene(scene).parts
-    assert parts is not None
-    # It comes down onto the base while the lid goes to and fro, in sub-steps: its edge by up to 6 mm a tick.
-    haptic = HandConfiguration.of(scene.hands[0].ticks).part(300, 300 + count)
-    found = HandSolver(scene.hands[0].model, parts.surface("mesh"), SolverOptions(surface="mesh")).run(*haptic)
-    assert np.ptp(found.position[:, 1]) > 0.01
-    assert not (found.status & STATUS_START_INSIDE).any()
-    assert not (found.status & STATUS_NO_PLACE).any()
-    shown = PlacedHand(found.joints, found.position, found.orientation)
-    for p, mesh in enumerate(parts.meshes):
-        seen = parts.seen(p, shown, slice(0, count)).at(np.arange(0, count, 5))
-        assert HandReferee(mesh).clearances(hand_shape(scene.hands[0].model), seen, 1e-3).min() >= -1e-9
-
-
-def test_options_that_parts_do_not_go_with_are_told_in_one_line() -> None:
-    scene = still_laptop("mesh", 1.92, 2)
-    seen = seen_scene(scene)
-    assert seen.parts is not None
-    with pytest.raises(InputError, match="threads 2 has no bodies of several parts: expected 1"):
-        HandSolver(
-            scene.hands[0].model, seen.surface("mesh"), SolverOptions(surface="mesh", method="progressive", threads=2)
-        )
-    with pytest.raises(InputError, match="expected one kind of surface"):
-        jointed_surface((seen.parts.surfaces("mesh")[0].arrays, seen.tree.arrays()), np.zeros((1, 2, 7)))

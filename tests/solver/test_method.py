@@ -4,7 +4,6 @@ import importlib
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -69,32 +68,6 @@ def test_what_each_method_promises() -> None:
     for name, method in METHODS.items():
         assert method.summary and method.defaults.keys() == USUAL.keys()
         assert SolverOptions(method=name).margin == method.defaults["margin"]
-
-
-OUTSIDE = "outside_methods:Follow"
-
-
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ({"method": "couple"}, "did you mean coupled"),
-        ({"force": "kk"}, "kkt"),
-        ({"surface": "triangles"}, "unknown surface 'triangles'"),
-        ({"method": "paper", "frustum_ends": "flats"}, "flat"),
-        ({"offset": 2e-4}, "ten offsets"),
-        *(({"method": name, "qp": "clarabel"}, "coupled takes any") for name in ("progressive", "paper", OUTSIDE)),
-        ({"method": OUTSIDE, "threads": 2}, "runs in one thread"),
-        ({"threads": 2}, "for several: progressive"),
-        ({"threads": 2, "qp": "daqp"}, "'daqp' is driven in one thread"),
-        *(({"threads": n}, f"threads is {n}: expected 1 to 5") for n in (0, -1, 6)),
-        ({"method": "paper", "surface": "mesh"}, "method paper takes .* not mesh: .*between frustums and spheres"),
-        ({"method": "penalty", "surface": "mesh"}, "method penalty takes .* not mesh: .*triangles have no depth"),
-    ],
-    ids=str,
-)
-def test_options_that_make_no_sense_are_refused(options: dict[str, Any], says: str) -> None:
-    with pytest.raises(InputError, match=says):
-        SolverOptions(**options)
 
 
 def test_a_method_is_added_by_one_file(follow: None, run: Run, tmp_path: Path) -> None:

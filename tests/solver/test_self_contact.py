@@ -10,13 +10,12 @@ from sampled import sampled
 from sphere_scenes import BALL_RADIUS, CURL, UNTIMED, bumpy_ball, record_clearance, sphere_tree
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.hand.self_pairs import self_clearance, self_pairs
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import STATUS_ABDUCTION_HELD, STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.analytic_motion import random_targets, still
 from hhsim.solver.free_object import FreeObject
@@ -26,7 +25,7 @@ from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.mesh_distance import CLOSE, HandReferee
 
-RIGHT, LEFT = HandModel.default("right"), HandModel.default("left")
+RIGHT = HandModel.default("right")
 FAR = [50.0, 50.0, 50.0]
 AIR: dict[str, Any] = {
     "mesh": contact_surface("mesh", box((0.02, 0.02, 0.02), FAR), None).arrays,
@@ -106,39 +105,6 @@ def test_where_nothing_meets_every_byte_is_as_without(surface: str) -> None:
         np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), err_msg=name)
 
 
-def test_a_mirrored_hand_does_the_mirrored_thing() -> None:
-    motion = closed(PINCH, 120, 20)
-    right, left = run(motion), run(motion, LEFT)
-    mirror = np.array([-1.0, 1.0, 1.0])
-    np.testing.assert_allclose(left.joints, mirror * right.joints, atol=1e-9)
-    np.testing.assert_allclose(left.phalanx, mirror * right.phalanx, atol=1e-9)
-
-
-def test_the_thumb_stops_at_the_palm() -> None:
-    flexion = np.zeros((5, 3))
-    flexion[0] = (0.59, 1.39, 1.0)
-    motion = closed(still(np.zeros(3), flexion=flexion, abduction=np.array([0.16, 0.0, 0.0, 0.0, 0.0])))
-    assert clearance(RIGHT, motion).min() < -1e-3
-    record = run(motion)
-    assert clearance(RIGHT, record).min() >= 0.0 and not (record.status & (STATUS_LAG | STATUS_STUCK)).any()
-    # The palm bears what the thumb bears on it: together they are in balance.
-    np.testing.assert_allclose(record.total[-1], 0.0, atol=1e-12)
-    assert np.linalg.norm(record.phalanx[-1, 0].sum(axis=0)) > 0.05
-    np.testing.assert_array_equal(record.phalanx[-1, 1:], 0.0)
-
-
-def test_fingers_side_by_side_hold_the_abduction_that_they_have_no_room_for() -> None:
-    spread = np.array([0.0, -0.5, 0.5, 0.0, 0.0])
-    record = run(closed(still(np.zeros(3), abduction=spread), 200, 20))
-    assert clearance(RIGHT, record).min() >= 0.0
-    assert record.status[-1] == STATUS_ABDUCTION_HELD
-    np.testing.assert_allclose(record.flexion, 0.0, atol=1e-3)
-    # The others follow, and these again as soon as there is room.
-    np.testing.assert_array_equal(record.abduction[-1, [0, 3, 4]], 0.0)
-    back = run(closed(still(np.zeros(3), abduction=spread), 200, 0).line(OPEN, 199).hold(5))
-    np.testing.assert_allclose(back.abduction[-1], 0.0, atol=1e-12)
-
-
 def test_a_hand_that_begins_in_itself_begins_beside() -> None:
     record = run(PINCH.hold(40))
     assert record.status[0] & STATUS_START_INSIDE and record.status[-1] == 0
@@ -173,16 +139,6 @@ def test_crossed_fingers_that_are_pressed_together_come_to_rest(moves: bool) -> 
     np.testing.assert_allclose(off, -size * rate, atol=1e-4 * size * np.abs(rate).max())
 
 
-@pytest.mark.parametrize("backend", ["quadprog", "clarabel"])
-@pytest.mark.soak
-def test_another_solver_of_the_programs_gives_the_same_hand(backend: str) -> None:
-    motion = closed(PINCH, 60, 15)
-    ours, theirs = run(motion), run(motion, qp=backend)
-    assert clearance(RIGHT, theirs).min() >= 0.0
-    assert np.linalg.norm(ours.joints[-1] - theirs.joints[-1], axis=2).max() < 1e-6
-    np.testing.assert_allclose(theirs.phalanx[-1], ours.phalanx[-1], atol=1e-3)
-
-
 @pytest.mark.parametrize("surface", EITHER)
 @pytest.mark.parametrize("seed", sampled(range(20), lambda seed, _: seed == 0))
 def test_random_ticks_never_enter_hand_or_object(seed: int, surface: str) -> None:
@@ -196,29 +152,3 @@ def test_random_ticks_never_enter_hand_or_object(seed: int, surface: str) -> Non
     else:
         shown = PlacedHand(record.joints, record.position, record.orientation)
         assert -CLOSE < HandReferee(mesh).clearances(hand_shape(RIGHT), shown, 1e-3).min() < 1e-5
-
-
-@pytest.mark.parametrize("method", ["progressive", "paper", "penalty"])
-def test_what_has_no_self_contact_says_so(method: str) -> None:
-    with pytest.raises(InputError, match=f"{method} lets fingers through each other and the palm: coupled has"):
-        SolverOptions(method=method, self_contact=True)
-
-
-@pytest.mark.soak
-def test_beside_a_free_object_fingers_meet_as_in_the_air_and_nothing_is_entered() -> None:
-    far = box((0.02, 0.02, 0.02), FAR)
-    record, alone = beside_free(far).run(*closed(PINCH)), run(closed(PINCH))
-    assert clearance(RIGHT, record).min() >= 0.0
-    assert not (record.status & (STATUS_LAG | STATUS_STUCK)).any()
-    np.testing.assert_allclose(record.joints[-1], alone.joints[-1], atol=1e-9)
-    # Two phalanges share the ball at their joint: which of them bears what touches it is a tie.
-    np.testing.assert_allclose(record.phalanx[-1].sum(axis=1), alone.phalanx[-1].sum(axis=1), atol=1e-6)
-    mesh = box((0.05, 0.05, 0.05))
-    solver = solver_of(mesh, FreeObject.of_mesh(mesh, gravity=(0.0, 0.0, 0.0), damping=5.0), self_contact=True)
-    motion = random_targets(RIGHT, 200, np.random.default_rng(1), hold=20)
-    assert clearance(RIGHT, motion).min() < -1e-3
-    record = solver.run(*motion)
-    assert clearance(RIGHT, record).min() >= 0.0
-    shown = PlacedHand(record.joints, record.position, record.orientation)
-    assert HandReferee(mesh).clearances(hand_shape(RIGHT), shown, 1e-3).min() > -CLOSE
-    assert np.linalg.norm(solver.object_ticks.shift[-1]) > 1e-3

@@ -6,16 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 from coulomb_program import last_program, solve_coulomb
-from cut_scene import placed_meshes
 from free_scenes import all_ticks, body_of, solver_of
 from numpy.typing import ArrayLike
-from referee_clearance import bodies_clearance
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
-from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
 from hhsim.solver.free_object import FreeObject
@@ -101,85 +96,6 @@ def test_two_free_things_that_meet_keep_their_momentum() -> None:
     assert speed[0] == 0.0 and speed[-1] > 0.1, "they met"
 
 
-def test_crossed_planks_lie_on_the_crossings_of_their_edges() -> None:
-    solver = solver_of_three(block((0, 0, 0.005), (0.2, 0.02, 0.01)), block((0, 0, 0.01505), (0.02, 0.2, 0.01)))
-    record, ticks = run(solver, 300)
-    assert not record.status.any()
-    upper = ticks.bodies[1]
-    assert upper.shift[-1, 2] == pytest.approx(-4.85e-5, abs=1e-6)
-    assert np.abs(upper.turn[-1, 1:]).max() < 1e-9 and np.abs(np.diff(upper.shift[-50:], axis=0)).max() == 0.0
-    rows = slice(*ticks.bodies[0].contact[-2:])
-    crossings = ticks.bodies[0].point[rows][ticks.bodies[0].body[rows] <= -2]
-    assert len(crossings)
-    np.testing.assert_allclose(np.abs(crossings[:, :2]), 0.01, atol=1e-9)
-
-
-def test_a_lid_falls_onto_its_pot_and_lies_there_to_the_bit() -> None:
-    lid, pot = placed_meshes("pot")
-    middle = [0.5 * (mesh.bounds[0] + mesh.bounds[1]) * [1.0, 1.0, 0.0] for mesh in (lid, pot)]
-    # Its plug, 6 mm high, is 5.5 mm in the pot.
-    above = pot.bounds[1, 2] - lid.bounds[0, 2] - 0.0055
-    lid, pot = lid.transformed(np.eye(3), [0.0, 0.0, above] - middle[0]), pot.transformed(np.eye(3), -middle[1])
-    bodies = [(mesh, FreeObject.of_mesh(mesh, mass=mass, table=0.0)) for mesh, mass in ((lid, 0.1), (pot, 0.5))]
-    solver = solver_of_three(*bodies)
-    record, ticks = run(solver, 300)
-    assert not record.status.any()
-    assert ticks.bodies[0].shift[-1, 2] == pytest.approx(-0.0005, abs=2e-6), "it fell half a millimetre"
-    record, ticks = run(solver, 200)
-    assert not record.status.any()
-    assert all(np.ptp(body.shift, axis=0).max() == 0.0 for body in ticks.bodies[:2])
-    np.testing.assert_allclose(ticks.body_wrench[:2, :, 2], [[0.1 * G] * 200, [-0.1 * G] * 200], rtol=1e-9)
-    np.testing.assert_allclose(ticks.bodies[1].table_wrench[:, 2], 0.6 * G, rtol=1e-9)
-
-
-def prism(radius: float, height: float, corners: int = 24) -> Mesh:
-    """An upright prism on the plane z = 0."""
-    angle = 2.0 * np.pi * np.arange(corners) / corners
-    ring = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(corners)], axis=1)
-    points = np.concatenate([ring, ring + [0.0, 0.0, height], [[0.0, 0.0, 0.0], [0.0, 0.0, height]]])
-    faces = []
-    for i in range(corners):
-        j, below, above = (i + 1) % corners, 2 * corners, 2 * corners + 1
-        faces += [[i, j, corners + j], [i, corners + j, corners + i], [below, j, i], [above, corners + i, corners + j]]
-    return Mesh(points, np.array(faces))
-
-
-def holed(radius: float, edge: float, height: float, corners: int = 24) -> Mesh:
-    """A block on the plane z = 0 with an upright hole through it, whose corners are at a radius."""
-    angle = 2.0 * np.pi * np.arange(corners) / corners
-    inner = np.stack([np.cos(angle), np.sin(angle), np.zeros(corners)], axis=1)
-    outer = 0.5 * edge * inner / np.abs(inner).max(axis=1, keepdims=True)
-    points = np.concatenate([ring + [0.0, 0.0, z] for z in (0.0, height) for ring in (radius * inner, outer)])
-    faces = []
-    for i in range(corners):
-        j = (i + 1) % corners
-        a, b, c, d = (corners * ring + np.array([i, j]) for ring in range(4))
-        for one, two in ((a, b[::-1]), (c[::-1], d), (b, d[::-1]), (a[::-1], c)):
-            faces += [[one[0], two[0], two[1]], [one[0], one[1], two[0]]]
-    return Mesh(points, np.array(faces))
-
-
-def test_a_peg_let_go_over_a_hole_goes_in_and_leans_no_more_than_the_gap_allows() -> None:
-    gap, radius, depth, corners = 5e-4, 0.01, 0.04, 24
-    hole = holed((radius + gap) / np.cos(np.pi / corners), 0.06, depth)
-    tilt = np.radians(1.0)
-    turn = np.array([[np.cos(tilt), 0.0, np.sin(tilt)], [0.0, 1.0, 0.0], [-np.sin(tilt), 0.0, np.cos(tilt)]])
-    peg = prism(radius, 0.06).transformed(turn, np.array([0.0, 0.0, depth + 1e-3]))
-    free: dict[str, Any] = {"mass": 0.1, "table": 0.0, "friction": 0.2}
-    assert hole.volume > 0.0 and peg.volume > 0.0
-    bodies = [(mesh, FreeObject.of_mesh(mesh, **free)) for mesh in (peg, hole)]
-    record, ticks = run(solver_of_three(*bodies, fixed=[1]), 400)
-    place = ticks.bodies[0]
-    axis = rotation_matrix(place.turn) @ turn @ [0.0, 0.0, 1.0]
-    foot = rotation_matrix(place.turn) @ [0.0, 0.0, depth + 1e-3] + place.shift
-    assert foot[-1, 2] < 1e-3, "it stands on the table"
-    inside = foot[:, 2] < 0.5 * depth
-    lean = np.arctan2(np.linalg.norm(axis[:, :2], axis=1), axis[:, 2])
-    # Foot and rim on opposite walls: a lean takes up depth x sin(lean) of the gap on both sides.
-    assert lean[inside].max() <= 2.0 * gap / (depth - foot[inside, 2].max()) + 1e-6
-    assert not (record.status & 1).any()
-
-
 def separation(one: tuple[FloatArray, FloatArray, FloatArray], two: tuple[FloatArray, FloatArray, FloatArray]) -> float:
     """Distance of two boxes along their best separating axis [m], negative where there is none; centre, turn, edges."""
     axes = [*one[1].T, *two[1].T, *(np.cross(a, b) for a in one[1].T for b in two[1].T)]
@@ -228,21 +144,3 @@ def test_things_that_fly_about_never_enter_each_other_hand_or_table(seed: int) -
         wanted = force[1:] + [0.0, 0.0, -free.mass * G]
         scale = np.abs(force[1:]).max() + free.mass * G
         assert np.abs(gained - wanted)[settled].max() <= 1e-6 * scale, "Newton's equation"
-
-
-@pytest.mark.parametrize("inside", [0, 1, 2])
-def test_a_hand_that_begins_in_any_of_several_things_is_freed_of_all_of_them(inside: int) -> None:
-    # Side by side: the way out of one must not lead into the next.
-    places = [np.array([0.0600011 * k, 0.0, 0.0]) for k in range(3)]
-    bodies = [block(place, (0.06, 0.06, 0.06), **NOTHING) for place in places]
-    solver = solver_of_three(*bodies, fixed=[2])
-    record, ticks = run(solver, 1, (places[inside] - (0.0, 0.05, 0.0)).tolist())
-    assert record.status[0] == STATUS_START_INSIDE
-    # So near, and not where it was freed.
-    assert 0.0 <= bodies_clearance(HandModel.default(), [mesh for mesh, _ in bodies], record, ticks.bodies) < 2e-6
-
-
-def test_things_that_begin_inside_each_other_are_told() -> None:
-    solver = solver_of_three(block((0, 0, 0.02)), block((0.01, 0.005, 0.0596)))
-    with pytest.raises(InputError, match=r"begins .* mm inside"):
-        run(solver, 1)

@@ -4,13 +4,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from free_scenes import all_ticks, body_of, far_hand, solver_of, tongs, tongs_at
+from free_scenes import all_ticks, body_of, far_hand, solver_of
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
-from hhsim.solver.free_object import FreeObject, Hinge, Slider
+from hhsim.solver.free_object import FreeObject, Slider
 
 DT, G, MASS = 1e-3, 9.81, 0.3
 STEEP = np.array([0.8, 0.0, -0.6])
@@ -49,42 +48,10 @@ def test_it_goes_down_as_its_weight_and_friction_have_it(share: float) -> None:
     np.testing.assert_allclose(way, pace * DT**2 * count * (count + 1) / 2, rtol=2e-6, atol=1e-12)
 
 
-def test_friction_takes_the_energy_that_it_is_to() -> None:
-    # Up the axis, and across it, which the slider does not let it go.
-    way, record = slid(800, -0.8 * STEEP + [0.0, 2.0, 0.0], friction=1.5 * PULL)
-    speed = record.velocity @ STEEP
-    braked = -0.8 + 2.5 * PULL / MASS * DT * np.arange(1, 801)
-    np.testing.assert_allclose(speed, np.minimum(braked, 0.0), atol=1e-6)
-    assert np.abs(np.diff(way[-100:])).max() < 1e-12, "friction holds it there"
-
-
 def test_limits_end_the_way() -> None:
     way, record = slid(600, limits=(-0.1, 0.05))
     assert way.max() == pytest.approx(0.05, abs=1e-12) and way[-1] == pytest.approx(0.05, abs=1e-12)
     assert np.abs(record.velocity[-100:]).max() < 1e-9
-
-
-def test_fingers_push_it_once_they_exceed_friction_and_it_stays_there() -> None:
-    friction, ticks = 2.0, 900
-    mesh, free = cart(axis=(1.0, 0.0, 0.0), friction=friction)
-    ahead = 0.03 * np.interp(np.arange(ticks), [0, 600, 700, ticks], [0.0, 1.0, 1.0, -1.0])
-    # Off the middle: a free plate would turn.
-    position, *turned = tongs_at(np.zeros(ticks), np.stack([ahead - 0.1985, 0.04 + 0 * ahead, 0 * ahead], axis=1))
-    solver = solver_of(mesh, free, hand=tongs())
-    record = solver.run(position, *turned)
-    moved = solver.object_ticks
-    way, force = moved.shift[:, 0], moved.hand_wrench[:, 0]
-    assert not record.status.any()
-    begins = int(np.flatnonzero(way > 1e-9)[0])
-    assert begins > 5, "friction holds it at first"
-    assert force[begins - 1] < friction < 1.01 * force[begins] and (force[:begins] < friction).all()
-    assert 0.01 < way[-1] == pytest.approx(way.max(), abs=1e-9)
-    assert np.abs(moved.shift[:, 1:]).max() < 1e-12 and (moved.turn == [1.0, 0.0, 0.0, 0.0]).all()
-    speed = moved.velocity[:, 0]
-    own = MASS * np.diff(speed, prepend=0.0) / DT - force
-    moves = np.abs(speed) > 1e-6
-    np.testing.assert_allclose(own[moves], -friction, rtol=1e-5)
-    assert np.abs(own[~moves]).max() < friction * (1 + 1e-9)
 
 
 def test_a_stone_on_a_cart_is_carried_along_by_friction_and_takes_its_share_of_the_momentum() -> None:
@@ -110,24 +77,3 @@ def test_a_stone_on_a_cart_is_carried_along_by_friction_and_takes_its_share_of_t
     np.testing.assert_allclose([one[-1] for one in speeds], MASS * 0.3 / (MASS + 0.2), rtol=1e-6)
     np.testing.assert_allclose(ticks.body_wrench[0, 100:, 2], -0.2 * G, rtol=1e-6)
     assert not of_cart.shift[:, 1:].any()
-
-
-@pytest.mark.parametrize(
-    ("given", "wrong"),
-    [
-        ({"axis": (0.0, 0.0, 0.0)}, "the axis of the slider has no direction"),
-        ({"limits": (0.5, 1.0)}, "slider limits 0.5 to 1 m; expected ways from the start, with 0, within ±100"),
-        ({"friction": -1.0}, "slider_friction is -1 N"),
-    ],
-)
-def test_what_is_no_slider_is_refused(given: dict[str, Any], wrong: str) -> None:
-    with pytest.raises(InputError, match=wrong):
-        cart(**given)
-
-
-def test_a_thing_has_one_joint() -> None:
-    _, free = cart()
-    hinge = Hinge((0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
-    with pytest.raises(InputError, match="has a hinge and a slider; expected one of them"):
-        FreeObject(**{**vars(free), "hinge": hinge})
-    assert FreeObject.from_json(free.to_json()) == free

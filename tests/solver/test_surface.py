@@ -4,22 +4,20 @@ import importlib
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
 from contact_scenes import in_contact
-from sphere_scenes import bumpy_ball, random_targets
+from sphere_scenes import bumpy_ball
 
 import hhsim.kernels.surfaces
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
-from hhsim.kernels.tick.state import tick_state_dtype
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import SURFACES, surface_of
-from hhsim.solver.surface_code import surface_code
 
 PLANE = '''
 """A table: everything below a height is inside."""
@@ -173,41 +171,3 @@ def test_a_surface_is_added_by_one_file(plane: Any) -> None:
     assert count > 0
     np.testing.assert_allclose(np.sort(state.contacts.distance[:count]), np.sort(gaps[gaps <= margin]), atol=1e-12)
     np.testing.assert_array_equal(state.contacts.normal[2, :count], 1.0)
-
-
-@pytest.mark.soak  # to compile whole ticks for one more surface takes as long as for ours
-def test_a_hand_rests_on_a_surface_that_was_added(plane: Any) -> None:
-    hand = HandModel.default()
-    motion = random_targets(hand, 400, 7)
-    solver = HandSolver(hand, plane.arrays(HEIGHT), SolverOptions(surface="plane"))
-    record = solver.run(*motion)
-    palm = hand.palm_tree.leaf_center, hand.palm_tree.leaf_radius
-
-    def lowest(position: Any, orientation: Any, joints: Any) -> float:
-        # The spheres at the joints bound the round cones between them; the palm's, by its own matrix.
-        w, x, y, z = orientation
-        third_row = np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
-        lowest_palm = (position[2] + palm[0] @ third_row - palm[1]).min()
-        return float(min((joints[..., 2] - hand.radius).min(), lowest_palm))
-
-    shown = [lowest(*tick) + 0.02 for tick in zip(record.position, record.orientation, record.joints)]
-    users = [
-        lowest(p, q, hand.joints(p, q, bend, spread)) + 0.02
-        for p, q, bend, spread in zip(motion.position, motion.orientation, motion.flexion, motion.abduction)
-    ]
-    assert min(users) < -0.01, "the user's hand never went below the table"
-    assert min(shown) >= -1e-6
-    pressed = np.linalg.norm(record.total, axis=1) > 0.1
-    assert pressed.any()
-    # What carries force touches; and without friction a plane pushes straight up.
-    assert np.array(shown)[pressed].max() < 1e-5
-    assert record.total[pressed, 2].min() > 0.0
-    np.testing.assert_allclose(record.total[pressed, :2], 0.0, atol=1e-9)
-
-
-def test_arrays_that_kernels_would_take_field_by_field_are_refused(plane: Any) -> None:
-    class Arrays(NamedTuple):
-        height: float
-
-    with pytest.raises(InputError, match="Arrays of a surface: expected a NamedTuple that is declared by_reference"):
-        surface_code(Arrays(0.0), HandModel.default().arrays(), tick_state_dtype(plane.candidates))

@@ -3,7 +3,6 @@
 import signal
 import threading
 import time
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,14 +10,12 @@ from sampled import sampled
 from sphere_scenes import UNTIMED, bumpy_ball, random_targets
 
 import hhsim.solver.workspace
-from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.parallel.thread_team import NUMBER_SHIFT, TICKET
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_CANDIDATES
 from hhsim.mesh.catalogue import load_object
-from hhsim.motion.analytic_motion import still
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene
 from hhsim.solver.hand_solver import HandSolver
@@ -74,31 +71,6 @@ def test_any_number_of_threads_gives_the_same_bytes(hand: HandModel, name: str, 
         assert_same_bytes(alone, shared)
         assert tasks > 100
     assert helpers() == []
-
-
-def test_no_helper_outlives_a_block_that_does_not_fit(hand: HandModel) -> None:
-    tree = bumpy_ball(3000)
-    deep = still([0.0, -0.045, 0.06], ticks=20)
-    with pytest.raises(HhsimError, match="lie within the margin"):
-        HandSolver(hand, tree.arrays(), SolverOptions(method="progressive", margin=0.05, threads=3)).run(*deep)
-    assert helpers() == []
-
-
-def test_no_helper_outlives_an_error_of_its_own(hand: HandModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    solver = HandSolver(hand, bumpy_ball(300).arrays(), SolverOptions(method="progressive", threads=2))
-    motion = random_targets(hand, 60, seed=0)
-    expected = HandSolver(hand, bumpy_ball(300).arrays(), SolverOptions(method="progressive")).run(*motion)
-
-    def fail(*_: Any) -> None:
-        if threading.current_thread() in helpers():
-            raise MemoryError("no room")
-
-    monkeypatch.setattr(hhsim.solver.workspace, "help_out", fail)
-    with pytest.raises(MemoryError, match="no room"):
-        solver.run(*motion)
-    assert helpers() == []
-    monkeypatch.undo()
-    assert expected.status.shape == solver.run(*motion).status.shape, "the thread team is of use again"
 
 
 def test_no_helper_outlives_an_interrupt(hand: HandModel) -> None:

@@ -1,7 +1,5 @@
 """Where trees come from: those that ship are what the builder gives, and spare it; others are built once."""
 
-import json
-import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -11,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hhsim.kernels.kernel_cache import KERNEL_CACHE
 from hhsim.mesh.catalogue import BODIES, MESH_LEVEL, load_object, object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.scene.declared_bodies import LEVEL_OF_MANY
@@ -101,30 +98,6 @@ def test_what_ships_is_taken_for_nothing_else(monkeypatch: pytest.MonkeyPatch) -
     assert shipped_tree(mesh, TreeOptions(level=3)) is not None
     monkeypatch.setattr("hhsim.trees.options.BUILDER_VERSION", 0)
     assert shipped_tree(mesh, TreeOptions(level=3)) is None
-
-
-FIRST_RUN = """
-import json, sys
-from hhsim.hand.model import HandModel
-from hhsim.scene.scene import open_scene
-HandModel.default("left")
-open_scene("bunny", "grasp")
-open_scene("laptop", "close")
-print(json.dumps([name for name in sys.modules if name.startswith("hhsim.")]))
-"""
-
-
-def test_a_first_run_imports_no_kernel_of_the_builder(tmp_path: Path) -> None:
-    # A first run of what is compiled already: it is the trees that are not there.
-    (tmp_path / "kernels").symlink_to(KERNEL_CACHE)
-    environment = os.environ | {"HHSIM_CACHE_DIR": str(tmp_path)}
-    done = subprocess.run(
-        [sys.executable, "-c", FIRST_RUN], capture_output=True, text=True, check=True, env=environment
-    )
-    imported = json.loads(done.stdout)
-    assert "hhsim.trees.cache" in imported and "hhsim.trees.builder" not in imported
-    assert [name for name in imported if name.startswith("hhsim.kernels.cover")] == []
-    assert not (tmp_path / "trees").exists()
 
 
 @pytest.fixture

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from hhsim.mesh.mesh import Mesh, with_inside
-from hhsim.mesh.signed_bvh import heights, signed_bvh
+from hhsim.mesh.mesh import Mesh
 from hhsim.trees.fit import measure_fit
 
 BOX = trimesh.creation.box((0.2, 0.2, 0.2))
@@ -56,37 +55,3 @@ def test_figures_are_those_of_the_definitions_on_many_spheres() -> None:
     assert fit.surface_gap_mean == pytest.approx(gap.mean(), rel=0.05)
     assert fit.surface_gap_p95 == pytest.approx(np.quantile(gap, 0.95), rel=0.05)
     assert fit.surface_coverage == pytest.approx((gap == 0.0).mean(), abs=0.015)
-
-
-def test_a_sheet_has_no_inside_and_no_volume() -> None:
-    corners = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]])
-    sheet = with_inside(Mesh(corners, np.array([[0, 1, 2]])), solid=None)
-    fit = measure_fit(sheet, np.array([[0.03, 0.03, 0.0]]), np.array([0.1]))
-    assert fit.coverage is None and fit.volume_ratio is None and fit.surface_coverage == 1.0
-
-
-def test_the_volume_of_crossing_parts_is_that_of_their_union() -> None:
-    first, second = trimesh.creation.box((0.2, 0.1, 0.1)), trimesh.creation.box((0.1, 0.2, 0.1))
-    both = trimesh.util.concatenate([first, second])
-    mesh = with_inside(Mesh(np.asarray(both.vertices), np.asarray(both.faces)), solid=None)
-    fit = measure_fit(mesh, np.zeros((1, 3)), np.array([0.05]))
-    assert fit.volume_ratio == pytest.approx(4.0 / 3.0 * np.pi * 0.05**3 / 0.003, rel=1e-6)
-    assert fit.protrusion == 0.0
-
-
-@pytest.mark.parametrize(
-    "shift", [(0.0, 0.0, 0.15), (0.15, 0.15, 0.0), (0.15, 0.15, 0.15)], ids=["face", "edge", "corner"]
-)
-def test_nothing_protrudes_beyond_the_bound_where_parts_touch(shift: tuple[float, float, float]) -> None:
-    small = trimesh.creation.box((0.1, 0.1, 0.1))
-    vertices = np.concatenate([BOX.vertices, small.vertices + shift])
-    mesh = with_inside(Mesh(vertices, np.concatenate([BOX.faces, small.faces + 8])), solid=None)
-    center = np.random.default_rng(4).uniform(-0.1, 0.15, (200, 3))
-    # The distance to the nearer of two boxes in closed form.
-    boxes = (0.1, np.zeros(3)), (0.05, np.array(shift))
-    outside = [np.linalg.norm(np.maximum(np.abs(center - middle) - half, 0.0), axis=1) for half, middle in boxes]
-    height = heights(signed_bvh(mesh), center)
-    far = np.minimum(*outside) > 0.0
-    assert height[far] == pytest.approx(np.minimum(*outside)[far]) and (height[~far] < 0.0).all()
-    fit = measure_fit(mesh, center, np.full(200, 0.05))
-    assert fit.protrusion_max <= fit.bound + 1e-12

@@ -96,14 +96,6 @@ def test_a_tree_with_holes_has_its_gap_measured_and_no_proof(tmp_path: Path) -> 
     assert f"are not proved to cover {found.unproved}" in found.notes[-1]
 
 
-def test_a_whole_cover_stays_proved(tmp_path: Path) -> None:
-    save_sph(built(), tmp_path / "box.sph")
-    found = import_tree(tmp_path / "box.sph", MESH)
-    assert (found.frame, found.unproved) == ("mesh", 0)
-    assert found.tree.errors[-1] == built().errors[-1]
-    assert not any("enclose" in note or "proved" in note for note in found.notes)
-
-
 def test_where_both_frames_leave_no_gap_the_one_that_sticks_out_less(tmp_path: Path) -> None:
     near = Mesh(MESH.vertices - AWAY + [0.0, 0.0, 0.01], MESH.faces, name="box")
     for middle, frame in ((0.0, "centred"), (0.01, "mesh")):

@@ -42,16 +42,6 @@ def test_parents_grow_and_unused_slots_vanish(tmp_path: Path) -> None:
     assert tree.radius[:3] == pytest.approx([1.8, 0.8, 0.6])
 
 
-def test_a_childless_sphere_is_repeated_to_the_last_level(tmp_path: Path) -> None:
-    path = tmp_path / "tree.sph"
-    unused = ["0 0 0 -1 0"]
-    path.write_text("\n".join(["3 2", "0 0 0 3 1", "1 0 0 1 1", "-1 0 0 1 1", "1 0 0 0.5 1", *unused * 3]) + "\n")
-    tree = load_sph(path)
-    assert tree.level.tolist() == [0, 1, 1, 2, 2]
-    assert tree.leaf_center[:, 0].tolist() == [1.0, -1.0]
-    assert tree.leaf_radius.tolist() == [0.5, 1.0]
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [

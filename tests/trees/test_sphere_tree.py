@@ -11,7 +11,7 @@ import pytest
 
 from hhsim.errors import InputError
 from hhsim.trees.file import load_tree, save_tree
-from hhsim.trees.hierarchy import at_level, build_hierarchy
+from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.sphere_tree import LevelCover, LevelError, SphereTree
 
 ERROR = LevelError(0, 1, 0.0, 0.0, 0.0, 3e-3, 2e-3, 2.9e-3, 4e-3)
@@ -38,42 +38,6 @@ def test_a_tree_too_wide_for_the_walk_never_reaches_the_kernels() -> None:
     assert star(1024).arrays().child_count[0] == 1024
     with pytest.raises(InputError, match="1,025 children need 1,025 places of 1,024"):
         star(1025).arrays()
-
-
-def test_views() -> None:
-    tree = random_tree()
-    assert (tree.depth, tree.leaf_count) == (2, 30)
-    assert tree.leaf_center.shape == (30, 3)
-    assert tree.leaf_radius.shape == (30,)
-    arrays = tree.arrays()
-    assert arrays.leaf_start == len(tree.radius) - 30
-    for node in range(len(tree.radius)):
-        children = np.flatnonzero(tree.parent == node)
-        first, count = arrays.first_child[node], arrays.child_count[node]
-        assert (count == 0) == (node >= arrays.leaf_start) == (first == -1)
-        assert np.array_equal(children, np.arange(first, first + count) if count else [])
-    assert np.array_equal(np.stack([arrays.x, arrays.y, arrays.z], axis=1), tree.center)
-    for array in arrays[:-1]:
-        assert isinstance(array, np.ndarray)
-        assert array.flags.c_contiguous and array.flags.writeable
-        assert array.dtype in (np.float64, np.int64)
-
-
-def test_errors_grow_with_a_tree_that_is_scaled() -> None:
-    tree = random_tree()
-    large = tree.scaled(10.0)
-    assert large.errors[0].protrusion_max == pytest.approx(0.03)
-    assert (large.errors[1].level, large.errors[1].spheres) == (1, 1)
-    for factor in (0.0, -1.0, float("nan")):
-        with pytest.raises(InputError, match="scale"):
-            tree.scaled(factor)
-
-
-def test_a_level_that_no_tree_has_is_refused() -> None:
-    tree = random_tree(60, 3)
-    assert_equal(at_level(tree, 3), tree)
-    with pytest.raises(InputError, match="no level 4"):
-        at_level(tree, 4)
 
 
 BROKEN = {"center": np.zeros((2, 2)), "radius": np.array([1.0]), "level": np.array([0, 0]), "parent": np.array([-1, 1])}
@@ -146,19 +110,6 @@ def with_covers() -> SphereTree:
         LevelCover(tree.leaf_center, tree.leaf_radius, np.full(8, 2e-3), 1e-3, np.array([-1, 7, 3], np.int32)),
     )
     return replace(tree, covers=covers)
-
-
-def test_covers_come_back(tmp_path: Path) -> None:
-    tree = with_covers()
-    save_tree(tree, tmp_path / "tree.h5")
-    back = load_tree(tmp_path / "tree.h5")
-    for one, other in zip(back.covers, tree.covers, strict=True):
-        for name in ("center", "radius", "depth", "proof"):
-            assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
-        assert (one.gap, one.bound) == (other.gap, other.bound)
-    with h5py.File(tmp_path / "tree.h5") as file:
-        assert file["covers/1"].attrs["bound"] == tree.covers[1].bound
-        assert all(data.attrs["units"] and data.attrs["long_name"] for data in file["covers/1"].values())
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,9 @@ from sampled import sampled
 from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.kernels.mesh.bvh import build_mesh_bvh
-from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.system.progress import Progress, silent
-from hhsim.trees.error import protrusion_bound, prove_cover
+from hhsim.trees.error import prove_cover
 from hhsim.trees.surface_cover import GRID, canonical_frame, cover_of, in_own_frame
 
 
@@ -50,49 +48,12 @@ def test_covers_with_the_balls_it_may_have(name: str, spheres: int) -> None:
     assert prove_cover(vertices, faces, center, radius)[0].size == 0
 
 
-def catalogue_arrays(name: str) -> tuple[FloatArray, IntArray]:
-    """A catalogue object with a longest extent of 100 mm."""
-    mesh = load_object(name).mesh
-    return np.array(mesh.vertices * (0.1 / mesh.extent.max())), np.array(mesh.faces, np.int64)
-
-
-MOST_PROTRUSION = {
-    "bunny": 0.70e-3,
-    "teapot": 0.70e-3,
-    "cube": 1.75e-3,
-    "hexagonal-prism": 1.25e-3,
-    "cylinder": 0.70e-3,
-}
-"""Of 512 spheres on objects of 100 mm [m]; proved, not only measured."""
-
-
-@pytest.mark.parametrize("name", sampled(MOST_PROTRUSION, lambda place, name: name == "bunny"))
-@pytest.mark.soak
-def test_how_little_512_balls_protrude(name: str) -> None:
-    vertices, faces = catalogue_arrays(name)
-    center, radius = build_cover(vertices, faces, 512)
-    assert prove_cover(vertices, faces, center, radius)[0].size == 0
-    assert protrusion_bound(build_mesh_bvh(vertices, faces), center, radius) <= MOST_PROTRUSION[name]
-
-
 POINTS = {
     "box": np.array(trimesh.creation.box((0.1, 0.1, 0.1)).vertices),
     "torus": np.array(trimesh.creation.torus(0.04, 0.012).vertices),
     "cloud": np.random.default_rng(3).normal(size=(50, 3)),
     "two points": np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]]),
 }
-
-
-@pytest.mark.parametrize("name", POINTS)
-def test_is_a_similarity_that_keeps_points_in_the_unit_ball(name: str) -> None:
-    points = POINTS[name]
-    frame = canonical_frame(points)
-    assert frame.rotation @ frame.rotation.T == pytest.approx(np.eye(3), abs=1e-12)
-    assert np.linalg.det(frame.rotation) == pytest.approx(1.0)
-    inside = frame.into(points)
-    assert np.linalg.norm(inside, axis=1).max() == pytest.approx(1.0, abs=GRID)
-    moved = np.linalg.norm(frame.out_of(inside) - points, axis=1)
-    assert moved.max() <= 0.5 * np.sqrt(3.0) * GRID * frame.size * (1.0 + 1e-5)
 
 
 @pytest.mark.parametrize("name", POINTS)

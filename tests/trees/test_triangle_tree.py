@@ -7,7 +7,7 @@ import trimesh
 from hhsim.arrays import FloatArray
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.contact_surface import encloses
-from hhsim.trees.triangle_tree import MANY, tree_of_any, triangle_tree
+from hhsim.trees.triangle_tree import tree_of_any, triangle_tree
 from tools.tree_checks import sticking_out
 
 
@@ -45,10 +45,3 @@ def test_only_what_encloses_something_gets_the_usual_tree() -> None:
     assert "around" not in tree_of_any(closed, 2).options
     for mesh in (opened, inward):
         assert tree_of_any(mesh, 2).options == {"around": "triangles", "level": 2}
-
-
-def test_very_many_triangles_get_a_tree_around_them_though_they_enclose_something() -> None:
-    ball = trimesh.creation.icosphere(6, 0.04)
-    fine = Mesh(np.array(ball.vertices, np.float64), np.array(ball.faces, np.int64))
-    assert encloses(fine) and len(fine.faces) > MANY
-    assert tree_of_any(fine, 2).options == {"around": "triangles", "level": 2}

@@ -7,30 +7,16 @@ import pytest
 from contact_scenes import assert_grouped
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from sphere_scenes import PALM, brute_pairs, cloud, pose_of, random_hand, set_pose, sphere_tree, tick_state
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import (
-    CONTACT_ROWS,
-    CONTACTS,
-    COUNT_GATHERS,
-    COUNT_NODE_TESTS,
-    COUNT_PAIR_TESTS,
-    FULL,
-    Reach,
-    evaluate,
-    find_contacts,
-    follow_motion,
-)
-from hhsim.kernels.contact.surface import measure_pairs
+from hhsim.kernels.contact.detection import CONTACT_ROWS, COUNT_GATHERS, FULL, Reach, evaluate, find_contacts
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, motion_bounds
 from hhsim.kernels.hand.pose import move, update_kinematics
 from hhsim.kernels.surfaces.spheres import PHALANX_PAIRS
 from hhsim.motion.analytic_motion import still
-from hhsim.solver.surface import SURFACES
 from hhsim.trees.sphere_tree import SphereTree
 
 RIGHT = HandModel.default("right")
@@ -117,52 +103,6 @@ def test_no_pair_is_ever_missed_while_the_hand_wanders(seed: int, skin: float) -
         assert state.work[COUNT_GATHERS] < 0.9 * steps * BODY_COUNT, "the lists never last"
 
 
-def listed_pairs(state: Any, hand: HandModel, tree: SphereTree) -> NDArray[np.bool_]:
-    """Which pairs (row of `brute_pairs`, leaf) the lists hold, however far apart they are now."""
-    arrays, nodes, candidates = hand.arrays(), tree.arrays(), state.candidates
-    candidates.needed = np.inf
-    for body in np.flatnonzero(candidates.count):
-        candidates.nearest[body] = measure_pairs(nodes, arrays, state.pose, int(body), candidates)
-    assert find_contacts(nodes, arrays, state.pose, candidates, np.inf, state.contacts) == 0
-    held = np.zeros((PALM + len(hand.palm_tree.leaf_radius), len(tree.leaf_radius)), dtype=bool)
-    for pair in found_pairs(state, tree):
-        held[pair] = True
-    return held
-
-
-@given(st.integers(0, 2**32 - 1), st.sampled_from([1e-3, 5e-3, 0.05]))
-@settings(max_examples=20)
-def test_slack_bounds_what_the_lists_do_not_hold_however_the_hand_came_there(seed: int, size: float) -> None:
-    random = np.random.default_rng(seed)
-    tree = cloud(random, 60)
-    state, arrays = new_state(), RIGHT.arrays()
-    # A palm in the midst of them, so that there are pairs.
-    first = random_hand(random, RIGHT, 0.05)
-    first.position[:] *= 0.2
-    set_pose(RIGHT, state.pose, first)
-    detect(state, RIGHT, tree, 1e-3, 9e-3)
-    fresh = np.array(state.candidates.slack)
-    held = listed_pairs(state, RIGHT, tree)
-    assert held.any() and not held.all()
-    for _ in range(5):
-        step, turn = random.normal(size=DOF), random.normal(size=5)
-        step[:3] *= size
-        step[3:] *= 5.0 * size
-        move(state.pose, step, 5.0 * size * turn, 1.0)
-        update_kinematics(arrays, state.pose)
-        follow_motion(arrays, state.pose, state.candidates)
-        distance = brute_pairs(RIGHT, tree.leaf_center, tree.leaf_radius, pose_of(state))
-        left_out = np.where(held, np.inf, distance)
-        least = np.append(left_out[:PALM].min(axis=1), left_out[PALM:].min())
-        assert (state.candidates.slack <= least + ROUNDING).all()
-    # Where the way ends counts, not how long it was: a shift costs its length, and coming back costs nothing.
-    shift = size * np.array([2.0, -3.0, 6.0]) / 7.0
-    for way, cost in ((shift, size), (np.zeros(3), 0.0)):
-        set_pose(RIGHT, state.pose, first._replace(position=first.position + way))
-        follow_motion(arrays, state.pose, state.candidates)
-        np.testing.assert_allclose(state.candidates.slack, fresh - cost, rtol=0.0, atol=ROUNDING)
-
-
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=5)
 def test_records_say_where_the_surfaces_are_nearest(seed: int) -> None:
@@ -189,18 +129,6 @@ def test_records_say_where_the_surfaces_are_nearest(seed: int) -> None:
         assert gone - distance[body, leaf] == pytest.approx(1e-7, rel=1e-3)
 
 
-def test_concentric_bodies_have_a_normal() -> None:
-    center = np.array([JOINTS[1, 0], 0.5 * (JOINTS[2, 1] + JOINTS[2, 2]), RIGHT.palm_tree.leaf_center[0]])
-    tree = sphere_tree(center, np.full(3, 1e-3))
-    state = at_origin()
-    detect(state, RIGHT, tree, 1e-3, 0.0)
-    count = state.contacts.start[-1]
-    assert count >= 3
-    np.testing.assert_allclose(np.linalg.norm(state.contacts.normal[:, :count], axis=0), 1.0, atol=1e-12)
-    assert np.isfinite(state.contacts.point[:, :count]).all()
-    assert state.contacts.distance[:count].min() < -RIGHT.radius[1, 0]
-
-
 def crowd_under_the_index_tip(count: int, depth: float) -> tuple[FloatArray, FloatArray]:
     tip = JOINTS[1, 3]
     center = tip + np.array([0.0, 0.0, -(RIGHT.radius[1, 3] + 1e-3 + depth)])
@@ -220,33 +148,3 @@ def test_more_pairs_than_there_is_room_for_are_reported() -> None:
     state.candidates.gathered_slack[:] = -np.inf
     assert evaluate(arrays, state.pose, two.arrays(), Reach(1e-3, 1e-3, 0.0), state.candidates, state.work) == 0
     assert find_contacts(two.arrays(), arrays, state.pose, state.candidates, 1e-3, state.contacts) == FULL
-
-
-def test_no_two_columns_lie_whole_pages_apart() -> None:
-    # They would share a few of a cache's lines: ticks took a tenth longer.
-    for record in (CONTACTS, *(surface.candidates for surface in SURFACES.values())):
-        for name in record.names or ():
-            column = record[name]
-            if column.base == np.float64:
-                strides = np.cumprod([column.base.itemsize, *column.shape[::-1]])[1:]
-                assert not ((strides >= 4096) & (strides % 4096 == 0)).any(), name
-
-
-def test_a_skin_that_holds_too_many_pairs_is_given_up() -> None:
-    near, far = crowd_under_the_index_tip(100, 5e-4), crowd_under_the_index_tip(PHALANX_PAIRS, 2e-3)
-    tree = sphere_tree(np.concatenate([near[0], far[0]]), np.concatenate([near[1], far[1]]))
-    state = at_origin()
-    detect(state, RIGHT, tree, 1e-3, 3e-3)
-    assert_exactly_the_near_pairs(state, RIGHT, tree, 1e-3)
-
-
-def test_a_body_far_away_costs_one_node_and_no_pair() -> None:
-    tree = cloud(np.random.default_rng(0), 300)
-    state = new_state()
-    set_pose(RIGHT, state.pose, still([0.0, 0.0, 1.0]))
-    detect(state, RIGHT, tree, 1e-3, 3e-3)
-    assert state.contacts.start[-1] == 0
-    assert state.work[COUNT_PAIR_TESTS] == 0
-    assert state.work[COUNT_NODE_TESTS] == PALM + len(RIGHT.palm_tree.leaf_radius)
-    detect(state, RIGHT, tree, 1e-3, 3e-3)
-    assert state.work[COUNT_NODE_TESTS] == PALM + len(RIGHT.palm_tree.leaf_radius), "far lists last"

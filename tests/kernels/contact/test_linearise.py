@@ -5,14 +5,14 @@ from typing import Any
 import numpy as np
 import pytest
 from contact_scenes import RIGHT, ROOT, moved, pair_of, row_matrix, scene
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from sphere_scenes import PALM, brute_pairs, set_pose, tick_state
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits, limit_start
+from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, limit_start
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.motion.analytic_motion import still
 from hhsim.trees.sphere_tree import SphereTree
@@ -63,23 +63,6 @@ def test_right_hand_sides_hold_offset_distance_and_abduction(seed: int, angle: f
         assert state.problem.rhs[i] == pytest.approx(offset - distance[body, leaf] - follows, abs=ACCURACY)
 
 
-@given(st.integers(0, 2**32 - 1))
-@settings(max_examples=20)
-def test_relaxed_rows_allow_standing_still_wherever_nothing_penetrates(seed: int) -> None:
-    hand, _, _, state = scene(seed)
-    offset = 2e-3
-    build_rows(hand.arrays(), state.pose, state.contacts, offset, False, state.problem)
-    count = state.contacts.start[-1]
-    distance, strict = state.contacts.distance[:count], state.problem.rhs[:count].copy()
-    np.testing.assert_array_equal(strict, offset - distance)
-    build_rows(hand.arrays(), state.pose, state.contacts, offset, True, state.problem)
-    relaxed = state.problem.rhs[:count]
-    near = (distance >= 0.0) & (distance < offset)
-    assume(near.any())
-    assert (relaxed[near] == 0.0).all()
-    np.testing.assert_array_equal(relaxed[~near], strict[~near])
-
-
 def about_limits(seed: int, beyond: float) -> tuple[np.random.Generator, Any, FloatArray, FloatArray, FloatArray]:
     """A hand, its flexion [rad], and where each joint may go: one beyond its limits by no more than it is."""
     random, state = np.random.default_rng(seed), tick_state(ROOT**2)
@@ -106,35 +89,3 @@ def test_limit_rows_say_what_the_limits_say(seed: int, beyond: float) -> None:
         assert (rhs <= 0.0).all(), "standing still is allowed"
         holds = block.T @ (step[f] * ROOT[6 + 3 * f : 9 + 3 * f]) >= rhs
         assert holds.all() == bool(((reached[f] >= low[f]) & (reached[f] <= high[f])).all())
-
-
-@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.4]))
-@settings(max_examples=40)
-def test_a_clamped_step_is_the_nearest_within_the_limits(seed: int, beyond: float) -> None:
-    random, state, flexion, low, high = about_limits(seed, beyond)
-    wanted = random.normal(0.0, 1.0, DOF)
-    step = wanted.copy()
-    for finger in range(5):
-        clamp_to_limits(RIGHT.arrays(), state.pose, finger, step)
-    np.testing.assert_array_equal(step[:6], wanted[:6])
-    reached = np.clip(flexion + wanted[6:].reshape(5, 3), low, high)
-    np.testing.assert_allclose(flexion + step[6:].reshape(5, 3), reached, atol=1e-15)
-
-
-def test_a_contact_in_line_with_a_joint_cannot_be_moved_by_it() -> None:
-    # Touching the sphere about the first joint, a finger's joints are powerless: no rounding may pass for a lever.
-    found = 0
-    for seed in range(60):
-        hand, tree, _, state = scene(seed)
-        build_rows(hand.arrays(), state.pose, state.contacts, 5e-7, False, state.problem)
-        for i in range(state.contacts.start[1], state.contacts.start[-1]):
-            body, leaf = pair_of(state, tree, i)
-            f, k = divmod(body, 3)
-            to_leaf = tree.leaf_center[leaf] - state.pose.joints[f, k]
-            drop = hand.radius[f, k] - hand.radius[f, k + 1]
-            sine = drop / hand.length[f, k]
-            behind = to_leaf @ state.pose.direction[f, k] < sine * np.linalg.norm(to_leaf) - 1e-6
-            if behind:
-                found += 1
-                assert state.problem.block[k, i] == 0.0
-    assert found > 20

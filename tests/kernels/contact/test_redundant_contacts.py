@@ -3,24 +3,22 @@
 from typing import Any
 
 import numpy as np
-import pytest
-from contact_scenes import RIGHT, ROOT, assert_grouped, in_contact, row_matrix
+from contact_scenes import RIGHT, ROOT, in_contact, row_matrix
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sphere_scenes import PALM, brute_pairs, bumpy_ball, sphere_tree
+from sphere_scenes import PALM, brute_pairs, bumpy_ball
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.contact.linearise import build_rows
-from hhsim.kernels.contact.redundant_contacts import FEWEST, drop_redundant_contacts
+from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
 from hhsim.kernels.hand.kinematics import motion_bounds
 from hhsim.motion.analytic_motion import still
 from hhsim.trees.sphere_tree import SphereTree
 
 REACH = 1e-3
 OFFSET = 5e-7
-FIELDS = ("body", "key", "distance", "hand_radius", "object_radius", "slides")
 
 
 def on_a_patch(seed: int, leaves: int) -> tuple[SphereTree, HandConfiguration]:
@@ -77,43 +75,3 @@ def test_every_dropped_row_follows_from_the_kept_ones(seed: int, leaves: int, re
         share = np.min(rhs[keeps][towards] / change[keeps][towards], initial=1.0)
         if share >= 0.0 and (share * change >= rhs)[keeps & (change > 0.0)].all():
             assert (share * change - rhs)[~keeps].min(initial=0.0) >= -1e-15
-
-
-def test_patches_of_many_spheres_lose_most_of_their_rows_and_keep_their_nearest() -> None:
-    dropped = total = 0
-    for seed in range(8):
-        tree, at = on_a_patch(seed, 3000)
-        state = in_contact(RIGHT, tree.arrays(), at, REACH)
-        before = int(state.contacts.start[-1])
-        records = {name: np.array(state.contacts[name][:before]) for name in FIELDS}
-        points, normals = np.array(state.contacts.point[:, :before]), np.array(state.contacts.normal[:, :before])
-        drop_redundant_contacts(RIGHT.arrays(), REACH, state.contacts, np.zeros(CONTACT_ROWS))
-        after = int(state.contacts.start[-1])
-        place = {key: i for i, key in enumerate(records["key"])}
-        chosen = [place[key] for key in state.contacts.key[:after]]
-        assert chosen == sorted(chosen), "the order has changed"
-        for name in FIELDS:
-            np.testing.assert_array_equal(state.contacts[name][:after], records[name][chosen])
-        np.testing.assert_array_equal(state.contacts.point[:, :after], points[:, chosen])
-        np.testing.assert_array_equal(state.contacts.normal[:, :after], normals[:, chosen])
-        for body in np.unique(records["body"]):
-            own = records["body"] == body
-            kept = np.isin(np.flatnonzero(own), chosen)
-            assert kept[np.argmin(records["distance"][own])]
-            assert own.sum() >= FEWEST or kept.all()
-        assert_grouped(state.contacts)
-        dropped, total = dropped + before - after, total + before
-    assert dropped > 0.5 * total
-
-
-@pytest.mark.parametrize("copies", [FEWEST, 500])
-def test_of_duplicates_one_is_left(copies: int) -> None:
-    at = still([0.0, 0.0, 0.0])
-    joints = RIGHT.joints(*at.at(0))
-    below = joints[1, 3] - [0.0, 0.0, RIGHT.radius[1, 3] + 5e-3 + 1e-4]
-    tree = sphere_tree(np.repeat(below[None], copies, axis=0), np.full(copies, 5e-3))
-    state = in_contact(RIGHT, tree.arrays(), at, REACH)
-    tips = state.contacts.body[: state.contacts.start[-1]] == 5
-    assert tips.sum() == copies
-    drop_redundant_contacts(RIGHT.arrays(), REACH, state.contacts, np.zeros(CONTACT_ROWS))
-    assert (state.contacts.body[: state.contacts.start[-1]] == 5).sum() == 1

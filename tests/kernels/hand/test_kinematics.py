@@ -113,32 +113,6 @@ def test_joints_are_the_product_of_transforms(seed: int, side: Side) -> None:
     np.testing.assert_allclose(np.einsum("fki,fi->fk", out.direction, out.axis), 0.0, atol=1e-14)
 
 
-@given(seeds, sides)
-@settings(max_examples=30)
-def test_derivatives_are_the_finite_differences(seed: int, side: Side) -> None:
-    """∂x/∂θ_i = axis × (x − joint_i), ∂x/∂abduction = abduction axis × (x − base), ∂x/∂φ = e × (x − palm)."""
-    hand, pose = HANDS[side], random_pose(np.random.default_rng(seed))
-    out = place(hand, pose)
-    width = 1e-6
-
-    def difference(step: FloatArray, abduction_step: FloatArray) -> FloatArray:
-        ahead = place(hand, moved(pose, step, abduction_step, width)).joints
-        behind = place(hand, moved(pose, step, abduction_step, -width)).joints
-        return np.asarray((ahead - behind) / (2.0 * width))
-
-    for i in range(3):
-        flexed = np.cross(out.axis[:, None], out.joints - out.joints[:, i : i + 1])
-        flexed[:, : i + 1] = 0.0
-        unit = np.eye(3)[i]
-        turned, shifted = np.cross(unit, out.joints - pose.position), np.broadcast_to(unit, (5, 4, 3))
-        for chosen, expected in ((slice(6 + i, None, 3), flexed), (3 + i, turned), (i, shifted)):
-            step = np.zeros(DOF)
-            step[chosen] = 1.0
-            np.testing.assert_allclose(difference(step, np.zeros(5)), expected, atol=1e-9)
-    expected = np.cross(out.abduction_axis[:, None], out.joints - out.joints[:, :1])
-    np.testing.assert_allclose(difference(np.zeros(DOF), np.ones(5)), expected, atol=1e-9)
-
-
 def body_points(hand: HandArrays, pose: Pose, share: FloatArray) -> list[FloatArray]:
     """Points of each body in the world: on the axes of the phalanges at these shares, and the palm's sphere centres."""
     joints = place(hand, pose).joints

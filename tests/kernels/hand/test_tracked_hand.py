@@ -63,17 +63,3 @@ def unit(random: np.random.Generator, count: int) -> NDArray[np.float64]:
     """Unit quaternions (w, x, y, z) of any rotation."""
     found = random.standard_normal((count, 4))
     return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
-
-
-@pytest.mark.parametrize("joint", range(21))
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_a_joint_that_is_nowhere_makes_a_hand_of_no_length(joint: int, bad: float) -> None:
-    joints = joint_sample().named()[0].copy()
-    joints[joint, 1] = bad
-    found = (np.zeros(3), np.zeros(4), np.zeros((5, 3)), np.zeros(5))
-    assert np.isnan(fit_tracked_hand(joints, our_hand("right"), np.zeros((3, 3)), *found))
-
-
-def test_a_hand_without_size_has_no_length() -> None:
-    found = (np.zeros(3), np.zeros(4), np.zeros((5, 3)), np.zeros(5))
-    assert np.isnan(fit_tracked_hand(np.zeros((21, 3)), our_hand("right"), np.zeros((3, 3)), *found))

@@ -3,7 +3,6 @@
 import time
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -89,40 +88,3 @@ def test_samples_come_where_ticks_can_begin_with_them(
     leads = every * 1e-6 * abs(parts_per_million) / WEIGHT
     assert abs(np.median(before) - AFTER_MEAN) <= leads + 0.5 * jitter + 1e-3
     assert 0.0 < np.percentile(before, 2.0) <= np.percentile(before, 98.0) < EARLIEST
-
-
-@settings(max_examples=15)
-@given(offset=st.integers(0, PERIOD - 1), hertz=st.sampled_from([60.0, 72.0, 90.0, 120.0, 144.0, 199.0, 300.0, 990.0]))
-def test_other_rates_move_nothing_in_the_long_run(offset: int, hertz: float) -> None:
-    sent = LONG_AGO + np.rint(np.arange(2_000) * 1e9 / hertz).astype(np.int64)
-    _, moved = follow(sent, LONG_AGO - offset)
-    assert not any(moved[len(moved) // 10 :])
-
-
-def test_before_there_is_a_phase_nothing_moves() -> None:
-    phase = zeroed(PHASE)[0]
-    for _ in range(LEAST_SAMPLES):
-        assert deadline_shift(phase, LONG_AGO + PERIOD // 2, PERIOD, PERIOD) == 0
-        count_phase(phase, LONG_AGO, PERIOD)
-    assert deadline_shift(phase, LONG_AGO + PERIOD // 2, PERIOD, 0.7 * PERIOD) == 0, "a glove that sends more often"
-    assert abs(deadline_shift(phase, LONG_AGO + PERIOD // 2, PERIOD, PERIOD)) == LARGEST_SHIFT * PERIOD
-
-
-@given(st.lists(st.integers(0, 10 * PERIOD), min_size=1, max_size=300), st.integers(0, PERIOD - 1))
-def test_the_mean_is_that_of_the_directions(handed: list[int], deadline: int) -> None:
-    phase = zeroed(PHASE)[0]
-    ways = np.exp(2j * np.pi * np.array(handed) / PERIOD)
-    first = round(1.0 / WEIGHT)
-    for sample in handed:
-        count_phase(phase, sample, PERIOD)
-    mean = ways[:first].mean()
-    for way in ways[first:]:
-        mean = (1.0 - WEIGHT) * mean + WEIGHT * way
-    assert complex(phase.cosine, phase.sine) == pytest.approx(mean, abs=1e-9)
-    # Many samples of the same phase leave nothing of the others.
-    for _ in range(2_000):
-        count_phase(phase, handed[0], PERIOD)
-    off = (handed[0] + AFTER_MEAN * PERIOD - deadline + PERIOD / 2) % PERIOD - PERIOD / 2
-    moved = deadline_shift(phase, deadline, PERIOD, PERIOD)
-    if 1.0 < abs(off) < PERIOD / 2 - 1.0:
-        assert np.sign(moved) == np.sign(off)

@@ -1,21 +1,15 @@
 """The thread team's tickets: every item is taken once, by anybody, and a task is over when all of its items are."""
 
 import threading
-import time
-from typing import Any
 
 import numba
 import numpy as np
 import pytest
 
 from hhsim.arrays import IntArray
-from hhsim.kernels.clock import cpu_ns, thread_cpu_ns
 from hhsim.kernels.parallel.thread_team import (
     DISMISSED,
-    DONE,
     NOTHING,
-    THREAD_TEAM,
-    TICKET,
     WORDS,
     await_done,
     dismiss,
@@ -23,15 +17,10 @@ from hhsim.kernels.parallel.thread_team import (
     post,
     rest,
     take_item,
-    thread_team_cpu_ns,
 )
 
 MOST = 6
 """Items of the largest task here."""
-
-
-def fresh() -> Any:
-    return np.zeros(1, THREAD_TEAM).view(np.recarray)[0]
 
 
 @numba.njit(nogil=True)  # type: ignore[untyped-decorator]
@@ -84,47 +73,3 @@ def test_every_item_of_every_task_is_done_once(helpers: int) -> None:
     for thread in threads:
         thread.join()
     assert mine.sum() >= sum(1 + number % MOST for number in range(0, 20_000, 200))
-
-
-def test_items_are_taken_in_order_and_then_nothing() -> None:
-    word = np.zeros(WORDS, np.int64)
-    assert take_item(word) == NOTHING
-    for number in range(1, 400):
-        items = number % (MOST + 1)
-        post(word, items)
-        for item in range(items):
-            assert take_item(word) == item
-        assert take_item(word) == NOTHING
-        assert word[DONE] == 0
-        for _ in range(items):
-            item_done(word)
-        await_done(word, items)
-    dismiss(word)
-    assert take_item(word) == DISMISSED
-    post(word, 0)
-    assert take_item(word) == NOTHING
-
-
-def test_a_ticket_of_a_task_gone_by_is_not_the_next_ones() -> None:
-    word = np.zeros(WORDS, np.int64)
-    seen = set()
-    for _ in range(100):
-        post(word, 3)
-        for item in range(4):
-            seen.add(int(word[TICKET]))
-            assert take_item(word) == (item if item < 3 else NOTHING)
-        word[DONE] = 3
-    assert len(seen) == 400
-
-
-def test_cpu_time_counts_every_member() -> None:
-    thread_team = fresh()
-    alone = thread_team_cpu_ns(thread_team)
-    assert alone <= thread_cpu_ns()
-    own = time.pthread_getcpuclockid(threading.get_ident())
-    thread_team.clocks = 2
-    thread_team.clock[:2] = own
-    before = thread_cpu_ns()
-    counted = thread_team_cpu_ns(thread_team)
-    assert 3 * before <= counted <= 3 * thread_cpu_ns()
-    assert before <= cpu_ns(own) <= thread_cpu_ns()

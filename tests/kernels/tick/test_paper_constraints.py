@@ -7,22 +7,19 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from sphere_scenes import cloud, palm_spheres, random_hand, set_pose, tick_state
+from sphere_scenes import cloud, random_hand, set_pose, tick_state
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import CONTACT_ROWS
-from hhsim.kernels.contact.linearise import limit_rows
 from hhsim.kernels.euler import euler_axes
-from hhsim.kernels.hand.frustum import frustum_shapes, place_frustum
+from hhsim.kernels.hand.frustum import frustum_shapes
 from hhsim.kernels.tick.paper import PAPER_STATE, finger_program
-from hhsim.kernels.tick.paper_constraints import palm_contacts, palm_rows, phalanx_contacts
-from hhsim.kernels.tick.paper_detection import ON_FRUSTUM, ON_SPHERE, detect, finger_is_free, palm_is_free
+from hhsim.kernels.tick.paper_constraints import palm_rows
+from hhsim.kernels.tick.paper_detection import ON_FRUSTUM, ON_SPHERE, detect
 from hhsim.solver.options import Stiffness
 from hhsim.solver.workspace import zeroed
 from hhsim.trees.sphere_tree import SphereTree
@@ -31,8 +28,6 @@ RIGHT = HandModel.default("right")
 LEFT = HandModel.default("left")
 ROOT = np.sqrt(Stiffness().diagonal())
 GROWTH = 2e-3
-DOUBT = 1e-12
-"""Pairs this near to a threshold [m, or relative for squares] may be called either way."""
 STEP = 1e-6
 """Of the central differences [m, rad]."""
 ACCURACY = 1e-8
@@ -70,15 +65,6 @@ def frustum_excess(cone: Frustum, centers: FloatArray, radius: FloatArray) -> tu
     return distance - (radius / math.cos(phi) + k * (cone.r1 - cone.r2) + cone.r2), k
 
 
-def range_excess(cone: Frustum, k: FloatArray, radius: FloatArray, tip: bool, closed: bool) -> FloatArray:
-    """How far k is outside of its range in Eq. 7, or in Eq. 13 [m], negative inside, shape (L,)."""
-    length = float(np.linalg.norm(cone.e - cone.d))
-    sine = math.sin(math.atan2(cone.r1 - cone.r2, length))
-    low = -radius / length * (sine if tip or closed else 1.0)
-    high = 1.0 - radius * sine / length if closed else 1.0 + radius / length
-    return np.maximum(low - k, k - high) * length
-
-
 def states(hand: HandModel, at: HandConfiguration, closed: bool) -> tuple[Any, Any]:
     """What a tick and the method keep of a hand in a place."""
     state, paper = tick_state(ROOT**2), zeroed(PAPER_STATE)[0]
@@ -106,60 +92,6 @@ def scene(
     state, paper = states(hand, at, closed)
     detected(hand, tree, GROWTH, state, paper)
     return hand, tree, at, state, paper
-
-
-@given(SEEDS, st.booleans())
-@settings(max_examples=40)
-def test_every_pair_of_the_equations_and_no_other_is_found(seed: int, closed: bool) -> None:
-    hand, tree, at, state, paper = scene(seed, closed)
-    assert not paper.full.any()
-    joints = hand.joints(*at.at(0))
-    center, radius = tree.leaf_center, tree.leaf_radius + GROWTH
-    candidates = state.candidates
-
-    ball = np.concatenate([palm_spheres(hand.palm_tree.leaf_center, at.position, at.orientation)[0], joints[:, 0]])
-    ball_radius = np.concatenate([hand.palm_tree.leaf_radius, hand.radius[:, 0]])
-    local = np.concatenate([hand.palm_tree.leaf_center, hand.base])
-    gap = np.linalg.norm(ball[:, None] - center, axis=2) - ball_radius[:, None] - radius
-    found = np.zeros(gap.shape, int)
-    for i in range(candidates.count[15]):
-        hand_center = np.array([candidates.hand_x[i], candidates.hand_y[i], candidates.hand_z[i]])
-        object_center = np.array([candidates.object_x[i], candidates.object_y[i], candidates.object_z[i]])
-        row = np.flatnonzero((local == hand_center).all(axis=1) & (ball_radius == candidates.hand_radius[i]))
-        column = np.flatnonzero((center == object_center).all(axis=1))
-        found[row, column] += 1
-    sure = np.abs(gap) > DOUBT
-    np.testing.assert_array_equal(found[sure], (gap <= 0.0)[sure])
-
-    for f in range(5):
-        for k in range(3):
-            body = 3 * f + k
-            cone = frustum_of(hand, joints, f, k)
-            excess, along = frustum_excess(cone, center, radius)
-            outside = range_excess(cone, along, radius, k == 2, closed)
-            apart = np.linalg.norm(center - joints[f, k + 1], axis=1) - hand.radius[f, k + 1] - radius
-            frustum = (excess <= 0.0) & (outside <= 0.0)
-            kind = np.zeros(tree.leaf_count, int)
-            count = candidates.count[body]
-            leaves = candidates.leaf[body, :count] - tree.leaf_start
-            assert len(set(leaves.tolist())) == count
-            kind[leaves] = paper.kind[body, :count]
-            sure = (np.abs(excess) > DOUBT) & (np.abs(outside) > DOUBT)
-            np.testing.assert_array_equal((kind & ON_FRUSTUM > 0)[sure], frustum[sure])
-            sure = np.abs(apart) > DOUBT
-            np.testing.assert_array_equal((kind & ON_SPHERE > 0)[sure], (apart <= 0.0)[sure])
-
-
-@given(SEEDS)
-@settings(max_examples=25)
-def test_freedom_is_what_the_ungrown_hand_has(seed: int) -> None:
-    hand, tree, _, state, paper = scene(seed)
-    arrays, palm, leaves = hand.arrays(), hand.palm_tree.arrays(), tree.arrays()
-    free = palm_is_free(arrays, palm, leaves, state.pose, state, paper)
-    fingers = [finger_is_free(leaves, state.pose, f, state, paper) for f in range(5)]
-    detected(hand, tree, 0.0, state, paper)
-    assert free == (state.candidates.count[15] == 0)
-    assert fingers == [not state.candidates.count[3 * f : 3 * f + 3].any() for f in range(5)]
 
 
 @given(SEEDS, ANGLES)
@@ -232,48 +164,3 @@ def test_finger_rows_are_the_first_order_of_eq_10_and_13_in_joint_angles(seed: i
         row = size * state.problem.block[j, :rows] * ROOT[6 + 3 * f + j]
         np.testing.assert_allclose(row, (ahead - behind) / (2.0 * STEP), atol=ACCURACY)
     np.testing.assert_allclose(paper.target[:3] / ROOT[6], [0.1, -0.2, 0.3], atol=1e-12)
-
-
-def test_limit_rows_hold_joints_where_they_may_be() -> None:
-    low, high, weight = np.array([-0.3, 0.0, -0.1]), np.array([1.5, 1.7, 1.5]), np.array([1.0, 2.0, 3.0])
-    for flexion in (np.array([0.4, 0.5, 0.6]), np.array([-0.5, 1.9, 0.2])):
-        common, block, rhs = np.full((6, 6), np.nan), np.full((3, 6), np.nan), np.full(6, np.nan)
-        limit_rows(0, flexion, low, high, weight, common, block, rhs)
-        assert not common.any()
-        random = np.random.default_rng(0)
-        for step in random.uniform(-2.0, 2.0, (200, 3)):
-            kept = (block.T @ (step / weight) >= rhs).all()
-            # A joint beyond its limit may stay there.
-            wanted = (flexion + step >= np.minimum(low, flexion)) & (flexion + step <= np.maximum(high, flexion))
-            assert kept == wanted.all()
-
-
-@given(SEEDS, ANGLES)
-@settings(max_examples=15)
-def test_contacts_are_points_on_both_surfaces_with_the_round_cones_distance(seed: int, angles: FloatArray) -> None:
-    # Within their ranges frustum and spheres are the round cone, whose distance is the least over the axis.
-    hand, _, at, state, paper = scene(seed, angles=angles)
-    candidates, contacts = state.candidates, state.contacts
-    count = palm_contacts(GROWTH, state)
-    assert count == candidates.count[15] <= CONTACT_ROWS
-    joints = hand.joints(*at.at(0))
-    for body in range(15):
-        f, k = divmod(body, 3)
-        place_frustum(paper.shapes, state.pose, f, k, paper.frustum)
-        last = phalanx_contacts(body, GROWTH, 0, state, paper)
-        s = np.linspace(0.0, 1.0, 20001)
-        axis = joints[f, k] + s[:, None] * (joints[f, k + 1] - joints[f, k])
-        size = hand.radius[f, k] + s * (hand.radius[f, k + 1] - hand.radius[f, k])
-        for i in range(last):
-            pair = contacts.key[i]
-            center = np.array([candidates.x[body, pair], candidates.y[body, pair], candidates.z[body, pair]])
-            radius = candidates.radius[body, pair]
-            normal, point, distance = contacts.normal[:, i], contacts.point[:, i], contacts.distance[i]
-            assert np.linalg.norm(normal) == pytest.approx(1.0, abs=1e-12)
-            np.testing.assert_allclose(point, center + (radius + distance) * normal, atol=1e-12)
-            gaps = np.linalg.norm(axis - center, axis=1) - size - radius
-            # At the very ends a pair may count for the part beside the nearest one, and at the thick end that is the
-            # phalanx before; deeper than its centre a sphere has no one side.
-            share, least = gaps.argmin() / (len(s) - 1), gaps.min()
-            if (0.05 < share < 0.95 and least > -radius) or (share >= 0.95 and abs(least) < 1e-4):
-                assert distance == pytest.approx(least, abs=1e-6)
