@@ -24,7 +24,7 @@ KERNELS_NEED := numpy numba h5py msgspec
 REPLAY_NEEDS := click rich
 
 # A live session and what tells of its machine need Linux; the rest has types that hold on macOS too.
-LINUX_ONLY := '/(live|doctor\.py|scheduling_facts\.py|cpu_accounts\.py|wakeups\.py)(/|$$)'
+LINUX_ONLY := '/(live|cpu_accounts\.py)(/|$$)'
 
 .PHONY: replay test site gallery soak wheel sdist check-dist checks platforms kernels tests own-gate gate clean
 

@@ -39,7 +39,6 @@ from hhsim.solver.free_object import LAW, FreeObject
 from hhsim.solver.known_methods import names_code
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SeenScene
-from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 STILL = ObjectMotion(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
@@ -199,11 +198,6 @@ def stored_mesh(body: StoredBody) -> Mesh:
 def stored_tree(body: StoredBody) -> SphereTree:
     """Return the sphere tree of a body, where it is stored [m]; InputError if the arrays are no tree."""
     return sphere_tree_of(body.static, "tree")
-
-
-def stored_surface(result: Result) -> ContactSurface:
-    """Return the surface of the first body that the hand touched, world [m]; InputError if hhsim has none such."""
-    return contact_surface(result.surface, stored_mesh(result.body), stored_tree(result.body))
 
 
 def result_scene(hands: Sequence[Result], most: int | None = None) -> Scene:
