@@ -235,7 +235,7 @@ def _scene_body(body: StoredBody, rows: slice) -> Body:
     motion: BodyMotion = Fixed()
     if body.is_free:
         free = FreeObject.from_json(own)
-        motion, about["joint"] = free.motion, free.stated_joint()
+        motion, about["joint"] = free.motion, free.joint
     elif "recorded_position" in body:
         motion = Driven(ObjectMotion(*(np.asarray(body[f"recorded_{name}"][rows]) for name in ObjectMotion._fields)))
     elif body.kind == "driven":

@@ -121,6 +121,12 @@ class Joint:
             )
 
     @property
+    def direction(self) -> FloatArray:
+        """Unit vector along the axis, shape (3,)."""
+        axis = np.array(self.axis)
+        return np.asarray(axis / norm(axis))
+
+    @property
     def unit(self) -> str:
         """Unit of its values."""
         return "rad" if self.type == "hinge" else "m"

@@ -32,7 +32,8 @@ from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.reproducible import across, matmul, principal_axes
-from hhsim.solver.free_object import EngineBody, FreeObject, Hinge, Slider, require_free
+from hhsim.scene.body import Joint
+from hhsim.solver.free_object import EngineBody, FreeObject, require_free
 from hhsim.solver.options import UNLIMITED
 from hhsim.solver.surface_code import surface_code
 from hhsim.solver.workspace import TickWorkspace, any_states, fresh_state, tick_record, zeroed
@@ -283,13 +284,13 @@ class FreeEngine:
         record.position[2] += max(0.0, offset - lowest)
 
     @staticmethod
-    def _join(free: FreeObject, joint: Hinge | Slider, body: Any) -> None:
+    def _join(free: FreeObject, joint: Joint, body: Any) -> None:
         """Restrict a body to the motion about or along the axis of its joint."""
         axis = joint.direction
         body.axes[:] = _about(axis)
         body.limits[:] = joint.limits or (-np.inf, np.inf)
         body.joint_friction = joint.friction
-        if isinstance(joint, Slider):
+        if joint.type == "slider":
             body.joint = SLIDER
             body.inverse_root[3:] = body.spin[:] = 0.0
             for vector in (body.gravity, body.velocity):
@@ -308,8 +309,8 @@ class FreeEngine:
     @staticmethod
     def _join_pair(joint: Any, free: FreeObject, body: Any) -> None:
         """Let a body and the free one that bears it move against each other about or along the axis alone."""
-        body.pair_joint = HINGE if isinstance(joint, Hinge) else SLIDER
-        body.joint_origin[:] = joint.origin if isinstance(joint, Hinge) else free.center
+        body.pair_joint = HINGE if joint.type == "hinge" else SLIDER
+        body.joint_origin[:] = joint.origin if joint.type == "hinge" else free.center
         body.joint_axes[:] = _about(joint.direction)
         body.limits[:] = joint.limits or (-np.inf, np.inf)
         body.joint_friction = joint.friction

@@ -19,7 +19,7 @@ from hhsim.scene.body import Body, Driven, Fixed, Free, HalfSpace
 from hhsim.scene.declared_bodies import joined_tree
 from hhsim.scene.overlap import raised
 from hhsim.scene.scene import Scene
-from hhsim.solver.free_object import EngineBody, FreeObject, Hinge, Slider
+from hhsim.solver.free_object import EngineBody, FreeObject
 from hhsim.solver.hand_solver import HandSolver, WarmUp, warm_up
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.linearising_engine import require_jointed
@@ -164,10 +164,7 @@ def _free_object(body: Body, plane: HalfSpace | None) -> FreeObject:
         return FreeObject.of_mesh(body.placed_mesh, **about)
     if (joint := body.joint) is not None:
         limits = joint.limits and (joint.limits[0] - joint.value, joint.limits[1] - joint.value)
-        if joint.type == "hinge":
-            about["hinge"] = Hinge(joint.axis, joint.origin, limits, joint.friction, joint.on)
-        else:
-            about["slider"] = Slider(joint.axis, limits, joint.friction, joint.on)
+        about["joint"] = replace(joint, limits=limits, value=0.0)
     return FreeObject(**vars(body.motion), **about)
 
 

@@ -199,7 +199,7 @@ def _add_bodies(parent: Xml.Element, bodies: Sequence[SceneBody], contact: Xml.E
             add_inertial(body, Inertial(free.mass, np.array(free.center), np.array(free.inertia)))
         if free is not None and joint is not None and joint.limits != (0.0, 0.0):  # MuJoCo takes no joint without range
             said = {"axis": numbers(joint.direction), "frictionloss": numbers([joint.friction])}
-            said |= {"type": "slide"} if free.hinge is None else {"type": "hinge", "pos": numbers(free.hinge.origin)}
+            said |= {"type": "slide"} if joint.type == "slider" else {"type": "hinge", "pos": numbers(joint.origin)}
             said |= {"range": numbers(joint.limits)} if joint.limits else {}
             Xml.SubElement(body, "joint", said, name=one.name)
         elif joint is None and not still:

@@ -67,7 +67,7 @@ def test_what_is_free_need_not_come_first_and_places_are_those_of_its_bearer(tmp
     np.testing.assert_allclose(peg.joint.origin, wall.position, atol=1e-12)
     seen = seen_scene(scene)
     assert seen.parts is not None and seen.parts.names == ("peg", "wall") and seen.free is not None
-    assert seen.free.hinge is not None and seen.free.hinge.limits == pytest.approx((-1.5, 0.1))
+    assert seen.free.joint is not None and seen.free.joint.limits == pytest.approx((-1.5, 0.1))
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,8 @@ from scipy.integrate import solve_ivp
 from hhsim.arrays import FloatArray
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
-from hhsim.solver.free_object import FreeObject, Hinge
+from hhsim.scene.body import Joint
+from hhsim.solver.free_object import FreeObject
 
 DT, G = 1e-3, 9.81
 ARM, MASS = 0.1, 0.3
@@ -25,8 +26,8 @@ WEIGHT = MASS * G * ARM
 def plate(**hinge: Any) -> tuple[Mesh, FreeObject]:
     """A level plate from x = 0 to 0.2 m, on a hinge along -y through the origin: it opens upwards."""
     mesh = box_mesh(EDGES).transformed(np.eye(3), np.array([ARM, 0.0, 0.0]))
-    axis = Hinge(**{"axis": (0.0, -2.0, 0.0), "origin": (0.0, 0.3, 0.0), **hinge})
-    return mesh, FreeObject.of_mesh(mesh, mass=MASS, hinge=axis, friction=0.5)
+    axis = Joint(**{"type": "hinge", "axis": (0.0, -2.0, 0.0), "origin": (0.0, 0.3, 0.0), **hinge})
+    return mesh, FreeObject.of_mesh(mesh, mass=MASS, joint=axis, friction=0.5)
 
 
 def angles(turn: FloatArray) -> FloatArray:

@@ -8,7 +8,8 @@ from free_scenes import all_ticks, body_of, box, far_hand, solver_of
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.solver.free_object import FreeObject, Hinge, Slider
+from hhsim.scene.body import Joint
+from hhsim.solver.free_object import FreeObject
 
 DT = 1e-3
 STILL: dict[str, Any] = {"gravity": (0.0, 0.0, 0.0)}
@@ -49,7 +50,7 @@ def beside(record: Any) -> tuple[FloatArray, FloatArray]:
 
 @pytest.mark.parametrize("axis", [(0.0, 1.0, 0.0), (0.3, -0.2, 1.0)])
 def test_what_turns_on_a_hinge_keeps_momenta_and_energy(axis: tuple[float, float, float]) -> None:
-    given = {"hinge": Hinge(axis, (0.0, 0.0, 0.0), on="base"), "velocity": (0.0, 0.02, 0.1)}
+    given = {"joint": Joint("hinge", axis, on="base"), "velocity": (0.0, 0.02, 0.1)}
     record, free = run_pair(400, **given, angular_velocity=(0.5, 4.0, -2.0))
     turn, shift = beside(record)
     assert np.abs(shift).max() < 1e-6, "the origin is a point of both"
@@ -67,12 +68,12 @@ def test_what_turns_on_a_hinge_keeps_momenta_and_energy(axis: tuple[float, float
 @pytest.mark.parametrize("kind", ["hinge", "slider"])
 def test_dry_friction_slows_two_things_until_they_go_on_as_one(kind: str) -> None:
     ticks, size = 400, {"hinge": 0.002, "slider": 0.15}[kind]
-    joint: Any = {
-        "hinge": Hinge((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), friction=size, on="base"),
-        "slider": Slider((1.0, 0.0, 0.0), friction=size, on="base"),
+    joint = {
+        "hinge": Joint("hinge", (0.0, 0.0, 1.0), friction=size, on="base"),
+        "slider": Joint("slider", (1.0, 0.0, 0.0), friction=size, on="base"),
     }[kind]
     given: dict[str, Any] = {"velocity": (0.2, 0.0, 0.0)} if kind == "slider" else {"angular_velocity": (0.0, 0.0, 0.6)}
-    record, free = run_pair(ticks, **{kind: joint}, **given)
+    record, free = run_pair(ticks, joint=joint, **given)
     momentum, angular, energy = conserved(record, free)
     np.testing.assert_allclose(momentum, momentum[:1].repeat(ticks, axis=0), atol=1e-9)
     np.testing.assert_allclose(
@@ -103,8 +104,8 @@ def hinge_from_center(ticks: Any, free: FreeObject) -> FloatArray:
 
 
 def test_what_moves_on_a_slider_keeps_momenta_and_turns_with_what_bears_it() -> None:
-    slider = Slider((1.0, 0.0, 0.0), limits=(-0.01, 0.06), on="base")
-    record, free = run_pair(600, slider=slider, velocity=(0.3, 0.0, 0.1))
+    slider = Joint("slider", (1.0, 0.0, 0.0), limits=(-0.01, 0.06), on="base")
+    record, free = run_pair(600, joint=slider, velocity=(0.3, 0.0, 0.1))
     turn, shift = beside(record)
     assert np.abs(turn - np.eye(3)).max() < 1e-6
     # Of the first body's centre, which began on the axis.

@@ -9,7 +9,8 @@ from free_scenes import all_ticks, body_of, far_hand, solver_of
 from hhsim.arrays import FloatArray
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
-from hhsim.solver.free_object import FreeObject, Slider
+from hhsim.scene.body import Joint
+from hhsim.solver.free_object import FreeObject
 
 DT, G, MASS = 1e-3, 9.81, 0.3
 STEEP = np.array([0.8, 0.0, -0.6])
@@ -21,8 +22,8 @@ PULL = 0.6 * MASS * G
 def cart(**given: Any) -> tuple[Mesh, FreeObject]:
     """A plate of 200 × 150 × 20 mm on a slider, about the origin."""
     mesh = box_mesh((0.2, 0.15, 0.02))
-    slider = Slider(**{"axis": tuple((3.0 * STEEP).tolist()), **given})
-    return mesh, FreeObject.of_mesh(mesh, mass=MASS, slider=slider, friction=0.5)
+    slider = Joint(**{"type": "slider", "axis": tuple((3.0 * STEEP).tolist()), **given})
+    return mesh, FreeObject.of_mesh(mesh, mass=MASS, joint=slider, friction=0.5)
 
 
 def slid(ticks: int, velocity: FloatArray | None = None, **given: Any) -> tuple[FloatArray, Any]:

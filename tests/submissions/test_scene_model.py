@@ -149,7 +149,7 @@ def test_a_joint_of_the_model_moves_a_body_as_a_run_of_hhsim_does(replayed: tupl
                 back = rotation(turn).inv()
                 angle = (back * rotation(orientation)).as_rotvec() @ joint.direction
                 way = back.apply(position - place) @ joint.direction
-                moved.append(angle if joint.KIND == "hinge" else way)
+                moved.append(angle if joint.type == "hinge" else way)
                 at.data.joint(name).qpos[0] = moved[-1]
             elif at.model.body(name).jntnum[0]:
                 at.data.joint(name).qpos[:] = [*position, *orientation]
@@ -209,8 +209,8 @@ def test_masses_inertias_friction_and_joints_are_those_of_the_things(tmp_path: P
         joint = bodies[name].joint
         assert joint is not None
         np.testing.assert_allclose(at.data.joint(name).xaxis, joint.direction, atol=1e-12)
-    assert bodies["link"].hinge is not None
-    np.testing.assert_allclose(at.data.joint("link").xanchor, bodies["link"].hinge.origin, atol=1e-12)
+    assert bodies["link"].joint is not None
+    np.testing.assert_allclose(at.data.joint("link").xanchor, bodies["link"].joint.origin, atol=1e-12)
     assert model.opt.gravity.tolist() == list(bodies["link"].gravity) and model.opt.timestep == 1.0 / 200.0
     for name, free in bodies.items():
         geom = model.geom(name)
