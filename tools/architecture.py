@@ -10,9 +10,9 @@ COMMAND_LINE = "cli"
 KERNELS = ("kernels", *(package.removeprefix("hhsim.") for package in PACKAGES if package.startswith("hhsim.kernels.")))
 LAYERS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("what a user types", (COMMAND_LINE,)),
-    ("many runs, other engines", ("repair", "sweep", "bench", "engines")),
+    ("many runs, other engines", ("repair", "sweep", "gate", "bench", "engines")),
     ("shown, and with a glove", ("report", "live", "view", "render")),
-    ("judged", ("gate", "verify", "submissions", "robots")),
+    ("judged", ("verify", "submissions", "robots")),
     ("a run, tick by tick", ("replay", "scene", "solver", "metrics")),
     ("motions, files", ("linkage", "recordings", "result", "motion")),
     ("objects, the hand", ("system", "table", "mesh", "trees", "hand")),
