@@ -275,6 +275,10 @@ def _between_bodies(bodies: Sequence[FreeBody]) -> Claim:
         moment += wrench[:, 3:] + np.cross(body.center[1:], wrench[:, :3])
         size += np.abs(wrench).sum(axis=1)
         travel += body.travel
+    # Of several programs the last one may take back what those before it made.
+    result = bodies[0].result
+    several = np.asarray(result["work/linearisations"]) > 1
+    travel = np.where(several, np.maximum(travel, float(result.scene["solver"]["step_tolerance"])), travel)
     off = np.maximum(np.abs(force).max(axis=1), np.maximum(0.0, np.abs(moment).max(axis=1) - size * travel))
     says = "the forces of the bodies on each other are equal and opposite, and their moments but for the tick's travel"
     return judged("between bodies", says, off, FORCE * size, "N, N·m", WHY_FORCE, ticks=bodies[0].ticks)

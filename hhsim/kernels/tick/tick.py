@@ -271,7 +271,8 @@ def advance_hand(method: Any, hand: HandArrays, surface: SurfaceCode, full_motio
 def tick_status(cut_short: bool, made_part: bool, state: Record) -> int:
     """Return the tick's status bits; `cut_short` by the work budget, `made_part` of a step at its end."""
     progress, status = state.progress, 0
-    progress.snaps = progress.snaps and progress.is_accepted
+    # A step that was cut short may have ended inside, and a shorter way have led all the way.
+    progress.snaps = progress.snaps and progress.is_accepted and progress.lag > 0.0
     progress.idle_ticks = 0 if progress.is_accepted else progress.idle_ticks + 1
     if not progress.is_accepted:
         # A tick whose budget ended before it found a step is on its way: the next one goes on. But not for ever.
