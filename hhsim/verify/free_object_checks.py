@@ -22,6 +22,8 @@ from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, SNAP, STUCK, 
 
 RADIUS = 0.02
 """Shortest radius at which a contact turns [m]: that of a phalanx."""
+AT_REST = 1e-11
+"""Way in a tick [m] below which a body that rests stays where it is."""
 SNAPPED = 1e-3
 """Share of its springs' forces by which a hand that is held back may be off balance: it turns by as much in a tick."""
 
@@ -90,7 +92,10 @@ def _velocities(bodies: Sequence[FreeBody]) -> list[Claim]:
 def _balance(bodies: Sequence[FreeBody]) -> list[Claim]:
     newton = []
     for body in bodies:
-        kept, limit = body.whole[body.follows[body.whole]], FORCE * body.size
+        kept = body.whole[body.follows[body.whole]]
+        # A body that would move by the tolerance of a program does not move at all.
+        rests = np.where(body.travel == 0.0, body.mass * AT_REST / body.period**2, 0.0)
+        limit = FORCE * body.size + rests
         newton.append((body.unbalanced(body.borne[:, :3])[kept], limit[kept], kept))
     says = "m Δv / Δt is the weight and the forces of hand and table"
     claims = _of_all("Newton", says, "N", WHY_FORCE, bodies, newton)
