@@ -22,7 +22,7 @@ from hhsim.kernels.tick.step_length import IN_THE_AIR, snap_step
 MOST_RAISES = 5
 """Most times in a tick that damping is raised; what is left beyond the bound then is a jump."""
 MOST_DAMPING = 30.0
-"""Largest s: a hand that were held would hit what moves into it like a wall."""
+"""Largest s: a hand that is held would hit what moves into it like a wall."""
 AIMED = 0.9
 """Share of the bound that a raised damping aims at."""
 LEAST_RAISE = 1.5
@@ -57,10 +57,10 @@ def _carried(body: Record, joints: Array) -> float:
 
 
 @jit
-def see_motions(states: States, world: Record) -> None:
-    """Take the user's motion before a tick begins.
+def measure_user_motions(states: States, world: Record) -> None:
+    """Compute how far each user's hand has moved since its last sample [m], before a tick begins.
 
-    Of the last sample the joints are in the frame of the first body, as it stands now; of the newest in the world.
+    The joints of the last sample are in the frame of the first body as it stands now, those of the newest in the world.
     """
     if is_still(world.problem):
         return
@@ -91,7 +91,7 @@ def begin_bounds(options: TickOptions, states: States, world: Record) -> None:
 
 @jit
 def damp(states: States, world: Record, damping: float) -> None:
-    """Set the damping s of all hands."""
+    """Set the damping s of all hands: their stiffness becomes (1 + s) G."""
     problem = world.problem
     world.damping = damping
     for j in range(DOF):
@@ -114,9 +114,9 @@ def damped_target(world: Record, h: int, first: int, stop: int) -> None:
 
 @jit_noinline
 def beyond_bound(options: TickOptions, states: States, world: Record) -> float:
-    """Return the most by which a hand's way in the tick is a multiple of its bound; where above 1 the hand snaps.
+    """Compute the largest ratio of a hand's motion in the tick to its bound; a hand with a ratio above 1 snaps.
 
-    The way is beyond that of the bodies at the hand. A hand without contacts has no bound, but where it snapped in the
+    The bound includes the motion of the bodies at the hand. A hand without contacts has none, unless it snapped in the
     last tick.
     """
     problem, worst = world.problem, 0.0
@@ -144,15 +144,15 @@ def beyond_bound(options: TickOptions, states: States, world: Record) -> float:
 
 @jit
 def raise_damping(ratio: float, states: States, world: Record) -> None:
-    """Damp the hands so much more that a way of `ratio` bounds becomes one of less than the bound."""
+    """Raise the damping so that a motion of `ratio` bounds becomes shorter than the bound."""
     world.raises += 1
     factor = max(LEAST_RAISE, ratio / AIMED)
     damp(states, world, min(MOST_DAMPING, (1.0 + world.damping) * factor - 1.0))
 
 
 @jit
-def leave_way(state: Record, world: Record) -> None:
-    """Let a hand snap, and its lag be the way that it has left, as if undamped."""
+def mark_snap(state: Record, world: Record) -> None:
+    """Mark a hand as snapping; its lag is the distance that it would still have to go without damping [m]."""
     progress = state.progress
     progress.snaps = True
     _to_world(world.bodies[0], state.pose.joints, world.joints)

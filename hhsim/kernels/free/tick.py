@@ -30,9 +30,9 @@ from hhsim.kernels.free.bound import (
     MOST_RAISES,
     begin_bounds,
     beyond_bound,
-    leave_way,
+    mark_snap,
+    measure_user_motions,
     raise_damping,
-    see_motions,
 )
 from hhsim.kernels.free.columns import (
     States,
@@ -178,8 +178,8 @@ def _keep(world: Record) -> None:
 
 
 @jit_noinline
-def _slows_down(method: Free, state: Record) -> bool:
-    """Damp hands that have gone beyond their bound, and go back for another program; returns whether it does."""
+def _damp_and_retry(method: Free, state: Record) -> bool:
+    """Damp hands that are beyond their bound and return to the safe poses; True if the program is to be solved anew."""
     world, options = method.world[0], method.options
     ratio = beyond_bound(options, method.states, world)
     can_raise = world.raises < MOST_RAISES and world.damping < MOST_DAMPING
@@ -230,7 +230,7 @@ def _advance(method: Free, hand: HandArrays, surface: SurfaceCode, full_motion: 
     if table < 0.0:
         keep_entry(number, lowest, world.friction)
     done = False
-    if fits and least >= 0.0 and table >= 0.0 and not still and _slows_down(method, state):
+    if fits and least >= 0.0 and table >= 0.0 and not still and _damp_and_retry(method, state):
         done = not measure(method)
     elif not fits:
         progress.lag = max(full_motion, longest) - fraction * longest
@@ -310,7 +310,7 @@ def _finish_tick(method: Free, hand: HandArrays, surface: SurfaceCode, state: Re
         each.progress.snaps = each.progress.snaps and not snaps
         world.status[p] = tick_status(cut_short, as_bool(False), each)
         if snaps and progress.is_accepted:
-            leave_way(each, world)
+            mark_snap(each, world)
         if pairs_overflow:
             world.status[p] |= STATUS_CAPACITY_EXCEEDED
         if p >= hand_count(problem):
@@ -370,7 +370,7 @@ def _may_end(method: Free, state: Record) -> bool:
 def _tick(method: Free, hand: HandArrays, surface: SurfaceCode, state: Record, qp: QpWork) -> int:
     """Take the user's hands, which are the world's, and converge; they are then as the object sees them."""
     world = method.world[0]
-    see_motions(method.states, world)
+    measure_user_motions(method.states, world)
     for h in range(hand_count(world.problem)):
         each = method.states[h]
         if each.input.is_valid:
