@@ -10,7 +10,7 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.kernels.cover.dearest_places import find_dearest
-from hhsim.kernels.cover.joint_descent import descend_together, find_owners
+from hhsim.kernels.cover.joint_descent import BLOCK, descend_together, enclose_blocks, find_owners
 from hhsim.kernels.cover.micro_triangle import cut_mesh, edges_for
 from hhsim.kernels.cover.volume_outside import reduce_outside
 from hhsim.kernels.mesh.bvh import mesh_signed_distance
@@ -141,7 +141,9 @@ class _Search:
         """Return the best sphere of each point, columns of shape (3, N), and its cost under that."""
         count = points.shape[1]
         owner, cost, second = np.empty(count, np.int64), np.empty(count), np.empty(count)
-        find_owners(points, center, depth, owner, cost, second)
+        ball = np.empty((-(-count // BLOCK), 4))
+        enclose_blocks(points, ball)
+        find_owners(points, ball, center, depth, np.empty(len(center)), owner, cost, second)
         return owner, cost
 
     def needed_radius(self, center: FloatArray) -> FloatArray:

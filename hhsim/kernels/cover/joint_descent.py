@@ -22,34 +22,88 @@ _LATER = 0.2
 _DEARER = 1.6, 1.2
 """Cost of the points of a sphere that is removed, under their second spheres, as a share of the largest cost: most in
 the first and in the last cycle."""
+BLOCK = 64
+"""Number of points, near each other as they come, that leave the same spheres out."""
+ROUNDING = 1e-9
+"""Error [m] of a cost, and far more: meshes are about 1 m wide here."""
 _TOWARDS = 0.4
 """Place of a sphere that was removed: between the worst sphere's centre and its dearest point."""
 
 
 @jit
+def enclose_blocks(points: Array, ball_out: Array) -> None:
+    """Compute balls around so many points after another, columns of shape (3, N): centres and radii, (N / BLOCK, 4)."""
+    for block in range(ball_out.shape[0]):
+        first, last = BLOCK * block, min(BLOCK * (block + 1), points.shape[1])
+        ball, square = ball_out[block], 0.0
+        for k in range(3):
+            low = high = points[k, first]
+            for p in range(first, last):
+                low, high = min(low, points[k, p]), max(high, points[k, p])
+            ball[k] = 0.5 * (low + high)
+        for p in range(first, last):
+            dx, dy, dz = points[0, p] - ball[0], points[1, p] - ball[1], points[2, p] - ball[2]
+            square = max(square, dx * dx + dy * dy + dz * dz)
+        ball[3] = math.sqrt(square)
+
+
+@jit
+def _add_costs(
+    x: Array,
+    y: Array,
+    z: Array,
+    i: int,
+    sphere: tuple[float, float, float, float],
+    owner_out: Indices,
+    cost_out: Array,
+    second_out: Array,
+) -> None:
+    cx, cy, cz, d = sphere
+    # Without branches, so that the loop uses the vector unit.
+    for p in range(x.shape[0]):
+        dx, dy, dz = x[p] - cx, y[p] - cy, z[p] - cz
+        cost = math.sqrt(dx * dx + dy * dy + dz * dz) - d
+        best = cost_out[p]
+        owner_out[p] = i if cost < best else owner_out[p]
+        second_out[p] = min(second_out[p], max(cost, best))
+        cost_out[p] = min(cost, best)
+
+
+@jit
 def find_owners(
-    points: Array, center: Array, depth: Array, owner_out: Indices, cost_out: Array, second_cost_out: Array
+    points: Array,
+    ball: Array,
+    center: Array,
+    depth: Array,
+    near: Array,
+    owner_out: Indices,
+    cost_out: Array,
+    second_cost_out: Array,
 ) -> int:
     """Find for each point [m], columns of shape (3, N), its best sphere, its cost and that under its second one [m].
 
-    Returns the dearest point.
+    `ball` is of `enclose_blocks`: spheres that are not the best or the second of any point of a block are left out
+    there. `near` is workspace of shape (k,). Returns the dearest point.
     """
-    x, y, z = points[0], points[1], points[2]
     cost_out[:] = np.inf
     second_cost_out[:] = np.inf
     owner_out[:] = -1
-    for i in range(depth.shape[0]):
-        cx, cy, cz, d = center[i, 0], center[i, 1], center[i, 2], depth[i]
-        # Without branches, so that the loop uses the vector unit.
-        for p in range(x.shape[0]):
-            dx, dy, dz = x[p] - cx, y[p] - cy, z[p] - cz
-            cost = math.sqrt(dx * dx + dy * dy + dz * dz) - d
-            best = cost_out[p]
-            owner_out[p] = i if cost < best else owner_out[p]
-            second_cost_out[p] = min(second_cost_out[p], max(cost, best))
-            cost_out[p] = min(cost, best)
+    for block in range(ball.shape[0]):
+        a, b = BLOCK * block, min(BLOCK * (block + 1), points.shape[1])
+        # How much a point at the ball's centre costs; at no point of the block it is more or less by over its radius.
+        least, second = np.inf, np.inf
+        for i in range(depth.shape[0]):
+            dx, dy, dz = ball[block, 0] - center[i, 0], ball[block, 1] - center[i, 1], ball[block, 2] - center[i, 2]
+            near[i] = math.sqrt(dx * dx + dy * dy + dz * dz) - depth[i]
+            second = min(second, max(near[i], least))
+            least = min(least, near[i])
+        x, y, z = points[0, a:b], points[1, a:b], points[2, a:b]
+        for i in range(depth.shape[0]):
+            if near[i] - second <= 2.0 * ball[block, 3] + ROUNDING:
+                sphere = center[i, 0], center[i, 1], center[i, 2], depth[i]
+                _add_costs(x, y, z, i, sphere, owner_out[a:b], cost_out[a:b], second_cost_out[a:b])
     dearest = 0
-    for p in range(x.shape[0]):
+    for p in range(points.shape[1]):
         if cost_out[p] > cost_out[dearest]:
             dearest = p
     return dearest
@@ -102,7 +156,9 @@ def descend_together(
     spheres, count = center.shape[0], points.shape[1]
     owner, cost, second = np.empty(count, np.int64), np.empty(count), np.empty(count)
     depth, slope, step = np.empty(spheres), np.empty((spheres, 4)), np.empty((spheres, 3))
-    away, spare, best = np.empty((spheres, 3)), np.empty(spheres), center.copy()
+    away, spare, best, near = np.empty((spheres, 3)), np.empty(spheres), center.copy(), np.empty(spheres)
+    ball = np.empty(((count + BLOCK - 1) // BLOCK, 4))
+    enclose_blocks(points, ball)
     stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
     least = np.inf
     for cycle in range(cycles):
@@ -115,7 +171,7 @@ def descend_together(
                 depth[i], qx, qy, qz = depth_at(bvh, x, y, z, np.inf, stack, stack_distance2)
                 inverse = 1.0 / depth[i] if depth[i] != 0.0 else 0.0
                 away[i, 0], away[i, 1], away[i, 2] = (x - qx) * inverse, (y - qy) * inverse, (z - qz) * inverse
-            dearest = find_owners(points, center, depth, owner, cost, second)
+            dearest = find_owners(points, ball, center, depth, near, owner, cost, second)
             largest = cost[dearest]
             if largest < least:
                 least = largest
@@ -147,6 +203,6 @@ def descend_together(
                 center[removed, k] = center[worst, k] + _TOWARDS * (points[k, dearest] - center[worst, k])
             x, y, z = center[removed, 0], center[removed, 1], center[removed, 2]
             depth[removed], _, _, _ = depth_at(bvh, x, y, z, np.inf, stack, stack_distance2)
-            dearest = find_owners(points, center, depth, owner, cost, second)
+            dearest = find_owners(points, ball, center, depth, near, owner, cost, second)
     center[:] = best
     return least

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from hhsim.kernels.cover.inscribed_sphere import depth_at
-from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
+from hhsim.kernels.jit import Array, Indices, as_int64, jit, jit_allocating
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh
 
@@ -19,40 +19,65 @@ _LONGER, _SHORTER, _SHORTEST = 1.5, 0.85, 1e-3
 """Factors of a sphere's step after success and failure, and the share of the first step at which it begins anew."""
 
 
-@jit_inline
-def _far2(points: Array, p: int, x: float, y: float, z: float) -> float:
-    """Compute the squared distance [m²] from (x, y, z) to a point, or to the farthest of a triangle's three."""
-    dx, dy, dz = points[0, p] - x, points[1, p] - y, points[2, p] - z
-    far2 = dx * dx + dy * dy + dz * dz
-    for k in range(3, points.shape[0], 3):
-        dx, dy, dz = points[k, p] - x, points[k + 1, p] - y, points[k + 2, p] - z
-        far2 = max(far2, dx * dx + dy * dy + dz * dz)
-    return far2
+@jit
+def _far_squares(points: Array, count: int, x: float, y: float, z: float, square_out: Array) -> None:
+    """Compute squared distances [m²] from (x, y, z) to the first points, or to the farthest of each triangle's three.
+
+    Points or triangles [m] are columns of shape (3, N) or (9, N).
+    """
+    square = square_out[:count]
+    square[:] = 0.0
+    for k in range(0, points.shape[0], 3):
+        px, py, pz = points[k, :count], points[k + 1, :count], points[k + 2, :count]
+        # Without branches, so that the loop uses the vector unit.
+        for p in range(count):
+            dx, dy, dz = px[p] - x, py[p] - y, pz[p] - z
+            square[p] = max(square[p], dx * dx + dy * dy + dz * dz)
 
 
 @jit
-def _add_inside(points: Array, x: float, y: float, z: float, radius: float, add: int, count: Indices) -> None:
-    """Add to the count of each point or triangle [m], columns of shape (3, N) or (9, N), in a sphere."""
+def _count_inside(
+    points: Array, sphere: tuple[float, float, float, float], square: Array, inside_out: Indices, count: Indices
+) -> None:
+    """Mark the points or triangles in a sphere, centre and radius [m], and count it for each."""
+    x, y, z, radius = sphere
+    _far_squares(points, as_int64(points.shape[1]), x, y, z, square)
     for p in range(count.shape[0]):
-        count[p] += add if _far2(points, p, x, y, z) <= radius * radius else 0
+        inside_out[p] = 1 if square[p] <= radius * radius else 0
+        count[p] += inside_out[p]
 
 
 @jit
-def _needed_radius(points: Array, x: float, y: float, z: float, count: Indices) -> float:
-    """Compute the least radius [m] around (x, y, z) that reaches all that no other sphere has; −1 for none."""
+def _keep_free(points: Array, inside: Indices, count: Indices, free_out: Array) -> int:
+    """Take the marks of a sphere off the counts, and copy the columns that no other sphere has; return how many."""
+    free = as_int64(0)
+    for p in range(count.shape[0]):
+        count[p] -= inside[p]
+        if count[p] == 0:
+            for k in range(points.shape[0]):
+                free_out[k, free] = points[k, p]
+            free += 1
+    return free
+
+
+@jit
+def _needed_radius(points: Array, count: int, x: float, y: float, z: float, square: Array) -> float:
+    """Compute the least radius [m] around (x, y, z) that reaches the first points or triangles; −1 for none."""
+    _far_squares(points, count, x, y, z, square)
     most = -1.0
-    for p in range(count.shape[0]):
-        most = max(most, _far2(points, p, x, y, z) if count[p] == 0 else -1.0)
+    for p in range(count):
+        most = max(most, square[p])
     return math.sqrt(most) if most >= 0.0 else -1.0
 
 
 @jit
-def _free_inside(points: Array, x: float, y: float, z: float, radius: float, count: Indices) -> int:
-    """Count the points in a sphere that no other sphere has."""
-    free = 0
-    for p in range(count.shape[0]):
-        free += 1 if (_far2(points, p, x, y, z) <= radius * radius) & (count[p] == 0) else 0
-    return free
+def _number_inside(points: Array, count: int, x: float, y: float, z: float, radius: float, square: Array) -> int:
+    """Count which of the first points are in a sphere."""
+    _far_squares(points, count, x, y, z, square)
+    number = 0
+    for p in range(count):
+        number += 1 if square[p] <= radius * radius else 0
+    return number
 
 
 @jit_allocating
@@ -67,29 +92,32 @@ def reduce_outside(
     """
     spheres = radius.shape[0]
     covered, filled = np.zeros(triangles.shape[1], np.int64), np.zeros(outside.shape[1], np.int64)
+    covers, fills = np.empty((spheres, len(covered)), np.int64), np.empty((spheres, len(filled)), np.int64)
+    own, empty, square = np.empty(triangles.shape), np.empty(outside.shape), np.empty(max(len(covered), len(filled)))
     stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
     length = np.full(spheres, step)
     for i in range(spheres):
-        _add_inside(triangles, center[i, 0], center[i, 1], center[i, 2], radius[i], 1, covered)
-        _add_inside(outside, center[i, 0], center[i, 1], center[i, 2], radius[i], 1, filled)
+        sphere = center[i, 0], center[i, 1], center[i, 2], radius[i]
+        _count_inside(triangles, sphere, square, covers[i], covered)
+        _count_inside(outside, sphere, square, fills[i], filled)
     for visit in range(-spheres, shift.shape[0] // _TRIALS):
         i = visit % spheres
         x, y, z, r = center[i, 0], center[i, 1], center[i, 2], radius[i]
-        _add_inside(triangles, x, y, z, r, -1, covered)
-        _add_inside(outside, x, y, z, r, -1, filled)
-        least = _free_inside(outside, x, y, z, r, filled)
+        owned = _keep_free(triangles, covers[i], covered, own)
+        emptied = _keep_free(outside, fills[i], filled, empty)
+        least = _number_inside(empty, emptied, x, y, z, r, square)
         # At first each sphere only shrinks.
         for trial in range(_TRIALS if visit >= 0 else 1):
             tx, ty, tz = x, y, z
             if visit >= 0:
                 s = shift[visit * _TRIALS + trial]
                 tx, ty, tz = x + length[i] * s[0], y + length[i] * s[1], z + length[i] * s[2]
-            needed = _needed_radius(triangles, tx, ty, tz, covered) * (1.0 + 1e-12)
+            needed = _needed_radius(own, owned, tx, ty, tz, square) * (1.0 + 1e-12)
             better = False
             if needed >= 0.0:
                 depth, _, _, _ = depth_at(bvh, tx, ty, tz, np.inf, stack, stack_distance2)
                 if needed - depth <= most:
-                    free = _free_inside(outside, tx, ty, tz, needed, filled)
+                    free = _number_inside(empty, emptied, tx, ty, tz, needed, square)
                     better = free < least or (free == least and needed < r)
                     if better:
                         x, y, z, r, least = tx, ty, tz, needed, free
@@ -98,8 +126,8 @@ def reduce_outside(
                 if length[i] < _SHORTEST * step:
                     length[i] = step
         center[i, 0], center[i, 1], center[i, 2], radius[i] = x, y, z, r
-        _add_inside(triangles, x, y, z, r, 1, covered)
-        _add_inside(outside, x, y, z, r, 1, filled)
+        _count_inside(triangles, (x, y, z, r), square, covers[i], covered)
+        _count_inside(outside, (x, y, z, r), square, fills[i], filled)
     left = 0
     for p in range(filled.shape[0]):
         left += 1 if filled[p] > 0 else 0
