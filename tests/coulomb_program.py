@@ -5,11 +5,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.kernels.free.rows import DIRECTIONS, STANDS_BACK
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
+from hhsim.kernels.world.rows import DIRECTIONS, STANDS_BACK
 
 PARTS = 1 + DIRECTIONS
-"""Of a contact: along its normal, and its s along the three directions (see `kernels.free.rows`)."""
+"""Of a contact: along its normal, and its s along the three directions (see `kernels.world.rows`)."""
 
 
 class CoulombProgram(NamedTuple):

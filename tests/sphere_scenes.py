@@ -26,15 +26,15 @@ from hhsim.kernels.round_cone_distance import Spheres
 from hhsim.kernels.surfaces.spheres import SURFACE as SPHERES
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.haptic_input import set_haptic
-from hhsim.kernels.tick.linearisation import build_program
-from hhsim.kernels.tick.method import Coupled, Progressive, solve_program
 from hhsim.kernels.tick.state import tick_state_dtype
 from hhsim.kernels.tick.tick import begin_tick
+from hhsim.kernels.world.linearisation import prepare, solve_with_pairs
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion import analytic_motion
 from hhsim.result.reader import Result
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.workspace import fresh_state
+from hhsim.solver.world_engine import WorldEngine
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
@@ -175,15 +175,20 @@ def prepared(solver: HandSolver, motion: HandConfiguration, tick: int, relaxed: 
     evaluate_surface(
         hand, state.pose, surface, Reach(options.margin, options.margin, options.skin), state.candidates, state.work
     )
-    return int(build_program(hand, surface, options, state))
+    return int(prepare(engine_of(solver).method, 0.0, state))
+
+
+def engine_of(solver: HandSolver) -> WorldEngine:
+    """The solver's engine of hands and bodies."""
+    assert solver.world is not None
+    return solver.world
 
 
 def solve_prepared(solver: HandSolver) -> int:
     """Solve the prepared program by the solver's method; the step is in the state. Returns the kernel's status."""
-    workspace = solver.workspace
-    kind = Coupled if solver.options.method == "coupled" else Progressive
-    workspace.states[0].program.is_coupled = False  # as harvested, a tick may have given up on palm and fingers apart
-    return int(solve_program(kind(workspace.tick_options), workspace.states[0], workspace.qp))
+    engine, state = engine_of(solver), solver.workspace.states[0]
+    state.program.is_coupled = False  # as harvested, a tick may have given up on palm and fingers apart
+    return int(solve_with_pairs(engine.method, 1, False, state, engine.qp))
 
 
 def spheres_of(center: FloatArray, radius: FloatArray) -> Spheres:

@@ -23,7 +23,7 @@ from tools.import_graph import (
     reached_from,
 )
 
-MOST_LINES = {"replay": 50_700, "build_tree": 15_650}
+MOST_LINES = {"replay": 50_100, "build_tree": 15_720}
 """Lines that a command can import, of some 100,000; who lowers what it imports lowers these."""
 ROOMS = tuple(
     f"hhsim.{name}"
@@ -174,7 +174,7 @@ def test_only_what_returns_records_is_pasted_into_its_callers() -> None:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.FunctionDef) and "jit_pasted" in map(ast.unparse, node.decorator_list)
     ]
-    assert pasted == ["hands_of", "lagrangian_of"]
+    assert pasted == ["hands_of"]
 
 
 def test_the_library_imports_heavy_packages_where_it_uses_them() -> None:

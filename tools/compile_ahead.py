@@ -30,21 +30,22 @@ def compile_programs() -> None:
     from numba import typeof
 
     from hhsim.hand.model import HandModel
-    from hhsim.kernels.tick.method import Coupled
-    from hhsim.kernels.tick.tick import finish_hand, solve_hand_until_kept
+    from hhsim.kernels.world.linearisation import solve_with_pairs
+    from hhsim.kernels.world.tick import finish_tick
     from hhsim.mesh.mesh import Mesh
     from hhsim.solver.options import SolverOptions
     from hhsim.solver.workspace import TickWorkspace
+    from hhsim.solver.world_engine import WorldEngine
     from hhsim.trees.contact_surface import contact_surface
     from hhsim.trees.sphere_tree import SphereTree
 
     ball = SphereTree(np.zeros((1, 3)), np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1))
     surface = contact_surface("spheres", Mesh(np.eye(3), np.array([[0, 1, 2]])), ball).arrays
-    workspace = TickWorkspace(HandModel.default(), surface, SolverOptions())
-    method, hand, state, qp = Coupled(workspace.tick_options), workspace.hand, workspace.states[0], workspace.qp
+    engine = WorldEngine(TickWorkspace(HandModel.default(), surface, SolverOptions()), None)
+    method, state, qp = engine.method, engine.states[0], engine.qp
     kernels: dict[Any, tuple[Any, ...]] = {
-        solve_hand_until_kept: (method, hand, True, 1.0, state, qp),
-        finish_hand: (method, hand, workspace.code, state, qp),
+        solve_with_pairs: (method, 1, True, state, qp),
+        finish_tick: (method, state, qp),
     }
     for kernel, arguments in kernels.items():
         kernel.callee.compile(tuple(typeof(argument) for argument in arguments))

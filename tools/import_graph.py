@@ -14,7 +14,7 @@ PACKAGES = (
         f"hhsim.kernels{part}"
         for part in ("", ".hand", ".parallel", ".mesh", ".cover", ".contact", ".surfaces", ".qp", ".tick")
     ),
-    *("hhsim.kernels.parts", "hhsim.kernels.free", "hhsim.kernels.live"),
+    *("hhsim.kernels.world", "hhsim.kernels.parts", "hhsim.kernels.live"),
     *("hhsim.system", "hhsim.table", "hhsim.mesh", "hhsim.trees", "hhsim.hand"),
     *("hhsim.linkage", "hhsim.robots", "hhsim.robots.formats", "hhsim.motion"),
     "hhsim.result",

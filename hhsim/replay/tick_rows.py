@@ -29,7 +29,7 @@ from hhsim.result.schema import (
 from hhsim.solver.scene_solver import SceneSolver, seen_hand
 
 if TYPE_CHECKING:
-    from hhsim.kernels.free.record import BodiesRecord, ObjectRecord
+    from hhsim.kernels.world.record import BodiesRecord, ObjectRecord
 
 Columns = dict[str, AnyArray]
 
@@ -129,7 +129,7 @@ def free_columns(ticks: "ObjectRecord", position: AnyArray, orientation: AnyArra
 
 def contact_rows(ticks: "ObjectRecord", first: int) -> Columns:
     """Return the contacts of a block of ticks of a free body, as a hand counts bodies; `first` numbers the ticks."""
-    from hhsim.kernels.free.record import STICKS
+    from hhsim.kernels.world.record import STICKS
 
     rows = int(ticks.contact[-1])
     fields = {name: values[:rows] for name, values in ticks._asdict().items()}

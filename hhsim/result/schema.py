@@ -104,7 +104,7 @@ OBJECT_FIELDS = (
     TickField("torsional_moment", "<f8", (64,)),
     TickField("slip", "<f8", (64,)),
 )
-"""Output for a free object, the fields of `hhsim.kernels.free.record.ObjectRecord` in their order."""
+"""Output for a free object, the fields of `hhsim.kernels.world.record.ObjectRecord` in their order."""
 PAIR_FIELDS = (TickField("contact_body", shape=(64,)), TickField("other_point", "<f8", (64, 3)))
 """Output for the contacts of several bodies: the body of each, and its point on the other body [m], world."""
 WRENCH_OF_BODIES = TickField("body_wrench", "<f8", (6,))
@@ -117,7 +117,7 @@ def record_dtype(*fields: TickField) -> np.dtype[Any]:
 
 
 def bodies_row(bodies: int) -> np.dtype[Any]:
-    """Return the dtype of a tick of bodies that move, the fields of `hhsim.kernels.free.record.WorldRecord`."""
+    """Return the dtype of a tick of bodies that move, the fields of `hhsim.kernels.world.record.WorldRecord`."""
     first = [field.name for field in OBJECT_FIELDS].index("contact")
     moving = [field._replace(shape=(bodies, 1, *field.shape)) for field in (*OBJECT_FIELDS[:first], WRENCH_OF_BODIES)]
     rows = [*OBJECT_FIELDS[first + 1 :], *PAIR_FIELDS]

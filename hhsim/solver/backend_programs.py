@@ -1,108 +1,95 @@
 """Programs of a tick as `QpProblem`s, from the kernels' rows, and ticks whose programs any installed QP solver solves.
 
-Programs are there to inspect, to solve again and to compare. The tick is the kernels' own,
-`hhsim.kernels.tick.tick.converge`, run as Python: only the solving differs, and a program that a backend fails on
-counts as infeasible.
+Programs are there to inspect, to solve again and to compare. The tick is the kernels' own: it calls the solver by an
+address, as it calls any other part, and a program that a backend fails on counts as infeasible.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+import ctypes
+from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import IntArray
-from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
-from hhsim.kernels.contact.linearise import LIMIT_ROWS
-from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
-from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork
-from hhsim.kernels.tick import method as parts
-from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
-from hhsim.kernels.tick.haptic_input import set_haptic
-from hhsim.kernels.tick.method import Coupled
-from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
-from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_PALM
-from hhsim.kernels.tick.tick import converge, solve_hand, solve_hand_until_kept, solve_until_kept
+from hhsim.kernels.hand.kinematics import DOF, PHALANX_COUNT
+from hhsim.kernels.jit import JIT_ENABLED
+from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL
+from hhsim.kernels.tick.step import ACTIVE_CAPACITY
+from hhsim.kernels.world.columns import common_count, variable_count
+from hhsim.kernels.world.program import take_hand_steps
+from hhsim.kernels.world.rows import contact_groups, end_rows
 from hhsim.solver.qp import QpProblem, QpStatus, solve
-from hhsim.solver.workspace import TickWorkspace
 
 MULTIPLIER_FLOOR = 1e-9
 """Interior-point backends leave smaller multipliers [N] on inactive rows."""
+_CALL = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.POINTER(ctypes.c_int64), *[ctypes.c_void_p] * 5)
+"""A kernel as numba calls it: where its value goes, where an exception would, and pointers for its arguments."""
 
 
-class PythonPrograms(NamedTuple):
-    """A method whose programs are solved in Python: `solve` writes the state's `step` and returns True if it could."""
+def backend_code(method: Any, backend: str) -> tuple[Any, Any]:
+    """Return machine code that solves the programs of a hand alone by a QP solver, and what the caller keeps for it."""
 
-    options: TickOptions
-    method: Coupled
-    solve: Callable[[], bool]
+    def solve_here(*_: Any) -> int:
+        return OPTIMAL if _solve_with(backend, method) else INFEASIBLE
 
+    if not JIT_ENABLED:
+        return solve_here, None
+    failed: list[BaseException] = []
 
-@parts.solve_program.of(PythonPrograms)
-def _solve(given: PythonPrograms, state: Any, qp: QpWork) -> int:
-    return OPTIMAL if given.solve() else INFEASIBLE
+    def called(value: Any, *_: Any) -> int:
+        try:
+            value[0] = solve_here()
+        except BaseException as error:
+            failed.append(error)
+            value[0] = INFEASIBLE
+        return 0
 
-
-def _as_the_method(part: Any) -> Any:
-    return lambda given, *others: part(given.method, *others)
-
-
-for _part in (parts.begin_motion, parts.may_end, parts.recover, parts.advance, parts.finish_tick, parts.energy_stalled):
-    _part.of(PythonPrograms)(_as_the_method(_part))
-# Interpreted, so that it can call Python; what else it calls is compiled.
-for _generic, _kernel in ((parts.solve_linearisation, solve_hand), (solve_until_kept, solve_hand_until_kept)):
-    _generic.of(PythonPrograms)(getattr(_kernel, "py_func", _kernel))
+    code = _CALL(called)
+    return ctypes.cast(code, ctypes.c_void_p).value, (code, failed)
 
 
-def run_block_with_backend(workspace: TickWorkspace, method: Coupled, haptic: HapticBlock, record: TickRecord) -> int:
-    """Run one tick per haptic configuration with the QP solver that the options name; return the ticks done."""
-    state, backend = workspace.states[0], workspace.options.qp
-    tick = getattr(converge, "py_func", converge)
-    given = PythonPrograms(method.options, method, lambda: _solve_with(backend, state))
-    for i, sample in enumerate(zip(*haptic)):
-        cpu, wall = thread_cpu_ns(), monotonic_ns()
-        status = set_haptic(workspace.hand, *sample, state)
-        status |= tick(given, workspace.hand, workspace.code, state, workspace.qp)
-        wall, cpu = monotonic_ns() - wall, thread_cpu_ns() - cpu
-        record_tick(state, status, wall, cpu, i, record)
-        if status & STATUS_CAPACITY_EXCEEDED:
-            return i + 1
-    return len(haptic.position)
+def _solve_with(backend: str, method: Any) -> bool:
+    world = method.world[0]
+    problem, loaded = world.problem, world.loaded
+    dense, rows = dense_problem(method)
+    solution = solve(dense, backend)
+    if solution.status not in (QpStatus.OPTIMAL, QpStatus.INACCURATE):
+        return False
+    problem.delta[:DOF] = solution.x
+    pushing = np.flatnonzero(solution.multiplier > MULTIPLIER_FLOOR)[:ACTIVE_CAPACITY]
+    loaded.count = len(pushing)
+    loaded.row[: len(pushing)], loaded.multiplier[: len(pushing)] = rows[pushing], solution.multiplier[pushing]
+    loaded.key[: len(pushing)] = problem.key[rows[pushing]]
+    first = problem.own_row[0]
+    problem.own_multiplier[0] = 0.0
+    for row, force in zip(rows[pushing], solution.multiplier[pushing]):
+        if row >= problem.dense_row:
+            problem.own_multiplier[0, row - first] = force
+    take_hand_steps(method.states, problem)
+    return True
 
 
-def _solve_with(backend: str, state: Any) -> bool:
-    began, step = monotonic_ns(), state.step
-    problem, rows = coupled_problem(state)
-    solution = solve(problem, backend)
-    solved = solution.status in (QpStatus.OPTIMAL, QpStatus.INACCURATE)
-    step.count = 0
-    if solved:
-        step.delta[:] = solution.x
-        pushing = np.flatnonzero(solution.multiplier > MULTIPLIER_FLOOR)[:ACTIVE_CAPACITY]
-        step.count = len(pushing)
-        step.row[: step.count], step.multiplier[: step.count] = rows[pushing], solution.multiplier[pushing]
-    step.duration[DURATION_PALM] += monotonic_ns() - began
-    return solved
+def dense_problem(method: Any) -> tuple[QpProblem, IntArray]:
+    """Return the program at hand of a hand alone, and the kernels' row of each of its rows.
 
-
-def coupled_problem(state: Any) -> tuple[QpProblem, IntArray]:
-    """Return the coupled program of the current linearisation, and the kernels' row of each of its rows.
-
-    `state` is a tick's after `hhsim.kernels.tick.linearisation.build_program` has found contacts. Rows are the palm's
-    contacts, each finger's contacts and joint limits, and those of the hand's own parts.
+    Rows are the palm's contacts, each finger's contacts and joint limits, and those of the hand's own parts.
     """
-    problem, start, own = state.problem, state.contacts.start, state.self_contact
-    limits = start[-1] + np.arange(LIMIT_ROWS).reshape(FINGER_COUNT, -1)
-    fingers = [np.append(np.arange(start[f + 1], start[f + 2]), limits[f]) for f in range(FINGER_COUNT)]
-    index = np.concatenate([np.arange(start[0], start[1]), *fingers])
-    matrix = np.zeros((index.size, DOF))
-    matrix[:, :6] = problem.common[:, index].T
-    first = start[1] - start[0]
-    for f, rows in enumerate(fingers):
-        column = 6 + PHALANX_COUNT * f
-        matrix[first : first + rows.size, column : column + PHALANX_COUNT] = problem.block[:, rows].T
-        first += rows.size
-    index = np.append(index, start[-1] + LIMIT_ROWS + np.arange(own.count))
-    matrix = np.concatenate([matrix, own.dense[: own.count]])
-    weight, stiffness = problem.inverse_root, np.array(state.stiffness)
-    return QpProblem(stiffness, matrix / weight, problem.rhs[index], problem.target * weight), index
+    world, states = method.world[0], method.states
+    problem, state = world.problem, states[0]
+    row, relaxed = contact_groups(states, problem, world.meeting), bool(state.program.is_relaxed)
+    end_rows(states, method.options.offset, relaxed, row, problem, world.meeting)
+    names = "group_start", "group_stop", "group_block"
+    groups = zip(*(problem[name][: problem.groups] for name in names))
+    common, count = common_count(problem), variable_count(problem)
+    rows, parts = [np.zeros(0, np.int64)], [np.zeros((0, count))]
+    for start, stop, block in groups:
+        part = np.zeros((stop - start, count))
+        part[:, :common] = problem.common[:common, start:stop].T
+        if block >= 0:
+            part[:, block : block + PHALANX_COUNT] = problem.block[:, start:stop].T
+        elif start >= problem.dense_row:
+            part[:, common:] = problem.dense[: stop - start, : count - common]
+        rows.append(np.arange(start, stop))
+        parts.append(part)
+    index, weight, stiffness = np.concatenate(rows), problem.inverse_root, np.array(state.stiffness)
+    target = problem.target[:count] * weight
+    return QpProblem(stiffness, np.concatenate(parts) / weight, problem.rhs[index], target), index

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -21,8 +21,7 @@ from hhsim.kernels.jit import JIT_ENABLED, as_argument
 from hhsim.kernels.kernel_cache import compiled_kernels
 from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord
-from hhsim.kernels.tick.method import Coupled
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.shown_hand import look_at
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.mesh.mesh import Mesh
@@ -30,28 +29,20 @@ from hhsim.metrics.metrics import penetration
 from hhsim.reproducible import norm
 from hhsim.solver.free_object import EngineBody, FreeObject
 from hhsim.solver.known_methods import find_method
-from hhsim.solver.linearising_engine import LinearisingEngine, require_jointed
 from hhsim.solver.method import Engine
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, tick_record
+from hhsim.solver.world_engine import WorldEngine
 from hhsim.trees.contact_surface import contact_surface, jointed_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
-    from hhsim.kernels.free.record import ObjectRecord
-    from hhsim.solver.free_engine import FreeEngine
+    from hhsim.kernels.world.record import ObjectRecord
 
 START_LINEARISATIONS = 4000
 """Most linearisations of the approach from a free place to the object, where the haptic hand starts inside it."""
 SHARES = 64
 """Number of postures that are tried between a hand that is in itself and the straight one."""
-
-
-def free_engine(workspace: TickWorkspace, free: FreeObject | None, **more: Any) -> "FreeEngine":
-    """Make a `FreeEngine` of its arguments; nothing of it is imported before."""
-    from hhsim.solver.free_engine import FreeEngine
-
-    return FreeEngine(workspace, free, **more)
 
 
 class HandSolver:
@@ -85,7 +76,7 @@ class HandSolver:
             raise InputError(f"method {options.method} {self.method.missing}")
         if isinstance(self.workspace.surface, JointedSurface) and not self.method.beside_parts:
             require_jointed(options)
-        self.free = None if free is None else free_engine(self.workspace, free, others=others)
+        self.free = None if free is None else WorldEngine(self.workspace, free, others=others)
         self.engine: Engine = self.free or self.method.engine(self.workspace)
         self._started = False
 
@@ -150,36 +141,24 @@ class HandSolver:
         self.engine.begin()
         if not inside:
             return 0
-        engine = self.engine
-        if workspace.beside:
-            if self.free is not None:
-                self.free.approach(START_LINEARISATIONS)
+        if workspace.beside and self.free is None:
             return STATUS_START_INSIDE
-        if not isinstance(engine, LinearisingEngine):
-            # The start is no part of the method: every method begins from the same place.
-            engine = LinearisingEngine(workspace, Coupled(workspace.tick_options))
-            engine.begin()
-        goal = HapticBlock(*(np.array(haptic_pose[name])[None] for name in HapticBlock._fields))
-        approach = tick_record(1)
-        engine.approach(START_LINEARISATIONS, goal, approach)
-        if approach.status[0] & STATUS_CAPACITY_EXCEEDED:
-            raise workspace.full()
+        # The start is no part of the method: every method begins from the same place.
+        engine = self.world or WorldEngine(workspace, None)
+        engine.approach(START_LINEARISATIONS)
         if engine is not self.engine:
             self.engine.begin()
         return STATUS_START_INSIDE
 
     @property
+    def world(self) -> WorldEngine | None:
+        """Engine of hands and bodies, None of a method with another one."""
+        return self.engine if isinstance(self.engine, WorldEngine) else None
+
+    @property
     def is_compiled(self) -> bool:
         """True if no part of a tick is Python's."""
         return self.options.qp == "active-set" and self.method.compiled
-
-    def block(self, haptic: HapticBlock, record: TickRecord) -> TickBlock:
-        """Return the arguments of `run_block` for begun ticks, which read and write these very arrays.
-
-        Where Python takes part they are those of `coupled`, so that a loop for them is compiled already.
-        """
-        workspace, engine = self.workspace, cast(Any, self.engine)
-        return workspace.block(engine.method if self.is_compiled else Coupled(workspace.tick_options), haptic, record)
 
     def place(self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray) -> None:
         """Place the graphic hand, shapes (3,), (4,), (5, 3), (5,), where it is free; method `paper` takes any pose."""
@@ -190,6 +169,18 @@ class HandSolver:
         state.decoupling.is_suspended = False
         self.engine.begin()
         self._started = True
+
+
+_SOLVED_WITH = {"method": ("coupled", "progressive"), "qp": ("active-set",), "threads": (1,), "force": ("kkt",)}
+"""Options that bodies of several parts go with."""
+
+
+def require_jointed(options: SolverOptions) -> None:
+    """Raise an InputError unless a body of several parts can be touched with these options."""
+    for name, expected in _SOLVED_WITH.items():
+        if (found := getattr(options, name)) not in expected:
+            wanted = " or ".join(map(str, expected))
+            raise InputError(f"{name} {found} has no bodies of several parts: expected {wanted}")
 
 
 class WarmUp(NamedTuple):

@@ -8,13 +8,13 @@ import numpy as np
 
 from hhsim.arrays import Records
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.kernels.free.record import BodiesRecord, ObjectRecord, WorldRecord
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.kernels.world.record import BodiesRecord, ObjectRecord, WorldRecord
 from hhsim.result.schema import bodies_row
-from hhsim.solver.free_engine import seen_ticks
 from hhsim.solver.scene_solver import SceneSolver
 from hhsim.solver.workspace import HAPTIC_SHAPES, tick_record, zeroed
+from hhsim.solver.world_engine import seen_ticks
 
 MOVING = ObjectRecord._fields[: ObjectRecord._fields.index("contact")]
 """Fields of a `WorldRecord` with the body as their first axis; the wrenches on each are the last one."""

@@ -8,13 +8,11 @@ from hhsim.kernels.contact.own_parts import OwnParts
 from hhsim.kernels.contact.self_pairs import SelfPairs, add_bends, add_rows, clear_fraction, foresee_rows, measure_pairs
 from hhsim.kernels.hand.kinematics import DOF, HandArrays
 from hhsim.kernels.machine_code import code_of
-from hhsim.kernels.qp.active_set import QpWork
-from hhsim.kernels.tick.coupled import solve_own
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import tick_state_dtype
 
 
-def keep_apart(pairs: SelfPairs, options: TickOptions, hand: HandArrays, qp: QpWork) -> TickOptions:
+def keep_apart(pairs: SelfPairs, options: TickOptions, hand: HandArrays) -> TickOptions:
     """Return options of a hand's ticks with pairs of its own parts; their kernels are compiled or loaded if need be."""
     # A state that nobody writes to, for the types of what is in it.
     state: Any = np.empty(1, tick_state_dtype()).view(np.recarray)[0]
@@ -28,6 +26,5 @@ def keep_apart(pairs: SelfPairs, options: TickOptions, hand: HandArrays, qp: QpW
         foreseeing=code_of(foresee_rows, pairs, hand, state.warm, options, state),
         clearing=code_of(clear_fraction, pairs, 0.0, hand, state),
         bending=code_of(add_bends, *bent),
-        solving=code_of(solve_own, options, 0, state, qp),
     )
     return options._replace(own=own)

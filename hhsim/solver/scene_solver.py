@@ -20,16 +20,15 @@ from hhsim.scene.declared_bodies import joined_tree
 from hhsim.scene.overlap import raised
 from hhsim.scene.scene import Scene
 from hhsim.solver.free_object import EngineBody, FreeObject
-from hhsim.solver.hand_solver import HandSolver, WarmUp, warm_up
+from hhsim.solver.hand_solver import HandSolver, WarmUp, require_jointed, warm_up
 from hhsim.solver.known_methods import find_method
-from hhsim.solver.linearising_engine import require_jointed
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.world_solver import WorldSolver
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
-    from hhsim.kernels.free.record import BodiesRecord, ObjectRecord
+    from hhsim.kernels.world.record import BodiesRecord, ObjectRecord
 
 FAR = 100.0
 """Place of hands that are to touch nothing [m]."""
@@ -214,7 +213,7 @@ class SceneSolver:
         return self.world.run(*haptic)
 
     def object_ticks(self, hand: int = 0) -> "ObjectRecord":
-        """Record of the first free body in the last ticks as that of a hand, see `FreeEngine.seen_by`."""
+        """Record of the first free body in the last ticks as that of a hand, see `WorldEngine.seen_by`."""
         return self.world.object_ticks(hand)
 
     @property

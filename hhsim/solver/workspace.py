@@ -9,7 +9,6 @@ from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import HhsimError, InputError
@@ -20,7 +19,6 @@ from hhsim.kernels.contact.linearise import ROW_CAPACITY
 from hhsim.kernels.contact.surface import seen_as
 from hhsim.kernels.contact.surface_code import SurfaceCode
 from hhsim.kernels.hand.kinematics import DOF
-from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.parallel.thread_team import dismiss, post
 from hhsim.kernels.parts.surface import JointedSurface, whole_dtype
 from hhsim.kernels.qp.active_set import QpWork, new_work
@@ -28,7 +26,6 @@ from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_blo
 from hhsim.kernels.tick.evaluation import rebuild_candidates
 from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.progressive import help_out
 from hhsim.kernels.tick.state import WORK_COUNTERS, tick_state_dtype
 from hhsim.solver.known_methods import find_method
 from hhsim.solver.options import SolverOptions
@@ -92,16 +89,12 @@ class TickWorkspace:
         # Each part of several has its lists.
         candidates = kind.candidates if surface is arrays else whole_dtype(kind.candidates)
         self.state_dtype = tick_state_dtype(candidates)
-        self.states = any_states(fresh_state(self.state_dtype, options.stiffness.diagonal(), options.modelled()))
+        # Two: how far apart they are numba knows of one by its type, of several by their array.
+        self.states = any_states(fresh_state(self.state_dtype, options.stiffness.diagonal(), options.modelled(), 2))
         self.qp = new_work(DOF, ROW_CAPACITY)
         if options.self_contact:
             pairs = self_pairs(model, options.fingers)
-            self.tick_options = keep_apart(pairs, self.tick_options, self.hand, self.qp)
-        self.thread_team = ThreadTeam(self.states, options.threads if JIT_ENABLED else 1)
-
-    def use(self, states: Any) -> None:
-        """Use the caller's record array `states`, shape (1,), as the state of the ticks; before the first tick only."""
-        self.states, self.thread_team = states, ThreadTeam(states, self.options.threads if JIT_ENABLED else 1)
+            self.tick_options = keep_apart(pairs, self.tick_options, self.hand)
 
     @cached_property
     def code(self) -> SurfaceCode:
@@ -192,32 +185,33 @@ def tick_record(ticks: int) -> TickRecord:
 
 
 class ThreadTeam:
-    """Helpers of one solver: threads that live while a block of ticks runs, and wait for work in compiled code.
+    """Helpers of one engine: threads that live while a block of ticks runs, and wait for work in compiled code.
 
     Starting them takes about 0.1 ms a block, outside of the timed ticks. `threads` counts the caller's own; 1 starts
     none. `works` are the helpers' workspaces: none writes what another thread writes.
     """
 
-    def __init__(self, states: NDArray[np.void], threads: int) -> None:
-        self.states = states
-        self.works = [new_work(DOF, ROW_CAPACITY) for _ in range(threads - 1)]
+    def __init__(self, threads: int, qp: QpWork) -> None:
+        self.works = [np.zeros(1, qp.dtype).view(np.recarray)[0] for _ in range(threads - 1)]
 
     @contextmanager
-    def at_work(self, options: TickOptions) -> Iterator[None]:
+    def at_work(self, method: Any) -> Iterator[None]:
         """Run the helpers during a block, and raise what one of them raised; however it ends, none of them is left."""
         if not self.works:
             yield
             return
-        shared = self.states[0].thread_team
+        from hhsim.kernels.world.progressive import help_out
+
+        shared = method.states[0].thread_team
         word = shared.word[:]
         dismiss(word)
         # Compiled before there are helpers: a block of ticks would begin without them.
-        help_out(options, self.states, self.works[0])
+        help_out(method, self.works[0])
         clocks: SimpleQueue[int] = SimpleQueue()
 
         def help_with(work: QpWork) -> None:
             clocks.put(thread_clock())
-            help_out(options, self.states, work)
+            help_out(method, work)
 
         with ThreadPoolExecutor(len(self.works), HELPER) as pool:
             try:

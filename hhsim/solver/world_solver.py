@@ -4,24 +4,20 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.contact.hand_pairs import hands_nearest
 from hhsim.kernels.hand.pose import update_kinematics
 from hhsim.kernels.jit import as_argument
-from hhsim.kernels.machine_code import code_of
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, run_block
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.solver.free_object import EngineBody, FreeObject
-from hhsim.solver.hand_solver import START_LINEARISATIONS, HandSolver, clearance, free_engine, shift_until
-from hhsim.solver.linearising_engine import LinearisingEngine
+from hhsim.solver.hand_solver import START_LINEARISATIONS, HandSolver, clearance, shift_until
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.workspace import HAPTIC_SHAPES, TickWorkspace, tick_record
+from hhsim.solver.workspace import TickWorkspace, tick_record
+from hhsim.solver.world_engine import WorldEngine
 
 if TYPE_CHECKING:
-    from hhsim.kernels.free.record import BodiesRecord, ObjectRecord, WorldRecord
-    from hhsim.solver.free_engine import FreeEngine
+    from hhsim.kernels.world.record import BodiesRecord, ObjectRecord, WorldRecord
 
 FAR = 10.0
 """Distance [m] up to which hands that begin in each other, or may, are measured."""
@@ -52,15 +48,13 @@ class WorldSolver:
     def __init__(
         self, hands: Sequence[HandSolver], free: FreeObject | None = None, others: Sequence[EngineBody] = ()
     ) -> None:
-        self.hands, own = tuple(hands), hands[0].engine
+        self.hands = tuple(hands)
         self._spaces = tuple(hand.workspace for hand in hands)
-        self._parts_move = isinstance(own, LinearisingEngine) and own.parts_move
         self._has_free = free is not None
         self.engine = hands[0].free
-        self._two: FreeEngine | None = None
-        self._alone: Any = None  # a block of one tick of each hand, and the ticks' machine code
+        self._two: WorldEngine | None = None
         if len(self.hands) > 1 and (free is not None or keeps_hands_apart(hands[0].options)):
-            self._two = self.engine = free_engine(self._spaces[0], free, second=self._spaces[1], others=others)
+            self._two = self.engine = WorldEngine(self._spaces[0], free, self._spaces[1], others)
         self._started = self._two is None
 
     def run(self, *haptic: HandConfiguration) -> tuple[TickRecord, ...]:
@@ -79,7 +73,7 @@ class WorldSolver:
         return records
 
     def object_ticks(self, hand: int = 0) -> "ObjectRecord":
-        """Return the record of the free object in the last ticks as of one of the hands, see `FreeEngine.seen_by`."""
+        """Return the record of the free object in the last ticks as of one of the hands, see `WorldEngine.seen_by`."""
         assert self.engine is not None
         return self.engine.seen_by(hand)
 
@@ -96,49 +90,44 @@ class WorldSolver:
         if self._has_free:
             done = two.run_many(blocks, records)
         else:
-            from hhsim.kernels.free.side_by_side import run_hands_apart
+            from hhsim.kernels.world.side_by_side import run_hands_apart
 
             with ExitStack() as stack:
-                for space in self._spaces:
-                    stack.enter_context(space.thread_team.at_work(space.tick_options))
+                for alone in self._alone:
+                    stack.enter_context(alone.thread_team.at_work(alone.method))
                 done = run_hands_apart(*self._of_both(two, blocks, records))
         if done and any(record.status[done - 1] & STATUS_CAPACITY_EXCEEDED for record in records):
             raise two.workspace.full()
         return records
 
     def _of_both(
-        self, two: "FreeEngine", haptic: Sequence[HapticBlock], record: Sequence[TickRecord]
+        self, two: WorldEngine, haptic: Sequence[HapticBlock], record: Sequence[TickRecord]
     ) -> tuple[Any, ...]:
         """Return the arguments of `run_hands_apart`."""
-        from hhsim.kernels.free.side_by_side import TickCodes
+        first, second = (alone.method for alone in self._alone)
+        return (first, second), two.method, tuple(haptic), tuple(record), two.parts_move, two.qp, two.code
 
-        if self._alone is None:
-            given = HapticBlock(*(np.zeros((1, *shape)) for shape in HAPTIC_SHAPES))
-            engines = [hand.engine for hand in self.hands]
-            methods = [engine.tick_method for engine in engines if isinstance(engine, LinearisingEngine)]
-            blocks = tuple(
-                space.block(own, HapticBlock(*map(np.copy, given)), tick_record(1))
-                for space, own in zip(self._spaces, methods, strict=True)
-            )
-            self._alone = blocks, TickCodes(code_of(run_block, *blocks[0]), two.code)
-        alone, codes = self._alone
-        return alone, two.method, tuple(haptic), tuple(record), self._parts_move, two.qp, codes
+    @property
+    def _alone(self) -> list[WorldEngine]:
+        """Engine of each hand alone."""
+        return [hand.world for hand in self.hands if hand.world is not None]
 
     def tick_call(self, haptic: HapticBlock, record: TickRecord, bodies: "WorldRecord") -> tuple[Any, tuple[Any, ...]]:
         """Return the kernel of begun ticks, None where Python takes part, and its arguments, which have these arrays.
 
         Those of hands have the hand as the first axis; `bodies` is written where one is free.
         """
-        if self._has_free:
-            assert self.engine is not None
-            return self.engine.call(haptic, record, bodies)
         given, written = _of_each(haptic, record)
-        if self._two is not None:
-            from hhsim.kernels.free.side_by_side import run_hands_apart
+        if self._two is not None and not self._has_free:
+            from hhsim.kernels.world.side_by_side import run_hands_apart
 
             return run_hands_apart, self._of_both(self._two, given, written)
-        kernel = run_block if len(self.hands) == 1 and self.hands[0].is_compiled else None
-        return kernel, self.hands[0].block(given[0], written[0])
+        first, engine = self.hands[0], self.engine or self.hands[0].world
+        if first.method.compiled and engine is None and len(self.hands) == 1:
+            return run_block, first.workspace.block(getattr(first.engine, "method", None), given[0], written[0])
+        engine = engine or WorldEngine(first.workspace, None)
+        compiled = first.is_compiled and (len(self.hands) == 1 or self._two is not None)
+        return engine.call(haptic, record, bodies, compiled)
 
     def tick(self, haptic: HapticBlock, record: TickRecord) -> None:
         """Run ticks of each hand alone, see `HandSolver.tick`; arrays as for `tick_call`."""

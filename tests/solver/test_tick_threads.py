@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 from sampled import sampled
-from sphere_scenes import UNTIMED, bumpy_ball, random_targets
+from sphere_scenes import UNTIMED, bumpy_ball, engine_of, random_targets
 
 import hhsim.solver.workspace
 from hhsim.hand.configuration import HandConfiguration
@@ -78,7 +78,8 @@ def test_no_helper_outlives_an_interrupt(hand: HandModel) -> None:
     solver.run(*random_targets(hand, 2, seed=0))
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        with pytest.raises(KeyboardInterrupt), solver.workspace.thread_team.at_work(solver.workspace.tick_options):
+        engine = engine_of(solver)
+        with pytest.raises(KeyboardInterrupt), engine.thread_team.at_work(engine.method):
             assert len(helpers()) == 2
             signal.raise_signal(signal.SIGINT)
             time.sleep(60.0)

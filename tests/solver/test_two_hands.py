@@ -9,8 +9,8 @@ from free_scenes import TIP, box, tongs
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.world.record import ObjectRecord
 from hhsim.solver.free_object import EngineBody, FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness

@@ -34,7 +34,7 @@ FULL = 1
 
 CONTACTS = np.dtype(
     [
-        # 0 to 14 phalanx, 15 palm; in the joined records of `kernels.free`, BODY_COUNT times the pair is added
+        # 0 to 14 phalanx, 15 palm; in the joined records of `kernels.world`, BODY_COUNT times the pair is added
         ("body", np.int64, (CONTACT_ROWS,)),
         ("key", np.int64, (CONTACT_ROWS,)),  # identifies a pair across ticks, for warm starts
         ("point", np.float64, (3, CONTACT_ROWS)),  # on the hand's surface [m], world

@@ -25,8 +25,7 @@ class OwnParts(NamedTuple):
     foreseeing: int = 0  # of `foresee_rows`
     clearing: int = 0  # of `clear_fraction`
     bending: int = 0  # of `add_bends`
-    solving: int = 0  # of `kernels.tick.coupled.solve_own`
-    correcting: int = 0  # of `kernels.free.own_bends.correct_own`; needed in programs of hands and bodies alone
+    correcting: int = 0  # of `kernels.world.second_order.correct`
 
 
 NO_PARTS = OwnParts(SelfPairs(np.zeros(0, np.int64), np.zeros(0, np.int64)))

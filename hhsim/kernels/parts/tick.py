@@ -16,55 +16,29 @@ of each finger, k = `FIRM`. A part that moves counts as such until the hand is f
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.contact.linearise import ROW_CAPACITY, build_rows, clamp_to_limits, limit_start
-from hhsim.kernels.contact.own_parts import add_own_rows
-from hhsim.kernels.contact.self_pairs import SELF_ROWS, begin_rows, scale_rows
-from hhsim.kernels.contact.surface_code import SurfaceCode, pairs_near
-from hhsim.kernels.hand.kinematics import (
-    BODY_COUNT,
-    BOX_CORNERS,
-    DOF,
-    FINGER_COUNT,
-    PALM_BODY,
-    PHALANX_COUNT,
-    HandArrays,
-)
+from hhsim.kernels.contact.linearise import clamp_to_limits
+from hhsim.kernels.contact.surface_code import pairs_near
+from hhsim.kernels.copy import copy_values
+from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, move
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_inline, jit_noinline
 from hhsim.kernels.parts.surface import KEY_STRIDE, PartsMotion, passing
-from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
-from hhsim.kernels.qp.row_scan import WideRows
+from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.rotation import quaternion_to_matrix, turned, write_unit_quaternion
-from hhsim.kernels.tick.coupled import GROUPS, solve_coupled
-from hhsim.kernels.tick.evaluation import end_work, evaluate_pose, least_distance
+from hhsim.kernels.tick.evaluation import end_work, least_distance
 from hhsim.kernels.tick.force import hand_forces
-from hhsim.kernels.tick.linearisation import find_program_contacts, step_to_haptic, write_program
-from hhsim.kernels.tick.method import Coupled, tick
-from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.state import (
-    STATUS_CAPACITY_EXCEEDED,
-    STATUS_NO_PLACE,
-    UNITS_LINEARISATION,
-    WORK_COUNTERS,
-    WORK_LINEARISATIONS,
-    WORK_TOUCHING,
-    WORK_UNITS,
-)
-from hhsim.kernels.tick.step import (
-    ACTIVE_CAPACITY,
-    DURATION_DETECT,
-    DURATION_PALM,
-    copy_active,
-    store_active,
-    store_meeting,
-)
-from hhsim.kernels.tick.step_length import allowed_fraction
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_NO_PLACE, WORK_TOUCHING
+from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_PALM
+from hhsim.kernels.world.linearisation import allowed_share, prepare, solve_with_pairs
+from hhsim.kernels.world.pairs import World, measure
+from hhsim.kernels.world.rows import SLACKS
+from hhsim.kernels.world.second_order import FLAT_PROGRAMS
+from hhsim.kernels.world.tick import settle_forces
 
 WAYS = 12
 """Most steps of a hand that gives way in a sub-step."""
@@ -74,31 +48,8 @@ SETTLED = 1e-7
 """A step of this length [m] towards the least depth is the last one."""
 FIRM = 1e6
 """Stiffness k of a depth [N/m]: a thousand times that of the palm's coupling, so that a depth is off by micrometres."""
-DEPTHS = 6
-"""Depths of a squeezed hand: of the palm, and of each finger; the first variables of its program."""
-SQUEEZED_DOF = DEPTHS + DOF
-
-SQUEEZE = np.dtype(
-    [
-        ("common", np.float64, (2 * DEPTHS, ROW_CAPACITY)),  # columns of the depths and the palm
-        ("own", np.float64, (SELF_ROWS, DOF - DEPTHS)),  # columns of the fingers in rows of the hand's own parts
-        ("target", np.float64, (SQUEEZED_DOF,)),
-        ("guess", np.int64, (ACTIVE_CAPACITY,)),
-        ("work", np.int64, (WORK_COUNTERS,)),  # of the sub-steps of a tick
-        ("duration", np.int64, (4,)),  # [ns]
-    ],
-    align=True,
-)
-"""Program of a squeezed hand, and the work of a tick before its method's own."""
-
-
-class Jointed(NamedTuple):
-    """Method of a hand beside parts that move: between two motions of theirs, a method for bodies that stand still."""
-
-    method: Any  # Coupled, or Progressive
-    parts: PartsMotion
-    squeeze: NDArray[np.void]  # a record of `SQUEEZE`, (1,)
-    qp: NDArray[np.void]  # workspace of programs of `SQUEEZED_DOF` variables, (1,)
+DEPTHS = SLACKS
+"""Depths of a squeezed hand: of the palm, and of each finger."""
 
 
 @jit_inline
@@ -170,207 +121,131 @@ def move_parts(parts: PartsMotion, share: float) -> None:
         quaternion_to_matrix(orientation[:], part.rotation[:])
 
 
-@jit_inline
-def _stay(state: Record) -> None:
-    """Let the program's target be where the hand is."""
-    for j in range(DOF):
-        state.problem.target[j] = 0.0
-    for f in range(FINGER_COUNT):
-        state.problem.abduction_step[f] = 0.0
-    state.work[WORK_LINEARISATIONS] += 1
-    state.work[WORK_UNITS] += UNITS_LINEARISATION
-
-
-@jit
-def _find_own(hand: HandArrays, options: TickOptions, state: Record) -> None:
-    """Find the rows of the hand's own parts within the margin."""
-    begin_rows(state.self_contact)
-    add_own_rows(options.own, hand, options.margin, options, state)
-
-
-@jit
-def _write_rows(hand: HandArrays, options: TickOptions, state: Record) -> None:
-    """Write the rows of contacts, joint limits and own parts, of a step without abduction."""
-    build_rows(hand, state.pose, state.contacts, options.offset, as_bool(True), state.problem)
-    scale_rows(options.offset, as_bool(True), state)
-
-
 @jit_noinline
-def _move_hand(hand: HandArrays, options: TickOptions, state: Record) -> float:
+def _move_hand(method: World, state: Record) -> float:
     """Make as much of the step as the listed pairs allow; returns the longest motion [m]."""
     # A program may miss a joint limit by its tolerance, and the next one would start from there.
     for f in range(FINGER_COUNT):
-        clamp_to_limits(hand, state.pose, f, state.step.delta[:])
-    fraction, longest = allowed_fraction(hand, options, state)
+        clamp_to_limits(method.movers[0], state.pose, f, state.step.delta[:])
+    fraction, longest = allowed_share(method)
     move(state.pose, state.step.delta, state.problem.abduction_step, fraction)
     return longest
 
 
 @jit_noinline
-def make_way(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record, qp: QpWork) -> bool:
+def _make_way(method: World, state: Record, qp: QpWork) -> bool:
     """Bring a hand that a part has come into out of it, by the least steps; returns whether it is free."""
-    for _ in range(WAYS):
-        if not find_program_contacts(hand, surface, options, state):
+    for i in range(WAYS):
+        method.world[0].curved = i >= FLAT_PROGRAMS
+        count = prepare(method, 0.0, state)
+        if count < 0 or solve_with_pairs(method, count, as_bool(False), state, qp) != OPTIMAL:
             return False
-        _stay(state)
-        _find_own(hand, options, state)
-        _write_rows(hand, options, state)
-        if solve_coupled(Coupled(options), state, qp) != OPTIMAL:
-            return False
-        _move_hand(hand, options, state)
-        if not evaluate_pose(hand, surface, options, state):
+        _move_hand(method, state)
+        if not measure(method):
             return False
         if least_distance(state) >= 0.0:
             return True
     return False
 
 
-@jit
-def _squeezed_step(options: TickOptions, state: Record, method: Jointed) -> bool:
-    """Solve for the least step with depths in the parts that yield; returns whether there is one."""
-    problem, contacts, groups, step = state.problem, state.contacts, state.coupled, state.step
-    program, qp, parts = method.squeeze[0], method.qp[0], state.self_contact
-    dense = limit_start(contacts, as_int64(FINGER_COUNT))
-    for group in range(FINGER_COUNT + 1):
-        groups.group_start[group], groups.group_stop[group] = contacts.start[group], contacts.start[group + 1]
-        groups.group_block[group] = 2 * DEPTHS + 3 * (group - 1) if group > 0 else -1
-    for f in range(FINGER_COUNT):
-        limits = limit_start(contacts, f), limit_start(contacts, f + 1)
-        groups.group_start[DEPTHS + f], groups.group_stop[DEPTHS + f] = limits
-        groups.group_block[DEPTHS + f] = 2 * DEPTHS + 3 * f
-    groups.group_start[GROUPS], groups.group_stop[GROUPS] = dense, dense + parts.count
-    groups.group_block[GROUPS] = -1
-    for j in range(DEPTHS):
-        for i in range(dense + parts.count):
-            program.common[j, i] = 0.0
-            program.common[DEPTHS + j, i] = problem.common[j, i] if i < dense else 0.0
-    for i in range(parts.count):
-        for j in range(DOF - DEPTHS):
-            program.own[i, j] = parts.dense[i, DEPTHS + j]
-    for group in range(FINGER_COUNT + 1):
-        for i in range(contacts.start[group], contacts.start[group + 1]):
-            if method.parts.part[contacts.key[i] // KEY_STRIDE].yields == 1:
-                program.common[group, i] = 1.0 / math.sqrt(FIRM)
-    end = GROUPS + 1
-    start, stop, first = groups.group_start[:end], groups.group_stop[:end], groups.group_block[:end]
-    given = problem.block[:], problem.rhs[:], start, stop, first, program.own[:], dense, parts.count
-    wide = WideRows(as_int64(2 * DEPTHS), program.common[:], *given, as_int64(DOF - DEPTHS))
-    none = as_int64(0)
-    target, guess = program.target[:], program.guess[:]
-    status = solve(as_int64(SQUEEZED_DOF), wide, target, options.tolerance, options.relaxation, guess, none, qp)
-    step.iterations += qp.counts[1]
-    for j in range(DOF):
-        step.delta[j] = qp.x[DEPTHS + j] * problem.inverse_root[j]
-    return status == OPTIMAL
-
-
 @jit_noinline
-def squeeze(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record, method: Jointed) -> bool:
+def _squeeze(parts: PartsMotion, method: World, state: Record, qp: QpWork) -> bool:
     """Bring the hand to the least depth in the parts that yield; returns whether all pairs fit into the arrays."""
+    problem, contacts, fits = method.world[0].problem, state.contacts, as_bool(True)
+    # Depths of the palm and of each finger, in the columns of slack variables.
+    problem.slacks, method.world[0].curved = DEPTHS, False
     for _ in range(SQUEEZES):
-        if not find_program_contacts(hand, surface, options, state):
-            return False
-        _stay(state)
-        _find_own(hand, options, state)
-        _write_rows(hand, options, state)
-        if not _squeezed_step(options, state, method):
-            return True
-        longest = _move_hand(hand, options, state)
-        if not evaluate_pose(hand, surface, options, state):
-            return False
-        if longest < SETTLED:
+        count = prepare(method, 0.0, state)
+        fits = as_bool(count >= 0)
+        for j in range(DEPTHS if fits else 0):
+            problem.target[problem.width + j] = 0.0
+            for i in range(contacts.start[j], contacts.start[j + 1]):
+                if parts.part[contacts.key[i] // KEY_STRIDE].yields == 1:
+                    problem.common[problem.width + j, i] = 1.0 / math.sqrt(FIRM)
+        if not fits or solve_with_pairs(method, count, as_bool(False), state, qp) != OPTIMAL:
             break
-    return True
+        longest = _move_hand(method, state)
+        fits = as_bool(measure(method))
+        if not fits or longest < SETTLED:
+            break
+    problem.slacks = 0
+    return fits
 
 
 @jit_noinline
-def bear(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record, qp: QpWork) -> bool:
+def _bear(method: World, state: Record, qp: QpWork) -> bool:
     """Let a squeezed hand follow its user where no depth grows, and compute the forces that bear it there.
 
     They are those of the coupling alone: what squeezes the hand is given, and presses as hard as one likes. Returns
     whether all pairs fit into the arrays.
     """
-    problem, contacts = state.problem, state.contacts
     copy_configuration(state.pose, state.safe)
     depth = least_distance(state)
     state.active.count = 0
-    if not find_program_contacts(hand, surface, options, state):
+    if not settle_forces(method, method.options.margin, state, qp):
         return False
-    for i in range(contacts.start[FINGER_COUNT + 1]):
-        contacts.distance[i] = max(contacts.distance[i], 0.0)
-    step_to_haptic(state, problem.target[:], problem.abduction_step[:])
-    for f in range(FINGER_COUNT):
-        problem.abduction_step[f] = 0.0
-    _find_own(hand, options, state)
-    write_program(hand, options, as_bool(True), state)
-    if solve_coupled(Coupled(options), state, qp) != OPTIMAL:
+    if state.active.count == 0:
         return True
-    store_active(contacts, state.step, state.warm)
-    store_meeting(options.own.pairs, state, state.warm)
-    copy_active(state.warm, state.active)
-    _move_hand(hand, options, state)
-    fits = evaluate_pose(hand, surface, options, state)
-    if fits and least_distance(state) >= depth - options.offset:
+    _move_hand(method, state)
+    fits = measure(method)
+    if fits and least_distance(state) >= depth - method.options.offset:
         return True
     copy_configuration(state.safe, state.pose)
-    return evaluate_pose(hand, surface, options, state)
+    return measure(method)
 
 
 @jit_noinline
-def _give_way(hand: HandArrays, surface: SurfaceCode, method: Jointed, state: Record, qp: QpWork) -> int:
+def _leave_parts(parts: PartsMotion, method: World, state: Record, qp: QpWork) -> int:
     """Move the parts, and the hand out of them; returns 0 if it is free, else status bits."""
-    options, trust = method.method.options, state.trust
-    steps, state.progress.carried = sub_steps(hand, state.pose, options.margin, method.parts, state.scratch[:])
+    options, trust, world = method.options, state.trust, method.world[0]
+    steps, state.progress.carried = sub_steps(method.movers[0], state.pose, options.margin, parts, state.scratch[:])
     if steps == 0 and least_distance(state) >= 0.0:
         return 0
     began = monotonic_ns()
-    radius = trust.radius
-    status = 0
+    radius, program, status = trust.radius, state.program, 0
+    coupled, relaxed = program.is_coupled, program.is_relaxed
+    world.stays, program.is_relaxed, program.is_coupled = True, True, True
     for i in range(max(steps, 1)):
         if steps > 0:
-            move_parts(method.parts, 1.0 / (steps - i))
+            move_parts(parts, 1.0 / (steps - i))
         trust.radius = trust.reach = options.margin
-        if not evaluate_pose(hand, surface, options, state):
-            return STATUS_CAPACITY_EXCEEDED
-        if least_distance(state) >= 0.0 or make_way(hand, surface, options, state, qp):
+        if not measure(method):
+            status = STATUS_CAPACITY_EXCEEDED
+            break
+        if least_distance(state) >= 0.0 or _make_way(method, state, qp):
             status = 0
             continue
-        if state.progress.pairs_overflow or not squeeze(hand, surface, options, state, method):
-            return STATUS_CAPACITY_EXCEEDED
+        if state.progress.pairs_overflow or not _squeeze(parts, method, state, qp):
+            status = STATUS_CAPACITY_EXCEEDED
+            break
         status = 0 if least_distance(state) >= 0.0 else STATUS_NO_PLACE
-    trust.radius = radius
+    world.stays, program.is_relaxed, program.is_coupled, trust.radius = False, relaxed, coupled, radius
     if status == 0:
-        for p in range(method.parts.path.shape[1]):
-            method.parts.part[p].yields = 0
+        for p in range(parts.path.shape[1]):
+            parts.part[p].yields = 0
     duration = state.step.duration
     duration[DURATION_DETECT] = monotonic_ns() - began - duration[DURATION_PALM]
     return status
 
 
-@tick.of(Jointed)
-@jit_inline
-def follow_parts(method: Jointed, hand: HandArrays, surface: SurfaceCode, state: Record, qp: QpWork) -> int:
-    """Move the parts by a tick, and the hand with them; returns status bits."""
-    options, before = method.method.options, method.squeeze[0]
+@jit
+def give_way(parts: PartsMotion, method: World, qp: QpWork) -> int:
+    """Move the parts by a tick, and the hand out of them; returns 0 where the tick goes on from there, else its status.
+
+    What that took is left in the world's `work` and `spent`, for `kernels.world.tick` to add to the tick's own.
+    """
+    world, state, options = method.world[0], method.states[0], method.options
     state.work[:] = 0
     state.step.duration[:] = 0
     state.step.iterations = 0
-    status = _give_way(hand, surface, method, state, qp)
-    method.parts.tick[0] += 1
+    status = _leave_parts(parts, method, state, qp)
+    parts.tick[0] += 1
     end_work(state)
+    copy_values(state.work[:], world.work[:])
+    copy_values(state.step.duration[:], world.spent[:])
     if status == 0:
-        for i in range(WORK_COUNTERS):
-            before.work[i] = state.work[i]
-        for i in range(4):
-            before.duration[i] = state.step.duration[i]
-        status = tick(method.method, hand, surface, state, qp)
-        for i in range(WORK_COUNTERS):
-            # Those that are the most of a program are the method's own.
-            state.work[i] += before.work[i]
-        for i in range(4):
-            state.step.duration[i] += before.duration[i]
-        return status
-    if status == STATUS_NO_PLACE and not bear(hand, surface, options, state, qp):
+        return as_int64(0)
+    if status == STATUS_NO_PLACE and not _bear(method, state, qp):
         status = STATUS_CAPACITY_EXCEEDED
     progress = state.progress
     copy_configuration(state.pose, state.prediction.start)
@@ -379,7 +254,7 @@ def follow_parts(method: Jointed, hand: HandArrays, surface: SurfaceCode, state:
     progress.lag = farthest_joint(state.pose.joints, state.haptic.joints)
     # Where there is a place again the hand goes there as one that snaps.
     progress.snaps = True
-    _, state.work[WORK_TOUCHING] = pairs_near(surface, hand, state.candidates, options.touch)
+    _, state.work[WORK_TOUCHING] = pairs_near(method.surfaces[0], method.movers[0], state.candidates, options.touch)
     hand_forces(options, as_bool(False), state)
     end_work(state)
-    return status
+    return as_int64(status)

@@ -59,21 +59,7 @@ class WideRows(NamedTuple):
     dense_columns: int = 0  # number of columns behind the common ones
 
 
-class MeetingRows(NamedTuple):
-    """Rows as those of `ProgramRows`, and behind their groups one group a row of which all columns are given."""
-
-    n_common: int
-    common: Array
-    block: Array
-    rhs: Array
-    group_start: Indices
-    group_stop: Indices
-    group_block: Indices
-    dense: Array  # columns of the rows of the last groups, which follow each other, (>= rows, variables)
-    rows: int  # how many
-
-
-Rows: TypeAlias = ProgramRows | WideRows | MeetingRows
+Rows: TypeAlias = ProgramRows | WideRows
 
 
 # Plain loops over slices, few arrays in each and no name used for two of them: the compiler gives up the vector unit
@@ -166,25 +152,6 @@ def _lengths(rows: ProgramRows, inverse_norm_out: Array) -> None:
         for j in range(0, n_common, 3):
             _add_squares(start, stop, common, j, inverse_norm_out)
         _invert_root(start, stop, inverse_norm_out)
-
-
-@jit_inline
-def _without_dense(rows: MeetingRows) -> ProgramRows:
-    groups = rows.group_start.shape[0] - rows.rows
-    start, stop, offset = rows.group_start[:groups], rows.group_stop[:groups], rows.group_block[:groups]
-    return ProgramRows(rows.n_common, rows.common, rows.block, rows.rhs, start, stop, offset)
-
-
-@row_lengths.of(MeetingRows)
-@jit_inline
-def _meeting_lengths(rows: MeetingRows, inverse_norm_out: Array) -> None:
-    _lengths(_without_dense(rows), inverse_norm_out)
-    for i in range(rows.rows):
-        total = 0.0
-        for j in range(rows.dense.shape[1]):
-            total += rows.dense[i, j] ** 2
-        row = rows.group_start[rows.group_start.shape[0] - rows.rows + i]
-        inverse_norm_out[row] = 1.0 / math.sqrt(total) if total > 0.0 else 0.0
 
 
 @jit_inline
@@ -301,18 +268,6 @@ def _violations(rows: ProgramRows, x: Array, inverse_norm: Array, violation: Arr
             _take_nine_and_scale(start, stop, common, block, x, offset, rhs, inverse_norm, violation)
 
 
-@row_violations.of(MeetingRows)
-@jit_inline
-def _meeting_violations(rows: MeetingRows, x: Array, inverse_norm: Array, violation: Array) -> None:
-    _violations(_without_dense(rows), x, inverse_norm, violation)
-    for i in range(rows.rows):
-        row = rows.group_start[rows.group_start.shape[0] - rows.rows + i]
-        rest = rows.rhs[row]
-        for j in range(rows.dense.shape[1]):
-            rest -= rows.dense[i, j] * x[j]
-        violation[row] = rest * inverse_norm[row]
-
-
 @generic
 def load_dense(rows: Rows, row: int, scale: float, normal_out: Array) -> bool:
     """Write a row of which all columns are given, scaled, and return True; False for another row."""
@@ -335,17 +290,6 @@ def _load_wide(rows: WideRows, row: int, scale: float, normal_out: Array) -> boo
 @jit_inline
 def _no_dense(rows: Rows, row: int, scale: float, normal_out: Array) -> bool:
     return False
-
-
-@load_dense.of(MeetingRows)
-@jit_inline
-def _load_dense(rows: MeetingRows, row: int, scale: float, normal_out: Array) -> bool:
-    i = row - rows.group_start[rows.group_start.shape[0] - rows.rows] if rows.rows > 0 else -1
-    if i < 0:
-        return False
-    for j in range(rows.dense.shape[1]):
-        normal_out[j] = rows.dense[i, j] * scale
-    return True
 
 
 @jit_inline

@@ -11,7 +11,6 @@ from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.hand.pose import farthest_joint
 from hhsim.kernels.jit import Record, jit
 from hhsim.kernels.rotation import rotation_vector_between
-from hhsim.kernels.tick.method import Progressive, energy_stalled
 from hhsim.kernels.tick.options import TickOptions
 
 SUSPENSION_MARGINS = 10.0
@@ -58,9 +57,9 @@ def coupling_energy(pose: Record, state: Record) -> float:
     return 0.5 * total
 
 
-@energy_stalled.of(Progressive)
 @jit
-def _energy_stalled(method: Progressive, state: Record) -> bool:
+def energy_stalled(state: Record) -> bool:
+    """Return whether the programs apart of a tick that lags have made no progress."""
     if state.program.is_coupled:
         return False
     return coupling_energy(state.pose, state) > PROGRESS * coupling_energy(state.prediction.start, state)

@@ -5,17 +5,13 @@ there is short and its contacts are the right ones. Nothing is accepted by a pre
 there returns to where it began. No decision depends on how old the lists of pairs are: neither do the bits.
 """
 
-from typing import Any
-
 from hhsim.kernels.contact.linearise import clamp_to_limits
 from hhsim.kernels.contact.surface_code import SurfaceCode
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, move
-from hhsim.kernels.jit import Record, jit, jit_inline
+from hhsim.kernels.jit import Record, jit, jit_inline, jit_noinline
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.evaluation import REACH_FLOOR, evaluate_pose
-from hhsim.kernels.tick.linearisation import complete_lists
-from hhsim.kernels.tick.method import Coupled, Progressive, begin_motion
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.restoration import take_back
 from hhsim.kernels.tick.step_length import allowed_fraction
@@ -51,12 +47,9 @@ def _last_motion(hand: HandArrays, share: float, state: Record) -> None:
         clamp_to_limits(hand, pose, f, delta[:])
 
 
-@begin_motion.of(Coupled)
-@begin_motion.of(Progressive)
-@jit_inline
-def predict_pose(method: Any, hand: HandArrays, surface: SurfaceCode, state: Record) -> None:
+@jit_noinline
+def predict_pose(options: TickOptions, hand: HandArrays, surface: SurfaceCode, state: Record) -> None:
     """Move a hand in contact on as the last tick moved it, and as the user's hand slows down."""
-    options = method.options
     prediction, sample, progress = state.prediction, state.input, state.progress
     reach = min(state.trust.reach, state.trust.radius)
     share = min(1.0, sample.motion / sample.previous_motion) if sample.previous_motion > 0.0 else 0.0
@@ -67,11 +60,8 @@ def predict_pose(method: Any, hand: HandArrays, surface: SurfaceCode, state: Rec
     copy_configuration(state.pose, prediction.start)
     if not foreseeable:
         return
-    _, longest = allowed_fraction(hand, options, state)
-    if not options.step_tolerance < longest <= reach:
-        return
-    complete_lists(hand, surface, options, state)
-    if progress.pairs_overflow:
+    fraction, longest = allowed_fraction(hand, options, state)
+    if fraction < 1.0 or not options.step_tolerance < longest <= reach:
         return
     prediction.is_predicted = True
     move(state.pose, state.step.delta, state.problem.abduction_step, 1.0)

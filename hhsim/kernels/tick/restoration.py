@@ -1,14 +1,12 @@
 """Restoration after steps that end inside the object and programs without a solution."""
 
 import math
-from typing import Any
 
 from hhsim.kernels.contact.surface_code import SurfaceCode
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, move
-from hhsim.kernels.jit import Record, jit, jit_inline, jit_noinline
+from hhsim.kernels.jit import Record, jit, jit_noinline
 from hhsim.kernels.tick.evaluation import evaluate_pose, least_distance
-from hhsim.kernels.tick.method import Coupled, Progressive, recover
 from hhsim.kernels.tick.options import TickOptions
 
 TRUST_DECAY = 0.25
@@ -58,33 +56,6 @@ def take_free_share(hand: HandArrays, surface: SurfaceCode, options: TickOptions
             return True
         copy_configuration(state.safe, state.pose)
     evaluate_pose(hand, surface, options, state)
-    return False
-
-
-@recover.of(Coupled)
-@recover.of(Progressive)
-@jit_inline
-def ease_program(method: Any, hand: HandArrays, surface: SurfaceCode, state: Record) -> bool:
-    """Make the next program easier after one without solution; returns False where nothing is left to try.
-
-    First contacts nearer than the offset may stay as near as they are, then the hand returns to the last feasible
-    configuration with a smaller trust radius, then the abduction stays as it is.
-    """
-    program, progress = state.program, state.progress
-    if not program.is_relaxed:
-        program.is_relaxed = True
-        program.is_coupled = True
-        return True
-    if progress.differs_from_safe:
-        if not state.prediction.is_predicted:
-            state.trust.radius *= TRUST_DECAY
-        state.prediction.is_predicted = False
-        take_back(state)
-        progress.failed_steps = 0
-        return evaluate_pose(hand, surface, method.options, state)
-    if not program.holds_abduction:
-        program.holds_abduction = True
-        return True
     return False
 
 

@@ -6,17 +6,14 @@ from typing import Any
 import numpy as np
 
 from hhsim.kernels.contact.detection import CONTACT_ROWS, CONTACTS
-from hhsim.kernels.contact.linearise import PROBLEM
+from hhsim.kernels.contact.linearise import PROBLEM, ROW_CAPACITY
 from hhsim.kernels.contact.self_pairs import SELF_CONTACT
 from hhsim.kernels.contact.surface import shared_first
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.hand.pose import HAND_POSE
 from hhsim.kernels.parallel.thread_team import THREAD_TEAM
-from hhsim.kernels.tick.coupled import COUPLED_WORK
 from hhsim.kernels.tick.force import FORCES
-from hhsim.kernels.tick.progressive import PROGRESSIVE_WORK
-from hhsim.kernels.tick.second_order import CORRECTION_WORK
-from hhsim.kernels.tick.step import ACTIVE_CONTACTS, STEP
+from hhsim.kernels.tick.step import ACTIVE_CAPACITY, ACTIVE_CONTACTS, STEP
 
 STATUS_STUCK = 1
 """Set where the tick kept the last feasible configuration although the haptic hand asked for a motion."""
@@ -100,7 +97,7 @@ PROGRESS = np.dtype(
         ("differs_from_safe", np.bool_),
         # a tick accepted no step, or only a share of one, and the hand has not arrived since
         ("is_unfinished", np.bool_),
-        ("restarted", np.int64),  # linearisations of this tick before it began anew, see `kernels.free.bound`
+        ("restarted", np.int64),  # linearisations of this tick before it began anew, see `kernels.world.bound`
         ("failed_steps", np.int64),  # steps in a row that ended inside the object
         ("idle_ticks", np.int64),  # ticks in a row that accepted no step
         ("path", np.float64),  # sum of the motion bounds of all steps tried in this tick [m]
@@ -147,6 +144,45 @@ DECOUPLING = np.dtype(
 )
 """Suspension of the separate programs of palm and fingers, see `kernels.tick.decoupling`."""
 
+PALM_GROUPS = 1 + 2 * FINGER_COUNT
+FINGER_WORK = np.dtype(
+    [
+        ("start", np.int64, (2,)),  # first row of each row group: contacts, limits
+        ("stop", np.int64, (2,)),  # end of each row group
+        ("block", np.int64, (2,)),  # first variable of each row group's block
+        ("guess", np.int64, (ACTIVE_CAPACITY,)),  # rows expected to be active
+        ("target", np.float64, (PHALANX_COUNT,)),  # √G δ*
+        ("delta", np.float64, (PHALANX_COUNT,)),  # its step [rad]
+        ("row", np.int64, (PHALANX_COUNT + 1,)),  # rows with a multiplier
+        ("multiplier", np.float64, (PHALANX_COUNT + 1,)),  # theirs [N]
+        ("count", np.int64),  # number of these
+        ("iterations", np.int64),  # of its program
+        ("status", np.int64),  # of `kernels.qp.active_set`
+        ("apart", np.int64, (16,)),  # keeps the next finger's out of the cache lines that this one writes
+    ],
+    align=True,
+)
+"""Workspace and solution of one finger's program: nothing that another finger's writes."""
+
+PROGRESSIVE_WORK = np.dtype(
+    [
+        # row groups of the palm's program: its contacts; contacts, then limits of each finger that joined it
+        ("palm_start", np.int64, (PALM_GROUPS,)),
+        ("palm_stop", np.int64, (PALM_GROUPS,)),
+        ("palm_block", np.int64, (PALM_GROUPS,)),
+        ("yields", np.int64, (FINGER_COUNT,)),  # -1, or the first variable of the finger in the palm's program
+        ("variables", np.int64),  # of the palm's program; more than 6 where it has yielded to a finger
+        ("guess", np.int64, (ACTIVE_CAPACITY,)),  # rows of the palm's program expected to be active
+        ("palm_target", np.float64, (DOF,)),  # √G δ* of the palm's program
+        ("palm_step", np.float64, (6,)),  # the palm's step, times √G
+        ("finger", FINGER_WORK, (FINGER_COUNT,)),  # of each finger's program
+        ("rhs", np.float64, (ROW_CAPACITY,)),  # of the fingers' programs, each finger's in its own rows
+        ("block", np.float64, (3, ROW_CAPACITY)),  # joint columns of the fingers in the palm's program
+    ],
+    align=True,
+)
+"""Workspace of `kernels.world.progressive`."""
+
 
 @cache
 def tick_state_dtype(candidates: "np.dtype[Any] | None" = None) -> "np.dtype[Any]":
@@ -166,9 +202,7 @@ def tick_state_dtype(candidates: "np.dtype[Any] | None" = None) -> "np.dtype[Any
             ("warm", ACTIVE_CONTACTS),  # contacts with a force in the last program: the next one starts from them
             ("active", ACTIVE_CONTACTS),  # contacts with a force at the last accepted step: the forces of the tick
             ("thread_team", THREAD_TEAM),
-            ("coupled", COUPLED_WORK),
             ("progressive", PROGRESSIVE_WORK),
-            ("correction", CORRECTION_WORK),
             ("forces", FORCES),
             ("modelled", np.int8, (BODY_COUNT,)),  # 1 for bodies in use; others follow the haptic hand
             ("work", np.int64, (WORK_COUNTERS,)),

@@ -3,8 +3,7 @@
 import numpy as np
 
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, limit_start
-from hhsim.kernels.contact.self_pairs import SELF_PAIRS, WHOLE_PALM, SelfPairs
-from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Indices, Record, as_int64, jit, jit_inline
 from hhsim.kernels.qp.active_set import QpWork
 
@@ -54,46 +53,23 @@ def take_multipliers(qp: QpWork, solution: Record) -> None:
     solution.count = count
 
 
-@jit_inline
-def store_active(contacts: Record, step: Record, active: Record) -> None:
-    """Remember the contacts that carry the step's multipliers."""
-    limits = limit_start(contacts, as_int64(0))
-    for i in range(step.count):
-        row = step.row[i]
-        active.multiplier[i] = step.multiplier[i]
-        if row >= limits:
-            active.key[i] = limits - row - 1
-            active.body[i] = -1
-            for j in range(3):
-                active.point[j, i] = 0.0
-                active.normal[j, i] = 0.0
-        else:
-            active.key[i] = contacts.key[row]
-            active.body[i] = contacts.body[row]
-            for j in range(3):
-                active.point[j, i] = contacts.point[j, row]
-                active.normal[j, i] = contacts.normal[j, row]
-    active.count = step.count
-
-
 @jit
-def store_meeting(own: SelfPairs, state: Record, active: Record) -> None:
-    """Name the parts of rows of the hand's own parts in a set of active contacts, each of both with its force."""
-    step, rows = state.step, state.self_contact
-    first = limit_start(state.contacts, as_int64(FINGER_COUNT))
-    for i in range(step.count):
-        row, other = step.row[i] - first, active.count
-        if row < 0:
+def bear_contacts(contacts: Record, first: int, last: int, loaded: Record, active: Record) -> None:
+    """Remember the contacts of rows `first` to `last` that carry a multiplier, and the joint limits behind them."""
+    count = as_int64(0)
+    for i in range(loaded.count):
+        row = loaded.row[i]
+        if not first <= row < last + LIMIT_ROWS:
             continue
-        pair = rows.pair[row]
-        # Behind the keys of joint limits, which no guess takes for one of its own.
-        active.key[i] = -1 - LIMIT_ROWS - pair - SELF_PAIRS * (rows.sphere[row] - WHOLE_PALM)
-        active.key[other], active.multiplier[other] = active.key[i], active.multiplier[i]
-        active.body[i], active.body[other] = own.first[pair], own.second[pair]
+        touches = row < last
+        active.key[count] = contacts.key[row] if touches else last - row - 1
+        active.body[count] = contacts.body[row] % BODY_COUNT if touches else -1
+        active.multiplier[count] = loaded.multiplier[i]
         for j in range(3):
-            active.normal[j, i], active.normal[j, other] = rows.normal[row, j], -rows.normal[row, j]
-            active.point[j, other] = 0.0
-        active.count += 1
+            active.point[j, count] = contacts.point[j, row] if touches else 0.0
+            active.normal[j, count] = contacts.normal[j, row] if touches else 0.0
+        count += 1
+    active.count = count
 
 
 @jit_inline

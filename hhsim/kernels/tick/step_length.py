@@ -1,12 +1,9 @@
 """Length of a step: the share that the known pairs allow, or a step to a nearer target."""
 
-from hhsim.kernels.contact.linearise import build_rows
 from hhsim.kernels.contact.own_parts import clear_own_fraction
-from hhsim.kernels.contact.self_pairs import scale_rows
-from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays, motion_bounds
+from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PHALANX_COUNT, HandArrays, motion_bounds
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, move, update_kinematics
-from hhsim.kernels.jit import Record, jit, jit_inline
-from hhsim.kernels.tick.evaluation import least_distance
+from hhsim.kernels.jit import Record, jit_inline
 from hhsim.kernels.tick.options import TickOptions
 
 CLEAR = 0.8
@@ -110,29 +107,3 @@ def keep_bound(
     progress.snaps = True
     # A distance is a convex function of the share: below this chord.
     return fraction * (bound - gone) / (there - gone)
-
-
-@jit
-def clip_target(hand: HandArrays, options: TickOptions, only_restore: bool, state: Record) -> tuple[float, float]:
-    """Scale the target down if the listed pairs allow too small a share of the step, and write the rows anew.
-
-    Too small is below 0.5; below LEAST_SHARE for a hand with CLEAR of its clearance. A share of a step also restores
-    only a share of a missing clearance, while a program with a nearer target restores all of it. A hand that has its
-    clearance keeps it on any share, and makes the share: a nearer target would have smaller multipliers, too, with
-    which a hand that slips off a curved contact creeps. With `only_restore` the target is the hand itself. Returns the
-    motion of the whole step [m] where the program is to be solved anew, else `WHOLE_TARGET`, and the share of the way
-    to the user's hand that the target then is.
-    """
-    fraction, longest = allowed_fraction(hand, options, state)
-    if only_restore:
-        fraction = 0.0
-    elif fraction >= (LEAST_SHARE if least_distance(state) >= CLEAR * options.offset else 0.5):
-        return WHOLE_TARGET, 1.0
-    problem = state.problem
-    for j in range(DOF):
-        problem.target[j] *= fraction
-    for f in range(FINGER_COUNT):
-        problem.abduction_step[f] *= fraction
-    build_rows(hand, state.pose, state.contacts, options.offset, state.program.is_relaxed, problem)
-    scale_rows(options.offset, state.program.is_relaxed, state)
-    return longest, fraction

@@ -9,63 +9,19 @@ of its pairs is within ρ, else by min(slack, its least distance): pairs that ar
 An unfinished tick leaves three flags to the next: clearance waived, palm and fingers together, abduction held.
 """
 
-from typing import Any
-
 import numpy as np
 
-from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.contact.linearise import clamp_to_limits
-from hhsim.kernels.contact.self_pairs import choose_bends
-from hhsim.kernels.contact.surface_code import SurfaceCode, find_surface_contacts, pairs_near
-from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, HandArrays
-from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, move
-from hhsim.kernels.jit import Record, as_bool, as_int64, generic, jit, jit_inline
-from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
-from hhsim.kernels.tick.decoupling import palm_yielded, stays_suspended, suspend_decoupling
-from hhsim.kernels.tick.evaluation import (
-    REACH_FLOOR,
-    end_work,
-    evaluate_pose,
-    is_budget_spent,
-    least_distance,
-    spent_units,
-    usual_reach,
-)
-from hhsim.kernels.tick.force import FORCE_PAPER, hand_forces
-from hhsim.kernels.tick.linearisation import add_broken_rows, build_program, complete_lists
-from hhsim.kernels.tick.method import (
-    OVERFLOW,
-    Coupled,
-    Progressive,
-    advance,
-    begin_motion,
-    energy_stalled,
-    finish_tick,
-    may_end,
-    recover,
-    solve_linearisation,
-    solve_program,
-    tick,
-)
+from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT
+from hhsim.kernels.hand.pose import copy_configuration, farthest_joint
+from hhsim.kernels.jit import Record, jit, jit_inline
+from hhsim.kernels.tick.decoupling import stays_suspended
+from hhsim.kernels.tick.evaluation import usual_reach
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.prediction import forget_prediction, judge_last_tick
-from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY, keep_first_step, only_restores, take_free_share
-from hhsim.kernels.tick.second_order import FLAT_PROGRAMS
-from hhsim.kernels.tick.settled_forces import settle_forces
-from hhsim.kernels.tick.state import (
-    STATUS_ABDUCTION_HELD,
-    STATUS_CAPACITY_EXCEEDED,
-    STATUS_LAG,
-    STATUS_SNAP,
-    STATUS_STUCK,
-    UNITS_ROW,
-    WORK_LINEARISATIONS,
-    WORK_ROWS,
-    WORK_TOUCHING,
-    WORK_UNITS,
-)
-from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, copy_active, store_active, store_meeting
-from hhsim.kernels.tick.step_length import WHOLE_TARGET, allowed_fraction, clip_target, keep_bound, set_bound
+from hhsim.kernels.tick.prediction import judge_last_tick
+from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY
+from hhsim.kernels.tick.state import STATUS_ABDUCTION_HELD, STATUS_LAG, STATUS_STUCK
+from hhsim.kernels.tick.step import copy_active
+from hhsim.kernels.tick.step_length import WHOLE_TARGET, set_bound
 
 REACH_GROWTH = 4.0
 """Growth of the reach after a step that it has cut short."""
@@ -120,67 +76,6 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     progress.lag = 0.0
 
 
-@may_end.of(Coupled)
-@may_end.of(Progressive)
-@jit_inline
-def hand_may_end(method: Any, state: Record) -> bool:
-    """Return True: `safe` can be shown at any time."""
-    return True
-
-
-@generic
-def solve_until_kept(method: Any, hand: HandArrays, has_rows: bool, share: float, state: Record, qp: QpWork) -> int:
-    """Solve a program if it has rows, and again with rows of own pairs that its step would break; return a status."""
-
-
-@solve_until_kept.of(Coupled)
-@solve_until_kept.of(Progressive)
-@jit
-def solve_hand_until_kept(
-    method: Any, hand: HandArrays, has_rows: bool, share: float, state: Record, qp: QpWork
-) -> int:
-    """Solve by a method of a hand alone, see `solve_until_kept`; `share` is that of the step to the user's hand."""
-    status = solve_program(method, state, qp) if has_rows else as_int64(OPTIMAL)
-    while status == OPTIMAL and add_broken_rows(hand, method.options, share, state):
-        status = solve_program(method, state, qp)
-    return as_int64(status)
-
-
-@solve_linearisation.of(Coupled)
-@solve_linearisation.of(Progressive)
-@jit_inline
-def solve_hand(
-    method: Any, hand: HandArrays, surface: SurfaceCode, done: int, state: Record, qp: QpWork
-) -> tuple[int, float]:
-    """Build and solve a program; anew if its step needs longer lists, and with a nearer target if it is cut short."""
-    options, work = method.options, state.work
-    units, status, full_motion = work[WORK_UNITS], as_int64(OPTIMAL), WHOLE_TARGET
-    contacts = as_int64(0)
-    choose_bends(options.own.pairs, as_bool(done >= FLAT_PROGRAMS), hand, state.pose, state.self_contact)
-    for attempt in range(2):
-        contacts = build_program(hand, surface, options, state)
-        if contacts < 0:
-            return as_int64(OVERFLOW), full_motion
-        has_rows = as_bool(contacts + state.self_contact.count > 0)
-        status = solve_until_kept(method, hand, has_rows, 1.0, state, qp)
-        if status != OPTIMAL or attempt == 1 or not complete_lists(hand, surface, options, state):
-            break
-        # Of the discarded program only node tests, pair tests and QP iterations count as work.
-        work[WORK_UNITS] = units
-        work[WORK_LINEARISATIONS] -= 1
-    if state.progress.pairs_overflow:
-        return as_int64(OVERFLOW), full_motion
-    own_rows = state.self_contact.count
-    if own_rows > 0:
-        work[WORK_UNITS] += UNITS_ROW * own_rows
-        work[WORK_ROWS] = max(work[WORK_ROWS], contacts + own_rows)
-    if status == OPTIMAL and contacts + own_rows > 0:
-        full_motion, share = clip_target(hand, options, only_restores(options, state, done), state)
-        if full_motion != WHOLE_TARGET:
-            status = solve_until_kept(method, hand, as_bool(True), share, state, qp)
-    return status, full_motion
-
-
 @jit_inline
 def accept(options: TickOptions, fraction: float, longest: float, full_motion: float, state: Record) -> bool:
     """Let the present configuration be the safe one; returns whether the tick is done.
@@ -223,50 +118,6 @@ def update_reach(
         trust.reach = min(trust.reach, foreseen)
 
 
-@advance.of(Coupled)
-@advance.of(Progressive)
-@jit_inline
-def advance_hand(method: Any, hand: HandArrays, surface: SurfaceCode, full_motion: float, state: Record) -> bool:
-    """Make as much of the step as the listed pairs allow, and judge it by the true distances."""
-    began = monotonic_ns()
-    options, step, progress = method.options, state.step, state.progress
-    store_active(state.contacts, step, state.warm)
-    store_meeting(options.own.pairs, state, state.warm)
-    # A program may miss a joint limit by its tolerance, and the next one would start from there: with a palm that is a
-    # million times stiffer than a joint that adds up.
-    for f in range(FINGER_COUNT):
-        clamp_to_limits(hand, state.pose, f, step.delta[:])
-    clearance = least_distance(state)
-    fraction, longest = allowed_fraction(hand, options, state)
-    hindered = as_bool(state.contacts.start[FINGER_COUNT + 1] + state.self_contact.count > 0)
-    fraction = keep_bound(hand, options, hindered, fraction, longest, state)
-    move(state.pose, step.delta, state.problem.abduction_step, fraction)
-    # Twice the step: where contacts change, the next one may be longer, and cut short by the reach, make that grow.
-    foreseen = REACH_FLOOR * max(options.step_tolerance, longest)
-    update_reach(options, fraction, longest, full_motion, foreseen, state)
-    done = False
-    if not evaluate_pose(hand, surface, options, state):
-        done = True
-    elif least_distance(state) >= 0.0:
-        done = accept(options, fraction, longest, full_motion, state) or progress.snaps
-    elif forget_prediction(hand, surface, options, state):
-        done = progress.pairs_overflow
-    else:
-        if progress.failed_steps == 0:
-            progress.lag = max(full_motion, longest)
-            keep_first_step(options, fraction, clearance, -least_distance(state), state)
-        progress.failed_steps += 1
-        if progress.failed_steps > MOST_FAILED_STEPS:
-            if not state.program.is_coupled:
-                suspend_decoupling(state)
-            take_free_share(hand, surface, options, state)
-            progress.failed_steps = 0
-            state.trust.radius *= TRUST_DECAY
-            done = progress.pairs_overflow
-    step.duration[DURATION_DETECT] += monotonic_ns() - began
-    return done
-
-
 @jit_inline
 def tick_status(cut_short: bool, made_part: bool, state: Record) -> int:
     """Return the tick's status bits; `cut_short` by the work budget, `made_part` of a step at its end."""
@@ -287,68 +138,3 @@ def tick_status(cut_short: bool, made_part: bool, state: Record) -> int:
         # Along a soft, almost unconstrained direction a step can be longer than the distance left to the haptic hand.
         progress.lag = min(progress.lag, farthest_joint(state.pose.joints, state.haptic.joints))
     return status
-
-
-@finish_tick.of(Coupled)
-@finish_tick.of(Progressive)
-@jit_inline
-def finish_hand(method: Any, hand: HandArrays, surface: SurfaceCode, state: Record, qp: QpWork) -> int:
-    """Return to the last feasible configuration, count what touches, compute the forces; returns status bits."""
-    began = monotonic_ns()
-    options, progress = method.options, state.progress
-    cut_short = is_budget_spent(options, state)
-    pairs_overflow, made_part = progress.pairs_overflow, False
-    if progress.differs_from_safe:
-        if progress.is_accepted or pairs_overflow:
-            state.first_step.free_share = 0.0
-        made_part = take_free_share(hand, surface, options, state)
-        pairs_overflow = pairs_overflow or progress.pairs_overflow
-    if made_part:
-        # A step that is not free as a whole may be in several shorter ones.
-        state.trust.radius = max(TRUST_DECAY, state.first_step.free_share) * min(state.trust.reach, state.trust.radius)
-    status = tick_status(cut_short, made_part, state)
-    if progress.is_accepted and status & STATUS_LAG and energy_stalled(method, state):
-        suspend_decoupling(state)
-    if pairs_overflow:
-        status |= STATUS_CAPACITY_EXCEEDED
-    _, state.work[WORK_TOUCHING] = pairs_near(surface, hand, state.candidates, options.touch)
-    detected = monotonic_ns()
-    if options.force_model == FORCE_PAPER:
-        find_surface_contacts(surface, hand, state.pose, state.candidates, options.touch, state.contacts)
-    elif status & STATUS_LAG or palm_yielded(state):
-        settle_forces(hand, surface, options, state, qp)
-    hand_forces(options, as_bool(progress.snaps or progress.snapped > 0), state)
-    if progress.snaps:
-        status |= STATUS_SNAP
-    end_work(state)
-    state.step.duration[DURATION_DETECT] += detected - began
-    state.step.duration[DURATION_FORCE] += monotonic_ns() - detected
-    return status
-
-
-@tick.of(Coupled)
-@tick.of(Progressive)
-@jit_inline
-def converge(method: Any, hand: HandArrays, surface: SurfaceCode, state: Record, qp: QpWork) -> int:
-    """Go from linearisation to linearisation until the hand stands still; returns status bits."""
-    options, progress = method.options, state.progress
-    begin_tick(options, state)
-    begin_motion(method, hand, surface, state)
-    status = 0
-    for done in range(options.linearisations):
-        if done > 0 and may_end(method, state) and spent_units(state) >= options.budget:
-            break
-        # With pairs missing from the lists a program could miss a contact.
-        solved, full_motion = as_int64(OVERFLOW), WHOLE_TARGET
-        if not progress.pairs_overflow:
-            solved, full_motion = solve_linearisation(method, hand, surface, done, state, qp)
-        if solved == OVERFLOW:
-            status |= STATUS_CAPACITY_EXCEEDED
-            break
-        if solved != OPTIMAL:
-            if recover(method, hand, surface, state):
-                continue
-            break
-        if advance(method, hand, surface, full_motion, state):
-            break
-    return status | finish_tick(method, hand, surface, state, qp)

@@ -9,16 +9,16 @@ if TYPE_CHECKING:
     from hhsim.solver.workspace import TickWorkspace
 
 
-def _engine(workspace: "TickWorkspace") -> "Engine":
-    from hhsim.kernels.tick.method import Coupled
-    from hhsim.solver.linearising_engine import LinearisingEngine
+def world_engine(workspace: "TickWorkspace") -> "Engine":
+    """Make the engine of hands and bodies for a hand beside one object."""
+    from hhsim.solver.world_engine import WorldEngine
 
-    return LinearisingEngine(workspace, Coupled(workspace.tick_options))
+    return WorldEngine(workspace, None)
 
 
 METHOD = Method(
     summary="one program for the whole hand",
-    engine=_engine,
+    engine=world_engine,
     never_penetrates=True,
     nearest_to_user=True,
     follows_input=True,

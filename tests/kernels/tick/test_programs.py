@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from qp_problems import energy
-from sphere_scenes import bumpy_ball, prepared, random_targets, solve_prepared
+from sphere_scenes import bumpy_ball, engine_of, prepared, random_targets, solve_prepared
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.linearise import ROW_CAPACITY
 from hhsim.kernels.qp.active_set import OPTIMAL
-from hhsim.solver.backend_programs import coupled_problem
+from hhsim.solver.backend_programs import dense_problem
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNBOUNDED, UNLIMITED, SolverOptions
 from hhsim.solver.qp import QpProblem, solve
@@ -39,9 +38,9 @@ def harvest(method: str, motion: HandConfiguration, every: int) -> Any:
 
 def multipliers(solver: HandSolver, rows: NDArray[np.int64]) -> FloatArray:
     """λ of each of these rows in the step that the solver proposes, shape (rows,)."""
-    step = solver.workspace.states[0].step
-    whole = np.zeros(ROW_CAPACITY)
-    np.add.at(whole, step.row[: step.count], step.multiplier[: step.count])
+    world = engine_of(solver).world
+    whole = np.zeros(len(world.problem.rhs))
+    np.add.at(whole, world.loaded.row[: world.loaded.count], world.loaded.multiplier[: world.loaded.count])
     found: FloatArray = whole[rows]
     return found
 
@@ -58,7 +57,7 @@ def test_another_solver_finds_the_same_optimum(backend: str, exact: float, seed:
     programs, loaded = 0, 0
     for solver in harvest("coupled", random_targets(HAND, TICKS, seed), 7):
         assert solve_prepared(solver) == OPTIMAL
-        problem, rows = coupled_problem(solver.workspace.states[0])
+        problem, rows = dense_problem(engine_of(solver).method)
         multiplier = multipliers(solver, rows)
         own = optimum(problem, multiplier)
         theirs = solve(problem, backend)
@@ -83,7 +82,7 @@ def test_every_step_satisfies_all_rows_of_the_whole_hand(seed: int) -> None:
     solved, yielded = 0, 0
     for solver in harvest("progressive", random_targets(HAND, TICKS, seed, sweep=True), 5):
         state = solver.workspace.states[0]
-        problem, _ = coupled_problem(state)
+        problem, _ = dense_problem(engine_of(solver).method)
         if solve_prepared(solver) != OPTIMAL:
             assert solve(problem, "quadprog").status == "infeasible"
             continue

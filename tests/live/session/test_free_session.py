@@ -12,9 +12,9 @@ import pytest
 from conftest import Run
 from live_scripted import CLOSING, FIST, FREE, Moment, ScriptedSession
 
-from hhsim.kernels.free.record import ObjectRecord
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
+from hhsim.kernels.world.record import ObjectRecord
 from hhsim.live.session.loop import loop_options
 from hhsim.live.session.recorder import SessionColumns
 from hhsim.metrics.run.registry import tick_figures

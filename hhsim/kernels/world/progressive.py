@@ -12,66 +12,22 @@ A finger with hardly any lever can have a way out that is too long to be taken i
 no acceptable step goes on with the coupled program, see `kernels.tick`.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_start
+from hhsim.kernels.contact.linearise import limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline, jit_noinline
 from hhsim.kernels.parallel.thread_team import DISMISSED, await_done, item_done, post, rest, take_item
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import ProgramRows
-from hhsim.kernels.tick.coupled import solve_coupled
-from hhsim.kernels.tick.method import Coupled, Progressive, solve_program
-from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.second_order import CORRECTION_WORK, correct_for_curvature, lagrangian_of
-from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_FINGERS, DURATION_PALM, guess_rows, take_multipliers
+from hhsim.kernels.tick.state import PALM_GROUPS
+from hhsim.kernels.tick.step import DURATION_FINGERS, DURATION_PALM, guess_rows, take_multipliers
+from hhsim.kernels.world.pairs import World
+from hhsim.kernels.world.program import solve_plain
 
 YIELD_WEIGHT = 1e-4
 """Share of its stiffness that a joint keeps in the palm's program."""
 YIELD_SCALE = 100.0
 """1 / √YIELD_WEIGHT: what its columns are multiplied by there."""
-PALM_GROUPS = 1 + 2 * FINGER_COUNT
-
-FINGER_WORK = np.dtype(
-    [
-        ("start", np.int64, (2,)),  # first row of each row group: contacts, limits
-        ("stop", np.int64, (2,)),  # end of each row group
-        ("block", np.int64, (2,)),  # first variable of each row group's block
-        ("guess", np.int64, (ACTIVE_CAPACITY,)),  # rows expected to be active
-        ("target", np.float64, (PHALANX_COUNT,)),  # √G δ*
-        ("delta", np.float64, (DOF,)),  # the palm's step and the finger's own, the rest 0 [m, rad, rad]
-        ("row", np.int64, (PHALANX_COUNT + 1,)),  # rows with a multiplier
-        ("multiplier", np.float64, (PHALANX_COUNT + 1,)),  # theirs [N]
-        ("count", np.int64),  # number of these
-        ("iterations", np.int64),  # of its program
-        ("status", np.int64),  # of `kernels.qp.active_set`
-        ("correction", CORRECTION_WORK),  # for `kernels.tick.second_order`
-        ("apart", np.int64, (16,)),  # keeps the next finger's out of the cache lines that this one writes
-    ],
-    align=True,
-)
-"""Workspace and solution of one finger's program: nothing that another finger's writes."""
-
-PROGRESSIVE_WORK = np.dtype(
-    [
-        # row groups of the palm's program: its contacts; contacts, then limits of each finger that joined it
-        ("palm_start", np.int64, (PALM_GROUPS,)),
-        ("palm_stop", np.int64, (PALM_GROUPS,)),
-        ("palm_block", np.int64, (PALM_GROUPS,)),
-        ("yields", np.int64, (FINGER_COUNT,)),  # -1, or the first variable of the finger in the palm's program
-        ("variables", np.int64),  # of the palm's program; more than 6 where it has yielded to a finger
-        ("guess", np.int64, (ACTIVE_CAPACITY,)),  # rows of the palm's program expected to be active
-        ("palm_target", np.float64, (DOF,)),  # √G δ* of the palm's program
-        ("palm_step", np.float64, (6,)),  # the palm's step, times √G
-        ("finger", FINGER_WORK, (FINGER_COUNT,)),  # of each finger's program
-        ("rhs", np.float64, (ROW_CAPACITY,)),  # of the fingers' programs, each finger's in its own rows
-        ("block", np.float64, (3, ROW_CAPACITY)),  # joint columns of the fingers in the palm's program
-    ],
-    align=True,
-)
-"""Workspace."""
 
 
 @jit_inline
@@ -118,8 +74,14 @@ def _join(problem: Record, contacts: Record, finger: int, work: Record) -> None:
 
 
 @jit_noinline
-def _solve_palm(options: TickOptions, state: Record, qp: QpWork) -> int:
-    problem, contacts, active, step = state.problem, state.contacts, state.warm, state.step
+def _solve_palm(method: World, state: Record, qp: QpWork) -> int:
+    options, problem, contacts, active, step = (
+        method.options,
+        method.world[0].problem,
+        state.contacts,
+        state.warm,
+        state.step,
+    )
     work, tolerance = state.progressive, options.tolerance
     step.count = 0
     for j in range(DOF):
@@ -145,24 +107,19 @@ def _solve_palm(options: TickOptions, state: Record, qp: QpWork) -> int:
         return status
     take_multipliers(qp, step)
     for j in range(6):
-        step.delta[j] = qp.x[j] * problem.inverse_root[j]
-    if work.variables == 6:
-        lagrangian = lagrangian_of(options.own, state, step, as_int64(0), as_int64(6))
-        longest = options.longest_correction
-        correct_for_curvature(lagrangian, qp.counts[0], step.delta[:], rows, tolerance, longest, state.correction, qp)
-    for j in range(6):
         work.palm_step[j] = qp.x[j]
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
     return status
 
 
 @jit_noinline
-def solve_finger(options: TickOptions, state: Record, finger: int, qp: QpWork) -> None:
-    """Solve one finger's program for the palm step at hand, into state.progressive.finger[finger].
+def solve_finger(method: World, finger: int, qp: QpWork) -> None:
+    """Solve one finger's program for the palm step at hand, into the state's progressive.finger[finger].
 
-    Apart from `qp` it writes only there and in the finger's own rows of state.progressive.rhs.
+    Apart from `qp` it writes only there and in the finger's own rows of progressive.rhs.
     """
-    problem, contacts, active, work = state.problem, state.contacts, state.warm, state.progressive
+    state, options, problem = method.states[0], method.options, method.world[0].problem
+    contacts, active, work = state.contacts, state.warm, state.progressive
     own = work.finger[finger]
     offset = 6 + PHALANX_COUNT * finger
     start, stop = contacts.start[finger + 1], contacts.start[finger + 2]
@@ -172,7 +129,7 @@ def solve_finger(options: TickOptions, state: Record, finger: int, qp: QpWork) -
     own.stop[1] = limit_start(contacts, finger + 1)
     finger_rhs(problem, start, stop, work.palm_step[:], work.rhs[:])
     finger_rhs(problem, own.start[1], own.stop[1], work.palm_step[:], work.rhs[:])
-    if not _keeps_unmoved_rows(start, stop, problem.block, options.relaxation * problem.inverse_root[0], work.rhs):
+    if not _keeps_unmoved_rows(start, stop, problem.block[:], options.relaxation * problem.inverse_root[0], work.rhs):
         own.iterations = 0
         own.status = INFEASIBLE
         return
@@ -188,17 +145,8 @@ def solve_finger(options: TickOptions, state: Record, finger: int, qp: QpWork) -
     if own.status != OPTIMAL:
         return
     take_multipliers(qp, own)
-    for j in range(DOF):
-        own.delta[j] = 0.0
-    for j in range(6):
-        own.delta[j] = work.palm_step[j] * problem.inverse_root[j]
     for k in range(PHALANX_COUNT):
-        own.delta[offset + k] = qp.x[k] * problem.inverse_root[offset + k]
-    lagrangian = lagrangian_of(options.own, state, own, as_int64(offset), as_int64(PHALANX_COUNT))
-    longest = options.longest_correction
-    correct_for_curvature(lagrangian, qp.counts[0], own.delta[:], rows, tolerance, longest, own.correction, qp)
-    for k in range(PHALANX_COUNT):
-        own.delta[offset + k] = qp.x[k] * problem.inverse_root[offset + k]
+        own.delta[k] = qp.x[k] * problem.inverse_root[offset + k]
 
 
 @jit_inline
@@ -214,25 +162,25 @@ def _take_finger(finger: int, work: Record, step: Record) -> int:
         step.row[before + i] = own.row[i]
         step.multiplier[before + i] = own.multiplier[i]
     step.count = before + own.count
-    for j in range(offset, offset + PHALANX_COUNT):
-        step.delta[j] = own.delta[j]
+    for k in range(PHALANX_COUNT):
+        step.delta[offset + k] = own.delta[k]
     return OPTIMAL
 
 
 @jit_inline
-def _solve_fingers(options: TickOptions, state: Record, qp: QpWork) -> None:
+def _solve_fingers(method: World, state: Record, qp: QpWork) -> None:
     """Solve the program of every finger that has a contact, by whoever of the thread team is free."""
-    problem, contacts, step = state.problem, state.contacts, state.step
+    problem, contacts, step = method.world[0].problem, state.contacts, state.step
     shared, word = state.thread_team.members > 1, state.thread_team.word[:]
     if shared:
         post(word, as_int64(FINGER_COUNT))
-        while take_finger(options, state, qp) >= 0:
+        while take_finger(method, qp) >= 0:
             pass
         await_done(word, as_int64(FINGER_COUNT))
     for f in range(FINGER_COUNT):
         if contacts.start[f + 2] > contacts.start[f + 1]:
             if not shared:
-                solve_finger(options, state, f, qp)
+                solve_finger(method, as_int64(f), qp)
             continue
         # Nothing but its limits binds it, and to those its target is clamped, see `kernels.tick.linearisation`.
         offset = 6 + PHALANX_COUNT * f
@@ -241,24 +189,23 @@ def _solve_fingers(options: TickOptions, state: Record, qp: QpWork) -> None:
 
 
 @jit_inline
-def take_finger(options: TickOptions, state: Record, qp: QpWork) -> int:
+def take_finger(method: World, qp: QpWork) -> int:
     """Take a finger of the task, and solve its program if it has a contact; returns as `take_item`."""
-    contacts, word = state.contacts, state.thread_team.word[:]
+    contacts, word = method.states[0].contacts, method.states[0].thread_team.word[:]
     finger = take_item(word)
     if finger >= 0:
         if contacts.start[finger + 2] > contacts.start[finger + 1]:
-            solve_finger(options, state, finger, qp)
+            solve_finger(method, finger, qp)
         item_done(word)
     return finger
 
 
 @jit
-def help_out(options: TickOptions, states: NDArray[np.void], qp: QpWork) -> None:
+def help_out(method: World, qp: QpWork) -> None:
     """Solve fingers for the thread team's first thread, with the own workspace `qp`, until the team is dismissed."""
-    state = states[0]
     polls, finger = as_int64(0), as_int64(0)
     while finger != DISMISSED:
-        finger = take_finger(options, state, qp)
+        finger = take_finger(method, qp)
         if finger >= 0:
             polls = as_int64(0)
         else:
@@ -266,14 +213,31 @@ def help_out(options: TickOptions, states: NDArray[np.void], qp: QpWork) -> None
             polls += 1
 
 
-@solve_program.of(Progressive)
+@jit
+def _load(problem: Record, step: Record, loaded: Record) -> None:
+    """Write the rows that carry the step's multipliers as those of a program of all variables."""
+    problem.dense_rows = 0
+    problem.gamma_error = 0.0
+    loaded.count = step.count
+    for i in range(step.count):
+        loaded.row[i], loaded.key[i] = step.row[i], problem.key[step.row[i]]
+        loaded.multiplier[i] = step.multiplier[i]
+
+
 @jit_inline
-def solve_progressive(method: Progressive, state: Record, qp: QpWork) -> int:
+def _count_time(began: int, step: Record) -> None:
+    """Count the fingers' time since then as theirs, and not as the palm's."""
+    spent = monotonic_ns() - began
+    step.duration[DURATION_FINGERS] += spent
+    step.duration[DURATION_PALM] -= spent
+
+
+@jit
+def solve_progressive(method: World, state: Record, clipped: bool, qp: QpWork) -> int:
     """Solve palm, then fingers, or all at once in a tick without a step apart; `step` is written where OPTIMAL."""
-    options = method.options
+    problem, contacts, work, step = method.world[0].problem, state.contacts, state.progressive, state.step
     if state.program.is_coupled:
-        return solve_coupled(Coupled(options), state, qp)
-    problem, contacts, work, step = state.problem, state.contacts, state.progressive, state.step
+        return as_int64(solve_plain(method.options, method.states, method.world[0], qp))
     work.variables = 6
     for j in range(6):
         work.palm_target[j] = problem.target[j]
@@ -285,14 +249,12 @@ def solve_progressive(method: Progressive, state: Record, qp: QpWork) -> int:
     for f in range(FINGER_COUNT):
         work.yields[f] = -1
     while True:
-        began = monotonic_ns()
-        status = _solve_palm(options, state, qp)
+        status = as_int64(_solve_palm(method, state, qp))
         solved = monotonic_ns()
-        step.duration[DURATION_PALM] += solved - began
         if status != OPTIMAL:
             return status
         joined = False
-        _solve_fingers(options, state, qp)
+        _solve_fingers(method, state, qp)
         for f in range(FINGER_COUNT):
             if contacts.start[f + 2] == contacts.start[f + 1]:
                 continue
@@ -301,8 +263,9 @@ def solve_progressive(method: Progressive, state: Record, qp: QpWork) -> int:
                 _join(problem, contacts, f, work)
                 joined = True
             elif status != OPTIMAL:
-                step.duration[DURATION_FINGERS] += monotonic_ns() - solved
-                return status
-        step.duration[DURATION_FINGERS] += monotonic_ns() - solved
+                _count_time(solved, step)
+                return as_int64(status)
+        _count_time(solved, step)
         if not joined:
-            return OPTIMAL
+            _load(problem, step, method.world[0].loaded)
+            return as_int64(OPTIMAL)

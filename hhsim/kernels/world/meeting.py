@@ -8,6 +8,8 @@ those of each hand's own pairs.
 import math
 from typing import Any
 
+import numpy as np
+
 from hhsim.kernels.contact.hand_pairs import (
     add_broken_pairs,
     add_hand_row,
@@ -20,12 +22,13 @@ from hhsim.kernels.contact.hand_pairs import (
 )
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, limit_start
 from hhsim.kernels.contact.self_pairs import SELF_PAIRS, WHOLE_PALM, SelfPairs, scale_rows
-from hhsim.kernels.free.columns import States, common_count, hand_count, palm_column
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_inline, jit_noinline, jit_pasted
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.tick.options import TickOptions
+from hhsim.kernels.tick.state import WORK_ROWS, WORK_UNITS
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
+from hhsim.kernels.world.columns import States, common_count, hand_count, is_still, palm_column
 
 SEEN = 0.02
 """Distance up to which two hands are measured [m]: they are looked at again when their motions may have used it up."""
@@ -38,6 +41,8 @@ OTHER_HAND = 1 << 62
 """Key of a force of the other hand among a hand's active contacts: no contact has it, and no guess takes it for one."""
 UNITS_ROUND = 25_000
 """Work units of a program more for pairs that the step of the one before would bring together."""
+RECALL, ADD, SHARE, APART, LOAD = range(5)
+"""What `do_hands` is asked to do."""
 
 
 @jit_pasted
@@ -251,3 +256,38 @@ def bear_own(own: SelfPairs, state: Record, h: int, problem: Record) -> None:
                 warm.normal[j, at] = rows.normal[i, j] if side == 0 else -rows.normal[i, j]
                 warm.point[j, at] = 0.0
         warm.count += 2
+
+
+@jit
+def do_hands(method: Any, asked: int, value: float) -> float:
+    """Do one stage of a tick for two hands that may meet, with a share of the step.
+
+    Returns a share, how far they are from what they keep [m], infinity if that is not known to be little, or 1 for yes.
+    """
+    world, states, options = method.world[0], method.states, method.options
+    problem = world.problem
+    if asked == RECALL:
+        if world.meeting.count > 0:
+            keep_meetings(method.movers, states, world)
+        if world.kept_apart < -DEEP:
+            part_targets(states, problem, world.kept_apart)
+    elif asked == ADD:
+        if not may_meet(options.offset, states, world):
+            return 0.0
+        met = add_meetings(method.movers, options, states, world)
+        for h in range(hand_count(problem) if is_still(problem) else 0):
+            each = states[h]
+            each.work[WORK_UNITS] += UNITS_ROUND
+            rows = problem.last[h] - problem.first[h] + world.meeting.count + each.self_contact.count
+            each.work[WORK_ROWS] = max(each.work[WORK_ROWS], rows)
+        return 1.0 if met else 0.0
+    elif asked == SHARE:
+        return share_of_meetings(states, world)
+    elif asked == APART:
+        if stay_apart(value, states, world):
+            return np.inf
+        apart = measure_hands(method.movers, states, world)
+        return float(apart - world.kept_apart) if world.kept_apart >= -DEEP else 0.0
+    elif asked == LOAD:
+        bear_meetings(states, world)
+    return 0.0

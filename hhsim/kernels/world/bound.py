@@ -11,13 +11,13 @@ and s, usually 0, is raised until no joint goes beyond the bound. Contact forces
 
 import math
 
-from hhsim.kernels.free.columns import States, first_finger, hand_count, is_still, pair_count, palm_column
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.hand.pose import farthest_joint
 from hhsim.kernels.jit import Array, Record, as_bool, jit, jit_noinline
 from hhsim.kernels.rotation import rotation_vector_between, turned
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step_length import IN_THE_AIR, snap_step
+from hhsim.kernels.world.columns import States, first_finger, hand_count, is_still, pair_count, palm_column
 
 MOST_RAISES = 5
 """Most times in a tick that damping is raised; what is left beyond the bound then is a jump."""

@@ -4,24 +4,6 @@ import math
 
 import numpy as np
 
-from hhsim.kernels.free.body import OBJECT_DOF, SLIDER, along_axis, as_object_moves, as_other_moves
-from hhsim.kernels.free.columns import (
-    States,
-    body_column,
-    body_count,
-    common_count,
-    first_finger,
-    hand_count,
-    pair_count,
-    palm_column,
-    variable_count,
-    wide_rows,
-)
-from hhsim.kernels.free.joints import JOINT_KEYS, SLACK, slack_column, slack_target
-from hhsim.kernels.free.leanings import find_leanings, turn_contacts
-from hhsim.kernels.free.meeting import MEETING_KEYS, guess_dense, read_dense
-from hhsim.kernels.free.rows import STANDS_BACK, TABLE_KEYS, contact_rows, friction_rows, measure_slip
-from hhsim.kernels.free.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit
 from hhsim.kernels.machine_code import ask_code
@@ -30,6 +12,33 @@ from hhsim.kernels.qp.row_scan import WideRows
 from hhsim.kernels.rotation import turned
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
+from hhsim.kernels.world.body import OBJECT_DOF, SLIDER, along_axis, as_object_moves, as_other_moves
+from hhsim.kernels.world.columns import (
+    States,
+    body_column,
+    body_count,
+    common_count,
+    first_finger,
+    hand_count,
+    is_still,
+    pair_count,
+    palm_column,
+    variable_count,
+    wide_rows,
+)
+from hhsim.kernels.world.joints import JOINT_KEYS, SLACK, slack_column, slack_target
+from hhsim.kernels.world.leanings import find_leanings, turn_contacts
+from hhsim.kernels.world.meeting import MEETING_KEYS, guess_dense, read_dense
+from hhsim.kernels.world.rows import (
+    STANDS_BACK,
+    TABLE_KEYS,
+    contact_groups,
+    contact_rows,
+    end_rows,
+    friction_rows,
+    measure_slip,
+)
+from hhsim.kernels.world.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
 
 ROUNDS = 6
 """Most solutions of each of a tick's first two programs with one Γ after another; then Γ stands: the rest is convex."""
@@ -103,7 +112,7 @@ def scale_target(bodies: Record, problem: Record) -> None:
             target[palm_column(problem, h) + j] = hand[DOF * h + j] / weight[j]
         for j in range(6, DOF):
             target[fingers - 6 + j] = hand[DOF * h + j] / weight[j]
-    for k in range(body_count(problem)):
+    for k in range(0 if is_still(problem) else body_count(problem)):
         body, column = bodies[k], body_column(problem, k)
         for j in range(OBJECT_DOF):
             if body.inverse_root[j] > 0.0:
@@ -128,10 +137,21 @@ def take_targets(problem: Record) -> None:
             problem.delta[palm_column(problem, h) + j] = problem.hand_target[DOF * h + j]
         for j in range(6, DOF):
             problem.delta[fingers - 6 + j] = problem.hand_target[DOF * h + j]
-    for k in range(body_count(problem)):
+    for k in range(0 if is_still(problem) else body_count(problem)):
         column = body_column(problem, k)
         for j in range(OBJECT_DOF):
             problem.delta[column + j] = problem.body_target[OBJECT_DOF * k + j]
+
+
+@jit
+def take_hand_steps(states: States, problem: Record) -> None:
+    """Give each hand its step of the program, shape (21,), where nothing else moves."""
+    for h in range(hand_count(problem)):
+        palm, fingers, step = palm_column(problem, h), first_finger(problem, h), states[h].step
+        for j in range(6):
+            step.delta[j] = problem.delta[palm + j]
+        for j in range(6, DOF):
+            step.delta[j] = problem.delta[fingers - 6 + j]
 
 
 @jit
@@ -176,7 +196,7 @@ def read_step(bodies: Record, problem: Record, qp: QpWork) -> None:
             delta[palm + j] = qp.x[palm + j] * weight[j]
         for j in range(6, DOF):
             delta[fingers - 6 + j] = qp.x[fingers - 6 + j] * weight[j]
-    for k in range(body_count(problem)):
+    for k in range(0 if is_still(problem) else body_count(problem)):
         body, column = bodies[k], body_column(problem, k)
         if column >= variable_count(problem):
             continue
@@ -318,6 +338,21 @@ def _solve_once(options: TickOptions, rows: WideRows, guessed: int, world: Recor
         problem.solutions += 1
         read_step(world.bodies, problem, qp)
         _read(problem, world.friction, loaded, world.meeting, qp)
+    return status
+
+
+@jit
+def solve_plain(options: TickOptions, states: States, world: Record, qp: QpWork) -> int:
+    """Solve for a step of hands beside what stands still, and write it; returns a status of `kernels.qp.active_set`."""
+    problem, loaded, meeting, step = world.problem, world.loaded, world.meeting, states[0].step
+    row, relaxed = contact_groups(states, problem, meeting), as_bool(states[0].program.is_relaxed)
+    end_rows(states, options.offset, relaxed, row, problem, meeting)
+    guessed = _guess(states, problem, loaded, meeting)
+    status = _solve_once(options, wide_rows(problem), guessed, world, step, qp)
+    if status == OPTIMAL:
+        if options.own.correcting != 0 and ask_code(options.own.correcting, (options, states, world, qp)):
+            read_step(world.bodies, problem, qp)
+        take_hand_steps(states, problem)
     return status
 
 

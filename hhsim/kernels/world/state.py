@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 
 from hhsim.kernels.contact.hand_pairs import HAND_PAIRS
-from hhsim.kernels.free.body import BODY
-from hhsim.kernels.free.leanings import leanings_dtype
-from hhsim.kernels.free.program import LOADED
-from hhsim.kernels.free.record import borne_dtype
-from hhsim.kernels.free.rows import free_problem_dtype, friction_count, friction_dtype, held_dtype
-from hhsim.kernels.free.slips import coulomb_dtype
-from hhsim.kernels.tick.second_order import correction_dtype
-from hhsim.kernels.tick.state import JOINTS
+from hhsim.kernels.hand.kinematics import DOF
+from hhsim.kernels.tick.state import JOINTS, WORK_COUNTERS
+from hhsim.kernels.world.body import BODY
+from hhsim.kernels.world.leanings import leanings_dtype
+from hhsim.kernels.world.program import LOADED
+from hhsim.kernels.world.record import borne_dtype
+from hhsim.kernels.world.rows import free_problem_dtype, friction_count, friction_dtype, held_dtype
+from hhsim.kernels.world.second_order import correction_dtype
+from hhsim.kernels.world.slips import coulomb_dtype
 
 MOST_HANDS, MOST_BODIES = 2, 6
 
@@ -38,8 +39,11 @@ def world_dtype() -> "np.dtype[Any]":
             ("held", held_dtype(bodies)),  # Γ and directions of the contacts with friction
             ("coulomb", coulomb_dtype(dof, frictions)),  # what finds Γ
             ("leanings", leanings_dtype(dof, common, frictions)),  # what finds directions
-            ("correction", correction_dtype(dof)),  # vectors of the correction for own pairs' second derivatives
-            ("finger_root", np.float64, (dof,)),  # 1 / √G of the fingers' variables, 0 for all others
+            ("correction", correction_dtype(dof)),  # vectors of `kernels.world.second_order`
+            ("bending_root", np.float64, (dof,)),  # 1 / √G of the variables of what bends, 0 for all others
+            ("bent", np.float64, (DOF,)),  # a product of its second derivatives with a hand's step
+            ("lagged", np.bool_),  # the first hand lagged at the end of the last tick
+            ("curved", np.bool_),  # contacts of hands beside what stands still bend in the program at hand
             ("tried", borne_dtype(bodies)),  # the contacts that bear a force at the last step
             ("borne", borne_dtype(bodies)),  # the same at the last accepted one
             ("safe_total", np.float64, (dof,)),  # the tick's step up to the last accepted one
@@ -50,14 +54,17 @@ def world_dtype() -> "np.dtype[Any]":
             ("within", np.float64),  # of pairs farther apart than this [m] no row is sought
             ("kept_apart", np.float64),  # distance that steps keep [m]: below 0 where parts push a hand into another
             ("is_near", np.bool_),  # the next tick of hands side by side begins as one of both
+            ("stays", np.bool_),  # the targets of the hands are where they are
             ("settles", np.bool_),  # the program at hand is for the forces where hands are shown
             ("may_meet", np.int64),  # 1 if the last program's step might bring them together
             ("palm_position", np.float64, (hands, 3)),  # of each user's hand, world [m]
             ("palm_orientation", np.float64, (hands, 4)),  # likewise
             ("scratch_turn", np.float64, (4,)),
             ("joints", np.float64, JOINTS),  # scratch: of a hand, world [m]
-            ("damping", np.float64),  # s of the hands in this tick, see `kernels.free.bound`
+            ("damping", np.float64),  # s of the hands in this tick, see `kernels.world.bound`
             ("raises", np.int64),  # number of times that it has been raised in this tick
+            ("work", np.int64, (WORK_COUNTERS,)),  # of a hand that gave way to parts before its tick
+            ("spent", np.int64, (4,)),  # time of the same, as `duration` of a step [ns]
             ("longest", np.float64, pairs),  # motion of what moves in each pair in the last program's step [m]
             ("found", np.int64, pairs),  # contacts of each pair within reach at the last program
             ("taken", np.int64, (hands,)),  # status bits of each hand's last sample

@@ -14,11 +14,11 @@ import math
 
 import numpy as np
 
-from hhsim.kernels.free.body import HINGE, OBJECT_DOF, along_axis, joint_value
-from hhsim.kernels.free.columns import States, body_column, body_count, common_count, write_row
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit
 from hhsim.kernels.rotation import rotation_vector_between, turned
+from hhsim.kernels.world.body import HINGE, OBJECT_DOF, along_axis, joint_value
+from hhsim.kernels.world.columns import States, body_column, body_count, common_count, write_row
 
 SLACK = 4
 """Column of a jointed body's slack variable."""

@@ -95,7 +95,7 @@ BODY = np.dtype(
     ],
     align=True,
 )
-"""Free body; world frame unless said otherwise."""
+"""World body; world frame unless said otherwise."""
 
 
 @jit

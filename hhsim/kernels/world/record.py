@@ -9,8 +9,12 @@ import numpy as np
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.elementary import hypotenuse
-from hhsim.kernels.free.body import HINGE, OBJECT_DOF
-from hhsim.kernels.free.columns import (
+from hhsim.kernels.hand.kinematics import BODY_COUNT
+from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_noinline
+from hhsim.kernels.rotation import turned, turned_back
+from hhsim.kernels.tick.step import ACTIVE_CAPACITY
+from hhsim.kernels.world.body import HINGE, OBJECT_DOF
+from hhsim.kernels.world.columns import (
     States,
     body_count,
     body_of,
@@ -21,12 +25,8 @@ from hhsim.kernels.free.columns import (
     relative_turn,
     torsion_radius,
 )
-from hhsim.kernels.free.joints import JOINT_KEYS, PAIR_KIND, PAIR_ROWS, free_value
-from hhsim.kernels.free.rows import DIRECTIONS, TABLE_KEYS
-from hhsim.kernels.hand.kinematics import BODY_COUNT
-from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_noinline
-from hhsim.kernels.rotation import turned, turned_back
-from hhsim.kernels.tick.step import ACTIVE_CAPACITY
+from hhsim.kernels.world.joints import JOINT_KEYS, PAIR_KIND, PAIR_ROWS, free_value
+from hhsim.kernels.world.rows import DIRECTIONS, TABLE_KEYS
 
 STICKS = 1e-9
 """A contact that slips by no more than this in a tick [m] sticks."""
@@ -40,7 +40,7 @@ def borne_dtype(bodies: int) -> "np.dtype[Any]":
             ("count", np.int64),
             # its row or place among the contacts with friction, to put together what several rows bear
             ("contact", np.int64, (ACTIVE_CAPACITY,)),
-            ("body", np.int64, (ACTIVE_CAPACITY,)),  # what it is of, see `kernels.free.columns.body_of`
+            ("body", np.int64, (ACTIVE_CAPACITY,)),  # what it is of, see `kernels.world.columns.body_of`
             ("point", np.float64, (ACTIVE_CAPACITY, 3)),  # [m]
             # from the body to what touches it, of the table from the table to the body
             ("normal", np.float64, (ACTIVE_CAPACITY, 3)),

@@ -11,32 +11,35 @@ import numpy as np
 from hhsim.arrays import AnyArray, FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import palm_arrays
+from hhsim.kernels.by_reference import write_rows
 from hhsim.kernels.contact.hand_pairs import hand_reach
 from hhsim.kernels.copy import copy_values
-from hhsim.kernels.free.body import HINGE, OBJECT_DOF, SLIDER, Support
-from hhsim.kernels.free.edges import EDGE_PAIRS, Edges
-from hhsim.kernels.free.meeting import SEEN
-from hhsim.kernels.free.own_bends import correct_own
-from hhsim.kernels.free.pairs import Free
-from hhsim.kernels.free.record import BodiesRecord, ObjectRecord, WorldRecord
-from hhsim.kernels.free.rows import SLACKS, friction_count
-from hhsim.kernels.free.state import MOST_BODIES, MOST_HANDS, world_dtype
-from hhsim.kernels.free.tick import REBUILD, run_many, tick_world
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration
+from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.machine_code import code_of
+from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
+from hhsim.kernels.world.body import HINGE, OBJECT_DOF, SLIDER, Support
+from hhsim.kernels.world.edges import EDGE_PAIRS, Edges
+from hhsim.kernels.world.meeting import SEEN, do_hands
+from hhsim.kernels.world.pairs import World
+from hhsim.kernels.world.record import BodiesRecord, ObjectRecord, WorldRecord
+from hhsim.kernels.world.rows import SLACKS, friction_count
+from hhsim.kernels.world.second_order import correct
+from hhsim.kernels.world.state import MOST_BODIES, MOST_HANDS, world_dtype
+from hhsim.kernels.world.tick import REBUILD, run_many, tick_world
 from hhsim.reproducible import across, matmul, principal_axes
 from hhsim.scene.body import Joint
 from hhsim.solver.free_object import EngineBody, FreeObject, require_free
 from hhsim.solver.options import UNLIMITED
 from hhsim.solver.surface_code import surface_code
-from hhsim.solver.workspace import TickWorkspace, any_states, fresh_state, tick_record, zeroed
+from hhsim.solver.workspace import ThreadTeam, TickWorkspace, any_states, fresh_state, tick_record, zeroed
 from hhsim.trees.contact_surface import ContactSurface
 from hhsim.trees.hierarchy import build_hierarchy
 
@@ -103,7 +106,7 @@ def _about(axis: FloatArray) -> FloatArray:
     return np.vstack([across(axis), axis])
 
 
-class FreeEngine:
+class WorldEngine:
     """Runs the ticks of one or two hands and of bodies, all in one program.
 
     `ticks` is the record of the first body in the last ticks; `all_ticks` that of all bodies, None if there is but one.
@@ -130,12 +133,14 @@ class FreeEngine:
         hands, bodies = len(self.hands), len(self.bodies)
         if bodies > MOST_BODIES:
             raise InputError(f"{bodies} bodies; expected up to {MOST_BODIES}")
-        world, pairs = zeroed(world_dtype()), self._find_pairs()
-        self.world, problem, friction = world[0], world[0].problem, world[0].friction
+        pairs, self._world = self._find_pairs(), zeroed(world_dtype())
+        self.world = world = self._world[0]
+        problem, friction = world.problem, world.friction
         self.qp = new_work(len(problem.delta), len(problem.rhs))
         springs, modelled = workspace.options.stiffness.diagonal(), workspace.options.modelled()
-        # Two or more: how far apart they are numba knows of one by its type, of several by their array.
-        self.states = any_states(fresh_state(workspace.state_dtype, springs, modelled, max(pairs, 2)))
+        self.states = workspace.states
+        if free is not None or second is not None:
+            self.states = any_states(fresh_state(workspace.state_dtype, springs, modelled, pairs + 1))
         supports = [support_of(body.surface) if body.moves_freely else NO_SUPPORT for body in self.bodies]
         movers, edges = [hand.hand for hand in self.hands], [NO_EDGES]
         if others:
@@ -145,26 +150,21 @@ class FreeEngine:
         codes = [hand.code for hand in self.hands]
         if free is None:
             for h, hand in enumerate(self.hands):
-                hand.use(self.states[h : h + 1])
+                hand.states = self.states[h : h + 2]
         else:
             made = [surface_code(arrays, workspace.hand, workspace.state_dtype) for arrays in surfaces[1:]]
             codes, self._written = [codes[0], *(code for _, code in made)], [written for written, _ in made]
-        tick_options = workspace.tick_options
-        if workspace.options.self_contact:
-            correcting = code_of(correct_own, tick_options, self.states, world[0], self.qp)
-            tick_options = tick_options._replace(own=tick_options.own._replace(correcting=correcting))
-        self.method = Free(
-            tick_options,
+        self._made_of = (
             filled(supports, MOST_BODIES),
-            self.states,
-            world,
             zeroed(EDGE_PAIRS, pairs),
             filled(movers, MOST_HANDS + MOST_BODIES),
             filled(codes, MOST_BODIES),
             filled(edges, MOST_BODIES),
         )
+        self.thread_team = ThreadTeam(workspace.options.threads if JIT_ENABLED and second is None else 1, self.qp)
         self.ticks = object_record(0)
         self.all_ticks: BodiesRecord | None = None
+        self._called: Any = None
         self._ticks = 0
         self._name_pairs()
         if free is None:
@@ -190,6 +190,49 @@ class FreeEngine:
             column = problem.column[k]
             step = record.period * np.concatenate([record.velocity, record.spin])
             self.world.safe_total[column : column + 6] = step
+
+    @cached_property
+    def method(self) -> World:
+        """Arguments of the ticks, with the machine code of what the scene has: it is compiled or loaded if need be."""
+        workspace, world, options = self.workspace, self.world, self.workspace.tick_options
+        states = workspace.states if len(self.hands) == 1 and self.bodies[0].fixed else self.states
+        self.states = states
+        if workspace.options.self_contact or self.bodies[0].fixed:
+            correcting = code_of(correct, options, states, world, self.qp)
+            options = options._replace(own=options.own._replace(correcting=correcting))
+        supports, edge_pairs, movers, codes, edges = self._made_of
+        method = World(options, supports, states, self._world, edge_pairs, movers, codes, edges)
+        code: dict[str, Any] = {}
+        if not self.bodies[0].fixed:
+            from hhsim.kernels.world.bodies import do_bodies, solve_with_bodies
+            from hhsim.kernels.world.record import record_bodies
+
+            code["bodies"] = code_of(do_bodies, method, 0, 0.0)
+            code["solving"] = code_of(solve_with_bodies, method, states[0], False, self.qp)
+            code["recording"] = code_of(record_bodies, whole_record(1, 0), world, 0)
+        if len(self.hands) > 1:
+            code["hands"] = code_of(do_hands, method, 0, 0.0)
+        elif self.bodies[0].fixed and workspace.options.method == "progressive":
+            from hhsim.kernels.world.progressive import solve_progressive
+
+            code["solving"] = code_of(solve_progressive, method, states[0], False, self.qp)
+        elif workspace.options.qp != "active-set":
+            from hhsim.solver.backend_programs import backend_code
+
+            code["solving"], self._called = backend_code(method, workspace.options.qp)
+        if self.parts_move and len(self.hands) == 1:
+            from hhsim.kernels.parts.tick import give_way
+
+            parts = workspace.surface.motion
+            self._parts = write_rows([parts])
+            code["giving"] = code_of(give_way, parts, method, self.qp)
+            code["given"] = self._parts.ctypes.data if JIT_ENABLED else parts
+        return method._replace(**code)
+
+    @property
+    def parts_move(self) -> bool:
+        """True for a surface of parts that move as they were recorded."""
+        return isinstance(self.workspace.surface, JointedSurface)
 
     def _name_columns(self) -> None:
         """Give each palm and each body that moves its columns; a fixed body has those behind all others."""
@@ -363,7 +406,7 @@ class FreeEngine:
         haptic = [HapticBlock(*(np.array(goal[name])[None] for name in HapticBlock._fields)) for goal in goals]
         records = [tick_record(1) for _ in self.hands]
         options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED, snap_step=np.inf)
-        method = self.method._replace(options=options)
+        method = self.method._replace(options=options, giving=0)
         self._run(method, haptic, records, np.zeros((len(self.bodies), 1, 7)))
         if records[0].status[0] & STATUS_CAPACITY_EXCEEDED:
             raise self.workspace.full()
@@ -379,20 +422,26 @@ class FreeEngine:
     def run_many(self, haptic: tuple[HapticBlock, ...], record: tuple[TickRecord, ...]) -> int:
         """Run the ticks of all hands and bodies, whose program is one; return those done."""
         done, own = self._run(self.method, haptic, record, self._driven(len(haptic[0].position)))
-        self.ticks, self.all_ticks = seen_ticks(own)
+        if not self.bodies[0].fixed:
+            self.ticks, self.all_ticks = seen_ticks(own)
         return done
 
     def _run(
-        self, method: Free, haptic: Sequence[HapticBlock], record: Sequence[TickRecord], driven: FloatArray
+        self, method: World, haptic: Sequence[HapticBlock], record: Sequence[TickRecord], driven: FloatArray
     ) -> tuple[int, WorldRecord]:
         """Run ticks by a method; return those done, and the record of the bodies."""
         count = len(haptic[0].position)
-        bodies = world_record(len(self.bodies), count)
-        # As many rows as there are in all: those of a tick may follow on those of the ticks before it.
-        rows = len(bodies.body)
-        own = WorldRecord(bodies, np.zeros(rows, np.int64), np.zeros((rows, 3)), np.zeros((len(self.bodies), count, 6)))
+        moves = not self.bodies[0].fixed
+        own = whole_record(len(self.bodies), count if moves else 0)
         given, written = HapticBlock(*map(_of_all, zip(*haptic))), TickRecord(*map(_of_all, zip(*record)))
-        done = int(run_many(method, self.states, self.qp, given, written, own, driven, self.code))
+        if self.thread_team.works:
+            # Compiled before there are helpers, which would look on, each on a processor of its own.
+            none = HapticBlock(*(values[:, :0] for values in given))
+            run_many(method, self.states, self.qp, none, written, own, driven, self.code)
+        with self.thread_team.at_work(method):
+            done = int(run_many(method, self.states, self.qp, given, written, own, driven, self.code))
+        if self._called is not None and self._called[1]:
+            raise self._called[1].pop()
         if len(record) > 1:
             for h, of_hand in enumerate(record):
                 for values, found in zip(of_hand, written):
@@ -404,10 +453,13 @@ class FreeEngine:
         body = self.ticks.body
         return self.ticks if hand == 0 else self.ticks._replace(body=np.where(body < 0, body, body ^ BODY_COUNT))
 
-    def call(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> tuple[Any, tuple[Any, ...]]:
-        """Return the kernel of ticks beside which nothing is driven, and its arguments."""
-        still = np.zeros((len(self.bodies), len(haptic.position[0]), 7))
-        return run_many, (self.method, self.states, self.qp, haptic, record, bodies, still, self.code)
+    def call(
+        self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord, compiled: bool = True
+    ) -> tuple[Any, tuple[Any, ...]]:
+        """Return the kernel of ticks beside which nothing is driven, None where Python solves, and its arguments."""
+        still, code = np.zeros((len(self.bodies), len(haptic.position[0]), 7)), self.code if compiled else 0
+        arguments = self.method, self.states, self.qp, haptic, record, bodies, still, code
+        return run_many if compiled else None, arguments
 
 
 def filled(values: Sequence[Any], count: int) -> tuple[Any, ...]:
@@ -418,6 +470,14 @@ def filled(values: Sequence[Any], count: int) -> tuple[Any, ...]:
 def _of_all(values: Sequence[AnyArray]) -> AnyArray:
     """Return arrays of hands in one with the hand first; that of one hand shares its memory."""
     return values[0][None] if len(values) == 1 else np.stack(values)
+
+
+def whole_record(bodies: int, ticks: int) -> WorldRecord:
+    """Allocate the record of all bodies in a block of ticks."""
+    record = world_record(bodies, ticks)
+    # As many rows as there are in all: those of a tick may follow on those of the ticks before it.
+    rows = len(record.body)
+    return WorldRecord(record, np.zeros(rows, np.int64), np.zeros((rows, 3)), np.zeros((bodies, ticks, 6)))
 
 
 def world_record(bodies: int, ticks: int) -> ObjectRecord:

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.contact.linearise import LIMIT_ROWS
-from hhsim.kernels.free.body import SLIDER
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline
 from hhsim.kernels.qp.row_scan import WideRows
 from hhsim.kernels.rotation import turned, turned_back
+from hhsim.kernels.world.body import SLIDER
 
 States: TypeAlias = NDArray[np.void]
 """State of each pair. The first one also has what the whole tick shares: all contacts, flags, progress and work."""
@@ -217,16 +217,15 @@ def wide_rows(problem: Record) -> WideRows:
 
 
 @jit
-def object_columns(states: States, bodies: Record, contacts: Record, problem: Record) -> None:
-    """Write the bodies' columns of the normal rows of all contacts and of the joint limits, and the keys of both.
+def name_rows(contacts: Record, problem: Record) -> None:
+    """Write the keys of the normal rows of all contacts and of the joint limits, and clear what others move of them.
 
     `contacts` are those of the first pair, and behind its joint limits those of the others.
     """
     width, common = common_count(problem), problem.common
     for p in range(pair_count(problem)):
-        first, last, number = problem.first[p], problem.last[p], problem.body[p]
+        first, last, number, other = problem.first[p], problem.last[p], problem.body[p], problem.other[p]
         column, palm = body_column(problem, number), palm_column(problem, problem.hand[p])
-        body, other = bodies[number], problem.other[p]
         limits = last + (LIMIT_ROWS if p < hand_count(problem) else 0)
         if other >= 0:
             palm = body_column(problem, other)
@@ -234,11 +233,25 @@ def object_columns(states: States, bodies: Record, contacts: Record, problem: Re
             if not (palm <= j < palm + 6 or column <= j < column + 6):
                 for i in range(first, limits):
                     common[j, i] = 0.0
-        _object_columns(first, last, contacts, body, column, common)
-        for i in range(first, last):
-            problem.key[i] = KINDS * contacts.key[i]
+        for i in range(first, limits):
+            problem.key[i] = KINDS * contacts.key[i] if i < last else last - i - 1 - LIMIT_ROWS * p
             problem.owner[i] = -1
             problem.kind[i] = 0
+
+
+@jit
+def object_columns(states: States, bodies: Record, contacts: Record, problem: Record) -> None:
+    """Write the bodies' columns of the rows that `name_rows` has named."""
+    common = problem.common
+    for p in range(pair_count(problem)):
+        first, last, number = problem.first[p], problem.last[p], problem.body[p]
+        column, palm = body_column(problem, number), palm_column(problem, problem.hand[p])
+        body, other = bodies[number], problem.other[p]
+        limits = last + (LIMIT_ROWS if p < hand_count(problem) else 0)
+        if other >= 0:
+            palm = body_column(problem, other)
+        _object_columns(first, last, contacts, body, column, common)
+        for i in range(first, last):
             _fold(body, column, i, common)
             if other >= 0:
                 n = contacts.normal[0, i], contacts.normal[1, i], contacts.normal[2, i]
@@ -249,9 +262,6 @@ def object_columns(states: States, bodies: Record, contacts: Record, problem: Re
             elif number > 0:
                 _turn_palm(problem.turn[p], i, palm, common)
         for i in range(last, limits):
-            problem.key[i] = last - i - 1 - LIMIT_ROWS * p
-            problem.owner[i] = -1
-            problem.kind[i] = 0
             for j in range(column, column + 6):
                 common[j, i] = 0.0
 

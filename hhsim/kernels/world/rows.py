@@ -27,8 +27,10 @@ import numpy as np
 from hhsim.kernels.contact.hand_pairs import HAND_ROWS
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, ROW_CAPACITY
 from hhsim.kernels.contact.self_pairs import SELF_ROWS
-from hhsim.kernels.free.body import OBJECT_DOF
-from hhsim.kernels.free.columns import (
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
+from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline
+from hhsim.kernels.world.body import OBJECT_DOF
+from hhsim.kernels.world.columns import (
     KINDS,
     States,
     coefficient,
@@ -40,10 +42,8 @@ from hhsim.kernels.free.columns import (
     torsion_radius,
     write_row,
 )
-from hhsim.kernels.free.joints import joint_rows
-from hhsim.kernels.free.meeting import dense_rows
-from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline
+from hhsim.kernels.world.joints import joint_rows
+from hhsim.kernels.world.meeting import dense_rows
 
 HAND_FRICTION = 48
 TABLE_CONTACTS = 24
@@ -160,7 +160,7 @@ def friction_dtype(bodies: int) -> "np.dtype[Any]":
             ("room", np.int64),  # for so many
             ("of_hand", np.int64),  # the first so many are not of the table
             ("contact", np.int64, (count,)),  # its contact record, or the number of the point of the hull
-            ("body", np.int64, (count,)),  # what it is of, see `kernels.free.columns.body_of`
+            ("body", np.int64, (count,)),  # what it is of, see `kernels.world.columns.body_of`
             ("key", np.int64, (count,)),
             ("has_friction", np.int64, (count,)),  # 1 where it has rows of friction, 0 for some of the table
             ("point", np.float64, (count, 3)),  # [m], frame of its body, as all that follows
@@ -364,13 +364,8 @@ def bends(states: States, problem: Record, meeting: Record, hand: int, finger: i
 
 
 @jit
-def friction_rows(
-    states: States, bodies: Record, offset: float, relaxed: bool, problem: Record, friction: Record, meeting: Record
-) -> None:
-    """Write the rows of friction, of the table, of joints and of pairs of hands' bodies, and the groups of all rows.
-
-    The rows of contacts, which are there, are changed once: those with friction stand back, and all have their share.
-    """
+def contact_groups(states: States, problem: Record, meeting: Record) -> int:
+    """Begin the groups of rows with those of contacts and of joint limits; return the row behind these."""
     pairs, hands = pair_count(problem), hand_count(problem)
     problem.groups = 0
     for p in range(pairs):
@@ -385,7 +380,25 @@ def friction_rows(
             if p < hands and bends(states, problem, meeting, p, f):
                 start = limits + 2 * PHALANX_COUNT * f
                 _add_group(problem, start, start + 2 * PHALANX_COUNT, fingers + PHALANX_COUNT * f)
-    row = problem.last[pairs - 1] + (LIMIT_ROWS if pairs == hands else 0)
+    return as_int64(problem.last[pairs - 1] + (LIMIT_ROWS if pairs == hands else 0))
+
+
+@jit
+def end_rows(states: States, offset: float, relaxed: bool, row: int, problem: Record, meeting: Record) -> None:
+    """Write the last rows, those of pairs of hands' bodies, from a row on."""
+    problem.rows = dense_rows(states, meeting, offset, relaxed, row, problem)
+    _add_group(problem, row, problem.rows, -1)
+
+
+@jit
+def friction_rows(
+    states: States, bodies: Record, offset: float, relaxed: bool, problem: Record, friction: Record, meeting: Record
+) -> None:
+    """Write the rows of friction, of the table, of joints and of pairs of hands' bodies, and the groups of all rows.
+
+    The rows of contacts, which are there, are changed once: those with friction stand back, and all have their share.
+    """
+    pairs, row = pair_count(problem), contact_groups(states, problem, meeting)
     changed = 0 if problem.is_fresh == 1 else row
     for p in range(pairs):
         fingers = first_finger(problem, problem.hand[p])
@@ -416,9 +429,8 @@ def friction_rows(
     row = joint_rows(states, bodies, relaxed, row, problem)
     _add_group(problem, table, row, -1)
     dense = row
-    row = dense_rows(states, meeting, offset, relaxed, row, problem)
-    _add_group(problem, dense, row, -1)
-    problem.rows = row
+    end_rows(states, offset, relaxed, row, problem, meeting)
+    row = problem.rows
     for i in range(friction.of_hand if problem.is_fresh == 1 else 0):
         problem.owner[friction.contact[i]] = i
         problem.rhs[friction.contact[i]] -= STANDS_BACK * offset

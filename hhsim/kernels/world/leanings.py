@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.free.columns import common_count, own_columns, torsion_radius, variable_count
-from hhsim.kernels.free.rows import DIRECTIONS, TINY, orient
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
 from hhsim.kernels.jit import Record, jit
+from hhsim.kernels.world.columns import common_count, own_columns, torsion_radius, variable_count
+from hhsim.kernels.world.rows import DIRECTIONS, TINY, orient
 
 RANK = 1e-10
 """Share of the trace of Jᵀ J that is added to it: contacts do not tell all directions apart."""

@@ -6,10 +6,10 @@ import numpy as np
 
 from hhsim.kernels.contact.redundant_contacts import FEWEST, move_contact
 from hhsim.kernels.elementary import sine_cosine
-from hhsim.kernels.free.body import Support
-from hhsim.kernels.free.rows import ENTRIES, NEAR_POINTS, PAIR_KEYS
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit
 from hhsim.kernels.rotation import turned_back
+from hhsim.kernels.world.body import Support
+from hhsim.kernels.world.rows import ENTRIES, NEAR_POINTS, PAIR_KEYS
 
 SLOPES = (0.0, 0.002, 0.03)
 """Planes of these slopes, in eight directions, choose the points that may touch the table in this step."""

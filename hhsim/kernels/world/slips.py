@@ -16,7 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.free.columns import (
+from hhsim.kernels.hand.kinematics import PHALANX_COUNT
+from hhsim.kernels.jit import Array, Record, as_int64, jit
+from hhsim.kernels.qp.active_set import QpWork
+from hhsim.kernels.qp.qr_update import back_substitute
+from hhsim.kernels.world.columns import (
     States,
     coefficient,
     common_count,
@@ -25,11 +29,7 @@ from hhsim.kernels.free.columns import (
     variable_count,
     write_row,
 )
-from hhsim.kernels.free.rows import orient
-from hhsim.kernels.hand.kinematics import PHALANX_COUNT
-from hhsim.kernels.jit import Array, Record, as_int64, jit
-from hhsim.kernels.qp.active_set import QpWork
-from hhsim.kernels.qp.qr_update import back_substitute
+from hhsim.kernels.world.rows import orient
 
 NO_LOAD = 1e-3
 """A contact whose normal row bears no more than this share of its load rubs with all of it."""

@@ -1,30 +1,28 @@
 """Ticks of two hands beside bodies that stand still or move as recorded.
 
 Each hand's tick is the one that it has alone, on where both began. Only where these two ways might have met are both
-taken back, and the tick is one of the world of both (`kernels.free.tick`), whose pairs' states are those of the hands.
+taken back, and the tick is one of the world of both (`kernels.world.tick`), whose pairs' states are those of the hands.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
 from hhsim.kernels.contact.hand_pairs import bound_motions, hands_nearest, look_at_pairs
 from hhsim.kernels.copy import copy_values
-from hhsim.kernels.free.meeting import hands_of, measure_hands
-from hhsim.kernels.free.pairs import Free
-from hhsim.kernels.free.tick import MEASURE, TICK
 from hhsim.kernels.hand.pose import copy_configuration, step_between
 from hhsim.kernels.jit import as_int64, jit, jit_noinline
 from hhsim.kernels.machine_code import call_code
 from hhsim.kernels.qp.active_set import QpWork
-from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, record_tick
+from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
 from hhsim.kernels.tick.haptic_input import set_haptic
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID, STATUS_NO_PLACE
+from hhsim.kernels.world.meeting import hands_of, measure_hands
+from hhsim.kernels.world.pairs import World
+from hhsim.kernels.world.tick import MEASURE, TICK
 
 
 @jit_noinline
-def _may_have_met(method: Free) -> bool:
+def _may_have_met(method: World) -> bool:
     """Return whether the way of each hand's last tick might have led it nearer than the clearance to the other one."""
     world, states, offset = method.world[0], method.states, method.options.offset
     for h in range(2):
@@ -37,15 +35,8 @@ def _may_have_met(method: Free) -> bool:
     return bool(world.meeting.least < np.inf)
 
 
-class TickCodes(NamedTuple):
-    """Machine code of a tick, see `kernels.machine_code`."""
-
-    alone: int  # `run_block` of each hand
-    world: int  # `tick_world`
-
-
 @jit_noinline
-def _tick_of_both(method: Free, parts_move: bool, qp: QpWork, code: int) -> None:
+def _tick_of_both(method: World, parts_move: bool, qp: QpWork, code: int) -> None:
     """Make the tick of both hands as one of the world; the status bits are in it."""
     world, states = method.world[0], method.states
     hands, two = hands_of(method.movers, states, world)
@@ -71,45 +62,30 @@ def _tick_of_both(method: Free, parts_move: bool, qp: QpWork, code: int) -> None
 
 
 @jit_noinline
-def _tick_alone(block: TickBlock, code: int, i: int, haptic: HapticBlock, record: TickRecord) -> None:
-    """Make a hand's own tick, by a block of this one, and write its row of the record."""
-    given, found = block.haptic, block.record
-    copy_values(haptic.position[i], given.position[0])
-    copy_values(haptic.orientation[i], given.orientation[0])
-    copy_values(haptic.flexion[i], given.flexion[0])
-    copy_values(haptic.abduction[i], given.abduction[0])
-    call_code(code, block)
-    record.status[i] = found.status[0]
-    copy_values(found.position[0], record.position[i])
-    copy_values(found.orientation[0], record.orientation[i])
-    copy_values(found.flexion[0], record.flexion[i])
-    copy_values(found.abduction[0], record.abduction[i])
-    copy_values(found.joints[0], record.joints[i])
-    copy_values(found.phalanx[0], record.phalanx[i])
-    copy_values(found.fingertip_normal[0], record.fingertip_normal[i])
-    copy_values(found.palm_wrench[0], record.palm_wrench[i])
-    copy_values(found.total[0], record.total[i])
-    copy_values(found.duration[0], record.duration[i])
-    record.duration_total[i], record.duration_cpu[i] = found.duration_total[0], found.duration_cpu[0]
-    copy_values(found.work[0], record.work[i])
-    record.lag[i] = found.lag[0]
+def _tick_alone(alone: World, qp: QpWork, code: int, i: int, haptic: HapticBlock, record: TickRecord) -> None:
+    """Make a hand's own tick, and write its row of the record."""
+    cpu, wall, state = thread_cpu_ns(), monotonic_ns(), alone.states[0]
+    sample = haptic.position[i], haptic.orientation[i], haptic.flexion[i], haptic.abduction[i]
+    status = set_haptic(alone.movers[0], *sample, state)
+    call_code(code, (alone, alone.states, qp, as_int64(TICK)))
+    wall, cpu = monotonic_ns() - wall, thread_cpu_ns() - cpu
+    record_tick(state, status | alone.world[0].status[0], wall, cpu, i, record)
 
 
 @jit
 def run_hands_apart(
-    alone: tuple[TickBlock, TickBlock],
-    method: Free,
+    alone: tuple[World, World],
+    method: World,
     haptic: tuple[HapticBlock, HapticBlock],
     record: tuple[TickRecord, TickRecord],
     parts_move: bool,
     qp: QpWork,
-    codes: TickCodes,
+    code: int,
 ) -> int:
     """Run one tick of two hands for each row of their haptic inputs, as `kernels.tick.block.run_block` does of one.
 
-    `alone` has a block of one tick of each hand, `method` is that of the world, in which parts that may move stand
-    still. Where `parts_move` each hand gives way to them by its own tick first. A hand that they leave no place stays
-    there.
+    `alone` has the method of each hand alone, `method` is that of both, in which parts that may move stand still. Where
+    `parts_move` each hand gives way to them by its own tick first. A hand that they leave no place stays there.
     """
     world, states = method.world[0], method.states
     for i in range(haptic[0].position.shape[0]):
@@ -118,7 +94,7 @@ def run_hands_apart(
         for h in range(2):
             given = haptic[h]
             if by_itself:
-                _tick_alone(alone[h], codes.alone, i, given, record[h])
+                _tick_alone(alone[h], qp, code, as_int64(i), given, record[h])
             else:
                 sample = given.position[i], given.orientation[i], given.flexion[i], given.abduction[i]
                 record[h].status[i] = set_haptic(method.movers[h], *sample, states[h])
@@ -137,9 +113,9 @@ def run_hands_apart(
             for h in range(2):
                 copy_configuration(states[h].prediction.start, states[h].pose)
                 record[h].status[i] &= STATUS_INPUT_INVALID
-            call_code(codes.world, (method, states, qp, as_int64(MEASURE)))
+            call_code(code, (method, states, qp, as_int64(MEASURE)))
             world.meeting.count, world.apart = 0, 0.0
-        _tick_of_both(method, parts_move, qp, codes.world)
+        _tick_of_both(method, parts_move, qp, code)
         wall, cpu = monotonic_ns() - began, thread_cpu_ns() - cpu
         for h in range(2):
             record_tick(states[h], record[h].status[i] | world.status[h], wall, cpu, i, record[h])

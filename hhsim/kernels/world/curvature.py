@@ -13,7 +13,7 @@ Schur complement D_qq - D_qs D_sq / D_ss. Only products with a vector are needed
 from typing import TypeAlias
 
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Indices, Record, jit_inline
+from hhsim.kernels.jit import Array, Indices, Record, jit, jit_inline
 
 Triple: TypeAlias = tuple[float, float, float]
 
@@ -63,21 +63,19 @@ def _add_joints(
         product_out[6 + 3 * finger + k] += force * value
 
 
-@jit_inline
+@jit
 def curvature_product(
-    pose: Record, contacts: Record, rows: Indices, multiplier: Array, count: int, step: Array, product_out: Array
+    pose: Record, contacts: Record, first: int, rows: Indices, multiplier: Array, step: Array, product_out: Array
 ) -> None:
-    """Compute Σ λ_i ∇²d_i · step, [N] and [N·m], over the first `count` of `rows`, with multipliers λ [N].
+    """Add Σ λ_i ∇²d_i · step, [N] and [N·m], over those of `rows` that are contacts, with multipliers λ [N].
 
-    Step (δp, δφ, δθ) [m, rad, rad] and product have shape (21,). Rows behind the contacts (limits) do not bend.
+    `first` is the row of the first contact. Step (δp, δφ, δθ) [m, rad, rad] and product have shape (21,).
     """
     total = contacts.start[FINGER_COUNT + 1]
-    for j in range(product_out.shape[0]):
-        product_out[j] = 0.0
     wx, wy, wz = step[3], step[4], step[5]
-    for i in range(count):
-        row = rows[i]
-        if row >= total:
+    for i in range(rows.shape[0]):
+        row = rows[i] - first
+        if not 0 <= row < total:
             continue
         force = multiplier[i]
         body = contacts.body[row]

@@ -1,0 +1,427 @@
+"""What bodies that move add to a tick: their own motion, the frames that go with them, friction, table and joints.
+
+The tick of `kernels.world.tick` asks for it by `do_bodies`, stage by stage. A scene in which all bodies stand still has
+and compiles none of it.
+"""
+
+import numpy as np
+
+from hhsim.kernels.copy import copy_values
+from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY
+from hhsim.kernels.hand.pose import update_kinematics
+from hhsim.kernels.jit import Record, as_bool, as_int64, jit
+from hhsim.kernels.qp.active_set import QpWork
+from hhsim.kernels.rotation import turned_back
+from hhsim.kernels.tick.evaluation import usual_reach
+from hhsim.kernels.tick.state import WORK_LINEARISATIONS
+from hhsim.kernels.tick.tick import begin_tick
+from hhsim.kernels.world.body import (
+    OBJECT_DOF,
+    body_target,
+    keep_body,
+    move_body,
+    predict,
+    see_hand,
+    show_hand,
+    take_body_back,
+    take_velocity,
+    turn_back,
+)
+from hhsim.kernels.world.bound import (
+    MOST_DAMPING,
+    MOST_RAISES,
+    begin_bounds,
+    beyond_bound,
+    mark_snap,
+    measure_user_motions,
+    raise_damping,
+)
+from hhsim.kernels.world.columns import (
+    body_column,
+    body_count,
+    hand_count,
+    object_columns,
+    other_in,
+    pair_count,
+    palm_column,
+    variable_count,
+)
+from hhsim.kernels.world.edges import measure_edges, record_edges
+from hhsim.kernels.world.joints import begin_joints, has_joint_rows, joints_hold
+from hhsim.kernels.world.pairs import (
+    AIM,
+    BACK,
+    BEAR,
+    BEGIN,
+    CLIP,
+    COLUMNS,
+    CONTACTS,
+    DAMP,
+    EDGES,
+    END,
+    HOLD,
+    KEEP,
+    LOWEST,
+    MOVE,
+    PLACE,
+    REWRITE,
+    SEE,
+    SHIFTS,
+    SNAP,
+    STEPS,
+    TABLE,
+    TAKE,
+    TURN,
+    World,
+    mover_of,
+)
+from hhsim.kernels.world.program import begin_search, clip_shifts, solve_free, take_steps
+from hhsim.kernels.world.record import clear_borne, copy_borne, find_borne, turn_loads
+from hhsim.kernels.world.rows import begin_frictions, find_frictions
+from hhsim.kernels.world.support import find_table_contacts, keep_entry, keep_lowest, table_distances
+
+CLOSE = 20.0
+FLOATS = 2.0
+"""Contacts up to CLOSE offsets, plus FLOATS times the residual of Γ of the tick before, have rows of friction."""
+SEARCHED = 2
+"""Programs of a tick in which Γ and directions are sought; in the later ones they stand."""
+
+
+@jit
+def _measure_edges(method: World) -> None:
+    """Measure the edges of pairs in which two bodies meet, after their other distances."""
+    world, options = method.world[0], method.options
+    problem = world.problem
+    for p in range(hand_count(problem), pair_count(problem)):
+        each, other, number = method.states[p], other_in(problem, p), problem.body[p]
+        # Each two bodies meet in two pairs: their edges once.
+        if not 0 <= other < number or each.modelled[PALM_BODY] == 0:
+            continue
+        needed = max(options.listed, max(each.trust.reach, usual_reach(options, each)))
+        far = options.margin + options.skin
+        measure_edges(
+            method.movers[hand_count(problem) + other],
+            method.edges[other],
+            method.edges[number],
+            world.bodies[number].center[:],
+            each.pose,
+            needed,
+            far,
+            each.candidates,
+            method.edge_pairs[p],
+            problem.scratch[:],
+        )
+
+
+@jit
+def _record_edges(method: World, p: int) -> None:
+    """Add a pair's edges within reach to its contact records, if two bodies meet in it."""
+    each, problem = method.states[p], method.world[0].problem
+    other, number = other_in(problem, p), problem.body[p]
+    if 0 <= other < number and each.modelled[PALM_BODY] == 1:
+        record_edges(
+            method.edges[number], min(each.trust.reach, each.trust.radius), method.edge_pairs[p], each.contacts
+        )
+
+
+@jit
+def _place_pairs(method: World) -> None:
+    """Place what moves in each pair but the first ones where it is: there it was moved along, step by step."""
+    world = method.world[0]
+    problem, bodies, scratch = world.problem, world.bodies, world.problem.scratch
+    for p in range(hand_count(problem), pair_count(problem)):
+        each, other = method.states[p], problem.other[p]
+        pose = each.pose
+        if other >= 0:
+            copy_values(bodies[other].position[:], scratch[0:3])
+            copy_values(bodies[other].orientation[:], pose.orientation[:])
+        else:
+            first = method.states[problem.hand[p]].pose
+            show_hand(bodies[0], first.position[:], first.orientation[:], scratch[0:3], pose.orientation[:])
+            copy_values(first.flexion[:], pose.flexion[:])
+            copy_values(first.abduction[:], pose.abduction[:])
+        turn_here = world.scratch_turn
+        copy_values(pose.orientation[:], turn_here[:])
+        see_hand(bodies[problem.body[p]], scratch[0:3], turn_here[:], pose.position[:], pose.orientation[:])
+        update_kinematics(mover_of(method, p), pose)
+
+
+@jit
+def _find_turns(problem: Record, bodies: Record) -> None:
+    """Find how the frame of the first body is turned to that of each pair's."""
+    base = bodies[0].rotation
+    for p in range(hand_count(problem), pair_count(problem)):
+        own = bodies[problem.body[p]].rotation
+        for j in range(3):
+            x, y, z = turned_back(own, base[0, j], base[1, j], base[2, j])
+            problem.turn[p, 0, j], problem.turn[p, 1, j], problem.turn[p, 2, j] = x, y, z
+
+
+@jit
+def _measure_table(method: World) -> tuple[float, int, int]:
+    """Compute the distance [m] of bodies and table; also returns the lowest body, and its lowest point."""
+    world = method.world[0]
+    least, number, lowest = np.inf, as_int64(0), as_int64(-1)
+    for k in range(body_count(world.problem)):
+        body = world.bodies[k]
+        body.measured_distance = np.inf
+        if body.has_table == 1:
+            distance, point = table_distances(body, method.supports[k])
+            body.measured_distance = distance
+            if distance < least:
+                least, number, lowest = distance, as_int64(k), point
+    return least, number, lowest
+
+
+@jit
+def _take_hands(method: World) -> None:
+    """Take the user's hands, which are the world's at the start of a tick."""
+    world = method.world[0]
+    measure_user_motions(method.states, world)
+    for h in range(hand_count(world.problem)):
+        each = method.states[h]
+        if each.input.is_valid:
+            copy_values(each.haptic.position[:], world.palm_position[h])
+            copy_values(each.haptic.orientation[:], world.palm_orientation[h])
+
+
+@jit
+def _begin(method: World) -> None:
+    """Let the bodies go on by their velocity and their weight."""
+    world = method.world[0]
+    problem = world.problem
+    _place_pairs(method)
+    begin_joints(method.states, world.bodies, problem)
+    for p in range(1, pair_count(problem)):
+        begin_tick(method.options, method.states[p])
+    begin_bounds(method.options, method.states, world)
+    for k in range(body_count(problem)):
+        predict(world.bodies[k])
+        keep_body(world.bodies[k])
+    variables = variable_count(problem)
+    copy_values(world.safe_total[:variables], problem.before[:variables])
+    copy_values(world.safe_abduction[:], problem.before_abduction[:])
+    problem.total[:variables] = 0.0
+    problem.abduction_total[:] = 0.0
+    world.friction.entries[:] = 0
+    world.safe_total[:variables] = 0.0
+    world.safe_abduction[:] = 0.0
+
+
+@jit
+def _see_hands(method: World) -> None:
+    """Take the user's hands to the frame of the first body."""
+    world = method.world[0]
+    for h in range(hand_count(world.problem)):
+        haptic = method.states[h].haptic
+        place, turn = world.palm_position[h], world.palm_orientation[h]
+        see_hand(world.bodies[0], place, turn, haptic.position[:], haptic.orientation[:])
+
+
+@jit
+def _aim(method: World) -> None:
+    """Find where hands and bodies want to go from where they are."""
+    world = method.world[0]
+    problem, bodies = world.problem, world.bodies
+    _find_turns(problem, bodies)
+    _see_hands(method)
+    for k in range(body_count(problem)):
+        body_target(bodies[k], problem.body_target[OBJECT_DOF * k : OBJECT_DOF * k + OBJECT_DOF])
+        bodies[k].clipped[:] = 0.0
+
+
+@jit
+def _write_columns(method: World) -> int:
+    """Write the bodies' columns, and find the contacts with friction or the table; return how many rows these add."""
+    world, state, options = method.world[0], method.states[0], method.options
+    problem, bodies, contacts, friction = world.problem, world.bodies, state.contacts, world.friction
+    object_columns(method.states, bodies, contacts, problem)
+    # A contact floats by what Γ was short of its slip, and goes on rubbing.
+    close = CLOSE * options.offset + FLOATS * world.borne.residual
+    find_frictions(bodies, contacts, problem, close, friction)
+    joints = as_int64(0)
+    for k in range(body_count(problem)):
+        joints += 1 if has_joint_rows(bodies[k]) else 0
+        alone = problem.body_target[OBJECT_DOF * k : OBJECT_DOF * k + OBJECT_DOF]
+        find_table_contacts(bodies[k], k, method.supports[k], options.margin, close, alone, friction)
+    programs = state.work[WORK_LINEARISATIONS] - state.progress.restarted
+    if programs == 0:
+        step, abduction = problem.before[:], problem.before_abduction[:]
+    else:
+        step, abduction = problem.total[:], problem.abduction_total[:]
+    # Directions that went on turning would give each program another one, and the tick no end.
+    turns = as_bool(programs < SEARCHED)
+    begin_frictions(method.states, bodies, step, abduction, problem, world.held, turns, friction)
+    return as_int64(friction.count - friction.of_hand + joints)
+
+
+@jit
+def _clip(method: World, off: float) -> None:
+    """Take a share of the bodies' steps off their targets."""
+    world = method.world[0]
+    problem = world.problem
+    for k in range(body_count(problem)):
+        body, column = world.bodies[k], body_column(problem, k)
+        for j in range(OBJECT_DOF):
+            body.clipped[j] = off * problem.delta[column + j]
+            problem.body_target[OBJECT_DOF * k + j] -= body.clipped[j]
+
+
+@jit
+def solve_with_bodies(method: World, state: Record, clipped: bool, qp: QpWork) -> int:
+    """Solve a program of hands and bodies, see `solve_free`; returns a status of `kernels.qp.active_set`."""
+    world, rounds = method.world[0], as_int64(1)
+    if state.work[WORK_LINEARISATIONS] - state.progress.restarted <= SEARCHED and not clipped:
+        rounds = begin_search(world.coulomb)
+    return as_int64(solve_free(method.options, method.states, world, rounds, clipped, qp))
+
+
+@jit
+def _bear(method: World, fraction: float) -> None:
+    """Add a share of the step to the tick's, and find what bears the bodies, and the forces on the hands."""
+    world, states = method.world[0], method.states
+    problem = world.problem
+    for j in range(variable_count(problem)):
+        problem.total[j] += fraction * problem.delta[j]
+    for f in range(FINGER_COUNT * hand_count(problem)):
+        problem.abduction_total[f] += fraction * problem.abduction_step[f]
+    find_borne(states, world.bodies, states[0].contacts, problem, world.friction, world.loaded, world.tried)
+
+
+@jit
+def _move(method: World, fraction: float) -> None:
+    """Move the bodies by a share of their step, and give the hands theirs past them."""
+    world = method.world[0]
+    problem, bodies = world.problem, world.bodies
+    # What comes next in the tick is added to it in the frame of each body as it then stands.
+    first = body_column(problem, as_int64(0))
+    for h in range(hand_count(problem)):
+        palm = palm_column(problem, h)
+        for j in (palm, palm + 3):
+            turn_back(bodies[0], problem.delta[first : first + OBJECT_DOF], fraction, problem.total[j : j + 3])
+    for k in range(body_count(problem)):
+        j = body_column(problem, k)
+        turn_back(bodies[k], problem.delta[j : j + OBJECT_DOF], fraction, problem.total[j : j + 3])
+    if 0.0 < fraction < 1.0:
+        take_steps(method.states, bodies, fraction, problem)
+    for k in range(body_count(problem)):
+        j = body_column(problem, k)
+        move_body(bodies[k], problem.delta[j : j + OBJECT_DOF], fraction)
+
+
+@jit
+def _keep(world: Record) -> None:
+    """Keep the bodies' poses, and what bears them, as those of an accepted step."""
+    problem = world.problem
+    for k in range(body_count(problem)):
+        keep_body(world.bodies[k])
+        world.bodies[k].table_distance = world.bodies[k].measured_distance
+    variables = variable_count(problem)
+    copy_values(problem.total[:variables], world.safe_total[:variables])
+    copy_values(problem.abduction_total[:], world.safe_abduction[:])
+    world.tried.residual = problem.gamma_error
+    copy_borne(body_count(problem), world.tried, world.borne)
+
+
+@jit
+def _take_back(world: Record) -> None:
+    """Return to the bodies' last poses without penetration."""
+    for k in range(body_count(world.problem)):
+        take_body_back(world.bodies[k])
+    variables = variable_count(world.problem)
+    copy_values(world.safe_total[:variables], world.problem.total[:variables])
+    copy_values(world.safe_abduction[:], world.problem.abduction_total[:])
+
+
+@jit
+def _damp(method: World, state: Record) -> float:
+    """Damp hands that are beyond their bound; 1 if the program is then to be solved anew from the safe poses."""
+    world, options = method.world[0], method.options
+    ratio = beyond_bound(options, method.states, world)
+    can_raise = world.raises < MOST_RAISES and world.damping < MOST_DAMPING
+    programs, progress = state.work[WORK_LINEARISATIONS], state.progress
+    # A tick that ended without a step would stop the bodies.
+    left, needed = options.linearisations - programs, 2 if progress.is_accepted else programs - progress.restarted
+    if ratio <= 1.0 or not can_raise or left < needed:
+        return 0.0
+    raise_damping(ratio, method.states, world)
+    progress.restarted = programs
+    return 1.0
+
+
+@jit
+def _end(method: World) -> None:
+    """Take the bodies' velocities, or let nothing bear them where no step was accepted."""
+    world = method.world[0]
+    bodies = body_count(world.problem)
+    if not method.states[0].progress.is_accepted:
+        clear_borne(bodies, world.borne)
+        return
+    for k in range(bodies):
+        take_velocity(world.bodies[k])
+
+
+@jit
+def do_bodies(method: World, asked: int, value: float) -> float:
+    """Do one stage of a tick for the bodies, with a share of the step, a distance or the number of a pair.
+
+    Returns a distance [m], a number of rows, or 1 for yes; else 0.
+    """
+    world, state, p = method.world[0], method.states[0], as_int64(int(value))
+    problem = world.problem
+    if asked == TAKE:
+        _take_hands(method)
+    elif asked == BEGIN:
+        _begin(method)
+    elif asked == PLACE:
+        _place_pairs(method)
+        _measure_table(method)
+        for k in range(body_count(problem)):
+            world.bodies[k].table_distance = world.bodies[k].measured_distance
+    elif asked == EDGES:
+        _measure_edges(method)
+    elif asked == AIM:
+        _aim(method)
+    elif asked == CONTACTS:
+        _record_edges(method, p)
+    elif asked == LOWEST:
+        keep_lowest(method.states[p].contacts, method.states[p].open_distance[:], world.friction)
+    elif asked == COLUMNS:
+        return float(_write_columns(method))
+    elif asked == REWRITE:
+        object_columns(method.states, world.bodies, state.contacts, problem)
+    elif asked == CLIP:
+        _clip(method, value)
+    elif asked == SHIFTS:
+        clip_shifts(value, world.friction)
+    elif asked == STEPS:
+        take_steps(method.states, world.bodies, 1.0, problem)
+    elif asked == BEAR:
+        _bear(method, value)
+    elif asked == MOVE:
+        _move(method, value)
+    elif asked == TABLE:
+        table, number, lowest = _measure_table(method)
+        if table < 0.0:
+            keep_entry(number, lowest, world.friction)
+        return table
+    elif asked == DAMP:
+        return _damp(method, state)
+    elif asked == KEEP:
+        _keep(world)
+    elif asked == HOLD:
+        return 1.0 if joints_hold(method.states, world.bodies, problem) else 0.0
+    elif asked == BACK:
+        _take_back(world)
+    elif asked == SEE:
+        _see_hands(method)
+        for h in range(hand_count(problem)):
+            update_kinematics(mover_of(method, h), method.states[h].haptic)
+    elif asked == SNAP:
+        mark_snap(method.states[p], world)
+    elif asked == END:
+        _end(method)
+    elif asked == TURN:
+        for h in range(hand_count(problem)):
+            turn_loads(world.bodies[0], method.states[h].active)
+    return 0.0

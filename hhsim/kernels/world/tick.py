@@ -1,0 +1,486 @@
+"""One tick of hands and bodies: from where they are and the users' new hands to where they are shown, and the forces.
+
+docs/methods.md ("A tick that cannot penetrate") has its 14 lines, each with the function that does it. In short: a
+program, as much of its step as the listed pairs allow, the true distances. By these alone poses become the safe ones,
+and a tick ends at safe ones.
+
+A program's step moves hands and bodies. For each pair, the step of its body is subtracted from that of the hand, or of
+the other body: this relative motion is bounded by the listed pairs, and judged by the true distances at its end. If
+anything penetrates there, the whole step is taken back. The table is a half-space, so that nothing can jump over it:
+its distance at the end of a step is enough. All hands and bodies make the same share of a step. The tick ends when all
+have arrived. What bodies that move, a second hand or moving parts add is called by address (`kernels.world.pairs`).
+"""
+
+import numpy as np
+
+from hhsim.kernels.clock import monotonic_ns
+from hhsim.kernels.contact.linearise import clamp_to_limits
+from hhsim.kernels.contact.surface_code import find_surface_contacts, pairs_near
+from hhsim.kernels.copy import copy_values
+from hhsim.kernels.hand.kinematics import FINGER_COUNT
+from hhsim.kernels.hand.pose import move
+from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_noinline
+from hhsim.kernels.machine_code import call_code, run_code
+from hhsim.kernels.parallel.thread_team import thread_team_cpu_ns
+from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
+from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
+from hhsim.kernels.tick.decoupling import energy_stalled, palm_yielded, suspend_decoupling
+from hhsim.kernels.tick.evaluation import REACH_FLOOR, end_work, is_budget_spent, least_distance, spent_units
+from hhsim.kernels.tick.force import FORCE_PAPER, hand_forces
+from hhsim.kernels.tick.haptic_input import set_haptic
+from hhsim.kernels.tick.method import OVERFLOW
+from hhsim.kernels.tick.prediction import forget_prediction, predict_pose
+from hhsim.kernels.tick.restoration import TRUST_DECAY, keep_first_step, take_back, take_free_share
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_LAG, STATUS_SNAP, WORK_COUNTERS, WORK_TOUCHING
+from hhsim.kernels.tick.step import (
+    DURATION_DETECT,
+    DURATION_FINGERS,
+    DURATION_FORCE,
+    DURATION_PALM,
+    bear_contacts,
+    copy_active,
+)
+from hhsim.kernels.tick.step_length import WHOLE_TARGET, keep_bound
+from hhsim.kernels.tick.tick import MOST_FAILED_STEPS, accept, begin_tick, tick_status, update_reach
+from hhsim.kernels.world.body import drive_body
+from hhsim.kernels.world.columns import States, body_count, hand_count, is_still, pair_count
+from hhsim.kernels.world.linearisation import allowed_share, prepare, solve_linearisation, solve_with_pairs
+from hhsim.kernels.world.meeting import APART, LOAD, bear_own
+from hhsim.kernels.world.pairs import (
+    BACK,
+    BEAR,
+    BEGIN,
+    DAMP,
+    END,
+    HOLD,
+    KEEP,
+    MOVE,
+    SEE,
+    SNAP,
+    TABLE,
+    TAKE,
+    TURN,
+    World,
+    ask_bodies,
+    ask_hands,
+    measure,
+    mover_of,
+    rebuild,
+    surface_at,
+)
+from hhsim.kernels.world.record import WorldRecord
+
+ON_THE_WAY = 20.0
+"""Distance up to which a lagging hand bears on the object, in offsets: its last step has not brought it nearer yet."""
+
+
+@jit
+def _goes_alone(method: World) -> bool:
+    """Return True for one hand beside what stands still."""
+    return as_bool(method.bodies == 0 and method.hands == 0)
+
+
+@jit
+def _begin_motion(method: World, state: Record) -> None:
+    """Begin the tick of all pairs: bodies go on by themselves, and a hand alone as its last tick moved it."""
+    problem = method.world[0].problem
+    problem.solutions = 0
+    if method.bodies != 0:
+        ask_bodies(method, BEGIN, 0.0)
+        return
+    for p in range(1, pair_count(problem)):
+        begin_tick(method.options, method.states[p])
+    if method.hands == 0:
+        predict_pose(method.options, method.movers[0], method.surfaces[0], state)
+
+
+@jit
+def _take_back(method: World) -> None:
+    """Return to the last poses without penetration."""
+    world = method.world[0]
+    for p in range(pair_count(world.problem)):
+        take_back(method.states[p])
+        method.states[p].progress.failed_steps = 0
+    world.apart = 0.0
+    ask_bodies(method, BACK, 0.0)
+
+
+@jit
+def _retry(method: World, state: Record) -> bool:
+    """Return to the last poses without penetration with a smaller trust radius; False where the pairs do not fit."""
+    _take_back(method)
+    for p in range(0 if state.prediction.is_predicted else pair_count(method.world[0].problem)):
+        method.states[p].trust.radius *= TRUST_DECAY
+    state.prediction.is_predicted = False
+    return measure(method)
+
+
+@jit
+def recover(method: World, state: Record) -> bool:
+    """Make the next program easier after one without solution; returns False where nothing is left to try.
+
+    First contacts nearer than the offset may stay as near as they are, then all return to the last poses without
+    penetration with a smaller trust radius, then the abduction stays as it is.
+    """
+    if not state.program.is_relaxed:
+        state.program.is_relaxed = state.program.is_coupled = True
+        return True
+    if state.progress.failed_steps > 0 or state.prediction.is_predicted:
+        return _retry(method, state)
+    if not state.program.holds_abduction:
+        for p in range(pair_count(method.world[0].problem)):
+            method.states[p].program.holds_abduction = True
+        return True
+    return False
+
+
+@jit_noinline
+def _find_loads(method: World, fraction: float, state: Record) -> None:
+    """Find the forces of the solution on bodies and hands."""
+    world, states = method.world[0], method.states
+    problem = world.problem
+    if method.bodies != 0:
+        ask_bodies(method, BEAR, fraction)
+    else:
+        for h in range(hand_count(problem)):
+            first, last = problem.first[h], problem.last[h]
+            bear_contacts(state.contacts, first, last, world.loaded, states[h].warm)
+    ask_hands(method, LOAD, 0.0)
+    for h in range(hand_count(problem)):
+        bear_own(method.options.own.pairs, states[h], as_int64(h), problem)
+
+
+@jit
+def _move_all(method: World, fraction: float, state: Record) -> None:
+    """Make a share of the step of hands and bodies, and find what bears it."""
+    _find_loads(method, fraction, state)
+    ask_bodies(method, MOVE, fraction)
+    for p in range(pair_count(method.world[0].problem)):
+        each = method.states[p]
+        move(each.pose, each.step.delta, each.problem.abduction_step, fraction)
+
+
+@jit
+def _accept_all(method: World, fraction: float, longest: float, full_motion: float, state: Record) -> bool:
+    """Let the present poses be the safe ones; returns whether the tick is done."""
+    world, states, options = method.world[0], method.states, method.options
+    problem, still = world.problem, is_still(world.problem)
+    ask_bodies(method, KEEP, 0.0)
+    if world.kept_apart < 0.0:
+        world.kept_apart = min(world.apart, 0.0)
+    done = held = as_bool(still or ask_bodies(method, HOLD, 0.0) > 0.0)
+    for p in range(pair_count(problem)):
+        arrived = accept(options, fraction, world.longest[p], full_motion, states[p])
+        states[p].progress.snaps = problem.other[p] < 0 and states[problem.hand[p]].progress.snaps
+        done = (arrived or (still and states[p].progress.snaps)) and done
+    if not held:
+        state.progress.lag = max(state.progress.lag, longest)
+    if world.meeting.count > 0 and longest > options.step_tolerance:
+        # Hands that meet bend their rows: they have not arrived after a whole step that is long.
+        done = False
+        for h in range(hand_count(problem)):
+            if states[h].progress.lag == 0.0:
+                states[h].progress.lag = longest
+    return as_bool(done)
+
+
+@jit_noinline
+def _fail(method: World, fraction: float, longest: float, full_motion: float, clearance: float, state: Record) -> bool:
+    """Go on from a step that has ended inside, and return to the safe poses after a few; returns whether that is all.
+
+    The first step led there from a `clearance` [m].
+    """
+    world, states, options, progress = method.world[0], method.states, method.options, state.progress
+    alone = _goes_alone(method)
+    if alone and progress.failed_steps == 0:
+        keep_first_step(options, fraction, clearance, -least_distance(state), state)
+    # Were this the tick's last step it would be taken back, and nothing of it made.
+    progress.failed_steps += 1
+    for p in range(pair_count(world.problem)):
+        states[p].progress.failed_steps = progress.failed_steps
+        states[p].progress.lag = max(full_motion, longest)
+    if progress.failed_steps <= MOST_FAILED_STEPS:
+        return False
+    if not alone:
+        return not _retry(method, state)
+    if not state.program.is_coupled:
+        suspend_decoupling(state)
+    take_free_share(method.movers[0], method.surfaces[0], options, state)
+    progress.failed_steps = 0
+    state.trust.radius *= TRUST_DECAY
+    return bool(progress.pairs_overflow)
+
+
+@jit
+def advance(method: World, full_motion: float, state: Record) -> bool:
+    """Make as much of the step as the listed pairs allow, and judge it by the true distances; True ends the tick."""
+    world = method.world[0]
+    began = monotonic_ns()
+    options, problem, progress, states = method.options, world.problem, state.progress, method.states
+    pairs, still = pair_count(problem), is_still(problem)
+    # A program may miss a joint limit by its tolerance, and the next one would start from there: with a palm that is a
+    # million times stiffer than a joint that adds up.
+    for p in range(pairs):
+        for f in range(FINGER_COUNT if problem.other[p] < 0 else 0):
+            clamp_to_limits(mover_of(method, p), states[p].pose, f, states[p].step.delta[:])
+    clearance = least_distance(state)
+    fraction, longest = allowed_share(method)
+    for h in range(hand_count(problem) if still else 0):
+        own = states[h].contacts.start[FINGER_COUNT + 1] + states[h].self_contact.count
+        hindered = as_bool(own + world.meeting.count > 0)
+        fraction = keep_bound(method.movers[h], options, hindered, fraction, world.longest[h], states[h])
+    _move_all(method, fraction, state)
+    for p in range(pairs):
+        motion = world.longest[p]
+        # Twice the step: where contacts change, the next one may be longer, and cut short by the reach, make that grow.
+        foreseen = REACH_FLOOR * max(options.step_tolerance, motion)
+        if not still:
+            foreseen = max(REACH_FLOOR * options.step_tolerance, motion)
+        update_reach(options, fraction, motion, full_motion, foreseen, states[p])
+    fits, least = measure(method), np.inf
+    for p in range(pairs):
+        least = min(least, least_distance(states[p]))
+    least = min(least, ask_hands(method, APART, fraction))
+    if not still:
+        least = min(least, ask_bodies(method, TABLE, 0.0))
+    if not fits:
+        progress.lag = max(full_motion, longest) - fraction * longest
+        done = True
+    elif least < 0.0 and forget_prediction(method.movers[0], method.surfaces[0], options, state):
+        done = bool(progress.pairs_overflow)
+    elif least < 0.0:
+        done = _fail(method, fraction, longest, full_motion, clearance, state)
+    elif not still and ask_bodies(method, DAMP, 0.0) > 0.0:
+        _take_back(method)
+        done = not measure(method)
+    else:
+        done = _accept_all(method, fraction, longest, full_motion, state)
+    state.step.duration[DURATION_DETECT] += monotonic_ns() - began
+    return as_bool(done)
+
+
+@jit_noinline
+def settle_forces(method: World, near: float, state: Record, qp: QpWork) -> bool:
+    """Compute the multipliers of the contacts up to `near` [m] where hands are shown; False where they do not fit.
+
+    A lagging tick's last program was made for another configuration, and a finger's own program that the palm has
+    yielded to has multipliers without bound. One more program, of the touching contacts alone, gives them: standing
+    still satisfies it, so that they stay within the coupling's own. Without a solution they stay as they were. It
+    counts in the forces' time.
+    """
+    world, options, step = method.world[0], method.options, state.step
+    problem, relaxed, holds = world.problem, state.program.is_relaxed, state.program.holds_abduction
+    iterations, coupled, duration = step.iterations, state.program.is_coupled, step.duration
+    palm, fingers, detect = duration[DURATION_PALM], duration[DURATION_FINGERS], duration[DURATION_DETECT]
+    world.meeting.count, world.within, world.settles, state.program.is_coupled = 0, near, True, True
+    for h in range(hand_count(problem)):
+        method.states[h].program.is_relaxed = method.states[h].program.holds_abduction = True
+        method.states[h].self_contact.bends = False
+    world.curved = False
+    count = prepare(method, near, state)
+    for h in range(hand_count(problem) if count >= 0 else 0):
+        # What is inside, where parts left no place, stays as deep as it is.
+        for i in range(problem.first[h], problem.last[h]):
+            problem.rhs[i] = min(problem.rhs[i], 0.0)
+    if count >= 0 and solve_with_pairs(method, count, as_bool(False), state, qp) == OPTIMAL:
+        _find_loads(method, 0.0, state)
+        for h in range(hand_count(problem)):
+            copy_active(method.states[h].warm, method.states[h].active)
+    for h in range(hand_count(problem)):
+        method.states[h].program.is_relaxed, method.states[h].program.holds_abduction = relaxed, holds
+    world.within, world.settles, state.program.is_coupled = options.margin, False, coupled
+    duration[DURATION_PALM], duration[DURATION_FINGERS], duration[DURATION_DETECT] = palm, fingers, detect
+    step.iterations = iterations
+    return as_bool(count >= 0)
+
+
+@jit
+def _finish_way(method: World, state: Record) -> tuple[bool, bool]:
+    """Return to the last poses without penetration; returns whether pairs did not fit, and part of a step was made."""
+    progress, pairs_overflow = state.progress, as_bool(state.progress.pairs_overflow)
+    if _goes_alone(method) and progress.differs_from_safe:
+        if progress.is_accepted or pairs_overflow:
+            state.first_step.free_share = 0.0
+        made_part = take_free_share(method.movers[0], method.surfaces[0], method.options, state)
+        if made_part:
+            # A step that is not free as a whole may be in several shorter ones.
+            share = max(TRUST_DECAY, state.first_step.free_share)
+            state.trust.radius = share * min(state.trust.reach, state.trust.radius)
+        return as_bool(pairs_overflow or progress.pairs_overflow), made_part
+    if progress.failed_steps > 0 or pairs_overflow:
+        _take_back(method)
+        pairs_overflow = as_bool(not measure(method) or pairs_overflow)
+    return pairs_overflow, as_bool(False)
+
+
+@jit
+def finish_tick(method: World, state: Record, qp: QpWork) -> None:
+    """Return to the last poses without penetration, take the velocities, the forces and the status bits."""
+    world = method.world[0]
+    began = monotonic_ns()
+    options, progress, states, problem = method.options, state.progress, method.states, world.problem
+    cut_short, still = is_budget_spent(options, state), is_still(problem)
+    pairs_overflow, made_part = _finish_way(method, state)
+    ask_bodies(method, SEE, 0.0)
+    for p in range(pair_count(problem)):
+        each = states[p]
+        # Beside what moves a hand that snaps has made all of its step, unless it lags as well. Both hands are damped.
+        snaps = as_bool((each.progress.snaps or (world.damping > 0.0 and p < hand_count(problem))) and not still)
+        each.progress.snaps = each.progress.snaps and not snaps
+        world.status[p] = tick_status(cut_short, made_part, each)
+        if snaps and progress.is_accepted:
+            ask_bodies(method, SNAP, float(p))
+        if pairs_overflow:
+            world.status[p] |= STATUS_CAPACITY_EXCEEDED
+        if p >= hand_count(problem):
+            # A body that has distance still to go past another one has it whatever the hand has.
+            world.status[0] |= world.status[p] & STATUS_LAG
+    ask_bodies(method, END, 0.0)
+    lags = False
+    for h in range(hand_count(problem)):
+        lags = lags or world.status[h] & STATUS_LAG != 0
+    if method.solving != 0 and _goes_alone(method) and progress.is_accepted and lags and energy_stalled(state):
+        suspend_decoupling(state)
+    detected = monotonic_ns()
+    if still and not pairs_overflow and options.force_model != FORCE_PAPER and (lags or palm_yielded(state)):
+        near = max(options.touch, ON_THE_WAY * options.offset) if lags else options.touch
+        settle_forces(method, near, state, qp)
+    settled = monotonic_ns() - detected
+    for h in range(hand_count(problem)):
+        each = states[h]
+        if not progress.is_accepted and not still:
+            each.active.count = 0
+        each.work[WORK_TOUCHING] = 0
+        for p in range(pair_count(problem)):
+            if problem.hand[p] == h and problem.other[p] < 0:
+                given = surface_at(method, p), mover_of(method, p), states[p].candidates
+                _, near_pairs = pairs_near(*given, options.touch)
+                each.work[WORK_TOUCHING] += near_pairs
+        if options.force_model == FORCE_PAPER:
+            shown = surface_at(method, h), mover_of(method, h), each.pose, each.candidates
+            find_surface_contacts(*shown, options.touch, each.contacts)
+    detected = monotonic_ns()
+    ask_bodies(method, TURN, 0.0)
+    for h in range(hand_count(problem)):
+        each = states[h]
+        snaps = each.progress.snaps or each.progress.snapped > 0
+        hand_forces(options, as_bool(still and snaps), each)
+        if each.progress.snaps:
+            world.status[h] |= STATUS_SNAP
+        if h > 0:
+            # The program is one: its work is that of both.
+            each.step.iterations = state.step.iterations
+            copy_values(state.step.duration[:], each.step.duration[:])
+        end_work(each)
+    state.step.duration[DURATION_DETECT] += detected - began - settled
+    state.step.duration[DURATION_FORCE] += monotonic_ns() - detected + settled
+
+
+@jit
+def _may_end(method: World, state: Record) -> bool:
+    """Return whether a tick whose work budget is spent may end: where no step was accepted bodies would stop."""
+    return as_bool(state.progress.is_accepted or is_still(method.world[0].problem))
+
+
+@jit
+def follow(method: World, state: Record, qp: QpWork) -> int:
+    """Go from linearisation to linearisation until all have arrived; returns the first hand's status bits."""
+    options, progress = method.options, state.progress
+    method.world[0].lagged = progress.lag > 0.0 and not progress.snaps
+    ask_bodies(method, TAKE, 0.0)
+    begin_tick(options, state)
+    _begin_motion(method, state)
+    status = as_int64(0)
+    for done in range(options.linearisations):
+        if done > 0 and _may_end(method, state) and spent_units(state) >= options.budget:
+            break
+        # With pairs missing from the lists a program could miss a contact.
+        solved, full_motion = as_int64(OVERFLOW), WHOLE_TARGET
+        if not progress.pairs_overflow:
+            solved, full_motion = solve_linearisation(method, done, state, qp)
+        if solved == OVERFLOW:
+            status |= STATUS_CAPACITY_EXCEEDED
+            break
+        if solved != OPTIMAL:
+            if recover(method, state):
+                continue
+            break
+        if advance(method, full_motion, state):
+            break
+    finish_tick(method, state, qp)
+    method.world[0].status[0] |= status
+    return as_int64(method.world[0].status[0])
+
+
+TICK, REBUILD, MEASURE = 0, 1, 2
+"""What `tick_world` is asked for."""
+
+
+@jit
+def tick_world(method: World, states: States, qp: QpWork, asked: int) -> int:
+    """Make one tick of all hands and bodies on the input that they have; returns the first hand's status bits.
+
+    Asked to `REBUILD` it takes all as it stands, and to `MEASURE` the poses of hands that went on alone: 0, or -1 where
+    the pairs do not fit. It is one function, since each of them would be compiled with the whole detection.
+    """
+    if asked == REBUILD:
+        return as_int64(0 if rebuild(method, states) else -1)
+    if asked == MEASURE:
+        return as_int64(0 if measure(method) else -1)
+    if method.giving == 0:
+        return as_int64(follow(method, states[0], qp))
+    world, state = method.world[0], states[0]
+    world.status[0] = call_code(method.giving, (method.given, method, qp))
+    if world.status[0] == 0:
+        follow(method, state, qp)
+        # Those that are the most of a program are the tick's own.
+        for i in range(WORK_COUNTERS):
+            state.work[i] += world.work[i]
+        for i in range(4):
+            state.step.duration[i] += world.spent[i]
+    return as_int64(world.status[0])
+
+
+@jit
+def run_many(
+    method: World,
+    states: States,
+    qp: QpWork,
+    haptic: HapticBlock,
+    record: TickRecord,
+    object_record: WorldRecord,
+    driven: Array,
+    code: int,
+) -> int:
+    """Run one tick for each row of the haptic inputs of the hands, as `kernels.tick.block.run_block` does of one.
+
+    Inputs and record have the hand as their first axis. `driven` has position [m] and orientation of each body's centre
+    at each tick, (K, B, 7), read of driven ones. `code` is that of `tick_world`.
+    """
+    world = method.world[0]
+    hands = hand_count(world.problem)
+    for i in range(haptic.position.shape[1]):
+        cpu = thread_team_cpu_ns(states[0].thread_team)
+        wall = monotonic_ns()
+        for h in range(hands):
+            world.taken[h] = set_haptic(
+                method.movers[h],
+                haptic.position[h, i],
+                haptic.orientation[h, i],
+                haptic.flexion[h, i],
+                haptic.abduction[h, i],
+                states[h],
+            )
+        for k in range(body_count(world.problem)):
+            if world.bodies[k].is_driven == 1:
+                drive_body(world.bodies[k], driven[k, i])
+        call_code(code, (method, states, qp, as_int64(TICK)))
+        wall = monotonic_ns() - wall
+        cpu = thread_team_cpu_ns(states[0].thread_team) - cpu
+        for h in range(hands):
+            record_tick(states[h], world.taken[h] | world.status[h], wall, cpu, (h, i), record)
+        if method.recording != 0:
+            run_code(method.recording, (object_record, world, as_int64(i)))
+        if world.status[0] & STATUS_CAPACITY_EXCEEDED:
+            return i + 1
+    return haptic.position.shape[1]
