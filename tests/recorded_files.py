@@ -173,16 +173,6 @@ def npy_dictionary(held: dict[str, Any]) -> bytes:
     return stream.getvalue()
 
 
-def hdf5_of_others() -> bytes:
-    """Arrays in groups."""
-    image = io.BytesIO()
-    with h5py.File(image, "w") as file:
-        file.attrs["fps"] = 100
-        file["hands/right"], file["frame_id"] = SAMPLE.named(MANO_JOINTS), np.arange(COUNT)
-        file["joint_names"] = [*MANO_JOINTS]
-    return image.getvalue()
-
-
 def own_h5() -> bytes:
     """A trajectory."""
     with TemporaryDirectory() as folder:
@@ -310,7 +300,6 @@ CASES: dict[str, Case] = {
     "keypoints, pickle": Case(
         {"a.pkl": pickle.dumps({"joints": POINTS, "t": TIME, "by": {"who": "me"}})}, UP | {"hand": "right"}
     ),
-    "keypoints, HDF5": Case({"a.hdf5": hdf5_of_others()}, UP | {"hand": "right"}),
     "leap": Case({"a.json": json.dumps(document(count=COUNT))}),
     "leap, packed": Case({"a.json": json.dumps(packed(document("left", count=COUNT)))}),
     "lerobot": Case({"a.parquet": lerobot_bytes(SAMPLE, episodes=2)}, {"episode": 1}),

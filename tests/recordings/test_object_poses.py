@@ -200,20 +200,6 @@ def test_one_row_is_an_object_at_rest_and_missing_rows_are_missing(tmp_path: Pat
         assert_pose(motion.at(np.flatnonzero(seen)), PLACE[seen], MATRIX[seen, :3, :3])
 
 
-def test_poses_in_the_frame_of_a_camera_are_moved_by_it(tmp_path: Path) -> None:
-    camera = np.tile(np.eye(4), (COUNT, 1, 1))
-    camera[:, :3, :3] = Rotation.from_rotvec(RANDOM.normal(0.0, 1.0, (COUNT, 3))).as_matrix()
-    camera[:, :3, 3] = RANDOM.uniform(-1.0, 1.0, (COUNT, 3))
-    np.save(tmp_path / "camera.npy", camera)
-    motion, said = read(tmp_path, array_npy(MATRIX), ".npy", camera_poses=tmp_path / "camera.npy")
-    world = camera @ MATRIX
-    assert_pose(motion, world[:, :3, 3], world[:, :3, :3])
-    assert "relative to the camera of camera.npy" in said
-    np.save(tmp_path / "camera.npy", camera[:-1])
-    with pytest.raises(TrajectoryError, match=rf"camera\.npy: {COUNT - 1} poses .* for {COUNT} samples"):
-        read(tmp_path, array_npy(MATRIX), ".npy", camera_poses=tmp_path / "camera.npy")
-
-
 SKEWED = MATRIX.copy()
 SKEWED[7, 0, :3] *= 1.5
 LONG = np.where(np.arange(COUNT)[:, None] == 4, 2.0, 1.0) * WXYZ

@@ -1,10 +1,7 @@
 """21 keypoints as bare numbers in four kinds of file."""
 
 import json
-from pathlib import Path
-from typing import Any
 
-import h5py
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,7 +13,6 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.recordings.joint_arrays import ORDERS, order_by_bones
 from hhsim.recordings.joint_names import JOINT_ORDERS, KEYPOINTS, MANO_JOINTS, WEBXR_JOINTS
-from hhsim.recordings.registry import ReadOptions, read_recording
 
 SAMPLE = joint_sample()
 POINTS, TIME = SAMPLE.named(), SAMPLE.motion.time
@@ -92,30 +88,6 @@ def test_missing_joints_and_noise_leave_the_order() -> None:
     noisy = joint_sample(noise=0.004).named()[:, [KEYPOINTS.index(joint) for joint in MANO_JOINTS]].copy()
     noisy[::3, 5] = np.nan
     assert order_by_bones(noisy, ORDERS[21]) == "mano"
-
-
-def hdf5(path: Path, **arrays: Any) -> Path:
-    """Write arrays in groups, whose names have double underscores."""
-    with h5py.File(path, "w") as file:
-        file.attrs["fps"] = 100
-        for name, values in arrays.items():
-            file[name.replace("__", "/")] = values
-        file["joint_names"] = [*MANO_JOINTS]
-    return path
-
-
-def test_an_hdf5_of_others_lists_its_arrays_and_takes_one(tmp_path: Path) -> None:
-    path = hdf5(tmp_path / "two.h5", left=POINTS, hands__right=POINTS)
-    with pytest.raises(TrajectoryError, match=r"2 arrays of joints, hands/right, left; say which one: --array NAME"):
-        read_recording(path)
-    assert read_recording(path, ReadOptions(array="left", joint_order="mediapipe", hand="right")).sample_count == 40
-    with pytest.raises(
-        TrajectoryError, match=r"no array of shape .*; it holds a/b \(3, 2\), joint_names \(21,\), fps \(\)$"
-    ):
-        read_recording(hdf5(tmp_path / "none.h5", a__b=np.zeros((3, 2))))
-    (tmp_path / "cut.h5").write_bytes(path.read_bytes()[:3000])
-    with pytest.raises(TrajectoryError, match="a damaged HDF5 file"):
-        read_recording(tmp_path / "cut.h5")
 
 
 def test_each_hand_of_two_arrays_is_read_by_its_side() -> None:
