@@ -17,17 +17,21 @@ from hhsim.hand import model
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.finger_ik import FingerAxes, finger_axes, finger_joints, fit_error, usual_fingers
-from hhsim.recordings.frames import in_palm, turned
-from hhsim.recordings.joint_fit import (
+from hhsim.recordings.finger_ik import (
     NOISE_FLOOR,
     USUAL_ABDUCTION,
+    FingerAxes,
+    finger_axes,
+    finger_joints,
+    fit_error,
     fitted_angles,
     noise_of,
     plane_abduction,
     spread_samples,
     straight_flexion,
+    usual_fingers,
 )
+from hhsim.recordings.frames import in_palm, turned
 from hhsim.recordings.recording import Recording, note
 from hhsim.system.output_path import check_output_path, holds
 

@@ -25,13 +25,13 @@ from hhsim.recordings.finger_ik import (
     finger_angles,
     finger_axes,
     finger_joints,
+    fitted_angles,
     median_bones,
     palm_from_knuckles,
     palm_origin,
     recorded_bones,
 )
 from hhsim.recordings.frames import FileFrame, axis_flip, in_palm, to_our_world, world_matrix
-from hhsim.recordings.joint_fit import fitted_angles
 from hhsim.recordings.joint_names import KEYPOINTS, missing_and_doubtful
 from hhsim.recordings.object_poses import ObjectPoses, placed
 from hhsim.recordings.recording import OTHER, SIDES, Finding, Recording, note, readings

@@ -15,11 +15,14 @@ from hhsim.recordings.content import Content as Content
 from hhsim.recordings.content import ReadOptions as ReadOptions
 from hhsim.recordings.content import stated_hand
 from hhsim.recordings.correction import Changes, Correction, changes
-from hhsim.recordings.frames import FileFrame, axes_matrix
+from hhsim.recordings.frames import FileFrame, axes_matrix, turned
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.recording import Finding, HandMotion, Recording, note
+from hhsim.result.reader import Result
+from hhsim.result.stored_hand import result_hand
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import media_kind
+from hhsim.system.output_path import check_output_path
 
 FORMATS_PACKAGE = "hhsim.recordings.formats"
 """Package that is imported by name, because the formats depend on this package."""
@@ -276,3 +279,17 @@ def exported(form: str, suffix: str, motion: HandMotion) -> bytes:
     if suffix.lower() not in suffixes:
         raise InputError(f"a file of format {form} does not end in '{suffix}'; expected {' or '.join(suffixes)}")
     return make(suffix.lower(), motion)
+
+
+def export_recording(result: Result, form: str, path: Path) -> int:
+    """Write the graphic hand of each tick, in the world, as a recording of a format; return the number of ticks.
+
+    Raises InputError as `exported`; OutputError for a file that cannot be written.
+    """
+    check_output_path(path)
+    hand = result_hand(result)
+    posture = HandConfiguration(*(result[f"graphic/{name}"] for name in HandConfiguration._fields))
+    wrist = posture.position + turned(posture.orientation, hand.wrist)
+    joints = np.concatenate([wrist[:, None], result["graphic/joints"].reshape(-1, 20, 3)], axis=1)
+    write_atomically(path, exported(form, path.suffix, HandMotion(result["time"], joints, posture, hand.side)))
+    return len(joints)

@@ -31,8 +31,8 @@ from hhsim.recordings.content import ZIP, Content, ReadOptions, stated_hand
 from hhsim.recordings.correction import Changes
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import JointPositions
+from hhsim.recordings.json_document import read_pose_lines
 from hhsim.recordings.object_poses import ObjectPoses, poses_in
-from hhsim.recordings.pose_lines import read_pose_lines
 from hhsim.recordings.recording import OTHER, Finding, Recording, note, unused
 from hhsim.recordings.registry import RecordingFormat
 from hhsim.recordings.unit_detection import time_column

@@ -21,9 +21,8 @@ from hhsim.recordings.content import Content, ReadOptions
 from hhsim.recordings.formats.mano import posed_tree
 from hhsim.recordings.frames import to_our_frames
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.json_document import keys_of
+from hhsim.recordings.json_document import SAME_MOMENT, keys_of, read_pose_lines
 from hhsim.recordings.object_poses import OBJECT_UID
-from hhsim.recordings.pose_lines import SAME_MOMENT, read_pose_lines
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.registry import RecordingFormat
 from hhsim.system.input_file import read_input_text
