@@ -1,7 +1,6 @@
 """Formats of recordings, each a module of `hhsim.recordings.formats`: their declaration, detection and reading."""
 
 import importlib
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,28 +25,6 @@ from hhsim.system.output_path import check_output_path
 
 FORMATS_PACKAGE = "hhsim.recordings.formats"
 """Package that is imported by name, because the formats depend on this package."""
-
-_OTHERS: dict[str, bytes] = {
-    "an animation (FBX, glTF, USD, MVNX, …) is not read; export its skeleton as BVH": (
-        rb'glTF|\{.*(?:"asset"\s*:\s*\{[^}]*"version"|"bufferViews?"\s*:)|'
-        rb"Kaydara FBX Binary|;\s*FBX |FBXHeaderExtension|#usda |PXR-USDC|BLENDER[-_0-9]|//Maya |"
-        rb"Vocaloid Motion Data|#!OML:ASF|:(?:version|FULLY-SPECIFIED)|(?:<\?xml.*?)?<(?:COLLADA|mvnx)"
-    ),
-    "an export of markers (Motive, Vicon, Qualisys, TRC, C3D) is not read; export the solved skeleton as BVH, or joint "
-    "positions as a CSV (docs/recordings.md)": (
-        rb"Format Version,|(?:Trajectories|Segments|Joints)\s*\n\s*[0-9]+|NO_OF_FRAMES\t|PathFileType\t|\x02\x50"
-    ),
-    "a database, such as a bag of ROS, is not read; write the joints of its topic as a CSV with a header "
-    "(docs/recordings.md)": rb"#ROSBAG |SQLite format 3\0",
-    "a robot, no recording of a hand": rb"(?:<\?xml.*?)?<(?:robot|mujoco|sdf)\b",
-    "a MATLAB file is not read; save its arrays as .npz: scipy.io.loadmat, numpy.savez": rb"MATLAB [57]\.",
-    "a Feather file is not read; save its arrays as .npz, or its table as Parquet or CSV": rb"ARROW1",
-    "an Excel workbook is not read; save it as CSV": rb"\xd0\xcf\x11\xe0",
-    "a packed file is not unpacked here; expected the recording in it": (
-        rb"\x1f\x8b|\xfd7zXZ|7z\xbc\xaf|\x28\xb5\x2f\xfd|BZh[1-9]|Rar!"
-    ),
-}
-"""Files in which people keep hands and which are not read, with what to do instead, by their beginnings."""
 
 
 @dataclass(frozen=True)
@@ -142,12 +119,6 @@ def _with_stated_fields(recording: Recording, content: Content, options: ReadOpt
     return recording
 
 
-def why_not_read(head: bytes) -> str:
-    """Return what the file with this beginning is, and what to do instead; "" for any other."""
-    head = head.removeprefix(b"\xef\xbb\xbf").lstrip()
-    return next((text for text, begins in _OTHERS.items() if re.match(begins, head, re.DOTALL)), "")
-
-
 def format_of(content: Content, options: ReadOptions) -> RecordingFormat:
     """Return the format that the user names, else the first that detects the content.
 
@@ -162,12 +133,10 @@ def format_of(content: Content, options: ReadOptions) -> RecordingFormat:
         raise TrajectoryError("empty; expected a recording")
     if media := media_kind(content.head):
         raise TrajectoryError(f"{media}; expected a recording of one of {', '.join(formats)}")
-    if reason := why_not_read(content.head):
-        raise TrajectoryError(reason)
     for form in formats.values():
         if form.sniff(content, options):
             return form
-    raise TrajectoryError(f"neither text nor a known format; expected one of {', '.join(formats)}")
+    raise TrajectoryError(f"neither text nor a known format; expected one of {', '.join(formats)} (docs/recordings.md)")
 
 
 NEW_SUFFIXES = (".npz", ".csv")

@@ -54,21 +54,19 @@ FOREIGN: dict[str, list[str]] = {
 
 @pytest.mark.parametrize("maker", FOREIGN)
 @pytest.mark.parametrize("noise", [0.0, 0.004])
-def test_rows_in_an_order_that_is_not_known_are_refused_with_how_far_each_is_off(maker: str, noise: float) -> None:
+def test_rows_in_an_order_that_is_not_known_are_refused(maker: str, noise: float) -> None:
     rows = joint_sample(noise=noise).named(tuple(FOREIGN[maker]))
     for data in (array_npy(rows), array_npy(1e3 * rows), json.dumps(rows.tolist()).encode()):
-        with pytest.raises(TrajectoryError, match=r"in no order that is known, by their bones: in .* mm") as error:
+        with pytest.raises(TrajectoryError, match="in no order that is known, by their bones; name") as error:
             read_as("keypoints", data, rate=100.0, hand="right")
         assert "--mirror" not in str(error.value) and "\n" not in str(error.value)
-    if len(FOREIGN[maker]) == 21:
-        assert "in MediaPipe's" in str(error.value) and "in MANO's" in str(error.value)
 
 
 def test_a_stated_order_is_taken_and_must_have_as_many_joints() -> None:
     line = np.zeros((40, 21, 3))
     line[:, 1:, 0] = 0.1
     line[:, :, 1] = np.sin(TIME)[:, None]
-    with pytest.raises(TrajectoryError, match=r"the bone to thumb_proximal is 0 mm, 0\.001 times a hand's"):
+    with pytest.raises(TrajectoryError, match="in no order that is known"):
         read_as("keypoints", arrays_npz(points=line, t=TIME))
     with pytest.raises(InputError, match="--joint-order openxr: 21 joints a sample; expected 25 or 26"):
         read_as("keypoints", array_npy(POINTS), rate=100.0, joint_order="openxr")
@@ -78,7 +76,7 @@ def test_a_stated_order_is_taken_and_must_have_as_many_joints() -> None:
             text = words(read_as("keypoints", foreign, rate=100.0, joint_order="mano", hand=side))
         except TrajectoryError as error:
             text = str(error)
-        assert "times a hand's" in text and "--mirror" not in text
+        assert "bones are not those of a hand" in text and "--mirror" not in text
     told = read_as("keypoints", array_npy(IN_MANO), rate=100.0, world_up="y", joint_order="smplx")
     assert_our_own(told, SAMPLE)
     assert "as --joint-order says" in words(told)
