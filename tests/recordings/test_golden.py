@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from joint_samples import joint_sample
+from joint_samples import Y_UP, joint_sample
 from leap_document import document, packed
 from lzstring import LZString
-from recorded_files import CASES, COUNT, GOLDEN, imported, laid_out
+from recorded_files import CASES, COUNT, GOLDEN, PLACE, TURN, imported, laid_out
 
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.recordings.formats import FORMATS
 from hhsim.recordings.registry import read_recording
 
@@ -55,6 +56,11 @@ def test_our_own_hand_comes_back(name: str, tmp_path: Path) -> None:
     atol = ROUNDED.get(form, 1e-6)
     for key in ("flexion", "abduction"):
         assert np.nanmax(np.abs(getattr(recording, key) - getattr(motion, key))) < atol, key
+    if form == "keypoints" and recording.object_motion is not None and "mirror" not in name:
+        np.testing.assert_allclose(recording.object_motion.position, PLACE @ Y_UP, atol=1e-9)
+        np.testing.assert_allclose(
+            rotation_matrix(recording.object_motion.orientation), Y_UP.T @ TURN.as_matrix(), atol=1e-9
+        )
     if recording.joints is not None and CASES[name].options.get("world_up", "y") == "y":
         assert np.nanmax(np.abs(recording.position - motion.position)) < max(1e-9, atol * (form in ROUNDED))
 

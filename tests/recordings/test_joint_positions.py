@@ -5,13 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from joint_samples import JointSample, Side, array_npy, joint_sample, words
-from sampled import sampled
+from joint_samples import JointSample, array_npy, joint_sample, words
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
-from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.joint_names import KEYPOINTS
@@ -31,29 +28,6 @@ def read(sample: JointSample, options: ReadOptions | None = None, **fields: Any)
     return recording_of_joints(
         JointPositions(**given | fields), "test", Content(data=b"", name="take"), options or ReadOptions()
     )
-
-
-@pytest.mark.parametrize(
-    ("side", "length"),
-    sampled(
-        [(side, length) for length in (0.16, 0.19, 0.21) for side in ("right", "left")],
-        lambda place, _: place in (0, 3, 5),
-    ),
-)
-def test_our_own_hand_comes_back(side: Side, length: float) -> None:
-    sample = joint_sample(side, length=length)
-    recording = read(sample, hand=side)
-    assert recording.hand == side
-    assert np.abs(recording.flexion - sample.motion.flexion).max() < 1e-9
-    assert np.abs(recording.abduction - sample.motion.abduction).max() < 1e-9
-    assert np.allclose(np.abs((recording.orientation * sample.motion.orientation).sum(axis=1)), 1.0)
-    bones = recording.bones
-    assert bones is not None and bones.largest.max() < 1e-9
-    assert np.allclose(bones.length, sample.hand.length)
-    # The palm's origin is where the knuckles of the usual hand meet the recorded ones.
-    turns = rotation_matrix(recording.orientation)
-    own, usual = sample.hand.base[1:].mean(axis=0), HandModel.default(side).base[1:].mean(axis=0)
-    assert np.allclose(recording.position + turns @ usual, sample.motion.position + turns @ own)
 
 
 @pytest.mark.parametrize("noise", [0.0005, 0.002])

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from joint_samples import Y_UP, array_npy, arrays_npz, joint_sample, openxr_csv, words
+from joint_samples import Y_UP, array_npy, arrays_npz, joint_sample, words
 from recording_samples import read_as
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -255,52 +255,6 @@ def test_the_unit_of_poses_beside_a_far_hand_is_that_of_their_distance_from_it(t
 POINTS = SAMPLE.named()
 FRAME_PLACE, FRAME_TURN = PLACE @ Y_UP, Y_UP.T @ MATRIX[:, :3, :3]
 """The object's pose in our world, if the file's has y up."""
-POSE7 = np.concatenate([PLACE, XYZW], axis=1)
-
-
-def keypoint_frames() -> str:
-    frames = [
-        {
-            "t": t,
-            "landmarks": hand,
-            "object": {"position": dict(zip("xyz", p)), "rotation": dict(zip("xyzw", q))},
-            "id": 3,
-        }
-        for t, hand, p, q in zip(TIME.tolist(), POINTS.tolist(), PLACE.tolist(), XYZW.tolist())
-    ]
-    return json.dumps({"camera": "left", "frames": frames})
-
-
-def with_columns(text: str, header: str, *columns: FloatArray) -> str:
-    lines, added = text.splitlines(), csv(header, *columns).decode().splitlines()
-    start = next(k for k, line in enumerate(lines) if not line.startswith("#"))
-    return "\n".join([*lines[:start], *(f"{line},{more}" for line, more in zip(lines[start:], added))]) + "\n"
-
-
-OPENXR_OBJECT = "object_px,object_py,object_pz,object_qx,object_qy,object_qz,object_qw"
-IN_RECORDINGS: dict[str, tuple[str, Any, str]] = {
-    "npz of keypoints": (
-        "keypoints",
-        arrays_npz(keypoints=POINTS, t=TIME, object_pos=PLACE, object_quat_xyzw=XYZW, foo=np.zeros((2, 3))),
-        "not used: foo (2, 3)",
-    ),
-    "npz of keypoints, pose": ("keypoints", arrays_npz(keypoints=POINTS, t=TIME, obj_pose=MATRIX), ""),
-    "json": ("keypoints", keypoint_frames(), "not used: camera, id"),
-    "csv of openxr": (
-        "openxr",
-        with_columns(openxr_csv(SAMPLE), f"{OPENXR_OBJECT},gain", PLACE, XYZW, TIME),
-        "not used: frame, right_palm_qx, right_palm_qy, right_palm_qz, right_palm_qw, right_wrist_qx and 100 more",
-    ),
-}
-
-
-@pytest.mark.parametrize("form", IN_RECORDINGS)
-def test_an_object_in_a_recording_is_read_and_the_rest_is_named(form: str) -> None:
-    name, data, left = IN_RECORDINGS[form]
-    recording = read_as(name, data, world_up="y", rate=100.0)
-    assert_pose(recording.object_motion, FRAME_PLACE, FRAME_TURN)
-    assert left in words(recording) and words(recording).count("not used") == bool(left)
-    assert "the object's pose is that of obj" in words(recording)
 
 
 def test_without_a_stated_world_the_axes_are_kept_so_hand_and_object_stay_together() -> None:

@@ -11,13 +11,10 @@ from pose_samples import mano_poses
 from skin_samples import Y_FRAME, correction_to, shaken, skin_sample
 
 from hhsim.errors import InputError
-from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import quaternion, rotation_matrix
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.topology import is_closed, signed_volume
 from hhsim.recordings.frames import FileFrame
 from hhsim.repair.skin import cone_gaps, in_palm, mano_skin, moved_skin, nearest_bone, read_skin
-from hhsim.repair.written_hand import bone_frames
 
 NONE = np.zeros(0)
 
@@ -36,25 +33,6 @@ def test_a_mano_skin_is_closed_outward_and_around_the_hand() -> None:
         finger, k = divmod(bone - 1, 3)
         middle = skin.vertices[:, skin.bone == bone].mean(axis=1)
         assert np.linalg.norm(middle - joints[:, finger, k : k + 2].mean(axis=1), axis=1).max() < 0.008
-
-
-@pytest.mark.parametrize("side", ["right", "left"])
-def test_bones_turn_as_the_joints_do(side: str) -> None:
-    hand, random = HandModel.default("left" if side == "left" else "right"), np.random.default_rng(1)
-    flexion = random.uniform(hand.flexion_min, hand.flexion_max, (20, 5, 3))
-    abduction = random.uniform(hand.abduction_min, hand.abduction_max, (20, 5))
-    turn = quaternion(random.normal(size=(20, 3)))
-    posed = HandConfiguration(random.normal(size=(20, 3)), turn, flexion, abduction)
-    bones = bone_frames(hand, posed)
-    np.testing.assert_allclose(bones @ bones.swapaxes(2, 3), np.broadcast_to(np.eye(3), bones.shape), atol=1e-12)
-    assert np.array_equal(bones[:, 0], rotation_matrix(turn))
-    joints = np.array([hand.joints(*posed.at(t)) for t in range(20)])
-    along = np.diff(joints, axis=2) / hand.length[..., None]
-    np.testing.assert_allclose(bones[:, 1:, :, 0].reshape(-1, 5, 3, 3), along, atol=1e-12)
-    # The second column is the axis of flexion: a small turn about it moves the first column as flexion does.
-    bent = posed._replace(flexion=flexion + 1e-6 * np.array([1.0, 0.0, 0.0]))
-    change = (bone_frames(hand, bent)[:, 1:, :, 0] - bones[:, 1:, :, 0]) / 1e-6
-    np.testing.assert_allclose(change, np.cross(bones[:, 1:, :, 1], bones[:, 1:, :, 0]), atol=1e-5)
 
 
 @given(st.integers(0, 2**32 - 1))
