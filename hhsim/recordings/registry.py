@@ -131,8 +131,8 @@ def format_of(content: Content, options: ReadOptions) -> RecordingFormat:
         return formats[options.form]
     if not content.head.strip() and not content.data.strip():
         raise TrajectoryError("empty; expected a recording")
-    if media := media_kind(content.head):
-        raise TrajectoryError(f"{media}; expected a recording of one of {', '.join(formats)}")
+    if media := media_kind(content.head) or ("XML" if content.beginning.lstrip().startswith("<") else ""):
+        raise TrajectoryError(f"{media}; expected a recording of one of {', '.join(formats)} (docs/recordings.md)")
     for form in formats.values():
         if form.sniff(content, options):
             return form

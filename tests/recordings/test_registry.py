@@ -140,6 +140,7 @@ def test_the_content_decides(data: bytes, name: str) -> None:
     [
         (b"Kaydara FBX Binary  \0\x1a\0" + bytes(40), "neither text nor a known format"),
         (b'{"asset": {"version": "2.0"}}', "JSON without frames"),
+        (b"<?xml version='1.0'?>\n<robot name='arm'>", "XML; expected a recording of one of"),
         (b"\x1f\x8b\x08\0" * 30, "neither text nor a known format"),
         (zip_of("[Content_Types].xml", "xl/workbook.xml"), "an Excel workbook is not read; save it as CSV"),
     ],
