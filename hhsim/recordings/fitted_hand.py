@@ -165,7 +165,7 @@ def fitted_hand(recording: Recording, source: str) -> tuple[Recording, str]:
     short = np.argwhere(~(length > SHORTEST))
     if len(short):
         finger, bone = short[0]
-        what = f"bone {bone + 1} of the {FINGERS[finger]} is {1e3 * length[finger, bone]:.1f} mm long"
+        what = f"bone {bone + 1} of the {FINGERS[finger]} is too short"
         raise TrajectoryError(f"--fit-hand: {what}; expected more than {1e3 * SHORTEST:g} mm")
     mirror = model.MIRROR if bones.hand == "left" else np.ones(3)
     own: dict[str, FloatArray] = {}

@@ -222,8 +222,7 @@ def _quaternions(name: str, given: Any, order: str | None, options: ReadOptions)
     norm = np.linalg.norm(values, axis=1, keepdims=True)
     wrong = np.flatnonzero(np.abs(norm - 1.0) > UNIT_TOLERANCE)
     if wrong.size:
-        text = f"'{name}' has length {norm[wrong[0], 0]:.4g} in row {wrong[0]}"
-        raise TrajectoryError(f"{text}; expected unit quaternions, NaN where missing")
+        raise TrajectoryError(f"'{name}' is not of unit length in row {wrong[0]}; expected NaN where it is missing")
     return np.asarray(values[:, list(ORDERS[order])] / norm)
 
 
@@ -244,8 +243,7 @@ def _of_rows(name: str, given: Any, order: str | None, options: ReadOptions) -> 
         matrix = values.reshape(len(values), -1, 4)
         wrong = (np.abs(matrix[:, 3:] - [0.0, 0.0, 0.0, 1.0]) > UNIT_TOLERANCE).any(axis=(1, 2))
         if wrong.any():
-            text = f"'{name}' has the last row {matrix[int(np.argmax(wrong)), 3].tolist()}"
-            raise TrajectoryError(f"{text}; expected [0, 0, 0, 1]: is the matrix transposed?")
+            raise TrajectoryError(f"'{name}' has no last row [0, 0, 0, 1], as expected: is the matrix transposed?")
         return ObjectPoses(matrix[:, :3, 3], _of_matrices(name, matrix[:, :3, :3]), None, (name,))
     seen = values[np.isfinite(values).all(axis=1)]
     off = np.abs(np.linalg.norm(seen[:, 3:], axis=1) - 1.0) > UNIT_TOLERANCE

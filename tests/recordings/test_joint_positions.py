@@ -61,9 +61,7 @@ def test_the_side_is_said_or_told_by_the_fingers_or_asked_for() -> None:
         told = read(joint_sample(side))
         assert told.hand == side and f"a {side} one by the bend of its fingers" in words(told)
     for fields, other in (({}, "--hand right"), ({"hand": "left"}, "--mirror x --other-hand")):
-        with pytest.raises(
-            TrajectoryError, match=rf"named a left hand, .* as a right one's, by 27° .*, {other} if it is"
-        ):
+        with pytest.raises(TrajectoryError, match=rf"named a left hand, .* as a right one's: .*, {other} if it is"):
             read(joint_sample("right"), ReadOptions(hand="" if fields else "left"), **fields)
     wrong = read(joint_sample("right", bend=0.1), hand="left")
     assert wrong.hand == "left" and "as a left hand its thumb is behind its palm" in words(wrong)
@@ -102,12 +100,7 @@ def test_samples_that_the_import_fills_are_not_called_held_by_the_device() -> No
     recording = read(joint_sample(), position=points)
     assert "repeat" not in words(recording)
     filled = [finding.text for finding in clean_recording(recording).findings if "filled" in finding.kind]
-    assert [text.partition(": ")[2] for text in filled] == [
-        "interpolated; the nearest one is held at the beginning or the end"
-    ] * 2
-    points[:10] = joint_sample().named()[:10]
-    filled = [f.text for f in clean_recording(read(joint_sample(), position=points)).findings if "filled" in f.kind]
-    assert [text.partition(": ")[2] for text in filled] == ["interpolated"] * 2
+    assert len(filled) == 2 and all("interpolated, and at the ends the nearest one is held" in text for text in filled)
 
 
 LOST = np.where((np.arange(21) == 8)[:, None], np.nan, joint_sample().named())

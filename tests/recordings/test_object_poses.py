@@ -211,10 +211,10 @@ FAR[:, :3, 3] = 30.0
     ("data", "suffix", "said"),
     [
         (array_npy(MATRIX[:-1]), ".npy", rf"{COUNT - 1} poses of the object .* for {COUNT} samples of the hand"),
-        (array_npy(MATRIX.transpose(0, 2, 1)), ".npy", "expected .0, 0, 0, 1.: is the matrix transposed"),
+        (array_npy(MATRIX.transpose(0, 2, 1)), ".npy", "is the matrix transposed"),
         (array_npy(SKEWED), ".npy", "is no rotation in row 7"),
         (array_npy(MATRIX * [[-1.0], [1.0], [1.0], [1.0]]), ".npy", "is no rotation in row 0; expected .* det R = 1"),
-        (arrays_npz(pos=PLACE, quat_wxyz=LONG), ".npz", "'quat_wxyz' has length 2 in row 4; expected unit"),
+        (arrays_npz(pos=PLACE, quat_wxyz=LONG), ".npz", "'quat_wxyz' is not of unit length in row 4"),
         (arrays_npz(pos=PLACE), ".npz", "'pos' is only one of an object's position and orientation"),
         (arrays_npz(pos=PLACE, quat_wxyz=WXYZ[:-2]), ".npz", f"'pos' has {COUNT} rows and 'quat_wxyz' {COUNT - 2}"),
         (arrays_npz(a=MATRIX, b=MATRIX), ".npz", r"several arrays that may be poses, it holds a \(40, 4, 4\)"),

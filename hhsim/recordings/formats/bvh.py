@@ -245,17 +245,11 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
 
 def _hand(bvh: Bvh, options: ReadOptions) -> tuple[HandSide, Hand, list[Finding]]:
     """Return the hand of the options, else the right one, and findings; TrajectoryError for none."""
-    lines = {side: _finger_lines(bvh.joints, side) for side in (*SIDES, "")}
-    found = {side: hands for side in (*SIDES, "") if (hands := _hands(bvh.joints, lines[side]))}
+    found = {side: _hands(bvh.joints, _finger_lines(bvh.joints, side)) for side in (*SIDES, "")}
+    found = {side: hands for side, hands in found.items() if hands}
     if not found:
-        some = "; ".join(
-            f"{side or 'no side'}: {', '.join(known)}{' apart' if len(known) == len(FINGERS) else ''}"
-            for side, known in lines.items()
-            if known
-        )
         names = ", ".join(joint.name for joint in bvh.joints if not joint.is_end)[:60]
-        what = f"{len(bvh.joints)} joints ({some or 'none'}), such as {names}…"
-        raise TrajectoryError(f"no hand with five fingers of three joints each among {what}; {NO_HAND}")
+        raise TrajectoryError(f"no hand with five fingers of three joints each among {names}…; {NO_HAND}")
     side, findings = chosen_side(dict.fromkeys(found, 1), options.hand)
     if len(found[side]) > 1:
         at = " and ".join(f"'{bvh.joints[wrist].name}'" for wrist, _ in found[side][:2])

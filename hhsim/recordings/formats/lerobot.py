@@ -52,10 +52,8 @@ def _read(content: Content, options: ReadOptions) -> Recording | JointPositions:
     names = [name for name in columns if name.split(".")[-1] == "hand_joints"]
     width, hands = 2 * JOINTS * 3, _numbers(columns, names[0], rows) if names else np.zeros((0, 0))
     if hands.shape[1] not in (width, width // 2):
-        held = ", ".join(f"{name} ({_numbers(columns, name, rows[:1]).shape[1]})" for name in list(columns)[:6])
-        what = f"{names[0]} has {hands.shape[1]} numbers" if names else "no hand_joints"
-        expected = f"hand_joints of 2 × {JOINTS} × 3, or --columns that explain the others"
-        raise TrajectoryError(f"{what}; it holds {held}; expected {expected}")
+        what = f"{names[0]} has {hands.shape[1]} numbers" if names else f"no hand_joints among {', '.join(columns)}"
+        raise TrajectoryError(f"{what}; expected 2 × {JOINTS} × 3, or --columns that explain the others")
     if len(names) > 1:
         findings.append(note(f"joints from {names[0]}; there is also {', '.join(names[1:3])}"))
     sides, side, remarks = _chosen(hands, options)
