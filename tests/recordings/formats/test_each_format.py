@@ -327,17 +327,6 @@ def test_the_users_word_for_the_hand_turns_a_left_handed_world_as_the_files_own_
     assert np.abs(recording.flexion - joint_sample().motion.flexion).max() < 1e-6
 
 
-def test_stamps_of_ros_in_two_columns() -> None:
-    sample = joint_sample()
-    lines = openxr_csv(sample).splitlines()
-    stamps = [1_700_000_000_950_000_000 + round(1e9 * float(stamp)) for stamp in sample.motion.time]
-    heads = ["header.stamp.sec,header.stamp.nanosec", *(f"{stamp // 10**9},{stamp % 10**9}" for stamp in stamps)]
-    table = "\n".join(f"{head},{line.split(',', 2)[2]}" for head, line in zip(heads, lines)) + "\n"
-    recording = read_as("openxr", table)
-    assert np.abs(recording.time - sample.motion.time).max() < 1e-6
-    assert "header" not in words(recording)
-
-
 def test_stamps_of_two_clocks_and_samples_that_are_not_valid() -> None:
     lines = openxr_csv(joint_sample()).splitlines()
     head = f"host_time_s,device_time_ns,right_valid,{lines[0].split(',', 2)[2]}".replace(
