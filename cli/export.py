@@ -57,7 +57,7 @@ def command(
 
     loaded = load_hand(result, side or "")
     if form is not None:
-        from hhsim.repair.result_recording import export_recording
+        from hhsim.recordings.registry import export_recording
 
         if columns:
             raise click.UsageError("--columns is for a table of ticks, and --as writes a recording")

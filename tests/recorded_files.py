@@ -31,7 +31,7 @@ from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.dexmo_regression import CHANNELS, Poses
 from hhsim.recordings.formats.aria import landmark_columns
 from hhsim.recordings.formats.egodex import arkit_joints
-from hhsim.recordings.joint_names import KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS, UNITY_JOINTS
+from hhsim.recordings.joint_names import KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS, UNITY_JOINTS, WEBXR_JOINTS
 from hhsim.recordings.registry import ReadOptions, read_recording, write_recording
 from hhsim.system.settings_file import parse_settings
 
@@ -54,6 +54,7 @@ class Case(NamedTuple):
     options: Mapping[str, Any] = MappingProxyType({})
     cleaning: Mapping[str, Any] = MappingProxyType({})
     writes: bool = True  # False where a correction is not written back
+    bend: float = 1.0  # share by which the fingers of our sample are bent
 
 
 def columns_csv(header: str, *columns: Any) -> str:
@@ -173,16 +174,6 @@ def npy_dictionary(held: dict[str, Any]) -> bytes:
     return stream.getvalue()
 
 
-def hdf5_of_others() -> bytes:
-    """Arrays in groups."""
-    image = io.BytesIO()
-    with h5py.File(image, "w") as file:
-        file.attrs["fps"] = 100
-        file["hands/right"], file["frame_id"] = SAMPLE.named(MANO_JOINTS), np.arange(COUNT)
-        file["joint_names"] = [*MANO_JOINTS]
-    return image.getvalue()
-
-
 def own_h5() -> bytes:
     """A trajectory."""
     with TemporaryDirectory() as folder:
@@ -202,6 +193,42 @@ def zeroed_bvh() -> str:
         joints = [words[6 + 3 * k : 9 + 3 * k] for k in range(len(words) // 3 - 2)]
         rows.append(" ".join([*words[:6], *(word for joint in joints for word in ("0", "0", "0", *joint))]))
     return lines[0] + "Frame Time: 0.010000\n" + "\n".join(rows) + "\n"
+
+
+def table(*header: str) -> str:
+    """Columns of 63 coordinates, after stamps if the header has them; no header if it is empty."""
+    columns = [TIME, POINTS] if "time_s" in header else [POINTS]
+    return columns_csv(",".join(header), *columns).lstrip("\n")
+
+
+def hand_frames(shape: Callable[[float, dict[str, Any]], Any]) -> list[Any]:
+    """Frames of WebXR's joints by name in another shape, of a stamp [ms] and a hand."""
+    return [shape(frame["timeStamp"], frame["hands"]["right"]) for frame in json.loads(webxr_json(SAMPLE))["frames"]]
+
+
+def in_a_list(hand: dict[str, Any]) -> list[Any]:
+    """Objects that name their joint."""
+    return [{"name": name, "pose": {"position": [*joint["position"].values()]}} for name, joint in hand.items()]
+
+
+def points_by_name(hand: dict[str, Any]) -> dict[str, Any]:
+    """Points by the names of their joints."""
+    return {name: [*joint["position"].values()] for name, joint in hand.items()}
+
+
+def matrices(shape: Callable[[list[list[float]]], Any]) -> list[Any]:
+    """Frames of matrices of WebXR's joints, column by column, in another shape."""
+    turn = [0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    hands = [[[*turn, *point, 1.0] for point in points] for points in SAMPLE.named(WEBXR_JOINTS).tolist()]
+    return [{"time": t, "hands": {"right": shape(hand)}} for t, hand in zip(TIME.tolist(), hands)]
+
+
+def of_mano(reading: str) -> Case:
+    """Poses of MANO by another meaning of their numbers."""
+    pose = POSE_OF - (FIELDS["hands_mean"] if reading in ("pca", "axis-angle-mean") else 0.0)
+    pose = pose @ FIELDS["hands_components"].T if reading.startswith("pca") else pose
+    arrays = arrays_npz(poses=np.concatenate([TURN_OF, pose], axis=1), trans=SHIFT_OF, t=TIME, hand="right")
+    return Case({"a.npz": arrays, **RIGHT_MODEL}, MODEL | {"mano_pose": reading}, writes=False)
 
 
 TURN_OF, POSE_OF, SHIFT_OF = mano_poses(SAMPLE)
@@ -310,7 +337,6 @@ CASES: dict[str, Case] = {
     "keypoints, pickle": Case(
         {"a.pkl": pickle.dumps({"joints": POINTS, "t": TIME, "by": {"who": "me"}})}, UP | {"hand": "right"}
     ),
-    "keypoints, HDF5": Case({"a.hdf5": hdf5_of_others()}, UP | {"hand": "right"}),
     "leap": Case({"a.json": json.dumps(document(count=COUNT))}),
     "leap, packed": Case({"a.json": json.dumps(packed(document("left", count=COUNT)))}),
     "lerobot": Case({"a.parquet": lerobot_bytes(SAMPLE, episodes=2)}, {"episode": 1}),
@@ -408,6 +434,53 @@ CASES: dict[str, Case] = {
             )
         }
     ),
+    **{
+        f"webxr, {name}": Case({"a.json": json.dumps(frames)})
+        for name, frames in {
+            "named in a list": hand_frames(lambda t, hand: {"t": 1e-3 * t, "side": "Right", "joints": in_a_list(hand)}),
+            "points by name": hand_frames(lambda t, hand: {"time_ms": t, "side": "r", "joints": points_by_name(hand)}),
+            "matrices by name": matrices(lambda hand: dict(zip(WEBXR_JOINTS, hand))),
+            "matrices row by row": matrices(lambda hand: [np.reshape(m, (4, 4)).T.ravel().tolist() for m in hand]),
+            "matrices of four rows": matrices(lambda hand: [np.reshape(m, (4, 4)).T.tolist() for m in hand]),
+            "matrices of a transform": matrices(lambda hand: [{"pose": {"matrix": m}, "radius": 0.01} for m in hand]),
+            "matrices of a typed array": matrices(lambda hand: dict(enumerate(x for m in hand for x in m))),
+        }.items()
+    },
+    **{
+        f"{name}, {suffix}": Case({f"a.{suffix}": data}, RATED, writes=False)
+        for name, suffix, data in (
+            ("keypoints, ms", "npz", arrays_npz(a=POINTS, timestamps_ms=1e3 * TIME)),
+            ("keypoints, plain", "csv", table("time_s", *(f"{axis} of {k}" for k in range(21) for axis in "xyz"))),
+            ("keypoints, xyz", "csv", table(*(f"{axis}{k}" for k in range(21) for axis in "xyz"))),
+            ("keypoints, of savetxt", "csv", table().replace(",", " ")),
+            ("keypoints, of pandas", "csv", table(*map(str, range(63)))),
+            ("keypoints, bare", "json", json.dumps(POINTS.tolist())),
+            ("keypoints, flat", "json", json.dumps({"hand": "right", "kp3d": POINTS.reshape(-1, 63).tolist()})),
+            (
+                "keypoints, deep",
+                "json",
+                json.dumps({"meta": [[0]] * 50, "p": [{"q": {"s": p}} for p in POINTS.tolist()]}),
+            ),
+            ("keypoints, MANO's order", "json", json.dumps(SAMPLE.named(MANO_JOINTS).tolist())),
+            ("keypoints, 26", "json", json.dumps(SAMPLE.named(OPENXR_JOINTS).tolist())),
+            ("keypoints, 25", "npy", array_npy(SAMPLE.named(WEBXR_JOINTS))),
+            ("openxr, 21", "csv", table("time_s", *(f"right_{joint}_{axis}" for joint in KEYPOINTS for axis in "xyz"))),
+        )
+    },
+    **{
+        f"openxr, {'Unity, ' * unity}bent by {bend}": Case(
+            {"a.csv": openxr_csv(joint_sample(count=COUNT, bend=bend), unity=unity)}, writes=False, bend=bend
+        )
+        for unity in (False, True)
+        for bend in (0.3, 0.1, 0.0)
+    },
+    **{
+        f"bvh, {rig}": Case({"a.bvh": bvh_text(LEFT.motion, RIGS[rig], "left")})
+        for rig in RIGS
+        if rig not in ("mixamo", "neuron", "no ends")
+    },
+    **{f"mcap, {name}": Case({"a.mcap": mcap_bytes(SAMPLE, compression=name)}) for name in ("zstd", "lz4")},
+    **{f"mano, {reading}": of_mano(reading) for reading in ("axis-angle-mean", "pca", "pca-flat")},
 }
 
 

@@ -29,7 +29,6 @@ RUN_ELSEWHERE = {
     "gate-github-actions.yml": "gate/test_run.py",
     "laptop.urdf": "linkage/test_urdf.py",
     "project_out.py": "replay/test_conformance.py",
-    "repair_lerobot.py": "repair/test_lerobot_example.py",
     "sweep.toml": "sweep/test_plan.py",
     "udp_bridge.py": "live/drivers/test_udp.py",
     "openxr_bridge.py": "live/drivers/test_openxr.py",

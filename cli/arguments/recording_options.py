@@ -89,7 +89,7 @@ class HandData(OptionGroup, heading="World, MANO, UmeTrack, LeRobot, bare number
     episode: int | None = option(
         type=click.IntRange(0, 2**63 - 1), metavar="N", help="Episode of a LeRobot file. Default: the only one."
     )
-    array: str | None = option(metavar="NAME", help="Array of joints, in an .npz, a pickle or an HDF5 with several.")
+    array: str | None = option(metavar="NAME", help="Array of joints, in an .npz or a pickle with several.")
     joint_order: str | None = option(
         type=click.Choice(["mediapipe", "mano", "smplx", "openxr", "unity"]),
         help="Order of joints without names. Default: found from the lengths of the bones.",

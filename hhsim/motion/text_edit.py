@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import accumulate
 from typing import NamedTuple
 
 from hhsim.arrays import FloatArray
@@ -49,22 +50,9 @@ def edited(text: str, edits: Iterable[NumberEdit], decimal: str = ".") -> str:
     return "".join([*parts, text[place:]])
 
 
-def line_starts(text: str) -> list[int]:
-    """Return the place of the first sign of each line."""
-    starts = [0]
-    for line in text.splitlines(keepends=True):
-        starts.append(starts[-1] + len(line))
-    return starts
-
-
-def word_spans(line: str) -> list[tuple[int, int]]:
-    """Return the places of the words between blanks."""
-    return [found.span() for found in re.finditer(r"\S+", line)]
-
-
 def cell_edits(text: str, table: Table, rows: Sequence[int], columns: Mapping[str, NewColumn]) -> Iterator[NumberEdit]:
     """Yield the edits of a table's text for new values of some columns in some of its rows."""
-    starts, lines = line_starts(text), text.splitlines()
+    lines, starts = text.splitlines(), [0, *accumulate(map(len, text.splitlines(keepends=True)))]
     cells = [(table.header.index(column), new) for column, new in columns.items()]
     for k, row in enumerate(rows):
         number = table.lines[row] - 1
@@ -77,7 +65,7 @@ def cell_edits(text: str, table: Table, rows: Sequence[int], columns: Mapping[st
 def _cell_spans(line: str, delimiter: str) -> list[tuple[int, int]]:
     """Return the places of the cells, without blanks and quotation marks around them."""
     if delimiter == " ":
-        return word_spans(line)
+        return [found.span() for found in re.finditer(r"\S+", line)]
     sign = re.escape(delimiter)
     spans = []
     for found in re.finditer(rf'(?:^|(?<={sign}))(?:"(?:[^"]|"")*"[^{sign}]*|[^{sign}]*)', line):

@@ -12,13 +12,11 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.motion.resample import interpolate_orientation
 from hhsim.motion.sample_flags import MENDED, SampleFlag, mark, marked
 from hhsim.motion.trajectory import MIN_QUATERNION_NORM, ObjectMotion, Phase, Trajectory, continuous_orientation
 from hhsim.recordings.column_map import JOINT_NAMES
-from hhsim.recordings.finger_ik import finger_axes, finger_joints, usual_fingers
 from hhsim.recordings.frames import axis_flip, mirrored
 from hhsim.recordings.outliers import clean_glitches
 from hhsim.recordings.recording import MOTION, OTHER, Finding, Recording, change, finding_of, note
@@ -51,6 +49,8 @@ DEVIATION_RATIO = 3.0
 """Ratio of the deviation by stamp to that in the file above which a stamp is wrong."""
 NOISE = 2e-3
 """Largest deviation that says nothing about an order [m]."""
+TOO_LONG = "too long to bridge; cut a part out with --from and --to, or allow it with --max-gap"
+FILLED = "interpolated, and at the ends the nearest one is held"
 
 FINDING_COLUMNS = (
     words("finding", lambda finding: finding.kind.replace("_", " ")),
@@ -183,11 +183,8 @@ def _in_order(recording: Recording) -> Recording:
         wrong = _contradicting(recording, order, moved)
     if wrong.sum() > MOST_DROPPED * recording.sample_count:
         first = int(np.argmax(np.diff(time) < 0.0)) + 1
-        raise TrajectoryError(
-            f"the stamps go backwards at sample {first} ({time[first - 1]:.6g} s, then {time[first]:.6g} s) and "
-            f"sorting them does not give one motion: {wrong.sum()} samples do not fit where their stamps put them; "
-            "are these two recordings in one file?"
-        )
+        back = f"the stamps go backwards at sample {first} ({time[first - 1]:.6g} s, then {time[first]:.6g} s)"
+        raise TrajectoryError(f"{back}, and sorted they give no one motion: are these two recordings in one file?")
     if wrong.any():
         recording = _dropped(recording, ~wrong, "whose stamp contradicts the motion around it: left out")
         moved = moved[~wrong]
@@ -262,11 +259,7 @@ def _one_piece(recording: Recording, max_gap: float) -> Recording:
         keep = (place >= edges[largest]) & (place < edges[largest + 1])
         return _dropped(recording, keep, f"more than {max_gap:g} s away from the others: left out")
     i = int(broken[0])
-    raise TrajectoryError(
-        f"no sample for {time[i] - time[i - 1]:.3g} s after {time[i - 1]:.6g} s, "
-        f"{counted(broken.size, 'such hole')} of more than {max_gap:g} s: too long to bridge; cut a part out with "
-        "--from and --to, or allow it with --max-gap"
-    )
+    raise TrajectoryError(f"no sample for {time[i] - time[i - 1]:.3g} s after {time[i - 1]:.6g} s: {TOO_LONG}")
 
 
 def _dropped(recording: Recording, keep: BoolArray, why: str, fault: str = "") -> Recording:
@@ -292,10 +285,8 @@ def _unit_quaternions(recording: Recording) -> Recording:
     none = given & (norm < MIN_QUATERNION_NORM)
     damaged = none | given & (np.abs(norm - usual) > NORM_DAMAGE * usual)
     if usual < MIN_QUATERNION_NORM or damaged.sum() > MOST_FILLED * recording.sample_count:
-        raise TrajectoryError(
-            f"orientation is no unit quaternion in {int(damaged.sum())} of {recording.sample_count} samples (median "
-            f"length {usual:.3g}); expected (w, x, y, z) of length 1"
-        )
+        many = f"{int(damaged.sum())} of {recording.sample_count} samples"
+        raise TrajectoryError(f"orientation is no unit quaternion in {many}; expected (w, x, y, z) of length 1")
     text = f"quaternions that are none ({int(none.sum())} of length zero, the rest off unit length): interpolated"
     recording = recording.changed(orientation=np.where(damaged[:, None], np.nan, recording.orientation))
     recording = recording.flagged(damaged, SampleFlag.PALM_FILLED, text)
@@ -314,29 +305,19 @@ def _filled(recording: Recording, max_gap: float) -> Recording:
     filled = recording.with_angles(angles).changed(position=pose.position, orientation=pose.orientation)
     # Gaps that another finding explains are not reported again.
     new = lost & ~marked(filled.flags, SampleFlag.PALM_FILLED | SampleFlag.PALM_OUTLIER)
-    filled = filled.flagged(new, SampleFlag.PALM_FILLED, f"palm pose missing: {_way_filled(lost)}")
+    filled = filled.flagged(new, SampleFlag.PALM_FILLED, f"palm pose missing: {FILLED}")
     new = missing.any(axis=1) & ~marked(filled.flags, SampleFlag.FINGERS_OUTLIER)
-    filled = filled.flagged(new, SampleFlag.FINGERS_FILLED, f"joint angles missing: {_way_filled(missing)}")
+    filled = filled.flagged(new, SampleFlag.FINGERS_FILLED, f"joint angles missing: {FILLED}")
     if moved is None:
         return filled
     none = np.linalg.norm(moved.orientation, axis=1) < MIN_QUATERNION_NORM
     whole = np.where(none[:, None], np.nan, moved.orientation)
     pose, lost = _pose_filled(time, moved.position, whole, max_gap, "object")
     filled = filled.changed(object_motion=pose)
-    text = f"object pose missing: {_way_filled(lost)}"
+    text = f"object pose missing: {FILLED}"
     return (
         filled.found(Finding("object", text, int(lost.sum()), float(time[np.argmax(lost)]))) if lost.any() else filled
     )
-
-
-def _way_filled(missing: BoolArray) -> str:
-    """Say how gaps were filled that are missing in rows of a mask, shape (T, …)."""
-    known = ~missing
-    between = missing & np.logical_or.accumulate(known) & np.logical_or.accumulate(known[::-1])[::-1]
-    if (between == missing).all():
-        return "interpolated"
-    held = "the nearest one is held at the beginning or the end"
-    return f"interpolated; {held}" if between.any() else held
 
 
 def _pose_filled(
@@ -365,10 +346,7 @@ def _holes_filled(
     inside = np.flatnonzero(np.diff(good) > 1)
     length, place = max(*ends, *zip(np.diff(time[good])[inside], time[good][inside]))
     if length > max_gap:
-        raise TrajectoryError(
-            f"{what} is missing for {length:.3g} s after {place:.6g} s: too long to bridge; cut a part out with --from "
-            "and --to, or allow it with --max-gap"
-        )
+        raise TrajectoryError(f"{what} is missing for {length:.3g} s after {place:.6g} s: {TOO_LONG}")
     if turns:
         within = np.clip(time, time[first], time[last])
         sound = continuous_orientation(values[good], time[good])
@@ -408,14 +386,8 @@ def _limited(recording: Recording, limits: HandModel) -> Recording:
     names = ", ".join(f"{JOINT_NAMES[c]} {100.0 * share[c]:.0f} %" for c in worst)
     more = int((share > 0.0).sum()) - len(worst)
     hint = "; is a zero elsewhere? A mapping can shift it" if share.max() > OFTEN else ""
-    length = usual_fingers()["length"] if recording.bones is None else recording.bones.length
-    origin, axes = np.zeros((len(FINGERS), 3)), finger_axes(recording.hand)
-    tips = [finger_joints(origin, length, r.flexion, r.abduction, axes)[:, :, 3] for r in (recording, changed)]
-    text = (
-        f"joints beyond the hand's limits by up to {np.degrees(excess.max()):.0f}° ({names}"
-        f"{f' and {more} more' if more else ''}): set to the limit, which moves a fingertip by up to "
-        f"{1e3 * np.linalg.norm(tips[1] - tips[0], axis=2).max():.0f} mm{hint}"
-    )
+    names += f" and {more} more" if more else ""
+    text = f"joints beyond the hand's limits by up to {np.degrees(excess.max()):.0f}° ({names}): set to the limit{hint}"
     return changed.flagged(limited, SampleFlag.LIMITED, text)
 
 

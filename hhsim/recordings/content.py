@@ -2,8 +2,8 @@
 
 import io
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 
 from hhsim.arrays import AnyArray, BoolArray
-from hhsim.errors import DamagedFileError, InputError, TrajectoryError
+from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.motion.csv_table import read_header, read_remarks, read_table
 from hhsim.motion.npz_arrays import npz_of, read_npz
 from hhsim.motion.pickled_data import flat, npy_dictionary, pickled_arrays, pickled_with
@@ -73,16 +73,14 @@ class ReadOptions:
     pose_unit: str | None = None  # unit of an object's positions, "m", "cm" or "mm"
     # False leaves the angles that fit joint centres out: 0 where the joints are known.
     fits_angles: bool = True
-    # File with the poses of the camera that an object's poses are relative to; None for the world.
-    camera_poses: Path | None = None
 
 
 class Content:
     """Content of a file, read no further than needed; `path` is None if only its bytes are given.
 
     `name` is the recording's if the content has none, `what` the kind of file that is expected, for messages;
-    `original` the file beside which its hand's sizes and its object's poses may lie. `packed` is the pickle or the HDF5
-    of which `data` has the arrays, empty for any other file.
+    `original` the file beside which its hand's sizes and its object's poses may lie. `packed` is the pickle of which
+    `data` has the arrays, empty for any other file.
     """
 
     def __init__(
@@ -102,23 +100,16 @@ class Content:
 
     @classmethod
     def of_recording(cls, path: Path | None, data: bytes | None = None, original: Path | None = None) -> Self:
-        """Return the content of a recording; of a pickled dictionary or others' HDF5 the arrays, as of an .npz."""
-        content, arrays = cls(path, data=data, original=original), None
+        """Return the content of a recording; of a pickled dictionary the arrays, as of an .npz."""
+        content = cls(path, data=data, original=original)
         if content.head.startswith(PICKLES):
-            arrays = pickled_arrays(content.data)
-        elif content.hdf5_names and "transforms" not in content.hdf5_names:
-            arrays = hdf5_arrays(content.data, path)
-        if arrays is not None:
-            content.packed, content.data = content.data, npz_of(arrays)
+            content.packed, content.data = content.data, npz_of(pickled_arrays(content.data))
             content.head = content.data[:HEAD_BYTES]
         return content
 
     def packed_with(self, data: bytes) -> bytes:
-        """Return the file with the arrays of an `.npz` in the place of its own; `data` itself if it is not packed."""
-        if not self.packed:
-            return data
-        write = pickled_with if self.packed.startswith(PICKLES) else hdf5_with
-        return write(self.packed, read_npz(data))
+        """Return the pickle with the arrays of an `.npz` in the place of its own; `data` itself if it is none."""
+        return pickled_with(self.packed, read_npz(data)) if self.packed else data
 
     @cached_property
     def data(self) -> bytes:
@@ -242,59 +233,16 @@ class Content:
 
 
 @contextmanager
-def opened_hdf5(data: bytes, path: Path | None = None, mode: str = "r") -> Iterator[tuple[io.BytesIO, h5py.File]]:
+def opened_hdf5(data: bytes, path: Path | None = None) -> Iterator[h5py.File]:
     """Open a file in memory, after a child process has read that of the path; TrajectoryError for a damaged one."""
-    image = io.BytesIO(data)
     try:
         if path is not None:
             open_hdf5(path).close()
-        with h5py.File(image, mode) as file:
+        with h5py.File(io.BytesIO(data)) as file:
             require_own_data(file)
-            yield image, file
+            yield file
     except (DamagedFileError, *DAMAGE) as error:
         raise TrajectoryError(f"a damaged HDF5 file: {' '.join(str(error).split())}") from None
-
-
-def hdf5_arrays(data: bytes, path: Path | None = None) -> dict[str, Any]:
-    """Return the arrays of numbers and texts in a file by their names, and attributes that state a field.
-
-    Names of groups and names in them have slashes between. Raises TrajectoryError for a damaged file.
-    """
-    arrays: dict[str, Any] = {}
-
-    def add(name: str, value: Any) -> None:
-        with suppress(TypeError, ValueError):
-            array = np.asarray(value)
-            array = array.astype(str) if array.dtype.kind == "O" else array
-            if array.dtype.kind in "fiubUS":
-                arrays[name] = array
-
-    def visit(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset):
-            add(name, item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()])
-        for key, value in item.attrs.items():
-            if kind_of(key):
-                add(f"{name}/{key}".lstrip("/"), value)
-
-    with opened_hdf5(data, path) as (_, file):
-        visit("", file)
-        file.visititems(visit)
-    return arrays
-
-
-def hdf5_with(data: bytes, new: Mapping[str, Any]) -> bytes:
-    """Return a file with other numbers in its arrays; InputError for whole numbers, which hold no correction."""
-    with opened_hdf5(data, mode="r+") as (image, file):
-        for name, values in new.items():
-            dataset = file.get(name)
-            if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind not in "fiu":
-                continue
-            if not np.array_equal(dataset[()], values, equal_nan=dataset.dtype.kind == "f"):
-                if dataset.dtype.kind != "f":
-                    kind = f"'{name}' is of {dataset.dtype}"
-                    raise InputError(f"{kind}, which does not hold a correction; expected floating-point")
-                dataset[...] = values
-    return image.getvalue()
 
 
 def _decoded(data: bytes) -> str:

@@ -17,17 +17,21 @@ from hhsim.hand import model
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.finger_ik import FingerAxes, finger_axes, finger_joints, fit_error, usual_fingers
-from hhsim.recordings.frames import in_palm, turned
-from hhsim.recordings.joint_fit import (
+from hhsim.recordings.finger_ik import (
     NOISE_FLOOR,
     USUAL_ABDUCTION,
+    FingerAxes,
+    finger_axes,
+    finger_joints,
+    fit_error,
     fitted_angles,
     noise_of,
     plane_abduction,
     spread_samples,
     straight_flexion,
+    usual_fingers,
 )
+from hhsim.recordings.frames import in_palm, turned
 from hhsim.recordings.recording import Recording, note
 from hhsim.system.output_path import check_output_path, holds
 
@@ -161,7 +165,7 @@ def fitted_hand(recording: Recording, source: str) -> tuple[Recording, str]:
     short = np.argwhere(~(length > SHORTEST))
     if len(short):
         finger, bone = short[0]
-        what = f"bone {bone + 1} of the {FINGERS[finger]} is {1e3 * length[finger, bone]:.1f} mm long"
+        what = f"bone {bone + 1} of the {FINGERS[finger]} is too short"
         raise TrajectoryError(f"--fit-hand: {what}; expected more than {1e3 * SHORTEST:g} mm")
     mirror = model.MIRROR if bones.hand == "left" else np.ones(3)
     own: dict[str, FloatArray] = {}

@@ -6,15 +6,14 @@ these are none of a hand, or change their lengths.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import lru_cache, reduce
-from typing import Any, NamedTuple, TypeVar
+from functools import reduce
+from typing import Any, TypeVar
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.model import DEFAULT_HAND_LENGTH
 from hhsim.motion.csv_table import Table, format_table
 from hhsim.motion.npz_arrays import numbers
 from hhsim.motion.text_edit import NewColumn, NumberEdit, cell_edits
@@ -39,7 +38,7 @@ from hhsim.recordings.joint_positions import TINY, JointPositions
 from hhsim.recordings.json_document import frame_arrays, joints_in, keys_of, leaves, place_in
 from hhsim.recordings.object_poses import poses_in, table_arrays
 from hhsim.recordings.recording import HandMotion, chosen_side, frames_with_hand, note, unreadable, unused
-from hhsim.recordings.unit_detection import LENGTH_UNITS, time_column
+from hhsim.recordings.unit_detection import time_column
 
 T = TypeVar("T")
 Hands = dict[HandSide, dict[str, dict[str, T]]]
@@ -60,7 +59,6 @@ ORDERS: dict[int, dict[str, tuple[str, ...]]] = {
     26: {"openxr": OPENXR_JOINTS, "unity": UNITY_JOINTS},
 }
 """Known orders of the joints of a row by their number, and by the words of `--joint-order`."""
-MAKERS = {"mediapipe": "MediaPipe", "mano": "MANO", "openxr": "OpenXR and WebXR", "unity": "Unity"}
 PROPORTIONS = (0.4, 2.5)
 """Shortest and longest bone of a hand by the usual one's, as shares of all bones."""
 MOST_CHANGE = 0.05
@@ -352,7 +350,7 @@ def ordered(points: FloatArray, content: Content, options: ReadOptions) -> dict[
 
 
 def row_names(points: FloatArray, content: Content, options: ReadOptions) -> tuple[tuple[str, ...], str, str]:
-    """Return the joints of rows, shape (T, n, 3), what they are, and how far their bones are from a hand's.
+    """Return the joints of rows, shape (T, n, 3), what they are, and what is wrong with them in a stated order, or "".
 
     Raises TrajectoryError if no known order makes a hand of them, and neither the options nor a field of the file state
     one; InputError if the options state an order of other joints.
@@ -369,8 +367,8 @@ def row_names(points: FloatArray, content: Content, options: ReadOptions) -> tup
     misfit = ""
     if word is None:
         word = order_by_bones(points, ORDERS[count])
-    else:
-        misfit = "; ".join(fit.text for fit in _bone_fits(points, {word: ORDERS[count][word]}) if not fit.fits)
+    elif np.isinf(_bone_misfit(points, ORDERS[count][word])):
+        misfit = "in this order the bones are not those of a hand"
     how = "as --joint-order says" if stated else "by the lengths of its bones; else say --joint-order"
     what = {
         "mediapipe": f"{count} keypoints in MediaPipe's order: wrist, thumb to little finger",
@@ -384,57 +382,36 @@ def row_names(points: FloatArray, content: Content, options: ReadOptions) -> tup
 def order_by_bones(points: FloatArray, orders: Mapping[str, tuple[str, ...]]) -> str:
     """Return the one of these orders in which rows of joints, shape (T, n, 3), are most like a hand.
 
-    Raises TrajectoryError, which says how far each is off, where none makes a hand.
+    Raises TrajectoryError where none makes a hand.
     """
-    found = _bone_fits(points, orders)
-    fitting = [fit for fit in found if fit.fits]
-    if found and not fitting:
-        what = f"{points.shape[1]} joints in no order that is known, by their bones: {'; '.join(f.text for f in found)}"
+    misfits = {word: _bone_misfit(points, names) for word, names in orders.items()}
+    word = min(misfits, key=misfits.__getitem__)
+    if np.isinf(misfits[word]):
+        what = f"{points.shape[1]} joints in no order that is known, by their bones"
         raise TrajectoryError(f"{what}; name them in a field joint_names, or say --joint-order if it is one of these")
-    return min(fitting, key=lambda fit: fit.misfit).word if found else next(iter(orders))
+    return word
 
 
-@lru_cache
-def _usual_bones() -> FloatArray:
-    """Return the default hand's distances from the wrist to each first joint, and the bones from there [m], (5, 4)."""
+def _bone_misfit(points: FloatArray, names: tuple[str, ...]) -> float:
+    """Return how far the proportions of bones are from a hand's, if rows of joints, (T, n, 3), are in this order.
+
+    It is the mean logarithm of their ratios to the usual hand's; infinite where they are none of a hand, or change
+    their lengths, and 0 where no row is whole.
+    """
+    whole = points[np.isfinite(points).all(axis=(1, 2)) & (np.ptp(points, axis=1) > 0.0).any(axis=1)]
+    if not len(whole):
+        return 0.0
+    hand = whole[:: len(whole) // MOST_JUDGED + 1][:, [names.index(joint) for joint in KEYPOINTS]]
+    ends = hand[:, 1:].reshape(-1, 5, 4, 3)
+    starts = np.concatenate([np.broadcast_to(hand[:, None, None, 0], (len(hand), 5, 1, 3)), ends[:, :, :3]], axis=2)
+    bones = np.linalg.norm(ends - starts, axis=3).reshape(-1, 20)
+    # Shares of all bones: a tracker without scale may see the hand grow and shrink.
+    total = np.maximum(bones.sum(axis=1, keepdims=True), TINY)
+    share = np.median(bones / total, axis=0)
     sizes = usual_fingers()
     palm = np.linalg.norm(sizes["base"] - usual_wrist("right"), axis=1, keepdims=True)
-    return np.concatenate([palm, sizes["length"]], axis=1)
-
-
-class _BoneFit(NamedTuple):
-    """Bones of joints in an order."""
-
-    word: str  # the order, of `ORDERS`
-    misfit: float  # mean deviation of their proportions from the usual hand's, as a logarithm
-    fits: bool  # True if they have the proportions of a hand and keep their lengths
-    text: str  # how far they are off
-
-
-def _bone_fits(points: FloatArray, orders: Mapping[str, tuple[str, ...]]) -> list[_BoneFit]:
-    """Compare rows of joints, shape (T, n, 3), in each of these orders with a hand; empty if no row is whole."""
-    whole = points[np.isfinite(points).all(axis=(1, 2)) & (np.ptp(points, axis=1) > 0.0).any(axis=1)]
-    some, found = whole[:: len(whole) // MOST_JUDGED + 1], []
-    for word, names in orders.items() if len(some) else ():
-        hand = some[:, [names.index(joint) for joint in KEYPOINTS]]
-        ends = hand[:, 1:].reshape(-1, 5, 4, 3)
-        starts = np.concatenate([np.broadcast_to(hand[:, None, None, 0], (len(hand), 5, 1, 3)), ends[:, :, :3]], axis=2)
-        bones = np.linalg.norm(ends - starts, axis=3).reshape(-1, 20)
-        # Shares of all bones: a tracker without scale may see the hand grow and shrink.
-        total = np.maximum(bones.sum(axis=1, keepdims=True), TINY)
-        share = np.median(bones / total, axis=0)
-        usual = _usual_bones().ravel()
-        ratio = np.maximum(share / max(float(share.sum()), TINY) * usual.sum() / usual, 1e-3)
-        change = float(np.percentile(np.abs(bones / total - share), 90.0, axis=0).max())
-        worst, low, high = int(np.argmax(np.abs(np.log(ratio)))), *PROPORTIONS
-        # In no order the length of the hand tells the unit; the largest distance of two joints does, about.
-        size = float(np.median(np.linalg.norm(hand[:, :, None] - hand[:, None], axis=3).max(axis=(1, 2))))
-        metres = (metre for metre in LENGTH_UNITS.values() if 0.08 <= metre * size <= 0.3)
-        millimetres = 1e3 * next(metres, DEFAULT_HAND_LENGTH / size) * float(np.median(total))
-        text = (
-            f"in {MAKERS[word]}'s the bone to {KEYPOINTS[1 + worst]} is {millimetres * share[worst]:.0f} mm, "
-            f"{ratio[worst]:.2g} times a hand's, and bones change by {millimetres * change:.0f} mm"
-        )
-        fits = low <= ratio.min() and ratio.max() <= high and change <= MOST_CHANGE
-        found.append(_BoneFit(word, float(np.abs(np.log(ratio)).mean()), bool(fits), text))
-    return found
+    usual = np.concatenate([palm, sizes["length"]], axis=1).ravel()
+    ratio = np.maximum(share / max(float(share.sum()), TINY) * usual.sum() / usual, 1e-3)
+    change = float(np.percentile(np.abs(bones / total - share), 90.0, axis=0).max())
+    fits = PROPORTIONS[0] <= ratio.min() and ratio.max() <= PROPORTIONS[1] and change <= MOST_CHANGE
+    return float(np.abs(np.log(ratio)).mean()) if fits else np.inf

@@ -25,13 +25,13 @@ from hhsim.recordings.finger_ik import (
     finger_angles,
     finger_axes,
     finger_joints,
+    fitted_angles,
     median_bones,
     palm_from_knuckles,
     palm_origin,
     recorded_bones,
 )
 from hhsim.recordings.frames import FileFrame, axis_flip, in_palm, to_our_world, world_matrix
-from hhsim.recordings.joint_fit import fitted_angles
 from hhsim.recordings.joint_names import KEYPOINTS, missing_and_doubtful
 from hhsim.recordings.object_poses import ObjectPoses, placed
 from hhsim.recordings.recording import OTHER, SIDES, Finding, Recording, note, readings
@@ -225,8 +225,9 @@ def _times(
     if joints.time is None:
         rate = options.rate or content.stated.take("rate") or joints.rate
         if rate is None:
-            expected = "say how many there are a second: --rate"
-            raise TrajectoryError(f"{joints.what}, but no stamps of the samples; {expected}")
+            raise TrajectoryError(
+                f"{joints.what}, but no stamps of the samples; say how many there are a second: --rate"
+            )
         findings.append(note(f"no stamps: made from the rate, {rate:g} Hz"))
         return np.arange(len(joints.position)) / rate, True, 0.0
     if joints.time_unit is None:
@@ -288,8 +289,7 @@ def _known_side(
         way = f"leave out --mirror {mirror}" if mirror else "say --mirror x|y|z if its coordinates are left-handed"
         other = "--mirror x --other-hand" if structural else f"--hand {side}"
         remedy = misfit or f"{way}, {other} if it is the {side} hand"
-        bent = f"its fingers bend as a {side} one's, by {back:.0f}° on average"
-        raise TrajectoryError(f"named a {hand} hand, but {bent}: {remedy}")
+        raise TrajectoryError(f"named a {hand} hand, but its fingers bend as a {side} one's: {remedy}")
     bent = f"fingers bend backwards by {back:.0f}° on average" if back > np.degrees(LEAST_BEND) else ""
     if bent or _looks_as(points) not in ("", hand):
         wrong = bent or "thumb is behind its palm"

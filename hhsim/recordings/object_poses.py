@@ -25,7 +25,7 @@ from hhsim.motion.npz_arrays import read_npy
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import ObjectMotion, as_numbers
 from hhsim.recordings.content import NPY, ZIP, Content, ReadOptions
-from hhsim.recordings.frames import OURS, mirrored, quaternions_of, turned
+from hhsim.recordings.frames import OURS, mirrored, quaternions_of
 from hhsim.recordings.json_document import ROWS, frame_arrays, keys_of, leaves
 from hhsim.recordings.recording import MOST, Finding, Recording, note, unreadable, unused
 from hhsim.recordings.unit_detection import CERTAINLY_FAR, FAR, TIME_UNITS, time_column
@@ -222,8 +222,7 @@ def _quaternions(name: str, given: Any, order: str | None, options: ReadOptions)
     norm = np.linalg.norm(values, axis=1, keepdims=True)
     wrong = np.flatnonzero(np.abs(norm - 1.0) > UNIT_TOLERANCE)
     if wrong.size:
-        text = f"'{name}' has length {norm[wrong[0], 0]:.4g} in row {wrong[0]}"
-        raise TrajectoryError(f"{text}; expected unit quaternions, NaN where missing")
+        raise TrajectoryError(f"'{name}' is not of unit length in row {wrong[0]}; expected NaN where it is missing")
     return np.asarray(values[:, list(ORDERS[order])] / norm)
 
 
@@ -244,8 +243,7 @@ def _of_rows(name: str, given: Any, order: str | None, options: ReadOptions) -> 
         matrix = values.reshape(len(values), -1, 4)
         wrong = (np.abs(matrix[:, 3:] - [0.0, 0.0, 0.0, 1.0]) > UNIT_TOLERANCE).any(axis=(1, 2))
         if wrong.any():
-            text = f"'{name}' has the last row {matrix[int(np.argmax(wrong)), 3].tolist()}"
-            raise TrajectoryError(f"{text}; expected [0, 0, 0, 1]: is the matrix transposed?")
+            raise TrajectoryError(f"'{name}' has no last row [0, 0, 0, 1], as expected: is the matrix transposed?")
         return ObjectPoses(matrix[:, :3, 3], _of_matrices(name, matrix[:, :3, :3]), None, (name,))
     seen = values[np.isfinite(values).all(axis=1)]
     off = np.abs(np.linalg.norm(seen[:, 3:], axis=1) - 1.0) > UNIT_TOLERANCE
@@ -317,32 +315,23 @@ def with_object_poses(recording: Recording, path: Path, options: ReadOptions) ->
     """Return a recording in our units, whose object moves as the poses of a file say.
 
     Poses with stamps are interpolated, others are one a sample, or one a frame of the recording's file, and a single
-    one is of an object at rest. With `options.camera_poses` they are relative to a camera that moves. Raises
-    TrajectoryError for a file that does not fit, and for a hand without a place, which stays at the origin.
+    one is of an object at rest. Raises TrajectoryError for a file that does not fit, and for a hand without a place,
+    which stays at the origin.
     """
     if not np.nan_to_num(recording.position).any():
         raise TrajectoryError("the hand stays at the origin, so an object cannot be beside it; expected --world-up")
     findings = [note("the object's pose in the recording is replaced")] if recording.object_motion is not None else []
     time, rows, frame = recording.time + recording.first_stamp, recording.rows, recording.file_frame
-
-    def read(path: Path, hand: FloatArray | None) -> ObjectMotion:
-        with named(path):
-            poses, stamps = _stamped(path, options, findings, hand)
-            if stamps is not None and len(poses.position) > 1:
-                return _at(poses, stamps, time)
-            if len(time) < len(poses.position) > int(rows.max(initial=0)) and (rows != np.arange(len(time))).any():
-                # The recording has no samples of frames without a hand, where the object has its pose.
-                return ObjectMotion(*poses.at(rows)[:2])
-            return ObjectMotion(*_counted(poses, len(time))[:2])
-
-    if options.camera_poses is None:
-        place, turn = read(path, np.nanmedian(frame.to_file(recording.position), axis=0) * frame.metre)
-    else:
-        place, turn = read(path, None)
-        camera = read(options.camera_poses, None)
-        findings.append(note(f"the object is relative to the camera of {options.camera_poses.name}"))
-        place = camera.position + turned(camera.orientation, place)
-        turn = quaternion_product(camera.orientation, turn)
+    hand = np.nanmedian(frame.to_file(recording.position), axis=0) * frame.metre
+    with named(path):
+        poses, stamps = _stamped(path, options, findings, hand)
+        if stamps is not None and len(poses.position) > 1:
+            place, turn = _at(poses, stamps, time)
+        elif len(time) < len(poses.position) > int(rows.max(initial=0)) and (rows != np.arange(len(time))).any():
+            # The recording has no samples of frames without a hand, where the object has its pose.
+            place, turn = poses.at(rows)[:2]
+        else:
+            place, turn = _counted(poses, len(time))[:2]
     return placed(recording, ObjectPoses(place, turn, 1.0, (path.name,), tuple(findings)))
 
 

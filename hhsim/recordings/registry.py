@@ -1,7 +1,6 @@
 """Formats of recordings, each a module of `hhsim.recordings.formats`: their declaration, detection and reading."""
 
 import importlib
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,36 +14,17 @@ from hhsim.recordings.content import Content as Content
 from hhsim.recordings.content import ReadOptions as ReadOptions
 from hhsim.recordings.content import stated_hand
 from hhsim.recordings.correction import Changes, Correction, changes
-from hhsim.recordings.frames import FileFrame, axes_matrix
+from hhsim.recordings.frames import FileFrame, axes_matrix, turned
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.recording import Finding, HandMotion, Recording, note
+from hhsim.result.reader import Result
+from hhsim.result.stored_hand import result_hand
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import media_kind
+from hhsim.system.output_path import check_output_path
 
 FORMATS_PACKAGE = "hhsim.recordings.formats"
 """Package that is imported by name, because the formats depend on this package."""
-
-_OTHERS: dict[str, bytes] = {
-    "an animation (FBX, glTF, USD, MVNX, …) is not read; export its skeleton as BVH": (
-        rb'glTF|\{.*(?:"asset"\s*:\s*\{[^}]*"version"|"bufferViews?"\s*:)|'
-        rb"Kaydara FBX Binary|;\s*FBX |FBXHeaderExtension|#usda |PXR-USDC|BLENDER[-_0-9]|//Maya |"
-        rb"Vocaloid Motion Data|#!OML:ASF|:(?:version|FULLY-SPECIFIED)|(?:<\?xml.*?)?<(?:COLLADA|mvnx)"
-    ),
-    "an export of markers (Motive, Vicon, Qualisys, TRC, C3D) is not read; export the solved skeleton as BVH, or joint "
-    "positions as a CSV (docs/recordings.md)": (
-        rb"Format Version,|(?:Trajectories|Segments|Joints)\s*\n\s*[0-9]+|NO_OF_FRAMES\t|PathFileType\t|\x02\x50"
-    ),
-    "a database, such as a bag of ROS, is not read; write the joints of its topic as a CSV with a header "
-    "(docs/recordings.md)": rb"#ROSBAG |SQLite format 3\0",
-    "a robot, no recording of a hand": rb"(?:<\?xml.*?)?<(?:robot|mujoco|sdf)\b",
-    "a MATLAB file is not read; save its arrays as .npz: scipy.io.loadmat, numpy.savez": rb"MATLAB [57]\.",
-    "a Feather file is not read; save its arrays as .npz, or its table as Parquet or CSV": rb"ARROW1",
-    "an Excel workbook is not read; save it as CSV": rb"\xd0\xcf\x11\xe0",
-    "a packed file is not unpacked here; expected the recording in it": (
-        rb"\x1f\x8b|\xfd7zXZ|7z\xbc\xaf|\x28\xb5\x2f\xfd|BZh[1-9]|Rar!"
-    ),
-}
-"""Files in which people keep hands and which are not read, with what to do instead, by their beginnings."""
 
 
 @dataclass(frozen=True)
@@ -139,12 +119,6 @@ def _with_stated_fields(recording: Recording, content: Content, options: ReadOpt
     return recording
 
 
-def why_not_read(head: bytes) -> str:
-    """Return what the file with this beginning is, and what to do instead; "" for any other."""
-    head = head.removeprefix(b"\xef\xbb\xbf").lstrip()
-    return next((text for text, begins in _OTHERS.items() if re.match(begins, head, re.DOTALL)), "")
-
-
 def format_of(content: Content, options: ReadOptions) -> RecordingFormat:
     """Return the format that the user names, else the first that detects the content.
 
@@ -157,14 +131,12 @@ def format_of(content: Content, options: ReadOptions) -> RecordingFormat:
         return formats[options.form]
     if not content.head.strip() and not content.data.strip():
         raise TrajectoryError("empty; expected a recording")
-    if media := media_kind(content.head):
-        raise TrajectoryError(f"{media}; expected a recording of one of {', '.join(formats)}")
-    if reason := why_not_read(content.head):
-        raise TrajectoryError(reason)
+    if media := media_kind(content.head) or ("XML" if content.beginning.lstrip().startswith("<") else ""):
+        raise TrajectoryError(f"{media}; expected a recording of one of {', '.join(formats)} (docs/recordings.md)")
     for form in formats.values():
         if form.sniff(content, options):
             return form
-    raise TrajectoryError(f"neither text nor a known format; expected one of {', '.join(formats)}")
+    raise TrajectoryError(f"neither text nor a known format; expected one of {', '.join(formats)} (docs/recordings.md)")
 
 
 NEW_SUFFIXES = (".npz", ".csv")
@@ -276,3 +248,17 @@ def exported(form: str, suffix: str, motion: HandMotion) -> bytes:
     if suffix.lower() not in suffixes:
         raise InputError(f"a file of format {form} does not end in '{suffix}'; expected {' or '.join(suffixes)}")
     return make(suffix.lower(), motion)
+
+
+def export_recording(result: Result, form: str, path: Path) -> int:
+    """Write the graphic hand of each tick, in the world, as a recording of a format; return the number of ticks.
+
+    Raises InputError as `exported`; OutputError for a file that cannot be written.
+    """
+    check_output_path(path)
+    hand = result_hand(result)
+    posture = HandConfiguration(*(result[f"graphic/{name}"] for name in HandConfiguration._fields))
+    wrist = posture.position + turned(posture.orientation, hand.wrist)
+    joints = np.concatenate([wrist[:, None], result["graphic/joints"].reshape(-1, 20, 3)], axis=1)
+    write_atomically(path, exported(form, path.suffix, HandMotion(result["time"], joints, posture, hand.side)))
+    return len(joints)

@@ -78,8 +78,7 @@ def in_seconds(recording: Recording) -> Recording:
     step = float(np.median(np.diff(time))) if time.size > 1 else SLOWEST_STEP
     if not FASTEST_STEP <= step <= SLOWEST_STEP:
         stated = "time" in recording.stated
-        other = f" than the one stated? {_corrected('time')}" if stated else "? Say --time-unit"
-        how = f"are they in another unit{other}"
+        how = f"are they in another unit? {_corrected('time') if stated else 'Say --time-unit'}"
         if step < FASTEST_STEP:
             raise TrajectoryError(f"the stamps step by {step:.3g} s, {1.0 / step:,.0f} a second; expected [s]: {how}")
         fitting = [unit for unit, (low, high) in STEP_RANGES.items() if low <= step <= high]
@@ -136,11 +135,9 @@ def _angles(recording: Recording) -> Recording:
     worst = np.nanmax(np.abs(angles), initial=0.0)
     share = float((np.abs(angles) > JOINT_LIMIT).any(axis=1).mean())
     if share > FEW:
-        reason = (
-            f"joint angles reach {worst:.4g} rad, beyond what a joint can do in {100.0 * share:.0f} % of the samples"
-        )
+        reason = f"joint angles reach {worst:.4g} rad in {100.0 * share:.0f} % of the samples, which no joint does"
         if stated:
-            raise TrajectoryError(f"{reason}: are they in another unit than the one stated? {_corrected('angle')}")
+            raise TrajectoryError(f"{reason}: are they in another unit? {_corrected('angle')}")
         if share <= MANY:
             raise TrajectoryError(f"{reason}; expected [rad]: are they in degrees? Say --angle-unit")
         converted = _converted(recording, f"{reason}: taken for degrees; if they are not, say --angle-unit")
@@ -151,11 +148,8 @@ def _angles(recording: Recording) -> Recording:
     beyond = (np.maximum(least - angles, angles - most) > SLACK).sum(axis=1)
     share = float((beyond >= JOINTS_BEYOND).mean())
     if share > MANY and not stated:
-        raise TrajectoryError(
-            f"joint angles reach {worst:.3g}: as radians, {JOINTS_BEYOND} or more are over {np.degrees(SLACK):.0f}° "
-            f"beyond a hand's range in {100.0 * share:.0f} % of the samples; say --angle-unit deg, or --angle-unit rad "
-            "if that is what they are"
-        )
+        beyond_range = f"as radians, {JOINTS_BEYOND} or more are over {np.degrees(SLACK):.0f}° beyond a hand's range"
+        raise TrajectoryError(f"joint angles reach {worst:.3g}: {beyond_range}; say --angle-unit deg or rad")
     return recording
 
 

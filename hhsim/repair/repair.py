@@ -1,6 +1,6 @@
 """Repair of one recording: from its file to the same file without penetration, its result and its figures."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -53,7 +53,6 @@ from hhsim.repair.tracks import LINEARISATIONS, GivenObject, put_at, solver_besi
 from hhsim.repair.written_hand import WrittenHand
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.stored_scene import stored_hand
-from hhsim.replay.summary import ReplaySummary
 from hhsim.result.merge import merge_hands
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import BETWEEN_COLUMNS
@@ -133,7 +132,13 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         "marked": recorded.frames[marked].tolist(),
     }
     forces = equilibrium_forces(scene, touched, seen.posture)
-    write_result(scene, seen.posture, forces, paths["result"], description=said, command=command, progress=progress)
+    name = f"{SUBMITTED}{METHOD}"
+    submission = Submission(METHOD, "", scene.ticks.time, seen.posture, *forces)
+    # The hand of the written recording is outside; ours is inside by what the fit left.
+    method = replace(submitted_method(name, submission), never_penetrates=False, beside_parts=True)
+    with known_for_now(name, method):
+        options = SolverOptions(method=name, surface="mesh")
+        replay_scene(scene, options, paths["result"], description=said, command=command, progress=progress)
     if after_skin is not None:
         add_skin(paths["result"], after_skin.vertices[recorded.frames], after_skin.faces)
     force = np.linalg.norm(forces[0].sum(axis=2), axis=2)
@@ -482,30 +487,6 @@ def _files(outcome: RepairOutcome, recording: Path, joined: Path | None) -> dict
     """Return an outcome's files as they are called at last."""
     paths = {what: recording.with_name(path.name) for what, path in outcome.paths.items()}
     return {**paths, "recording": recording, **({} if joined is None else {"result": joined})}
-
-
-def write_result(
-    scene: Scene,
-    posture: HandConfiguration,
-    forces: tuple[FloatArray, FloatArray],
-    path: Path,
-    *,
-    description: Mapping[str, Any],
-    command: Sequence[str] = (),
-    progress: Progress = silent,
-) -> ReplaySummary:
-    """Write the result file of repaired frames, as the object sees them; OutputError if it cannot be written.
-
-    Ticks of the scene are the frames; forces are those of `equilibrium_forces`.
-    """
-    submission = Submission(METHOD, "", scene.ticks.time, posture, *forces)
-    name = f"{SUBMITTED}{METHOD}"
-    # The hand of the written recording is outside; ours is inside by what the fit left.
-    method = replace(submitted_method(name, submission), never_penetrates=False, beside_parts=True)
-    with known_for_now(name, method):
-        options = SolverOptions(method=name, surface="mesh")
-        more: dict[str, Any] = {"description": description, "command": command, "progress": progress}
-        return replay_scene(scene, options, path, **more)
 
 
 def equilibrium_forces(scene: Scene, given: GivenObject, posture: HandConfiguration) -> tuple[FloatArray, FloatArray]:

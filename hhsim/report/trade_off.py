@@ -14,8 +14,7 @@ from hhsim.arrays import IntArray
 from hhsim.errors import HhsimError
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
-from hhsim.metrics.contact_points import find_contact_points
-from hhsim.metrics.mesh_penetration import contact_error, mesh_clearance, sampled
+from hhsim.metrics.mesh_penetration import contact_error, find_contact_points, mesh_clearance, sampled
 from hhsim.metrics.run.registry import tick_figures
 from hhsim.metrics.run_ticks import PLACED, result_ticks
 from hhsim.motion.trajectory import RigidMotion

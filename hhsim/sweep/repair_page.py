@@ -9,7 +9,7 @@ import numpy as np
 
 from hhsim import __version__
 from hhsim.arrays import FloatArray
-from hhsim.metrics.field.registry import field_metrics
+from hhsim.metrics.field.field_table import field_metrics
 from hhsim.render.figure import vector_bytes
 from hhsim.repair.request import PICTURE, REPORT
 from hhsim.report.figure import BLUE, ORANGE, PAGE_INCHES, gridded, new_figure
@@ -53,7 +53,7 @@ BINS, PANEL_COLUMNS, PANEL_HEIGHT = 24, 3, 1.6
 
 
 LOOKS = {"time_per_frame": Column("CPU time a frame", unit="ms", digits=1)}
-"""Columns of figures that are none of `hhsim.metrics.field.registry`; any other has its own name, and no unit."""
+"""Columns of figures that are none of the field (`field_metrics`); any other has its own name, and no unit."""
 
 
 @dataclass(frozen=True)

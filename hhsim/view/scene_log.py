@@ -36,7 +36,7 @@ from hhsim.kernels.contact.surface import ContactPoints
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.tick import state
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.contact_points import find_contact_points
+from hhsim.metrics.mesh_penetration import find_contact_points
 from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.metrics.moving_parts import MovingParts, placed_mesh
 from hhsim.metrics.run_ticks import HOLD

@@ -45,12 +45,3 @@ def test_two_ways_to_the_same_clearance(seed: int) -> None:
         brute = brute_clearance(tree.leaf_center, tree.leaf_radius, *sizes, *shown).min()
         by_tree = hand_clearance(tree.arrays(), HandShape(*sizes), PlacedHand(*shown), 1.0)
         assert brute == pytest.approx(min(by_tree[0][0], by_tree[1].min()), abs=1e-15)
-
-
-def test_a_hand_that_is_nowhere_has_no_clearance() -> None:
-    tree, palm = bumpy_ball(300), HAND.palm_tree
-    (sample,) = zip(*RandomTargets(HAND, 0).take(1))
-    joints = HAND.joints(*sample)[None]
-    joints[0, 2, 1, 0] = np.nan
-    scene = tree.leaf_center, tree.leaf_radius, HAND.radius, palm.leaf_center, palm.leaf_radius
-    assert np.isnan(brute_clearance(*scene, joints, sample[0][None], sample[1][None])).all()

@@ -13,7 +13,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.surface import ContactPoints
 from hhsim.mesh.features import mesh_features
 from hhsim.metrics.brute_force_distance import round_cone_distance
-from hhsim.metrics.contact_points import find_contact_points
+from hhsim.metrics.mesh_penetration import find_contact_points
 from hhsim.trees.sphere_tree import SphereTree
 
 TOUCH = 1e-3

@@ -15,8 +15,7 @@ from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh.catalogue import load_object
-from hhsim.metrics.contact_points import find_contact_points
-from hhsim.metrics.mesh_penetration import contact_error, mesh_clearance
+from hhsim.metrics.mesh_penetration import contact_error, find_contact_points, mesh_clearance
 from hhsim.metrics.run_ticks import PLACED, result_ticks
 from hhsim.render.triangle_soup import FINE, SPHERE, Surface, hand_surface, joined, piece_surfaces, round_cone_surface
 from hhsim.replay.replay import replay_scene

@@ -60,11 +60,7 @@ REFUSED: list[tuple[Recording, dict[str, Any], str]] = [
     (with_rows("time", slice(0, 100), np.nan), {}, "100 of 300 samples have no time stamp"),
     (changed(orientation=np.zeros((300, 4))), {}, "orientation is no unit quaternion in 300 of 300 samples"),
     (changed(time=np.zeros(300)), {}, "299 of 300 samples repeat the stamp"),
-    (
-        changed(time=CLEAN.time + 5.0 * (np.arange(300) >= 150)),
-        {},
-        r"no sample for 5\.\d+ s after 1\.4\d+ s, 1 such hole",
-    ),
+    (changed(time=CLEAN.time + 5.0 * (np.arange(300) >= 150)), {}, r"no sample for 5\.\d+ s after 1\.4\d+ s: too long"),
     (
         replace(CLEAN.chosen(np.arange(300) % 150), position=CLEAN.position),
         {},
@@ -77,7 +73,7 @@ REFUSED: list[tuple[Recording, dict[str, Any], str]] = [
     (changed(position=1e3 * CLEAN.position), {"length_unit": "m"}, "check --length-unit"),
     (changed(position=10.0 * CLEAN.position + 400.0), {}, "maybe not in metres, but cm, mm and inch are all possible"),
     (DEGREES, {"angle_unit": "rad"}, "check --angle-unit"),
-    (FEW_DEGREES, {}, "say --angle-unit deg, or --angle-unit rad if"),
+    (FEW_DEGREES, {}, "say --angle-unit deg or rad"),
     (replace(CLEAN, stated=frozenset({"angle"})), {"angle_unit": "deg"}, "--angle-unit deg: .* states that unit"),
     (CLEAN, {"scale_to": 0.19}, "--hand-length"),
     (CLEAN, {"start": 50.0}, "no sample from 50 to inf s; the recording has stamps from 0 to"),
@@ -288,13 +284,6 @@ def test_joints_stay_within_the_hand() -> None:
     assert flagged(repaired, SampleFlag.LIMITED) and "index_flex1" in repaired.findings[-1].text
     assert (repaired.trajectory.flexion <= limits.flexion_max).all()
     kept = clean_recording(changed(flexion=flexion), CleaningOptions(limits=None))
-    free, held = (
-        np.array([HAND.joints(np.zeros(3), np.eye(4)[0], f, a)[:, 3] for f, a in zip(each.flexion, each.abduction)])
-        for each in (kept.trajectory, repaired.trajectory)
-    )
-    most = 1e3 * np.linalg.norm(free - held, axis=2).max()
-    assert 10.0 < most < 100.0
-    assert f"which moves a fingertip by up to {most:.0f} mm" in repaired.findings[-1].text
     assert kept.trajectory.flexion.max() == pytest.approx(2.6) and not flagged(kept, SampleFlag.LIMITED)
 
 

@@ -18,7 +18,7 @@ from joint_samples import array_npy, arrays_npz, iwer_json, joint_sample, mcap_b
 from leap_document import document, packed
 from lzstring import LZString
 from pose_samples import lerobot_bytes, mano_fields, mano_poses, umetrack_lines, umetrack_profile
-from recording_damage import DAMAGES, Damage, block, damaged_bytes, damaged_container
+from recording_damage import DAMAGES, Damage, damaged_bytes, damaged_container
 from recording_samples import read_as, smooth_recording
 from sampled import sampled
 
@@ -31,8 +31,7 @@ from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.cleaning import CleanedRecording, clean_recording
 from hhsim.recordings.formats.hhsim import recording_of
-from hhsim.recordings.joint_names import KEYPOINTS
-from hhsim.recordings.outliers import SUSPECT_RATIO, WINDOW, bend, suspect_joints
+from hhsim.recordings.outliers import SUSPECT_RATIO, WINDOW, bend
 from hhsim.recordings.recording import FINGER_ARM, MOTION, PALM_ARM, Recording, turn
 from hhsim.recordings.registry import ReadOptions, read_recording
 
@@ -174,39 +173,6 @@ def test_damaged_bytes_of_every_format(form: str, runs: int, tmp_path: Path) -> 
         assert verdict != "silent", f"run {run}"
         verdicts[verdict] += 1
     assert verdicts["refused"] > 0.2 * runs, verdicts
-
-
-def csv_of(points: FloatArray) -> str:
-    columns = [f"{name}_{axis}" for name in KEYPOINTS for axis in "xyz"]
-    rows = np.column_stack([JOINTS.motion.time, points.reshape(len(points), -1)])
-    return "\n".join([",".join(["t", *columns]), *(",".join(f"{value:.6f}" for value in row) for row in rows)])
-
-
-DISPLACED: dict[str, Callable[[FloatArray], bytes]] = {
-    ".npy": lambda points: array_npy(points.astype(np.float32)),
-    ".csv": lambda points: csv_of(points).encode(),
-    ".json": lambda points: json.dumps(points.tolist()).encode(),
-}
-
-
-@pytest.mark.parametrize("suffix", DISPLACED)
-@pytest.mark.parametrize("runs", sampled([6, 100], lambda _, runs: runs == 6))
-def test_a_joint_that_is_displaced_is_told(suffix: str, runs: int, tmp_path: Path) -> None:
-    path, options = tmp_path / f"take{suffix}", ReadOptions(rate=100.0, world_up="y", hand="right")
-    path.write_bytes(DISPLACED[suffix](JOINTS.named()))
-    assert suspect_joints(read_recording(path, options)).findings == read_recording(path, options).findings
-    for run in range(runs):
-        random = np.random.default_rng([run, 79])
-        points, part = JOINTS.named().copy(), block(60, random)
-        off = random.normal(size=3)
-        # Across both of its bones a joint of a straight finger changes no length.
-        off *= random.uniform(0.02, 0.05) / np.linalg.norm(off)
-        points[part, random.integers(21)] += off
-        path.write_bytes(DISPLACED[suffix](points))
-        found = suspect_joints(read_recording(path, options))
-        assert found.flags is not None
-        flagged = set(np.flatnonzero(found.flags & np.uint32(SampleFlag.SUSPECT.value)).tolist())
-        assert flagged & set(range(part.start - 1, part.stop + 1)), f"run {run}"
 
 
 def npz_of(hand: Recording, **more: AnyArray) -> bytes:

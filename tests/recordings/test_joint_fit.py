@@ -14,9 +14,17 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.model import SIDES, HandModel
 from hhsim.recordings.cleaning import CleaningOptions, clean_recording
-from hhsim.recordings.finger_ik import FingerAxes, finger_angles, finger_axes, finger_joints
+from hhsim.recordings.finger_ik import (
+    LARGEST_STEP,
+    USUAL_STEP,
+    FingerAxes,
+    anatomic_limits,
+    finger_angles,
+    finger_axes,
+    finger_joints,
+    fitted_angles,
+)
 from hhsim.recordings.fitted_hand import fitted_axes, fitted_hand, recorded_limits
-from hhsim.recordings.joint_fit import LARGEST_STEP, USUAL_STEP, anatomic_limits, fitted_angles
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 
 

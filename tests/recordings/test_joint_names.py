@@ -10,17 +10,9 @@ from joint_samples import arrays_npz, assert_our_own, joint_sample, openxr_csv, 
 from pose_samples import lerobot_bytes
 from recording_samples import read_as
 
-from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag, marked
-from hhsim.recordings.joint_names import (
-    KEYPOINTS,
-    MANO_JOINTS,
-    OPENXR_JOINTS,
-    StatedFields,
-    joint_name,
-    missing_and_doubtful,
-)
+from hhsim.recordings.joint_names import KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS, StatedFields, joint_name
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import Content, ReadOptions, read_content
 from hhsim.recordings.unit_detection import TimeColumn, time_column
@@ -339,22 +331,3 @@ def test_an_array_that_states_it(names: tuple[str, ...]) -> None:
 def test_a_file_that_says_that_no_joint_is_valid_is_refused() -> None:
     with pytest.raises(TrajectoryError, match=r"no joint has a valid position in any sample, says the file \(valid\)"):
         read_as("openxr", with_column("right_isActive", "0", "0"))
-
-
-@pytest.mark.parametrize(
-    ("stated", "missing", "doubtful"),
-    [
-        ({"flags": [15, 7, 2, 13, 0]}, [3, 4], [1, 2]),
-        ({"valid": [1, 1, 0, 1, 0]}, [2, 4], []),
-        ({"tracked": [1, 0, np.nan, 1, 1]}, [1], []),
-        ({"tracked": [1, 0, 0, 1, 1], "valid": [1, 1, 0, np.nan, 1]}, [2], [1]),
-        ({"confidence": [1.0, 0.4, 0.0, -1.0, np.nan]}, [2, 3], [1]),
-        ({"confidence": [0.0, 1.0, 1.0, 1.0, 1.0], "flags": [15] * 5}, [], [0]),
-        ({}, [], []),
-    ],
-)
-def test_what_each_statement_means(stated: dict[str, Any], missing: list[int], doubtful: list[int]) -> None:
-    given: dict[str, FloatArray] = {kind: np.array(values, np.float64)[:, None] for kind, values in stated.items()}
-    for found, rows in zip(missing_and_doubtful(given, (5, 21)), (missing, doubtful)):
-        assert found.shape == (5, 21) and (found == found[:, :1]).all()
-        assert np.flatnonzero(found[:, 0]).tolist() == rows

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from joint_samples import Y_UP, array_npy, arrays_npz, joint_sample, openxr_csv, words
+from joint_samples import Y_UP, array_npy, arrays_npz, joint_sample, words
 from recording_samples import read_as
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -200,20 +200,6 @@ def test_one_row_is_an_object_at_rest_and_missing_rows_are_missing(tmp_path: Pat
         assert_pose(motion.at(np.flatnonzero(seen)), PLACE[seen], MATRIX[seen, :3, :3])
 
 
-def test_poses_in_the_frame_of_a_camera_are_moved_by_it(tmp_path: Path) -> None:
-    camera = np.tile(np.eye(4), (COUNT, 1, 1))
-    camera[:, :3, :3] = Rotation.from_rotvec(RANDOM.normal(0.0, 1.0, (COUNT, 3))).as_matrix()
-    camera[:, :3, 3] = RANDOM.uniform(-1.0, 1.0, (COUNT, 3))
-    np.save(tmp_path / "camera.npy", camera)
-    motion, said = read(tmp_path, array_npy(MATRIX), ".npy", camera_poses=tmp_path / "camera.npy")
-    world = camera @ MATRIX
-    assert_pose(motion, world[:, :3, 3], world[:, :3, :3])
-    assert "relative to the camera of camera.npy" in said
-    np.save(tmp_path / "camera.npy", camera[:-1])
-    with pytest.raises(TrajectoryError, match=rf"camera\.npy: {COUNT - 1} poses .* for {COUNT} samples"):
-        read(tmp_path, array_npy(MATRIX), ".npy", camera_poses=tmp_path / "camera.npy")
-
-
 SKEWED = MATRIX.copy()
 SKEWED[7, 0, :3] *= 1.5
 LONG = np.where(np.arange(COUNT)[:, None] == 4, 2.0, 1.0) * WXYZ
@@ -225,10 +211,10 @@ FAR[:, :3, 3] = 30.0
     ("data", "suffix", "said"),
     [
         (array_npy(MATRIX[:-1]), ".npy", rf"{COUNT - 1} poses of the object .* for {COUNT} samples of the hand"),
-        (array_npy(MATRIX.transpose(0, 2, 1)), ".npy", "expected .0, 0, 0, 1.: is the matrix transposed"),
+        (array_npy(MATRIX.transpose(0, 2, 1)), ".npy", "is the matrix transposed"),
         (array_npy(SKEWED), ".npy", "is no rotation in row 7"),
         (array_npy(MATRIX * [[-1.0], [1.0], [1.0], [1.0]]), ".npy", "is no rotation in row 0; expected .* det R = 1"),
-        (arrays_npz(pos=PLACE, quat_wxyz=LONG), ".npz", "'quat_wxyz' has length 2 in row 4; expected unit"),
+        (arrays_npz(pos=PLACE, quat_wxyz=LONG), ".npz", "'quat_wxyz' is not of unit length in row 4"),
         (arrays_npz(pos=PLACE), ".npz", "'pos' is only one of an object's position and orientation"),
         (arrays_npz(pos=PLACE, quat_wxyz=WXYZ[:-2]), ".npz", f"'pos' has {COUNT} rows and 'quat_wxyz' {COUNT - 2}"),
         (arrays_npz(a=MATRIX, b=MATRIX), ".npz", r"several arrays that may be poses, it holds a \(40, 4, 4\)"),
@@ -269,52 +255,6 @@ def test_the_unit_of_poses_beside_a_far_hand_is_that_of_their_distance_from_it(t
 POINTS = SAMPLE.named()
 FRAME_PLACE, FRAME_TURN = PLACE @ Y_UP, Y_UP.T @ MATRIX[:, :3, :3]
 """The object's pose in our world, if the file's has y up."""
-POSE7 = np.concatenate([PLACE, XYZW], axis=1)
-
-
-def keypoint_frames() -> str:
-    frames = [
-        {
-            "t": t,
-            "landmarks": hand,
-            "object": {"position": dict(zip("xyz", p)), "rotation": dict(zip("xyzw", q))},
-            "id": 3,
-        }
-        for t, hand, p, q in zip(TIME.tolist(), POINTS.tolist(), PLACE.tolist(), XYZW.tolist())
-    ]
-    return json.dumps({"camera": "left", "frames": frames})
-
-
-def with_columns(text: str, header: str, *columns: FloatArray) -> str:
-    lines, added = text.splitlines(), csv(header, *columns).decode().splitlines()
-    start = next(k for k, line in enumerate(lines) if not line.startswith("#"))
-    return "\n".join([*lines[:start], *(f"{line},{more}" for line, more in zip(lines[start:], added))]) + "\n"
-
-
-OPENXR_OBJECT = "object_px,object_py,object_pz,object_qx,object_qy,object_qz,object_qw"
-IN_RECORDINGS: dict[str, tuple[str, Any, str]] = {
-    "npz of keypoints": (
-        "keypoints",
-        arrays_npz(keypoints=POINTS, t=TIME, object_pos=PLACE, object_quat_xyzw=XYZW, foo=np.zeros((2, 3))),
-        "not used: foo (2, 3)",
-    ),
-    "npz of keypoints, pose": ("keypoints", arrays_npz(keypoints=POINTS, t=TIME, obj_pose=MATRIX), ""),
-    "json": ("keypoints", keypoint_frames(), "not used: camera, id"),
-    "csv of openxr": (
-        "openxr",
-        with_columns(openxr_csv(SAMPLE), f"{OPENXR_OBJECT},gain", PLACE, XYZW, TIME),
-        "not used: frame, right_palm_qx, right_palm_qy, right_palm_qz, right_palm_qw, right_wrist_qx and 100 more",
-    ),
-}
-
-
-@pytest.mark.parametrize("form", IN_RECORDINGS)
-def test_an_object_in_a_recording_is_read_and_the_rest_is_named(form: str) -> None:
-    name, data, left = IN_RECORDINGS[form]
-    recording = read_as(name, data, world_up="y", rate=100.0)
-    assert_pose(recording.object_motion, FRAME_PLACE, FRAME_TURN)
-    assert left in words(recording) and words(recording).count("not used") == bool(left)
-    assert "the object's pose is that of obj" in words(recording)
 
 
 def test_without_a_stated_world_the_axes_are_kept_so_hand_and_object_stay_together() -> None:

@@ -5,18 +5,13 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from repair_scenes import HAND, Case, held, ring_case, scene_case, shape_case
 from sampled import sampled
-from sphere_scenes import random_hand
 
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration, sequence
-from hhsim.mesh.catalogue import load_object
 from hhsim.repair.offline import repair_frames
 from hhsim.repair.tracks import HandJudge, farthest
-from hhsim.trees.contact_surface import contact_surface
 
 
 class Repaired(NamedTuple):
@@ -132,26 +127,3 @@ def test_frames_without_a_hand_are_marked_and_come_back_as_they_were() -> None:
     np.testing.assert_array_equal(found.marked, np.arange(5) == 2)
     np.testing.assert_array_equal(np.isnan(found.depth), np.arange(5) == 2)
     assert case.referee_clearance(found.posture.at(np.array([0, 1, 3, 4]))) >= 0.0
-
-
-@settings(max_examples=24)
-@given(st.integers(0, 2**32), st.sampled_from(["ball", "box", "ring", "cup"]))
-@pytest.mark.soak
-def test_what_is_not_marked_is_free(seed: int, name: str) -> None:
-    random = np.random.default_rng(seed)
-    shapes = {
-        "ball": lambda: trimesh.creation.icosphere(2, random.uniform(0.01, 0.05)),
-        "box": lambda: trimesh.creation.box(random.uniform(0.003, 0.08, 3)),
-        "ring": lambda: trimesh.creation.torus(0.03, random.uniform(0.002, 0.02)),
-    }
-    frames = sequence(*(random_hand(random, HAND, 0.05) for _ in range(2)))
-    if name == "cup":
-        mesh = load_object("cup").mesh
-        case = Case(HAND, mesh, contact_surface("mesh", mesh, None), frames)
-    else:
-        case = shape_case(shapes[name](), frames)
-    found = repaired(case, 0.05)
-    for t in range(2):
-        clearance = case.referee_clearance(found.posture.part(t, t + 1))
-        assert (clearance >= 0.0) or found.marked[t]
-        assert (found.depth[t] == 0.0) == (clearance >= 0.0)

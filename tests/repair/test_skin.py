@@ -1,23 +1,33 @@
-"""Skins: the model's own vertices, bones where they are, and vertices that move as the corrected model's do."""
+"""Skins: bones that carry them, depth against trimesh, freed skins before a referee, and hands fitted around them."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from joint_samples import joint_sample
 from pose_samples import mano_poses
-from skin_samples import Y_FRAME, correction_to, shaken, skin_sample
+from sampled import sampled
+from skin_samples import FLESH, Y_FRAME, SkinSample, correction_to, shaken, skin_sample
 
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import quaternion, rotation_matrix
+from hhsim.hand.quaternion import rotation_matrix
+from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import is_closed, signed_volume
 from hhsim.recordings.frames import FileFrame
-from hhsim.repair.skin import cone_gaps, in_palm, mano_skin, moved_skin, nearest_bone, read_skin
-from hhsim.repair.written_hand import bone_frames
+from hhsim.repair.skin import cone_coordinates, cone_gaps, in_palm, mano_skin, moved_skin, nearest_bone, read_skin
+from hhsim.repair.skin_depth import PushedOut, WrittenSkin, push_out, skin_depth
+from hhsim.repair.skin_hull import Palm, ball_cover, fit_radii, hand_with_skin
+from hhsim.repair.written_hand import NUMBERS, bone_frames, changed_hand
+from hhsim.verify.mesh_distance import TrueSurface
+from hhsim.verify.tree_checks import outside_spheres
 
 NONE = np.zeros(0)
 
@@ -36,25 +46,6 @@ def test_a_mano_skin_is_closed_outward_and_around_the_hand() -> None:
         finger, k = divmod(bone - 1, 3)
         middle = skin.vertices[:, skin.bone == bone].mean(axis=1)
         assert np.linalg.norm(middle - joints[:, finger, k : k + 2].mean(axis=1), axis=1).max() < 0.008
-
-
-@pytest.mark.parametrize("side", ["right", "left"])
-def test_bones_turn_as_the_joints_do(side: str) -> None:
-    hand, random = HandModel.default("left" if side == "left" else "right"), np.random.default_rng(1)
-    flexion = random.uniform(hand.flexion_min, hand.flexion_max, (20, 5, 3))
-    abduction = random.uniform(hand.abduction_min, hand.abduction_max, (20, 5))
-    turn = quaternion(random.normal(size=(20, 3)))
-    posed = HandConfiguration(random.normal(size=(20, 3)), turn, flexion, abduction)
-    bones = bone_frames(hand, posed)
-    np.testing.assert_allclose(bones @ bones.swapaxes(2, 3), np.broadcast_to(np.eye(3), bones.shape), atol=1e-12)
-    assert np.array_equal(bones[:, 0], rotation_matrix(turn))
-    joints = np.array([hand.joints(*posed.at(t)) for t in range(20)])
-    along = np.diff(joints, axis=2) / hand.length[..., None]
-    np.testing.assert_allclose(bones[:, 1:, :, 0].reshape(-1, 5, 3, 3), along, atol=1e-12)
-    # The second column is the axis of flexion: a small turn about it moves the first column as flexion does.
-    bent = posed._replace(flexion=flexion + 1e-6 * np.array([1.0, 0.0, 0.0]))
-    change = (bone_frames(hand, bent)[:, 1:, :, 0] - bones[:, 1:, :, 0]) / 1e-6
-    np.testing.assert_allclose(change, np.cross(bones[:, 1:, :, 1], bones[:, 1:, :, 0]), atol=1e-5)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -144,3 +135,251 @@ def test_a_moved_skin_is_that_of_the_corrected_model(size: float) -> None:
     assert off[:, single].max() < 1e-12
     # Blended vertices differ by the product of two turns: 0.2 and 0.6 mm where the skin moves by 2 and 6 cm.
     assert 0.0 < off.max() < 2e-4 * size and np.linalg.norm(exact - sample.skin.vertices, axis=2).max() > 0.02 * size
+
+
+ALL = np.ones(12, dtype=bool)
+
+
+def mesh_of(shape: trimesh.Trimesh, at: FloatArray) -> Mesh:
+    """Mesh [m] of a shape around a point."""
+    return Mesh(np.array(shape.vertices) + at, np.array(shape.faces))
+
+
+def moved(sample: SkinSample, posture: HandConfiguration, changed: BoolArray) -> FloatArray:
+    """Skin of a sample in a posture."""
+    return moved_skin(sample.skin, sample.joints, correction_to(sample, posture, changed))
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=15)
+def test_depth_is_that_of_trimesh(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    shape = trimesh.creation.annulus(0.01, 0.03, 0.04, sections=8) if seed % 2 else trimesh.creation.box((0.04,) * 3)
+    mesh = mesh_of(shape, random.normal(0.0, 0.01, 3))
+    points = random.uniform(-0.05, 0.05, (4, 30, 3))
+    points[0] += 1.0
+    depth, deepest = skin_depth(mesh, points)
+    solid: Any = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    signed_distance: Any = trimesh.proximity.signed_distance
+    for frame, vertices in enumerate(points):
+        inside = signed_distance(solid, vertices)
+        assert depth[frame] == pytest.approx(max(0.0, inside.max()), abs=1e-9)
+        assert deepest[frame] == (inside.argmax() if inside.max() > 0.0 else -1)
+    assert depth[0] == 0.0 and deepest[0] == -1
+
+
+def test_vertices_move_with_the_posture_as_their_derivative_says() -> None:
+    sample = skin_sample()
+    written = WrittenSkin(sample.joints, sample.hand, sample.fitted, False, sample.skin).at(3)
+    here, _, derivative = written.samples(written.posed(written.fitted))
+    np.testing.assert_allclose(here[written.surface], sample.skin.vertices[3], atol=1e-12)
+    for k in range(NUMBERS):
+        change = np.zeros((1, NUMBERS))
+        change[0, k] = 1e-6
+        ends = [written.samples(written.posed(changed_hand(written.fitted, sign * change)))[0] for sign in (1.0, -1.0)]
+        np.testing.assert_allclose(derivative[:, :, k], (ends[0] - ends[1]) / 2e-6, atol=1e-7)
+
+
+def judged(sample: SkinSample, mesh: Mesh, found: PushedOut) -> None:
+    """Hold a result against the skin itself, as referee and kernels measure it, and the promises of `PushedOut`."""
+    changed = found.depth > 0.0
+    for mine, given_one in zip(found.posture, sample.fitted):
+        assert np.array_equal(mine[~changed], given_one[~changed])
+    freed = moved(sample, found.posture, changed)
+    np.testing.assert_allclose(found.depth, skin_depth(mesh, sample.skin.vertices)[0], atol=1e-12)
+    np.testing.assert_allclose(found.depth_after, skin_depth(mesh, freed)[0], atol=1e-12)
+    surface = TrueSurface(mesh)
+    for frame in np.flatnonzero(found.is_freed):
+        assert surface.signed_distance(freed[frame]).min() >= 0.0
+
+
+@pytest.mark.parametrize("depth", [5e-4, 3e-3])
+def test_a_skin_on_a_wall_is_freed_with_less_than_a_shift(depth: float) -> None:
+    # A wall much larger than the hand: shifting the hand out is a way, and the least change is no dearer.
+    sample = skin_sample()
+    lowest = sample.skin.vertices[:, :, 2].min(axis=1)
+    level = float(np.sort(lowest)[5] + depth)
+    mesh = mesh_of(trimesh.creation.box((4.0, 4.0, 4.0)), np.array([0.0, 0.0, level - 2.0]))
+    found = push_out(mesh, sample.hand, sample.skin, sample.joints, sample.fitted, sample.fitted)
+    np.testing.assert_allclose(found.depth, np.maximum(level - lowest, 0.0), atol=1e-9)
+    assert (found.depth > 0.0).any() and (found.depth == 0.0).any() and found.is_freed.all()
+    judged(sample, mesh, found)
+    written = WrittenSkin(sample.joints, sample.hand, sample.fitted, False, sample.skin)
+    way = written.moved(sample.joints, found.posture) - sample.joints
+    assert (np.sqrt((way**2).sum(axis=2).mean(axis=1)) <= 1.05 * found.depth + 5e-5).all()
+
+
+SHAPES = {
+    "ball": trimesh.creation.icosphere(subdivisions=3, radius=0.03),
+    "box": trimesh.creation.box((0.05, 0.05, 0.05)),
+    "plate": trimesh.creation.box((0.1, 0.003, 0.1)),
+    "rod": trimesh.creation.cylinder(0.012, 0.2),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_hand_with_an_object_through_it_is_freed(name: str) -> None:
+    sample = skin_sample()
+    mesh = mesh_of(SHAPES[name], sample.joints[:, 10].mean(axis=0) + [0.0, 0.02, 0.02])
+    found = push_out(mesh, sample.hand, sample.skin, sample.joints, sample.fitted, sample.fitted)
+    assert found.is_freed.all() and found.depth.max() > 1e-3 and not found.depth_after.any()
+    judged(sample, mesh, found)
+
+
+@pytest.mark.soak
+@given(st.integers(0, 2**32 - 1), st.sampled_from(sorted(SHAPES)))
+@settings(max_examples=20)
+def test_any_place_is_freed(seed: int, name: str) -> None:
+    sample, random = skin_sample(), np.random.default_rng(seed)
+    mesh = mesh_of(SHAPES[name], sample.joints[int(random.integers(12)), int(random.integers(21))])
+    start = correction_to(sample, shaken(sample, seed, 1.0), ALL).posture
+    found = push_out(mesh, sample.hand, sample.skin, sample.joints, sample.fitted, start)
+    assert found.is_freed.all()
+    assert skin_depth(mesh, moved(sample, found.posture, ALL))[0].max() <= 1e-12
+
+
+def test_an_object_that_leaves_no_room_is_marked() -> None:
+    # A hand in the middle of a block of 2 m: no free place is near.
+    sample = skin_sample()
+    mesh = mesh_of(trimesh.creation.box((2.0, 2.0, 2.0)), sample.fitted.position[0])
+    one = np.array([0])
+    skin = replace(sample.skin, vertices=sample.skin.vertices[one])
+    found = push_out(mesh, sample.hand, skin, sample.joints[one], sample.fitted.at(one), sample.fitted.at(one))
+    assert not found.is_freed[0] and found.depth_after[0] == found.depth[0] > 0.8
+    assert all(np.array_equal(mine, given_one[one]) for mine, given_one in zip(found.posture, sample.fitted))
+
+
+LENGTH = np.array([0.045, 0.028, 0.02])
+JOINTS = np.stack([np.zeros(4), np.append(0.0, np.cumsum(LENGTH)), np.zeros(4)], axis=1)
+PALMS: tuple[Palm, ...] = ("none", "thin", "fitted")
+
+
+def depth_in_spheres(along: FloatArray, across: FloatArray, radius: FloatArray, length: FloatArray) -> FloatArray:
+    """Least distance of points to 2,001 spheres of each cone: no less than the cones' own."""
+    share = np.linspace(0.0, 1.0, 2001)[:, None, None]
+    gap = np.hypot(along - share * length, across) - ((1.0 - share) * radius[:3] + share * radius[1:])
+    return np.asarray(gap.min(axis=(0, 2)))
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=30)
+def test_all_points_are_inside_and_none_of_the_radius_is_idle(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    count = int(random.integers(1, 200))
+    points = JOINTS[random.integers(0, 4, count)] + random.normal(0.0, 0.008, (count, 3))
+    along, across = (each[0] for each in cone_coordinates(JOINTS[None], points[None]))
+    radius = fit_radii(along, across, random.integers(0, 3, count), LENGTH)
+    assert (np.diff(radius) <= 0.0).all() and radius[3] >= 1e-3 * (1.0 - 1e-6)
+    gap = depth_in_spheres(along, across, radius, LENGTH)
+    assert gap.max() <= 1e-8
+    # Smaller by a hundredth of a millimetre it would leave a point outside, unless its least size bounds it.
+    smaller = depth_in_spheres(along, across, radius - 1e-5, LENGTH)
+    assert smaller.max() > 0.0 or radius.max() < 1.02e-3
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 64))
+@settings(max_examples=20)
+def test_balls_cover_all_points(seed: int, most: int) -> None:
+    random = np.random.default_rng(seed)
+    points = random.normal(0.0, 0.02, (int(random.integers(1, 150)), 3))
+    normal = random.normal(size=points.shape) * random.integers(0, 2, (len(points), 1))
+    center, radius = ball_cover(points, normal, most)
+    assert 1 <= len(radius) <= most
+    assert (np.linalg.norm(points[:, None] - center, axis=2) - radius).min(axis=1).max() <= 1e-12
+
+
+@pytest.mark.parametrize("palm", PALMS)
+@pytest.mark.parametrize("side", sampled(["right", "left"], lambda _, side: side == "left"))
+def test_the_hand_contains_its_skin(side: str, palm: Palm) -> None:
+    sample = skin_sample("left" if side == "left" else "right")
+    hand, fit = hand_with_skin(sample.hand, sample.skin, sample.fitted, palm)
+    assert (
+        outside_spheres(
+            hand.palm_mesh.vertices, hand.palm_mesh.faces, hand.palm_tree.leaf_center, hand.palm_tree.leaf_radius
+        ).max()
+        <= 1e-9
+    )
+    # The flesh's rings lie on round cones; between rings that straddle a joint these are a little larger.
+    assert np.abs(hand.radius - FLESH).max() < 2e-5
+    assert hand.palm_tree.leaf_count <= sample.hand.palm_tree.leaf_count
+    outside, inside = own_gaps(sample, hand, palm)
+    assert fit.contained == (outside == 0.0).mean()
+    np.testing.assert_allclose(
+        [fit.excess_mean, fit.excess_max, fit.slack_mean], [outside.mean(), outside.max(), inside.mean()], atol=1e-6
+    )
+    assert fit.excess[1:].max() == 0.0
+    if palm == "fitted":
+        assert fit.contained == 1.0 and fit.excess_max == 0.0 and fit.slack_mean < 1e-3
+    elif palm == "thin":
+        assert fit.excess_max == fit.excess[0] > 0.0
+        assert np.ptp(hand.palm_mesh.vertices[:, 2]) == pytest.approx(
+            0.5 * np.ptp(sample.hand.palm_mesh.vertices[:, 2]), rel=1e-9
+        )
+    else:
+        assert np.isnan(fit.excess[0]) and fit.excess_max == 0.0
+
+
+def own_gaps(sample: SkinSample, hand: HandModel, palm: Palm) -> tuple[FloatArray, FloatArray]:
+    """Distances of all vertices outside and inside the bodies of their bones, by sampled spheres."""
+    found = []
+    share = np.linspace(0.0, 1.0, 401)[:, None]
+    for t, vertices in enumerate(sample.skin.vertices):
+        joints = hand.joints(*sample.fitted.at(t))
+        for finger in range(5):
+            own = vertices[(sample.skin.bone - 1) // 3 == finger][:, None, None]
+            cones = []
+            for k in range(3):
+                center = (1.0 - share) * joints[finger, k] + share * joints[finger, k + 1]
+                radius = (1.0 - share[:, 0]) * hand.radius[finger, k] + share[:, 0] * hand.radius[finger, k + 1]
+                cones.append((np.linalg.norm(own[:, 0] - center, axis=2) - radius).min(axis=1))
+            found.append(np.min(cones, axis=0))
+        if palm != "none":
+            turn = rotation_matrix(sample.fitted.orientation[t])
+            center = hand.palm_tree.leaf_center @ turn.T + sample.fitted.position[t]
+            own = vertices[sample.skin.bone == 0][:, None]
+            found.append((np.linalg.norm(own - center, axis=2) - hand.palm_tree.leaf_radius).min(axis=1))
+    gap = np.concatenate(found)
+    # Sampled spheres miss the nearest one by a fraction of a micrometre.
+    gap[np.abs(gap) < 1e-6] = 0.0
+    return np.maximum(gap, 0.0), np.maximum(-gap, 0.0)
+
+
+def test_a_skin_without_frames_or_palm_is_refused() -> None:
+    sample = skin_sample()
+    nowhere = replace(sample.skin, vertices=np.full_like(sample.skin.vertices, np.nan))
+    with pytest.raises(InputError, match="no frame has finite vertices"):
+        hand_with_skin(sample.hand, nowhere, sample.fitted, "none")
+    fingers = replace(sample.skin, weights=np.eye(16)[np.maximum(sample.skin.bone, 1)])
+    with pytest.raises(InputError, match="no vertex belongs to the palm; choose a palm that is none or thin"):
+        hand_with_skin(sample.hand, fingers, sample.fitted, "fitted")
+
+
+def test_frames_that_are_missing_do_not_count() -> None:
+    sample = skin_sample()
+    vertices = sample.skin.vertices.copy()
+    vertices[4, 100] = np.nan
+    position = sample.fitted.position.copy()
+    position[7] = np.nan
+    holed = hand_with_skin(
+        sample.hand, replace(sample.skin, vertices=vertices), sample.fitted._replace(position=position), "none"
+    )
+    kept = [t for t in range(12) if t not in (4, 7)]
+    whole = hand_with_skin(
+        sample.hand, replace(sample.skin, vertices=vertices[kept]), sample.fitted.at(np.array(kept)), "none"
+    )
+    assert np.array_equal(holed[0].radius, whole[0].radius) and holed[1].slack_mean == whole[1].slack_mean
+    assert np.isfinite(bone_frames(holed[0], sample.fitted)).all()
+
+
+def test_a_misfitted_frame_swells_no_hand() -> None:
+    sample = skin_sample()
+    whole = hand_with_skin(sample.hand, sample.skin, sample.fitted, "fitted")[0]
+    vertices = np.tile(sample.skin.vertices, (17, 1, 1))
+    vertices[100] += [0.0, 0.0, 0.02]
+    skin = replace(sample.skin, vertices=vertices)
+    fitted = HandConfiguration(*(np.concatenate([values] * 17) for values in sample.fitted))
+    hand, fit = hand_with_skin(sample.hand, skin, fitted, "fitted", 0.99)
+    np.testing.assert_allclose(hand.radius, whole.radius, atol=1e-6)
+    assert hand.palm_tree.leaf_radius.max() < whole.palm_tree.leaf_radius.max() + 1e-3
+    assert 1.0 - 1.0 / 204 <= fit.contained < 1.0 and 0.01 < fit.excess_max <= 0.02
+    assert hand_with_skin(sample.hand, skin, fitted, "none", 1.0)[1].contained == 1.0

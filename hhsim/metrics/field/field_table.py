@@ -1,15 +1,23 @@
-"""Table of the field: a recorded hand and its repair, before and after."""
+"""Figures of the field, the `METRICS` of each module of this package, and their table before and after a repair."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
+import hhsim.metrics.field
 from hhsim.metrics.field.hands import FieldMetric, FieldPair
-from hhsim.metrics.field.registry import field_metrics
+from hhsim.metrics.run_metric import declared_figures
 from hhsim.table.table import Table, number, words
 
 WHEN = ("before", "after")
+
+
+@cache
+def field_metrics() -> dict[str, FieldMetric]:
+    """Return every figure by its name, in the order of the table; ValueError if two have one name."""
+    return declared_figures(hhsim.metrics.field)
 
 
 @dataclass(frozen=True)

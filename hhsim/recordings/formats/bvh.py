@@ -6,9 +6,6 @@ or .R at the end), and an order from the palm outwards. Metacarpals are left out
 chain begins as ours does. The wrist is the joint nearest to the fingers that all five hang from: what else has a
 finger's name, such as an ear's ring, hangs from elsewhere. A hand whose joints name no side is read if it is alone.
 
-A corrected hand turns its joints by their own channels. Its wrist moves by the position channels of the wrist, or of a
-joint above from which nothing else hangs; without any it cannot move, which is refused.
-
 BVH is a tree of joints with offsets and channels, and the channels' values per frame. A joint's channels are rotations
 about axes turned by those before, in their order in the file. Angles are in degrees; lengths have no unit: the hand's
 length tells it. Its world has y up unless the options say otherwise.
@@ -16,20 +13,18 @@ length tells it. Its world has y up unless the options say otherwise.
 
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import islice, takewhile
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError, TrajectoryError
+from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
-from hhsim.motion.text_edit import NumberEdit, line_starts, word_spans
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import Content, ReadOptions
-from hhsim.recordings.correction import Changes
 from hhsim.recordings.joint_positions import JointPositions
-from hhsim.recordings.recording import MOST_SAMPLES, SIDES, Finding, Recording, chosen_side, note
+from hhsim.recordings.recording import MOST_SAMPLES, SIDES, Finding, chosen_side, note
 from hhsim.recordings.registry import RecordingFormat
 from hhsim.system.counted import counted
 
@@ -59,13 +54,6 @@ MOST_BETWEEN = 3
 WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 STILL_OFFSET = 1e-3
 """Largest position, as a share of the joint's offset, that is none: a device that measures none writes 0."""
-
-DEGREE_DIGITS = 5
-"""Decimals of an angle [degrees]: 0.02 µm at a fingertip."""
-SAME_TURN = 1e-12
-"""Largest difference of two rotation matrices that are one."""
-STILL = 1e-6
-"""Largest displacement of the wrist, in the file's unit, that needs no channel."""
 
 
 @dataclass
@@ -104,7 +92,6 @@ class Bvh:
     frame_time: float  # time between frames [s]
     values: FloatArray  # channels in each frame, NaN where missing, shape (T, C)
     findings: tuple[Finding, ...]  # notes about frames that are missing or broken
-    lines: tuple[int, ...] = ()  # number of each frame's line in the text, from 1 on
 
     def pose(self) -> tuple[FloatArray, FloatArray]:
         """Compute world positions of all joints and ends in the file's unit, (T, J, 3), and rotations, (T, J, 3, 3)."""
@@ -218,7 +205,7 @@ def _motion(lines: list[tuple[int, list[str]]], joints: tuple[Joint, ...], *, co
     if zeros:
         text = f"{counted(zeros, 'joint')} with position channels that are 0 in every frame: each stands at its OFFSET"
         findings.append(note(text))
-    return Bvh(joints, float(step), values, tuple(findings), tuple(number for number, _ in rows))
+    return Bvh(joints, float(step), values, tuple(findings))
 
 
 def _numbers(words: list[str], count: int, where: str, key: str) -> list[float]:
@@ -258,17 +245,11 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
 
 def _hand(bvh: Bvh, options: ReadOptions) -> tuple[HandSide, Hand, list[Finding]]:
     """Return the hand of the options, else the right one, and findings; TrajectoryError for none."""
-    lines = {side: _finger_lines(bvh.joints, side) for side in (*SIDES, "")}
-    found = {side: hands for side in (*SIDES, "") if (hands := _hands(bvh.joints, lines[side]))}
+    found = {side: _hands(bvh.joints, _finger_lines(bvh.joints, side)) for side in (*SIDES, "")}
+    found = {side: hands for side, hands in found.items() if hands}
     if not found:
-        some = "; ".join(
-            f"{side or 'no side'}: {', '.join(known)}{' apart' if len(known) == len(FINGERS) else ''}"
-            for side, known in lines.items()
-            if known
-        )
         names = ", ".join(joint.name for joint in bvh.joints if not joint.is_end)[:60]
-        what = f"{len(bvh.joints)} joints ({some or 'none'}), such as {names}…"
-        raise TrajectoryError(f"no hand with five fingers of three joints each among {what}; {NO_HAND}")
+        raise TrajectoryError(f"no hand with five fingers of three joints each among {names}…; {NO_HAND}")
     side, findings = chosen_side(dict.fromkeys(found, 1), options.hand)
     if len(found[side]) > 1:
         at = " and ".join(f"'{bvh.joints[wrist].name}'" for wrist, _ in found[side][:2])
@@ -362,83 +343,10 @@ def _words(name: str) -> list[str]:
     return [word.lower() for word in WORD.findall(name)]
 
 
-def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
-    bvh = read_bvh(content.text)
-    _, (wrist, fingers), _ = _hand(bvh, options)
-    joints, old = bvh.joints, replace(bvh, values=bvh.values[made.rows])
-    _, world = old.pose()
-    bones = {wrist: 0}
-    for finger, line in enumerate(fingers.values()):
-        bones |= {joint: 1 + 3 * finger + bone for bone, joint in enumerate(line[:3])}
-    # New values of each column, and their decimals.
-    new: dict[int, tuple[FloatArray, int]] = {}
-    for index, bone in bones.items():
-        joint = joints[index]
-        before = np.eye(3) if joint.parent < 0 else world[:, joint.parent]
-        above = next((made.turn[:, bones[k]] for k in _ancestors(joints, joint.parent) if k in bones), np.eye(3))
-        if np.abs(made.turn[:, bone] - above).max(initial=0.0) < SAME_TURN:
-            continue
-        if len(joint.turns) < len(ROTATIONS):
-            few = f"joint '{joint.name}' has {len(joint.turns)} channels of rotation"
-            raise InputError(f"{few}; expected 3 to correct it")
-        local = np.swapaxes(above @ before, -1, -2) @ made.turn[:, bone] @ world[:, index]
-        places = joint.places(joint.turns)
-        angles = np.degrees(euler_angles(local, joint.order, np.radians(old.values[:, places])))
-        new |= {place: (column, DEGREE_DIGITS) for place, column in zip(places, angles.T)}
-    shift = made.shift[:, 0]
-    if np.abs(shift).max(initial=0.0) > STILL:
-        carrier = _carrier(joints, wrist)
-        if carrier is None:
-            far = 1e3 * recording.file_frame.metre * np.linalg.norm(shift, axis=1).max()
-            moves = f"the correction moves the wrist '{joints[wrist].name}' by {far:.1f} mm, and neither it nor a joint"
-            raise InputError(f"{moves} that moves this hand alone has position channels: export it in another format")
-        if carrier.parent >= 0:
-            shift = np.einsum("tji,tj->ti", world[:, carrier.parent], shift)
-        new |= {k: (old.values[:, k] + step, made.digits) for k, step in zip(carrier.places(POSITIONS), shift.T)}
-    starts, lines = line_starts(content.exact_text), content.exact_text.splitlines()
-    edits: list[NumberEdit] = []
-    for k, row in enumerate(made.rows):
-        line = bvh.lines[row] - 1
-        spans = word_spans(lines[line])
-        for place, (column, decimals) in new.items():
-            first, last = (starts[line] + end for end in spans[place])
-            edits.append(NumberEdit(first, last, float(column[k]), decimals))
-    return content.edited(edits)
-
-
-def euler_angles(rotation: FloatArray, order: str, near: FloatArray) -> FloatArray:
-    """Convert rotation matrices, shape (T, 3, 3), to the Euler angles [rad] nearest to given ones, shape (T, 3).
-
-    `order` has three letters, as scipy's: ZYX about turned axes, zyx about fixed ones.
-    """
-    from scipy.spatial.transform import Rotation
-
-    first = Rotation.from_matrix(rotation).as_euler(order)  # type: ignore[call-overload]
-    second = first + np.pi
-    second[:, 1] = (np.pi if len(set(order)) == 3 else 0.0) - first[:, 1]
-    both = np.stack([first, second]) - near
-    both -= 2.0 * np.pi * np.round(both / (2.0 * np.pi))
-    nearest = np.argmin((both**2).sum(axis=2), axis=0)
-    return np.asarray(near + both[nearest, np.arange(len(near))])
-
-
-def _carrier(joints: tuple[Joint, ...], wrist: int) -> Joint | None:
-    """Return the wrist, or the nearest joint above that moves nothing but this hand, with channels of position."""
-    below = wrist
-    for index in _ancestors(joints, wrist):
-        if index != wrist and any(child != below and not joints[child].is_end for child in joints[index].children):
-            return None
-        if set(POSITIONS) <= set(joints[index].channels):
-            return joints[index]
-        below = index
-    return None
-
-
 FORMAT = RecordingFormat(
     "bvh",
     "BVH motion capture with the joints of fingers",
     (".bvh",),
     lambda content, options: content.beginning.lstrip()[:9].upper() == "HIERARCHY",
     _read,
-    write=_write,
 )

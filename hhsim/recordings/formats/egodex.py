@@ -29,7 +29,7 @@ def arkit_joints(side: HandSide) -> list[str]:
 
 def _read(content: Content, options: ReadOptions) -> JointPositions:
     """Read the hand of the options, else the right one; raises TrajectoryError."""
-    with opened_hdf5(content.packed or content.data, content.path) as (_, file):
+    with opened_hdf5(content.data, content.path) as file:
         group, given = file.get(GROUP), file.get("confidences")
         held: Any = group if isinstance(group, h5py.Group) else {}
         hands = {side: arkit_joints(side) for side in SIDES if set(arkit_joints(side)) <= set(held)}

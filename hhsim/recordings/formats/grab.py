@@ -121,9 +121,9 @@ def _poses(content: Content, options: ReadOptions) -> ManoPoses:
         arrays,
         names,
         side,
-        usual="pca-flat" if few else READINGS.get(word),
+        [*remarks, *found, *unused(arrays, used - more)],
+        "pca-flat" if few else READINGS.get(word),
         rate=ARCTIC_RATE if word == "pose" else None,
-        findings=[*remarks, *found, *unused(arrays, used - more)],
         object_poses=moved,
     )
 

@@ -127,13 +127,10 @@ def _points_key(content: Content, options: ReadOptions) -> str:
     if options.hand and len(named) > 1:
         named = [key for key in named if joint_name(key).side == options.hand] or named
     if len(named) > 1:
-        sided = " or --hand right|left" if {joint_name(key).side for key in named} >= {"right", "left"} else ""
-        raise TrajectoryError(f"{len(named)} arrays of joints, {', '.join(named)}; say which one: --array NAME{sided}")
+        raise TrajectoryError(f"{len(named)} arrays of joints, {', '.join(named)}; say which: --array NAME, or --hand")
     if not named:
-        large = sorted(arrays.items(), key=lambda each: -np.ndim(each[1]))
-        held = ", ".join(f"{key} {np.shape(value)}" for key, value in large[:MOST_LISTED])
-        more = f" and {len(large) - MOST_LISTED} more" if len(large) > MOST_LISTED else ""
-        raise TrajectoryError(f"no array of shape {SHAPES}; it holds {held}{more}")
+        held = ", ".join(f"{key} {np.shape(value)}" for key, value in list(arrays.items())[:MOST_LISTED])
+        raise TrajectoryError(f"no array of shape {SHAPES}; it holds {held}")
     return named[0]
 
 

@@ -5,7 +5,6 @@ y up. Other features are mapped by --columns as `feature.name`, by the names of 
 """
 
 import json
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,6 @@ from hhsim.motion.csv_table import Table
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import mapped
 from hhsim.recordings.content import Content, ReadOptions
-from hhsim.recordings.correction import Changes
 from hhsim.recordings.formats.csv import columns_of, with_columns
 from hhsim.recordings.joint_arrays import order_by_bones
 from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS, StatedFields, kind_of
@@ -54,10 +52,8 @@ def _read(content: Content, options: ReadOptions) -> Recording | JointPositions:
     names = [name for name in columns if name.split(".")[-1] == "hand_joints"]
     width, hands = 2 * JOINTS * 3, _numbers(columns, names[0], rows) if names else np.zeros((0, 0))
     if hands.shape[1] not in (width, width // 2):
-        held = ", ".join(f"{name} ({_numbers(columns, name, rows[:1]).shape[1]})" for name in list(columns)[:6])
-        what = f"{names[0]} has {hands.shape[1]} numbers" if names else "no hand_joints"
-        expected = f"hand_joints of 2 × {JOINTS} × 3, or --columns that explain the others"
-        raise TrajectoryError(f"{what}; it holds {held}; expected {expected}")
+        what = f"{names[0]} has {hands.shape[1]} numbers" if names else f"no hand_joints among {', '.join(columns)}"
+        raise TrajectoryError(f"{what}; expected 2 × {JOINTS} × 3, or --columns that explain the others")
     if len(names) > 1:
         findings.append(note(f"joints from {names[0]}; there is also {', '.join(names[1:3])}"))
     sides, side, remarks = _chosen(hands, options)
@@ -89,50 +85,6 @@ def _chosen(hands: FloatArray, options: ReadOptions) -> tuple[list[HandSide], Ha
     with np.errstate(invalid="ignore", over="ignore"):
         seen = (np.ptp(points, axis=2) > 0.0).any(axis=2).sum(axis=0)
     return sides, *chosen_side(dict(zip(sides, seen.tolist())), options.hand)
-
-
-def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
-    if options.columns is not None:
-        raise InputError("features that --columns explain are not written to Parquet: export in another format")
-    import pyarrow
-    from pyarrow import parquet
-
-    columns = _columns(content.data)
-    name = next(name for name in columns if name.split(".")[-1] == "hand_joints")
-    rows = _episode(columns, options, [])
-    hands = _numbers(columns, name, rows)
-    sides, side, _ = _chosen(hands, options)
-    new = hands[np.searchsorted(rows, made.rows)].reshape(len(made.rows), -1, JOINTS, 3)
-    for k, joint in enumerate(WEBXR_JOINTS):
-        new[:, sides.index(side), k] = made.moved(joint, new[:, sides.index(side), k])
-    cells = columns[name].to_pylist()
-    for row, values in zip(made.rows, new):
-        cells[row] = _filled(cells[row], iter(values.ravel().tolist()))
-    with parquet.ParquetFile(pyarrow.BufferReader(content.data)) as file:
-        table, facts, groups = file.read(), file.metadata, file.metadata.num_row_groups
-        place = table.column_names.index(name)
-        table = table.set_column(place, table.schema.field(place), pyarrow.array(cells, table.schema.field(place).type))
-        first = [facts.row_group(0).column(k) for k in range(facts.num_columns)]
-        try:
-            packing = {column.path_in_schema: column.compression.replace("UNCOMPRESSED", "NONE") for column in first}
-        except UnicodeDecodeError:
-            raise TrajectoryError("a damaged Parquet file: a column's path is no text, so it is not written") from None
-        stream = pyarrow.BufferOutputStream()
-        with parquet.ParquetWriter(stream, table.schema, version=facts.format_version, compression=packing) as writer:
-            start = 0
-            for group in range(groups):
-                writer.write_table(table.slice(start, facts.row_group(group).num_rows))
-                start += facts.row_group(group).num_rows
-    data: bytes = stream.getvalue().to_pybytes()
-    return data
-
-
-def _filled(cell: Any, values: Iterator[float]) -> Any:
-    """Return a nested list with other numbers, where they are not missing."""
-    if isinstance(cell, list):
-        return [_filled(item, values) for item in cell]
-    value = next(values)
-    return value if value == value else cell
 
 
 def _columns(data: bytes) -> dict[str, Any]:
@@ -242,5 +194,4 @@ FORMAT = RecordingFormat(
     lambda content, options: content.head.startswith(MAGIC),
     _read,
     takes_columns=True,
-    write=_write,
 )

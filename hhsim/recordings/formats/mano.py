@@ -31,8 +31,8 @@ from hhsim.recordings.content import ZIP, Content, ReadOptions, stated_hand
 from hhsim.recordings.correction import Changes
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import JointPositions
-from hhsim.recordings.object_poses import ObjectPoses, poses_in
-from hhsim.recordings.pose_lines import read_pose_lines
+from hhsim.recordings.json_document import read_pose_lines
+from hhsim.recordings.object_poses import poses_in
 from hhsim.recordings.recording import OTHER, Finding, Recording, note, unused
 from hhsim.recordings.registry import RecordingFormat
 from hhsim.recordings.unit_detection import time_column
@@ -201,7 +201,7 @@ def _array(fields: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> Float
 
 
 class ManoPoses(NamedTuple):
-    """Numbers of a file: wrist, pose and shape of the hand, its side, stamps or a rate [Hz], and an object's poses."""
+    """Numbers of a file: wrist, pose and shape of the hand, and its side."""
 
     rotation: FloatArray
     pose: FloatArray
@@ -210,12 +210,8 @@ class ManoPoses(NamedTuple):
     hand: HandSide
     names: Mapping[str, str] = {}  # names of the arrays by the words of `FIELDS`
     usual: str | None = None  # usual reading, of `READINGS`
-    time: FloatArray | None = None
-    unit: str | None = None
-    rate: float | None = None
     findings: Sequence[Finding] = ()
-    object_poses: ObjectPoses | None = None
-    rows: Sequence[int] = ()
+    more: Mapping[str, Any] = {}  # stamps, a rate, an object's poses and rows: further fields of `JointPositions`
 
     def reading(self, options: ReadOptions) -> str:
         """Return the meaning of the poses; errors if the options and the file do not state it, or a wrong one."""
@@ -224,9 +220,7 @@ class ManoPoses(NamedTuple):
             raise TrajectoryError(f"{count} numbers a pose; expected 45 of the joints, or fewer coefficients")
         if wanted is None:
             choices = ", ".join(reading for reading in READINGS if count == ANGLES or reading.startswith("pca"))
-            raise TrajectoryError(
-                f"{count} numbers a pose can be read in several ways; say which: --mano-pose {choices}"
-            )
+            raise TrajectoryError(f"{count} numbers a pose have several meanings; say which: --mano-pose {choices}")
         if wanted.startswith("axis-angle") and count < ANGLES:
             raise InputError(f"--mano-pose {wanted}: needs 45 numbers a pose, and there are {count}")
         return wanted
@@ -235,10 +229,8 @@ class ManoPoses(NamedTuple):
         """Return the options' model of this hand, and the name of its file; errors for none, or the other hand's."""
         hand, given = options.hand or self.hand, options.mano_model
         if given is None:
-            what = (
-                f"{len(self.pose)} poses of a MANO hand, {self.pose.shape[1]} numbers each; the joints need the model"
-            )
-            raise TrajectoryError(f"{what}'s file, which is the user's own: --mano-model MANO_RIGHT.pkl")
+            what = f"{len(self.pose)} poses of a MANO hand, {self.pose.shape[1]} numbers each"
+            raise TrajectoryError(f"{what}, need your own file of the model: --mano-model MANO_RIGHT.pkl")
         # Of a file that is called the other hand's the one beside it.
         name = given.name.replace("RIGHT", "LEFT") if hand == "left" else given.name.replace("LEFT", "RIGHT")
         path = given.with_name(name) if hand and given.with_name(name).is_file() else given
@@ -260,14 +252,10 @@ class ManoPoses(NamedTuple):
         return JointPositions(
             position=model.keypoints(self.rotation, model.angles(self.pose, reading), self._shift(), self.betas),
             what=f"{count} numbers a pose: {READINGS[reading]} ({reading}); model {file.lower()}",
-            time=self.time,
-            time_unit=self.unit,
-            rate=self.rate,
             hand=options.hand or self.hand,
             unit=1.0,
-            object_poses=self.object_poses,
             findings=[*self.findings, *still],
-            rows=self.rows,
+            **self.more,
         )
 
     def _shift(self) -> FloatArray:
@@ -280,7 +268,14 @@ def chosen_names(held: Iterable[str], fields: Mapping[str, Sequence[str]] = FIEL
     return {field: name for field, names in fields.items() if (name := next((n for n in names if n in known), ""))}
 
 
-def poses_of(arrays: Mapping[str, Any], names: Mapping[str, str], hand: HandSide, **more: Any) -> ManoPoses:
+def poses_of(
+    arrays: Mapping[str, Any],
+    names: Mapping[str, str],
+    hand: HandSide,
+    findings: Sequence[Finding],
+    usual: str | None = None,
+    **more: Any,
+) -> ManoPoses:
     """Return the poses in arrays of these names by the words of `FIELDS`, with more fields; error for none."""
     pose = numbers(arrays, names["pose"])
     if not len(pose) or pose.ndim not in (2, 3):
@@ -297,7 +292,7 @@ def poses_of(arrays: Mapping[str, Any], names: Mapping[str, str], hand: HandSide
     translation = numbers(arrays, names["translation"], count, 3) if "translation" in names else None
     betas = numbers(arrays, names["betas"]) if "betas" in names else np.zeros(0)
     betas = (betas[0] if betas.ndim == 2 and len(betas) else betas.ravel())[:SHAPES]
-    return ManoPoses(rotation, pose, translation, betas, hand, names, **more)
+    return ManoPoses(rotation, pose, translation, betas, hand, names, usual, findings, more)
 
 
 def corrected_arrays(
@@ -394,7 +389,8 @@ def _poses(content: Content, options: ReadOptions) -> ManoPoses:
     if not content.head.startswith(ZIP):
         lines = read_pose_lines(content.document, "pose", options.hand)
         poses = rotation_vector(lines.orientation), lines.numbers, lines.translation, lines.betas, lines.hand
-        return ManoPoses(*poses, time=lines.stamps, unit="ns", findings=lines.findings, rows=lines.rows)
+        more = {"time": lines.stamps, "time_unit": "ns", "rows": lines.rows}
+        return ManoPoses(*poses, findings=lines.findings, more=more)
     arrays = content.arrays
     names = chosen_names(arrays)
     if "pose" not in names:
@@ -407,9 +403,9 @@ def _poses(content: Content, options: ReadOptions) -> ManoPoses:
         arrays,
         names,
         stated_hand(content, options.hand, np.arange(count), [])[0],
+        unused(arrays, used),
         time=None if stamps is None else stamps.stamps(lambda name: numbers(arrays, name, count)),
-        unit=None if stamps is None else stamps.unit,
-        findings=unused(arrays, used),
+        time_unit=None if stamps is None else stamps.unit,
         object_poses=moved,
     )
 

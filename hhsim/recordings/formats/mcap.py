@@ -103,17 +103,12 @@ def _side(topic: str) -> HandSide:
 def _stamps(stamps: list[tuple[int, ...]], findings: list[Finding]) -> FloatArray:
     """Return the time of each sample after the first [s]."""
     if all(len(each) == 3 for each in stamps):
-        there, taken, device = np.array(stamps, dtype=np.int64).T
-        own, host = (device - device[0]) * NANOSECOND, (taken - taken[0]) * NANOSECOND
-        late = 1e3 * NANOSECOND * float(np.median(there - taken))
-        text = f"stamps: when the sample was taken, host's clock; there {late:.1f} ms later in the median"
-        if device.any():
-            text += f", off the device's clock by up to {1e3 * float(np.abs(own - host).max()):.1f} ms"
-        findings.append(note(text))
-        return np.asarray(host)
-    logged = np.array([each[-1] for each in stamps], dtype=np.int64)
-    findings.append(note("stamps: when the messages were logged; the records have no others"))
-    return np.asarray((logged - logged[0]) * NANOSECOND)
+        given = np.array(stamps, dtype=np.int64)[:, 1]
+        findings.append(note("stamps: when the sample was taken, host's clock"))
+    else:
+        given = np.array([each[-1] for each in stamps], dtype=np.int64)
+        findings.append(note("stamps: when the messages were logged; the records have no others"))
+    return np.asarray((given - given[0]) * NANOSECOND)
 
 
 def _read_messages(data: bytes) -> Messages:

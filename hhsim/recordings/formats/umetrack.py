@@ -21,9 +21,8 @@ from hhsim.recordings.content import Content, ReadOptions
 from hhsim.recordings.formats.mano import posed_tree
 from hhsim.recordings.frames import to_our_frames
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.json_document import keys_of
+from hhsim.recordings.json_document import SAME_MOMENT, keys_of, read_pose_lines
 from hhsim.recordings.object_poses import OBJECT_UID
-from hhsim.recordings.pose_lines import SAME_MOMENT, read_pose_lines
 from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.recordings.registry import RecordingFormat
 from hhsim.system.input_file import read_input_text
@@ -80,8 +79,8 @@ def _hand_points(path: Path, angles: FloatArray) -> FloatArray:
         try:
             points = [np.array(model[key], dtype=np.float64)[:count].reshape(count, 3) for key, count in keys.items()]
         except (KeyError, TypeError, ValueError, IndexError):
-            wanted = ", ".join(f"{count} points in {key}" for key, count in keys.items())
-            raise TrajectoryError(f"{keys_of(document)}; expected the profile of an UmeTrack hand: {wanted}") from None
+            expected = f"the profile of an UmeTrack hand: points in {', '.join(keys)}"
+            raise TrajectoryError(f"{keys_of(document)}; expected {expected}") from None
         rest, axes, landmarks = MILLIMETRE * points[0], points[1], MILLIMETRE * points[2]
         norm = np.linalg.norm(axes, axis=1, keepdims=True)
         if not (np.abs(norm - 1.0) < 0.02).all() or not np.isfinite([*rest, *landmarks]).all():
@@ -115,19 +114,18 @@ def _object_beside(
         raise TrajectoryError(f"{path.name} beside the recording lacks the column {missing[0]}")
     which = np.array([cells[table.header.index(OBJECT_UID)].strip() for cells in table.rows])
     rows, _ = table.numbers(OBJECT_COLUMNS)
-    ways = {uid: 1e3 * float(np.ptp(rows[which == uid, 1:4], axis=0).max()) for uid in dict.fromkeys(which.tolist())}
-    known = ", ".join(f"{uid} ({way:.0f} mm of way)" for uid, way in sorted(ways.items(), key=lambda item: -item[1]))
-    if wanted is None and len(ways) != 1:
-        findings.append(note(f"{OBJECTS} beside it holds {len(ways)} objects: --object-track takes one of {known}"))
+    known = list(dict.fromkeys(which.tolist()))
+    if wanted is None and len(known) != 1:
+        findings.append(note(f"{OBJECTS} beside it holds several objects: --object-track takes {' or '.join(known)}"))
         return None
-    uid = next(iter(ways)) if wanted is None else wanted
-    if uid not in ways:
-        raise InputError(f"--object-track {uid}: {OBJECTS} beside the recording holds {known}")
+    uid = known[0] if wanted is None else wanted
+    if uid not in known:
+        raise InputError(f"--object-track {uid}: {OBJECTS} beside the recording holds {', '.join(known)}")
     track = rows[which == uid]
     # Hand and object have stamps of the same frames.
     place = np.array([int(np.argmin(np.abs(track[:, 0] - stamp))) if stamp == stamp else 0 for stamp in stamps])
     poses = np.where((np.abs(track[place, 0] - stamps) < SAME_MOMENT)[:, None], track[place, 1:], np.nan)
-    findings.append(note(f"object {uid} moves as {OBJECTS} beside it has it, by {ways[uid]:.0f} mm"))
+    findings.append(note(f"object {uid} moves as {OBJECTS} beside it has it"))
     return ObjectMotion(*np.split(poses, [3], axis=1))
 
 

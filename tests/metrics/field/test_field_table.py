@@ -10,9 +10,8 @@ import pytest
 from field_hands import hands_at, skin_hand, sphere_hand
 
 import hhsim.metrics.field
-from hhsim.metrics.field.field_table import FieldRow, field_rows, field_table, to_json
+from hhsim.metrics.field.field_table import FieldRow, field_metrics, field_rows, field_table, to_json
 from hhsim.metrics.field.hands import FieldPair
-from hhsim.metrics.field.registry import field_metrics
 from hhsim.repair.field_verdict import EMPTY, MISSED, OK, field_verdict
 from hhsim.table.table import UNITS
 

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Run
 from free_scenes import free_scene
 from sampled import sampled
 
@@ -14,10 +13,9 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import STATUS_LAG
 from hhsim.metrics.run.free_object import energy_gains
 from hhsim.metrics.run.registry import run_figure
-from hhsim.metrics.run_ticks import FreeRun, RunTicks, result_ticks
+from hhsim.metrics.run_ticks import FreeRun, RunTicks
 from hhsim.motion.trajectory import ObjectMotion
 from hhsim.replay.replay import replay_scene
-from hhsim.result.reader import load_result
 from hhsim.solver.options import SolverOptions, Stiffness
 
 MASS, OFFSET, PUSH = 2.0, 5e-7, 3.0
@@ -143,33 +141,3 @@ def test_a_grasp_gains_none_however_light_the_object_is(
     scene = replace(scene, bodies=(replace(scene.solids[0], torsion=0.0), *scene.bodies[1:]))
     found = replay_scene(scene, SolverOptions(surface=surface), tmp_path / "light.h5").attributes()
     assert found["energy_gained"] == 0.0
-
-
-LIFTS = [
-    (object_, motion, mass, friction, surface)
-    for object_, motion in (("cube", "lift"), ("cube", "slip"), ("cup", "lift"), ("teapot", "lift"))
-    for mass in (1e-6, 1e-2, 1.0, 100.0)
-    for friction in (0.5, 1.0)
-    for surface in ("spheres", "mesh")
-]
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize(("object_", "motion", "mass", "friction", "surface"), LIFTS)
-def test_no_tick_of_a_lift_that_does_not_lag_gains_energy(
-    object_: str, motion: str, mass: float, friction: float, surface: str, run: Run
-) -> None:
-    said = ("--free", "--mass", str(mass), "--friction", str(friction), "--torsion", "5", "--surface", surface)
-    answer = run("replay", object_, motion, *said, "--json", "--out", "lift.h5")
-    assert answer.code in (0, 1)
-    result = load_result("lift.h5")
-    gains, lags = energy_gains(result_ticks(result)), result["status"] & STATUS_LAG != 0
-    assert np.fmax.reduce(gains[~lags], initial=0.0) == 0.0
-    # A tick that lags is no solution: so far its last program may be another than those that made its way.
-    assert np.fmax.reduce(gains[lags], initial=0.0) < 5e-3
-
-
-@pytest.mark.soak
-def test_a_lift_of_a_milligram_gains_none_of_what_its_springs_give(run: Run) -> None:
-    answer = run("replay", "cube", "lift", "--free", "--mass", "1e-6", "--friction", "1")
-    assert "energy gained in a tick, max" in answer.out and "energy gained" not in answer.out.split("\n")[1]
