@@ -100,9 +100,9 @@ def suite_command(name: str, suite: "Suite") -> click.Command:
         decorated = RunningOptions.argument("running")(decorated)
     if suite.listed is not None:
         decorated = click.option("--list", "listed", is_flag=True, help="List what there is and run none.")(decorated)
-    if suite.picture == "trade-off":
+    if suite.draw is not None and suite.check_folder is None:
         decorated = options.picture(decorated)
-    elif suite.picture:
+    elif suite.draw is not None:
         help = "Draw the scenes and curves in the manner of the paper's Figs. 11 to 15 here, as PNG, PDF and SVG."
         decorated = click.option("--plot", type=options.OUTPUT, metavar="FOLDER", help=help)(decorated)
     if suite.preset is not None:
@@ -218,18 +218,13 @@ def run_suite(
         if stopped is not None:
             stopped.add_note(f"what ran so far, {len(rows):,} in all, is in {path} and its .csv file")
             raise stopped
-        paths, more = [path], dict[str, Any]()
-        for end, (columns, found) in suite.more(figures).items():
-            paths.append(path.with_name(f"{path.stem}-{end}{path.suffix}"))
-            more[end] = Table(columns, found).records
-            write_table(paths[-1], name, columns, more[end], described)
         note = f"{suite.preset.flag} run" if suite.preset and is_preset and suite.preset.flag == "quick" else ""
-        pictures = _draw(suite, name, picture, settings, figures, rows, report, note)
+        pictures = suite.draw(picture, settings, rows, figures, report, note) if suite.draw and picture else []
     missed, notes = suite.missed(settings, rows), suite.notes(settings, figures)
     if output.as_json:
         plots = {"pictures": list(map(str, pictures))} if pictures else {}
         document = table_document(path, suite.columns, described, **plots)
-        print_json({**document, "missed": missed, "notes": notes, "rows": rows, **more})
+        print_json({**document, "missed": missed, "notes": notes, "rows": rows})
     elif not output.quiet:
         for table in suite.tables(settings, rows, figures):
             print_table(table, optional=suite.optional)
@@ -237,10 +232,9 @@ def run_suite(
         for line in (*suite.lines(settings, rows), *(f"missed: {what}" for what in missed)):
             print_line(line)
         print_notes(notes)
-        tables = " and ".join(f"{table} and {table.with_suffix('.csv')}" for table in paths)
         drawn = f", the picture in {picture}" if len(pictures) == 1 else ""
         drawn = f", {counted(len(pictures), 'picture')} in {plot}" if len(pictures) > 1 else drawn
-        print_line(f"the table is in {tables}{drawn}")
+        print_line(f"the table is in {path} and {path.with_suffix('.csv')}{drawn}")
     return 1 if missed else 0
 
 
@@ -253,38 +247,10 @@ def _print_list(table: Table, *, as_json: bool) -> None:
 
 def _picture(suite: "Suite", table: Path, plot: Path | None) -> Path | None:
     """Return the path of the picture, or of the folder of pictures, if there is to be one; it is checked."""
-    if suite.picture == "trade-off":
+    if suite.draw is not None and suite.check_folder is None:
         from hhsim.system.output_path import picture_beside
 
         return picture_beside(table, plot)
-    if plot is not None:
-        from hhsim.bench.paper.figures import check_folder
-
-        check_folder(plot)
+    if suite.check_folder is not None and plot is not None:
+        suite.check_folder(plot)
     return plot
-
-
-def _draw(
-    suite: "Suite",
-    name: str,
-    path: Path | None,
-    settings: Any,
-    figures: Sequence[Any],
-    rows: Sequence[Mapping[str, Any]],
-    report: Any,
-    note: str,
-) -> list[Path]:
-    """Draw the picture, or the pictures, of a suite."""
-    if path is None:
-        return []
-    if suite.picture == "trade-off":
-        from hhsim.report.trade_off import draw_trade_off
-        from hhsim.table.file import rows_of
-
-        others = getattr(settings, "peers", None)
-        draw_trade_off(path, name, rows, rows_of(Path(others), "peers") if others else [], note)
-        return [path]
-    from hhsim.bench.paper.figures import draw_all
-    from hhsim.bench.paper.run import PaperRuns
-
-    return draw_all(path, PaperRuns.of_all(figures), report, note)

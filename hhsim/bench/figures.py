@@ -26,13 +26,8 @@ def figure(name: str, says: str, unit: str, total: Total) -> Figure:
 
 def metric(name: str, total: Total) -> Figure:
     """Return a figure of a replay's table, by its name there."""
-    return Figure(metric_column(name), total)
-
-
-def metric_column(metric: str, name: str = "", of: str | Callable[[Any], Any] = "") -> Column:
-    """Return the column of a run metric, with its label and unit; `name` and `of` as of `Column`."""
-    shown = run_metrics()[metric]
-    return Column(name or metric, shown.label, shown.unit, of)
+    shown = run_metrics()[name]
+    return Figure(Column(name, shown.label, shown.unit), total)
 
 
 def summed(figures: Sequence[Figure], runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

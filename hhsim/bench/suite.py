@@ -71,22 +71,17 @@ class Suite:
     missed: Callable[[Any, Sequence[Row]], list[str]] = no_lines  # missed bars, a few words each: exit code 1
     lines: Callable[[Any, Sequence[Row]], list[str]] = no_lines  # what people read below the tables
     notes: Callable[[Any, Sequence[Any]], list[str]] = no_lines  # remarks on the figures
-    # Further tables, each in a file of its own: by the end of its name columns and rows, of the figures.
-    more: Callable[[Sequence[Any]], Mapping[str, tuple[Sequence[Column], Sequence[Any]]]] = lambda figures: {}
     named: Callable[[Any], str] = lambda cell: "cells"  # name of a cell in the progress
     optional: Sequence[str] = ()  # headings of columns that a narrow terminal leaves out
     preset: Preset | None = None
     # True if the figures of a cell are a list of rows of plain values: it can be run anywhere, and kept.
     is_portable: bool = False
     key: Callable[[Any], str] = lambda cell: ""  # digest of what a cell depends on besides the settings
-    # Kind of its picture: "trade-off", beside the table, "paper", a folder if one is named, or "" for none.
-    picture: str = ""
+    # Draws its pictures, of path, settings, rows, figures, progress and a note on the run; returns their paths.
+    draw: Callable[[Path, Any, Sequence[Row], Sequence[Any], Progress, str], list[Path]] | None = None
+    # Checks the folder of its pictures, before the work; without it there is one, a file beside the table.
+    check_folder: Callable[[Path], None] | None = None
     listed: Callable[[Any], Table] | None = None  # table of what there is, for --list
-
-
-def measure(suite: Suite, settings: Any, progress: Progress = silent) -> list[Any]:
-    """Return the figures of all cells."""
-    return list(run_cells(suite, settings, progress))
 
 
 def run_cells(suite: Suite, settings: Any, progress: Progress = silent) -> Iterator[Any]:

@@ -30,13 +30,14 @@ from hhsim.metrics.run_ticks import PLACED
 from hhsim.motion.trajectory import TickInput, Trajectory
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.run_inputs import tick_digest
+from hhsim.report.trade_off import draw_trade_off
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.scene.synthesis import synthesize
 from hhsim.solver.options import SolverOptions
 from hhsim.system.progress import Progress
-from hhsim.table.file import ALL
+from hhsim.table.file import ALL, rows_of
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.mesh_distance import HandReferee
@@ -216,6 +217,15 @@ def mark_frontier(group: Sequence[Row], flag: str, error: str) -> None:
     """Mark the rows of a group that none beats in both time and error."""
     for i in frontier([row["tick_cpu_p50"] for row in group], [row[error] for row in group], GAIN):
         group[i][flag] = True
+
+
+def draw(
+    path: Path, settings: Any, rows: Sequence[Row], figures: Sequence[Any], progress: Progress, note: str
+) -> list[Path]:
+    """Draw the picture of a suite, with the engines of the table that its settings name; see `Suite`."""
+    peers = getattr(settings, "peers", None)
+    draw_trade_off(path, rows, rows_of(Path(peers), "peers") if peers else [], note)
+    return [path]
 
 
 def failure_remark(runs: Sequence[Run], name: Callable[[Any], str]) -> list[str]:

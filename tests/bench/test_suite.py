@@ -64,7 +64,7 @@ COMMANDS = (
     ("hard flat-finger", "hard case 'flat-finger' is made of triangles alone: it takes --surface mesh"),
     ("hard --method couple", "unknown method 'couple': did you mean coupled?"),
     ("hard --resume .", ". holds other files, and no bench"),
-    ("trees --plot a.h5", "no picture by its ending"),
+    ("peers --plot a.h5", "no picture by its ending"),
     ("trees --size nan", "nan is not in the range 1<=x<=10000"),
     ("paper --quick --plot thesis.parquet", "thesis.parquet"),
     ("recorded nowhere", "nowhere: no such file or folder"),

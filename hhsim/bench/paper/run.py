@@ -91,8 +91,6 @@ class SceneRun:
     stage: Stage
     options: SolverOptions
     candidates: NDArray[np.int32]  # number of candidate pairs, shape (T,)
-    touching: NDArray[np.int32]  # number of touching pairs, shape (T,)
-    status: NDArray[np.int32]  # of each tick, shape (T,)
     digest: str  # of the poses and forces
     shown: list[Moment]  # ends of the holds and middles of the slides, in order; none for instances
     curves: Curves | None  # forces; None for instances
@@ -109,17 +107,6 @@ class SceneRun:
     def scenario(self) -> Scenario:
         """Scenario of the stage."""
         return self.stage.scenario
-
-    @property
-    def ticks(self) -> RunTicks:
-        """Ticks for run metrics that need no force and no pose."""
-        columns: dict[str, AnyArray] = {
-            "status": self.status,
-            "contacts/candidates": self.candidates,
-            "contacts/touching": self.touching,
-            "penetration_depth": self.depth,
-        }
-        return RunTicks(columns, len(self.depth), (), RATE, len(self.options.fingers))
 
     @cached_property
     def median_times(self) -> FloatArray:
@@ -180,8 +167,6 @@ def play(stage: Stage, options: SolverOptions) -> SceneRun:
         stage=stage,
         options=options,
         candidates=record.work[:, WORK_CANDIDATES].astype(np.int32),
-        touching=record.work[:, WORK_TOUCHING].astype(np.int32),
-        status=record.status.astype(np.int32),
         digest=digest_of(record),
         shown=_shown(stage, records[0]) if single else [],
         curves=curves,

@@ -1,22 +1,21 @@
 """Rows of the paper's evaluation: the paper's figures, each method's, and our own bars."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hhsim.bench.figures import mean, metric_column
-from hhsim.bench.paper.run import NOISES, STEPS, UNTOLD, PaperRuns, SceneRun, percentile
+from hhsim.bench.figures import mean
+from hhsim.bench.paper.run import NOISES, UNTOLD, PaperRuns, SceneRun, percentile
 from hhsim.bench.paper.scene import CASES, SLIDING, held_ticks
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.mesh.catalogue import object_names
 from hhsim.metrics.run.contact import JUMP
 from hhsim.metrics.run.force import FELT
-from hhsim.metrics.run.registry import run_figure
 from hhsim.solver.known_methods import find_method
 from hhsim.system.counted import counted
-from hhsim.table.table import Column
+from hhsim.table.table import Column, Table, number, words
 
 SIMPLE_MEAN = {
     "sphere": 0.41e-3,
@@ -193,12 +192,12 @@ def _all_scenes(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
         sizes = np.array([run.variation[noise].size for run in played])
         parts = np.array([run.variation[noise].component for run in played])
         is_still = noise == "glove"
-        for number, (paper, spread) in enumerate(VARIATION):
-            values = sizes if number == 0 else parts[:, number - 1]
+        for row, (paper, spread) in enumerate(VARIATION):
+            values = sizes if row == 0 else parts[:, row - 1]
             known = values[np.isfinite(values[:, 0])]
             count = len(known)
             middle = np.median(known, axis=0).tolist() if count else [math.nan, math.nan]
-            part = "size" if number == 0 else "xyz"[number - 1]
+            part = "size" if row == 0 else "xyz"[row - 1]
             above = f", {int((values[:, 0] > paper).sum())} above {paper:.2f} %" if is_still else ""
             defined = np.where(np.isfinite(values[:, 0]), values[:, 0], -1.0)
             largest = f"largest {defined.max():.2f} % ({played[int(defined.argmax())].scenario.name})"
@@ -231,65 +230,26 @@ def _deepest(runs: Sequence[SceneRun]) -> float:
     return max(float(run.depth.max(initial=0.0)) for run in runs)
 
 
-def _step(name: str) -> Callable[[SceneRun], float]:
-    return lambda run: run.steps[name]
+def case_table(runs: Sequence[SceneRun]) -> Table:
+    """Return the ticks of the cases of Fig. 15, object by object."""
 
+    def parts(run: SceneRun, *numbers: int) -> float:
+        times = run.tick_parts[run.undisturbed]
+        return float(times.mean(axis=0)[[*numbers]].sum()) if len(times) else math.nan
 
-SCENE_COLUMNS = (
-    Column("figure", "of the paper", of="scenario.figure"),
-    Column("object", "object of the catalogue", of="scenario.object_name"),
-    Column("motion", "motion of the catalogue", of="scenario.motion"),
-    Column(
-        "case", "of Fig. 15: SF single finger, TF two fingers, FF five fingers, WH whole hand", of="scenario.case"
-    ),
-    Column("method", "method of the solver", of="options.method"),
-    Column("spheres", "leaves of the object's tree", of="stage.tree.leaf_count"),
-    Column("instances", "motions, each with the hand a little elsewhere", of=lambda run: len(run.stage.motions)),
-    Column("ticks", "in all", of=lambda run: len(run.depth)),
-    Column(
-        "ticks_in_contact", "with candidate pairs, while fingers close, hold or slide; the times are theirs",
-        of=lambda run: int(run.contact.sum()),
-    ),
-    Column(
-        "contacts_mean", "candidate pairs of these ticks, mean", of=lambda run: run.contacts,
-    ),
-    metric_column("candidates_max", "contacts_max", lambda run: int(run_figure("candidates_max", run.ticks))),
-    metric_column("touching_max", of=lambda run: int(run_figure("touching_max", run.ticks))),
-    Column("cpu_mean", "tick, thread time, mean", "µs", lambda run: mean(run.tick_cpu[run.contact])),
-    Column("cpu_p50", "tick, thread time, median", "µs", lambda run: percentile(run, 50.0)),
-    Column("cpu_p99", "tick, thread time, p99", "µs", lambda run: percentile(run, 99.0)),
-    Column("cpu_max", "longest of all ticks, thread time", "µs", lambda run: float(run.tick_cpu.max())),
-    Column("wall_mean", "tick, wall time, mean", "µs", lambda run: mean(run.tick_wall[run.contact])),
-    Column(
-        "detection", "contact detection, wall time, mean of ticks that were not interrupted", "µs",
-        lambda run: mean_of_parts(run, DURATION_DETECT),
-    ),
-    Column(
-        "response", "collision response: palm, fingers and forces, wall time, mean of the same ticks", "µs",
-        lambda run: mean_of_parts(run, DURATION_PALM, DURATION_FINGERS, DURATION_FORCE),
-    ),
-    metric_column("penetration_max", "depth_max", lambda run: run_figure("penetration_max", run.ticks)),
-    Column(
-        "index_variation", "index force in the hold, glove's sensors, mean", "%",
-        lambda run: _index_variation(run, "glove"),
-    ),
-    Column(
-        "index_variation_trembling", "index force in the hold, glove's sensors and trembling palm, mean", "%",
-        lambda run: _index_variation(run, "trembling"),
-    ),
-    *(metric_column(name, of=_step(name)) for name in STEPS),
-    Column("touches", "demanded touches", of=lambda run: len(run.touches)),
-    Column("touches_missed", "demanded touches that did not happen", of=lambda run: len(run.missed)),
-    metric_column("stuck_ticks", of=lambda run: int(run_figure("stuck_ticks", run.ticks))),
-    metric_column("lag_ticks", of=lambda run: int(run_figure("lag_ticks", run.ticks))),
-)  # fmt: skip
-
-
-def mean_of_parts(run: SceneRun, *parts: int) -> float:
-    """Return the wall time of some parts of a tick in contact [s], mean of the ticks that were not interrupted."""
-    times = run.tick_parts[run.undisturbed]
-    return float(times.mean(axis=0)[[*parts]].sum()) if len(times) else math.nan
-
-
-def _index_variation(run: SceneRun, noise: str) -> float:
-    return float(run.variation[noise].size[0]) if run.variation else math.nan
+    columns = (
+        words("object", "scenario.object_name"),
+        words("case", "scenario.case"),
+        words("method", "options.method"),
+        number("instances", lambda run: len(run.stage.motions)),
+        number("pairs", "contacts"),
+        number("detection", lambda run: parts(run, DURATION_DETECT), "µs"),
+        number("response", lambda run: parts(run, DURATION_PALM, DURATION_FINGERS, DURATION_FORCE), "µs"),
+        number("total, CPU", lambda run: mean(run.tick_cpu[run.contact]), "µs"),
+        number("p99", lambda run: percentile(run, 99.0), "µs"),
+    )
+    title = (
+        "Fig. 15: a tick in contact, mean; its parts by the clock on the wall, where nothing interrupted it. SF: "
+        "single finger, TF: two fingers, FF: five fingers, WH: whole hand"
+    )
+    return Table(columns, [run for run in runs if run.scenario.case], title)

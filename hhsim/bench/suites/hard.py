@@ -6,15 +6,15 @@ tick is explained only if `hhsim.bench.robustness.local_optimality` finds no ste
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from hhsim.bench.figures import summed
-from hhsim.bench.robustness.case import DEEPEST, Figure, HardCase, HardRun, Outcome, shown_points
+from hhsim.bench.robustness.case import DEEPEST, Figure, HardCase, HardRun, Outcome, own_figures
 from hhsim.bench.robustness.contact_cases import CONTACT_CASES
 from hhsim.bench.robustness.input_cases import INPUT_CASES
 from hhsim.bench.robustness.invariance_cases import INVARIANCE_CASES, endurance_case
@@ -22,6 +22,7 @@ from hhsim.bench.robustness.local_optimality import pieces_of
 from hhsim.bench.robustness.safety import SAFETY, SafetyMeasure, recorded_penetration, solvers_of
 from hhsim.bench.robustness.triangle_cases import TRIANGLE_CASES
 from hhsim.bench.suite import Row, Suite, setting
+from hhsim.bench.tick_records import placed_of
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -34,6 +35,7 @@ from hhsim.system.posix import used_memory
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Names, between, check_fields
 from hhsim.table.table import Column, Table, number, words
+from hhsim.trees.contact_surface import contact_surface
 
 ENDURANCE_TICKS = 20_000
 """Ticks of the closed loops unless given; ten minutes at 1 kHz are 600,000."""
@@ -105,11 +107,11 @@ def run(cell: _Cell, before: None = None) -> list[Row]:
     refusal, passed, surface = "", False, solver.surface
     safety: dict[str, Any] = dict.fromkeys(STATED, 0)
     try:
-        outcomes = [run_scene(scene, solver) for scene in _scenes(case, cell.seed)]
+        outcomes = run_scenes(_scenes(case, cell.seed), solver)
         refusal = next((outcome.refusal for outcome in outcomes if outcome.refusal), "")
         sound = [outcome for outcome in outcomes if not outcome.refusal]
         figures += common_figures(sound) if sound else []
-        figures += [] if refusal else case.judge(outcomes)
+        figures += [] if refusal else own_figures(outcomes)
         passed = all(figure.passed for figure in figures) and (case.may_refuse if refusal else bool(figures))
         surface = " and ".join(sorted({outcome.options.surface for outcome in outcomes}))
         safety |= summed(SAFETY, [one.safety for one in outcomes if one.safety] or [safety])
@@ -137,16 +139,23 @@ def run(cell: _Cell, before: None = None) -> list[Row]:
 # The methods of a case share its scenes.
 @lru_cache(1)
 def _scenes(case: HardCase, seed: int) -> Sequence[HardRun]:
-    return case.build(seed)
+    return tuple(case.build(seed))
 
 
-def run_scene(run: HardRun, options: SolverOptions) -> Outcome:
-    """Run a scene from its first tick, and measure the common figures."""
-    outcome = Outcome(run, run.solver(options), None)
-    surface = outcome.surface
-    solver = HandSolver(run.hand, surface, outcome.options)
-    pieces = pieces_of(outcome.options.surface, run.mesh, run.tree)
-    safety, excess = SafetyMeasure(run.hand, pieces, outcome.options), [0.0]
+def run_scenes(runs: Iterable[HardRun], options: SolverOptions) -> list[Outcome]:
+    """Run the scenes of a case."""
+    outcomes: list[Outcome] = []
+    for run in runs:
+        outcomes.append(_run_scene(run, options, tuple(outcomes)))
+    return outcomes
+
+
+def _run_scene(run: HardRun, options: SolverOptions, before: Sequence[Outcome]) -> Outcome:
+    """Run a scene from its first tick, and measure the common figures; `before` are outcomes of its case."""
+    options = run.solver(options)
+    surface = contact_surface(options.surface, run.mesh, run.tree).arrays
+    solver = HandSolver(run.hand, surface, options)
+    safety, excess = SafetyMeasure(run.hand, pieces_of(options.surface, run.mesh, run.tree), options), [0.0]
     marked, memory = [], []
 
     def measured(motion: HandConfiguration) -> TickRecord:
@@ -162,22 +171,15 @@ def run_scene(run: HardRun, options: SolverOptions) -> Outcome:
             measured(run.lead)
         for _ in range(run.repeats):
             record = measured(run.motion)
-            marked.append(shown_points(record)[list(run.marks)])
+            marked.append(placed_of(record).points[list(run.marks)])
             memory.append(used_memory()[0])
     except HhsimError as error:
         record, refusal = None, str(error)
-    return replace(
-        outcome,
-        record=record,
-        refusal=refusal,
-        safety=safety.figures,
-        limit_excess=float(np.max(excess)),
-        marked=np.array(marked),
-        memory=np.array(memory, dtype=np.float64),
-    )
+    figures = safety.figures, float(np.max(excess)), np.array(marked), np.array(memory, dtype=np.float64)
+    return Outcome(run, options, surface, before, record, refusal, *figures)
 
 
-def common_figures(outcomes: list[Outcome]) -> list[Figure]:
+def common_figures(outcomes: Sequence[Outcome]) -> list[Figure]:
     """Return the figures of every case, over all of its runs that were not refused."""
     penetration = float(np.max([outcome.safety["penetration"] / outcome.run.scale for outcome in outcomes]))
     return [

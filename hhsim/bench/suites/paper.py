@@ -9,9 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
+from hhsim.bench.paper.figures import check_folder, draw_all
 from hhsim.bench.paper.run import ContactRun, PaperRuns, SceneRun, at_contacts, play, play_again
 from hhsim.bench.paper.scene import Scenario, Stage, make_stage, paper_scenarios
-from hhsim.bench.paper.table import ROW_COLUMNS, SCENE_COLUMNS, paper_rows
+from hhsim.bench.paper.table import ROW_COLUMNS, case_table, paper_rows
 from hhsim.bench.suite import Preset, Row, Suite, setting
 from hhsim.errors import check_known
 from hhsim.hand.model import HandModel
@@ -160,15 +161,8 @@ def tables(options: PaperOptions, rows: Sequence[Row], runs: Sequence[SceneRun |
         Table.of_cells(headings, cells, title, numbers=numbers),
         Table((words("what", "label"), words("how it was measured", "note")), how, f"How ({last})"),
     ]
-    cases = Table(SCENE_COLUMNS, [run for run in runs if isinstance(run, SceneRun) and run.scenario.case]).records
-    if cases:
-        title = (
-            "Fig. 15: a tick in contact, mean; its parts by the clock on the wall, where nothing interrupted it. SF: "
-            "single finger, TF: two fingers, FF: five fingers, WH: whole hand"
-        )
-        shown = "object case method instances contacts_mean=pairs detection response cpu_mean=total,_CPU cpu_p99=p99"
-        found.append(Table.of_records(SCENE_COLUMNS, cases, shown, title))
-    return found
+    cases = case_table([run for run in runs if isinstance(run, SceneRun)])
+    return [*found, cases] if cases.rows else found
 
 
 def _shown(value: float, unit: str) -> str:
@@ -182,8 +176,7 @@ SUITE = Suite(
     All scenes of Figs. 11 to 15 by every method: one finger, two, five and the palm on five simple objects; fingers
     that come and go; sliding; five complex objects from several sides, such as the thumb in the cup's handle; 100
     instances of each case of Fig. 15. A row that misses one of our own bars is named, and the exit code is 1; the
-    method paper is the baseline and has none, and with --quick or --object only those of time and depth hold. A
-    second table, -scenes, has a line for every scene.
+    method paper is the baseline and has none, and with --quick or --object only those of time and depth hold.
 
     \b
     Examples:
@@ -201,12 +194,12 @@ SUITE = Suite(
     tables=tables,
     missed=missed,
     lines=lines,
-    more=lambda runs: {"scenes": (SCENE_COLUMNS, PaperRuns.of_all(runs).scenes)},
     named=lambda cell: f"{cell.wanted:.0f} contacts" if cell.case else "scenes",
     preset=Preset(
         "quick",
         "Every row, from coarse spheres, 3 instances and one repetition.",
         {"level": 3, "instances": 3, "repetitions": 1},
     ),
-    picture="paper",
+    draw=lambda path, options, rows, runs, progress, note: draw_all(path, PaperRuns.of_all(runs), progress, note),
+    check_folder=check_folder,
 )

@@ -19,6 +19,7 @@ from hhsim.bench.trade_off import (
     Stage,
     check_scenes,
     competing,
+    draw,
     failure_remark,
     mark_frontier,
     percentile,
@@ -287,5 +288,5 @@ SUITE = Suite(
         "The bunny grasped, once.",
         {"objects": ("bunny",), "motions": ("grasp",), "repetitions": 1, "hands": 60},
     ),
-    picture="trade-off",
+    draw=draw,
 )

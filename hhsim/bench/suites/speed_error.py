@@ -20,6 +20,7 @@ from hhsim.bench.trade_off import (
     Stage,
     check_scenes,
     competing,
+    draw,
     failure_remark,
     mark_frontier,
     percentile,
@@ -384,5 +385,5 @@ SUITE = Suite(
     notes=lambda options, done: remarks(done),
     named=lambda cell: "runs",
     preset=FULL,
-    picture="trade-off",
+    draw=draw,
 )

@@ -189,7 +189,7 @@ SUITE = Suite(
     Examples:
       hhsim bench trees
       hhsim bench trees --object bunny --spheres 64,128,256,512
-      hhsim bench trees --out trees.h5 --plot trees.png --time-limits
+      hhsim bench trees --out trees.h5 --time-limits
     """,
     settings=TreesOptions,
     columns=COLUMNS,
@@ -202,5 +202,4 @@ SUITE = Suite(
     ],
     is_portable=True,
     named=lambda cell: f"{cell.mesh.name}, {cell.spheres:,} spheres",
-    picture="trade-off",
 )

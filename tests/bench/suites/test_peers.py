@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import Run
 
-from hhsim.bench.suite import measure
+from hhsim.bench.suite import run_cells
 from hhsim.bench.suites.peers import COLUMNS, SUITE, Peer, PeersOptions, installed, table_rows, won_by_others
 from hhsim.bench.trade_off import Run as MethodRun
 from hhsim.errors import InputError
@@ -52,14 +52,14 @@ def test_what_is_not_installed_is_left_out_with_a_line() -> None:
     ]  # fmt: skip
     assert notes == [f"left out: {GONE} needs patience"]
     with pytest.raises(InputError, match="needs patience"):
-        measure(SUITE, PeersOptions(methods=(GONE,)))
+        list(run_cells(SUITE, PeersOptions(methods=(GONE,))))
 
 
 def test_a_hand_inside_is_told_by_how_much() -> None:
     options = PeersOptions(
         objects=("cube",), motions=("touch",), methods=("coupled", FAKE), repetitions=1, rate=50.0, hands=20
     )
-    ours, _, other = measure(SUITE, options)
+    ours, _, other = list(run_cells(SUITE, options))
     assert ours.failure == other.failure == ""
     assert ours.figures["mesh_error"] < 2e-6
     # The user's finger is in the cube, and the palm, which is said to be pushed, far away from it.
@@ -72,9 +72,9 @@ def test_a_hand_inside_is_told_by_how_much() -> None:
 
 def test_a_run_that_takes_long_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
     options = PeersOptions(objects=("cube",), motions=("touch",), methods=(FAKE,), repetitions=2, rate=50.0, hands=5)
-    (twice,) = measure(SUITE, options)
+    (twice,) = list(run_cells(SUITE, options))
     monkeypatch.setattr("hhsim.bench.trade_off.LONG", 0.0)
-    (once,) = measure(SUITE, options)
+    (once,) = list(run_cells(SUITE, options))
     assert (len(twice.cpu), len(once.cpu)) == (2, 1)
     assert [row["repetitions"] for row in table_rows([twice, once])] == [2, 1, 1, 1]
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from recording_samples import smooth_recording
 
-from hhsim.bench.suite import measure
+from hhsim.bench.suite import run_cells
 from hhsim.bench.suites.recorded import SUITE, RecordedOptions
 from hhsim.errors import InputError
 from hhsim.motion.file import save_trajectory
@@ -37,7 +37,7 @@ def folder(tmp_path: Path) -> Path:
 
 def test_a_row_is_what_a_replay_of_the_same_words_says(folder: Path, run: Run) -> None:
     options = RecordedOptions((str(folder / "a.h5"),), ("cup",), ("coupled",), ("spheres", "mesh"), rate=250.0, level=3)
-    (spheres,), (mesh,) = measure(SUITE, options)
+    (spheres,), (mesh,) = list(run_cells(SUITE, options))
     words = ("replay", "cup", str(folder / "a.h5"), "--rate", "250", "--level", "3", "--place-object", "auto")
     document = json.loads(run(*words, "--json").out)
     for name in ("penetration_max", "contact_error_max", "force_contact_mean", "stuck_ticks", "lag_ticks"):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from referee_clearance import referee_clearance
 
-from hhsim.bench.suite import measure
+from hhsim.bench.suite import run_cells
 from hhsim.bench.suites.speed_error import (
     COLUMNS,
     DEFAULT_LEVEL,
@@ -49,7 +49,7 @@ SMALL = SpeedErrorOptions(
 
 @pytest.fixture(scope="module")
 def small() -> list[Run]:
-    return measure(SUITE, SMALL)
+    return list(run_cells(SUITE, SMALL))
 
 
 def test_every_method_is_run_with_every_level_and_number_once() -> None:
@@ -124,7 +124,7 @@ def test_the_picture_is_drawn_for_any_table(small: list[Run], tmp_path: Path) ->
     import matplotlib.image
 
     rows = table_rows(small)
-    draw_trade_off(tmp_path / "small.png", "speed-error", rows)
+    draw_trade_off(tmp_path / "small.png", rows)
     assert matplotlib.image.imread(tmp_path / "small.png").shape[1] == 1360
     drawn = bench_trade_off("speed-error", rows)
     assert drawn is not None and drawn.drawing is not None
@@ -135,5 +135,5 @@ def test_the_picture_is_drawn_for_any_table(small: list[Run], tmp_path: Path) ->
         assert any(np.array_equal(line, [row["tick_cpu_p50"], row["tick_cpu_p99"]]) for line in lines)
     for row in rows:
         row |= {"mesh_error": np.nan, "off_optimum_mean": 0.0, "method": "unheard-of"}
-    draw_trade_off(tmp_path / "odd.png", "speed-error", rows)
+    draw_trade_off(tmp_path / "odd.png", rows)
     assert (tmp_path / "odd.png").stat().st_size > 10_000

@@ -1,4 +1,4 @@
-"""Stage of the known answers: a free block or ball, the tasks pinch and rest, and a hand whose squeeze is known.
+"""Stage of the known answers: a free block or ball, the task of a pinch, and a hand whose squeeze is known.
 
 The hand has two opposed fingers. Thumb and index lie along the palm's y axis, one at either side, and curl towards each
 other in the plane of the palm. They are as thick as their tips, so that the tip alone touches a flat face between them.
@@ -6,7 +6,6 @@ The palm's spheres are far behind. The palm's coupling bears the weight, the joi
 between the tips, at a distance L before the palm, sinks by m g (1 / k_t + L² / k_r) below the command.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -116,10 +115,6 @@ def turned_by(first: ArrayLike, second: ArrayLike) -> float:
 
 RATE = 1000.0
 """Tick rate [Hz]."""
-QUIET = 500
-"""Ticks of a hold, or a quarter of it, until the lift has decayed."""
-LIFTED = 0.9
-"""Least share of the way of a block that was lifted."""
 
 
 @dataclass(frozen=True)
@@ -179,29 +174,6 @@ class Pinch:
         """Return the commanded height at the ticks [m]."""
         start = RATE * (self.closing + self.settling)
         return self.lift * minimum_jerk((np.asarray(tick) - start) / (RATE * self.lifting))
-
-    def outcome(self, height: FloatArray) -> tuple[bool, float]:
-        """Return if the block was lifted, and its creep [m], else NaN; from its rise at every tick [m], (ticks,)."""
-        held = height[self.held_from :]
-        lifted = bool(held[0] > LIFTED * self.lift)
-        rest = held[min(QUIET, len(held) // 4) :]
-        return lifted, float(np.abs(rest - rest[0]).max()) if lifted else math.nan
-
-
-@dataclass(frozen=True)
-class Rest:
-    """Task of a cube at rest on a table, in s, kg, m and m/s²; `friction` is μ of cube and table."""
-
-    seconds: float = 600.0
-    mass: float = 0.24
-    friction: float = 0.6
-    side: float = 0.07
-    gravity: float = 9.81
-
-    def creep(self, center: FloatArray, orientation: FloatArray) -> float:
-        """Return the largest way of a corner [m] by centres [m] (ticks, 3), first and last orientation (w, x, y, z)."""
-        moved = float(np.linalg.norm(center - center[0], axis=1).max())
-        return moved + 0.5 * self.side * math.sqrt(3.0) * turned_by(orientation[0], orientation[1])
 
 
 LENGTHS = (0.04, 0.03, 0.03)
