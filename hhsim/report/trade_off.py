@@ -290,6 +290,7 @@ PANEL, WIDE_PANEL = (3.4, 2.0), (6.5, 2.8)
 GREY = "#6e7781"
 OTHERS = ("x", "^", "v", "<", ">", "p", "*", "d", "s", "h", "8", "H")
 """Marks of other engines, all in grey."""
+OWN_QP = "active-set"
 LEAST = 1e-2
 """A tenth of the lowest decade that is shown [mm]."""
 LEVEL_MARKS = {1: "v", 2: "D", 3: "s", 4: "o", 5: "*"}
@@ -340,7 +341,7 @@ def _panels(
     rows: Sequence[Row], peers: Sequence[Row], note: str
 ) -> tuple[list[TradeOff], dict[str, tuple[str, str]], tuple[float, float]]:
     """Return a panel for each object, and of `speed-error` one against the optimum; their legend, and their size."""
-    summed = [row for row in rows if row["motion"] == ALL and not row.get("stretch")]
+    summed = [row for row in rows if row["motion"] == ALL and row.get("qp", OWN_QP) == OWN_QP]
     others = [row for row in peers if row["motion"] == ALL and not row["ours"]]
     names = list(dict.fromkeys(row["object"] for row in summed if row["object"] != ALL))
     # Objects that other engines were measured on say the most.

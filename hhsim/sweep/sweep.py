@@ -1,8 +1,6 @@
-"""Sweep: runs the cells of a plan that are not done yet, and keeps each outcome as soon as it ends.
+"""Sweep: runs the cells of a plan that are not done yet, and keeps each outcome as soon as it ends."""
 
-Its duration is estimated from the cells in its folder that ran on this machine.
-"""
-
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
@@ -11,27 +9,13 @@ from typing import Any
 from hhsim.errors import HhsimError
 from hhsim.solver.hand_solver import warm_up
 from hhsim.sweep.cell_run import CellTask, load_cell
-from hhsim.sweep.engines import LOCAL, TaskEnd, require_dask, run_to_end
-from hhsim.sweep.folder import SweepFolder, lasting, pace_of
+from hhsim.sweep.engines import TaskEnd, require_dask, run_to_end
+from hhsim.sweep.folder import SweepFolder, lasting
 from hhsim.sweep.input_files import source_digest
 from hhsim.sweep.plan import Cell, PlannedCell, SweepPlan
+from hhsim.system import environment as info
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import physical_cores
-
-
-@dataclass(frozen=True)
-class SweepOptions:
-    """Options of a sweep."""
-
-    jobs: int = 0  # processes of this machine; 0 for one per physical core
-    scheduler: str = ""  # address of a Dask cluster, or `hhsim.sweep.engines.LOCAL`; "" for processes
-    retry_failed: bool = False  # run cells again that failed before
-    keep_results: bool = True  # keep the result of each cell, not its row alone
-
-    @property
-    def workers(self) -> int:
-        """Number of processes of this machine."""
-        return self.jobs or max(1, len(physical_cores()))
 
 
 @dataclass(frozen=True)
@@ -49,41 +33,50 @@ class SweepSummary:
     seconds: float
 
 
-def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progress: Progress = silent) -> SweepSummary:
+def run_sweep(
+    plan: SweepPlan,
+    folder: SweepFolder,
+    *,
+    jobs: int = 0,
+    scheduler: str = "",
+    retry_failed: bool = False,
+    keep_results: bool = True,
+    progress: Progress = silent,
+) -> SweepSummary:
     """Run the cells that are not done yet.
+
+    Args:
+        jobs: Processes of this machine; 0 for one per physical core.
+        scheduler: Address of a Dask cluster, or `hhsim.sweep.engines.LOCAL`; "" for processes.
+        retry_failed: Run cells again that failed before.
+        keep_results: Keep the result of each cell, not its row alone.
 
     Raises InputError without Dask or a scheduler, OutputError for a folder that is not writable or another sweep's.
     """
-    if options.scheduler:
+    if scheduler:
         require_dask()
+    cores = len(physical_cores())
+    workers = jobs or max(1, cores)
     with folder.taken(plan):
-        before = {planned.digest for planned in plan.cells if folder.done(planned, options.keep_results)}
-        left = [planned for planned in plan.cells if planned.digest not in before]
-        if not options.retry_failed:
-            left = [planned for planned in left if not folder.failure(planned)]
-        began = perf_counter()
-        done, ticks, lost = 0, 0, dict[str, str]()
-        if left:
-            prepare(plan, left, progress)
-            # More processes than cores cannot have one each; a cluster's workers wait for one.
-            wants_core = bool(options.scheduler) or options.workers <= len(physical_cores())
-            tasks = [
-                CellTask(
-                    cell=planned.cell,
-                    digest=planned.digest,
-                    plan_folder=str(plan.folder.resolve()),
-                    folder=str(folder.cells.resolve()),
-                    keeps_result=options.keep_results,
-                    wants_core=wants_core,
-                    sources=source_digest(),
-                )
-                for planned in left
-            ]
-            waiting = {planned.digest: planned for planned in left}
-            pace, spent, cells_began = pace_of(plan.cells, folder), 0.0, perf_counter()
+        before = {planned.digest for planned in plan.cells if folder.done(planned, keep_results)}
+        missing = [planned for planned in plan.cells if planned.digest not in before]
+        waiting = {planned.digest: planned for planned in missing if retry_failed or not folder.failure(planned)}
+        began, done, ticks, lost = perf_counter(), 0, 0, dict[str, str]()
+        if waiting:
+            prepare(plan, list(waiting.values()), progress)
+            about: dict[str, Any] = {
+                "plan_folder": str(plan.folder.resolve()),
+                "folder": str(folder.cells.resolve()),
+                "keeps_result": keep_results,
+                # More processes than cores cannot have one each; a cluster's workers wait for one.
+                "wants_core": bool(scheduler) or workers <= cores,
+                "sources": source_digest(),
+            }
+            tasks = [CellTask(cell=planned.cell, digest=digest, **about) for digest, planned in waiting.items()]
+            cells_began = perf_counter()
 
             def on_end(end: TaskEnd) -> str:
-                nonlocal done, ticks, spent
+                nonlocal done, ticks
                 planned = waiting.pop(end.digest)
                 if end.reason and not end.is_final:
                     lost[end.digest] = end.reason
@@ -91,22 +84,15 @@ def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progr
                     folder.keep_failure(planned, end.reason)
                 else:
                     folder.forget_failure(planned)
-                    done, ticks, spent = done + 1, ticks + end.ticks, spent + end.seconds
-                    pace.add(planned.cell, end.ticks, end.seconds)
-                # How many work on a cluster shows in what they have done.
-                at_once = options.workers
-                if options.scheduler not in ("", LOCAL):
-                    at_once = max(1, round(spent / (perf_counter() - cells_began)))
-                still = pace.left(waiting.values())
-                return f" (about {lasting(still / min(at_once, len(waiting)))} left)" if still > 0.0 else ""
+                    done, ticks = done + 1, ticks + end.ticks
+                left = sum(each.run_ticks for each in waiting.values())
+                still = (perf_counter() - cells_began) * left / max(1, ticks)
+                return f" (about {lasting(still)} left)" if left and ticks else ""
 
-            how: dict[str, Any] = {"scheduler": options.scheduler, "jobs": options.workers, "done": len(before)}
-            run_to_end(tasks, "cells", on_end, progress, **how)
-        seconds = perf_counter() - began
-        missing = [cell for cell in plan.cells if cell.digest not in before]
+            run_to_end(tasks, "cells", on_end, progress, scheduler=scheduler, jobs=workers, done=len(before))
         reasons = [(cell.cell, lost.get(cell.digest) or folder.failure(cell)) for cell in missing]
         failed = tuple((cell, reason) for cell, reason in reasons if reason)
-    return SweepSummary(len(plan.cells), done, len(before), failed, ticks, seconds)
+    return SweepSummary(len(plan.cells), done, len(before), failed, ticks, perf_counter() - began)
 
 
 def prepare(plan: SweepPlan, cells: Sequence[PlannedCell], progress: Progress = silent) -> None:
@@ -154,5 +140,24 @@ def estimate(plan: SweepPlan, folder: SweepFolder) -> Estimate:
     done = {planned.digest for planned in plan.cells if folder.done(planned)}
     failed = {planned.digest for planned in plan.cells if planned.digest not in done and folder.failure(planned)}
     left = [planned for planned in plan.cells if planned.digest not in done | failed]
-    ticks = sum(planned.run_ticks for planned in left)
-    return Estimate(len(plan.cells), len(done), len(failed), ticks, pace_of(plan.cells, folder).left(left))
+    spent, here = dict[tuple[Any, ...], tuple[int, float]](), info.machine()
+    for planned in plan.cells:
+        row = folder.row(planned)
+        if row.get("machine") == here:
+            runs = planned.ticks * row.get("repeated", {}).get("runs", 1)
+            for likeness in _likenesses(planned.cell):
+                ticks, seconds = spent.get(likeness, (0, 0.0))
+                spent[likeness] = ticks + runs, seconds + float(row["seconds"])
+    total = 0.0
+    for planned in left:
+        known = (spent[likeness] for likeness in _likenesses(planned.cell) if likeness in spent)
+        ticks, seconds = next(known, (0, math.nan))
+        total += planned.run_ticks * seconds / max(1, ticks)
+    return Estimate(len(plan.cells), len(done), len(failed), sum(planned.run_ticks for planned in left), total)
+
+
+def _likenesses(cell: Cell) -> tuple[tuple[Any, ...], ...]:
+    """Return keys that similar cells share, the most specific first."""
+    # Method, surface and options decide most of a tick's time.
+    same, shape, motion = (cell.method, cell.surface, cell.options_name), cell.object.name, cell.motion.name
+    return (*same, shape, motion), (*same, shape), (*same, None, motion), same, ()

@@ -25,9 +25,8 @@ from hhsim.render.viewpoint import View, viewpoint
 from hhsim.report import pictures as report_pictures
 from hhsim.report import time_series as report_series
 from hhsim.report.figure import RUN_STYLES, ReportFigure, run_style, time_text
-from hhsim.report.histogram import histogram_figure
 from hhsim.report.pictures import hand_picture, worst_ticks
-from hhsim.report.time_series import Run, minmax_band, series_figure
+from hhsim.report.time_series import Run, histogram_figure, minmax_band, series_figure
 from hhsim.report.trade_off import MARKS, speed_error_figure
 from hhsim.result.reader import Result, load_result
 from hhsim.view.scene_log import overview_tick

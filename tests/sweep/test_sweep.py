@@ -21,7 +21,7 @@ from hhsim.sweep.engines import CRASHED
 from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.input_files import CHANGED, source_digest
 from hhsim.sweep.plan import load_plan
-from hhsim.sweep.sweep import SweepOptions, SweepSummary, estimate, run_sweep
+from hhsim.sweep.sweep import SweepSummary, estimate, run_sweep
 
 Run = Callable[..., Any]
 BROKEN = '''
@@ -60,7 +60,7 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def swept(path: Path, folder: Path, **options: Any) -> SweepSummary:
-    return run_sweep(load_plan(path), SweepFolder(folder), SweepOptions(**options))
+    return run_sweep(load_plan(path), SweepFolder(folder), **options)
 
 
 def test_a_cell_is_what_hhsim_replay_makes(run: Run, tmp_path: Path, in_this_process: list[str]) -> None:

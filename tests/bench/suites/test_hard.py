@@ -16,7 +16,7 @@ from hhsim.bench.robustness.objects import BALL_RADIUS, right_hand, tree_of
 from hhsim.bench.robustness.postures import HALF
 from hhsim.bench.suite import Row
 from hhsim.bench.suites import hard as suite
-from hhsim.bench.suites.hard import HardOptions, _Cell, missed
+from hhsim.bench.suites.hard import Cell, HardOptions, missed
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
@@ -70,7 +70,7 @@ class Faulty(HandSolver):
 
 def rows_with(monkeypatch: pytest.MonkeyPatch, fault: str, case: HardCase = CASE) -> list[Row]:
     monkeypatch.setattr(suite, "HandSolver", type("Spoiled", (Faulty,), {"fault": fault}))
-    return suite.run(_Cell(case, SolverOptions(), 0))
+    return suite.run(Cell(case, SolverOptions(), 0))
 
 
 @pytest.mark.parametrize(
@@ -107,7 +107,7 @@ def test_a_refusal_counts_only_where_a_case_allows_it_and_an_exception_never(mon
     def unbuilt(seed: int) -> list[HardRun]:
         raise ValueError("no such shape")
 
-    (ended,) = suite.run(_Cell(HardCase("broken", "", unbuilt), SolverOptions(), 0))
+    (ended,) = suite.run(Cell(HardCase("broken", "", unbuilt), SolverOptions(), 0))
     assert (ended["case_passed"], ended["reason"], ended["figure"]) == (False, "ValueError: no such shape", "")
 
 

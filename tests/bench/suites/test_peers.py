@@ -8,10 +8,12 @@ import pytest
 from conftest import Run
 
 from hhsim.bench.suite import run_cells
-from hhsim.bench.suites.peers import COLUMNS, SUITE, Peer, PeersOptions, installed, table_rows, won_by_others
+from hhsim.bench.suites.peers import COLUMNS, SUITE, PeersOptions, installed, lines, table_rows
 from hhsim.bench.trade_off import Run as MethodRun
+from hhsim.bench.trade_off import Way
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.solver.options import SolverOptions
 from hhsim.solver.outside_method import MethodScene, TickAnswer
 from hhsim.table.file import ALL, load_table, rows_of
 
@@ -42,12 +44,12 @@ FAKE, GONE = f"{__name__}:PushedEverywhere", f"{__name__}:Absent"
 
 def made_up(method: str, time: float, error: float) -> MethodRun:
     times = [np.full(5, time)]
-    return MethodRun("cube", "grasp", Peer(method, "mesh"), {"mesh_error": error}, times, times)
+    return MethodRun("cube", "grasp", Way(SolverOptions(method=method)), {"mesh_error": error}, times, times)
 
 
 def test_what_is_not_installed_is_left_out_with_a_line() -> None:
-    peers, notes = installed(PeersOptions(methods=("coupled", GONE, FAKE)))
-    assert [(peer.method, peer.surface) for peer in peers] == [
+    ways, notes = installed(PeersOptions(methods=("coupled", GONE, FAKE)))
+    assert [(way.solver.method, way.solver.surface) for way in ways] == [
         ("coupled", "mesh"), ("coupled", "spheres"), (FAKE, "mesh"),
     ]  # fmt: skip
     assert notes == [f"left out: {GONE} needs patience"]
@@ -82,14 +84,14 @@ def test_a_run_that_takes_long_is_made_once(monkeypatch: pytest.MonkeyPatch) -> 
 def test_who_is_as_near_and_faster_wins() -> None:
     rows = table_rows([made_up("coupled", 1e-5, 1e-4), made_up(FAKE, 5e-6, 2e-4), made_up("penalty", 4e-5, 3e-4)])
     single = {row["method"]: row for row in rows if row["motion"] != ALL}
-    assert [row["method"] for row in won_by_others(rows)] == [FAKE]
+    won = [f"cube, grasp: none of ours is as near and as fast as {FAKE}"]
+    assert lines(PeersOptions(), rows) == won
     assert single[FAKE]["times_ours"] == pytest.approx(0.5)
     assert single["penalty"]["times_ours"] == pytest.approx(4.0)
     assert {name for name, row in single.items() if row["frontier"]} == {"coupled", FAKE}
-    nearer = table_rows([made_up("coupled", 1e-5, 1e-4), made_up(FAKE, 1e-3, 1e-5)])
-    assert [row["method"] for row in won_by_others(nearer)] == [FAKE]
-    slower = table_rows([made_up("coupled", 1e-5, 1e-4), made_up(FAKE, 1e-3, 2e-4)])
-    assert won_by_others(slower) == []
+    for error, found in ((1e-5, won), (2e-4, [])):
+        rows = table_rows([made_up("coupled", 1e-5, 1e-4), made_up(FAKE, 1e-3, error)])
+        assert lines(PeersOptions(), rows) == found
 
 
 def test_the_command_writes_table_and_picture(run: Run, tmp_path: Path) -> None:
