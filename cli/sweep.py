@@ -66,7 +66,7 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
       hhsim sweep plan.toml --retry-failed
       hhsim sweep plan.toml --scheduler tcp://10.0.0.1:8786 --out /shared/first
     """
-    from hhsim.sweep.cell_table import TABLE, cell_rows, figure_table
+    from hhsim.sweep.cell_table import COLUMNS, TABLE, cell_rows
     from hhsim.sweep.folder import SweepFolder
     from hhsim.sweep.plan import load_plan
     from hhsim.sweep.sweep import estimate, run_sweep
@@ -88,7 +88,7 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
             how: dict[str, Any] = {"retry_failed": settings.retry_failed, "keep_results": not settings.summary_only}
             ended = run_sweep(read, folder, jobs=jobs, scheduler=settings.scheduler, **how, progress=report)
             rows = cell_rows(read, folder)
-            write_atomically(folder.path / TABLE, figure_table(rows).csv().encode())
+            write_atomically(folder.path / TABLE, Table(COLUMNS, rows).csv().encode())
     if settings.dry_run:
         _print_estimate(found, jobs or max(1, len(physical_cores())), as_json=printing.as_json)
         return 0
@@ -104,7 +104,7 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
                 ],
                 "ticks": ended.ticks,
                 "seconds": ended.seconds,
-                "rows": figure_table(rows).records,
+                "rows": rows,
                 "notes": list(read.notes),
             }
         )
@@ -134,7 +134,7 @@ def _print(ended: "SweepSummary", rows: "Sequence[CellRow]", folder: Path) -> No
     from hhsim.sweep.cell_table import FAILED, TABLE, shown_table
     from hhsim.sweep.folder import lasting
 
-    done = [row for row in rows if row.verdict != FAILED]
+    done = [row for row in rows if row["verdict"] != FAILED]
     if done:
         table = shown_table(done[:MOST_ROWS])
         print_table(table, optional=("stuck", "over optimum [%]", "force [N]", "p99 [µs]", "surface"))

@@ -153,28 +153,6 @@ class Pinch:
         """First tick of the easing."""
         return round(RATE * (self.closing + self.settling + self.lifting))
 
-    @property
-    def ticks(self) -> int:
-        """Number of ticks."""
-        return self.held_from + round(RATE * self.hold)
-
-    def closed_at(self, tick: ArrayLike) -> FloatArray:
-        """Return the share of the way to first contact at the ticks: 0 to 1 in the first half of the closing."""
-        return minimum_jerk(np.asarray(tick) / (0.5 * RATE * self.closing))
-
-    def squeeze_at(self, tick: ArrayLike) -> FloatArray:
-        """Return the commanded force at the ticks [N]: it grows at the end of the closing, and falls in the easing."""
-        pressed = self.squeeze * minimum_jerk(np.asarray(tick) / (0.5 * RATE * self.closing) - 1.0)
-        if self.easing == 0.0:
-            return np.asarray(pressed)
-        gone = np.clip((np.asarray(tick) - self.eased_from) / (RATE * self.easing), 0.0, 1.0)
-        return np.asarray(pressed * (1.0 - (1.0 - self.eased) * gone))
-
-    def height_at(self, tick: ArrayLike) -> FloatArray:
-        """Return the commanded height at the ticks [m]."""
-        start = RATE * (self.closing + self.settling)
-        return self.lift * minimum_jerk((np.asarray(tick) - start) / (RATE * self.lifting))
-
 
 LENGTHS = (0.04, 0.03, 0.03)
 """Lengths of the phalanges [m]."""
@@ -240,10 +218,17 @@ def gripped(pinch: Pinch, *, torsion: float = TORSION, off_center: float = 0.0) 
     mesh = block([pinch.side] * 3, [0.0, REACH, 0.0])
     free = FreeObject.of_mesh(mesh, mass=pinch.mass, friction=pinch.friction, torsion=torsion, table=-0.5 * pinch.side)
     free = replace(free, center=(0.0, REACH + off_center, 0.0), gravity=(0.0, 0.0, -pinch.gravity))
-    ticks = np.arange(1, pinch.ticks + 1)
-    position = np.zeros((pinch.ticks, 3))
-    position[:, 2] = pinch.height_at(ticks)
-    inward = pinch.gap * pinch.closed_at(ticks) + pinch.squeeze_at(ticks) / pinch.stiffness
+    count = pinch.held_from + round(RATE * pinch.hold)
+    time = np.arange(1, count + 1) / RATE
+    position = np.zeros((count, 3))
+    position[:, 2] = pinch.lift * minimum_jerk((time - pinch.closing - pinch.settling) / pinch.lifting)
+    # In the first half of the closing the tips come to the block; in the second the force grows, and falls as it eases.
+    half = time / (0.5 * pinch.closing)
+    squeeze = pinch.squeeze * minimum_jerk(half - 1.0)
+    if pinch.easing:
+        gone = np.clip((time - pinch.eased_from / RATE) / pinch.easing, 0.0, 1.0)
+        squeeze *= 1.0 - (1.0 - pinch.eased) * gone
+    inward = pinch.gap * minimum_jerk(half) + squeeze / pinch.stiffness
     hand = gripper(pinch.side + 2.0 * pinch.gap, pinch.tip_radius)
     return play(free, touched(mesh), hand, gripper_options(pinch.stiffness), closed(inward, position))
 

@@ -221,8 +221,8 @@ def test_times_of_cells_that_are_run_repeatedly_are_kept_and_more_runs_are_run(
     assert {path.name for path in (out / "cells").iterdir()} == names
     times = rows(out)[0]["repeated"]["times"]["tick_cpu_p50"]
     table = cell_rows(load_plan(tmp_path / "plan.toml"), SweepFolder(out))
-    row = next(row for row in table if row.figures["tick_cpu_p50"] == times["mean"])
-    assert (row.deviations["tick_cpu_p50"], row.runs) == (times["std"], 3)
+    row = next(row for row in table if row["tick_cpu_p50"] == times["mean"])
+    assert (row["tick_cpu_p50_std"], row["runs"]) == (times["std"], 3)
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="processes are watched on Linux")

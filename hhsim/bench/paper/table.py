@@ -151,15 +151,15 @@ def _complex_objects(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
                 f"worst object: {worst.scenario.object_name}; {instances} instances, {min(contacts):.0f} to "
                 f"{max(contacts):.0f} pairs; mean of all {1e6 * _pooled_mean(played):.1f} µs",
             )  # fmt: skip
-    for found in runs.at_contacts:
-        if found.run.options.method == method:
-            held = held_ticks(found.run.stage)
-            label = f"mean tick, {found.wanted:.0f} pairs, {CASES[found.case]}"
+    for run in runs.at_contacts:
+        if run.options.method == method:
+            held = held_ticks(run.stage)
+            label = f"mean tick, {run.wanted:.0f} pairs, {CASES[run.case]}"
             yield PaperRow(
-                f"contacts_{found.wanted:.0f}", "15", label, method, "s", math.nan, NAMED_CONTACTS[found.wanted],
-                float(found.run.tick_cpu[held].mean()), 1e-3,
-                f"{found.run.scenario.object_name}, {found.run.candidates[held].mean():.0f} pairs in the hold, at a "
-                f"margin of {1e3 * found.margin:.2f} mm; the paper counts phalanges grown by 0.5 mm",
+                f"contacts_{run.wanted:.0f}", "15", label, method, "s", math.nan, NAMED_CONTACTS[run.wanted],
+                float(run.tick_cpu[held].mean()), 1e-3,
+                f"{run.scenario.object_name}, {run.candidates[held].mean():.0f} pairs in the hold, at a "
+                f"margin of {1e3 * run.options.margin:.2f} mm; the paper counts phalanges grown by 0.5 mm",
             )  # fmt: skip
 
 

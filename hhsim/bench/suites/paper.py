@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 from hhsim.bench.paper.figures import check_folder, draw_all
-from hhsim.bench.paper.run import ContactRun, PaperRuns, SceneRun, at_contacts, play, play_again
+from hhsim.bench.paper.run import PaperRuns, SceneRun, at_contacts, play, play_again
 from hhsim.bench.paper.scene import Scenario, Stage, make_stage, paper_scenarios
 from hhsim.bench.paper.table import ROW_COLUMNS, case_table, paper_rows
 from hhsim.bench.suite import Preset, Row, Suite, setting
@@ -92,15 +92,12 @@ def cells(options: PaperOptions, progress: Progress) -> list[_Cell]:
     return found
 
 
-def run(cell: _Cell, before: SceneRun | ContactRun | None) -> SceneRun | ContactRun:
+def run(cell: _Cell, before: SceneRun | None) -> SceneRun:
     """Play a scene once more; HhsimError if a solver cannot play it, or not twice alike."""
     if before is not None:
-        play_again(before.run if isinstance(before, ContactRun) else before)
+        play_again(before)
         return before
-    if not cell.case:
-        return play(cell.stage, cell.solver)
-    margin, found = at_contacts(cell.stage, cell.solver, cell.wanted)
-    return ContactRun(cell.case, cell.wanted, margin, found)
+    return at_contacts(*cell) if cell.case else play(cell.stage, cell.solver)
 
 
 def make_stages(
@@ -135,7 +132,7 @@ def lines(options: PaperOptions, rows: Sequence[Row]) -> list[str]:
     return ["every bar is kept by the methods that promise to", *([] if options.whole else [UNJUDGED])]
 
 
-def tables(options: PaperOptions, rows: Sequence[Row], runs: Sequence[SceneRun | ContactRun]) -> list[Table]:
+def tables(options: PaperOptions, rows: Sequence[Row], runs: Sequence[SceneRun]) -> list[Table]:
     """Return a line for each figure: for each method the figure, and how many times it is below the paper's."""
     names = list(dict.fromkeys(row["row"] for row in rows))
     cells = []
@@ -161,7 +158,7 @@ def tables(options: PaperOptions, rows: Sequence[Row], runs: Sequence[SceneRun |
         Table.of_cells(headings, cells, title, numbers=numbers),
         Table((words("what", "label"), words("how it was measured", "note")), how, f"How ({last})"),
     ]
-    cases = case_table([run for run in runs if isinstance(run, SceneRun)])
+    cases = case_table(PaperRuns.of_all(runs).scenes)
     return [*found, cases] if cases.rows else found
 
 

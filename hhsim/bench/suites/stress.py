@@ -215,12 +215,9 @@ def missed(options: StressSettings, rows: Sequence[Row]) -> list[str]:
 def lines(options: StressSettings, rows: Sequence[Row]) -> list[str]:
     """Say how to see what failed, and which methods missed nothing."""
     found = [f"{row['object']}, {row['method']}: {row['failures']}" for row in rows if row["failures"]]
-    safe: dict[tuple[str, str], bool] = {}
-    for row in rows:
-        which = row["method"], row["surface"]
-        safe[which] = safe.get(which, True) and row["safe"]
-    for (method, surface), kept in safe.items():
-        if kept and never_penetrates(method):
+    for method, surface in dict.fromkeys((row["method"], row["surface"]) for row in rows):
+        safe = all(row["safe"] for row in rows if (row["method"], row["surface"]) == (method, surface))
+        if safe and never_penetrates(method):
             found.append(f"{method}{'' if surface == 'spheres' else f' on the {surface}'}: no limit missed")
     return found
 
