@@ -187,7 +187,7 @@ def run_suite(
     name: str, suite: "Suite", output: options.Output, where: RunningOptions | None, given: dict[str, Any]
 ) -> int:
     """Run a suite, write its tables and its picture, print them; return 1 if a bar is missed."""
-    from hhsim.bench.suite import Running, run_cells, run_tasks_of
+    from hhsim.bench.suite import Running, run_cells, run_tasks_of, tables_of
     from hhsim.table.file import check_table_path, table_document, write_table
 
     plot, listed = given.pop("plot", None), given.pop("listed", False)
@@ -226,7 +226,7 @@ def run_suite(
         document = table_document(path, suite.columns, described, **plots)
         print_json({**document, "missed": missed, "notes": notes, "rows": rows})
     elif not output.quiet:
-        for table in suite.tables(settings, rows, figures):
+        for table in tables_of(suite, settings, rows, figures):
             print_table(table, optional=suite.optional)
             print()
         for line in (*suite.lines(settings, rows), *(f"missed: {what}" for what in missed)):

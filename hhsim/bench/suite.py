@@ -66,8 +66,14 @@ class Suite:
     run: Callable[[Any, Any], Any]  # figures of a cell; None before the first time
     # Of the settings and the figures of all cells; without it, the figures of a cell are a list of rows.
     rows: Callable[[Any, Sequence[Any]], list[Row]] = lambda settings, figures: list(chain.from_iterable(figures))
-    # What people read, of the settings, the rows and the figures.
-    tables: Callable[[Any, Sequence[Row], Sequence[Any]], Sequence[Table]]
+    # What people read: columns as of `Table.of_records`, which rows, the column that they are sorted by, that of which
+    # each value has a table of its own, and the title. Or tables, of the settings, the rows and the figures.
+    shown: str = ""
+    is_shown: Callable[[Sequence[Row], Row], bool] = lambda rows, row: True
+    sort: str = ""
+    by: str = ""
+    title: Callable[[Any], str] = lambda settings: ""
+    tables: Callable[[Any, Sequence[Row], Sequence[Any]], Sequence[Table]] | None = None
     missed: Callable[[Any, Sequence[Row]], list[str]] = no_lines  # missed bars, a few words each: exit code 1
     lines: Callable[[Any, Sequence[Row]], list[str]] = no_lines  # what people read below the tables
     notes: Callable[[Any, Sequence[Any]], list[str]] = no_lines  # remarks on the figures
@@ -82,6 +88,20 @@ class Suite:
     # Checks the folder of its pictures, before the work; without it there is one, a file beside the table.
     check_folder: Callable[[Path], None] | None = None
     listed: Callable[[Any], Table] | None = None  # table of what there is, for --list
+
+
+def tables_of(suite: Suite, settings: Any, rows: Sequence[Row], figures: Sequence[Any]) -> Sequence[Table]:
+    """Return what people read of the rows."""
+    if suite.tables is not None:
+        return suite.tables(settings, rows, figures)
+    chosen = [row for row in rows if suite.is_shown(rows, row)]
+    if suite.sort:
+        chosen.sort(key=lambda row: float(row[suite.sort]))
+    title, groups = suite.title(settings), dict[str, list[Row]]()
+    for row in chosen:
+        groups.setdefault(row[suite.by] if suite.by else "", []).append(row)
+    names = {value: ": ".join(filter(None, (value, title))) for value in groups}
+    return [Table.of_records(suite.columns, group, suite.shown, names[value]) for value, group in groups.items()]
 
 
 def run_cells(suite: Suite, settings: Any, progress: Progress = silent) -> Iterator[Any]:

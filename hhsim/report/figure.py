@@ -156,12 +156,6 @@ def new_figure(width: float, height: float) -> "Iterator[Figure]":
         yield figure
 
 
-def gridded(axes: "Axes") -> None:
-    """Draw faint lines at the ticks of the y axis."""
-    axes.grid(axis="y")
-    axes.tick_params(length=3.0)
-
-
 @dataclass(frozen=True)
 class Panel:
     """One panel of a chart: title with unit, height [inches], what draws it, and names of its legend, if any."""
@@ -217,7 +211,8 @@ def chart(
             box = (left / width, 1.0 - (down + panel.height) / height, across / width, panel.height / height)
             axes = figure.add_axes(box, sharex=drawn[0] if over_all and drawn else None)
             drawn.append(axes)
-            gridded(axes)
+            axes.grid(axis="y")
+            axes.tick_params(length=3.0)
             axes.annotate(
                 panel.title, (0.0, 1.0), (-72 * (LEFT - 0.06), 4 + 72 * above), xycoords="axes fraction",
                 textcoords="offset points", fontweight="bold", va="bottom",

@@ -150,12 +150,6 @@ def origin_facts(result: Result) -> dict[str, str]:
     }
 
 
-def option_facts(result: Result) -> dict[str, str]:
-    """Return every option of the solver as it stands in the file."""
-    solver = result.scene.get("solver", {})
-    return {name: json.dumps(value, ensure_ascii=False) for name, value in sorted(solver.items())}
-
-
 def file_digest(path: Path) -> str:
     """Return the SHA-256 of a file in hexadecimal digits; raise InputError if it cannot be read."""
     try:
@@ -228,8 +222,13 @@ def result_tables(runs: Sequence[ReportRun], comparisons: Sequence[Comparison | 
         "finger_table": lambda run: Table(FINGER_COLUMNS, run.fingers, of_run("Forces on each finger", run)),
         "machine": facts_table("Machine and versions", runs, machine_facts),
         "origin": facts_table("Files and checksums", runs, origin_facts),
-        "solver_options": facts_table("Every option of the solver, SI units", runs, option_facts),
+        "solver_options": facts_table("Every option of the solver, SI units", runs, _options),
     }
+
+
+def _options(result: Result) -> dict[str, str]:
+    solver = result.scene.get("solver", {})
+    return {name: json.dumps(value, ensure_ascii=False) for name, value in sorted(solver.items())}
 
 
 def facts_table(caption: str, runs: Sequence[ReportRun], facts: Callable[[Result], Mapping[str, str]]) -> Table:
@@ -307,13 +306,10 @@ def _side_by_side(runs: Sequence[ReportRun], comparisons: Sequence[Comparison | 
             cells.append(Marked(row.shown if row else NONE, below=_against(found[0], row, comparison)))
         rows.append((*cells, first.paper))
     title = (
-        "Figures of each hand"
-        if not any(comparisons)
-        else (
-            f"Figures side by side; with each its ratio to that of {runs[0].letter} and, where both were fed with the "
-            "same, the word for it. A median time within 10 % says nothing: identical code differs by as much"
-        )
+        f"Figures side by side; with each its ratio to that of {runs[0].letter} and, where both were fed with "
+        "the same, the word for it. A median time within 10 % says nothing: identical code differs by as much"
     )
+    title = title if any(comparisons) else "Figures of each hand"
     headings = ("figure", "unit", *(run.label for run in runs), *of_paper)
     return Table.of_cells(headings, rows, title, numbers=headings[2:])
 

@@ -119,7 +119,8 @@ DOUBLES = Suite(
     columns=COLUMNS,
     cells=lambda settings, progress: settings.numbers,
     run=doubled,
-    tables=lambda settings, rows, figures: [Table.of_records(COLUMNS, rows, "number twice=double", "Doubles")],
+    shown="number twice=double",
+    title=lambda settings: "Doubles",
     missed=lambda settings, rows: [f"{row['number']} is unlucky" for row in rows if row["number"] == 13],
     lines=lambda settings, rows: ["all are doubled"],
     notes=lambda settings, figures: ["a note"],
@@ -135,7 +136,7 @@ HALVES = '''
 from dataclasses import dataclass
 
 from hhsim.bench.suite import Suite, setting
-from hhsim.table.table import Column, Table
+from hhsim.table.table import Column
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,6 @@ SUITE = Suite(
     columns=COLUMNS,
     cells=lambda settings, progress: settings.numbers,
     run=lambda number, before: [{"half": 0.5 * number}],
-    tables=lambda settings, rows, figures: [Table.of_records(COLUMNS, rows)],
     is_portable=True,
 )
 '''

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.figures import figure, metric, summed
+from hhsim.bench.figures import figure, summed
 from hhsim.bench.robustness.local_optimality import Pieces, stuck_with_way_out
 from hhsim.bench.tick_records import placed_of
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_CANDIDATES, WORK_TOUCHING
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_TOUCHING
 from hhsim.metrics.metrics import Penetration, penetration
 from hhsim.motion.analytic_motion import hold_readings
 from hhsim.solver.method import METHODS
@@ -65,9 +65,7 @@ SAFETY = (
     figure("penetrating", "ticks deeper than 1 um", "", sum),
     figure("not_finite", "ticks whose hand or force is not finite", "", sum),
     figure("touching", "ticks in touch with the object", "", sum),
-    metric("candidates_max", max),
     figure("stuck", "ticks that kept the last feasible hand", "", sum),
-    figure("longest_stuck", "longest run of stuck ticks", "", max),
     figure("unexplained", "stuck ticks that had a way out", "", sum),
     figure("lagging", "ticks with distance still to go", "", sum),
     figure("lag", "most distance still to go", "mm", max),
@@ -86,7 +84,6 @@ class SafetyMeasure:
     def __init__(self, hand: HandModel, pieces: Pieces, options: SolverOptions) -> None:
         self._hand, self._pieces, self._options = hand, pieces, options
         self._before: HandConfiguration | None = None
-        self._stuck_run = 0
         self.figures: dict[str, Any] = {}  # of `SAFETY`, of all blocks so far; none before the first
 
     def readings(self, motion: HandConfiguration) -> HandConfiguration:
@@ -103,26 +100,16 @@ class SafetyMeasure:
         penetrating, lost = ~(depth <= SAFE_DEPTH), not_finite(record)
         unexplained = stuck_with_way_out(self._hand, self._pieces, self._options, haptic, record)
         stuck = (record.status & STATUS_STUCK) > 0
-        run = np.concatenate([np.ones(self._stuck_run, bool), stuck])
-        self._stuck_run = int(np.argmin(run[::-1])) if not run.all() else len(run)
         block = {
             "ticks": len(stuck),
             "penetration": float(depth.max()),
             "penetrating": int(penetrating.sum()),
             "not_finite": int(lost.sum()),
             "touching": int((record.work[:, WORK_TOUCHING] > 0).sum()),
-            "candidates_max": int(record.work[:, WORK_CANDIDATES].max()),
             "stuck": int(stuck.sum()),
-            "longest_stuck": longest_run(run),
             "unexplained": int(unexplained.sum()),
             "lagging": int(((record.status & STATUS_LAG) > 0).sum()),
             "lag": float(record.lag.max()),
         }
         self.figures = summed(SAFETY, [self.figures, block] if self.figures else [block])
         return {"penetration": penetrating, "not finite": lost, "stuck": unexplained}
-
-
-def longest_run(where: BoolArray) -> int:
-    """Return the largest number of neighbouring entries that are true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(np.int8), [0]])))
-    return int((edges[1::2] - edges[::2]).max(initial=0))

@@ -192,7 +192,7 @@ def facets(seed: int) -> Runs:
     turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     runs = []
     for count in (64, 128, 256, 1024):
-        tube = shapes.tube_mesh(ROUND, 0.08, count)
+        tube = shapes.disc_mesh(ROUND, 0.08, count).transformed(shapes.ALONG_X, np.zeros(3))
         runs.append((f"{count} around a cylinder, along the finger", along, tube))
         runs.append((f"{count} around a cylinder, across it", across, tube.transformed(turned, np.zeros(3))))
     runs += [(f"{count} around a ball", along, shapes.globe_mesh(ROUND, count)) for count in (64, 128)]

@@ -19,7 +19,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 from hhsim.system.settings_file import between, check_fields
-from hhsim.table.table import Column, Table
+from hhsim.table.table import Column
 
 GRAVITY = 9.81
 SLOPE = math.radians(30.0)
@@ -310,7 +310,6 @@ SUITE = Suite(
     columns=COLUMNS,
     cells=lambda options, progress: [(name, options) for name in options.cases or CASES],
     run=lambda cell, before: CASES[cell[0]](cell[1]),
-    tables=lambda options, rows, figures: [Table.of_records(COLUMNS, rows)],
     missed=missed,
     lines=lines,
     is_portable=True,

@@ -6,7 +6,6 @@ the bodies that a method says are pushed: what an engine touches is its own.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -28,7 +27,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Count, Names, check_fields
 from hhsim.table.file import ALL
-from hhsim.table.table import Column, Table
+from hhsim.table.table import Column
 from hhsim.trees.cache import cached_sphere_tree
 
 OURS: tuple[tuple[str, str], ...] = (("coupled", "mesh"), ("coupled", "spheres"), ("penalty", "spheres"))
@@ -205,16 +204,6 @@ def remarks(runs: Sequence[Run]) -> list[str]:
     ]
 
 
-def tables(options: PeersOptions, rows: Sequence[Row], figures: Any) -> list[Table]:
-    """Return a table for each object, over its motions, by the time of a tick."""
-    found = []
-    for name in options.objects:
-        summed = [row for row in rows if (row["object"], row["motion"]) == (name, ALL)]
-        by_time = sorted(summed, key=lambda row: float(row["tick_cpu_p50"]))
-        found.append(Table.of_records(COLUMNS, by_time, SHOWN, f"{name}: {', '.join(options.motions)}"))
-    return found
-
-
 def lines(options: PeersOptions, rows: Sequence[Row]) -> list[str]:
     """Say in which scenes every method of ours is farther from the mesh than another, or slower than it."""
     single = [row for row in rows if ALL not in (row["object"], row["motion"]) and not row["ours"]]
@@ -249,7 +238,11 @@ SUITE = Suite(
     cells=cells,
     run=trade_off.run_cell,
     rows=lambda options, runs: table_rows(runs),
-    tables=tables,
+    shown=SHOWN,
+    is_shown=lambda rows, row: row["object"] != ALL == row["motion"],
+    sort="tick_cpu_p50",
+    by="object",
+    title=lambda options: ", ".join(options.motions),
     lines=lines,
     notes=lambda options, runs: [*installed(options)[1], *remarks(runs)],
     named=lambda cell: f"{cell.way.name}, {cell.stage.object}, {cell.stage.motion}",

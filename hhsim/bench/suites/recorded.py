@@ -23,7 +23,6 @@ from hhsim.sweep.input_files import source_digest
 from hhsim.sweep.plan import Cell, SweptMotion, SweptObject, checked_object
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Names, check_fields
-from hhsim.table.table import Table
 
 HERE = Path()
 """Folder that names of files are relative to."""
@@ -111,11 +110,6 @@ def missed(options: RecordedOptions, rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def tables(options: RecordedOptions, rows: Sequence[Row], figures: Any) -> list[Table]:
-    """Return the figures that matter of each replay."""
-    return [Table.of_records(COLUMNS, rows, SHOWN, f"recorded hands, {options.rate:g} ticks a second")]
-
-
 SHOWN = """
     motion=recording object method surface verdict penetration_max=deepest contact_error_max=off_mesh
     force_contact_mean=force force_contact_step=step force_variation_contact=variation tick_cpu_p50=p50 tick_cpu_p99=p99
@@ -139,7 +133,8 @@ SUITE = Suite(
     columns=COLUMNS,
     cells=cells,
     run=run,
-    tables=tables,
+    shown=SHOWN,
+    title=lambda options: f"recorded hands, {options.rate:g} ticks a second",
     missed=missed,
     lines=lambda options, rows: [] if missed(options, rows) else ["no limit missed"],
     is_portable=True,

@@ -31,7 +31,7 @@ from hhsim.solver.surface import SURFACES
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Count, Names, a_list, between, check_fields
 from hhsim.table.file import ALL, rows_of
-from hhsim.table.table import Column, Table
+from hhsim.table.table import Column
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
 
@@ -136,7 +136,6 @@ FIGURES: tuple[Figure, ...] = (
     figure("mesh_depth_max", "deepest penetration of the true mesh, at `samples` ticks", "µm", worst),
     metric("contact_error_max", worst),
     figure("mesh_error", "the larger of mesh_depth_max and contact_error_max", "µm", worst),
-    metric("tracking_excess", mean),
     figure("off_optimum_mean", "farthest of palm and tips from the converged optimum on the mesh, mean", "mm", mean),
     metric("force_variation_tremor", mean),
     metric("posture_jump_max", worst),
@@ -200,7 +199,6 @@ COLUMNS: tuple[Column, ...] = (
     Column("qp", "QP solver"),
     Column("is_default", "whether this is the method as it comes"),
     *trade_off.TIME_COLUMNS,
-    Column("tick_wall_p50", "wall time of a tick in contact, median", "µs"),
     *(one.column for one in FIGURES),
     Column("repeatable", "whether every repetition gave the same poses and forces"),
     Column("failed_runs", "runs that could not be done; their figures are missing, and they are on no frontier"),
@@ -218,7 +216,6 @@ def table_rows(done: Sequence[Run]) -> list[Row]:
             **{name: getattr(way.solver, name) for name in ("method", "surface", "linearisations", "qp")},
             "level": way.level,
             "is_default": is_default(way),
-            "tick_wall_p50": trade_off.median_percentile([run.other for run in runs], 50.0),
             "repeatable": all(run.repeatable for run in runs),
             "mesh_frontier": False,
             "tracking_frontier": False,
@@ -246,14 +243,11 @@ def remarks(done: Sequence[Run]) -> list[str]:
     ]
 
 
-def tables(options: SpeedErrorOptions, rows: Sequence[Row], figures: Any) -> list[Table]:
-    """Return the ways over all scenes, by the time of a tick; of many those on a frontier, and the usual."""
-    shown = [row for row in rows if row["object"] == row["motion"] == ALL]
-    title = f"Methods and what they touch ({', '.join(options.objects)}: {', '.join(options.motions)})"
-    if len(shown) > MANY:
-        title = f"Nothing is both faster and better, and methods as they come: {title.partition('(')[2][:-1]}"
-        shown = [row for row in shown if row["mesh_frontier"] or row["tracking_frontier"] or _as_it_comes(row)]
-    return [Table.of_records(COLUMNS, sorted(shown, key=lambda row: float(row["tick_cpu_p50"])), SHOWN, title)]
+def is_shown(rows: Sequence[Row], row: Row) -> bool:
+    """Return True for ways over all scenes; of many, those on a frontier, and the usual."""
+    over_all = [row for row in rows if row["object"] == row["motion"] == ALL]
+    few = len(over_all) <= MANY or row["mesh_frontier"] or row["tracking_frontier"] or _as_it_comes(row)
+    return bool(row["object"] == row["motion"] == ALL and few)
 
 
 def _as_it_comes(row: Row) -> bool:
@@ -289,7 +283,10 @@ SUITE = Suite(
     cells=cells,
     run=trade_off.run_cell,
     rows=lambda options, done: table_rows(done),
-    tables=tables,
+    shown=SHOWN,
+    is_shown=is_shown,
+    sort="tick_cpu_p50",
+    title=lambda options: f"Methods and what they touch ({', '.join(options.objects)}: {', '.join(options.motions)})",
     notes=lambda options, done: remarks(done),
     named=lambda cell: "runs",
     optional=("qp",),

@@ -31,7 +31,7 @@ from hhsim.system.log_histogram import LogHistogram
 from hhsim.system.output_path import RESULTS, free_name
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Count, Names, check_fields
-from hhsim.table.table import Column, Table
+from hhsim.table.table import Column
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.options import TreeOptions
@@ -243,9 +243,8 @@ SUITE = Suite(
     columns=COLUMNS,
     cells=cells,
     run=lambda case, before: [run_case(case)],
-    tables=lambda options, rows, figures: [
-        Table.of_records(COLUMNS, rows, SHOWN, "stress: a new random hand every few ticks")
-    ],
+    shown=SHOWN,
+    title=lambda options: "stress: a new random hand every few ticks",
     missed=missed,
     lines=lines,
     is_portable=True,

@@ -132,7 +132,6 @@ def test_a_hand_that_is_stuck_without_cause_is_a_missed_limit(monkeypatch: pytes
     monkeypatch.setattr(stress, "HandSolver", Lazy)
     figures = run_case(case(ticks=900))
     assert figures["stuck"] >= figures["unexplained"] > 10
-    assert figures["longest_stuck"] > 10
     assert not figures["safe"]
     assert replayed_failures(figures, case())["stuck"] > 0
 

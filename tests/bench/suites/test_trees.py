@@ -80,7 +80,7 @@ def test_the_command_writes_two_files(run: Run, tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.h5"]
     table = load_table(tmp_path / "a.h5")
     assert table.suite == "trees" and table.options["size"] == 50.0
-    assert [row["method"] for row in table.rows[:2]] == ["certified", "toolkit 2004, medial"]
+    assert [row["method"] for row in table.rows[:2]] == ["certified", "(toolkit 2004, medial)"]
     toolkit = next(row for row in table.rows if row["is_reference"])
     assert toolkit["protrusion_max"] == pytest.approx(0.5 * 2.92e-3)
     assert "protrusion_max [m]" in (tmp_path / "a.csv").read_text().splitlines()[0]
