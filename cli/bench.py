@@ -82,7 +82,7 @@ command = SuiteGroup(
     \b
     Examples:
       hhsim bench hard
-      hhsim bench speed-error --out tradeoff.h5
+      hhsim bench speed-error --out tradeoff.json
     """,
     callback=show_help,
 )
@@ -197,7 +197,7 @@ def run_suite(
     if listed and suite.listed is not None:
         _print_list(suite.listed(settings), as_json=output.as_json)
         return 0
-    path, described = output.path(f"bench-{name}"), asdict(settings)
+    path, described = output.path(f"bench-{name}", ".json"), asdict(settings)
     check_table_path(path)
     picture = _picture(suite, path, plot)
     figures: list[Any] = []

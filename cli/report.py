@@ -49,7 +49,7 @@ def command(
       hhsim report results/grasp.h5
       hhsim report coupled.h5 progressive.h5 --out methods.html
       hhsim report grasp.h5 --figure series --width 88mm --out fig.pdf
-      hhsim report results/speed-error.h5 --figure speed-error --out fig.svg
+      hhsim report results/speed-error.json --figure speed-error --out fig.svg
     """
     if figure is not None:
         _write_figure(results, figure, width or WIDTH, out, printing)

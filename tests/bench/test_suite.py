@@ -57,14 +57,14 @@ COMMANDS = (
     ("speed-error --motion never", "touches nothing"),
     ("speed-error --level 0", "expected whole numbers from 1 to 5 with commas between"),
     ("speed-error --level 3,x", "expected whole numbers from 1 to 5 with commas between"),
-    ("speed-error --out none/a.h5", "there is no folder"),
-    ("speed-error --peers none.h5", "none.h5: no such file; expected a table of hhsim bench"),
-    ("stress --out x.csv", "x.csv must end in .h5: the CSV file of the same name goes beside it"),
+    ("speed-error --out none/a.json", "there is no folder"),
+    ("speed-error --peers none.json", "none.json: no such file; expected a table of hhsim bench"),
+    ("stress --out x.csv", "x.csv must end in .json: the CSV file of the same name goes beside it"),
     ("hard fast-swip", "unknown hard case 'fast-swip': did you mean fast-swipe?"),
     ("hard flat-finger", "hard case 'flat-finger' is made of triangles alone: it takes --surface mesh"),
     ("hard --method couple", "unknown method 'couple': did you mean coupled?"),
     ("hard --resume .", ". holds other files, and no bench"),
-    ("peers --plot a.h5", "no picture by its ending"),
+    ("peers --plot a.json", "no picture by its ending"),
     ("trees --size nan", "nan is not in the range 1<=x<=10000"),
     ("paper --quick --plot thesis.parquet", "thesis.parquet"),
     ("recorded nowhere", "nowhere: no such file or folder"),
@@ -87,10 +87,10 @@ def test_a_command_refuses_before_the_work(run: Run, tmp_path: Path, words: str,
 
 
 def test_answers_are_printed_and_written(run: Run, tmp_path: Path) -> None:
-    answer = run("bench", "manipulation", "--case", "slope", "--quick", "--out", "a.h5")
+    answer = run("bench", "manipulation", "--case", "slope", "--quick", "--out", "a.json")
     assert answer.code == 0, answer.err
     assert "every figure of ours holds" in answer.out.splitlines()
-    rows = load_table(tmp_path / "a.h5").rows
+    rows = load_table(tmp_path / "a.json").rows
     assert {row["case"] for row in rows} == {"block on 30°, μ 0.3", "block on 30°, μ 0.6"}
     assert all(row["holds"] == 1 and row["figure"] for row in rows)
 
@@ -183,21 +183,21 @@ def bench(run: Run, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
 
 
 def test_a_suite_has_one_table_for_people_files_and_programs(bench: Callable[..., Any], tmp_path: Path) -> None:
-    answer = bench("--out", "a.h5", "--numbers", "4,5", "--repetitions", "3")
+    answer = bench("--out", "a.json", "--numbers", "4,5", "--repetitions", "3")
     assert answer.code == 0
     assert [" ".join(line.split()) for line in answer.out.splitlines() if "──" not in line] == [
         *("Doubles", "number double [mm]", "4 8,000", "5 10,000", "", "all are doubled"),
-        "the table is in a.h5 and a.csv",
+        "the table is in a.json and a.csv",
     ]
     assert answer.err.splitlines()[-1] == "hhsim: note: a note"
-    table = load_table(tmp_path / "a.h5")
+    table = load_table(tmp_path / "a.json")
     assert (table.suite, table.options) == ("trees", {"numbers": [4, 5], "repetitions": 3})
     assert table.rows == tuple({"number": n, "twice": 2.0 * n, "times": 3} for n in (4, 5))
     assert (tmp_path / "a.csv").read_text().splitlines()[:2] == ["number,twice [m],times", "4,8.0,3"]
-    document = json.loads(bench("--out", "a.h5", "--json", "--quick").out)
+    document = json.loads(bench("--out", "a.json", "--json", "--quick").out)
     assert document["options"]["numbers"] == [7] and document["units"]["twice"] == "m"
     assert document["rows"] == [{"number": 7, "twice": 14.0, "times": 1}]
-    assert (document["missed"], document["notes"], document["table"]) == ([], ["a note"], "a.h5")
+    assert (document["missed"], document["notes"], document["table"]) == ([], ["a note"], "a.json")
     assert json.loads(bench("--quick", "--numbers", "9", "--json").out)["options"]["numbers"] == [9]
 
 
@@ -211,10 +211,10 @@ def test_a_missed_bar_is_exit_code_1_and_quiet_says_nothing(bench: Callable[...,
 
 
 def test_an_interrupt_keeps_the_cells_that_are_done(bench: Callable[..., Any], tmp_path: Path) -> None:
-    answer = bench("--numbers", "4,66,5", "--out", "table.h5")
+    answer = bench("--numbers", "4,66,5", "--out", "table.json")
     assert (answer.code, answer.out) == (130, "")
-    assert "interrupted; what ran so far, 1 in all, is in table.h5" in answer.err
-    assert [row["number"] for row in load_table(tmp_path / "table.h5").rows] == [4]
+    assert "interrupted; what ran so far, 1 in all, is in table.json" in answer.err
+    assert [row["number"] for row in load_table(tmp_path / "table.json").rows] == [4]
 
 
 def test_cells_that_are_kept_are_not_run_again(

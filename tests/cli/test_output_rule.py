@@ -130,7 +130,7 @@ def _repair(both: bool) -> Check:
             (_repair(both=True), f"free{name}")
             for name in (".npz", f"-{RESULT}", f"-right-{REPORT}", f"-left-{RESULT}")
         ),
-        (lambda _: check_table_path(Path("table.h5")), "table.csv"),
+        (lambda _: check_table_path(Path("table.json")), "table.csv"),
         (lambda _: write_report(Report("", "", {"hand": b""}, (), ()), Path("page.html")), "page-hand.png"),
         (check_picture, "picture.png"),
         (check_output_path, "output.npz"),

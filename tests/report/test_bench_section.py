@@ -15,8 +15,8 @@ COLUMNS = (Column("total", "whole tick", "s"), Column("case", "case"))
 
 
 def table(tmp_path: Path, suite: str, columns: tuple[Column, ...], rows: list[dict[str, Any]]) -> BenchTable:
-    write_table(tmp_path / "t.h5", suite, columns, rows, {})
-    return load_table(tmp_path / "t.h5")
+    write_table(tmp_path / "t.json", suite, columns, rows, {})
+    return load_table(tmp_path / "t.json")
 
 
 def test_the_picture_of_peers_has_each_configuration_and_names_other_engines(tmp_path: Path) -> None:

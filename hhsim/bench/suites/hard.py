@@ -305,7 +305,7 @@ SUITE = Suite(
     Examples:
       hhsim bench hard
       hhsim bench hard fast-swipe narrow-handle --method coupled,paper
-      hhsim bench hard endurance --ticks 600000 --out endurance.h5
+      hhsim bench hard endurance --ticks 600000 --out endurance.json
       hhsim bench hard --surface mesh --method coupled,progressive
     """,
     settings=HardOptions,

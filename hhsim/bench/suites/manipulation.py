@@ -304,7 +304,7 @@ SUITE = Suite(
     Examples:
       hhsim bench manipulation --quick
       hhsim bench manipulation --case slope,thresholds
-      hhsim bench manipulation --out manipulation.h5 --json
+      hhsim bench manipulation --out manipulation.json --json
     """,
     settings=ManipulationOptions,
     columns=COLUMNS,

@@ -178,7 +178,7 @@ SUITE = Suite(
     \b
     Examples:
       hhsim bench paper
-      hhsim bench paper --plot figures --out paper.h5
+      hhsim bench paper --plot figures --out paper.json
       hhsim bench paper --quick --method coupled
     """,
     settings=PaperOptions,

@@ -225,13 +225,13 @@ SUITE = Suite(
 
     MuJoCo, tuned, is an optional extra, and left out where it is not installed. All have the same hand, its phalanges
     capsules. Errors are measured against the true mesh: the deepest penetration, and how far off the mesh a body is
-    that is pushed. The table goes to an HDF5 and a CSV file, with a picture beside them.
+    that is pushed. The table goes to a JSON and a CSV file, with a picture beside them.
 
     \b
     Examples:
       hhsim bench peers --quick
       hhsim bench peers --object bunny --motion grasp,slide --method coupled,mujoco
-      hhsim bench peers --out peers.h5 --plot peers.png
+      hhsim bench peers --out peers.json --plot peers.png
     """,
     settings=PeersOptions,
     columns=COLUMNS,

@@ -267,7 +267,7 @@ SUITE = Suite(
 
     Methods, surfaces, tree levels, linearisations and QP solvers take turns on the same motions. Errors are measured
     against the true mesh, by code apart from the solver, and against the converged optimum on it. A way is on the
-    frontier if no other is both faster and better. The table goes to an HDF5 and a CSV file, with a picture beside
+    frontier if no other is both faster and better. The table goes to a JSON and a CSV file, with a picture beside
     them.
 
     \b
@@ -276,7 +276,7 @@ SUITE = Suite(
       hhsim bench speed-error --full
       hhsim bench speed-error --object cup --motion grasp --level 4,5 --qp daqp
       hhsim bench speed-error --surface mesh --method coupled --linearisations 12
-      hhsim bench speed-error --out tradeoff.h5 --plot tradeoff.png
+      hhsim bench speed-error --out tradeoff.json --plot tradeoff.png
     """,
     settings=SpeedErrorOptions,
     columns=COLUMNS,

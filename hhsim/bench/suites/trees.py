@@ -180,7 +180,7 @@ SUITE = Suite(
     Examples:
       hhsim bench trees
       hhsim bench trees --object bunny --spheres 64,128,256,512
-      hhsim bench trees --out trees.h5 --time-limits
+      hhsim bench trees --out trees.json --time-limits
     """,
     settings=TreesOptions,
     columns=COLUMNS,

@@ -162,13 +162,13 @@ def test_more_stuck_ticks_than_are_looked_at_are_not_explained(monkeypatch: pyte
 
 def test_the_command_prints_a_table_and_writes_every_figure(run: Run, tmp_path: Path) -> None:
     cases = ["never-touches", "too-many-pairs"]
-    answer = run("bench", "hard", *cases, "--method", "coupled", "--out", "hard.h5")
+    answer = run("bench", "hard", *cases, "--method", "coupled", "--out", "hard.json")
     assert answer.code == 0, answer.err
     lines = answer.out.splitlines()
     for case, verdict in zip(cases, (" pass ", "refuses, as it may"), strict=True):
         assert any(line.startswith(case) and verdict in line for line in lines)
-    assert lines[-2:] == ["passed: coupled 2 of 2", "the table is in hard.h5 and hard.csv"]
-    table = load_table(tmp_path / "hard.h5")
+    assert lines[-2:] == ["passed: coupled 2 of 2", "the table is in hard.json and hard.csv"]
+    table = load_table(tmp_path / "hard.json")
     assert table.suite == "hard" and {row["case"] for row in table.rows} == set(cases)
     assert all(row["case_passed"] for row in table.rows)
     made = {"methods": ["coupled"], "surfaces": ["spheres"], "seed": 0, "ticks": 20_000}
@@ -195,10 +195,10 @@ def test_the_command_prints_a_table_and_writes_every_figure(run: Run, tmp_path: 
 
 
 def test_on_the_mesh_a_case_says_what_the_hand_touched(run: Run, tmp_path: Path) -> None:
-    words = ("ridge", "too-many-pairs", "flat-finger", "--surface", "mesh", "--out", "hard.h5")
+    words = ("ridge", "too-many-pairs", "flat-finger", "--surface", "mesh", "--out", "hard.json")
     answer = run("bench", "hard", *words)
     assert answer.code == 0, answer.err
-    rows = load_table(tmp_path / "hard.h5").rows
+    rows = load_table(tmp_path / "hard.json").rows
     found = {(row["case"], row["method"]): row["surface"] for row in rows}
     safe = ("coupled", "progressive")
     assert found == {

@@ -229,10 +229,10 @@ def test_the_command_writes_tables_and_pictures_and_says_what_it_missed(
     monkeypatch.setattr("hhsim.render.viewpoint.AZIMUTHS", (0, 90))
     scene = ("--quick", "--object", "hexagonal-prism", "--method", "coupled")
     arguments = (*scene, "--instances", "1", "--repetitions", "1")
-    answer = run("bench", "paper", *arguments, "--out", "paper.h5", "--plot", "figures", "--json")
+    answer = run("bench", "paper", *arguments, "--out", "paper.json", "--plot", "figures", "--json")
     document = json.loads(answer.out)
     assert answer.code == (1 if document["missed"] else 0)
-    table = load_table(tmp_path / "paper.h5")
+    table = load_table(tmp_path / "paper.json")
     assert [one["row"] for one in table.rows] == [one["row"] for one in document["rows"]]
     begins = {".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml"}
     assert {Path(path).name for path in document["pictures"]} == {
@@ -244,7 +244,7 @@ def test_the_command_writes_tables_and_pictures_and_says_what_it_missed(
     pdf, svg = (tmp_path / "figures" / f"fig12-hexagonal-prism{kind}" for kind in (".pdf", ".svg"))
     assert b"/CIDFontType2" in pdf.read_bytes() and b"CreationDate" not in pdf.read_bytes()
     assert "<dc:date>" not in svg.read_text() and svg.read_text().count('<path d="M') > 10
-    again = run("bench", "paper", *arguments, "--out", "paper.h5")
+    again = run("bench", "paper", *arguments, "--out", "paper.json")
     assert "mean tick, hexagonal-prism" in again.out and "0.48 ms" in again.out
     assert ("missed: " in again.out) == (again.code == 1)
     assert ("index force and named touches have no bar here" in again.out) == (again.code == 0)

@@ -97,13 +97,13 @@ def test_who_is_as_near_and_faster_wins() -> None:
 def test_the_command_writes_table_and_picture(run: Run, tmp_path: Path) -> None:
     answer = run(
         "bench", "peers", "--object", "cube", "--motion", "touch", "--method", f"coupled,{FAKE},{GONE}", "--rate", "50",
-        "--repetitions", "1", "--json", "--out", "peers.h5",
+        "--repetitions", "1", "--json", "--out", "peers.json",
     )  # fmt: skip
     assert answer.code == 0, answer.err
     document = json.loads(answer.out)
     assert f"left out: {GONE} needs patience" in document["notes"]
-    assert {row["method"] for row in rows_of(tmp_path / "peers.h5", "peers")} == {"coupled", FAKE}
-    assert load_table(tmp_path / "peers.h5").suite == "peers"
+    assert {row["method"] for row in rows_of(tmp_path / "peers.json", "peers")} == {"coupled", FAKE}
+    assert load_table(tmp_path / "peers.json").suite == "peers"
     assert (tmp_path / "peers.png").stat().st_size > 10_000
     with pytest.raises(InputError, match="is a table of hhsim bench peers"):
-        rows_of(tmp_path / "peers.h5", "speed-error")
+        rows_of(tmp_path / "peers.json", "speed-error")

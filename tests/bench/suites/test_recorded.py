@@ -51,10 +51,10 @@ def test_a_row_is_what_a_replay_of_the_same_words_says(folder: Path, run: Run) -
 @pytest.mark.soak
 def test_the_command_tells_what_cannot_be_run(run: Run, folder: Path, tmp_path: Path) -> None:
     where = ("bench", "recorded", "recordings", "--object", "cup", "--method", "paper")
-    answer = run(*where, "--out", "t.h5")
+    answer = run(*where, "--out", "t.json")
     assert answer.code == 0, answer.err
     assert "recorded hands, 1000 ticks a second" in answer.out and "no limit missed" in answer.out
-    table = load_table(tmp_path / "t.h5")
+    table = load_table(tmp_path / "t.json")
     assert table.suite == "recorded" and [row["motion"] for row in table.rows] == ["a", "b"]
     (folder / "c.npz").write_bytes(b"nothing")
     document = json.loads((failed := run(*where, "--json")).out)

@@ -74,11 +74,11 @@ def test_what_is_a_miss() -> None:
 
 @pytest.mark.soak
 def test_the_command_writes_two_files(run: Run, tmp_path: Path) -> None:
-    answer = run(*SMALL, "--out", "a.h5", "--size", "50")
+    answer = run(*SMALL, "--out", "a.json", "--size", "50")
     assert answer.code == 0, answer.err
     assert "certified" in answer.out and "(toolkit 2004, medial)" in answer.out
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.h5"]
-    table = load_table(tmp_path / "a.h5")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.json"]
+    table = load_table(tmp_path / "a.json")
     assert table.suite == "trees" and table.options["size"] == 50.0
     assert [row["method"] for row in table.rows[:2]] == ["certified", "(toolkit 2004, medial)"]
     toolkit = next(row for row in table.rows if row["is_reference"])
@@ -91,7 +91,7 @@ def test_the_command_as_json_and_a_missed_bar(run: Run, tmp_path: Path, monkeypa
     from hhsim.trees.published_results import Bar
 
     monkeypatch.setattr(trees, "BARS", {("cube", 8): Bar(1e-6, 1e-9)})
-    answer = run(*SMALL, "--json", "--time-limits", "--out", "b.h5")
+    answer = run(*SMALL, "--json", "--time-limits", "--out", "b.json")
     assert answer.code == 1
     document = json.loads(answer.out)
     assert len(document["missed"]) == 2
