@@ -1,6 +1,6 @@
 """`hhsim bench`: one command for every suite, whose options are the fields of the suite's settings."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import Field, asdict, fields
 from functools import partial
 from pathlib import Path
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Union, get_args, g
 import click
 
 from hhsim.system.counted import counted
-from hhsim.table.table import Table
 
 from .arguments import options
 from .arguments.comma_list import read_counts, read_names
@@ -118,16 +117,16 @@ def suite_command(name: str, suite: "Suite") -> click.Command:
 
 def _declared(field: "Field[Any]", hint: Any) -> Decorator:
     """Return the option or argument of a setting."""
-    about = field.metadata
+    about, completed = field.metadata, complete_object if field.name == "objects" else None
     if about["argument"]:
-        return click.argument(field.name, metavar=about["metavar"], nargs=-1, shell_complete=_completed(field.name))
+        return click.argument(field.name, metavar=about["metavar"], nargs=-1, shell_complete=completed)
     if not about["help"]:
         return SHARED[field.name]
     kind = _kind(hint)
     how: dict[str, Any] = {"metavar": about["metavar"] or kind.metavar}
     if kind.is_list:
         numbers = partial(read_counts, int(kind.least), int(kind.most)) if kind.type is int else read_names
-        how |= {"multiple": True, "callback": numbers, "shell_complete": _completed(field.name)}
+        how |= {"multiple": True, "callback": numbers, "shell_complete": completed}
     elif kind.type is bool:
         how = {"is_flag": True}
     elif kind.type is int:
@@ -137,20 +136,13 @@ def _declared(field: "Field[Any]", hint: Any) -> Decorator:
     elif how["metavar"] == "FILE":
         how["type"] = click.Path()
     default = field.default
-    usual = "" if default in (None, "", ()) or kind.type is bool else ",".join(map(str, _listed(default)))
+    listed = default if isinstance(default, tuple) else (default,)
+    usual = "" if default in (None, "", ()) or kind.type is bool else ",".join(map(str, listed))
     help = f"{about['help']} Default: {usual}." if usual else about["help"]
     # None, so that a preset counts where it is not given.
     return click.option(
         about["flag"] or f"--{field.name.replace('_', '-')}", field.name, help=help, default=None, **how
     )
-
-
-def _completed(name: str) -> Callable[..., Any] | None:
-    return complete_object if name == "objects" else None
-
-
-def _listed(value: Any) -> Sequence[Any]:
-    return value if isinstance(value, tuple) else (value,)
 
 
 class _Kind(NamedTuple):
@@ -187,7 +179,7 @@ def run_suite(
     name: str, suite: "Suite", output: options.Output, where: RunningOptions | None, given: dict[str, Any]
 ) -> int:
     """Run a suite, write its tables and its picture, print them; return 1 if a bar is missed."""
-    from hhsim.bench.suite import Running, run_cells, run_tasks_of, tables_of
+    from hhsim.bench.suite import run_cells, run_tasks_of, tables_of
     from hhsim.table.file import check_table_path, table_document, write_table
 
     plot, listed = given.pop("plot", None), given.pop("listed", False)
@@ -195,20 +187,26 @@ def run_suite(
     values = {key: value for key, value in given.items() if value is not None}
     settings = suite.settings(**{**(suite.preset.values if suite.preset and is_preset else {}), **values})
     if listed and suite.listed is not None:
-        _print_list(suite.listed(settings), as_json=output.as_json)
+        found = suite.listed(settings)
+        if output.as_json:
+            print_json({"rows": found.records})
+        else:
+            print_table(found)
         return 0
     path, described = output.path(f"bench-{name}", ".json"), asdict(settings)
     check_table_path(path)
     picture = _picture(suite, path, plot)
     figures: list[Any] = []
-    running = Running(where.jobs, where.scheduler, where.resume) if where else Running()
+    running: dict[str, Any] = {}
+    if where and (where.jobs > 1 or where.scheduler or where.resume):
+        running = {"jobs": where.jobs, "scheduler": where.scheduler, "folder": where.resume}
     with progress(quiet=output.quiet) as report:
         stopped: KeyboardInterrupt | None = None
         try:
-            if not running.is_plain:
-                figures += run_tasks_of(name, settings, running, report)
-            for found in run_cells(suite, settings, report) if running.is_plain else ():
-                figures.append(found)
+            if running:
+                figures += run_tasks_of(name, settings, report, **running)
+            for one in () if running else run_cells(suite, settings, report):
+                figures.append(one)
         except KeyboardInterrupt as interrupt:
             if not figures:
                 raise
@@ -236,13 +234,6 @@ def run_suite(
         drawn = f", {counted(len(pictures), 'picture')} in {plot}" if len(pictures) > 1 else drawn
         print_line(f"the table is in {path} and {path.with_suffix('.csv')}{drawn}")
     return 1 if missed else 0
-
-
-def _print_list(table: Table, *, as_json: bool) -> None:
-    if as_json:
-        print_json({"rows": table.records})
-    else:
-        print_table(table)
 
 
 def _picture(suite: "Suite", table: Path, plot: Path | None) -> Path | None:

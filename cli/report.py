@@ -66,7 +66,8 @@ def command(
         report = make_report(results, progress=bar)
     files = write_report(report, out or dated_output_path(f"{DATE.sub('', results[0].stem)}-report", suffix=""))
     if printing.as_json:
-        print_json({**report.to_json(), **files.to_json(), "seconds": time.perf_counter() - begin})
+        paths = {"report": str(files.page), "pictures": list(map(str, files.pictures))}
+        print_json({**report.to_json(), **paths, "seconds": time.perf_counter() - begin})
     elif not printing.quiet:
         for line in report.verdict_lines():
             print_line(line)

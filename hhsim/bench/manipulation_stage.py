@@ -19,13 +19,11 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_product, rotation_matrix
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
-from hhsim.motion.analytic_motion import still
 from hhsim.scene.synthesis import minimum_jerk
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
-from hhsim.trees.sphere_tree import SphereTree
 
 BLOCK = 1000
 """Ticks that are run together."""
@@ -85,11 +83,6 @@ def play(
     return Played(free=free, center=center, orientation=turn, **whole)
 
 
-def away(ticks: int) -> HandConfiguration:
-    """Return a hand that touches nothing."""
-    return still((0.0, 0.0, 5.0), ticks=ticks)
-
-
 def block(size: Sequence[float], center: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
     """Return a box [m] about a centre, shape (3,) each."""
     return box_mesh(size, "block").transformed(np.eye(3), np.asarray(center))
@@ -98,12 +91,6 @@ def block(size: Sequence[float], center: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
 def touched(mesh: Mesh) -> ContactSurface:
     """Return the triangles of a mesh as a surface."""
     return contact_surface("mesh", mesh, None)
-
-
-def ball(radius: float) -> ContactSurface:
-    """Return an exact ball about the origin [m]."""
-    tree = SphereTree(np.zeros((2, 3)), np.full(2, radius), np.array([0, 1]), np.array([-1, 0]))
-    return contact_surface("spheres", None, tree)
 
 
 def turned_by(first: ArrayLike, second: ArrayLike) -> float:

@@ -127,20 +127,6 @@ def run_cells(suite: Suite, settings: Any, progress: Progress = silent) -> Itera
         yield from figures
 
 
-@dataclass(frozen=True)
-class Running:
-    """Processes or cluster that run the cells of a portable suite, and the folder that keeps their figures."""
-
-    jobs: int = 1  # processes of this machine; 1 for this process
-    scheduler: str = ""  # address of a Dask cluster, or `hhsim.sweep.engines.LOCAL`
-    folder: Path | None = None  # where cells that are done are kept, so that the same command goes on
-
-    @property
-    def is_plain(self) -> bool:
-        """True for this process, with nothing kept."""
-        return self == Running()
-
-
 @dataclass(frozen=True, kw_only=True)
 class SuiteTask(FolderTask):
     """Cell of a portable suite by its place."""
@@ -170,8 +156,21 @@ def _digests(settings: Any) -> list[str]:
     return [file_digest(path) for path in named if path.is_file()]
 
 
-def run_tasks_of(name: str, settings: Any, running: Running, progress: Progress = silent) -> list[list[Row]]:
+def run_tasks_of(
+    name: str,
+    settings: Any,
+    progress: Progress = silent,
+    *,
+    jobs: int = 1,
+    scheduler: str = "",
+    folder: Path | None = None,
+) -> list[list[Row]]:
     """Return the rows of all cells of a portable suite, in their order; those that are kept are not run again.
+
+    Args:
+        jobs: Processes of this machine; 1 for this process.
+        scheduler: Address of a Dask cluster, or `hhsim.sweep.engines.LOCAL`.
+        folder: Where cells that are done are kept, so that the same command goes on.
 
     Raises HhsimError for a cell that could not be run, OutputError for a folder that is not writable, or is another's.
     """
@@ -182,9 +181,8 @@ def run_tasks_of(name: str, settings: Any, running: Running, progress: Progress 
         text = json.dumps([*stated, suite.key(cell) or place], sort_keys=True)
         digests.append(hashlib.sha256(text.encode()).hexdigest()[:DIGITS])
     with TemporaryDirectory() as scratch, ExitStack() as stack:
-        folder = Path(scratch)
-        if running.folder is not None:
-            folder = running.folder
+        is_kept, folder = folder is not None, folder or Path(scratch)
+        if is_kept:
             check_own(folder, has_format(folder / MARK, FORMAT), "bench")
             stack.enter_context(locked(folder, folder, "bench"))
             write_atomically(folder / MARK, json.dumps({"format": FORMAT, "suite": name}).encode())
@@ -198,7 +196,6 @@ def run_tasks_of(name: str, settings: Any, running: Running, progress: Progress 
                 raise HhsimError(end.reason)
             return ""
 
-        jobs = running.jobs if running.jobs > 1 else 0
-        kept = running.folder is not None
-        run_to_end(tasks, "cells", on_end, progress, scheduler=running.scheduler, jobs=jobs, kept=kept)
+        workers = jobs if jobs > 1 else 0
+        run_to_end(tasks, "cells", on_end, progress, scheduler=scheduler, jobs=workers, kept=is_kept)
         return [json.loads(file.read_text(encoding="utf-8")) for file in files]

@@ -68,7 +68,7 @@ class Drawing:
     height: Callable[[float, bool], float]
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True)
 class ReportFigure:
     """One picture of a report."""
 
@@ -76,14 +76,13 @@ class ReportFigure:
     title: str
     caption: str  # what is drawn and how to read it, plain text
     alt: str  # alternative text
-    png: bytes
+    png: bytes = field(repr=False)
     width_px: int
     height_px: int
-    phone_png: bytes | None = None  # the figure for a narrow page; None where `png` will do
-    drawing: Drawing | None = field(default=None, compare=False)  # draws it again; None for a rendered picture
-
-    def __repr__(self) -> str:
-        return f"ReportFigure({self.name}, {self.width_px} x {self.height_px} pixels: {self.alt})"
+    phone_png: bytes | None = field(default=None, repr=False)  # the figure for a narrow page; None where `png` will do
+    drawing: Drawing | None = field(
+        default=None, compare=False, repr=False
+    )  # draws it again; None for a rendered picture
 
     def _repr_png_(self) -> bytes:
         """Return what a notebook shows."""

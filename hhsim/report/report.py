@@ -4,7 +4,7 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from hhsim import __version__
 from hhsim.errors import InputError, OutputError
@@ -88,16 +88,11 @@ class Report:
         }
 
 
-@dataclass(frozen=True)
-class ReportFiles:
+class ReportFiles(NamedTuple):
     """Paths of a written report."""
 
     page: Path
     pictures: tuple[Path, ...]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the paths as plain values for JSON."""
-        return {"report": str(self.page), "pictures": [str(path) for path in self.pictures]}
 
 
 def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report:

@@ -67,8 +67,7 @@ class TradeOff:
     title: str
     marks: Sequence[Mark]
     least: float  # a tenth of the lowest decade that is shown, in the unit of the errors
-    # Error that the paper states, drawn over its mean times for simple objects; NaN for these alone, None for neither.
-    paper: float | None = None
+    paper: bool = True  # True to shade the mean times that the paper states for simple objects
 
 
 def trade_off_drawing(
@@ -85,9 +84,8 @@ def trade_off_drawing(
 def _draw_panel(axes: "Axes", panel: TradeOff) -> None:
     errors = [0.0 if abs(mark.error) < ROUNDING else mark.error for mark in panel.marks if np.isfinite(mark.error)]
     some = [error for error in errors if error > 0.0]
-    paper = panel.paper if panel.paper is not None and np.isfinite(panel.paper) else None
     low = 10.0 ** np.floor(np.log10(min([*some, panel.least * 10.0])))
-    high = 10.0 ** np.ceil(np.log10(max([*some, *([paper] if paper else []), 10.0 * low])) + 0.1)
+    high = 10.0 ** np.ceil(np.log10(max([*some, 10.0 * low])) + 0.1)
     # A logarithm has no zero: 0 stands below the lowest decade, where an error is nothing.
     decades = float(np.log10(high / low))
     zero = low * 10.0 ** (-0.12 * decades)
@@ -95,28 +93,14 @@ def _draw_panel(axes: "Axes", panel: TradeOff) -> None:
     axes.set(xscale="log", yscale="log", ylim=(zero * 10.0 ** (-0.1 * decades) if has_zero else low, high))
     axes.axhline(low, color=style.SOFT, linewidth=0.5, linestyle=":")
     _draw_axis(axes, panel)
-    if paper is not None:
-        axes.plot(PAPER_RANGE, [paper] * 2, color=style.SOFT, linewidth=3.0, solid_capstyle="round")
-        axes.annotate(
-            "the paper", (PAPER_RANGE[1], paper), (-4.0, 3.0), textcoords="offset points", ha="right", va="bottom",
-            color=style.SOFT,
-        )  # fmt: skip
-    elif panel.paper is not None:
+    if panel.paper:
         axes.axvspan(*PAPER_RANGE, color=style.SOFT, alpha=0.1, linewidth=0)
     heights = [mark.error if mark.error >= ROUNDING else zero for mark in panel.marks]
     known = [(mark, height) for mark, height in zip(panel.marks, heights) if mark.known]
     for mark, height in known:
         face = mark.color if mark.filled else "white"
-        axes.plot(
-            mark.cost,
-            height,
-            mark.shape,
-            color=mark.color,
-            markerfacecolor=face,
-            markersize=6.0,
-            zorder=4,
-            clip_on=False,
-        )
+        look: Any = {"color": mark.color, "markerfacecolor": face, "markersize": 6.0, "zorder": 4, "clip_on": False}
+        axes.plot(mark.cost, height, mark.shape, **look)
         if mark.until is not None:
             axes.plot([mark.cost, mark.until], [height, height], color=mark.color, linewidth=1.2)
             axes.plot(mark.until, height, "|", color=mark.color, markersize=7.0)
@@ -161,8 +145,6 @@ SAMPLES = 20
 """Ticks in contact whose hand is compared with the mesh: exact, and slow."""
 RESULT_PANEL = 2.3, 2.0
 """Least width of a panel with its labels, and its height [inches]."""
-PAPER_DEPTH = 1e-4
-"""Deepest penetration that the paper states, about [m]."""
 
 
 @dataclass(frozen=True)
@@ -196,7 +178,7 @@ def speed_error_figure(results: Mapping[str, Result]) -> style.ReportFigure:
             title,
             [Mark(point.p50, scale * getattr(point, field), *style, point.p99) for point, style in zip(points, styles)],
             least,
-            paper=scale * PAPER_DEPTH if field == "depth" and of_paper else None,
+            of_paper,
         )
         for field, title, scale, least in AXES
     ]
@@ -264,18 +246,10 @@ def _caption(points: Sequence[SpeedError]) -> str:
 def _alt(points: Sequence[SpeedError]) -> str:
     sentences = ["CPU time against three errors."]
     for point in points:
-        if not np.isfinite(point.p50):
-            sentences.append(f"{point.label}: no tick in contact.")
-            continue
-        off = f"{1e3 * point.mesh:.3g} mm off the mesh" if np.isfinite(point.mesh) else "off the mesh not measured"
-        over = (
-            f"{round(point.excess, 6) + 0.0:.3g} % over the optimum"
-            if np.isfinite(point.excess)
-            else "no optimum computed"
-        )
-        times = f"{style.time_text(point.p50)} to {style.time_text(point.p99)}"
-        deep = f"{1e6 * point.depth:.3g} µm deep in what it touches"
-        sentences.append(f"{point.label}: {times}, {deep}, {off}, {over}.")
+        times = f"{style.time_text(point.p50)} to {style.time_text(point.p99)}" if np.isfinite(point.p50) else ""
+        off = f", {1e3 * point.mesh:.3g} mm off the mesh" if np.isfinite(point.mesh) else ""
+        known = f"{times}, {1e6 * point.depth:.3g} µm deep in what it touches{off}"
+        sentences.append(f"{point.label}: {known if times else 'no tick in contact'}.")
     return " ".join(sentences)
 
 
@@ -363,7 +337,7 @@ def _panels(
 
     def panel(title: str, name: str, error: str, frontier: str) -> TradeOff:
         chosen = (row for row in (*summed, *others) if row["object"] == name)
-        return TradeOff(title, [mark(row, error, frontier) for row in chosen], LEAST, np.nan)
+        return TradeOff(title, [mark(row, error, frontier) for row in chosen], LEAST)
 
     of_pose = any("off_optimum_mean" in row for row in summed)
     frontier = "mesh_frontier" if of_pose else "frontier"

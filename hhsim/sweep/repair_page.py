@@ -11,8 +11,7 @@ from hhsim import __version__
 from hhsim.arrays import FloatArray
 from hhsim.metrics.field.registry import field_metrics
 from hhsim.repair.request import PICTURE, REPORT
-from hhsim.sweep.repair_manifest import PlannedRepair
-from hhsim.sweep.repair_row import RowOutcome
+from hhsim.sweep.repair_manifest import PlannedRepair, RowOutcome
 from hhsim.system.counted import counted
 from hhsim.system.input_file import read_input
 from hhsim.table.html import render

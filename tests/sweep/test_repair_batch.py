@@ -16,7 +16,7 @@ from hhsim.sweep import engines
 from hhsim.sweep.folder import locked
 from hhsim.sweep.input_files import CHANGED
 from hhsim.sweep.repair_batch import run_manifest
-from hhsim.sweep.repair_row import RowTask
+from hhsim.sweep.repair_manifest import RowTask
 
 LIMIT = "time_limit = 1.0\n"
 

@@ -11,9 +11,8 @@ from fake_repairs import png
 from report_reader import read_page
 
 from hhsim.repair.request import PICTURE, REPORT, RepairRequest
-from hhsim.sweep.repair_manifest import PlannedRepair
+from hhsim.sweep.repair_manifest import PlannedRepair, RowOutcome, State
 from hhsim.sweep.repair_page import RepairedRow, brief_table, repair_page, repair_table
-from hhsim.sweep.repair_row import RowOutcome, State
 
 
 def row(folder: Path, name: str, depth: float | None, state: State = "repaired", **more: float) -> RepairedRow:

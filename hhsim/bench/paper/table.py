@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hhsim.bench.figures import mean
 from hhsim.bench.paper.run import NOISES, UNTOLD, PaperRuns, SceneRun, percentile
 from hhsim.bench.paper.scene import CASES, SLIDING, held_ticks
+from hhsim.bench.suite import Row
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.mesh.catalogue import object_names
 from hhsim.metrics.run.contact import JUMP
@@ -41,34 +41,8 @@ MOST_NAMED = 5
 """Limit of the missed touches that are named."""
 
 
-@dataclass(frozen=True)
-class PaperRow:
-    """One figure of the paper, and one method's, see `ROW_COLUMNS`; `name` is the column `row`."""
-
-    name: str
-    figure: str
-    label: str
-    method: str
-    unit: str
-    paper: float
-    paper_text: str
-    ours: float
-    bar: float = math.nan
-    note: str = ""
-
-    @property
-    def ratio(self) -> float:
-        """Paper's figure over ours; NaN if it prints none, infinite if ours is 0."""
-        return self.paper / self.ours if self.ours > 0.0 else math.inf if self.paper > 0.0 else math.nan
-
-    @property
-    def passed(self) -> bool:
-        """True if the bar is kept or there is none; NaN keeps no bar."""
-        return bool(math.isnan(self.bar) or self.ours <= self.bar)
-
-
 ROW_COLUMNS = (
-    Column("row", "name of the figure", of="name"),
+    Column("row", "name of the figure"),
     Column("figure", "of the paper, or its section"),
     Column("label", "what it is"),
     Column("method", "method of the solver"),
@@ -76,14 +50,24 @@ ROW_COLUMNS = (
     Column("paper", "what the paper prints, NaN where it prints no number"),
     Column("paper_text", "as it is printed"),
     Column("ours", "measured here"),
-    Column("ratio", "the paper's over ours: how many times below the paper's"),
     Column("bar", "ours must not be above it; NaN where there is none"),
-    Column("passed", "whether the bar, if there is one, is kept"),
     Column("note", "where the figure comes from"),
+    Column("ratio", "the paper's over ours: how many times below the paper's; infinite if ours is 0"),
+    Column("passed", "whether the bar, if there is one, is kept; NaN keeps none"),
 )
 
 
-def paper_rows(runs: PaperRuns, methods: Sequence[str], is_whole: bool) -> list[PaperRow]:
+def paper_row(
+    row: str, figure: str, label: str, method: str, unit: str, paper: float, text: str, ours: float,
+    bar: float = math.nan, note: str = "",
+) -> Row:  # fmt: skip
+    """Return one figure of the paper, and one method's, by the names of `ROW_COLUMNS`."""
+    ratio = paper / ours if ours > 0.0 else math.inf if paper > 0.0 else math.nan
+    values = row, figure, label, method, unit, paper, text, ours, bar, note, ratio, bool(math.isnan(bar) or ours <= bar)
+    return dict(zip((column.name for column in ROW_COLUMNS), values, strict=True))
+
+
+def paper_rows(runs: PaperRuns, methods: Sequence[str], is_whole: bool) -> list[Row]:
     """Return the table, row by row, each for all methods, without rows whose scenes were left out.
 
     Rows that sum up all holds (`OF_ALL`) have bars in the whole evaluation on the paper's tree levels only.
@@ -93,50 +77,51 @@ def paper_rows(runs: PaperRuns, methods: Sequence[str], is_whole: bool) -> list[
         for method in methods
     ]
     found = [row for same in zip(*by_method, strict=True) for row in same]
-    return found if is_whole else [replace(row, bar=math.nan) if row.name.startswith(OF_ALL) else row for row in found]
+    unjudged = {"bar": math.nan, "passed": True}
+    return [row if is_whole or not row["row"].startswith(OF_ALL) else {**row, **unjudged} for row in found]
 
 
-def _simple_objects(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
+def _simple_objects(runs: PaperRuns, method: str) -> Iterator[Row]:
     for name, paper in SIMPLE_MEAN.items():
         if played := runs.of(method, "11", object_name=name):
             ours = _pooled_mean(played)
-            yield PaperRow(
+            yield paper_row(
                 f"mean_{name}", "11", f"mean tick, {name}", method, "s", paper, f"{1e3 * paper:.2f} ms", ours,
                 paper / FASTER, "touch, pinch, grasp with the palm; ticks in contact",
             )  # fmt: skip
     for run in runs.of(method, "12"):
         name = run.scenario.object_name
-        yield PaperRow(
+        yield paper_row(
             f"sequence_max_{name}", "12", f"longest tick, {name}", method, "s", 1e-3, "< 1 ms",
             float(run.tick_cpu.max()), 1e-3, "none, one, two, five, two, one, none; all ticks",
         )  # fmt: skip
     if played := runs.of(method, SLIDING):
-        yield PaperRow(
+        yield paper_row(
             "sliding_depth", "V-A", "depth while sliding", method, "m", math.nan,
             "none to be seen", _deepest(played), DEPTH, counted(len(played), "object"),
         )  # fmt: skip
 
 
-def _complex_objects(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
+def _complex_objects(runs: PaperRuns, method: str) -> Iterator[Row]:
     for name in object_names():
         if played := runs.of(method, "13", object_name=name):
             worst = max(played, key=lambda run: percentile(run, 99.0))
-            yield PaperRow(
+            yield paper_row(
                 f"complex_p99_{name}", "13", f"p99 tick, {name}", method, "s", math.nan, "no time",
                 percentile(worst, 99.0), COMPLEX_P99,
                 f"worst of {counted(len(played), 'scene')}: {worst.scenario.motion}",
             )  # fmt: skip
     for run in runs.of(method, "14"):
         name, motion = run.scenario.object_name, run.scenario.motion
-        yield PaperRow(
+        yield paper_row(
             f"interaction_p50_{name}", "14", f"median tick, {name} {motion}", method, "s", 1e-3, "most < 1 ms",
             percentile(run, 50.0), math.nan, "squeeze, hold, slide; ticks in contact",
         )  # fmt: skip
-        yield PaperRow(
+        yield paper_row(
             f"interaction_p99_{name}", "14", f"p99 tick, {name} {motion}", method, "s", math.nan, "no p99",
             percentile(run, 99.0), COMPLEX_P99, "ticks in contact",
         )  # fmt: skip
-        yield PaperRow(
+        yield paper_row(
             f"interaction_max_{name}", "14", f"longest tick, {name} {motion}", method, "s", 1.5e-3, "all < 1.5 ms",
             float(run.tick_cpu.max()), 1.5e-3, "all ticks",
         )  # fmt: skip
@@ -145,7 +130,7 @@ def _complex_objects(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
             contacts = [run.contacts for run in played]
             instances = sum(len(run.stage.motions) for run in played)
             worst = max(played, key=lambda run: percentile(run, 99.0))
-            yield PaperRow(
+            yield paper_row(
                 f"case_p99_{case}", "15", f"p99 tick, {CASES[case]}", method, "s", math.nan,
                 "means only", percentile(worst, 99.0), COMPLEX_P99,
                 f"worst object: {worst.scenario.object_name}; {instances} instances, {min(contacts):.0f} to "
@@ -155,7 +140,7 @@ def _complex_objects(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
         if run.options.method == method:
             held = held_ticks(run.stage)
             label = f"mean tick, {run.wanted:.0f} pairs, {CASES[run.case]}"
-            yield PaperRow(
+            yield paper_row(
                 f"contacts_{run.wanted:.0f}", "15", label, method, "s", math.nan, NAMED_CONTACTS[run.wanted],
                 float(run.tick_cpu[held].mean()), 1e-3,
                 f"{run.scenario.object_name}, {run.candidates[held].mean():.0f} pairs in the hold, at a "
@@ -163,13 +148,13 @@ def _complex_objects(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
             )  # fmt: skip
 
 
-def _all_scenes(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
+def _all_scenes(runs: PaperRuns, method: str) -> Iterator[Row]:
     whole = runs.of(method, "11", "12", SLIDING, "13", "14", "15")
     if whole:
         worst = max(whole, key=lambda run: float(run.depth.max()))
         ticks = sum(len(run.depth) for run in whole)
         motions = counted(sum(len(r.stage.motions) for r in whole), "motion")
-        yield PaperRow(
+        yield paper_row(
             "depth", "V-D", "depth in the spheres, largest", method, "m", 1e-4, "≈ 0.1 mm",
             _deepest(whole), DEPTH, f"{ticks:,} ticks of {motions}; deepest: {worst.scenario.name}",
         )  # fmt: skip
@@ -181,7 +166,7 @@ def _all_scenes(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
         ):
             farthest = np.nan_to_num([run.steps[name] for run in whole], nan=-1.0)
             found = whole[int(farthest.argmax())]
-            yield PaperRow(
+            yield paper_row(
                 name, "V, 2", label, method, unit, math.nan, "no big jump", found.steps[name], bar,
                 f"from tick to tick in contact: {found.scenario.name}, {found.steps['force_contact_step']:.3f} N",
             )  # fmt: skip
@@ -201,7 +186,7 @@ def _all_scenes(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
             above = f", {int((values[:, 0] > paper).sum())} above {paper:.2f} %" if is_still else ""
             defined = np.where(np.isfinite(values[:, 0]), values[:, 0], -1.0)
             largest = f"largest {defined.max():.2f} % ({played[int(defined.argmax())].scenario.name})"
-            yield PaperRow(
+            yield paper_row(
                 f"variation_{noise}_{part}", "V-D", f"index force, {part}, {names[noise]}", method, "%",
                 paper if is_still else math.nan, f"{paper:.2f} ± {spread:.2f} %" if is_still else "hand stands still",
                 middle[0], paper if is_still else math.nan,
@@ -215,7 +200,7 @@ def _all_scenes(runs: PaperRuns, method: str) -> Iterator[PaperRow]:
         named = [f"{run.scenario.name} {touch}" for run, touch in failed[:MOST_NAMED]]
         more = [f"{len(failed) - MOST_NAMED:,} more"] if len(failed) > MOST_NAMED else []
         where = f"; not: {', '.join([*named, *more])}" if failed else ""
-        yield PaperRow(
+        yield paper_row(
             "touches", "11 to 15", "named touches missing", method, "1", 0.0, "as shown", float(len(failed)),
             0.0 if method == "coupled" else math.nan, f"of {demanded}{where}",
         )  # fmt: skip

@@ -20,7 +20,7 @@ from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.system.settings_file import Positive, between, check_fields
 
-Bound = Literal["palm", "hand", "none"]
+Bound = Literal["palm", "none"]
 TRICKS = (
     *("no number", "no direction", "another length", "another sign", "late"),
     *("teleport", "far away", "beyond limits", "spin", "shake"),
@@ -41,8 +41,7 @@ class StressOptions:
     flexion_range: tuple[float, float] = (0.0, 1.0)
     sweep: bool = True  # True to draw the abduction within its limits; else it stays 0
     longest_step: Positive = 2e-3  # largest way in a tick [m]
-    # Point that `longest_step` bounds: the palm's origin (turning fingers go several times as far), every point of the
-    # hand (it seldom arrives within 60 ticks), or none: the hand jumps.
+    # Point that `longest_step` bounds: the palm's origin (turning fingers go several times as far), or none: it jumps.
     bound: Bound = "palm"
     wild: bool = False  # True to add faults of broken devices in about every other hold
 
@@ -73,10 +72,6 @@ class RandomTargets:
         self.options = StressOptions() if options is None else options
         self.seed = seed
         self.center = np.zeros(3) if center is None else np.asarray(center, dtype=np.float64)
-        arrays = hand.arrays()
-        self._reach = max(float((arrays.reach + hand.radius[:, 1:]).max()), float(arrays.palm_reach[0]))
-        # Way of the finger's farthest point by a turn of each joint; the abduction turns as much as the first joint.
-        self._lever = arrays.lever[:, 2] + hand.radius[:, 1:].max(axis=1, keepdims=True)
         self._here = (
             self.center + [0.0, 0.0, height],
             np.array([1.0, 0.0, 0.0, 0.0]),
@@ -131,10 +126,6 @@ class RandomTargets:
         rotation_vector_between(start[1], target[1], turn)
         change = [b - a for a, b in zip(start, target)]
         way = float(np.linalg.norm(change[0]))
-        if self.options.bound == "hand":
-            # No point goes farther than the sum of these, by the triangle inequality.
-            bend = (self._lever * np.abs(change[2])).sum(axis=1) + self._lever[:, 0] * np.abs(change[3])
-            way += self._reach * float(np.linalg.norm(turn)) + float(bend.max())
         ticks = np.arange(1, self.options.hold + 1)
         straight = way > 0.0 and not jump
         share = np.minimum(1.0, ticks * (self.options.longest_step / way)) if straight else np.ones(len(ticks))

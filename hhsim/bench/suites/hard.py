@@ -2,7 +2,7 @@
 
 No case can end the bench.
 Only the bit of a stuck tick is taken from the solver: penetration is recomputed from the recorded poses, and a stuck
-tick is explained only if `hhsim.bench.robustness.local_optimality` finds no step.
+tick is explained only if `hhsim.bench.robustness.safety` finds no step.
 """
 
 import math
@@ -16,10 +16,8 @@ import numpy as np
 from hhsim.bench.figures import summed
 from hhsim.bench.robustness.case import DEEPEST, Figure, HardCase, HardRun, Outcome, own_figures
 from hhsim.bench.robustness.contact_cases import CONTACT_CASES
-from hhsim.bench.robustness.input_cases import INPUT_CASES
-from hhsim.bench.robustness.invariance_cases import INVARIANCE_CASES, endurance_case
-from hhsim.bench.robustness.local_optimality import pieces_of
-from hhsim.bench.robustness.safety import SAFETY, SafetyMeasure, recorded_penetration, solvers_of
+from hhsim.bench.robustness.input_cases import INPUT_CASES, INVARIANCE_CASES, endurance_case
+from hhsim.bench.robustness.safety import SAFETY, SafetyMeasure, pieces_of, recorded_penetration, solvers_of
 from hhsim.bench.robustness.triangle_cases import TRIANGLE_CASES
 from hhsim.bench.suite import Row, Suite, setting
 from hhsim.bench.tick_records import placed_of
@@ -144,16 +142,14 @@ def _scenes(case: HardCase, seed: int) -> Sequence[HardRun]:
 
 
 def run_scenes(runs: Iterable[HardRun], options: SolverOptions) -> list[Outcome]:
-    """Run the scenes of a case."""
+    """Run the scenes of a case, each from its first tick, and measure the common figures."""
     outcomes: list[Outcome] = []
     for run in runs:
-        outcomes.append(_run_scene(run, options, tuple(outcomes)))
+        outcomes.append(_run_scene(run, run.solver(options), tuple(outcomes)))
     return outcomes
 
 
 def _run_scene(run: HardRun, options: SolverOptions, before: Sequence[Outcome]) -> Outcome:
-    """Run a scene from its first tick, and measure the common figures; `before` are outcomes of its case."""
-    options = run.solver(options)
     surface = contact_surface(options.surface, run.mesh, run.tree).arrays
     solver = HandSolver(run.hand, surface, options)
     safety, excess = SafetyMeasure(run.hand, pieces_of(options.surface, run.mesh, run.tree), options), [0.0]

@@ -16,10 +16,13 @@ from hhsim.bench import manipulation_stage as stage
 from hhsim.bench.suite import Preset, Row, Suite, setting
 from hhsim.errors import check_known
 from hhsim.hand.quaternion import rotation_matrix
+from hhsim.motion.analytic_motion import still
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 from hhsim.system.settings_file import between, check_fields
 from hhsim.table.table import Column
+from hhsim.trees.contact_surface import contact_surface
+from hhsim.trees.sphere_tree import SphereTree
 
 GRAVITY = 9.81
 SLOPE = math.radians(30.0)
@@ -32,6 +35,8 @@ SLIPS = 1e-7
 TURNS = 1e-3
 """Angle above which a block has turned in the grip [rad]."""
 TIP_RADIUS = 0.008
+AWAY = (0.0, 0.0, 5.0)
+"""Place of a hand that touches nothing [m]."""
 QUIET = 500
 """Ticks of a hold, or a quarter of it, until the lift has decayed."""
 LIFTED = 0.9
@@ -52,16 +57,11 @@ COLUMNS = (
 )
 
 
-def answer(case: str, what: str, unit: str, exact: float, measured: float, allowed: float) -> Row:
-    """Return the row of one figure in its SI unit; it holds if it is off by no more than allowed."""
-    off = measured - exact
-    values = (case, what, unit, exact, measured, off, allowed, int(abs(off) <= allowed))
+def answer(case: str, what: str, unit: str, exact: float, measured: float, allowed: float | None = None) -> Row:
+    """Return the row of one figure in its SI unit; it holds if it is off by no more than allowed, or `WITHIN`."""
+    off, most = measured - exact, WITHIN * abs(exact) if allowed is None else allowed
+    values = (case, what, unit, exact, measured, off, most, int(abs(off) <= most))
     return dict(zip((column.name for column in COLUMNS), values, strict=True))
-
-
-def near(case: str, what: str, unit: str, exact: float, measured: float) -> Row:
-    """Return the row of a figure that is not 0."""
-    return answer(case, what, unit, exact, measured, WITHIN * abs(exact))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +87,7 @@ def _way(acceleration: float, ticks: int) -> float:
 
 def _alone(free: FreeObject, size: tuple[float, float, float], ticks: int) -> stage.Played:
     hand, options = stage.gripper(0.05, TIP_RADIUS), stage.gripper_options()
-    return stage.play(free, stage.touched(stage.block(size)), hand, options, stage.away(ticks))
+    return stage.play(free, stage.touched(stage.block(size)), hand, options, still(AWAY, ticks=ticks))
 
 
 def slope(options: ManipulationOptions) -> list[Row]:
@@ -99,7 +99,7 @@ def slope(options: ManipulationOptions) -> list[Row]:
     creep = float(np.linalg.norm(sticks.center - sticks.center[0], axis=1).max())
     way = float(slides.center[-1, 0] - slides.center[0, 0])
     return [
-        near("block on 30°, μ 0.3", "way in 0.3 s", "m", _way(pull, ticks), way),
+        answer("block on 30°, μ 0.3", "way in 0.3 s", "m", _way(pull, ticks), way),
         answer(
             "block on 30°, μ 0.3", "floats above the table, most", "m", 0.0, float(slides.table_distance.max()), 1e-6
         ),
@@ -116,16 +116,18 @@ def rolling(options: ManipulationOptions) -> list[Row]:
     for friction in (0.6, 0.1):
         free = FreeObject(mass, (0.0, 0.0, 0.0), rows, friction=friction, table=-radius, gravity=DOWN)
         solver = SolverOptions(method="coupled", surface="spheres", fingers=("thumb", "index"))
-        played = stage.play(free, stage.ball(radius), stage.gripper(0.05, TIP_RADIUS), solver, stage.away(ticks))
+        ball = SphereTree(np.zeros((2, 3)), np.full(2, radius), np.array([0, 1]), np.array([-1, 0]))
+        surface, hand = contact_surface("spheres", None, ball), stage.gripper(0.05, TIP_RADIUS)
+        played = stage.play(free, surface, hand, solver, still(AWAY, ticks=ticks))
         rolls = friction > 2.0 / 7.0 * math.tan(SLOPE)
         rolled = 5.0 / 7.0 * GRAVITY * math.sin(SLOPE)
         slid = GRAVITY * (math.sin(SLOPE) - friction * math.cos(SLOPE))
         spun = rolled / radius if rolls else 2.5 * friction * GRAVITY * math.cos(SLOPE) / radius
         case = f"ball on 30°, μ {friction:g}"
         way = float(played.center[-1, 0] - played.center[0, 0])
-        found.append(near(case, "way in 0.5 s", "m", _way(rolled if rolls else slid, ticks), way))
+        found.append(answer(case, "way in 0.5 s", "m", _way(rolled if rolls else slid, ticks), way))
         found.append(
-            near(case, "spin after 0.5 s", "rad/s", spun * ticks / stage.RATE, float(played.angular_velocity[-1, 1]))
+            answer(case, "spin after 0.5 s", "rad/s", spun * ticks / stage.RATE, float(played.angular_velocity[-1, 1]))
         )
     return found
 
@@ -152,7 +154,7 @@ def flight(options: ManipulationOptions) -> list[Row]:
     return [
         answer("body in flight", "momentum gained in 2 s", "N·s", 0.0, float(momentum), 1e-9),
         # First order in the period: 12 rad/s about the middle axis, which is the hardest to keep.
-        near("body in flight", "angular momentum after 1 s", "N·m·s", float(spin[0]), float(spin[1000])),
+        answer("body in flight", "angular momentum after 1 s", "N·m·s", float(spin[0]), float(spin[1000])),
         answer("body that tumbles", "energy gained in a tick, most", "J", 0.0, float(np.diff(energy).max()), 1e-12),
         answer("body that tumbles", "impulse less momentum", "N·s", 0.0, float(np.abs(force - gained).max()), 1e-9),
     ]
@@ -164,7 +166,7 @@ def tipping(options: ManipulationOptions) -> list[Row]:
     while high - low > 1e-4:
         height = 0.5 * (low + high)
         low, high = (low, height) if _tips(side, friction, height) else (height, high)
-    return [near("cube pushed, μ 0.8", "height at which it tips", "m", 0.5 * side / friction, 0.5 * (low + high))]
+    return [answer("cube pushed, μ 0.8", "height at which it tips", "m", 0.5 * side / friction, 0.5 * (low + high))]
 
 
 def _tips(side: float, friction: float, height: float) -> bool:
@@ -195,7 +197,7 @@ def thresholds(options: ManipulationOptions) -> list[Row]:
             case = f"pinch of {1e3 * mass:g} g, μ {friction:g}"
             slips = played.slipped() > SLIPS
             measured = _normal_before(played, slips, pinch)
-            found.append(near(case, "squeeze at which it slips", "N", pinch.threshold, measured))
+            found.append(answer(case, "squeeze at which it slips", "N", pinch.threshold, measured))
     return found
 
 
@@ -214,7 +216,7 @@ def torsion(options: ManipulationOptions) -> list[Row]:
         first = played.orientation[pinch.eased_from]
         turned = np.array([stage.turned_by(first, turn) for turn in played.orientation]) > TURNS
         case = f"block held {1e3 * off_center:g} mm off, γ {1e3 * limit:g} mm"
-        found.append(near(case, "squeeze at which it turns", "N", exact, _normal_before(played, turned, pinch)))
+        found.append(answer(case, "squeeze at which it turns", "N", exact, _normal_before(played, turned, pinch)))
     return found
 
 
@@ -237,7 +239,7 @@ def held(options: ManipulationOptions) -> list[Row]:
     case = "100 g held at 1.05 times the least squeeze"
     creep = float(np.linalg.norm(center - center[0], axis=1).max()) if height > 0.5 * pinch.lift else math.nan
     return [
-        near(case, "hangs below the command", "m", sinks, pinch.lift - height),
+        answer(case, "hangs below the command", "m", sinks, pinch.lift - height),
         answer(case, f"creep in {options.held:g} s", "m", 0.0, creep, 1e-6),
     ]
 

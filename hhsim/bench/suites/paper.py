@@ -185,9 +185,7 @@ SUITE = Suite(
     columns=ROW_COLUMNS,
     cells=cells,
     run=run,
-    rows=lambda options, runs: (
-        Table(ROW_COLUMNS, paper_rows(PaperRuns.of_all(runs), options.methods, options.whole)).records
-    ),
+    rows=lambda options, runs: paper_rows(PaperRuns.of_all(runs), options.methods, options.whole),
     tables=tables,
     missed=missed,
     lines=lines,

@@ -16,11 +16,11 @@ from hhsim.replay.verdict import MISSED
 from hhsim.scene.motion_catalogue import RECORDING_SUFFIXES, imported_suffixes
 from hhsim.solver.method import never_penetrates
 from hhsim.solver.options import SolverOptions
-from hhsim.sweep.cell_run import CellTask
 from hhsim.sweep.cell_table import COLUMNS, FAILED, done_row, failed_row
 from hhsim.sweep.folder import read_row
 from hhsim.sweep.input_files import source_digest
 from hhsim.sweep.plan import Cell, SweptMotion, SweptObject, checked_object
+from hhsim.sweep.sweep import CellTask
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Names, check_fields
 

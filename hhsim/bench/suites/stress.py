@@ -13,9 +13,16 @@ from pathlib import Path
 import numpy as np
 
 from hhsim.arrays import BoolArray
-from hhsim.bench.robustness.local_optimality import pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
-from hhsim.bench.robustness.safety import BLOCK, SAFETY, SafetyMeasure, is_safe, recorded_penetration, solvers_of
+from hhsim.bench.robustness.safety import (
+    BLOCK,
+    SAFETY,
+    SafetyMeasure,
+    is_safe,
+    pieces_of,
+    recorded_penetration,
+    solvers_of,
+)
 from hhsim.bench.suite import Row, Suite, setting
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel

@@ -11,7 +11,7 @@ from sampled import sampled
 from sphere_scenes import brute_pairs, record_clearance
 
 from hhsim.bench.robustness.case import DEEPEST, HardCase, HardRun, Outcome, own_figures
-from hhsim.bench.robustness.invariance_cases import LOOP
+from hhsim.bench.robustness.input_cases import LOOP
 from hhsim.bench.robustness.postures import INDEX
 from hhsim.bench.robustness.triangle_cases import SLIDE
 from hhsim.bench.suites.hard import common_figures, hard_cases, run_scenes

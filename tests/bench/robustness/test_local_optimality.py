@@ -8,10 +8,10 @@ from referee_clearance import referee_clearance
 from sampled import sampled
 from sphere_scenes import bumpy_ball
 
-from hhsim.bench.robustness.local_optimality import Pieces, _moved, distance_rows, pieces_of, way_out
 from hhsim.bench.robustness.objects import roof_mesh, sheet_mesh, strips_mesh
 from hhsim.bench.robustness.postures import INDEX, POINTING
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
+from hhsim.bench.robustness.safety import Pieces, _moved, distance_rows, pieces_of, way_out
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics

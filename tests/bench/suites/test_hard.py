@@ -11,9 +11,9 @@ import pytest
 from conftest import Run
 
 from hhsim.bench.robustness.case import HardCase, HardRun
-from hhsim.bench.robustness.local_optimality import pieces_of, stuck_with_way_out
 from hhsim.bench.robustness.objects import BALL_RADIUS, right_hand, tree_of
 from hhsim.bench.robustness.postures import HALF
+from hhsim.bench.robustness.safety import pieces_of, stuck_with_way_out
 from hhsim.bench.suite import Row
 from hhsim.bench.suites import hard as suite
 from hhsim.bench.suites.hard import Cell, HardOptions, missed
@@ -152,7 +152,7 @@ def test_more_stuck_ticks_than_are_looked_at_are_not_explained(monkeypatch: pyte
     record = HandSolver(right_hand(), BALL.arrays(), SolverOptions()).run(*PRESS)
     stuck = record._replace(status=record.status | STATUS_STUCK)
     assert with_way_out(PRESS.part(0, 30), TickRecord._make(values[:30] for values in stuck)) == 0
-    monkeypatch.setattr("hhsim.bench.robustness.local_optimality.MOST_CHECKS", 10)
+    monkeypatch.setattr("hhsim.bench.robustness.safety.MOST_CHECKS", 10)
     # The first tick is done twice, and looked at once.
     twice = PRESS.part(0, 1).hold(30).line(PRESS.part(29), 12)
     again = HandSolver(right_hand(), BALL.arrays(), SolverOptions()).run(*twice)
