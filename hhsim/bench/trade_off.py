@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.bench.figures import Figure, summed
+from hhsim.bench.figures import Figure, hand_clearance, summed
 from hhsim.bench.suite import Row
-from hhsim.bench.tick_records import hand_clearance
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics

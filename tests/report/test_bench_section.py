@@ -6,8 +6,7 @@ from typing import Any
 import pytest
 from drawings_alone import drawn
 
-from hhsim.report.bench_section import shown_unit
-from hhsim.report.trade_off import bench_trade_off, has_trade_off
+from hhsim.report.trade_off import bench_trade_off, has_trade_off, shown_unit
 from hhsim.table.file import BenchTable, load_table, write_table
 from hhsim.table.table import Column, unit_size
 

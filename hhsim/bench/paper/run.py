@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.arrays import AnyArray, BoolArray, FloatArray
+from hhsim.bench.figures import digest_of, hand_clearance, placed_of
 from hhsim.bench.paper.scene import RATE, Scenario, Stage, held_ticks, hold_distances, ticks_of
-from hhsim.bench.tick_records import digest_of, hand_clearance, placed_of
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS

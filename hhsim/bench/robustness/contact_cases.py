@@ -3,6 +3,7 @@
 import numpy as np
 
 from hhsim.arrays import FloatArray
+from hhsim.bench.figures import hand_clearance
 from hhsim.bench.robustness import postures
 from hhsim.bench.robustness.case import Figure, Figures, HardRun, Outcome, Runs, ball_run, largest_step, named_cases
 from hhsim.bench.robustness.objects import (
@@ -19,7 +20,6 @@ from hhsim.bench.robustness.objects import (
     tree_of,
 )
 from hhsim.bench.robustness.postures import FIST, HALF, INDEX, POINTING, shifted
-from hhsim.bench.tick_records import hand_clearance
 from hhsim.hand.configuration import sequence
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.quaternion import quaternion, quaternion_product

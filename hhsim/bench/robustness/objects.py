@@ -176,21 +176,9 @@ def cone_mesh(radius: float, height: float, sides: int) -> Mesh:
 
 def sheet_mesh(width: float, depth: float) -> Mesh:
     """Return a sheet of no thickness, two triangles in the plane z = 0 about the origin [m]."""
-    return strips_mesh([-0.5 * width, 0.5 * width], [[-0.5 * depth, 0.5 * depth]])
-
-
-def strips_mesh(columns: Sequence[float], rows: Sequence[ArrayLike]) -> Mesh:
-    """Return rectangles in the plane z = 0, two triangles each; columns of different rows meet at T-junctions.
-
-    The borders of the columns along x, and of the rectangles of each column along y, ascend [m].
-    """
-    corners: list[tuple[float, float, float]] = []
-    for left, right, ys in zip(columns[:-1], columns[1:], rows, strict=True):
-        y = np.asarray(ys, np.float64)
-        for low, high in pairwise(y):
-            corners += [(left, low, 0.0), (right, low, 0.0), (right, high, 0.0)]
-            corners += [(left, low, 0.0), (right, high, 0.0), (left, high, 0.0)]
-    return loose_mesh(np.array(corners).reshape(-1, 3, 3))
+    x, y = 0.5 * width, 0.5 * depth
+    corners = np.array([(-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)])
+    return loose_mesh(corners[[(0, 1, 2), (0, 2, 3)]])
 
 
 def loose_mesh(corners: FloatArray) -> Mesh:

@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.figures import figure, summed
-from hhsim.bench.tick_records import placed_of
+from hhsim.bench.figures import figure, placed_of, summed
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.fingers import FINGERS

@@ -13,14 +13,13 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from hhsim.bench.figures import summed
+from hhsim.bench.figures import placed_of, summed
 from hhsim.bench.robustness.case import DEEPEST, Figure, HardCase, HardRun, Outcome, own_figures
 from hhsim.bench.robustness.contact_cases import CONTACT_CASES
 from hhsim.bench.robustness.input_cases import INPUT_CASES, INVARIANCE_CASES, endurance_case
 from hhsim.bench.robustness.safety import SAFETY, SafetyMeasure, pieces_of, recorded_penetration, solvers_of
 from hhsim.bench.robustness.triangle_cases import TRIANGLE_CASES
 from hhsim.bench.suite import Row, Suite, setting
-from hhsim.bench.tick_records import placed_of
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord

@@ -12,9 +12,8 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.bench import trade_off
-from hhsim.bench.figures import Figure, figure, mean, metric, worst
+from hhsim.bench.figures import Figure, figure, mean, metric, placed_of, worst
 from hhsim.bench.suite import Preset, Row, Suite, setting
-from hhsim.bench.tick_records import placed_of
 from hhsim.bench.trade_off import Cell, Run, Stage, Way, placed_at
 from hhsim.errors import check_known
 from hhsim.hand.configuration import HandConfiguration
