@@ -33,11 +33,11 @@ import os
 import re
 import shutil
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from glob import glob
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TextIO
 
 from msgspec import Meta, field, structs
 
@@ -345,21 +345,15 @@ class RowTask(FolderTask):
         )
         for name in (REPORT, PICTURE):
             request.beside(name).unlink(missing_ok=True)
-        with Path(os.devnull).open("w") as nowhere:
-            faulthandler.dump_traceback_later(self.row.time_limit, exit=True, file=nowhere)
-            try:
-                self.illustrate(request, outcome)
-            finally:
-                faulthandler.cancel_dump_traceback_later()
+        with Path(os.devnull).open("w") as nowhere, _within(self.row.time_limit, nowhere):
+            self.illustrate(request, outcome)
         return TaskEnd(self.digest)
 
     def _outcome(self, folder: Path) -> RowOutcome:
         try:
             with (folder / MARK).open("w", encoding="utf-8") as mark:
                 print(self.attempt, file=mark, flush=True)
-                # Its thread waits for no lock of Python, which compiled code may hold.
-                faulthandler.dump_traceback_later(self.row.time_limit, exit=True, file=mark)
-                try:
+                with _within(self.row.time_limit, mark):
                     files = row_files(self.row)
                     if row_digest(self.row) != self.digest:
                         raise LostFileError(CHANGED)
@@ -368,8 +362,6 @@ class RowTask(FolderTask):
                     finally:
                         if row_files(self.row) != files:
                             raise LostFileError(CHANGED)
-                finally:
-                    faulthandler.cancel_dump_traceback_later()
             if not self.row.request.out.is_file():
                 raise InputError(f"it wrote no {self.row.request.out.name}")
             return RowOutcome(
@@ -384,16 +376,22 @@ class RowTask(FolderTask):
                 findings=tuple(done.findings),
                 paths={name: Path(os.path.relpath(path, folder)).as_posix() for name, path in done.paths.items()},
             )
-        except LostFileError as error:
-            outcome = RowOutcome(digest=self.digest, state="failed", reason=error_line(error), is_final=False)
-        except TrajectoryError as error:
-            outcome = RowOutcome(digest=self.digest, state="refused", reason=error_line(error))
-        except InputError as error:
-            outcome = RowOutcome(digest=self.digest, state="failed", reason=error_line(error))
         except Exception as error:
-            outcome = RowOutcome(digest=self.digest, state="failed", reason=error_line(error), is_final=False)
-        _empty(folder, but=MARK)
-        return outcome
+            is_final = isinstance(error, InputError | TrajectoryError) and not isinstance(error, LostFileError)
+            state: State = "refused" if isinstance(error, TrajectoryError) else "failed"
+            _empty(folder, but=MARK)
+            return RowOutcome(digest=self.digest, state=state, reason=error_line(error), is_final=is_final)
+
+
+@contextmanager
+def _within(seconds: float, file: TextIO) -> Iterator[None]:
+    """End the process with a traceback in a file where this takes longer [s]."""
+    # Its thread waits for no lock of Python, which compiled code may hold.
+    faulthandler.dump_traceback_later(seconds, exit=True, file=file)
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
 
 
 def row_files(row: PlannedRepair) -> tuple[ReadFile, ...]:

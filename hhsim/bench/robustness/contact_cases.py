@@ -4,21 +4,9 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.bench.figures import hand_clearance
+from hhsim.bench.robustness import objects as shapes
 from hhsim.bench.robustness import postures
 from hhsim.bench.robustness.case import Figure, Figures, HardRun, Outcome, Runs, ball_run, largest_step, named_cases
-from hhsim.bench.robustness.objects import (
-    BALL_RADIUS,
-    ball,
-    ball_mesh,
-    joined_mesh,
-    mould,
-    plate,
-    right_hand,
-    ring,
-    ring_mesh,
-    roof_mesh,
-    tree_of,
-)
 from hhsim.bench.robustness.postures import FIST, HALF, INDEX, POINTING, shifted
 from hhsim.hand.configuration import sequence
 from hhsim.hand.forward_kinematics import PlacedHand
@@ -45,7 +33,7 @@ RIDGE_SPHERE = 3e-3
 def narrow_handle(seed: int) -> Runs:
     """A finger in a handle 1 mm wider than itself, shaken and pulled out."""
     random = np.random.default_rng([seed, 10])
-    radius, joints = right_hand().radius[INDEX], postures.joints_at_origin(POINTING)[INDEX]
+    radius, joints = shapes.right_hand().radius[INDEX], postures.joints_at_origin(POINTING)[INDEX]
     center, axis = 0.5 * (joints[1] + joints[2]), (joints[2] - joints[1]) / np.linalg.norm(joints[2] - joints[1])
     inner = float(0.5 * (radius[1] + radius[2]) + 0.5 * HANDLE_CLEARANCE)
     inside = still(np.zeros(3), flexion=POINTING)
@@ -64,7 +52,7 @@ def narrow_handle(seed: int) -> Runs:
         yield Figure("ticks of shaking with the finger through the ring's side", int((~within[125:725]).sum()), 0)
         yield outcome.left("pulling it out")
 
-    yield HardRun("ring", motion, ring(*place), ring_mesh(*place), judge)
+    yield HardRun("ring", motion, shapes.ring(*place), shapes.ring_mesh(*place), judge)
 
 
 def opposed_surfaces(seed: int) -> Runs:
@@ -96,7 +84,7 @@ def opposed_surfaces(seed: int) -> Runs:
 
 
 def _wedge() -> tuple[SphereTree, Mesh]:
-    points = plate(0.08, 0.08, 3e-3, 0.0) + [0.0, 0.04, 0.0]
+    points = shapes.plate(0.08, 0.08, 3e-3, 0.0) + [0.0, 0.04, 0.0]
     wall = box_mesh((0.08, 0.08, 4.6e-3)).transformed(np.eye(3), (0.0, 0.04, 0.0))
     spheres, walls = [], []
     for sign in (-1.0, 1.0):
@@ -106,7 +94,7 @@ def _wedge() -> tuple[SphereTree, Mesh]:
         spheres.append(turned + [0.0, 0.04, 0.0])
         turn = np.array([[1.0, 0.0, 0.0], [0.0, -cosine, -sine], [0.0, sine, -cosine]])
         walls.append(wall.transformed(turn, (0.0, 0.04, 0.0)))
-    return tree_of(np.concatenate(spheres), 2.3e-3), joined_mesh(walls)
+    return shapes.tree_of(np.concatenate(spheres), 2.3e-3), shapes.joined_mesh(walls)
 
 
 def _released(outcome: Outcome) -> Figures:
@@ -115,11 +103,11 @@ def _released(outcome: Outcome) -> Figures:
 
 def start_inside(seed: int) -> Runs:
     """A hand that begins inside the object, and leaves it."""
-    usual = ball(4000), ball_mesh()
-    wall = tree_of(plate(0.3, 0.3, 3e-3, 0.0), 2.3e-3), box_mesh((0.3, 0.3, 4.6e-3))
+    usual = shapes.ball(4000), shapes.ball_mesh()
+    wall = shapes.tree_of(shapes.plate(0.3, 0.3, 3e-3, 0.0), 2.3e-3), box_mesh((0.3, 0.3, 4.6e-3))
     for name, start, item in (
         ("palm in the middle", still((0.0, 0.0, 0.0), flexion=HALF), usual),
-        ("fingertip 10 mm in", still(postures.tip_at((0.0, 0.0, BALL_RADIUS - 0.01)), flexion=POINTING), usual),
+        ("fingertip 10 mm in", still(postures.tip_at((0.0, 0.0, shapes.BALL_RADIUS - 0.01)), flexion=POINTING), usual),
         ("ball in a closed fist", still(np.zeros(3), flexion=FIST), _fist_ball()),
         ("palm in a wall", still((0.0, 0.0, 0.0), flexion=HALF), wall),
     ):
@@ -140,7 +128,9 @@ def _judge_inside(outcome: Outcome) -> Figures:
 def _fist_ball() -> tuple[SphereTree, Mesh]:
     """A ball of 20 mm that the four fingers of a fist curl around."""
     middle = postures.joints_at_origin(FIST)[1:, 1:3].reshape(-1, 3).mean(axis=0)
-    return ball(300, 0.02).transformed(np.eye(3), middle), ball_mesh(0.02, 3).transformed(np.eye(3), middle)
+    return shapes.ball(300, 0.02).transformed(np.eye(3), middle), shapes.ball_mesh(0.02, 3).transformed(
+        np.eye(3), middle
+    )
 
 
 def object_in_fist(seed: int) -> Runs:
@@ -160,17 +150,17 @@ def object_in_fist(seed: int) -> Runs:
 def degenerate_spheres(seed: int) -> Runs:
     """Coincident spheres, spheres of no size, radii 1,000:1, one point."""
     random = np.random.default_rng([seed, 13])
-    motion = random_targets(right_hand(), 1200, random)
+    motion = random_targets(shapes.right_hand(), 1200, random)
     shell, points = random.normal(size=(300, 3)), random.normal(size=(2000, 3))
     for directions in (shell, points):
-        directions *= BALL_RADIUS / np.linalg.norm(directions, axis=1)[:, None]
+        directions *= shapes.BALL_RADIUS / np.linalg.norm(directions, axis=1)[:, None]
     core = np.concatenate([np.zeros((1, 3)), shell])
-    sizes = np.concatenate([[BALL_RADIUS], np.full(300, BALL_RADIUS / 1000.0)])
+    sizes = np.concatenate([[shapes.BALL_RADIUS], np.full(300, shapes.BALL_RADIUS / 1000.0)])
     same = np.concatenate([np.zeros((64, 3)), np.repeat([[0.0, 0.0, 0.03]], 64, axis=0)])
-    yield HardRun("64 spheres in one place", motion, tree_of(same, np.repeat([0.03, 0.02], 64)))
-    yield HardRun("spheres of no size", motion, tree_of(points, 0.0))
-    yield HardRun("radii 1,000:1", motion, tree_of(core, sizes))
-    yield HardRun("one point", postures.poke(), tree_of(np.zeros((1, 3)), 0.0))
+    yield HardRun("64 spheres in one place", motion, shapes.tree_of(same, np.repeat([0.03, 0.02], 64)))
+    yield HardRun("spheres of no size", motion, shapes.tree_of(points, 0.0))
+    yield HardRun("radii 1,000:1", motion, shapes.tree_of(core, sizes))
+    yield HardRun("one point", postures.poke(), shapes.tree_of(np.zeros((1, 3)), 0.0))
 
 
 def many_pairs(seed: int) -> Runs:
@@ -182,7 +172,7 @@ def many_pairs(seed: int) -> Runs:
         motion = rest.hold(4).line(pressed, 60).hold(50)
         for x, y in ((0.004, 0.0), (0.004, 0.004), (-0.004, -0.004), (0.0, 0.0)):
             motion = motion.line(shifted(pressed, x, y, 0.0), 60)
-        tree = mould(rest, pairs, 0.3e-3, 1e-3, np.random.default_rng([seed, 14]))
+        tree = shapes.mould(rest, pairs, 0.3e-3, 1e-3, np.random.default_rng([seed, 14]))
         motion = motion.hold(60).line(shifted(rest, 0.0, 0.0, 0.06), 100)
         yield HardRun(f"{pairs:,} pairs", motion, tree, judge=lambda outcome: [outcome.rest(slice(-161, -100))])
 
@@ -198,7 +188,7 @@ def cast_in(seed: int) -> Runs:
             flexion, abduction = 0.1 + random.normal(0.0, 0.3, (5, 3)), random.uniform(-0.4, 0.4, 5)
             target = still(random.normal(0.0, 0.003, 3), flexion=flexion, abduction=abduction)
             motion = sequence(motion, target).hold(9)
-        tree = mould(rest, 2000, gap, 2e-3, random, closed=True)
+        tree = shapes.mould(rest, 2000, gap, 2e-3, random, closed=True)
         yield HardRun(
             f"{1e3 * gap:g} mm of room",
             motion.line(rest, 60).hold(60),
@@ -212,7 +202,7 @@ def cast_in(seed: int) -> Runs:
 
 def too_many_pairs(seed: int) -> Runs:
     """More pairs than the arrays hold: a clear refusal."""
-    yield HardRun("5,000 spheres in one place", postures.poke(), tree_of(np.zeros((5000, 3)), 1e-3))
+    yield HardRun("5,000 spheres in one place", postures.poke(), shapes.tree_of(np.zeros((5000, 3)), 1e-3))
 
 
 def ridge(seed: int) -> Runs:
@@ -232,8 +222,8 @@ def ridge(seed: int) -> Runs:
     sliding.position[:] += np.concatenate(
         [0.08 * time, 0.003 * np.sin(40.0 * np.pi * time), np.zeros_like(time)], axis=1
     )
-    mesh = roof_mesh(0.12, 8.0 * RIDGE_SPHERE, 6.4 * RIDGE_SPHERE)
-    tree = tree_of(np.concatenate(rows), RIDGE_SPHERE)
+    mesh = shapes.roof_mesh(0.12, 8.0 * RIDGE_SPHERE, 6.4 * RIDGE_SPHERE)
+    tree = shapes.tree_of(np.concatenate(rows), RIDGE_SPHERE)
     yield HardRun("fingertip along it", sequence(motion, sliding).hold(60), tree, mesh, _judge_ridge)
 
 
@@ -248,15 +238,15 @@ def _judge_ridge(outcome: Outcome) -> Figures:
 
 def touching_at_rest(seed: int) -> Runs:
     """A hand that just touches, at rest."""
-    hand = right_hand()
+    hand = shapes.right_hand()
     joints = postures.joints_at_origin(np.zeros((5, 3)))
     rest = still(np.zeros(3))
     for finger, name in ((2, "middle fingertip"), (INDEX, "index fingertip")):
         ahead = (joints[finger, 3] - joints[finger, 2]) / np.linalg.norm(joints[finger, 3] - joints[finger, 2])
         point = joints[finger, 3] + (hand.radius[finger, 3] + 0.01) * ahead
         motion = rest._replace(position=-0.1 * ahead[None]).hold(4).line(rest, 100).hold(300)
-        yield HardRun(name, motion, tree_of(point, 0.01), judge=_judge_touching)
-    floor = tree_of(plate(0.3, 0.4, 3e-3, 2e-3), 2e-3)
+        yield HardRun(name, motion, shapes.tree_of(point, 0.01), judge=_judge_touching)
+    floor = shapes.tree_of(shapes.plate(0.3, 0.4, 3e-3, 2e-3), 2e-3)
     low, high = 0.0, 0.3
     for _ in range(60):
         middle = 0.5 * (low + high)
@@ -278,7 +268,7 @@ def _judge_touching(outcome: Outcome) -> Figures:
 
 def all_limits(seed: int) -> Runs:
     """Every joint commanded beyond its limit, in contact."""
-    hand = right_hand()
+    hand = shapes.right_hand()
     for name, limit, beyond in (("curled", hand.flexion_max, 0.5), ("stretched", hand.flexion_min, -0.5)):
 
         def judge(outcome: Outcome, limit: FloatArray = limit) -> Figures:
@@ -294,7 +284,7 @@ def all_limits(seed: int) -> Runs:
 def wire(seed: int) -> Runs:
     """A wire of no thickness at 5 m/s, between and across fingers."""
     z = np.arange(-0.15, 0.15, 0.8e-3)
-    tree = tree_of(np.stack([np.zeros_like(z), np.zeros_like(z), z], axis=1), 0.0)
+    tree = shapes.tree_of(np.stack([np.zeros_like(z), np.zeros_like(z), z], axis=1), 0.0)
     for name, flexion, abduction, finger in (
         ("spread fingers", np.zeros((5, 3)), np.array([0.0, 0.15, 0.0, -0.15, -0.3]), 2),
         ("index finger", POINTING, np.zeros(5), INDEX),
@@ -309,10 +299,10 @@ def abduction_squeeze(seed: int) -> Runs:
     """Two fingers close on a ball by abduction, which is not optimised."""
     joints = postures.joints_at_origin(np.full((5, 3), 0.1))
     between = 0.5 * (joints[1, 2] + joints[2, 2])
-    gap = 0.5 * float(np.linalg.norm(joints[1, 2] - joints[2, 2])) - right_hand().radius[1, 2]
+    gap = 0.5 * float(np.linalg.norm(joints[1, 2] - joints[2, 2])) - shapes.right_hand().radius[1, 2]
     radius = max(gap, 0.002)
-    mesh = ball_mesh(radius, 3).transformed(np.eye(3), between)
-    yield HardRun("ball between two fingers", postures.squeeze(), tree_of(between, radius), mesh)
+    mesh = shapes.ball_mesh(radius, 3).transformed(np.eye(3), between)
+    yield HardRun("ball between two fingers", postures.squeeze(), shapes.tree_of(between, radius), mesh)
 
 
 CONTACT_CASES = (

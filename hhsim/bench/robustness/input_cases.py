@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import FloatArray
+from hhsim.bench.robustness import objects as shapes
 from hhsim.bench.robustness.case import (
     SAME,
     Figure,
@@ -21,17 +22,6 @@ from hhsim.bench.robustness.case import (
     ball_run,
     named_cases,
     to_convergence,
-)
-from hhsim.bench.robustness.objects import (
-    ball,
-    ball_mesh,
-    disc,
-    disc_mesh,
-    loose_mesh,
-    plate,
-    right_hand,
-    scaled_hand,
-    tree_of,
 )
 from hhsim.bench.robustness.postures import HALF, POINTING, handling, tip_at
 from hhsim.hand.configuration import HandConfiguration, sequence
@@ -55,7 +45,9 @@ WALL = 0.16
 def deep_command(seed: int) -> Runs:
     """The haptic hand 100 mm inside a ball, and held there."""
     above, deep = (still((0.0, -0.03, height), flexion=HALF) for height in (0.21, 0.02))
-    yield HardRun("ball of 120 mm", above.line(deep, 190).hold(150), ball(4000, 0.12), ball_mesh(0.12), _judge_deep)
+    yield HardRun(
+        "ball of 120 mm", above.line(deep, 190).hold(150), shapes.ball(4000, 0.12), shapes.ball_mesh(0.12), _judge_deep
+    )
 
 
 def _judge_deep(outcome: Outcome) -> Figures:
@@ -67,7 +59,7 @@ def _judge_deep(outcome: Outcome) -> Figures:
 
 def fast_swipe(seed: int) -> Runs:
     """5 m/s through a leaf 1 mm thick, six ways."""
-    leaf, mesh = disc(LEAF_RADIUS, 0.8e-3, 1e-3), disc_mesh(LEAF_RADIUS, 1e-3)
+    leaf, mesh = shapes.disc(LEAF_RADIUS, 0.8e-3, 1e-3), shapes.disc_mesh(LEAF_RADIUS, 1e-3)
     tilted = quaternion(np.array([0.5, 0.3, 0.2]))
     for name, direction, orientation, flexion in (
         ("fingertip", (0.0, 0.0, -1.0), np.array(UPRIGHT), POINTING),
@@ -89,7 +81,7 @@ def teleport(seed: int) -> Runs:
     """Jumps of 0.5 m: through air, across a ball and a wall."""
     random = np.random.default_rng([seed, 1])
     turned = quaternion(np.array([0.4, 0.3, 0.1]))
-    wall = tree_of(plate(2.0 * WALL, 2.0 * WALL, 3e-3, 0.0), 2.3e-3)
+    wall = shapes.tree_of(shapes.plate(2.0 * WALL, 2.0 * WALL, 3e-3, 0.0), 2.3e-3)
     jumps = [still((0.0, 0.0, 0.3), flexion=HALF)]
     for _ in range(25):
         direction = random.normal(size=3)
@@ -116,7 +108,7 @@ def teleport(seed: int) -> Runs:
 
 def palm_through_wall(seed: int) -> Runs:
     """The palm commanded 150 mm behind a wall 1 mm thick."""
-    wall, mesh = disc(WALL_RADIUS, 1.6e-3, 1e-3), disc_mesh(WALL_RADIUS, 1e-3)
+    wall, mesh = shapes.disc(WALL_RADIUS, 1.6e-3, 1e-3), shapes.disc_mesh(WALL_RADIUS, 1e-3)
     for name, rotation in (("flat", np.zeros(3)), ("tilted", np.array([0.3, -0.4, 0.0]))):
         start, behind = (still((0.0, 0.0, height), quaternion(rotation), HALF) for height in (0.1, -0.15))
         motion = start.line(behind, 300).hold(150)
@@ -303,8 +295,8 @@ def stiffness_scale(seed: int) -> Runs:
 
 def stiffness_ratios(seed: int) -> Runs:
     """k_t, k_r and k_θ each times 1e-3 to 1e6."""
-    motion = random_targets(right_hand(), 600, np.random.default_rng([seed, 20]))
-    scene = HardRun("", motion, ball(1200), ball_mesh(subdivisions=3))
+    motion = random_targets(shapes.right_hand(), 600, np.random.default_rng([seed, 20]))
+    scene = HardRun("", motion, shapes.ball(1200), shapes.ball_mesh(subdivisions=3))
     for ratio in (1e-3, 1e-1, 1e1, 1e3, 1e6):
         for i, name in enumerate(("k_t", "k_r", "k_θ")):
             adapt = _stiffer(*(ratio if i == j else 1.0 for j in range(3)))
@@ -329,7 +321,7 @@ def _scaled(factor: float) -> HardRun:
         motion=scene.motion._replace(position=scene.motion.position * factor),
         tree=scene.tree.scaled(factor),
         mesh=scene.mesh.scaled(factor),
-        hand=scaled_hand(scene.hand, factor),
+        hand=shapes.scaled_hand(scene.hand, factor),
         scale=factor,
     )
 
@@ -348,7 +340,7 @@ def doubled_constraints(seed: int) -> Runs:
         ("each piece eight times", center, corners),
         ("eight times, 1e-9 rad apart", shaken, askew),
     ):
-        tree, mesh = tree_of(spheres, radius), loose_mesh(triangles)
+        tree, mesh = shapes.tree_of(spheres, radius), shapes.loose_mesh(triangles)
         yield replace(scene, name=name, tree=tree, mesh=mesh, judge=_same())
 
 
@@ -371,7 +363,7 @@ def _loops(repeats: int) -> Runs:
     around = _around(pressed, LOOP - 600)
     through_air = sequence(above.hold(49).line(pressed, 250), around).hold(60).line(above, 220).hold(20)
     in_contact = _around(pressed, LOOP - 100).hold(100)
-    scene = "", through_air, ball(1200), ball_mesh(subdivisions=3), _judge_loop
+    scene = "", through_air, shapes.ball(1200), shapes.ball_mesh(subdivisions=3), _judge_loop
     run = HardRun(*scene, repeats=repeats, marks=(LOOP - 242, LOOP - 1))
     yield replace(run, name="through air and contact")
     lead = above.line(pressed, 250).hold(50)

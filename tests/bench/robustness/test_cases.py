@@ -32,12 +32,8 @@ SOME_PAIRS, ALL_PAIRS = 5e5, 4e9
 BY_BOTH = ("start-inside", "bad-samples")
 """By `progressive`, every time; by `coupled` all but those alike, and all by both in the soak."""
 ALIKE = (
-    "doubled-constraints",
-    "stiffness-ratios",
-    "scaled-scene",
-    "quaternion-flips",
-    "palm-through-wall",
-    "endurance",
+    *("doubled-constraints", "stiffness-ratios", "scaled-scene", "quaternion-flips"),
+    *("palm-through-wall", "endurance"),
 )
 """Scenes of which another is as hard; `make soak` has them."""
 
