@@ -258,28 +258,15 @@ class Estimate:
 
 
 def estimate(plan: SweepPlan, folder: SweepFolder) -> Estimate:
-    """Count the cells, and estimate the time of those left by the most similar that ran; the folder need not exist."""
+    """Count the cells, and estimate the time of those left by those that ran here; the folder need not exist."""
     done = {planned.digest for planned in plan.cells if folder.done(planned)}
     failed = {planned.digest for planned in plan.cells if planned.digest not in done and folder.failure(planned)}
-    left = [planned for planned in plan.cells if planned.digest not in done | failed]
-    spent, here = dict[tuple[Any, ...], tuple[int, float]](), info.machine()
+    left = sum(planned.run_ticks for planned in plan.cells if planned.digest not in done | failed)
+    ticks, seconds, here = 0, 0.0, info.machine()
     for planned in plan.cells:
         row = folder.row(planned)
         if row.get("machine") == here:
-            runs = planned.ticks * row.get("repeated", {}).get("runs", 1)
-            for likeness in _likenesses(planned.cell):
-                ticks, seconds = spent.get(likeness, (0, 0.0))
-                spent[likeness] = ticks + runs, seconds + float(row["seconds"])
-    total = 0.0
-    for planned in left:
-        known = (spent[likeness] for likeness in _likenesses(planned.cell) if likeness in spent)
-        ticks, seconds = next(known, (0, math.nan))
-        total += planned.run_ticks * seconds / max(1, ticks)
-    return Estimate(len(plan.cells), len(done), len(failed), sum(planned.run_ticks for planned in left), total)
-
-
-def _likenesses(cell: Cell) -> tuple[tuple[Any, ...], ...]:
-    """Return keys that similar cells share, the most specific first."""
-    # Method, surface and options decide most of a tick's time.
-    same, shape, motion = (cell.method, cell.surface, cell.options_name), cell.object.name, cell.motion.name
-    return (*same, shape, motion), (*same, shape), (*same, None, motion), same, ()
+            ticks += planned.ticks * row.get("repeated", {}).get("runs", 1)
+            seconds += float(row["seconds"])
+    time = left * seconds / ticks if ticks else math.nan
+    return Estimate(len(plan.cells), len(done), len(failed), left, time)
