@@ -1,7 +1,8 @@
 """Tables of `hhsim bench`: JSON of format `hhsim-bench`, and the same as CSV beside it; SI units.
 
-The JSON file has the columns with their units and meanings, the rows, the options, versions and machine. The header of
-the CSV file names each column and, in brackets, its unit. A missing number is null in JSON and an empty cell in CSV.
+The JSON file has the columns with their units, those that people read, and meanings, the rows, the options, versions
+and machine. The header of the CSV file names each column and, in brackets, its unit. A missing number is null in JSON
+and an empty cell in CSV.
 """
 
 import json
@@ -16,7 +17,7 @@ from hhsim.system.atomic_write import write_together
 from hhsim.system.input_file import read_input_text
 from hhsim.system.output_path import check_output_path
 from hhsim.system.plain_json import plain_json
-from hhsim.table.table import BARE, Column, Table, stored_unit
+from hhsim.table.table import Column, Table, stored_unit
 
 FORMAT, VERSION = "hhsim-bench", 1
 SUFFIX = ".json"
@@ -73,7 +74,9 @@ def write_table(
         "suite": suite,
         **info.file_attributes(),
         "options": options,
-        "columns": [{"name": one.name, "unit": stored_unit(one.unit), "says": one.says} for one in columns],
+        "columns": [
+            {"name": one.name, "unit": stored_unit(one.unit), "shown": one.unit, "says": one.says} for one in columns
+        ],
         "rows": table.records,
     }
     text = json.dumps(
@@ -105,9 +108,7 @@ def load_table(path: Path) -> BenchTable:
     if found.get("version") != VERSION:
         raise InputError(f"{path}: version {found.get('version')!r} of a table, this hhsim reads {VERSION}")
     try:
-        columns = tuple(
-            Column(one["name"], one["says"], "" if one["unit"] in BARE else one["unit"]) for one in found.pop("columns")
-        )
+        columns = tuple(Column(one["name"], one["says"], one["shown"]) for one in found.pop("columns"))
         rows = tuple({column.name: row[column.name] for column in columns} for row in found.pop("rows"))
         for name in (column.name for column in columns):
             missing = "" if any(isinstance(row[name], str) for row in rows) else float("nan")

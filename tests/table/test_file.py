@@ -13,7 +13,7 @@ from hhsim.table.table import Column
 COLUMNS = (
     Column("method", "method of the solver"),
     Column("level", "level of the sphere tree"),
-    Column("tick_p50", "median CPU time of a tick", "s"),
+    Column("tick_p50", "median CPU time of a tick", "µs"),
     Column("passed", "whether the bar was met"),
 )
 ROWS = (
@@ -69,7 +69,7 @@ def test_what_is_no_table_is_not_replaced(tmp_path: Path) -> None:
         ({"format": "hhsim-tree"}, "hhsim-tree"),
         ({"version": 2}, "version 2"),
         ({"columns": None}, "no readable table"),
-        ({"columns": [{"name": "gone", "unit": "1", "says": ""}]}, "gone"),
+        ({"columns": [{"name": "gone", "unit": "1", "shown": "", "says": ""}]}, "gone"),
         ({"rows": [3]}, "no readable table"),
         ({"suite": None, "options": 5}, "no readable table"),
     ],
