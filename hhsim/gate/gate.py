@@ -69,12 +69,12 @@ class RecordedScene(Settings, frozen=True, kw_only=True, forbid_unknown_fields=F
 
     @property
     def figures(self) -> RunFigures:
-        """Figures of the run, NaN for those that are undefined or not in the file, `cpu_p50` too."""
+        """Figures of the run, NaN for those that are undefined or not in the file."""
         found = {name: self.errors.get(name) for name in compared_metrics()}
         errors = {name: math.nan if value is None else value for name, value in found.items()}
         counters = {name: self.counters[name] for name in COUNTERS if name in self.counters}
         shown = {name: np.array(values) for name, values in self.shown.items()}
-        return RunFigures(self.inputs, errors, counters, math.nan, digest=self.digest, shown=shown)
+        return RunFigures(self.inputs, errors, counters, digest=self.digest, shown=shown)
 
 
 class Baseline(Settings, frozen=True, forbid_unknown_fields=False):
