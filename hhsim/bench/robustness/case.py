@@ -167,11 +167,16 @@ def named_cases(*builds: Callable[[int], Runs], **how: bool) -> tuple[HardCase, 
 
 
 def own_figures(outcomes: Sequence[Outcome]) -> list[Figure]:
-    """Return the figures of a case's runs, none of which was refused; of those of one name the worst, or NaN."""
-    worst: dict[str, Figure] = {}
-    for found in (figure for outcome in outcomes for figure in outcome.run.judge(outcome)):
-        other = worst.setdefault(found.name, found)
-        beyond = found.value < other.value if found.at_least else found.value > other.value
-        if beyond or np.isnan(found.value):
-            worst[found.name] = found
-    return list(worst.values())
+    """Return the figures of a case whose runs were not refused: of those of one name the sum of counts, or the worst.
+
+    NaN is the worst.
+    """
+    found: dict[str, Figure] = {}
+    for new in (figure for outcome in outcomes for figure in outcome.run.judge(outcome)):
+        old = found.setdefault(new.name, new)
+        is_worse = new.value < old.value if new.at_least else new.value > old.value
+        if old is not new and isinstance(new.value, int):
+            found[new.name] = replace(old, value=old.value + new.value)
+        elif is_worse or np.isnan(new.value):
+            found[new.name] = new
+    return list(found.values())

@@ -31,6 +31,9 @@ from hhsim.mesh.shapes import box_mesh
 from hhsim.motion.analytic_motion import UPRIGHT, hold_readings, random_targets, sound_samples, still
 from hhsim.solver.options import SolverOptions, Stiffness
 
+Adapt = Callable[[SolverOptions], SolverOptions]
+Judge = Callable[[Outcome], Figures]
+
 TOUCHING = 1e-5
 """A hand this near [m] touches."""
 LEAF_RADIUS = 0.045
@@ -38,8 +41,19 @@ LEAF_RADIUS = 0.045
 WALL_RADIUS = 0.1
 """Radius of the wall in front of the palm [m]."""
 LATE = "a hand that waits for its first sample"
+"""What the last run of `bad_samples` is compared with."""
 WALL = 0.16
 """Half the width of the wall that the hand jumps across [m]."""
+TICKS = 700
+"""Ticks of the usual scene."""
+STRAIGHT = np.eye(3)
+LOOP = 2000
+"""Ticks of a closed loop."""
+DRIFT = 1e-9
+"""A hand shows the same pose [m] at the same place of every loop."""
+GROWTH = 1e6
+"""Bar of the growth of resident memory [B] over the second half of a run: eight bytes lost in each tick of ten minutes,
+in two runs, would be 1.2 MB there."""
 
 
 def deep_command(seed: int) -> Runs:
@@ -148,7 +162,7 @@ def bad_samples(seed: int) -> Runs:
         yield ball_run(name, motion, judge=_judge_samples(like))
 
 
-def _judge_samples(like: str) -> Callable[[Outcome], Figures]:
+def _judge_samples(like: str) -> Judge:
     """Judge what is told of samples; `like` names a run that is to come out like the one before it."""
 
     def judge(outcome: Outcome) -> Figures:
@@ -198,20 +212,6 @@ def _judge_never(outcome: Outcome) -> Figures:
 INPUT_CASES = named_cases(
     *(deep_command, fast_swipe, teleport, palm_through_wall, bad_samples, sudden_turns, never_touches)
 )
-
-
-Adapt = Callable[[SolverOptions], SolverOptions]
-Judge = Callable[[Outcome], Figures]
-
-TICKS = 700
-STRAIGHT = np.eye(3)
-LOOP = 2000
-"""Ticks of a closed loop."""
-DRIFT = 1e-9
-"""A hand shows the same pose [m] at the same place of every loop."""
-GROWTH = 1e6
-"""Bar of the growth of resident memory [B] over the second half of a run: eight bytes lost in each tick of ten minutes,
-in two runs, would be 1.2 MB there."""
 
 
 def usual(judge: Judge = lambda outcome: (), **more: Any) -> HardRun:

@@ -34,6 +34,10 @@ from hhsim.verify.kinematics import OwnHand, Posed, pose
 
 Pose = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
+SAFE_DEPTH = 1e-6
+"""Penetration [m] that a method which promises none may show."""
+BLOCK = 2048
+"""Ticks that are run and measured together."""
 WORTH = 0.01
 """A step must lower the coupling energy by this share of what the same step lowers it in free space."""
 SHARES = (1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4)
@@ -165,12 +169,6 @@ def _moved(here: Pose, step: FloatArray) -> Pose:
     orientation = np.array(here[1])
     rotate_quaternion(orientation, step[3], step[4], step[5], orientation)
     return here[0] + step[:3], orientation, here[2] + step[6:].reshape(5, 3), here[3]
-
-
-SAFE_DEPTH = 1e-6
-"""Penetration [m] that a method which promises none may show."""
-BLOCK = 2048
-"""Ticks that are run and measured together."""
 
 
 def solvers_of(methods: Names | None, surfaces: Names, **options: Any) -> list[SolverOptions]:
