@@ -8,7 +8,7 @@ from hhsim.bench.manipulation_stage import Pinch, clearance, gripped
 from hhsim.bench.suites.manipulation import CASES, ManipulationOptions, answer, missed, slope
 from hhsim.errors import InputError, UnknownNameError
 
-SHORT = ManipulationOptions(rest=1.0, held=1.0)
+SHORT = ManipulationOptions(rest=1.0, held=2.0)
 
 
 @pytest.mark.parametrize("case", sampled(CASES, lambda _, case: case in ("slope", "tipping", "rest")))
