@@ -1,6 +1,6 @@
 """`hhsim bench`: one command for every suite, whose options are the fields of the suite's settings."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import Field, asdict, fields
 from functools import partial
 from pathlib import Path
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Union, get_args, g
 import click
 
 from hhsim.system.counted import counted
-from hhsim.table.table import Table
 
 from .arguments import options
 from .arguments.comma_list import read_counts, read_names
@@ -82,7 +81,7 @@ command = SuiteGroup(
     \b
     Examples:
       hhsim bench hard
-      hhsim bench speed-error --out tradeoff.h5
+      hhsim bench speed-error --out tradeoff.json
     """,
     callback=show_help,
 )
@@ -100,9 +99,9 @@ def suite_command(name: str, suite: "Suite") -> click.Command:
         decorated = RunningOptions.argument("running")(decorated)
     if suite.listed is not None:
         decorated = click.option("--list", "listed", is_flag=True, help="List what there is and run none.")(decorated)
-    if suite.picture == "trade-off":
+    if suite.draw is not None and suite.check_folder is None:
         decorated = options.picture(decorated)
-    elif suite.picture:
+    elif suite.draw is not None:
         help = "Draw the scenes and curves in the manner of the paper's Figs. 11 to 15 here, as PNG, PDF and SVG."
         decorated = click.option("--plot", type=options.OUTPUT, metavar="FOLDER", help=help)(decorated)
     if suite.preset is not None:
@@ -118,16 +117,16 @@ def suite_command(name: str, suite: "Suite") -> click.Command:
 
 def _declared(field: "Field[Any]", hint: Any) -> Decorator:
     """Return the option or argument of a setting."""
-    about = field.metadata
+    about, completed = field.metadata, complete_object if field.name == "objects" else None
     if about["argument"]:
-        return click.argument(field.name, metavar=about["metavar"], nargs=-1, shell_complete=_completed(field.name))
+        return click.argument(field.name, metavar=about["metavar"], nargs=-1, shell_complete=completed)
     if not about["help"]:
         return SHARED[field.name]
     kind = _kind(hint)
     how: dict[str, Any] = {"metavar": about["metavar"] or kind.metavar}
     if kind.is_list:
         numbers = partial(read_counts, int(kind.least), int(kind.most)) if kind.type is int else read_names
-        how |= {"multiple": True, "callback": numbers, "shell_complete": _completed(field.name)}
+        how |= {"multiple": True, "callback": numbers, "shell_complete": completed}
     elif kind.type is bool:
         how = {"is_flag": True}
     elif kind.type is int:
@@ -137,20 +136,13 @@ def _declared(field: "Field[Any]", hint: Any) -> Decorator:
     elif how["metavar"] == "FILE":
         how["type"] = click.Path()
     default = field.default
-    usual = "" if default in (None, "", ()) or kind.type is bool else ",".join(map(str, _listed(default)))
+    listed = default if isinstance(default, tuple) else (default,)
+    usual = "" if default in (None, "", ()) or kind.type is bool else ",".join(map(str, listed))
     help = f"{about['help']} Default: {usual}." if usual else about["help"]
     # None, so that a preset counts where it is not given.
     return click.option(
         about["flag"] or f"--{field.name.replace('_', '-')}", field.name, help=help, default=None, **how
     )
-
-
-def _completed(name: str) -> Callable[..., Any] | None:
-    return complete_object if name == "objects" else None
-
-
-def _listed(value: Any) -> Sequence[Any]:
-    return value if isinstance(value, tuple) else (value,)
 
 
 class _Kind(NamedTuple):
@@ -187,7 +179,7 @@ def run_suite(
     name: str, suite: "Suite", output: options.Output, where: RunningOptions | None, given: dict[str, Any]
 ) -> int:
     """Run a suite, write its tables and its picture, print them; return 1 if a bar is missed."""
-    from hhsim.bench.suite import Running, run_cells, run_tasks_of
+    from hhsim.bench.suite import run_cells, run_tasks_of, tables_of
     from hhsim.table.file import check_table_path, table_document, write_table
 
     plot, listed = given.pop("plot", None), given.pop("listed", False)
@@ -195,20 +187,26 @@ def run_suite(
     values = {key: value for key, value in given.items() if value is not None}
     settings = suite.settings(**{**(suite.preset.values if suite.preset and is_preset else {}), **values})
     if listed and suite.listed is not None:
-        _print_list(suite.listed(settings), as_json=output.as_json)
+        found = suite.listed(settings)
+        if output.as_json:
+            print_json({"rows": found.records})
+        else:
+            print_table(found)
         return 0
-    path, described = output.path(f"bench-{name}"), asdict(settings)
+    path, described = output.path(f"bench-{name}", ".json"), asdict(settings)
     check_table_path(path)
     picture = _picture(suite, path, plot)
     figures: list[Any] = []
-    running = Running(where.jobs, where.scheduler, where.resume) if where else Running()
+    running: dict[str, Any] = {}
+    if where and (where.jobs > 1 or where.scheduler or where.resume):
+        running = {"jobs": where.jobs, "scheduler": where.scheduler, "folder": where.resume}
     with progress(quiet=output.quiet) as report:
         stopped: KeyboardInterrupt | None = None
         try:
-            if not running.is_plain:
-                figures += run_tasks_of(name, settings, running, report)
-            for found in run_cells(suite, settings, report) if running.is_plain else ():
-                figures.append(found)
+            if running:
+                figures += run_tasks_of(name, settings, report, **running)
+            for one in () if running else run_cells(suite, settings, report):
+                figures.append(one)
         except KeyboardInterrupt as interrupt:
             if not figures:
                 raise
@@ -218,73 +216,32 @@ def run_suite(
         if stopped is not None:
             stopped.add_note(f"what ran so far, {len(rows):,} in all, is in {path} and its .csv file")
             raise stopped
-        paths, more = [path], dict[str, Any]()
-        for end, (columns, found) in suite.more(figures).items():
-            paths.append(path.with_name(f"{path.stem}-{end}{path.suffix}"))
-            more[end] = Table(columns, found).records
-            write_table(paths[-1], name, columns, more[end], described)
         note = f"{suite.preset.flag} run" if suite.preset and is_preset and suite.preset.flag == "quick" else ""
-        pictures = _draw(suite, name, picture, settings, figures, rows, report, note)
+        pictures = suite.draw(picture, settings, rows, figures, report, note) if suite.draw and picture else []
     missed, notes = suite.missed(settings, rows), suite.notes(settings, figures)
     if output.as_json:
         plots = {"pictures": list(map(str, pictures))} if pictures else {}
         document = table_document(path, suite.columns, described, **plots)
-        print_json({**document, "missed": missed, "notes": notes, "rows": rows, **more})
+        print_json({**document, "missed": missed, "notes": notes, "rows": rows})
     elif not output.quiet:
-        for table in suite.tables(settings, rows, figures):
+        for table in tables_of(suite, settings, rows, figures):
             print_table(table, optional=suite.optional)
             print()
         for line in (*suite.lines(settings, rows), *(f"missed: {what}" for what in missed)):
             print_line(line)
         print_notes(notes)
-        tables = " and ".join(f"{table} and {table.with_suffix('.csv')}" for table in paths)
         drawn = f", the picture in {picture}" if len(pictures) == 1 else ""
         drawn = f", {counted(len(pictures), 'picture')} in {plot}" if len(pictures) > 1 else drawn
-        print_line(f"the table is in {tables}{drawn}")
+        print_line(f"the table is in {path} and {path.with_suffix('.csv')}{drawn}")
     return 1 if missed else 0
-
-
-def _print_list(table: Table, *, as_json: bool) -> None:
-    if as_json:
-        print_json({"rows": table.records})
-    else:
-        print_table(table)
 
 
 def _picture(suite: "Suite", table: Path, plot: Path | None) -> Path | None:
     """Return the path of the picture, or of the folder of pictures, if there is to be one; it is checked."""
-    if suite.picture == "trade-off":
+    if suite.draw is not None and suite.check_folder is None:
         from hhsim.system.output_path import picture_beside
 
         return picture_beside(table, plot)
-    if plot is not None:
-        from hhsim.bench.paper.figures import check_folder
-
-        check_folder(plot)
+    if suite.check_folder is not None and plot is not None:
+        suite.check_folder(plot)
     return plot
-
-
-def _draw(
-    suite: "Suite",
-    name: str,
-    path: Path | None,
-    settings: Any,
-    figures: Sequence[Any],
-    rows: Sequence[Mapping[str, Any]],
-    report: Any,
-    note: str,
-) -> list[Path]:
-    """Draw the picture, or the pictures, of a suite."""
-    if path is None:
-        return []
-    if suite.picture == "trade-off":
-        from hhsim.report.trade_off import draw_trade_off
-        from hhsim.table.file import rows_of
-
-        others = getattr(settings, "peers", None)
-        draw_trade_off(path, name, rows, rows_of(Path(others), "peers") if others else [], note)
-        return [path]
-    from hhsim.bench.paper.figures import draw_all
-    from hhsim.bench.paper.run import PaperRuns
-
-    return draw_all(path, PaperRuns.of_all(figures), report, note)

@@ -49,7 +49,7 @@ def command(
       hhsim report results/grasp.h5
       hhsim report coupled.h5 progressive.h5 --out methods.html
       hhsim report grasp.h5 --figure series --width 88mm --out fig.pdf
-      hhsim report results/speed-error.h5 --figure speed-error --out fig.svg
+      hhsim report results/speed-error.json --figure speed-error --out fig.svg
     """
     if figure is not None:
         _write_figure(results, figure, width or WIDTH, out, printing)
@@ -66,7 +66,8 @@ def command(
         report = make_report(results, progress=bar)
     files = write_report(report, out or dated_output_path(f"{DATE.sub('', results[0].stem)}-report", suffix=""))
     if printing.as_json:
-        print_json({**report.to_json(), **files.to_json(), "seconds": time.perf_counter() - begin})
+        paths = {"report": str(files.page), "pictures": list(map(str, files.pictures))}
+        print_json({**report.to_json(), **paths, "seconds": time.perf_counter() - begin})
     elif not printing.quiet:
         for line in report.verdict_lines():
             print_line(line)

@@ -1,7 +1,7 @@
 """`hhsim sweep`."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -66,15 +66,16 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
       hhsim sweep plan.toml --retry-failed
       hhsim sweep plan.toml --scheduler tcp://10.0.0.1:8786 --out /shared/first
     """
-    from hhsim.sweep.cell_table import TABLE, cell_rows, figure_table
+    from hhsim.sweep.cell_table import COLUMNS, TABLE, cell_rows
     from hhsim.sweep.folder import SweepFolder
     from hhsim.sweep.plan import load_plan
-    from hhsim.sweep.sweep import SweepOptions, estimate, run_sweep
+    from hhsim.sweep.sweep import estimate, run_sweep
     from hhsim.system.atomic_write import write_atomically
     from hhsim.system.output_path import RESULTS
+    from hhsim.system.thread_pool import physical_cores
 
     end_on_sigterm()
-    chosen = SweepOptions(settings.jobs or 0, settings.scheduler, settings.retry_failed, not settings.summary_only)
+    jobs = settings.jobs or 0
     with progress(quiet=printing.quiet) as report:
         report("reading the plan", 0, 1)
         read = load_plan(plan)
@@ -84,11 +85,12 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
         if settings.dry_run:
             found = estimate(read, folder)
         else:
-            ended = run_sweep(read, folder, chosen, report)
+            how: dict[str, Any] = {"retry_failed": settings.retry_failed, "keep_results": not settings.summary_only}
+            ended = run_sweep(read, folder, jobs=jobs, scheduler=settings.scheduler, **how, progress=report)
             rows = cell_rows(read, folder)
-            write_atomically(folder.path / TABLE, figure_table(rows).csv().encode())
+            write_atomically(folder.path / TABLE, Table(COLUMNS, rows).csv().encode())
     if settings.dry_run:
-        _print_estimate(found, chosen.workers, as_json=printing.as_json)
+        _print_estimate(found, jobs or max(1, len(physical_cores())), as_json=printing.as_json)
         return 0
     if printing.as_json:
         print_json(
@@ -102,7 +104,7 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
                 ],
                 "ticks": ended.ticks,
                 "seconds": ended.seconds,
-                "rows": figure_table(rows).records,
+                "rows": rows,
                 "notes": list(read.notes),
             }
         )
@@ -132,7 +134,7 @@ def _print(ended: "SweepSummary", rows: "Sequence[CellRow]", folder: Path) -> No
     from hhsim.sweep.cell_table import FAILED, TABLE, shown_table
     from hhsim.sweep.folder import lasting
 
-    done = [row for row in rows if row.verdict != FAILED]
+    done = [row for row in rows if row["verdict"] != FAILED]
     if done:
         table = shown_table(done[:MOST_ROWS])
         print_table(table, optional=("stuck", "over optimum [%]", "force [N]", "p99 [µs]", "surface"))

@@ -9,9 +9,8 @@ from hypothesis import HealthCheck, given, note, settings
 from hypothesis import strategies as st
 from sphere_scenes import bumpy_ball, cloud
 
-from hhsim.bench.robustness.local_optimality import pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
-from hhsim.bench.robustness.safety import SafetyMeasure, recorded_penetration
+from hhsim.bench.robustness.safety import SafetyMeasure, pieces_of, recorded_penetration
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.analytic_motion import hold_readings
@@ -82,7 +81,7 @@ def scenes(draw: st.DrawFn) -> Scene:
         rotation_spread=draw(st.floats(0.0, 2.0)),
         sweep=draw(st.booleans()),
         longest_step=draw(logarithmic(1e-4, 2e-2)),
-        bound=draw(st.sampled_from(["palm", "hand", "none"])),
+        bound=draw(st.sampled_from(["palm", "none"])),
         wild=draw(st.booleans()),
     )
     side, seed = st.sampled_from(["right", "left"]), st.integers(0, 2**32 - 1)

@@ -33,7 +33,7 @@ PACKAGES = (
     "hhsim.repair",
     "hhsim.sweep",
     "hhsim.gate",
-    *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.manipulation", "hhsim.bench.suites"),
+    *("hhsim.bench", "hhsim.bench.paper", "hhsim.bench.robustness", "hhsim.bench.suites"),
     "hhsim.engines",
 )
 """Every package of the library, lowest first: a module imports from its own package and from those before it."""

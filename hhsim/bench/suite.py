@@ -66,27 +66,42 @@ class Suite:
     run: Callable[[Any, Any], Any]  # figures of a cell; None before the first time
     # Of the settings and the figures of all cells; without it, the figures of a cell are a list of rows.
     rows: Callable[[Any, Sequence[Any]], list[Row]] = lambda settings, figures: list(chain.from_iterable(figures))
-    # What people read, of the settings, the rows and the figures.
-    tables: Callable[[Any, Sequence[Row], Sequence[Any]], Sequence[Table]]
+    # What people read: columns as of `Table.of_records`, which rows, the column that they are sorted by, that of which
+    # each value has a table of its own, and the title. Or tables, of the settings, the rows and the figures.
+    shown: str = ""
+    is_shown: Callable[[Sequence[Row], Row], bool] = lambda rows, row: True
+    sort: str = ""
+    by: str = ""
+    title: Callable[[Any], str] = lambda settings: ""
+    tables: Callable[[Any, Sequence[Row], Sequence[Any]], Sequence[Table]] | None = None
     missed: Callable[[Any, Sequence[Row]], list[str]] = no_lines  # missed bars, a few words each: exit code 1
     lines: Callable[[Any, Sequence[Row]], list[str]] = no_lines  # what people read below the tables
     notes: Callable[[Any, Sequence[Any]], list[str]] = no_lines  # remarks on the figures
-    # Further tables, each in a file of its own: by the end of its name columns and rows, of the figures.
-    more: Callable[[Sequence[Any]], Mapping[str, tuple[Sequence[Column], Sequence[Any]]]] = lambda figures: {}
     named: Callable[[Any], str] = lambda cell: "cells"  # name of a cell in the progress
     optional: Sequence[str] = ()  # headings of columns that a narrow terminal leaves out
     preset: Preset | None = None
     # True if the figures of a cell are a list of rows of plain values: it can be run anywhere, and kept.
     is_portable: bool = False
     key: Callable[[Any], str] = lambda cell: ""  # digest of what a cell depends on besides the settings
-    # Kind of its picture: "trade-off", beside the table, "paper", a folder if one is named, or "" for none.
-    picture: str = ""
+    # Draws its pictures, of path, settings, rows, figures, progress and a note on the run; returns their paths.
+    draw: Callable[[Path, Any, Sequence[Row], Sequence[Any], Progress, str], list[Path]] | None = None
+    # Checks the folder of its pictures, before the work; without it there is one, a file beside the table.
+    check_folder: Callable[[Path], None] | None = None
     listed: Callable[[Any], Table] | None = None  # table of what there is, for --list
 
 
-def measure(suite: Suite, settings: Any, progress: Progress = silent) -> list[Any]:
-    """Return the figures of all cells."""
-    return list(run_cells(suite, settings, progress))
+def tables_of(suite: Suite, settings: Any, rows: Sequence[Row], figures: Sequence[Any]) -> Sequence[Table]:
+    """Return what people read of the rows."""
+    if suite.tables is not None:
+        return suite.tables(settings, rows, figures)
+    chosen = [row for row in rows if suite.is_shown(rows, row)]
+    if suite.sort:
+        chosen.sort(key=lambda row: float(row[suite.sort]))
+    title, groups = suite.title(settings), dict[str, list[Row]]()
+    for row in chosen:
+        groups.setdefault(row[suite.by] if suite.by else "", []).append(row)
+    names = {value: ": ".join(filter(None, (value, title))) for value in groups}
+    return [Table.of_records(suite.columns, group, suite.shown, names[value]) for value, group in groups.items()]
 
 
 def run_cells(suite: Suite, settings: Any, progress: Progress = silent) -> Iterator[Any]:
@@ -110,20 +125,6 @@ def run_cells(suite: Suite, settings: Any, progress: Progress = silent) -> Itera
                 check_interrupt()
     if rounds > 1:
         yield from figures
-
-
-@dataclass(frozen=True)
-class Running:
-    """Processes or cluster that run the cells of a portable suite, and the folder that keeps their figures."""
-
-    jobs: int = 1  # processes of this machine; 1 for this process
-    scheduler: str = ""  # address of a Dask cluster, or `hhsim.sweep.engines.LOCAL`
-    folder: Path | None = None  # where cells that are done are kept, so that the same command goes on
-
-    @property
-    def is_plain(self) -> bool:
-        """True for this process, with nothing kept."""
-        return self == Running()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,8 +156,21 @@ def _digests(settings: Any) -> list[str]:
     return [file_digest(path) for path in named if path.is_file()]
 
 
-def run_tasks_of(name: str, settings: Any, running: Running, progress: Progress = silent) -> list[list[Row]]:
+def run_tasks_of(
+    name: str,
+    settings: Any,
+    progress: Progress = silent,
+    *,
+    jobs: int = 1,
+    scheduler: str = "",
+    folder: Path | None = None,
+) -> list[list[Row]]:
     """Return the rows of all cells of a portable suite, in their order; those that are kept are not run again.
+
+    Args:
+        jobs: Processes of this machine; 1 for this process.
+        scheduler: Address of a Dask cluster, or `hhsim.sweep.engines.LOCAL`.
+        folder: Where cells that are done are kept, so that the same command goes on.
 
     Raises HhsimError for a cell that could not be run, OutputError for a folder that is not writable, or is another's.
     """
@@ -167,9 +181,8 @@ def run_tasks_of(name: str, settings: Any, running: Running, progress: Progress 
         text = json.dumps([*stated, suite.key(cell) or place], sort_keys=True)
         digests.append(hashlib.sha256(text.encode()).hexdigest()[:DIGITS])
     with TemporaryDirectory() as scratch, ExitStack() as stack:
-        folder = Path(scratch)
-        if running.folder is not None:
-            folder = running.folder
+        is_kept, folder = folder is not None, folder or Path(scratch)
+        if is_kept:
             check_own(folder, has_format(folder / MARK, FORMAT), "bench")
             stack.enter_context(locked(folder, folder, "bench"))
             write_atomically(folder / MARK, json.dumps({"format": FORMAT, "suite": name}).encode())
@@ -183,7 +196,6 @@ def run_tasks_of(name: str, settings: Any, running: Running, progress: Progress 
                 raise HhsimError(end.reason)
             return ""
 
-        jobs = running.jobs if running.jobs > 1 else 0
-        kept = running.folder is not None
-        run_to_end(tasks, "cells", on_end, progress, scheduler=running.scheduler, jobs=jobs, kept=kept)
+        workers = jobs if jobs > 1 else 0
+        run_to_end(tasks, "cells", on_end, progress, scheduler=scheduler, jobs=workers, kept=is_kept)
         return [json.loads(file.read_text(encoding="utf-8")) for file in files]

@@ -11,15 +11,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.bench.figures import Figure, summed
+from hhsim.bench.figures import Figure, hand_clearance, summed
 from hhsim.bench.suite import Row
-from hhsim.bench.tick_records import hand_clearance
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
@@ -30,13 +29,15 @@ from hhsim.metrics.run_ticks import PLACED
 from hhsim.motion.trajectory import TickInput, Trajectory
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.run_inputs import tick_digest
+from hhsim.report.trade_off import draw_trade_off
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.scene.synthesis import synthesize
 from hhsim.solver.options import SolverOptions
 from hhsim.system.progress import Progress
-from hhsim.table.file import ALL
+from hhsim.table.file import ALL, rows_of
+from hhsim.table.table import Column
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.mesh_distance import HandReferee
@@ -47,6 +48,16 @@ LONG = 5.0
 """CPU time of all ticks above which a run is not repeated [s]."""
 GAIN = 0.05
 """Share by which the error of a slower way on the frontier is smaller."""
+SCENE_COLUMNS = (Column("object", "object; 'all' sums up"), Column("motion", "motion; 'all' sums up"))
+TIME_COLUMNS = (
+    Column("contact_ticks", "ticks with the haptic hand within 1 mm of the mesh or inside; times are of these"),
+    Column("tick_cpu_p50", "CPU time of a tick in contact, median", "µs"),
+    Column("tick_cpu_p99", "CPU time of a tick in contact, 99th percentile", "µs"),
+)
+TIMES_REMARK = (
+    "times are CPU times of ticks with the haptic hand within 1 mm of the mesh, the median of the repetitions; compare "
+    "them within this run, not between machines"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +70,6 @@ class Stage:
     mesh: Mesh
     trajectory: Trajectory
     ticks: TickInput  # of the haptic hand, in the frame of the mesh
-    placed: PlacedHand  # haptic hand of every tick
     surface: Any  # triangles of the mesh
     contact: BoolArray  # ticks with the haptic hand within `NEAR` of the mesh or inside, shape (T,)
     referee: HandReferee
@@ -95,7 +105,19 @@ def stages(options: Any, hand: HandModel, tree: Callable[[Mesh], SphereTree], pr
             ticks = scene.hands[0].ticks.seen_from_object()
             placed = forward_kinematics(hand, *HandConfiguration.of(ticks))
             contact = hand_clearance(hand, surface, placed, NEAR) < NEAR
-            yield Stage(name, motion, hand, mesh, trajectory, ticks, placed, surface, contact, referee)
+            yield Stage(name, motion, hand, mesh, trajectory, ticks, surface, contact, referee)
+
+
+class Way(NamedTuple):
+    """One way to solve the hand: options of the solver, and the level of the sphere tree that a suite chose."""
+
+    solver: SolverOptions
+    level: int = 0
+
+    @property
+    def name(self) -> str:
+        """Method, and the QP solver if it is another one."""
+        return self.solver.method + (f" with {self.solver.qp}" if self.solver.qp != SolverOptions().qp else "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +125,8 @@ class Cell:
     """One way to solve the hand on one stage."""
 
     stage: Stage
-    way: Any  # its configuration
+    way: Way
     scene: Scene
-    solver: SolverOptions
     errors: Callable[[Result], dict[str, float]]  # figures besides those of the replay's table, in the mesh's frame
     other: str  # dataset of the times besides the CPU's [ns]
 
@@ -116,7 +137,7 @@ class Run:
 
     object: str
     motion: str
-    way: Any
+    way: Way
     figures: dict[str, float] = field(default_factory=dict)  # of the first repetition; none where it failed
     # CPU times of the ticks in contact [s], one array of shape (n,) a repetition; and other times of the same ticks.
     cpu: list[FloatArray] = field(default_factory=list)
@@ -135,7 +156,7 @@ def run_cell(cell: Cell, before: Run | None) -> Run:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "run.h5"
         try:
-            summary = replay_scene(cell.scene, cell.solver, path)
+            summary = replay_scene(cell.scene, cell.way.solver, path)
             result = load_result(path)
             finite = np.isfinite(result["graphic/joints"]).all(axis=(1, 2, 3))
             if not finite.all():
@@ -147,10 +168,9 @@ def run_cell(cell: Cell, before: Run | None) -> Run:
         except HhsimError as error:
             run.failure = str(error)
             return run
-        contact = cell.stage.contact[: result.ticks]
         run.repeatable = run.repeatable and digest == run.digest
-        run.cpu.append(cpu[contact])
-        run.other.append(1e-9 * result[cell.other][contact])
+        run.cpu.append(cpu[cell.stage.contact])
+        run.other.append(1e-9 * result[cell.other][cell.stage.contact])
     return run
 
 
@@ -159,41 +179,31 @@ def placed_at(result: Result, ticks: IntArray) -> PlacedHand:
     return PlacedHand(*(result[name][ticks] for name in PLACED))
 
 
-def tick_times(runs: Sequence[Sequence[FloatArray]]) -> FloatArray:
-    """Return the times of the ticks of several runs, each the median of its repetitions, from those of all."""
-    return np.concatenate([np.median(repetitions, axis=0) if repetitions else np.zeros(0) for repetitions in runs])
+def median_percentile(runs: Sequence[Sequence[FloatArray]], percent: float) -> float:
+    """Return a percentile of the ticks of runs, each the median of its repetitions; NaN without any."""
+    times = np.concatenate([np.median(repetitions, axis=0) for repetitions in runs if repetitions] or [np.zeros(0)])
+    return float(np.percentile(times, percent)) if times.size else np.nan
 
 
-def percentile(values: FloatArray, percent: float) -> float:
-    """Return a percentile of the ticks of a group of runs; NaN without any."""
-    return float(np.percentile(values, percent)) if values.size else np.nan
-
-
-def summed_rows(
-    runs: Sequence[Run],
-    figures: Sequence[Figure],
-    of_way: Callable[[Sequence[Run]], Row],
-    is_whole: Callable[[Run], bool] = lambda run: True,
-) -> list[Row]:
-    """Return a row a run, then one for each way and object of whole runs, then one for each way.
+def summed_rows(runs: Sequence[Run], figures: Sequence[Figure], of_way: Callable[[Sequence[Run]], Row]) -> list[Row]:
+    """Return a row a run, then one for each way and object, then one for each way.
 
     `of_way` returns what a row has of runs of one way besides names, times, figures and failures.
     """
-    groups: dict[tuple[str, Any], list[Run]] = defaultdict(list)
-    for run in filter(is_whole, runs):
+    groups: dict[tuple[str, Way], list[Run]] = defaultdict(list)
+    for run in runs:
         groups[run.object, run.way].append(run)
     for run in runs:
         groups[ALL, run.way].append(run)
 
     def row(name: str, motion: str, group: Sequence[Run]) -> Row:
-        cpu = tick_times([run.cpu for run in group])
-        values = summed(figures, [run.figures for run in group if run.figures])
+        times, values = [run.cpu for run in group], summed(figures, [run.figures for run in group if run.figures])
         return {
             "object": name,
             "motion": motion,
-            "contact_ticks": cpu.size,
-            "tick_cpu_p50": percentile(cpu, 50.0),
-            "tick_cpu_p99": percentile(cpu, 99.0),
+            "contact_ticks": sum(cpu[0].size for cpu in times if cpu),
+            "tick_cpu_p50": median_percentile(times, 50.0),
+            "tick_cpu_p99": median_percentile(times, 99.0),
             **{name: float(value) for name, value in values.items()},
             **of_way(group),
             "failed_runs": sum(bool(run.failure) for run in group),
@@ -218,10 +228,19 @@ def mark_frontier(group: Sequence[Row], flag: str, error: str) -> None:
         group[i][flag] = True
 
 
-def failure_remark(runs: Sequence[Run], name: Callable[[Any], str]) -> list[str]:
-    """Return a remark on the runs that failed, if any; `name` names a way."""
+def draw(
+    path: Path, settings: Any, rows: Sequence[Row], figures: Sequence[Any], progress: Progress, note: str
+) -> list[Path]:
+    """Draw the picture of a suite, with the engines of the table that its settings name; see `Suite`."""
+    peers = getattr(settings, "peers", None)
+    draw_trade_off(path, rows, rows_of(Path(peers), "peers") if peers else [], note)
+    return [path]
+
+
+def failure_remark(runs: Sequence[Run]) -> list[str]:
+    """Return a remark on the runs that failed, if any."""
     failed = [run for run in runs if run.failure]
-    where = [f"{name(run.way)}, {run.object}, {run.motion}: {run.failure}" for run in failed[:1]]
+    where = [f"{run.way.name}, {run.object}, {run.motion}: {run.failure}" for run in failed[:1]]
     return [f"{len(failed)} of {len(runs)} runs could not be done; the first: {first}" for first in where]
 
 
@@ -232,13 +251,10 @@ def frontier(time: ArrayLike, error: ArrayLike, gain: float = 0.0) -> IntArray:
     NaN is on no frontier. The error of a slower point is less by at least the share `gain`; 0 gives the plain frontier.
     """
     first, second = np.asarray(time, np.float64).ravel(), np.asarray(error, np.float64).ravel()
-    order = np.lexsort((np.arange(first.size), second, first))
-    order = order[~(np.isnan(first[order]) | np.isnan(second[order]))]
-    if order.size == 0:
-        return order
-    kept = [int(order[0])]
-    for index in order[1:]:
-        best = second[kept[-1]]
-        if second[index] < (best - gain * abs(best) if np.isfinite(best) else best):
+    kept: list[int] = []
+    for index in np.lexsort((np.arange(first.size), second, first)):
+        best = second[kept[-1]] if kept else np.nan
+        less = best - gain * abs(best) if np.isfinite(best) else best
+        if not (np.isnan(first[index]) or np.isnan(second[index])) and (not kept or second[index] < less):
             kept.append(int(index))
     return np.array(kept, np.int64)

@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -69,12 +69,12 @@ class RecordedScene(Settings, frozen=True, kw_only=True, forbid_unknown_fields=F
 
     @property
     def figures(self) -> RunFigures:
-        """Figures of the run, NaN for those that are undefined or not in the file, `cpu_p50` too."""
+        """Figures of the run, NaN for those that are undefined or not in the file."""
         found = {name: self.errors.get(name) for name in compared_metrics()}
         errors = {name: math.nan if value is None else value for name, value in found.items()}
         counters = {name: self.counters[name] for name in COUNTERS if name in self.counters}
         shown = {name: np.array(values) for name, values in self.shown.items()}
-        return RunFigures(self.inputs, errors, counters, math.nan, digest=self.digest, shown=shown)
+        return RunFigures(self.inputs, errors, counters, digest=self.digest, shown=shown)
 
 
 class Baseline(Settings, frozen=True, forbid_unknown_fields=False):
@@ -208,36 +208,9 @@ def gate_suite(
         def step(what: str, i: int = i) -> None:
             progress(what, i, count)
 
-        kept = None if baseline is None else baseline.scenes.get(scene.name)
-        found, record, turns = _judged_scene(suite, scene, head, base, baseline, kept, step, timed=timed)
-        if record is not None and timed and scene.timed:
-            against = kept if base is None and turns.comparable and kept is not None and kept.times else None
-            try:
-                if turns.base is not None:
-                    times = process_times(scene, suite.folder, head, turns.base, suite.time.processes, step)
-                    found.append(verdicts.judge_time(scene.name, *times, suite.time.limit))
-                if against and baseline is not None and baseline.reference_version != REFERENCE_VERSION:
-                    reason = f"reference workload {baseline.reference_version} there, {REFERENCE_VERSION} here"
-                    found.append(inputs_row(scene.name, reason, NOT_COMPARABLE, "time"))
-                    against = None
-                if against or record_times:
-                    alone, references = process_times(scene, suite.folder, head, None, suite.time.processes, step)
-                    record = structs.replace(record, times=tuple(alone), references=tuple(references))
-                if against:
-                    now, then = ([a / b for a, b in zip(one.times, one.references)] for one in (record, against))
-                    found.append(verdicts.judge_time(scene.name, now, then, suite.time.recorded_limit, divided=True))
-            except RunFailed as failed:
-                # It ran once and does not run every time.
-                if failed.side == head.name:
-                    found.append(verdicts.failed_run(scene.name, str(failed)))
-                    record = None
-                else:
-                    found.append(inputs_row(scene.name, str(failed), NOT_COMPARABLE, "time"))
-        rows += found
+        record = _gate_scene(rows, suite, scene, head, base, baseline, step, timed=timed, record_times=record_times)
         recorded |= {} if record is None else {scene.name: record}
     progress("done", count, count)
-    if len(recorded) < count:
-        recorded = {}
     against_words = [f"the baseline {baseline.source}"] if baseline else []
     against_words += [f"hhsim {base.version} of {base.python}"] if base else []
     gone = [] if baseline is None else sorted(baseline.scenes.keys() - {scene.name for scene in suite.scenes})
@@ -247,45 +220,42 @@ def gate_suite(
     wanted = timed and not record_times and any(scene.timed for scene in suite.scenes)
     if wanted and not any(row.kind == "time" for row in rows):
         notes.append("no time was judged: that takes --base-python, or a baseline that was recorded with times")
+    recorded = recorded if len(recorded) == count else {}
     return GateReport(suite.source, " and ".join(against_words), tuple(rows), tuple(notes), recorded)
 
 
-class _Turns(NamedTuple):
-    """Side whose times are taken in turn with head's, None for other inputs; True if a baseline's are comparable."""
-
-    base: Side | None
-    comparable: bool = False
-
-
-def _judged_scene(
+def _gate_scene(
+    rows: list[GateRow],
     suite: GateSuite,
     scene: GateScene,
     head: Side,
     base: Side | None,
     baseline: Baseline | None,
-    kept: RecordedScene | None,
     step: Step,
     *,
     timed: bool,
-) -> tuple[list[GateRow], RecordedScene | None, _Turns]:
-    """Return the rows of a scene but its time, its record for a baseline, and what its time is compared with."""
-    step(f"{scene.name}, head")
+    record_times: bool,
+) -> RecordedScene | None:
+    """Add the rows of a scene, and return its record for a baseline; None where it did not run every time."""
+    name, has_base = scene.name, base is not None
+    step(f"{name}, head")
     try:
         figures = measured(scene, head, suite.folder, run_figures)
     except RunFailed as failed:
-        return [verdicts.failed_run(scene.name, str(failed), refused=failed.refused)], None, _Turns(None)
-    rows: list[GateRow] = []
-    before, why = None if kept is None else kept.figures, ""
+        rows.append(verdicts.failed_run(name, str(failed), refused=failed.refused))
+        return None
+    kept = None if baseline is None else baseline.scenes.get(name)
+    before, why, new = None if kept is None else kept.figures, "", list[GateRow]()
     if baseline is not None and kept is None:
-        why = f"{baseline.source} has no scene {scene.name}: record it with --write-baseline"
+        why = f"{baseline.source} has no scene {name}: record it with --write-baseline"
     if base is not None:
-        step(f"{scene.name}, base")
+        step(f"{name}, base")
         try:
             of_base = measured(scene, base, suite.folder, run_figures)
         except RunFailed as failed:
             if failed.refused and base.folder is not None:
                 # A change may add scenes that the base does not have.
-                rows.append(inputs_row(scene.name, f"new, so judged by limits alone: {failed}"))
+                new.append(inputs_row(name, f"new, so judged by limits alone: {failed}"))
             else:
                 why = why or str(failed)
             base = None
@@ -294,14 +264,38 @@ def _judged_scene(
             apart = differences(of_base.inputs, figures.inputs, but_the_motion=scene.motion_may_change)
             if apart and baseline is not None:
                 why = why or f"base has different inputs: {'; '.join(apart)}"
-            if differences(of_base.inputs, figures.inputs):
-                base = None
+            # Times of other inputs say nothing.
+            base = None if differences(of_base.inputs, figures.inputs) else base
     limits = scene.limits if timed else without_times(scene.limits)
-    rows += verdicts.judge_run(scene.name, figures, before, limits, scene.slack, scene.motion_may_change)
-    if why:
-        rows.insert(0, inputs_row(scene.name, why, NOT_COMPARABLE))
+    rows += [inputs_row(name, why, NOT_COMPARABLE)] if why else []
+    rows += [*new, *verdicts.judge_run(name, figures, before, limits, scene.slack, scene.motion_may_change)]
+    record = RecordedScene.of(figures)
+    if not (timed and scene.timed):
+        return record
     comparable = before is None or not differences(before.inputs, figures.inputs)
-    return rows, RecordedScene.of(figures), _Turns(base, comparable)
+    against = kept if not has_base and comparable and kept is not None and kept.times else None
+    times, processes = suite.time, suite.time.processes
+    try:
+        if base is not None:
+            both = process_times(scene, suite.folder, head, base, processes, step)
+            rows.append(verdicts.judge_time(name, *both, times.limit))
+        if against and baseline is not None and baseline.reference_version != REFERENCE_VERSION:
+            reason = f"reference workload {baseline.reference_version} there, {REFERENCE_VERSION} here"
+            rows.append(inputs_row(name, reason, NOT_COMPARABLE, "time"))
+            against = None
+        if against or record_times:
+            alone, references = process_times(scene, suite.folder, head, None, processes, step)
+            record = structs.replace(record, times=tuple(alone), references=tuple(references))
+        if against:
+            now, then = ([a / b for a, b in zip(one.times, one.references)] for one in (record, against))
+            rows.append(verdicts.judge_time(name, now, then, times.recorded_limit, divided=True))
+    except RunFailed as failed:
+        # It ran once and does not run every time.
+        if failed.side == head.name:
+            rows.append(verdicts.failed_run(name, str(failed)))
+            return None
+        rows.append(inputs_row(name, str(failed), NOT_COMPARABLE, "time"))
+    return record
 
 
 def gate_result(

@@ -97,7 +97,6 @@ class RunFigures:
     # figures of `compared_metrics` that its method gives; NaN where undefined
     errors: dict[str, float]
     counters: dict[str, int]  # figures of `COUNTERS` that its method gives
-    cpu_p50: float  # median CPU time of its ticks in contact, of all ticks without contact [s]
     # figures of `limitable` judged only by a suite's limits, SI or %; NaN where undefined
     others: dict[str, float] = field(default_factory=dict)
     mostly_stuck: bool = False  # True if more than half of its ticks are stuck, which no suite allows
@@ -132,8 +131,7 @@ def run_figures(result: Result) -> RunFigures:
         others |= session_faults.recorded_faults(result).figures
     stuck = is_mostly_stuck(errors.get("stuck_ticks", 0.0), result.ticks)
     suspicions = tuple(map(str, result.scene.get("submission", {}).get("suspicions", ())))
-    promises = stored_promises(result.scene)
-    of_run = inputs, errors, counters, cpu_p50(result), others, stuck, promises, suspicions
+    of_run = inputs, errors, counters, others, stuck, stored_promises(result.scene), suspicions
     return RunFigures(*of_run, digest=digest, shown=shown, unsound=unsound)
 
 

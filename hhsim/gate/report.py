@@ -20,11 +20,6 @@ def number_text(value: float, unit: str = "") -> str:
     return "0.000" if 0.0 < abs(shown_value) < 1e-9 else shown(shown_value)
 
 
-def cells(row: GateRow) -> tuple[str, ...]:
-    """Return a row under the headings of `COLUMNS`."""
-    return tuple(column.shown(row) for column in COLUMNS)
-
-
 def headline(report: GateReport) -> str:
     """Return the verdict in one line."""
     missed, refused = len(report.missed), len(report.refused)

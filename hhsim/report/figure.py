@@ -68,7 +68,7 @@ class Drawing:
     height: Callable[[float, bool], float]
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True)
 class ReportFigure:
     """One picture of a report."""
 
@@ -76,14 +76,13 @@ class ReportFigure:
     title: str
     caption: str  # what is drawn and how to read it, plain text
     alt: str  # alternative text
-    png: bytes
+    png: bytes = field(repr=False)
     width_px: int
     height_px: int
-    phone_png: bytes | None = None  # the figure for a narrow page; None where `png` will do
-    drawing: Drawing | None = field(default=None, compare=False)  # draws it again; None for a rendered picture
-
-    def __repr__(self) -> str:
-        return f"ReportFigure({self.name}, {self.width_px} x {self.height_px} pixels: {self.alt})"
+    phone_png: bytes | None = field(default=None, repr=False)  # the figure for a narrow page; None where `png` will do
+    drawing: Drawing | None = field(
+        default=None, compare=False, repr=False
+    )  # draws it again; None for a rendered picture
 
     def _repr_png_(self) -> bytes:
         """Return what a notebook shows."""
@@ -156,12 +155,6 @@ def new_figure(width: float, height: float) -> "Iterator[Figure]":
         yield figure
 
 
-def gridded(axes: "Axes") -> None:
-    """Draw faint lines at the ticks of the y axis."""
-    axes.grid(axis="y")
-    axes.tick_params(length=3.0)
-
-
 @dataclass(frozen=True)
 class Panel:
     """One panel of a chart: title with unit, height [inches], what draws it, and names of its legend, if any."""
@@ -217,7 +210,8 @@ def chart(
             box = (left / width, 1.0 - (down + panel.height) / height, across / width, panel.height / height)
             axes = figure.add_axes(box, sharex=drawn[0] if over_all and drawn else None)
             drawn.append(axes)
-            gridded(axes)
+            axes.grid(axis="y")
+            axes.tick_params(length=3.0)
             axes.annotate(
                 panel.title, (0.0, 1.0), (-72 * (LEFT - 0.06), 4 + 72 * above), xycoords="axes fraction",
                 textcoords="offset points", fontweight="bold", va="bottom",

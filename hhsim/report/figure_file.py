@@ -7,10 +7,9 @@ from pathlib import Path
 from hhsim.errors import InputError
 from hhsim.render.figure import save_figure
 from hhsim.report.figure import ReportFigure, new_figure
-from hhsim.report.histogram import histogram_figure
 from hhsim.report.pictures import overview_picture
 from hhsim.report.run import posed_result, result_labels
-from hhsim.report.time_series import series_figure
+from hhsim.report.time_series import histogram_figure, series_figure
 from hhsim.report.trade_off import TRADE_OFFS, bench_trade_off, has_trade_off, speed_error_figure
 from hhsim.result.reader import Result, load_result
 from hhsim.system.output_path import check_picture

@@ -4,11 +4,11 @@ Ticks that a reader wants to see are the slowest, the deepest, those of the larg
 """
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -50,7 +50,6 @@ HANDS = (
     "see-through."
 )
 CUT = "The object is larger than the picture, and cut at its edge."
-WorstKind = Literal["slowest", "deepest", "force-step", "lag"]
 
 
 @dataclass(frozen=True)
@@ -161,7 +160,11 @@ def _shot(result: Result, tick: int, view: View | None, usual: View | None = Non
     body, cut = mesh_surface(near, STONE), near is not mesh
     if view is None:
         view = clearest_view(result, scene, tick, shown, body, usual)
-    sentence = _alt_text(result, tick, shown)
+    touching = dict.fromkeys(force.name.partition("/")[0] for force in shown.forces)
+    name = str(result.scene.get("object_name") or result.scene.get("object") or "the object")
+    total = float(np.linalg.norm(result.at(tick, ("force/total",))["force/total"]))
+    felt = f"forces on {', '.join(touching)}, resultant {total:.2f} N" if touching else "no force"
+    sentence = f"The hand at {name}, tick {tick:,}: {felt}."
     return Shot(shown, body, cut, view, f"{sentence} {CUT}" if cut else sentence)
 
 
@@ -193,76 +196,68 @@ def _show(axes: "Axes", picture: FloatArray, shown: Moment | None, camera: Camer
     axes.text(left + 0.5 * long, down - 0.01 * rows, f"{100.0 * BAR:g} cm", ha="center", va="bottom", fontsize=size)
 
 
-def _alt_text(result: Result, tick: int, shown: Moment) -> str:
-    touching = dict.fromkeys(force.name.partition("/")[0] for force in shown.forces)
-    name = str(result.scene.get("object_name") or result.scene.get("object") or "the object")
-    total = float(np.linalg.norm(result.at(tick, ("force/total",))["force/total"]))
-    felt = f"forces on {', '.join(touching)}, resultant {total:.2f} N" if touching else "no force"
-    return f"The hand at {name}, tick {tick:,}: {felt}."
-
-
 @dataclass(frozen=True)
 class WorstTick:
     """A tick, the first of several equal ones, why it was chosen, and a sentence on what happened."""
 
-    kind: WorstKind
+    kind: str  # of `KINDS`
     tick: int
     sentence: str
+
+
+KINDS = {"slowest": "slowest", "deepest": "deepest", "force-step": "largest step of the force", "lag": "largest lag"}
+"""Headings by kind."""
 
 
 def worst_ticks(result: Result) -> list[WorstTick]:
     """Return at most one tick of each kind, none of what did not happen."""
     if result.ticks == 0:
         return []
-    values: dict[WorstKind, np.ndarray] = {
-        "slowest": 1e-9 * result["duration/total_cpu"],
-        "deepest": result["penetration_depth"],
-        "force-step": _force_steps(result),
-        "lag": result["lag"],
+    cpu = 1e-9 * result["duration/total_cpu"]
+    # Of the ticks that the table's median is of.
+    contact = result["contacts/candidates"] > 0
+    median = float(np.median(cpu[contact])) if contact.any() else 0.0
+    kinds: dict[str, tuple[FloatArray, Callable[[float], str]]] = {
+        "slowest": (
+            cpu,
+            lambda value: (
+                f"The slowest tick took {1e6 * value:,.1f} µs of CPU time"
+                + (f", {value / median:.1f} times the median of ticks in contact" if median > 0.0 else "")
+            ),
+        ),
+        "deepest": (result["penetration_depth"], lambda value: f"The deepest penetration is {1e6 * value:,.3f} µm"),
+        "force-step": (
+            _force_steps(result),
+            lambda value: f"The total force changed most in one tick of motion, by {value:.3f} N",
+        ),
+        "lag": (result["lag"], lambda value: f"The hand lagged most, {1e3 * value:.2f} mm behind what was asked"),
     }
     found = []
-    for kind, sizes in values.items():
+    for kind, (sizes, sentence) in kinds.items():
         known = np.where(np.isfinite(sizes), sizes, 0.0)
         tick = int(np.argmax(known))
         if known[tick] > 0.0:
-            found.append(WorstTick(kind, tick, _sentence(result, kind, tick, float(known[tick]), known)))
+            phase = result.phase_at(tick)
+            where = f"tick {tick:,} at {result['time'][tick]:.3f} s{phase and ', '}{phase}"
+            found.append(WorstTick(kind, tick, f"{sentence(float(known[tick]))}: {where}."))
     return found
 
 
-def _force_steps(result: Result) -> np.ndarray:
+def _force_steps(result: Result) -> FloatArray:
     """Return the one-tick change of the total force [N], shape (T,), as `hhsim.metrics.metrics.force_step` does.
 
     It is 0 in holds and wherever the tick before is not in the file.
     """
-    moving = np.ones(result.ticks, bool)
-    moving[0] = False
-    for phase in result.phases:
-        if phase.name == HOLD:
-            moving[phase.first_tick : phase.last_tick + 1] = False
-    if result.live is not None:
-        moving[1:] &= np.diff(result[f"{LIVE_TICK}/record"]) == 1
     steps = np.zeros(result.ticks)
     steps[1:] = np.linalg.norm(np.diff(result["force/total"], axis=0), axis=1)
-    return np.where(moving, steps, 0.0)
+    for phase in result.phases:
+        if phase.name == HOLD:
+            steps[phase.first_tick : phase.last_tick + 1] = 0.0
+    if result.live is not None:
+        steps[1:][np.diff(result[f"{LIVE_TICK}/record"]) != 1] = 0.0
+    return steps
 
 
-def _sentence(result: Result, kind: WorstKind, tick: int, value: float, values: np.ndarray) -> str:
-    phase = result.phase_at(tick)
-    where = f"tick {tick:,} at {result['time'][tick]:.3f} s" + (f", {phase}" if phase else "")
-    if kind == "slowest":
-        # Of the ticks that the table's median is of.
-        contact = result["contacts/candidates"] > 0
-        median = float(np.median(values[contact])) if contact.any() else 0.0
-        ratio = f", {value / median:.1f} times the median of ticks in contact" if median > 0.0 else ""
-        return f"The slowest tick took {1e6 * value:,.1f} µs of CPU time{ratio}: {where}."
-    if kind == "deepest":
-        return f"The deepest penetration is {1e6 * value:,.3f} µm: {where}."
-    if kind == "force-step":
-        return f"The total force changed most in one tick of motion, by {value:.3f} N: {where}."
-    return f"The hand lagged most, {1e3 * value:.2f} mm behind what was asked: {where}."
-
-
-KINDS = {"slowest": "slowest", "deepest": "deepest", "force-step": "largest step of the force", "lag": "largest lag"}
 FACTS = {
     "duration/total_cpu": ("CPU time", "µs", 1e-3, 1),
     "duration/total": ("wall time", "µs", 1e-3, 1),
@@ -291,10 +286,28 @@ def worst_cards(run: ReportRun, album: Album) -> list[dict[str, Any]]:
     # Each card says why it has no picture.
     with suppress(InputError):
         usual = overview_view(run.result) if found else None
-    return [_card(run, tick, worsts, usual, album) for tick, worsts in found.items()]
+    cards = []
+    for tick, worsts in found.items():
+        picture: PageFigure | str
+        try:
+            picture = album.shown(hand_picture(run.result, tick, usual=usual), run.prefix)
+        except InputError as error:
+            picture = f"No picture: {error}"
+        columns = words("figure", 0), number("hhsim", 1), words("unit", 2)
+        cards.append(
+            {
+                "title": f"Tick {tick:,}: {', '.join(KINDS[worst.kind] for worst in worsts)}",
+                "sentences": [worst.sentence for worst in worsts],
+                "picture": picture,
+                "facts": Table(columns, _tick_facts(run.result, tick), f"Tick {tick:,} in figures"),
+                "command": f"hhsim view {shlex.quote(run.result.path.name)}",
+                "tick": f"{tick:,}",
+            }
+        )
+    return cards
 
 
-def tick_facts(result: Result, tick: int) -> list[tuple[str, str, str]]:
+def _tick_facts(result: Result, tick: int) -> list[tuple[str, str, str]]:
     """Return label, figure and unit of what a file says of a tick."""
     values = result.at(tick, [*FACTS, "time", "status", "force/total"])
     rows = [
@@ -307,20 +320,3 @@ def tick_facts(result: Result, tick: int) -> list[tuple[str, str, str]]:
         if name == "penetration_depth":
             rows.append(("force", shown(float(np.linalg.norm(values["force/total"])), 3), "N"))
     return rows
-
-
-def _card(run: ReportRun, tick: int, worsts: Sequence[WorstTick], usual: View | None, album: Album) -> dict[str, Any]:
-    picture: PageFigure | str
-    try:
-        picture = album.shown(hand_picture(run.result, tick, usual=usual), run.prefix)
-    except InputError as error:
-        picture = f"No picture: {error}"
-    columns = words("figure", 0), number("hhsim", 1), words("unit", 2)
-    return {
-        "title": f"Tick {tick:,}: {', '.join(KINDS[worst.kind] for worst in worsts)}",
-        "sentences": [worst.sentence for worst in worsts],
-        "picture": picture,
-        "facts": Table(columns, tick_facts(run.result, tick), f"Tick {tick:,} in figures"),
-        "command": f"hhsim view {shlex.quote(run.result.path.name)}",
-        "tick": f"{tick:,}",
-    }

@@ -4,20 +4,18 @@ import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from hhsim import __version__
 from hhsim.errors import InputError, OutputError
 from hhsim.metrics.session_faults import how_it_ended
 from hhsim.replay.compare import Comparison, compare
-from hhsim.report.bench_section import bench_section
 from hhsim.report.figure import Album, PageFigure
-from hhsim.report.histogram import histogram_figure
 from hhsim.report.pictures import CUT, HANDS, held_picture, overview_picture, overview_view, worst_cards
 from hhsim.report.run import ReportRun, of_one_run, report_runs
 from hhsim.report.sections import result_tables
-from hhsim.report.time_series import series_figure
-from hhsim.report.trade_off import speed_error_figure
+from hhsim.report.time_series import histogram_figure, series_figure
+from hhsim.report.trade_off import bench_section, speed_error_figure
 from hhsim.result.reader import load_result
 from hhsim.result.wording import motion_name, object_name
 from hhsim.system.atomic_write import write_together
@@ -89,16 +87,11 @@ class Report:
         }
 
 
-@dataclass(frozen=True)
-class ReportFiles:
+class ReportFiles(NamedTuple):
     """Paths of a written report."""
 
     page: Path
     pictures: tuple[Path, ...]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the paths as plain values for JSON."""
-        return {"report": str(self.page), "pictures": [str(path) for path in self.pictures]}
 
 
 def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report:

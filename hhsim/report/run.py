@@ -138,23 +138,20 @@ def posed_result(result: Result) -> PosedResult:
             values[~finite] = np.nan
             depths[name][part] = values
         stated, first = max(stated, _deepest(block[DEPTH])), part.stop
+    ticks = result_ticks(result, depths)
+    # Figures of the summary that follow from depths alone.
+    figures = {
+        name: float(metric.compute(ticks))
+        for name, metric in run_metrics().items()
+        if name in result.summary and metric.compute is not None and metric.needs and set(metric.needs) <= depths.keys()
+    }
     given = {one.name: getattr(result, one.name) for one in fields(Result)}
-    given |= {"summary": {**result.summary, **_figures(result, depths)}, "replaced": depths, "_loaded": {}}
+    given |= {"summary": {**result.summary, **figures}, "replaced": depths, "_loaded": {}}
     return PosedResult(**given, stated_depth=max(stated, float(result.summary.get("penetration_max", 0.0))))
 
 
 def _deepest(depth: AnyArray) -> float:
     return float(np.fmax.reduce(depth[np.isfinite(depth)], initial=0.0))
-
-
-def _figures(result: Result, depths: dict[str, AnyArray]) -> dict[str, float]:
-    """Return figures of the summary that follow from depths alone."""
-    ticks = result_ticks(result, depths)
-    return {
-        name: float(metric.compute(ticks))
-        for name, metric in run_metrics().items()
-        if name in result.summary and metric.compute is not None and metric.needs and set(metric.needs) <= depths.keys()
-    }
 
 
 @dataclass(frozen=True)
@@ -200,30 +197,24 @@ class ReportRun:
 
 def report_runs(results: Sequence[Result]) -> list[ReportRun]:
     """Compute what a report says of each result, with depths of the poses."""
-    return [
-        _run(
-            posed_result(result),
-            label,
-            "" if len(results) == 1 else f"{label.partition(':')[0].lower().removesuffix(' hand')}-",
+    runs = []
+    for label, result in zip(result_labels(results), map(posed_result, results)):
+        ticks = read_ticks(result, PHASE_COLUMNS)
+        rows, misstated = checked_figures(result, ticks)
+        runs.append(
+            ReportRun(
+                result=result,
+                label=label,
+                prefix="" if len(results) == 1 else f"{label.partition(':')[0].lower().removesuffix(' hand')}-",
+                rows=rows,
+                misstated=misstated,
+                session=() if result.live is None else session_rows(result.summary),
+                phases=tuple(phase_figures(result, ticks)),
+                fingers=tuple(finger_figures(result, ticks)),
+                verdict=verdict(result, rows),
+            )
         )
-        for result, label in zip(results, result_labels(results))
-    ]
-
-
-def _run(result: PosedResult, label: str, prefix: str) -> ReportRun:
-    ticks = read_ticks(result, PHASE_COLUMNS)
-    rows, misstated = checked_figures(result, ticks)
-    return ReportRun(
-        result=result,
-        label=label,
-        prefix=prefix,
-        rows=rows,
-        misstated=misstated,
-        session=() if result.live is None else session_rows(result.summary),
-        phases=tuple(phase_figures(result, ticks)),
-        fingers=tuple(finger_figures(result, ticks)),
-        verdict=verdict(result, rows),
-    )
+    return runs
 
 
 def phase_figures(result: Result, ticks: RunTicks) -> list[dict[str, Any]]:

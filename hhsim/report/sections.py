@@ -18,7 +18,7 @@ from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.session_faults import how_it_ended, recorded_faults, session_log
 from hhsim.replay.compare import Comparison, compared
 from hhsim.replay.stored_scene import part_words
-from hhsim.replay.summary_table import SummaryRow, figure_table
+from hhsim.replay.summary_table import figure_table
 from hhsim.report.run import ReportRun
 from hhsim.result.reader import Result
 from hhsim.result.wording import commit, motion_name, object_name
@@ -150,12 +150,6 @@ def origin_facts(result: Result) -> dict[str, str]:
     }
 
 
-def option_facts(result: Result) -> dict[str, str]:
-    """Return every option of the solver as it stands in the file."""
-    solver = result.scene.get("solver", {})
-    return {name: json.dumps(value, ensure_ascii=False) for name, value in sorted(solver.items())}
-
-
 def file_digest(path: Path) -> str:
     """Return the SHA-256 of a file in hexadecimal digits; raise InputError if it cannot be read."""
     try:
@@ -228,8 +222,13 @@ def result_tables(runs: Sequence[ReportRun], comparisons: Sequence[Comparison | 
         "finger_table": lambda run: Table(FINGER_COLUMNS, run.fingers, of_run("Forces on each finger", run)),
         "machine": facts_table("Machine and versions", runs, machine_facts),
         "origin": facts_table("Files and checksums", runs, origin_facts),
-        "solver_options": facts_table("Every option of the solver, SI units", runs, option_facts),
+        "solver_options": facts_table("Every option of the solver, SI units", runs, _options),
     }
+
+
+def _options(result: Result) -> dict[str, str]:
+    solver = result.scene.get("solver", {})
+    return {name: json.dumps(value, ensure_ascii=False) for name, value in sorted(solver.items())}
 
 
 def facts_table(caption: str, runs: Sequence[ReportRun], facts: Callable[[Result], Mapping[str, str]]) -> Table:
@@ -302,28 +301,23 @@ def _side_by_side(runs: Sequence[ReportRun], comparisons: Sequence[Comparison | 
         first = next((row for row in found if row is not None), None)
         if first is None:
             continue
-        cells = [first.label, first.unit, found[0].shown if found[0] else NONE]
-        for row, comparison in zip(found[1:], comparisons):
-            cells.append(Marked(row.shown if row else NONE, below=_against(found[0], row, comparison)))
+        cells: list[str] = [first.label, first.unit]
+        for run, comparison in zip(runs, (None, *comparisons)):
+            row, base = run.row(name), found[0]
+            below = ""
+            if row and base and comparison:
+                beside = compared(base, row, comparison)
+                ratio = "" if math.isnan(beside.ratio) or beside.word == SAME else f"{beside.ratio:.3g} ×"
+                below = " ".join(filter(None, (ratio, beside.word)))
+            cells.append(Marked(row.shown if row else NONE, below=below))
         rows.append((*cells, first.paper))
     title = (
-        "Figures of each hand"
-        if not any(comparisons)
-        else (
-            f"Figures side by side; with each its ratio to that of {runs[0].letter} and, where both were fed with the "
-            "same, the word for it. A median time within 10 % says nothing: identical code differs by as much"
-        )
+        f"Figures side by side; with each its ratio to that of {runs[0].letter} and, where both were fed with "
+        "the same, the word for it. A median time within 10 % says nothing: identical code differs by as much"
     )
+    title = title if any(comparisons) else "Figures of each hand"
     headings = ("figure", "unit", *(run.label for run in runs), *of_paper)
     return Table.of_cells(headings, rows, title, numbers=headings[2:])
-
-
-def _against(base: SummaryRow | None, head: SummaryRow | None, comparison: Comparison | None) -> str:
-    if base is None or head is None or comparison is None:
-        return ""
-    found = compared(base, head, comparison)
-    ratio = "" if math.isnan(found.ratio) or found.word == SAME else f"{found.ratio:.3g} ×"
-    return " ".join(part for part in (ratio, found.word) if part)
 
 
 def key_table(runs: Sequence[ReportRun], comparisons: Sequence[Comparison | None]) -> Table:
@@ -341,7 +335,12 @@ def key_table(runs: Sequence[ReportRun], comparisons: Sequence[Comparison | None
         # Below the verdict stand the figures over their limits that have no column.
         others = (row for name in run.verdict.missed if name not in headings and (row := run.row(name)) is not None)
         missed = "; ".join(f"{row.label} {row.shown} {row.unit}".strip() for row in others)
-        cells = (_cell(run, name, runs[0], comparison) for name in headings)
+        cells: list[str] = []
+        for name in headings:
+            row, base = run.row(name), runs[0].row(name)
+            word = compared(base, row, comparison).word if row and base and comparison else ""
+            mood = "bad" if name in run.verdict.missed else ""
+            cells.append(Marked(row.shown, mood, word if word in SHOWN_WORDS else "") if row else MISSING)
         lines.append([run.label, Marked(run.verdict.word, run.mood, missed), *cells])
     caption = (
         "Key figures. Times are CPU times of ticks in contact. Red: over the limit that hhsim gate has by default."
@@ -354,11 +353,3 @@ def key_table(runs: Sequence[ReportRun], comparisons: Sequence[Comparison | None
         caption,
         numbers=list(headings.values()),
     )
-
-
-def _cell(run: ReportRun, name: str, first: ReportRun, comparison: Comparison | None) -> str:
-    row, base = run.row(name), first.row(name)
-    if row is None:
-        return MISSING
-    word = "" if comparison is None or base is None else compared(base, row, comparison).word
-    return Marked(row.shown, "bad" if name in run.verdict.missed else "", word if word in SHOWN_WORDS else "")

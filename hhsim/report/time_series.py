@@ -1,4 +1,4 @@
-"""Curves over time, in the manner of the paper's Figs. 12 and 14."""
+"""Curves over time, in the manner of the paper's Figs. 12 and 14, and the histogram of tick times."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
+from hhsim.metrics import metrics
 from hhsim.metrics.run_ticks import HOLD, FreeRun, result_free_run
 from hhsim.metrics.session_faults import broken_off, session_log
 from hhsim.render.figure import halo
@@ -51,9 +52,14 @@ class Run:
     worst: Sequence[WorstTick]
 
     @property
-    def time(self) -> FloatArray:
-        """Time since the start of the motion [s], shape (T,)."""
-        return self.result["time"]
+    def is_timed(self) -> bool:
+        """True if the times since the start of the motion grow."""
+        return bool(np.isfinite(self.result["time"]).all() and (np.diff(self.result["time"]) > 0.0).all())
+
+    @cached_property
+    def at(self) -> FloatArray:
+        """Places of the ticks on the axis, shape (T,): their times [s], or their numbers where these do not grow."""
+        return self.result["time"] if self.is_timed else np.arange(self.result.ticks, dtype=np.float64)
 
     @cached_property
     def cpu(self) -> FloatArray:
@@ -76,10 +82,10 @@ class Run:
     @cached_property
     def marks(self) -> list[tuple[float, str]]:
         """Times [s] of a session's faults, and of its end if that was not in order, each with its word."""
-        if not _timed(self):
+        if not self.is_timed:
             return []
         found = [(float(at), "fault") for at in session_log(self.result).faults]
-        return sorted(found + [(float(at), "ended") for at in self.time[-1:] if broken_off(self.result)])
+        return sorted(found + [(float(at), "ended") for at in self.at[-1:] if broken_off(self.result)])
 
     @cached_property
     def free(self) -> FreeRun | None:
@@ -94,9 +100,9 @@ def series_figure(results: Mapping[str, Result]) -> style.ReportFigure:
     """
     alone = len(results) == 1
     runs = [Run(label, result, worst_ticks(result) if alone else []) for label, result in results.items()]
-    depth_unit, depth_scale = _length_unit(runs)
     surface = " or ".join(dict.fromkeys(run.result.surface for run in runs))
-    fingers = FINGERS if alone else ()
+    deepest = max((float(np.nanmax(run.result["penetration_depth"], initial=0.0)) for run in runs), default=0.0)
+    unit, scale = ("mm", 1e3) if deepest >= 1e-3 else ("nm", 1e9) if 0.0 < deepest < 1e-7 else ("µm", 1e6)
 
     def panel(title: str, height: float, draw: "Callable[[Axes, Sequence[Run]], None]", *names: str) -> style.Panel:
         return style.Panel(title, height, lambda axes: draw(axes, runs), names)
@@ -105,11 +111,12 @@ def series_figure(results: Mapping[str, Result]) -> style.ReportFigure:
         panel("force on the hand [N]", 1.75, _draw_forces, *(FORCES if alone else results)),
         panel("CPU time of the tick", 1.3, _draw_times),
         panel("pairs of hand and object", 0.95, _draw_pairs, *PAIRS),
-        panel(f"penetration of the {surface} [{depth_unit}]", 0.75, partial(_draw_depth, scale=depth_scale)),
+        panel(f"penetration of the {surface} [{unit}]", 0.75, partial(_draw_depth, scale=scale)),
         panel("change of the force in one tick [%]", 1.0, _draw_variation),
     ]
     if any(run.stiffness is not None for run in runs):
-        panels.append(panel("stiffness told to the fingers, 0 to 1", 0.95, _draw_stiffness, *fingers))
+        names = FINGERS if alone else ()
+        panels.append(panel("stiffness told to the fingers, 0 to 1", 0.95, _draw_stiffness, *names))
     if any(run.free for run in runs):
         panels += [
             panel("rise of the object [mm]", 0.75, _draw_rise),
@@ -121,9 +128,9 @@ def series_figure(results: Mapping[str, Result]) -> style.ReportFigure:
         _draw_axis(axes, runs)
         _draw_marks(axes, runs)
 
-    alt = _alt(runs, len(panels))
+    drawing = style.chart(panels, over_all)
     title = "Force, time and contacts over the run"
-    return style.drawn_figure("series", title, _caption(runs), alt, style.chart(panels, over_all))
+    return style.drawn_figure("series", title, _caption(runs), _alt(runs, len(panels)), drawing)
 
 
 BETWEEN = 0.11
@@ -133,12 +140,10 @@ BETWEEN = 0.11
 def _curve(
     axes: "Axes", run: Run, values: Any, color: str, dashes: str = "-", label: str = "", width: float = 0.9
 ) -> None:
-    at = _at(run)
-    if len(at) <= MOST_POINTS:
-        axes.plot(at, values, color=color, linestyle=dashes, linewidth=width, label=label)
-        return
-    band = minmax_band(at, values, STRETCHES)
-    axes.fill_between(band.at, band.low, band.high, color=color, alpha=0.3, linewidth=0.0)
+    """Draw a curve; of a long run as a band, with the median as a line."""
+    band = minmax_band(run.at, values, STRETCHES if len(run.at) > MOST_POINTS else len(run.at))
+    if len(band.at) < len(run.at):
+        axes.fill_between(band.at, band.low, band.high, color=color, alpha=0.3, linewidth=0.0)
     axes.plot(band.at, band.middle, color=color, linestyle=dashes, linewidth=width, label=label)
 
 
@@ -147,15 +152,6 @@ def _curves(axes: "Axes", runs: Sequence[Run], values: Callable[[Run], Any], wid
     for number, run in enumerate(runs):
         if (drawn := values(run)) is not None:
             _curve(axes, run, drawn, *style.run_style(number), label=run.label, width=width)
-
-
-def _at(run: Run) -> FloatArray:
-    """Return the ticks' places on the axis: their times, or their numbers where the times do not grow."""
-    return run.time if _timed(run) else np.arange(run.result.ticks, dtype=np.float64)
-
-
-def _timed(run: Run) -> bool:
-    return bool(np.isfinite(run.time).all() and (np.diff(run.time) > 0.0).all())
 
 
 def _draw_forces(axes: "Axes", runs: Sequence[Run]) -> None:
@@ -192,22 +188,10 @@ def _draw_times(axes: "Axes", runs: Sequence[Run]) -> None:
 def _draw_pairs(axes: "Axes", runs: Sequence[Run]) -> None:
     for number, run in enumerate(runs):
         color, dashes = style.run_style(number)
-        one = len(runs) == 1
-        labels = PAIRS if number == 0 else ("", "")
-        _curve(
-            axes, run, run.result["contacts/candidates"], style.SKY if one else color, "-" if one else dashes, labels[0]
-        )
-        _curve(axes, run, run.result["contacts/touching"], style.INK if one else color, "-" if one else ":", labels[1])
+        looks = ((style.SKY, "-"), (style.INK, "-")) if len(runs) == 1 else ((color, dashes), (color, ":"))
+        for name, look, label in zip(("candidates", "touching"), looks, PAIRS if number == 0 else ("", "")):
+            _curve(axes, run, run.result[f"contacts/{name}"], *look, label)
     axes.set_ylim(0.0, max(1.08 * axes.get_ylim()[1], 1.0))
-
-
-def _length_unit(runs: Sequence[Run]) -> tuple[str, float]:
-    """Return the unit that suits the depths, and its number in a metre."""
-    deepest = max((float(np.nanmax(run.result["penetration_depth"], initial=0.0)) for run in runs), default=0.0)
-    for unit, scale in (("mm", 1e3), ("µm", 1e6)):
-        if deepest * scale >= 1.0:
-            return unit, scale
-    return ("nm", 1e9) if 0.0 < deepest < 1e-7 else ("µm", 1e6)
 
 
 def _draw_depth(axes: "Axes", runs: Sequence[Run], scale: float) -> None:
@@ -254,7 +238,7 @@ def _draw_friction(axes: "Axes", runs: Sequence[Run]) -> None:
 def _mark(axes: "Axes", runs: Sequence[Run], kind: str, height: Any, word: str) -> None:
     """Point at a worst tick."""
     for run, worst in ((one, worst) for one in runs for worst in one.worst if worst.kind == kind):
-        place = float(_at(run)[worst.tick]), height(run, worst.tick)
+        place = float(run.at[worst.tick]), height(run, worst.tick)
         axes.plot(*place, "v", color=style.INK, markersize=4.0, zorder=6, clip_on=False)
         late = worst.tick > 0.6 * run.result.ticks
         axes.annotate(
@@ -264,7 +248,7 @@ def _mark(axes: "Axes", runs: Sequence[Run], kind: str, height: Any, word: str) 
 
 
 def _draw_phases(axes: "Sequence[Axes]", run: Run) -> None:
-    at = _at(run)
+    at = run.at
     if len(at) == 0:
         return
     across = max(float(at[-1] - at[0]), 1e-9)
@@ -307,42 +291,35 @@ def _draw_marks(axes: "Sequence[Axes]", runs: Sequence[Run]) -> None:
 
 
 def _draw_axis(axes: "Sequence[Axes]", runs: Sequence[Run]) -> None:
-    ends = [(float(at[0]), float(at[-1])) for at in map(_at, runs) if len(at)]
+    ends = [(float(at[0]), float(at[-1])) for at in (run.at for run in runs) if len(at)]
     # A fault can be before the first tick, and after the last one.
     ends += [(at, at) for run in runs for at, _ in run.marks]
     low, high = (min(a for a, _ in ends), max(b for _, b in ends)) if ends else (0.0, 1.0)
     axes[0].set_xlim(low, high if high > low else low + 1.0)
-    axes[-1].set_xlabel("time [s]" if all(map(_timed, runs)) else "tick")
+    axes[-1].set_xlabel("time [s]" if all(run.is_timed for run in runs) else "tick")
     if not ends:
         style.note(axes[0], "no tick")
 
 
 def _caption(runs: Sequence[Run]) -> str:
-    parts = []
-    if len(runs) == 1:
-        parts.append("Sizes of the contact forces on each finger and the palm, and of their resultant.")
-    else:
-        parts.append("Size of the resultant of all contact forces. Dotted in the third panel: pairs that touch.")
-        if any(run.result.phases != runs[0].result.phases for run in runs):
-            parts.append(f"Phases are those of {runs[0].label}.")
-    parts.append("Shaded: holds, and slides in another shade. Penetration is measured after each tick.")
-    parts.append("The change of the force is not defined below 0.01 N.")
-    if any(run.stiffness is not None for run in runs):
-        parts.append("Stiffness is what a session told its glove: 0 is a free finger, 1 as hard as the glove can.")
-        if len(runs) > 1:
-            parts.append("Of several results it is the largest of the five fingers.")
-    if any(run.marks for run in runs):
-        parts.append("Dashed lines through all panels: faults of a session, and its end where that was not in order.")
-    if any(run.free for run in runs):
-        parts.append("Friction is that of the contact nearest to sliding: at 100 % it slides.")
-    if any(run.result.ticks > MOST_POINTS for run in runs):
-        parts.append(
-            f"Runs of more than {MOST_POINTS:,} ticks are drawn as bands from the least to the largest value, with the "
-            "median as a line: no spike is lost."
-        )
-    if runs[0].worst:
-        parts.append("Triangles mark the worst ticks, which are shown further down.")
-    return " ".join(parts)
+    several, told = len(runs) > 1, any(run.stiffness is not None for run in runs)
+    parts = {
+        "Sizes of the contact forces on each finger and the palm, and of their resultant.": not several,
+        "Size of the resultant of all contact forces. Dotted in the third panel: pairs that touch.": several,
+        f"Phases are those of {runs[0].label}.": any(run.result.phases != runs[0].result.phases for run in runs),
+        "Shaded: holds, and slides in another shade. Penetration is measured after each tick.": True,
+        "The change of the force is not defined below 0.01 N.": True,
+        "Stiffness is what a session told its glove: 0 is a free finger, 1 as hard as the glove can.": told,
+        "Of several results it is the largest of the five fingers.": told and several,
+        "Dashed lines through all panels: faults of a session, and its end where that was not in order.": any(
+            run.marks for run in runs
+        ),
+        "Friction is that of the contact nearest to sliding: at 100 % it slides.": any(run.free for run in runs),
+        f"Runs of more than {MOST_POINTS:,} ticks are drawn as bands from the least to the largest value, with the "
+        "median as a line: no spike is lost.": any(run.result.ticks > MOST_POINTS for run in runs),
+        "Triangles mark the worst ticks, which are shown further down.": bool(runs[0].worst),
+    }
+    return " ".join(text for text, is_so in parts.items() if is_so)
 
 
 def _alt(runs: Sequence[Run], panels: int) -> str:
@@ -390,3 +367,127 @@ def minmax_band(at: FloatArray, values: NDArray[np.floating], stretches: int) ->
     for k in np.flatnonzero(np.isfinite(low)):
         middle[k] = np.nanmedian(values[edges[k] : edges[k + 1]])
     return MinMaxBand(0.5 * (at[starts] + at[edges[1:] - 1]), low, middle, high)
+
+
+BINS_A_DECADE = 30
+HISTOGRAM = 1.5
+"""Height of each panel [inches]."""
+HALO = {"boxstyle": "square,pad=0.05", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
+"""Box behind text that crosses lines."""
+TIMES = tuple(factor * 10.0**power for power in range(-7, 2) for factor in (1.0, 2.0, 5.0))
+
+
+class TickTimes(NamedTuple):
+    """Times of a result's ticks [s]: CPU time of all; CPU and wall time of those in contact, or of all without any."""
+
+    label: str
+    all_cpu: FloatArray
+    cpu: FloatArray
+    wall: FloatArray
+    contact: bool  # True if they are those in contact
+
+
+def histogram_figure(results: Mapping[str, Result]) -> style.ReportFigure:
+    """Draw CPU and wall times of ticks on a logarithmic axis with the line of 1 ms, of results by their labels."""
+    runs = [_times(label, result) for label, result in results.items()]
+    edges = _edges(runs)
+
+    def panel(number: int, run: TickTimes) -> style.Panel:
+        title = f"{run.label}: number of ticks" if len(runs) > 1 else "number of ticks"
+        names = ("CPU, all", "CPU, contact", "wall, contact") if run.contact else ("CPU", "wall")
+        draw = partial(_draw_histogram, run=run, edges=edges, color=style.run_style(number)[0])
+        return style.Panel(title, HISTOGRAM, draw, names)
+
+    def over_all(axes: "Sequence[Axes]", narrow: bool) -> None:
+        _scale(axes[0], edges, narrow)
+        axes[-1].set_xlabel("time of a tick")
+
+    drawing = style.chart([panel(number, run) for number, run in enumerate(runs)], over_all)
+    return style.drawn_figure("tick-times", "How long the ticks took", _times_caption(runs), _times_alt(runs), drawing)
+
+
+def _times(label: str, result: Result) -> TickTimes:
+    cpu, wall = (1e-9 * result[f"duration/{name}"] for name in ("total_cpu", "total"))
+    contact = result["contacts/candidates"] > 0
+    chosen = contact if contact.any() else slice(None)
+    return TickTimes(label, cpu, cpu[chosen], wall[chosen], bool(contact.any()))
+
+
+def _edges(runs: Sequence[TickTimes]) -> FloatArray:
+    """Return the edges of the bins [s]; 1 ms is one of them."""
+    every = np.concatenate([np.concatenate([run.all_cpu, run.wall]) for run in runs] or [np.empty(0)])
+    low, high = (every.min(), every.max()) if every.size else (1e-5, 1e-4)
+    first, last = (np.log10(max(value, style.LEAST_TIME) / style.BUDGET) * BINS_A_DECADE for value in (low, high))
+    bins = np.arange(np.floor(first) - 1.0, max(np.ceil(last), 0.3 * BINS_A_DECADE) + 2.0)
+    return np.asarray(style.BUDGET * 10.0 ** (bins / BINS_A_DECADE))
+
+
+def _draw_histogram(axes: "Axes", run: TickTimes, edges: FloatArray, color: str) -> None:
+    def stairs(times: FloatArray, **look: Any) -> None:
+        counts = np.histogram(np.maximum(times, style.LEAST_TIME), edges)[0]
+        axes.stairs(counts, edges, baseline=0.0, label="ticks", **look)
+
+    if run.contact:
+        stairs(run.all_cpu, fill=True, color="#d8dee4")
+    stairs(run.cpu, fill=True, color=color, alpha=0.75)
+    stairs(run.wall, color=style.INK, linewidth=0.9)
+    most = max(1, run.all_cpu.size)
+    # The space above the bars is for two lines of text.
+    axes.set_ylim(0.6, 10.0 ** (1.3 * np.log10(most) + 0.6))
+    axes.set_yscale("log")
+    powers = [10**k for k in range(int(np.log10(most)) + 1)]
+    axes.set_yticks(powers, [f"{power:,}" for power in powers])
+    axes.minorticks_off()
+    axes.axvline(style.BUDGET, color=style.LIMIT, linewidth=1.2)
+    axes.axvspan(style.BUDGET, edges[-1], color=style.LIMIT, alpha=0.05, linewidth=0.0)
+    axes.annotate(
+        "1 ms", (style.BUDGET, 1.0), (3.0, -2.0), xycoords=("data", "axes fraction"), textcoords="offset points",
+        color=style.LIMIT, va="top",
+    )  # fmt: skip
+    statistics = metrics.tick_statistics(1e9 * run.cpu)
+    if statistics.count == 0:
+        style.note(axes, "no tick")
+        return
+    for line, (name, value) in enumerate((("p50", statistics.p50), ("p99", statistics.p99))):
+        axes.axvline(1e-6 * value, color=style.INK, linewidth=0.9, linestyle=(0, (3, 2)))
+        # Each has its own line, however near they are to each other.
+        axes.annotate(
+            f"{name} {style.time_text(1e-6 * value)}", (1e-6 * value, 1.0), (3.0, -2.0 - 72 * style.LEGEND_LINE * line),
+            xycoords=("data", "axes fraction"), textcoords="offset points", va="top", bbox=HALO,
+        )  # fmt: skip
+
+
+def _scale(axes: "Axes", edges: FloatArray, narrow: bool) -> None:
+    axes.set_xscale("log")
+    axes.set_xlim(edges[0], edges[-1])
+    decades = np.log10(edges[-1] / edges[0])
+    named = [time for time in TIMES if edges[0] <= time <= edges[-1]]
+    if decades > (1.4 if narrow else 3.2):
+        named = [time for time in named if np.isclose((np.log10(time) + 0.5) % 1.0, 0.5)]
+    axes.set_xticks(named, [style.time_text(time).replace(".0 ", " ") for time in named])
+    axes.minorticks_off()
+
+
+def _times_caption(runs: Sequence[TickTimes]) -> str:
+    shown = "ticks in contact, those with candidate pairs" if any(run.contact for run in runs) else "all ticks"
+    return (
+        f"Ticks by how long they took, {shown}: CPU time filled, wall time as a line; both axes are logarithmic, so "
+        "that a single slow tick is seen. Dashed: p50 and p99 of the CPU time, as the table has them. Red: 1 ms, "
+        "the budget of a tick at 1 kHz. Compilation is no part of any tick."
+    )
+
+
+def _times_alt(runs: Sequence[TickTimes]) -> str:
+    sentences = [f"Histogram{'s' if len(runs) > 1 else ''} of tick times."]
+    for run in runs:
+        cpu, wall = (metrics.tick_statistics(1e9 * values) for values in (run.cpu, run.wall))
+        who = f"{run.label}: " if len(runs) > 1 else ""
+        if cpu.count == 0:
+            sentences.append(f"{who}No tick.")
+            continue
+        p50, p99, most = (style.time_text(1e-6 * value) for value in (cpu.p50, cpu.p99, cpu.max))
+        sentences.append(
+            f"{who}CPU time of {counted(cpu.count, 'tick')}{' in contact' if run.contact else ''}: median {p50}, "
+            f"p99 {p99}, longest {most}; {100.0 * wall.over_budget:.2f} % took more than 1 ms of wall time."
+        )
+    return " ".join(sentences)

@@ -1,6 +1,6 @@
-"""Cost against error, on logarithmic axes with a line for nothing: of results, and of tables of `hhsim bench`."""
+"""Cost against error, on logarithmic axes with a line for nothing, of results and of tables of `hhsim bench`."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import zip_longest
@@ -26,11 +26,15 @@ from hhsim.system.counted import counted
 from hhsim.system.output_path import check_picture
 from hhsim.table.file import ALL, BenchTable
 from hhsim.trees.contact_surface import encloses
-from hhsim.trees.published_results import TOOLKIT
 from hhsim.view.viewer import shown_scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+import json
+
+from hhsim.report.figure import Album
+from hhsim.table.table import Table, words
 
 MARKS = ("o", "s", "D", "^", "v", "P", "X")
 """Markers, one more than colours: no two results of a page share both."""
@@ -46,7 +50,7 @@ TIME_LABEL = 0.44
 class Mark:
     """One mark of a panel."""
 
-    cost: float  # cost, such as the median CPU time of a tick [s]; NaN where undefined
+    cost: float  # median CPU time of a tick [s]; NaN where undefined
     error: float  # error in the unit of the panel; NaN where undefined
     color: str
     shape: str
@@ -67,11 +71,7 @@ class TradeOff:
     title: str
     marks: Sequence[Mark]
     least: float  # a tenth of the lowest decade that is shown, in the unit of the errors
-    # Error that the paper states, drawn over its mean times for simple objects; NaN for these alone, None for neither.
-    paper: float | None = None
-    axis: str = "CPU time of a tick in contact"  # label of the axis below
-    budget: float | None = style.BUDGET  # limit of a time, drawn as a line [s]; None for none
-    spelled: Callable[[float], str] = style.time_text  # text of a number on the axis below
+    paper: bool = True  # True to shade the mean times that the paper states for simple objects
 
 
 def trade_off_drawing(
@@ -88,9 +88,8 @@ def trade_off_drawing(
 def _draw_panel(axes: "Axes", panel: TradeOff) -> None:
     errors = [0.0 if abs(mark.error) < ROUNDING else mark.error for mark in panel.marks if np.isfinite(mark.error)]
     some = [error for error in errors if error > 0.0]
-    paper = panel.paper if panel.paper is not None and np.isfinite(panel.paper) else None
     low = 10.0 ** np.floor(np.log10(min([*some, panel.least * 10.0])))
-    high = 10.0 ** np.ceil(np.log10(max([*some, *([paper] if paper else []), 10.0 * low])) + 0.1)
+    high = 10.0 ** np.ceil(np.log10(max([*some, 10.0 * low])) + 0.1)
     # A logarithm has no zero: 0 stands below the lowest decade, where an error is nothing.
     decades = float(np.log10(high / low))
     zero = low * 10.0 ** (-0.12 * decades)
@@ -98,28 +97,14 @@ def _draw_panel(axes: "Axes", panel: TradeOff) -> None:
     axes.set(xscale="log", yscale="log", ylim=(zero * 10.0 ** (-0.1 * decades) if has_zero else low, high))
     axes.axhline(low, color=style.SOFT, linewidth=0.5, linestyle=":")
     _draw_axis(axes, panel)
-    if paper is not None:
-        axes.plot(PAPER_RANGE, [paper] * 2, color=style.SOFT, linewidth=3.0, solid_capstyle="round")
-        axes.annotate(
-            "the paper", (PAPER_RANGE[1], paper), (-4.0, 3.0), textcoords="offset points", ha="right", va="bottom",
-            color=style.SOFT,
-        )  # fmt: skip
-    elif panel.paper is not None:
+    if panel.paper:
         axes.axvspan(*PAPER_RANGE, color=style.SOFT, alpha=0.1, linewidth=0)
     heights = [mark.error if mark.error >= ROUNDING else zero for mark in panel.marks]
     known = [(mark, height) for mark, height in zip(panel.marks, heights) if mark.known]
     for mark, height in known:
         face = mark.color if mark.filled else "white"
-        axes.plot(
-            mark.cost,
-            height,
-            mark.shape,
-            color=mark.color,
-            markerfacecolor=face,
-            markersize=6.0,
-            zorder=4,
-            clip_on=False,
-        )
+        look: Any = {"color": mark.color, "markerfacecolor": face, "markersize": 6.0, "zorder": 4, "clip_on": False}
+        axes.plot(mark.cost, height, mark.shape, **look)
         if mark.until is not None:
             axes.plot([mark.cost, mark.until], [height, height], color=mark.color, linewidth=1.2)
             axes.plot(mark.until, height, "|", color=mark.color, markersize=7.0)
@@ -144,11 +129,10 @@ def _draw_axis(axes: "Axes", panel: TradeOff) -> None:
     """Draw the axis below with the line of the budget; the panel's width decides how many labels fit."""
     ends = [end for mark in panel.marks for end in (mark.cost, mark.until) if end is not None]
     costs = [end for end in ends if np.isfinite(end) and end > 0.0]
-    costs += [] if panel.budget is None else [1e-5, panel.budget]
-    low, high = 0.5 * min(costs, default=1.0), 2.0 * max(costs, default=1.0)
+    costs += [1e-5, style.BUDGET]
+    low, high = 0.5 * min(costs), 2.0 * max(costs)
     axes.set_xlim(low, high)
-    if panel.budget is not None:
-        axes.axvline(panel.budget, color=style.LIMIT, linewidth=1.2)
+    axes.axvline(style.BUDGET, color=style.LIMIT, linewidth=1.2)
     decade = style.inches(axes) / float(np.log10(high / low))
     step = int(np.ceil(TIME_LABEL / decade))
     powers = [k for k in range(-8, 8) if low <= 10.0**k <= high]
@@ -156,17 +140,15 @@ def _draw_axis(axes: "Axes", panel: TradeOff) -> None:
     fits = [
         (k + 3) % step == 0 and decade * np.log10(high / 10.0**k) > 0.5 * TIME_LABEL - 2.0 * style.RIGHT for k in powers
     ]
-    labels = [panel.spelled(10.0**k).replace(".0 ", " ") if fit else "" for k, fit in zip(powers, fits)]
+    labels = [style.time_text(10.0**k).replace(".0 ", " ") if fit else "" for k, fit in zip(powers, fits)]
     axes.set_xticks([10.0**k for k in powers], labels)
-    axes.set_xlabel(panel.axis)
+    axes.set_xlabel("CPU time of a tick in contact")
 
 
 SAMPLES = 20
 """Ticks in contact whose hand is compared with the mesh: exact, and slow."""
 RESULT_PANEL = 2.3, 2.0
 """Least width of a panel with its labels, and its height [inches]."""
-PAPER_DEPTH = 1e-4
-"""Deepest penetration that the paper states, about [m]."""
 
 
 @dataclass(frozen=True)
@@ -200,7 +182,7 @@ def speed_error_figure(results: Mapping[str, Result]) -> style.ReportFigure:
             title,
             [Mark(point.p50, scale * getattr(point, field), *style, point.p99) for point, style in zip(points, styles)],
             least,
-            paper=scale * PAPER_DEPTH if field == "depth" and of_paper else None,
+            of_paper,
         )
         for field, title, scale, least in AXES
     ]
@@ -268,74 +250,54 @@ def _caption(points: Sequence[SpeedError]) -> str:
 def _alt(points: Sequence[SpeedError]) -> str:
     sentences = ["CPU time against three errors."]
     for point in points:
-        if not np.isfinite(point.p50):
-            sentences.append(f"{point.label}: no tick in contact.")
-            continue
-        off = f"{1e3 * point.mesh:.3g} mm off the mesh" if np.isfinite(point.mesh) else "off the mesh not measured"
-        over = (
-            f"{round(point.excess, 6) + 0.0:.3g} % over the optimum"
-            if np.isfinite(point.excess)
-            else "no optimum computed"
-        )
-        times = f"{style.time_text(point.p50)} to {style.time_text(point.p99)}"
-        deep = f"{1e6 * point.depth:.3g} µm deep in what it touches"
-        sentences.append(f"{point.label}: {times}, {deep}, {off}, {over}.")
+        times = f"{style.time_text(point.p50)} to {style.time_text(point.p99)}" if np.isfinite(point.p50) else ""
+        off = f", {1e3 * point.mesh:.3g} mm off the mesh" if np.isfinite(point.mesh) else ""
+        known = f"{times}, {1e6 * point.depth:.3g} µm deep in what it touches{off}"
+        sentences.append(f"{point.label}: {known if times else 'no tick in contact'}.")
     return " ".join(sentences)
 
 
 Row = Mapping[str, Any]
-Panels = tuple[list[TradeOff], dict[str, tuple[str, str]]]
-"""Panels, and the legend's names with their colours and marks."""
 
 TRADE_OFFS = ("speed-error", "peers")
 """Suites that set the time of a tick against its error."""
-TRADE_OFF_COLUMNS = {"speed-error": "mesh_error", "peers": "mesh_error", "trees": "protrusion_max"}
-"""Column of the error, by the suites that have a picture of this kind."""
-MOST_PANELS, MOST_OBJECTS = 4, 6
-"""Most panels of such a suite, and most objects of `trees`."""
-WIDTH, ACROSS = 14.0, 2
-"""Width of the picture of trees beside their table [inches]; panels beside one another in that of ticks."""
+MOST_PANELS, ACROSS = 4, 2
+"""Panels of such a suite, and those beside one another in a file."""
 PANEL, WIDE_PANEL = (3.4, 2.0), (6.5, 2.8)
 """Least width and height of a panel, without and with other engines [inches]."""
 GREY = "#6e7781"
 OTHERS = ("x", "^", "v", "<", ">", "p", "*", "d", "s", "h", "8", "H")
-"""Marks of other programs, all in grey."""
+"""Marks of other engines, all in grey."""
+OWN_QP = "active-set"
 LEAST = 1e-2
 """A tenth of the lowest decade that is shown [mm]."""
 LEVEL_MARKS = {1: "v", 2: "D", 3: "s", 4: "o", 5: "*"}
 """Marks by the level of the sphere tree."""
-TITLES = {
-    **dict.fromkeys(TRADE_OFFS, "Time of a tick against distance from the true mesh"),
-    "trees": "Largest error of a tree against its spheres, and against the time of its builder",
-}
-CAPTIONS = {
-    **dict.fromkeys(
-        TRADE_OFFS,
-        "Mark: median CPU time of a tick in contact; the line from it ends at p99. Off the true mesh: the larger of "
-        "the deepest penetration and the farthest contact point, over all motions. A hollow mark is one linearisation; "
-        "steps join those that none beats. Grey: other engines, whose ratios carry over to another machine, and not "
-        "their times. Red: 1 ms.",
-    ),
-    "trees": "Error: the larger of how far the leaf spheres reach out of the mesh and how far the mesh lies outside of "
-    "them. Other programs: as measured in November 2026 on one core of a 2-core machine.",
-}
+TITLE = "Time of a tick against distance from the true mesh"
+CAPTION = (
+    "Mark: median CPU time of a tick in contact; the line from it ends at p99. Off the true mesh: the larger of the "
+    "deepest penetration and the farthest contact point, over all motions. A hollow mark is one linearisation; steps "
+    "join those that none beats. Grey: other engines, whose ratios carry over to another machine, and not their times. "
+    "Red: 1 ms."
+)
 
 
 def has_trade_off(found: BenchTable) -> bool:
     """Return True for a table with the columns of such a picture."""
-    return TRADE_OFF_COLUMNS.get(found.suite) in {column.name for column in found.columns}
+    return found.suite in TRADE_OFFS and "mesh_error" in {column.name for column in found.columns}
 
 
 def bench_trade_off(suite: str, rows: Sequence[Row]) -> style.ReportFigure | None:
-    """Draw the rows of a table of one of `TITLES`; None if no row has both a cost and an error."""
-    drawing, marks, _ = _drawing(suite, rows)
+    """Draw the rows of a table of one of `TRADE_OFFS`; None if no row has both a time and an error."""
+    panels, legend, size = _panels(rows, (), "")
+    marks = sum(mark.known for panel in panels for mark in panel.marks)
     if not marks:
         return None
-    alt = f"{TITLES[suite]}: {counted(marks, 'point')}."
-    return style.drawn_figure(f"bench-{suite}", TITLES[suite], CAPTIONS[suite], alt, drawing)
+    drawing = trade_off_drawing(panels, legend, size)
+    return style.drawn_figure(f"bench-{suite}", TITLE, CAPTION, f"{TITLE}: {counted(marks, 'point')}.", drawing)
 
 
-def draw_trade_off(path: Path, suite: str, rows: Sequence[Row], peers: Sequence[Row] = (), note: str = "") -> None:
+def draw_trade_off(path: Path, rows: Sequence[Row], peers: Sequence[Row] = (), note: str = "") -> None:
     """Write the picture of a table, with a note on the run in its legend.
 
     Engines of `peers`, rows of a table of `hhsim bench peers`, are drawn in grey.
@@ -343,9 +305,9 @@ def draw_trade_off(path: Path, suite: str, rows: Sequence[Row], peers: Sequence[
     Errors as `check_picture` and `save_figure`.
     """
     check_picture(path)
-    drawing, _, least = _drawing(suite, rows, peers, note)
-    width = ACROSS * least if suite in TRADE_OFFS else WIDTH
-    caption = wrap(CAPTIONS[suite], int(width / style.LETTER))
+    panels, legend, size = _panels(rows, peers, note)
+    drawing, width = trade_off_drawing(panels, legend, size), ACROSS * size[0]
+    caption = wrap(CAPTION, int(width / style.LETTER))
     height = drawing.height(width, False) + style.LEGEND_LINE * len(caption)
     with style.new_figure(width, height) as figure:
         drawing.draw(figure, False)
@@ -353,57 +315,11 @@ def draw_trade_off(path: Path, suite: str, rows: Sequence[Row], peers: Sequence[
         save_figure(figure, path)
 
 
-def _drawing(
-    suite: str, rows: Sequence[Row], peers: Sequence[Row] = (), note: str = ""
-) -> tuple[style.Drawing, int, float]:
-    """Return the drawing of a table, the number of its marks, and the least width of a panel [inches]."""
-    panels, legend = _of_trees(rows) if suite == "trees" else _of_ticks(rows, peers)
-    if note:
-        legend[note] = style.LIMIT, ""
-    has_others = suite in TRADE_OFFS and any(color == GREY for color, _ in legend.values())
-    size = WIDE_PANEL if has_others else PANEL
-    known = sum(mark.known for panel in panels for mark in panel.marks)
-    return trade_off_drawing(panels, legend, size), known, size[0]
-
-
-def _others(names: Iterable[str]) -> dict[str, tuple[str, str]]:
-    """Return colour and mark of other programs, by their names."""
-    return {name: (GREY, OTHERS[i % len(OTHERS)]) for i, name in enumerate(dict.fromkeys(names))}
-
-
-def _of_trees(rows: Sequence[Row]) -> Panels:
-    """Return panels of each object's trees: against their spheres, then against the time of the builder."""
-    names = list(dict.fromkeys(row["object"] for row in rows))[:MOST_OBJECTS]
-    others = _others(row["method"] for row in rows if row["is_reference"] and row["method"] != TOOLKIT)
-    panels = []
-    axes = (
-        ("spheres", "asked", "spheres", "{:,.0f}".format),
-        ("cpu", "cpu_limit", "CPU time of the builder", style.time_text),
-    )
-    for cost, limit, axis, spelled in axes:
-        for name in names:
-            marks = []
-            for row in (row for row in rows if row["object"] == name):
-                place, off = _number(row[cost]), 1e3 * largest_error(row)
-                if row["method"] == TOOLKIT:
-                    marks.append(Mark(place, off, style.INK, "X"))
-                elif row["is_reference"]:
-                    marks.append(Mark(place, off, *others[row["method"]]))
-                else:
-                    marks.append(Mark(place, off, style.BLUE, "o", best=True))
-                    marks.append(Mark(_number(row[limit]), 1e3 * _number(row["protrusion_limit"]), style.LIMIT, "_"))
-            panels.append(TradeOff(f"{name}: largest error [mm]", marks, 10.0 * LEAST, None, axis, None, spelled))
-    legend = {
-        "certified: proved covers": (style.BLUE, "o"),
-        "Bradshaw's toolkit, medial": (style.INK, "X"),
-        "limit": (style.LIMIT, "_"),
-    }
-    return panels, legend | others
-
-
-def _of_ticks(rows: Sequence[Row], peers: Sequence[Row]) -> Panels:
-    """Return a panel for each object, and of `speed-error` one against the optimum."""
-    summed = [row for row in rows if row["motion"] == ALL and not row.get("stretch")]
+def _panels(
+    rows: Sequence[Row], peers: Sequence[Row], note: str
+) -> tuple[list[TradeOff], dict[str, tuple[str, str]], tuple[float, float]]:
+    """Return a panel for each object, and of `speed-error` one against the optimum; their legend, and their size."""
+    summed = [row for row in rows if row["motion"] == ALL and row.get("qp", OWN_QP) == OWN_QP]
     others = [row for row in peers if row["motion"] == ALL and not row["ours"]]
     names = list(dict.fromkeys(row["object"] for row in summed if row["object"] != ALL))
     # Objects that other engines were measured on say the most.
@@ -412,7 +328,8 @@ def _of_ticks(rows: Sequence[Row], peers: Sequence[Row]) -> Panels:
     colors = {
         name: style.run_style(number)[0] for number, name in enumerate(dict.fromkeys(row["method"] for row in ours))
     }
-    engines = _others(row["method"] for row in (*summed, *others) if row["method"] not in colors)
+    foreign = dict.fromkeys(row["method"] for row in (*summed, *others) if row["method"] not in colors)
+    engines = {name: (GREY, OTHERS[i % len(OTHERS)]) for i, name in enumerate(foreign)}
 
     def mark(row: Row, error: str, frontier: str) -> Mark:
         time, until = _number(row["tick_cpu_p50"]), _number(row.get("tick_cpu_p99"))
@@ -424,7 +341,7 @@ def _of_ticks(rows: Sequence[Row], peers: Sequence[Row]) -> Panels:
 
     def panel(title: str, name: str, error: str, frontier: str) -> TradeOff:
         chosen = (row for row in (*summed, *others) if row["object"] == name)
-        return TradeOff(title, [mark(row, error, frontier) for row in chosen], LEAST, np.nan)
+        return TradeOff(title, [mark(row, error, frontier) for row in chosen], LEAST)
 
     of_pose = any("off_optimum_mean" in row for row in summed)
     frontier = "mesh_frontier" if of_pose else "frontier"
@@ -434,8 +351,10 @@ def _of_ticks(rows: Sequence[Row], peers: Sequence[Row]) -> Panels:
         of_all = names[0] if len(names) == 1 else "all objects"
         panels.append(panel(f"{of_all}: off the best pose [mm]", ALL, "off_optimum_mean", "tracking_frontier"))
     legend = {method: (color, "o") for method, color in colors.items()}
-    legend |= {label: (style.INK, shape) for label, shape in sorted(map(_touched, ours))}
-    return panels, legend | engines
+    legend |= {label: (style.INK, shape) for label, shape in sorted(map(_touched, ours))} | engines
+    if note:
+        legend[note] = style.LIMIT, ""
+    return panels, legend, WIDE_PANEL if engines else PANEL
 
 
 def _touched(row: Row) -> tuple[str, str]:
@@ -450,7 +369,26 @@ def _number(value: Any) -> float:
     return float(value) if isinstance(value, int | float) else np.nan
 
 
-def largest_error(row: Row) -> float:
-    """Return the larger of protrusion and gap [m], as far as they are known."""
-    known = [value for value in (row["protrusion_max"], row["gap_max"]) if value is not None and not np.isnan(value)]
-    return float(max(known))
+def bench_section(found: BenchTable, name: str, album: Album, prefix: str = "") -> dict[str, Any]:
+    """Return what the page shows of a table, by the names of its template; `prefix` goes before its chart's name."""
+    made = {str(key): str(value) for key, value in found.attributes.items()}
+    machine = json.loads(made.get("machine", "{}"))
+    about = f"{name}, written {made.get('created_utc', 'at an unknown time')} by hhsim {made.get('hhsim_version', '')}"
+    where = f", on {machine['cpu']}" if machine.get("cpu") else ""
+    chart = bench_trade_off(found.suite, found.rows) if has_trade_off(found) else None
+    columns = Table.of_records(found.columns, found.rows).columns
+    same = [column for column in columns if len({*map(column.shown, found.rows)}) == 1 < len(found.rows)]
+    alike = (words("column", "heading"), words("value", lambda column: column.shown(found.rows[0])))
+    options = [(key, json.dumps(value, ensure_ascii=False)) for key, value in found.options.items()]
+    caption = f"{counted(len(found.rows), 'row')} of hhsim bench {found.suite}"
+    return {
+        "heading": f"hhsim bench {found.suite}",
+        "about": f"{about}{where}.",
+        "chart": None if chart is None else album.shown(chart, prefix),
+        "whole": Table([column for column in columns if column not in same], found.rows, caption),
+        "more": {
+            "The same in all rows": Table(alike, same, "Columns with one value"),
+            "What the columns mean": Table((words("column", "name"), words("meaning", "says")), columns, "Columns"),
+            "Its options": Table.of_cells(("option", "value"), options, "Its options"),
+        },
+    }

@@ -1,9 +1,8 @@
 """Table of a sweep: a row for each cell of its plan that is done or has failed."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
 
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.summary import digits_with
@@ -15,27 +14,22 @@ TABLE = "table.csv"
 """File of the table in the folder of a sweep."""
 FAILED = "failed"
 NOTE = "~ before a time: its cell had no core of its own, so that it compares with no other time"
-
-
-@dataclass(frozen=True)
-class CellRow:
-    """A cell that was run."""
-
-    cell: Cell
-    verdict: str  # word of the verdict; `FAILED` where there is no result
-    machine: str = ""  # processor
-    own_core: bool = False  # True if its ticks had a core of their own: else its times say little
-    runs: int = 1
-    # SI or %, by the names of `hhsim.metrics.run.registry.run_metrics`; times are means over the runs.
-    figures: Mapping[str, float] = field(default_factory=dict)
-    deviations: Mapping[str, float] = field(default_factory=dict)  # standard deviations of times, by the same names
-    reason: str = ""  # why it failed, or the figures over their limits
-
-    @property
-    def options(self) -> str:
-        """Name of the set of options, and what it states."""
-        name = self.cell.options_name
-        return f"{name}: {self.cell.stated}" if self.cell.stated else name
+CellRow: TypeAlias = dict[str, Any]
+"""Values of a cell by the names of `COLUMNS`."""
+NAMES = tuple(map(words, ("object", "motion", "method", "surface", "options")))
+COLUMNS: tuple[Column, ...] = (
+    *NAMES,
+    Column("seed"),
+    words("machine"),
+    words("verdict"),
+    Column("times_comparable", "whether its ticks had a core of their own: else its times say little"),
+    Column("runs"),
+    # Times are means over the runs.
+    *(Column(name, metric.label, metric.unit) for name, metric in run_metrics().items()),
+    *(Column(f"{name}_std", unit=metric.stored_unit) for name, metric in run_metrics().items() if metric.noise),
+    words("reason"),
+)
+"""Every figure, SI or %: for programs."""
 
 
 def cell_rows(plan: SweepPlan, folder: SweepFolder) -> list[CellRow]:
@@ -43,11 +37,17 @@ def cell_rows(plan: SweepPlan, folder: SweepFolder) -> list[CellRow]:
     rows = []
     for planned in plan.cells:
         row, reason = folder.row(planned), folder.failure(planned)
-        if row and not reason:
-            rows.append(done_row(planned.cell, row))
-        elif reason:
-            rows.append(CellRow(planned.cell, FAILED, reason=reason))
+        if reason or row:
+            rows.append(failed_row(planned.cell, reason) if reason else done_row(planned.cell, row))
     return rows
+
+
+def failed_row(cell: Cell, reason: str) -> CellRow:
+    """Return the row of a cell without a result."""
+    options = f"{cell.options_name}: {cell.stated}" if cell.stated else cell.options_name
+    names = {"object": cell.object.name, "motion": cell.motion.name, "method": cell.method, "surface": cell.surface}
+    about = {"options": options, "seed": cell.seed, "machine": "", "verdict": FAILED, "runs": 1, "reason": reason}
+    return {**dict.fromkeys(column.name for column in COLUMNS), **names, **about, "times_comparable": False}
 
 
 def done_row(cell: Cell, row: Mapping[str, Any]) -> CellRow:
@@ -55,80 +55,38 @@ def done_row(cell: Cell, row: Mapping[str, Any]) -> CellRow:
     repeated = row.get("repeated", {})
     times = repeated.get("times", {})
     found = {**row["summary"], **{name: time["mean"] for name, time in times.items()}}
-    return CellRow(
-        cell=cell,
-        verdict=row["verdict"],
-        machine=str(row["machine"].get("cpu", "")),
-        own_core=bool(row["own_core"]),
-        runs=repeated.get("runs", 1),
-        figures={name: found[name] for name in run_metrics() if found.get(name) is not None},
-        deviations={name: time["std"] for name, time in times.items()},
-        reason=", ".join(row["missed"]),
-    )
+    return {
+        **failed_row(cell, ", ".join(row["missed"])),
+        **{name: found.get(name) for name in run_metrics()},
+        **{f"{name}_std": time["std"] for name, time in times.items()},
+        "verdict": row["verdict"],
+        "machine": str(row["machine"].get("cpu", "")),
+        "times_comparable": bool(row["own_core"]),
+        "runs": repeated.get("runs", 1),
+    }
 
 
 def shown_table(rows: Sequence[CellRow]) -> Table:
     """Return the table as people read it."""
-
-    def figure(name: str) -> Callable[[CellRow], float | None]:
-        return lambda row: row.figures.get(name)
-
-    def time(name: str) -> Callable[[CellRow], str]:
-        return lambda row: _time(row.figures.get(name, math.nan), row.deviations.get(name, math.nan), row.own_core)
-
     columns = (
-        *_names(),
-        words("verdict", lambda row: f"{row.verdict}: {row.reason}" if row.reason else row.verdict),
-        number("depth", figure("penetration_max"), "µm", 3),
-        number("off the mesh", figure("contact_error_max"), "mm", 3),
-        number("over optimum", figure("tracking_excess"), "%", 2),
-        number("force", figure("force_contact_mean"), "N", 2),
-        number("stuck", figure("stuck_ticks")),
-        number("p50", time("tick_cpu_p50"), "µs"),
-        number("p99", time("tick_cpu_p99"), "µs"),
+        *NAMES,
+        words("verdict", lambda row: f"{row['verdict']}: {row['reason']}" if row["reason"] else row["verdict"]),
+        number("depth", "penetration_max", "µm", 3),
+        number("off the mesh", "contact_error_max", "mm", 3),
+        number("over optimum", "tracking_excess", "%", 2),
+        number("force", "force_contact_mean", "N", 2),
+        number("stuck", "stuck_ticks"),
+        number("p50", lambda row: _time(row, "tick_cpu_p50"), "µs"),
+        number("p99", lambda row: _time(row, "tick_cpu_p99"), "µs"),
     )
-    alone = all(row.own_core for row in rows if row.verdict != FAILED)
+    alone = all(row["times_comparable"] for row in rows if row["verdict"] != FAILED)
     return Table(columns, rows, notes=() if alone else (NOTE,))
 
 
-def figure_table(rows: Sequence[CellRow]) -> Table:
-    """Return the table with every figure: for programs."""
-
-    def taken(attribute: str, name: str) -> Callable[[CellRow], float | None]:
-        return lambda row: getattr(row, attribute).get(name)
-
-    metrics = run_metrics()
-    columns = (
-        *_names(),
-        Column("seed", of="cell.seed"),
-        words("machine"),
-        words("verdict"),
-        Column("times_comparable", of="own_core"),
-        Column("runs"),
-        *(Column(name, metric.label, metric.unit, taken("figures", name)) for name, metric in metrics.items()),
-        *(
-            Column(f"{name}_std", unit=metric.stored_unit, of=taken("deviations", name))
-            for name, metric in metrics.items()
-            if metric.noise
-        ),
-        words("reason"),
-    )
-    return Table(columns, rows)
-
-
-def _names() -> tuple[Column, ...]:
-    return (
-        words("object", "cell.object.name"),
-        words("motion", "cell.motion.name"),
-        words("method", "cell.method"),
-        words("surface", "cell.surface"),
-        words("options"),
-    )
-
-
-def _time(seconds: float, deviation: float, comparable: bool) -> str:
+def _time(row: CellRow, name: str) -> str:
     """Return a time in µs, with ± standard deviation where there is one."""
+    seconds, deviation = (math.nan if row[key] is None else row[key] for key in (name, f"{name}_std"))
     digits = digits_with(1e6 * deviation, 1)
     text = shown(1e6 * seconds, digits)
     text += f" ± {shown(1e6 * deviation, digits)}" if deviation == deviation else ""
-    return text if comparable or seconds != seconds else f"~{text}"
+    return text if row["times_comparable"] or seconds != seconds else f"~{text}"

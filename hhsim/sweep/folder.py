@@ -1,16 +1,14 @@
 """Folder of a sweep: rows of cells that are done or failed, and a lock against a second sweep.
 
 `sweep.json` identifies it; `cells/` holds each cell's result (DIGEST.h5) and row (DIGEST.json), or its failure
-(DIGEST.failed.json). Each appears in one step, so that an interrupted sweep leaves only complete files. The rows tell
-the seconds per tick, for the estimate of the cells that are left.
+(DIGEST.failed.json). Each appears in one step, so that an interrupted sweep leaves only complete files.
 """
 
 import contextlib
 import hashlib
 import json
-import math
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +35,7 @@ class SweepFolder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.cells = path / CELLS
-        check_own(path, is_sweep(path), "sweep")
+        check_own(path, has_format(path / MARK, FORMAT), "sweep")
 
     @contextlib.contextmanager
     def taken(self, plan: SweepPlan) -> Iterator[None]:
@@ -141,11 +139,6 @@ def check_own(path: Path, is_own: bool, what: str) -> None:
         raise OutputError(f"{path} holds other files, and no {what}: name a new folder with --out")
 
 
-def is_sweep(path: Path) -> bool:
-    """Return True if a folder is one of a sweep."""
-    return has_format(path / MARK, FORMAT)
-
-
 def has_format(path: Path, form: str) -> bool:
     """Return True if a file is a JSON document of this format."""
     try:
@@ -187,45 +180,6 @@ def _named(cell: Cell) -> dict[str, Any]:
     """Return the names that a plan gives a cell."""
     names = {"object": cell.object.name, "motion": cell.motion.name, "method": cell.method}
     return {**names, "surface": cell.surface, "options": cell.options_name, "seed": cell.seed}
-
-
-class Pace:
-    """Ticks and seconds of cells that were run."""
-
-    def __init__(self) -> None:
-        self._spent: dict[tuple[Any, ...], tuple[int, float]] = {}
-
-    def add(self, cell: Cell, ticks: int, seconds: float) -> None:
-        """Add a cell that was run."""
-        for likeness in _likenesses(cell):
-            before = self._spent.get(likeness, (0, 0.0))
-            self._spent[likeness] = before[0] + ticks, before[1] + seconds
-
-    def left(self, cells: Iterable[PlannedCell]) -> float:
-        """Estimate the duration of cells one after the other [s] from the most similar ones; NaN without any."""
-        total = 0.0
-        for planned in cells:
-            known = (self._spent[likeness] for likeness in _likenesses(planned.cell) if likeness in self._spent)
-            ticks, seconds = next(known, (0, math.nan))
-            total += planned.run_ticks * seconds / max(1, ticks)
-        return total
-
-
-def pace_of(cells: Iterable[PlannedCell], folder: SweepFolder) -> Pace:
-    """Return the pace of those cells that ran on this machine."""
-    pace, here = Pace(), info.machine()
-    for planned in cells:
-        row = folder.row(planned)
-        if row.get("machine") == here:
-            pace.add(planned.cell, planned.ticks * row.get("repeated", {}).get("runs", 1), float(row["seconds"]))
-    return pace
-
-
-def _likenesses(cell: Cell) -> tuple[tuple[Any, ...], ...]:
-    """Return keys that similar cells share, the most specific first."""
-    # Method, surface and options decide most of a tick's time.
-    same, shape, motion = (cell.method, cell.surface, cell.options_name), cell.object.name, cell.motion.name
-    return (*same, shape, motion), (*same, shape), (*same, None, motion), same, ()
 
 
 def lasting(seconds: float) -> str:

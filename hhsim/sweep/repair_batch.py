@@ -10,9 +10,17 @@ from hhsim.repair.request import Illustrate, Pictures, Repair
 from hhsim.sweep.engines import TaskEnd, require_dask, run_to_end
 from hhsim.sweep.folder import check_own, has_format, locked
 from hhsim.sweep.input_files import source_digest
-from hhsim.sweep.repair_manifest import load_manifest
+from hhsim.sweep.repair_manifest import (
+    RowOutcome,
+    RowTask,
+    finished,
+    is_done,
+    keep_lost,
+    load_manifest,
+    read_outcome,
+    row_digest,
+)
 from hhsim.sweep.repair_page import RepairedRow, repair_page, repair_table, worst_rows
-from hhsim.sweep.repair_row import RowOutcome, RowTask, finished, is_done, keep_lost, read_outcome, row_digest
 from hhsim.system.atomic_write import write_atomically, write_together
 from hhsim.system.plain_json import plain_json
 from hhsim.system.progress import Progress, silent

@@ -19,29 +19,41 @@ Keys, the same in both; the first two are required::
 Further keys say how a file is read, by the names of the options of `hhsim import`: format, columns, rate, length_unit,
 world_up, mirror, array, joint_order, pose_order, pose_unit, mano_pose, profile, episode; skin is that of `hhsim
 repair`. Files are relative to the manifest's folder.
+
+A row is repaired in whatever process; outcome.json, written last, is what its folder keeps of it.
 """
 
 import csv
+import faulthandler
+import hashlib
 import io
+import json
+import math
 import os
 import re
+import shutil
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from glob import glob
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TextIO
 
-from msgspec import Meta, field
+from msgspec import Meta, field, structs
 
-from hhsim.errors import InputError, UnknownNameError, check_known
+from hhsim import __version__
+from hhsim.errors import InputError, TrajectoryError, UnknownNameError, check_known
 from hhsim.mesh.catalogue import names_a_body_file, names_a_file
 from hhsim.recordings.column_map import read_column_map
 from hhsim.recordings.formats.mano import READINGS
 from hhsim.recordings.registry import ReadOptions, repaired_suffix
-from hhsim.repair.request import RepairRequest
-from hhsim.sweep.plan import WILD, SweptObject, checked_object
-from hhsim.system.input_file import open_input
+from hhsim.repair.request import PICTURE, REPORT, Illustrate, Repair, RepairOutcome, RepairRequest
+from hhsim.sweep.engines import FolderTask, TaskEnd, error_line
+from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, file_digest, read_files, source_digest
+from hhsim.sweep.plan import DIGITS, WILD, SweptObject, checked_object
+from hhsim.system.atomic_write import write_atomically
+from hhsim.system.input_file import open_input, read_input_text
+from hhsim.system.plain_json import plain_json
 from hhsim.system.settings_file import Settings, Version, a_list, between, one_of, parse_settings, read_toml_text, typed
 
 NAME = re.compile(r"[^./\\][^/\\]{0,99}")
@@ -269,3 +281,202 @@ _OF_THE_READER = (
 )
 """Keys that are fields of `hhsim.recordings.registry.ReadOptions` as they are."""
 _KEYS = tuple({"form": "format"}.get(key, key) for key in ManifestRow.__struct_fields__)
+
+
+OUTCOME = "outcome.json"
+MARK = ".begun"
+"""File of a row that is being run: its attempt, and the traceback at its time limit."""
+
+State = Literal["repaired", "missed", "refused", "failed"]
+
+
+class RowOutcome(Settings, frozen=True, kw_only=True):
+    """Outcome of a row."""
+
+    format: Literal["hhsim-repair"] = "hhsim-repair"
+    version: Version = 1
+    digest: str  # digest of what it depends on
+    # "repaired" within all limits; "missed", repaired but a limit is missed; "refused", a recording that cannot be read
+    # or used; "failed" for any other reason.
+    state: State
+    reason: str = ""  # reason of a state other than "repaired"
+    is_final: bool = True  # False if the same row may come to another end next time, as after a crash
+    # As in `hhsim.repair.request.RepairOutcome`; null for NaN.
+    figures: dict[str, float | None] = field(default_factory=dict)
+    frames: int = 0
+    marked: tuple[int, ...] = ()
+    verdict: str = ""
+    doubts: tuple[str, ...] = ()
+    findings: tuple[str, ...] = ()
+    paths: dict[str, str] = field(default_factory=dict)  # names of files in the row's folder, by what they hold
+
+
+@dataclass(frozen=True, kw_only=True)
+class RowTask(FolderTask):
+    """Row of a manifest, in the folder of all of them: the end has a reason if it left no outcome in its own folder."""
+
+    row: PlannedRepair
+    repair: Repair  # function of a module that the process can import
+    illustrate: Illustrate  # another one
+    attempt: str  # name of the run that it belongs to
+
+    def work(self) -> TaskEnd:
+        """Repair the recording."""
+        folder = self.row.request.out.parent
+        # A cluster runs again what a worker had done, or had begun, when it was lost.
+        if is_done(self.row, self.digest):
+            return TaskEnd(self.digest)
+        if done := finished(self.row, self.digest):
+            return self._pictured(done)
+        if _begun(folder, self.attempt) is not None:
+            return TaskEnd(self.digest, "its worker was lost")
+        _empty(folder)
+        outcome = self._outcome(folder)
+        (folder / MARK).unlink()
+        write_outcome(folder, outcome)
+        return TaskEnd(self.digest)
+
+    def _pictured(self, done: RowOutcome) -> TaskEnd:
+        """Add what is missing of the page and the picture; nothing else in the folder is touched."""
+        request = self.row.request
+        known = {name: math.nan if value is None else value for name, value in done.figures.items()}
+        outcome = RepairOutcome(
+            known, done.frames, done.marked, done.verdict, done.state == "repaired", done.findings, doubts=done.doubts
+        )
+        for name in (REPORT, PICTURE):
+            request.beside(name).unlink(missing_ok=True)
+        with Path(os.devnull).open("w") as nowhere, _within(self.row.time_limit, nowhere):
+            self.illustrate(request, outcome)
+        return TaskEnd(self.digest)
+
+    def _outcome(self, folder: Path) -> RowOutcome:
+        try:
+            with (folder / MARK).open("w", encoding="utf-8") as mark:
+                print(self.attempt, file=mark, flush=True)
+                with _within(self.row.time_limit, mark):
+                    files = row_files(self.row)
+                    if row_digest(self.row) != self.digest:
+                        raise LostFileError(CHANGED)
+                    try:
+                        done = self.repair(self.row.request)
+                    finally:
+                        if row_files(self.row) != files:
+                            raise LostFileError(CHANGED)
+            if not self.row.request.out.is_file():
+                raise InputError(f"it wrote no {self.row.request.out.name}")
+            return RowOutcome(
+                digest=self.digest,
+                state="repaired" if done.ok else "missed",
+                reason="" if done.ok else done.verdict,
+                figures={name: float(value) for name, value in done.figures.items()},
+                frames=int(done.frames),
+                marked=tuple(map(int, done.marked)),
+                verdict=done.verdict,
+                doubts=tuple(done.doubts),
+                findings=tuple(done.findings),
+                paths={name: Path(os.path.relpath(path, folder)).as_posix() for name, path in done.paths.items()},
+            )
+        except Exception as error:
+            is_final = isinstance(error, InputError | TrajectoryError) and not isinstance(error, LostFileError)
+            state: State = "refused" if isinstance(error, TrajectoryError) else "failed"
+            _empty(folder, but=MARK)
+            return RowOutcome(digest=self.digest, state=state, reason=error_line(error), is_final=is_final)
+
+
+@contextmanager
+def _within(seconds: float, file: TextIO) -> Iterator[None]:
+    """End the process with a traceback in a file where this takes longer [s]."""
+    # Its thread waits for no lock of Python, which compiled code may hold.
+    faulthandler.dump_traceback_later(seconds, exit=True, file=file)
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+
+
+def row_files(row: PlannedRepair) -> tuple[ReadFile, ...]:
+    """Return the files that a row reads, as they are now; InputError if one cannot be read."""
+    request = row.request
+    shape = [Path(request.object)] if names_a_file(request.object) else []
+    given = [value for name, value in (*vars(request).items(), *request.options.items()) if name != "out"]
+    return tuple(read for value in (*given, *shape) if isinstance(value, Path) for read in read_files(value))
+
+
+def row_digest(row: PlannedRepair) -> str:
+    """Return a digest of a row: the content of its files, its options, its name, and hhsim's sources."""
+    request = row.request
+    # Pictures are made of what is repaired, and change nothing of it.
+    stated = {name: value for name, value in vars(request).items() if name not in ("out", "pictures")}
+    stated["object"] = Path(request.object) if names_a_file(request.object) else request.object
+    stated |= {"name": row.name, "file": request.out.name, "hhsim": [__version__, source_digest()]}
+    text = json.dumps(stated, sort_keys=True, default=_content)
+    return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
+
+
+def read_outcome(row: PlannedRepair, digest: str) -> RowOutcome | None:
+    """Return the outcome of a row with this digest; None if there is none, or it lacks its recording."""
+    path = row.request.out.parent / OUTCOME
+    try:
+        found = typed(json.loads(read_input_text(path)), RowOutcome, str(path))
+    except (OSError, ValueError, InputError):
+        return None
+    if found.state in ("repaired", "missed") and not row.request.out.is_file():
+        return None
+    return found if found.digest == digest else None
+
+
+def is_done(row: PlannedRepair, digest: str) -> bool:
+    """Return True if a row has come to an end for good, with its pictures if it is to have them."""
+    found = finished(row, digest)
+    if found is None:
+        return False
+    unpictured = row.request.pictures and found.state in ("repaired", "missed")
+    return not unpictured or row.request.beside(PICTURE).is_file()
+
+
+def finished(row: PlannedRepair, digest: str) -> RowOutcome | None:
+    """Return the outcome of a row that has come to an end for good, be it without its pictures."""
+    found = read_outcome(row, digest)
+    return found if found is not None and found.is_final else None
+
+
+def write_outcome(folder: Path, outcome: RowOutcome) -> None:
+    """Write the outcome of a row in one step; OutputError if that fails."""
+    text = json.dumps(plain_json(structs.asdict(outcome)), indent=1, allow_nan=False)
+    write_atomically(folder / OUTCOME, f"{text}\n".encode())
+
+
+def keep_lost(task: RowTask, reason: str) -> None:
+    """Write the outcome of a row whose worker left none; OutputError if that fails."""
+    folder, limit = task.row.request.out.parent, task.row.time_limit
+    if _begun(folder, task.attempt):
+        reason = f"not done within its time_limit of {limit:,g} s"
+    _empty(folder)
+    write_outcome(folder, RowOutcome(digest=task.digest, state="failed", reason=reason, is_final=False))
+
+
+def _begun(folder: Path, attempt: str) -> str | None:
+    """Return what stands below the mark of this attempt at a row; None if it was not begun."""
+    try:
+        found, _, below = (folder / MARK).read_text(encoding="utf-8", errors="replace").partition("\n")
+    except OSError:
+        return None
+    return below if found == attempt else None
+
+
+def _empty(folder: Path, but: str = "") -> None:
+    """Make a folder, and remove what is in it but for one file."""
+    folder.mkdir(exist_ok=True)
+    for path in folder.iterdir():
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        elif path.name != but:
+            path.unlink()
+
+
+def _content(value: Any) -> str:
+    try:
+        return file_digest(value) if isinstance(value, Path) else repr(value)
+    except InputError as error:
+        # The repair of this row will say so; the others go on.
+        return str(error)

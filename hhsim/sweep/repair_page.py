@@ -1,8 +1,8 @@
 """Table and page of the repairs of a manifest: yield, distribution of each figure, worst rows, and all rows."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -10,18 +10,12 @@ import numpy as np
 from hhsim import __version__
 from hhsim.arrays import FloatArray
 from hhsim.metrics.field.field_table import field_metrics
-from hhsim.render.figure import vector_bytes
 from hhsim.repair.request import PICTURE, REPORT
-from hhsim.report.figure import BLUE, ORANGE, PAGE_INCHES, gridded, new_figure
-from hhsim.sweep.repair_manifest import PlannedRepair
-from hhsim.sweep.repair_row import RowOutcome
+from hhsim.sweep.repair_manifest import PlannedRepair, RowOutcome
 from hhsim.system.counted import counted
 from hhsim.system.input_file import read_input
 from hhsim.table.html import render
 from hhsim.table.table import MISSING, Column, Marked, Table, number, shown, unit_size, words
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 WORST = 10
 """Number of rows of each list of the worst, and of those that have pictures."""
@@ -48,10 +42,6 @@ STATES = {
     "failed": "for another reason",
 }
 MOODS = {"repaired": "good", "missed": "note", "refused": "bad", "failed": "bad"}
-BINS, PANEL_COLUMNS, PANEL_HEIGHT = 24, 3, 1.6
-"""Bins of a histogram, panels side by side, and height of each [inches]."""
-
-
 LOOKS = {"time_per_frame": Column("CPU time a frame", unit="ms", digits=1)}
 """Columns of figures that are none of the field (`field_metrics`); any other has its own name, and no unit."""
 
@@ -84,7 +74,7 @@ def repair_table(rows: Sequence[RepairedRow]) -> Table:
             words("object", lambda row: row.planned.request.object.replace("\\", "/").rpartition("/")[2]),
             number("frames", "outcome.frames"),
             number("marked", lambda row: len(row.outcome.marked)),
-            words("doubt", _doubt),
+            words("doubt", lambda row: "; ".join(row.outcome.doubts)),
             *(_column(name, name) for name in _figure_names(rows)),
             words("reason", "outcome.reason"),
         ],
@@ -128,15 +118,10 @@ def repair_page(rows: Sequence[RepairedRow], table: Table, manifest: str) -> str
         mood="good" if good == len(rows) else "bad",
         shares=_shares(rows),
         spread=_spread(rows, names),
-        histograms=_histograms(rows, names),
         rankings=rankings,
         pictures=[(row, png) for row in worst_rows(rows) if (png := _picture(row))],
         table=replace(table, columns=kept),
     )
-
-
-def _doubt(row: RepairedRow) -> str:
-    return "; ".join(row.outcome.doubts)
 
 
 def _figure_names(rows: Sequence[RepairedRow]) -> list[str]:
@@ -176,12 +161,6 @@ def _shares(rows: Sequence[RepairedRow]) -> Table:
     return Table.of_cells(("outcome", "recordings", "share"), cells, "Yield", numbers=("recordings", "share"))
 
 
-def _values(rows: Sequence[RepairedRow], name: str) -> FloatArray:
-    """Return the finite values of a figure, as shown."""
-    values = np.array([row.figure(name) for row in rows]) / unit_size(_look(name).unit)
-    return values[np.isfinite(values)]
-
-
 def _spread(rows: Sequence[RepairedRow], names: Sequence[str]) -> Table:
     headings = ("figure", "recordings", "least", "median", "mean", "p90", "largest")
     marks: Sequence[Callable[[FloatArray], Any]] = (
@@ -189,7 +168,8 @@ def _spread(rows: Sequence[RepairedRow], names: Sequence[str]) -> Table:
     )  # fmt: skip
     cells = []
     for name in names:
-        values, digits = _values(rows, name), _look(name).digits
+        every, digits = np.array([row.figure(name) for row in rows]) / unit_size(_look(name).unit), _look(name).digits
+        values = every[np.isfinite(every)]
         found = [shown(float(mark(values)), digits) if len(values) else MISSING for mark in marks]
         cells.append((_look(name).heading, f"{len(values):,}", *found))
     return Table.of_cells(headings, cells, "Figures over all recordings", numbers=headings[1:])
@@ -216,50 +196,3 @@ def _picture(row: RepairedRow) -> bytes:
     except OSError:
         return b""
     return data if data.startswith(b"\x89PNG\r\n\x1a\n") else b""
-
-
-def _histograms(rows: Sequence[RepairedRow], names: Sequence[str]) -> str:
-    """Draw a panel for each figure, before and after in one, as SVG; empty if no row has a figure."""
-    groups: dict[str, dict[str, FloatArray]] = {}
-    for name in names:
-        base, _, when = name.rpartition("_")
-        paired = when in ("before", "after")
-        if len(values := _values(rows, name)):
-            groups.setdefault(base if paired else name, {})[when if paired else ""] = values
-    if not groups:
-        return ""
-    lines = -(-len(groups) // PANEL_COLUMNS)
-    with new_figure(PAGE_INCHES, lines * PANEL_HEIGHT) as figure:
-        import matplotlib
-
-        # Letters stay letters, which a page shows in its own way.
-        matplotlib.rcParams["svg.fonttype"] = "none"
-        _draw(figure, groups, lines)
-        svg = vector_bytes(figure, "svg", "Distribution of each figure").decode()
-    # Of the document only its drawing: a page has a head of its own.
-    drawing = svg[svg.index("<svg ") :]
-    start, end = drawing.index("<metadata>"), drawing.index("</metadata>") + len("</metadata>")
-    alt = "Histograms of each figure over all recordings, before and after the repair."
-    return drawing[:start].replace("<svg ", f'<svg role="img" aria-label="{alt}" ', 1) + drawing[end:]
-
-
-def _draw(figure: "Figure", groups: Mapping[str, Mapping[str, FloatArray]], lines: int) -> None:
-    for place, (name, group) in enumerate(groups.items(), 1):
-        axes = figure.add_subplot(lines, PANEL_COLUMNS, place)
-        gridded(axes)
-        every = np.concatenate(list(group.values()))
-        low, high = float(every.min()), float(every.max())
-        # Values that differ in rounding alone have no bins between them.
-        rim = 0.5 * max(1.0, abs(high)) if high - low <= 1e-9 * abs(high) else 0.0
-        edges = np.linspace(low - rim, high + rim, BINS + 1)
-        for when, values in group.items():
-            counts = np.histogram(values, edges)[0]
-            style: dict[str, Any] = (
-                {"color": ORANGE} if when == "before" else {"color": BLUE, "fill": True, "alpha": 0.7}
-            )
-            axes.stairs(counts, edges, label=when, **style)
-        axes.set_title(_look(name).heading, loc="left")
-        axes.locator_params(nbins=5)
-        if len(group) > 1:
-            axes.legend(loc="upper right")
-    figure.tight_layout()

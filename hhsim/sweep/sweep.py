@@ -1,37 +1,143 @@
 """Sweep: runs the cells of a plan that are not done yet, and keeps each outcome as soon as it ends.
 
-Its duration is estimated from the cells in its folder that ran on this machine.
+A cell is run in whatever process: what `hhsim replay` makes of the same words, in the sweep's folder.
 """
 
+import json
+import math
+import time
+import uuid
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from msgspec import structs
+
 from hhsim.errors import HhsimError
+from hhsim.mesh.catalogue import names_a_file
+from hhsim.replay.replay import replay_scene
+from hhsim.replay.summary import ReplaySummary, repeated_document
+from hhsim.result.writer import add_document
+from hhsim.scene.described_scene import LoadedWords, described_scene, load_words
+from hhsim.scene.motion_catalogue import trajectory_names
+from hhsim.scene.scene import Scene
 from hhsim.solver.hand_solver import warm_up
-from hhsim.sweep.cell_run import CellTask, load_cell
-from hhsim.sweep.engines import LOCAL, TaskEnd, require_dask, run_to_end
-from hhsim.sweep.folder import SweepFolder, lasting, pace_of
-from hhsim.sweep.input_files import source_digest
-from hhsim.sweep.plan import Cell, PlannedCell, SweepPlan
+from hhsim.sweep.engines import FolderTask, TaskEnd, require_dask, run_to_end
+from hhsim.sweep.folder import PARTIAL, SweepFolder, content_digest, lasting, write_row
+from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, read_files, source_digest
+from hhsim.sweep.plan import OF_THE_SCENE, Cell, PlannedCell, SweepPlan
+from hhsim.system import environment as info
 from hhsim.system.progress import Progress, silent
-from hhsim.system.thread_pool import physical_cores
+from hhsim.system.thread_pool import on_own_core, physical_cores
+
+OF_THE_ROW = (
+    *("object", "object_mesh", "level", "max_error", "trajectory", "samples", "place_object", "hand_file"),
+    *("tremor_mm_deg", "seed", "ticks"),
+)
+"""Statements of a result about its scene that a row repeats."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CellTask(FolderTask):
+    """Cell of a sweep, in its folder."""
+
+    cell: Cell
+    plan_folder: str  # absolute folder that the plan's files are relative to
+    keeps_result: bool = True  # True if the result is kept, not the row alone
+    wants_core: bool = True  # True if it waits for a core of its own
+
+    def work(self) -> TaskEnd:
+        """Run the cell and write its files, the row last: a cell is done when its row is there."""
+        began = time.perf_counter()
+        cell, folder, plan_folder = self.cell, Path(self.folder), Path(self.plan_folder)
+        partial = folder / f".{self.digest}-{uuid.uuid4().hex[:8]}{PARTIAL}"
+        is_new = not _scene.cache_info().misses
+        files = cell_files(cell, plan_folder)
+        if cell.digest(plan_folder) != self.digest:
+            raise LostFileError(CHANGED)
+        of_scene = {name: value for name, value in cell.options.items() if name in (*OF_THE_SCENE, "fingers")}
+        what = [cell.object, cell.motion, cell.surface == "mesh", of_scene, cell.seed, cell.ticks]
+        scene = _scene(_SceneKey(repr(what), files, cell), plan_folder)
+        if is_new:
+            # Most of that time the process loaded code, which says nothing of the cells after this one.
+            began = time.perf_counter()
+
+        def run() -> list[ReplaySummary]:
+            return [replay_scene(scene, cell.solver_options(), partial) for _ in range(cell.repeat)]
+
+        try:
+            # The threads of a tick want a core each.
+            pinned = self.wants_core and cell.solver_options().threads == 1
+            runs, own_core = on_own_core(run) if pinned else (run(), False)
+            repeated = repeated_document(runs) if cell.repeat > 1 else {}
+            result = f"{self.digest}.h5" if self.keeps_result else None
+            kept: dict[str, str] = {}
+            if result is not None:
+                if repeated:
+                    add_document(partial, "repeated", repeated)
+                kept = {"result_sha256": content_digest(partial)}
+                partial.replace(folder / result)
+        finally:
+            partial.unlink(missing_ok=True)
+        seconds = time.perf_counter() - began
+        summary, options, origin = runs[-1], cell.solver_options().at_rate(scene.ticks.rate), info.file_attributes()
+        stated = {name: scene.description.get(name) for name in OF_THE_ROW}
+        row = {
+            **origin,
+            **{name: json.loads(str(origin[name])) for name in ("machine", "packages")},
+            **({"repeated": repeated} if repeated else {}),
+            "result": result,
+            **kept,
+            "own_core": own_core,
+            "seconds": seconds,
+            "scene": {**stated, "rate": 1.0 / options.period, "solver": options.to_json()},
+            "verdict": summary.verdict.word,
+            "missed": list(summary.verdict.missed),
+            "summary": summary.attributes(),
+            "notes": list(summary.notes),
+        }
+        write_row(folder / f"{self.digest}.json", cell, self.digest, row)
+        return TaskEnd(self.digest, ticks=sum(summary.ticks for summary in runs), seconds=seconds)
 
 
 @dataclass(frozen=True)
-class SweepOptions:
-    """Options of a sweep."""
+class _SceneKey:
+    """Parts that a scene depends on, and a cell with it."""
 
-    jobs: int = 0  # processes of this machine; 0 for one per physical core
-    scheduler: str = ""  # address of a Dask cluster, or `hhsim.sweep.engines.LOCAL`; "" for processes
-    retry_failed: bool = False  # run cells again that failed before
-    keep_results: bool = True  # keep the result of each cell, not its row alone
+    says: str
+    files: tuple[ReadFile, ...]
+    cell: Cell = field(compare=False)
 
-    @property
-    def workers(self) -> int:
-        """Number of processes of this machine."""
-        return self.jobs or max(1, len(physical_cores()))
+
+# To place an object for a recording takes longer than most replays: the methods of a scene share it.
+@lru_cache(2)
+def _scene(key: _SceneKey, plan_folder: Path) -> Scene:
+    cell = key.cell
+    try:
+        loaded = load_cell(cell, plan_folder)
+        bodies, _ = loaded.grown()
+        return described_scene(cell.words(), bodies, loaded.hands, loaded.motions, cell.solver_options().fingers).scene
+    finally:
+        # What is raised here is not kept as the scene of these files.
+        if cell_files(cell, plan_folder) != key.files:
+            raise LostFileError(CHANGED)
+
+
+def cell_files(cell: Cell, plan_folder: Path) -> tuple[ReadFile, ...]:
+    """Return the files that a cell reads, as they are now; InputError if one cannot be read."""
+    return tuple(read for word in cell.files for read in read_files(plan_folder / word))
+
+
+def load_cell(cell: Cell, plan_folder: Path) -> LoadedWords:
+    """Load the motion and the bodies of a cell; HhsimError as `hhsim.scene.described_scene.load_words`."""
+    words = cell.words()
+    files = {"object": names_a_file(words.object), "trajectory": words.trajectory not in trajectory_names()}
+    files["hand_file"] = words.hand_file is not None
+    own = {name: str(plan_folder / getattr(words, name)) for name, is_file in files.items() if is_file}
+    return load_words(structs.replace(words, **own), surface=cell.surface)
 
 
 @dataclass(frozen=True)
@@ -49,41 +155,50 @@ class SweepSummary:
     seconds: float
 
 
-def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progress: Progress = silent) -> SweepSummary:
+def run_sweep(
+    plan: SweepPlan,
+    folder: SweepFolder,
+    *,
+    jobs: int = 0,
+    scheduler: str = "",
+    retry_failed: bool = False,
+    keep_results: bool = True,
+    progress: Progress = silent,
+) -> SweepSummary:
     """Run the cells that are not done yet.
+
+    Args:
+        jobs: Processes of this machine; 0 for one per physical core.
+        scheduler: Address of a Dask cluster, or `hhsim.sweep.engines.LOCAL`; "" for processes.
+        retry_failed: Run cells again that failed before.
+        keep_results: Keep the result of each cell, not its row alone.
 
     Raises InputError without Dask or a scheduler, OutputError for a folder that is not writable or another sweep's.
     """
-    if options.scheduler:
+    if scheduler:
         require_dask()
+    cores = len(physical_cores())
+    workers = jobs or max(1, cores)
     with folder.taken(plan):
-        before = {planned.digest for planned in plan.cells if folder.done(planned, options.keep_results)}
-        left = [planned for planned in plan.cells if planned.digest not in before]
-        if not options.retry_failed:
-            left = [planned for planned in left if not folder.failure(planned)]
-        began = perf_counter()
-        done, ticks, lost = 0, 0, dict[str, str]()
-        if left:
-            prepare(plan, left, progress)
-            # More processes than cores cannot have one each; a cluster's workers wait for one.
-            wants_core = bool(options.scheduler) or options.workers <= len(physical_cores())
-            tasks = [
-                CellTask(
-                    cell=planned.cell,
-                    digest=planned.digest,
-                    plan_folder=str(plan.folder.resolve()),
-                    folder=str(folder.cells.resolve()),
-                    keeps_result=options.keep_results,
-                    wants_core=wants_core,
-                    sources=source_digest(),
-                )
-                for planned in left
-            ]
-            waiting = {planned.digest: planned for planned in left}
-            pace, spent, cells_began = pace_of(plan.cells, folder), 0.0, perf_counter()
+        before = {planned.digest for planned in plan.cells if folder.done(planned, keep_results)}
+        missing = [planned for planned in plan.cells if planned.digest not in before]
+        waiting = {planned.digest: planned for planned in missing if retry_failed or not folder.failure(planned)}
+        began, done, ticks, lost = perf_counter(), 0, 0, dict[str, str]()
+        if waiting:
+            prepare(plan, list(waiting.values()), progress)
+            about: dict[str, Any] = {
+                "plan_folder": str(plan.folder.resolve()),
+                "folder": str(folder.cells.resolve()),
+                "keeps_result": keep_results,
+                # More processes than cores cannot have one each; a cluster's workers wait for one.
+                "wants_core": bool(scheduler) or workers <= cores,
+                "sources": source_digest(),
+            }
+            tasks = [CellTask(cell=planned.cell, digest=digest, **about) for digest, planned in waiting.items()]
+            cells_began = perf_counter()
 
             def on_end(end: TaskEnd) -> str:
-                nonlocal done, ticks, spent
+                nonlocal done, ticks
                 planned = waiting.pop(end.digest)
                 if end.reason and not end.is_final:
                     lost[end.digest] = end.reason
@@ -91,22 +206,15 @@ def run_sweep(plan: SweepPlan, folder: SweepFolder, options: SweepOptions, progr
                     folder.keep_failure(planned, end.reason)
                 else:
                     folder.forget_failure(planned)
-                    done, ticks, spent = done + 1, ticks + end.ticks, spent + end.seconds
-                    pace.add(planned.cell, end.ticks, end.seconds)
-                # How many work on a cluster shows in what they have done.
-                at_once = options.workers
-                if options.scheduler not in ("", LOCAL):
-                    at_once = max(1, round(spent / (perf_counter() - cells_began)))
-                still = pace.left(waiting.values())
-                return f" (about {lasting(still / min(at_once, len(waiting)))} left)" if still > 0.0 else ""
+                    done, ticks = done + 1, ticks + end.ticks
+                left = sum(each.run_ticks for each in waiting.values())
+                still = (perf_counter() - cells_began) * left / max(1, ticks)
+                return f" (about {lasting(still)} left)" if left and ticks else ""
 
-            how: dict[str, Any] = {"scheduler": options.scheduler, "jobs": options.workers, "done": len(before)}
-            run_to_end(tasks, "cells", on_end, progress, **how)
-        seconds = perf_counter() - began
-        missing = [cell for cell in plan.cells if cell.digest not in before]
+            run_to_end(tasks, "cells", on_end, progress, scheduler=scheduler, jobs=workers, done=len(before))
         reasons = [(cell.cell, lost.get(cell.digest) or folder.failure(cell)) for cell in missing]
         failed = tuple((cell, reason) for cell, reason in reasons if reason)
-    return SweepSummary(len(plan.cells), done, len(before), failed, ticks, seconds)
+    return SweepSummary(len(plan.cells), done, len(before), failed, ticks, perf_counter() - began)
 
 
 def prepare(plan: SweepPlan, cells: Sequence[PlannedCell], progress: Progress = silent) -> None:
@@ -150,9 +258,15 @@ class Estimate:
 
 
 def estimate(plan: SweepPlan, folder: SweepFolder) -> Estimate:
-    """Count the cells, and estimate the time of those left by the most similar that ran; the folder need not exist."""
+    """Count the cells, and estimate the time of those left by those that ran here; the folder need not exist."""
     done = {planned.digest for planned in plan.cells if folder.done(planned)}
     failed = {planned.digest for planned in plan.cells if planned.digest not in done and folder.failure(planned)}
-    left = [planned for planned in plan.cells if planned.digest not in done | failed]
-    ticks = sum(planned.run_ticks for planned in left)
-    return Estimate(len(plan.cells), len(done), len(failed), ticks, pace_of(plan.cells, folder).left(left))
+    left = sum(planned.run_ticks for planned in plan.cells if planned.digest not in done | failed)
+    ticks, seconds, here = 0, 0.0, info.machine()
+    for planned in plan.cells:
+        row = folder.row(planned)
+        if row.get("machine") == here:
+            ticks += planned.ticks * row.get("repeated", {}).get("runs", 1)
+            seconds += float(row["seconds"])
+    time = left * seconds / ticks if ticks else math.nan
+    return Estimate(len(plan.cells), len(done), len(failed), left, time)

@@ -37,7 +37,7 @@ def environment() -> "Environment":
         loader=FileSystemLoader(TEMPLATES), autoescape=True, finalize=_legal, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    made.filters["base64"] = _base64
+    made.filters["base64"] = lambda data: base64.b64encode(data).decode("ascii")
     made.filters["png_size"] = lambda png: tuple(int.from_bytes(png[at : at + 4]) for at in (16, 20))
     # A word of such a cell, as a checksum is, has to be broken to fit a page.
     made.tests["long"] = lambda cell: max(map(len, cell.split()), default=0) > LONGEST_WORD
@@ -48,7 +48,3 @@ def _legal(value: Any) -> Any:
     if not isinstance(value, str) or hasattr(value, "__html__"):
         return value
     return NO_TEXT.sub("\N{REPLACEMENT CHARACTER}", value)
-
-
-def _base64(data: bytes) -> str:
-    return base64.b64encode(data).decode("ascii")

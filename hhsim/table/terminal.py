@@ -3,7 +3,7 @@
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hhsim.table.table import Table, plain_text
 
@@ -36,8 +36,9 @@ class LaidColumn:
     def least(self) -> int:
         """Least width that breaks no number and no usual word."""
         if self.number:
-            return max(1, _longest_word([self.heading]), *(len(cell) for cell in self.cells))
-        return max(1, min(LONGEST_WORD, _longest_word([self.heading, *self.cells])))
+            return self.width
+        words = (word for text in (self.heading, *self.cells) for word in text.split())
+        return max(1, min(LONGEST_WORD, max(map(len, words), default=0)))
 
 
 def terminal_text(table: Table, *, in_terminal: bool, optional: Sequence[str] = ()) -> str:
@@ -71,10 +72,10 @@ def terminal_text(table: Table, *, in_terminal: bool, optional: Sequence[str] = 
                 box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, show_header=any(table.headings),
                 title=title, title_justify="left", title_style="bold",
             )  # fmt: skip
-            for column, width in zip(columns, widths(columns, console.width)):
+            for column in columns:
                 # As Text: a unit in square brackets is not markup.
-                heading = Text(column.heading)
-                laid.add_column(heading, justify="right" if column.number else "left", overflow="fold", width=width)
+                how: Any = {"justify": "right"} if column.number else {"overflow": "fold"}
+                laid.add_column(Text(column.heading), min_width=column.least, no_wrap=column.number, **how)
             for cells in zip(*(column.cells for column in columns)):
                 laid.add_row(*map(Text, cells))
             console.print(laid)
@@ -89,21 +90,6 @@ def fits(columns: Sequence[LaidColumn], width: int) -> bool:
     free = width - gaps - sum(column.least for column in columns if column.number)
     words = [column for column in columns if not column.number]
     return sum(column.width for column in words) <= MOST_LINES * free
-
-
-def widths(columns: Sequence[LaidColumn], width: int) -> list[int]:
-    """Return the width of each column: whole if possible, else text gives way, the widest first."""
-    found = [column.least for column in columns]
-    free = width - GAP * (len(columns) - 1) - sum(found)
-    whole = [column.width for column in columns]
-    for i, column in enumerate(columns):
-        if column.number:
-            more = min(max(free, 0), whole[i] - found[i])
-            found[i], free = found[i] + more, free - more
-    while free > 0 and found != whole:
-        i = max(range(len(columns)), key=lambda i: (whole[i] - found[i]) / found[i])
-        found[i], free = found[i] + 1, free - 1
-    return found
 
 
 def cards(columns: Sequence[LaidColumn], width: int) -> "list[Text]":
@@ -126,7 +112,3 @@ def cards(columns: Sequence[LaidColumn], width: int) -> "list[Text]":
             for k, part in enumerate(parts):
                 lines.append(Text(f"  {'' if k else column.heading:<{indent}}{part}"))
     return lines
-
-
-def _longest_word(texts: Sequence[str]) -> int:
-    return max((len(word) for text in texts for word in text.split()), default=0)

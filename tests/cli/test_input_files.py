@@ -19,7 +19,6 @@ from hhsim.recordings.registry import read_recording
 from hhsim.result.motion import load_result_motion
 from hhsim.result.reader import load_result
 from hhsim.system.hdf5_input import hdf5_format, open_hdf5
-from hhsim.table.file import load_table
 from hhsim.trees.file import load_tree
 from hhsim.trees.foreign_tree import import_tree
 
@@ -70,7 +69,6 @@ KINDS: dict[str, tuple[Callable[[h5py.File, str], None], str]] = {
 READERS: tuple[Callable[[Path], object], ...] = (
     *(load_result, load_result_motion, load_trajectory, read_recording, load_tree),
     lambda path: import_tree(path, load_object("cube").mesh),
-    load_table,
 )
 COMMANDS = (
     "verify FILE.h5",

@@ -48,7 +48,7 @@ WRITERS = {
     "hhsim/result/csv_export.py": "into a partial file",
     "hhsim/submissions/scene_folder.py": "into a new folder",
     "hhsim/metrics/field/displacement.py": "into a temporary folder",
-    "hhsim/sweep/repair_row.py": "the mark of a row, in its own folder",
+    "hhsim/sweep/repair_manifest.py": "the mark of a row, in its own folder",
     "hhsim/recordings/formats/hhsim.py": "an image in memory",
     "hhsim/system/checksummed_file.py": "adds the seal to a file that was just written",
     "hhsim/live/processes.py": "memory, no file",
@@ -130,7 +130,7 @@ def _repair(both: bool) -> Check:
             (_repair(both=True), f"free{name}")
             for name in (".npz", f"-{RESULT}", f"-right-{REPORT}", f"-left-{RESULT}")
         ),
-        (lambda _: check_table_path(Path("table.h5")), "table.csv"),
+        (lambda _: check_table_path(Path("table.json")), "table.csv"),
         (lambda _: write_report(Report("", "", {"hand": b""}, (), ()), Path("page.html")), "page-hand.png"),
         (check_picture, "picture.png"),
         (check_output_path, "output.npz"),

@@ -12,8 +12,8 @@ from conftest import Run
 from sweep_plans import PLAN, write_plan
 
 from hhsim.sweep import engines
-from hhsim.sweep.cell_run import CellTask
 from hhsim.sweep.engines import TaskEnd
+from hhsim.sweep.sweep import CellTask
 
 
 @pytest.fixture

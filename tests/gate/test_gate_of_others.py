@@ -20,6 +20,7 @@ from sealed_change import changed
 from short_grasp import short_grasp, short_scene
 
 from hhsim.gate.gate import gate_result
+from hhsim.gate.verdict import LOST
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.result.reader import load_result
@@ -239,6 +240,8 @@ REGRESSIONS: dict[str, tuple[Callable[[Path], object], str]] = {
         "session, ticks with fingers freed for safety: over the limit",
     ),
     "deeper poses": (deeper_poses, "submission, in the mesh, max: over the limit"),
+    "no work told": (method("gives_work = True", ""), f"method, work units: {LOST}"),
+    "no forces told": (method("gives_forces = True", ""), f"method, largest force step while moving: {LOST}"),
 }
 """What a change may do to a project, and the line that names the scene and the figure."""
 
@@ -306,25 +309,6 @@ def test_another_motion_is_judged_by_its_figures_where_the_suite_says_so(head: P
     (head / "hhsim-gate.toml").write_text(text.replace("motion_may_change = true", ""))
     answer = gate(head, "--quiet")
     assert (answer.code, "different inputs: " in answer.err) == (3, True)
-
-
-@pytest.mark.parametrize(
-    ("old", "lost"),
-    sampled(
-        [
-            ("gives_work = True", "method, work units"),
-            ("gives_forces = True", "method, largest force step while moving"),
-        ],
-        lambda place, _: place == 0,
-    ),
-)
-@pytest.mark.soak
-def test_what_a_method_no_longer_tells_is_lost(head: Path, gate: Gate, old: str, lost: str) -> None:
-    only(head, "method")
-    method(old, "")(head)
-    answer = gate(head, "--quiet")
-    assert answer.code == 1, answer.out + answer.err
-    assert f"{lost}: no longer told by the method, and the base has it" in answer.err
 
 
 @pytest.mark.soak

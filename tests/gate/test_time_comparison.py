@@ -28,6 +28,7 @@ def test_the_verdict_is_that_of_exact_arithmetic(base: list[float], head: list[f
     found = judge_time("tiny", head, base, 0.25)
     ratio = median(head) / median(base)
     assert found.head / found.base == pytest.approx(float(ratio))
+    assert found.limit == 1.25 * found.base and found.reason.startswith(f"{100 * (float(ratio) - 1):+.1f} %")
     if ratio not in (Fraction(5, 4), Fraction(4, 5)):
         expected = "worse" if ratio > Fraction(5, 4) else "better" if ratio < Fraction(4, 5) else "within noise"
         assert found.verdict == expected

@@ -1,22 +1,20 @@
-"""Tables of benches on a page: cost against error, and units that keep the numbers."""
+"""Tables of benches on a page: cost against error."""
 
 from pathlib import Path
 from typing import Any
 
-import pytest
 from drawings_alone import drawn
 
-from hhsim.report.bench_section import shown_unit
 from hhsim.report.trade_off import bench_trade_off, has_trade_off
 from hhsim.table.file import BenchTable, load_table, write_table
-from hhsim.table.table import Column, unit_size
+from hhsim.table.table import Column
 
 COLUMNS = (Column("total", "whole tick", "s"), Column("case", "case"))
 
 
 def table(tmp_path: Path, suite: str, columns: tuple[Column, ...], rows: list[dict[str, Any]]) -> BenchTable:
-    write_table(tmp_path / "t.h5", suite, columns, rows, {})
-    return load_table(tmp_path / "t.h5")
+    write_table(tmp_path / "t.json", suite, columns, rows, {})
+    return load_table(tmp_path / "t.json")
 
 
 def test_the_picture_of_peers_has_each_configuration_and_names_other_engines(tmp_path: Path) -> None:
@@ -43,14 +41,3 @@ def test_a_table_without_numbers_or_of_another_suite_has_none(tmp_path: Path) ->
     assert bench_trade_off("peers", [{**nothing, "ours": True, "frontier": False}]) is None
     assert not has_trade_off(table(tmp_path, "peers", COLUMNS, [{"total": 1.0, "case": "S"}]))
     assert not has_trade_off(table(tmp_path, "hard", COLUMNS, [{"total": 1.0, "case": "S"}]))
-
-
-@pytest.mark.parametrize(
-    ("largest", "unit"), [(2.0, "s"), (0.9, "ms"), (1e-3, "ms"), (9e-4, "µs"), (5e-8, "ns"), (0.0, "s"), (None, "s")]
-)
-def test_the_unit_keeps_the_largest_number_at_one_or_more(tmp_path: Path, largest: float | None, unit: str) -> None:
-    rows = [{"total": value, "case": "S"} for value in (largest, None)]
-    found = shown_unit(table(tmp_path, "hard", COLUMNS, rows), "total")
-    assert found == unit
-    if largest:
-        assert 1.0 <= largest / unit_size(found) < 1e3 or unit in ("s", "ns")

@@ -130,7 +130,7 @@ def test_labels_of_many_results_keep_apart_and_within_the_figure(
 def test_a_table_of_a_bench_has_speed_against_error(path: Path, tmp_path: Path, suite: str) -> None:
     row = {"object": "cube", "motion": "all", "ours": True, "method": "coupled", "surface": "mesh"}
     rows = [{**row, "tick_cpu_p50": 1e-5 * k, "mesh_error": 1e-4 / k} for k in (1, 2, 3)]
-    table = tmp_path / "table.h5"
+    table = tmp_path / "table.json"
     write_table(table, suite, [Column(name, name) for name in rows[0]], rows, {})
     figure = make_figure([table], "speed-error")
     assert figure.alt == "Time of a tick against distance from the true mesh: 3 points."

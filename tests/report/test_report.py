@@ -436,8 +436,8 @@ def test_what_hhsim_did_not_write_is_not_replaced(coupled: Path, tmp_path: Path,
 
 
 def test_a_table_of_hhsim_bench_is_a_part_of_its_own(coupled: Path, tmp_path: Path, dots: None) -> None:
-    path = tmp_path / "bench.h5"
-    columns = (Column("method", "method <name>"), Column("time", "time of a tick", "s"), Column("ok", "passed"))
+    path = tmp_path / "bench.json"
+    columns = (Column("method", "method <name>"), Column("time", "time of a tick", "µs"), Column("ok", "passed"))
     rows: list[dict[str, Any]] = [
         {"method": "coupled", "time": 1.25e-5, "ok": True},
         {"method": "paper", "time": None, "ok": False},

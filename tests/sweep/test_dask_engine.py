@@ -10,12 +10,11 @@ from sweep_plans import PLAN, without_times, write_plan
 
 from hhsim.errors import InputError
 from hhsim.sweep import engines
-from hhsim.sweep.cell_run import CellTask
 from hhsim.sweep.engines import run_on_dask, run_with_client
 from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.input_files import source_digest
 from hhsim.sweep.plan import load_plan
-from hhsim.sweep.sweep import SweepOptions, run_sweep
+from hhsim.sweep.sweep import CellTask, run_sweep
 
 ignored = pytest.mark.filterwarnings("ignore")
 """What a cluster warns of when it ends is its own affair."""
@@ -56,7 +55,7 @@ def test_a_cluster_of_two_processes_is_started_here(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     folder = SweepFolder(tmp_path / "out")
     plan = load_plan(write_plan(tmp_path))
-    found = run_sweep(plan, folder, SweepOptions(jobs=2, scheduler=engines.LOCAL))
+    found = run_sweep(plan, folder, jobs=2, scheduler=engines.LOCAL)
     assert (found.run, found.failed) == (2, ())
 
 
@@ -64,7 +63,7 @@ def test_without_dask_one_line_says_how_to_get_it(tmp_path: Path, monkeypatch: p
     monkeypatch.setitem(sys.modules, "distributed", None)
     plan = load_plan(write_plan(tmp_path))
     with pytest.raises(InputError, match=r"pip install 'hhsim\[sweep\]'; without it, --jobs N"):
-        run_sweep(plan, SweepFolder(tmp_path / "out"), SweepOptions(scheduler="tcp://127.0.0.1:1"))
+        run_sweep(plan, SweepFolder(tmp_path / "out"), scheduler="tcp://127.0.0.1:1")
     assert not (tmp_path / "out").exists()
 
 

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import fake_repairs
@@ -16,7 +17,7 @@ from hhsim.sweep import engines
 from hhsim.sweep.folder import locked
 from hhsim.sweep.input_files import CHANGED
 from hhsim.sweep.repair_batch import run_manifest
-from hhsim.sweep.repair_row import RowTask
+from hhsim.sweep.repair_manifest import RowTask
 
 LIMIT = "time_limit = 1.0\n"
 
@@ -76,19 +77,13 @@ def test_every_row_ends_whatever_others_do_and_any_number_of_processes_writes_th
 def test_a_second_run_repeats_what_ended_by_accident_and_nothing_else(tmp_path: Path) -> None:
     path, out = write_manifest(tmp_path, "raise 1", "refuse 1", "miss 1", "copy 1", "mesh 1"), tmp_path / "out"
     told: list[tuple[str, int, int]] = []
-    first = run_manifest(
-        path, out, fake_repairs.repaired, fake_repairs.illustrated, progress=lambda *step: told.append(step)
-    )
+    again = partial(run_manifest, path, out, fake_repairs.repaired, fake_repairs.illustrated)
+    first = again(progress=lambda *step: told.append(step))
     assert told == [*(("recordings", done, 5) for done in range(6)), *(("pictures", done, 2) for done in range(3))]
     assert len(ran(out)) == 5 + 2
     files = tree(out)
     told.clear()
-    assert (
-        run_manifest(
-            path, out, fake_repairs.repaired, fake_repairs.illustrated, progress=lambda *step: told.append(step)
-        ).failed
-        == first.failed
-    )
+    assert again(progress=lambda *step: told.append(step)).failed == first.failed
     assert (ran(out), told) == (["r0"], [("recordings", 4, 5), ("recordings", 5, 5)])
     assert tree(out) == files
 
@@ -139,27 +134,17 @@ def test_the_table_has_units_and_its_json_the_same_values(tmp_path: Path) -> Non
     path = write_manifest(tmp_path, "copy 9", "refuse 0")
     run(path, tmp_path / "out")
     first, second = csv.DictReader(io.StringIO((tmp_path / "out" / "table.csv").read_text()))
-    assert float(first["depth_cones_max_before [m]"]) == 1e-3 * 9.0 and float(
-        first["depth_cones_max_after [m]"]
-    ) == pytest.approx(9e-6)
-    assert (first["frames"], first["marked"], first["own_figure"], second["depth_cones_max_after [m]"]) == (
-        "30",
-        "2",
-        "",
-        "",
-    )
+    assert float(first["depth_cones_max_before [m]"]) == 1e-3 * 9.0
+    assert float(first["depth_cones_max_after [m]"]) == pytest.approx(9e-6)
+    assert (first["frames"], first["marked"], first["own_figure"]) == ("30", "2", "")
+    assert second["depth_cones_max_after [m]"] == ""
     document = json.loads((tmp_path / "out" / "table.json").read_text())
-    assert (
-        document["columns"]["volume_exact_mean_before"] == "m³"
-        and document["rows"][0]["depth_cones_max_before"] == 1e-3 * 9.0
-    )
-    assert document["rows"][0]["own_figure"] is None and document["rows"][1]["state"] == "refused"
+    row, other = document["rows"]
+    assert document["columns"]["volume_exact_mean_before"] == "m³" and row["depth_cones_max_before"] == 1e-3 * 9.0
+    assert row["own_figure"] is None and other["state"] == "refused"
     outcome = json.loads((tmp_path / "out" / "r0" / "outcome.json").read_text())
-    assert (outcome["paths"], outcome["marked"], outcome["findings"]) == (
-        {"recording": "r0.txt"},
-        [4, 7],
-        ["a finding"],
-    )
+    assert (outcome["paths"], outcome["marked"]) == ({"recording": "r0.txt"}, [4, 7])
+    assert outcome["findings"] == ["a finding"]
 
 
 @pytest.mark.usefixtures("in_this_process")

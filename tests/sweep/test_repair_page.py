@@ -11,9 +11,8 @@ from fake_repairs import png
 from report_reader import read_page
 
 from hhsim.repair.request import PICTURE, REPORT, RepairRequest
-from hhsim.sweep.repair_manifest import PlannedRepair
+from hhsim.sweep.repair_manifest import PlannedRepair, RowOutcome, State
 from hhsim.sweep.repair_page import RepairedRow, brief_table, repair_page, repair_table
-from hhsim.sweep.repair_row import RowOutcome, State
 
 
 def row(folder: Path, name: str, depth: float | None, state: State = "repaired", **more: float) -> RepairedRow:
@@ -84,22 +83,17 @@ def test_names_lead_to_reports_and_pictures_are_in_the_page(rows: list[RepairedR
     assert all((e.attributes.get("src") or "data:").startswith("data:") for e in found.elements)
 
 
-def test_it_has_no_script_and_one_drawing_and_is_the_same_again(rows: list[RepairedRow]) -> None:
+def test_it_has_no_script_and_is_the_same_again(rows: list[RepairedRow]) -> None:
     text = page(rows)
     found = read_page(text)
     assert text == page(rows)
-    assert not found.all("script") and not found.all("metadata")
-    assert len(found.all("svg")) == 1
+    assert not found.all("script")
     names = [e.attributes["id"] for e in found.elements if "id" in e.attributes]
     assert len(names) == len(set(names))
-    drawn = [e.text.strip() for e in found.all("text")]
-    assert {"PD, cones, max [mm]", "contacts kept within 5 mm [%]", "before", "after"} <= set(drawn)
 
 
 def test_rows_without_a_figure_make_a_page(tmp_path: Path) -> None:
     found = read_page(page([row(tmp_path, "one", None, "failed")]))
-    assert not found.all("svg") and not found.all("article")
+    assert not found.all("article")
     assert found.rows("All recordings")[1][0] == "one"
     read_page(page([row(tmp_path, "one", 0.0)]))
-    # Values that rounding alone tells apart.
-    read_page(page([row(tmp_path, "one", 1.0), row(tmp_path, "two", float(np.nextafter(1.0, 2.0)))]))

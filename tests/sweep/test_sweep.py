@@ -15,13 +15,12 @@ from hhsim.errors import OutputError
 from hhsim.mesh.shapes import box
 from hhsim.result.reader import load_result
 from hhsim.sweep import engines
-from hhsim.sweep.cell_run import CellTask
 from hhsim.sweep.cell_table import cell_rows
 from hhsim.sweep.engines import CRASHED
 from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.input_files import CHANGED, source_digest
 from hhsim.sweep.plan import load_plan
-from hhsim.sweep.sweep import SweepOptions, SweepSummary, estimate, run_sweep
+from hhsim.sweep.sweep import CellTask, SweepSummary, estimate, run_sweep
 
 Run = Callable[..., Any]
 BROKEN = '''
@@ -60,7 +59,7 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def swept(path: Path, folder: Path, **options: Any) -> SweepSummary:
-    return run_sweep(load_plan(path), SweepFolder(folder), SweepOptions(**options))
+    return run_sweep(load_plan(path), SweepFolder(folder), **options)
 
 
 def test_a_cell_is_what_hhsim_replay_makes(run: Run, tmp_path: Path, in_this_process: list[str]) -> None:
@@ -221,8 +220,8 @@ def test_times_of_cells_that_are_run_repeatedly_are_kept_and_more_runs_are_run(
     assert {path.name for path in (out / "cells").iterdir()} == names
     times = rows(out)[0]["repeated"]["times"]["tick_cpu_p50"]
     table = cell_rows(load_plan(tmp_path / "plan.toml"), SweepFolder(out))
-    row = next(row for row in table if row.figures["tick_cpu_p50"] == times["mean"])
-    assert (row.deviations["tick_cpu_p50"], row.runs) == (times["std"], 3)
+    row = next(row for row in table if row["tick_cpu_p50"] == times["mean"])
+    assert (row["tick_cpu_p50_std"], row["runs"]) == (times["std"], 3)
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="processes are watched on Linux")

@@ -24,7 +24,7 @@ FINGERS = ("thumb", "index")
 READERS = (
     *("gate.suite", "gate.gate", "hand.model", "recordings.column_map", "recordings.dexmo_regression"),
     *("scene.contact_goals", "scene.demonstration", "scene.described_scene", "scene.joint", "scene.script"),
-    *("scene.body_file", "sweep.plan", "sweep.repair_manifest", "sweep.repair_row"),
+    *("scene.body_file", "sweep.plan", "sweep.repair_manifest"),
 )
 """Modules that declare settings."""
 Share = Annotated[float, between(0.0, 1.0)]

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.arrays import AnyArray, BoolArray, FloatArray
+from hhsim.bench.figures import digest_of, hand_clearance, placed_of
 from hhsim.bench.paper.scene import RATE, Scenario, Stage, held_ticks, hold_distances, ticks_of
-from hhsim.bench.tick_records import digest_of, hand_clearance, placed_of
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
@@ -53,15 +53,11 @@ CARRIES = 0.25
 by large shares of itself. The medians over all holds differ by 0.06 % at most from 0.1 to 0.5."""
 
 
-@dataclass(frozen=True, eq=False)
-class Variation:
-    """Change of the index finger's force from tick to tick in one hold [%], mean and standard deviation.
+class Variation(NamedTuple):
+    """Change of the index finger's force from tick to tick in one hold [%], mean and standard deviation."""
 
-    `size` is of the force's size, shape (2,); `component` of its components, shape (3, 2), NaN for small ones.
-    """
-
-    size: FloatArray
-    component: FloatArray
+    size: FloatArray  # of the force's size, shape (2,)
+    component: FloatArray  # of its components, shape (3, 2), NaN for small ones
 
 
 class Moment(NamedTuple):
@@ -91,8 +87,6 @@ class SceneRun:
     stage: Stage
     options: SolverOptions
     candidates: NDArray[np.int32]  # number of candidate pairs, shape (T,)
-    touching: NDArray[np.int32]  # number of touching pairs, shape (T,)
-    status: NDArray[np.int32]  # of each tick, shape (T,)
     digest: str  # of the poses and forces
     shown: list[Moment]  # ends of the holds and middles of the slides, in order; none for instances
     curves: Curves | None  # forces; None for instances
@@ -105,21 +99,13 @@ class SceneRun:
     # Times of every tick [s], shape (T, 6), an array a repetition: CPU, wall, detection, palm, fingers, force.
     times: list[Times] = field(default_factory=list)
 
+    case: str = ""  # case of Fig. 15 whose number of contacts the margin of the options gives
+    wanted: float = math.nan  # number of contacts that the paper names
+
     @property
     def scenario(self) -> Scenario:
         """Scenario of the stage."""
         return self.stage.scenario
-
-    @property
-    def ticks(self) -> RunTicks:
-        """Ticks for run metrics that need no force and no pose."""
-        columns: dict[str, AnyArray] = {
-            "status": self.status,
-            "contacts/candidates": self.candidates,
-            "contacts/touching": self.touching,
-            "penetration_depth": self.depth,
-        }
-        return RunTicks(columns, len(self.depth), (), RATE, len(self.options.fingers))
 
     @cached_property
     def median_times(self) -> FloatArray:
@@ -180,8 +166,6 @@ def play(stage: Stage, options: SolverOptions) -> SceneRun:
         stage=stage,
         options=options,
         candidates=record.work[:, WORK_CANDIDATES].astype(np.int32),
-        touching=record.work[:, WORK_TOUCHING].astype(np.int32),
-        status=record.status.astype(np.int32),
         digest=digest_of(record),
         shown=_shown(stage, records[0]) if single else [],
         curves=curves,
@@ -206,8 +190,8 @@ def play_again(run: SceneRun) -> None:
     _keep_times(run, record)
 
 
-def at_contacts(stage: Stage, options: SolverOptions, wanted: float) -> tuple[float, SceneRun]:
-    """Return the margin [m] with which the hold of a stage's first motion has about `wanted` candidate pairs; its run.
+def at_contacts(stage: Stage, options: SolverOptions, case: str, wanted: float) -> SceneRun:
+    """Return the run of a stage's first motion whose hold has about `wanted` candidate pairs by its margin.
 
     A wider margin lets more candidate pairs in, which costs time and changes nothing else. Found by bisection.
     """
@@ -228,7 +212,7 @@ def at_contacts(stage: Stage, options: SolverOptions, wanted: float) -> tuple[fl
         low, high = (margin, high) if count < wanted else (low, margin)
     if best is None:
         raise HhsimError(f"{stage.scenario.name}: no margin is small enough for the solver")
-    return best[1], play(one, replace(options, margin=best[1]))
+    return replace(play(one, replace(options, margin=best[1])), case=case, wanted=wanted)
 
 
 def joined_record(records: list[TickRecord]) -> TickRecord:
@@ -303,39 +287,26 @@ def _variation(
     size = force_variation_rate(force)[settled]
     component = component_variation_rate(force, floor=max(CARRIES * mean, 1e-2))[settled]
     # A component that is rarely large enough tells nothing about the hold.
-    often = np.isfinite(component).mean(axis=0) > 0.5
-    return Variation(
-        _mean_std(size), np.array([_mean_std(component[:, k]) if often[k] else (np.nan, np.nan) for k in range(3)])
-    )
+    component[:, np.isfinite(component).mean(axis=0) <= 0.5] = np.nan
 
+    def mean_std(values: FloatArray) -> FloatArray:
+        defined = values[np.isfinite(values)]
+        return np.array([defined.mean(), defined.std()]) if defined.size else np.full(2, np.nan)
 
-def _mean_std(values: FloatArray) -> FloatArray:
-    defined = values[np.isfinite(values)]
-    return np.array([defined.mean(), defined.std()]) if defined.size else np.full(2, np.nan)
-
-
-@dataclass(frozen=True, eq=False)
-class ContactRun:
-    """A scene at a stated number of contacts, and the margin [m] that gives it."""
-
-    case: str
-    wanted: float
-    margin: float
-    run: SceneRun
+    return Variation(mean_std(size), np.array([mean_std(values) for values in component.T]))
 
 
 @dataclass(frozen=True, eq=False)
 class PaperRuns:
     """Runs by scene, then by method; and those with the numbers of contacts that the paper names."""
 
-    scenes: tuple[SceneRun, ...]
-    at_contacts: tuple[ContactRun, ...]
+    scenes: Sequence[SceneRun]
+    at_contacts: Sequence[SceneRun]
 
     @classmethod
-    def of_all(cls, runs: Sequence[SceneRun | ContactRun]) -> "PaperRuns":
+    def of_all(cls, runs: Sequence[SceneRun]) -> "PaperRuns":
         """Return the runs of both kinds."""
-        found = tuple(run for run in runs if isinstance(run, ContactRun))
-        return cls(tuple(run for run in runs if isinstance(run, SceneRun)), found)
+        return cls([run for run in runs if not run.case], [run for run in runs if run.case])
 
     def of(self, method: str, *figures: str, object_name: str | None = None, case: str | None = None) -> list[SceneRun]:
         """Return the runs of a method in some figures."""

@@ -24,7 +24,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.catalogue import object_names
 from hhsim.motion.trajectory import TickInput, Trajectory
 from hhsim.scene.contact_goals import TOUCHING, touch_distances
-from hhsim.scene.finger_closure import FingerClosure, PlacedCloser, body_distances
+from hhsim.scene.finger_closure import PlacedCloser, body_distances
 from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.scene.script import Placement, Script
 from hhsim.scene.synthesis import planned, synthesize
@@ -193,15 +193,11 @@ def _places(scenario: Scenario, script: Script, hand: HandModel, tree: SphereTre
             position = best.position + SHIFT * random.standard_normal(3)
             place = Placement("", position, turned, best.back, opened, best.abduction)
             closure = closer.close(place)
-            clear = closure.reached == script.fingers and _clear(closer, closure)
+            # The open hand is free of the object there.
+            near = body_distances(closure.position, closure.rotation, closure.open, closure.abduction, closer.work)
+            clear = closure.reached == script.fingers and near.min() >= 0.0
             if clear and (script.palm_depth == 0.0) == (closure.distance[PALM_BODY] >= 0.0):
                 break
         else:
             raise HhsimError(f"{scenario.name}: no place found for an instance in {TRIES} tries")
         yield place
-
-
-def _clear(closer: PlacedCloser, closure: FingerClosure) -> bool:
-    """True if the open hand is free of the object at the place where the fingers close."""
-    near = body_distances(closure.position, closure.rotation, closure.open, closure.abduction, closer.work)
-    return bool(near.min() >= 0.0)

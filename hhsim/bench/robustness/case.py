@@ -1,28 +1,30 @@
 """Hard cases: seeded runs of a hand against an object, and the figures, each with its bar, that judge them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
+from hhsim.bench.figures import hand_clearance, placed_of
 from hhsim.bench.robustness.objects import ball, ball_mesh, right_hand
-from hhsim.bench.tick_records import placed_of
+from hhsim.bench.robustness.postures import RIM, crossings
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import frozen_decay
-from hhsim.solver.options import BY_SURFACE, SolverOptions
-from hhsim.trees.contact_surface import contact_surface
+from hhsim.solver.options import BY_SURFACE, UNBOUNDED, UNLIMITED, SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 DEEPEST = 1e-6
 """Penetration [m] that every case allows: a hundredth of what the paper shows, and far below what anybody feels."""
 REST = 20
 """Ticks after which the force of a frozen input must be still, as for every replay."""
+SAME = 1e-6
+"""Motions and forces are the same to this share of the hand's length, and of the largest force."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,9 @@ class Figure:
         return self.value >= self.bar if self.at_least else self.value <= self.bar
 
 
+Figures: TypeAlias = Iterable[Figure]
+
+
 @dataclass(frozen=True, eq=False)
 class HardRun:
     """One hand that moves against one object."""
@@ -49,6 +54,8 @@ class HardRun:
     motion: HandConfiguration  # haptic hand, tick by tick
     tree: SphereTree | None = None  # leaf spheres of the object, world; None for an object of triangles alone
     mesh: Mesh | None = None  # triangles of the object, world; None for an object of spheres alone
+    # Its own figures; of figures of one name in several runs of a case the worst counts.
+    judge: "Callable[[Outcome], Figures]" = lambda outcome: ()
     hand: HandModel = field(default_factory=right_hand)
     # Changes the options of the method for this run.
     adapt: Callable[[SolverOptions], SolverOptions] = lambda options: options
@@ -64,9 +71,19 @@ class HardRun:
         return self.adapt(options)
 
 
-def ball_run(name: str, motion: HandConfiguration) -> HardRun:
+Runs: TypeAlias = Iterable[HardRun]
+
+
+def ball_run(name: str, motion: HandConfiguration, **more: Any) -> HardRun:
     """Return a run against the ball that most scenes have."""
-    return HardRun(name, motion, ball(4000), ball_mesh())
+    return HardRun(name, motion, ball(4000), ball_mesh(), **more)
+
+
+def to_convergence(options: SolverOptions) -> SolverOptions:
+    """Return options with which each tick arrives: differences are then due to the rows, and not to where it ends."""
+    if options.method not in ("coupled", "progressive"):
+        return options
+    return replace(options, step_tolerance=1e-7, linearisations=60, budget=UNLIMITED, snap_speed=UNBOUNDED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +92,9 @@ class Outcome:
 
     run: HardRun
     options: SolverOptions  # options that it was solved with
-    record: TickRecord | None  # ticks of the last repeat of the motion; None if the method refused the scene
+    surface: Any  # arrays of the surface that the hand touched
+    before: "Sequence[Outcome]" = ()  # outcomes of the case's runs before it
+    record: TickRecord | None = None  # ticks of the last repeat of the motion; None if the method refused the scene
     refusal: str = ""  # message of the refusal, else empty
     safety: Mapping[str, Any] = field(default_factory=dict)  # figures of `SAFETY`, of all ticks
     limit_excess: float = 0.0  # largest excess of a joint beyond its limits [rad]
@@ -85,46 +104,42 @@ class Outcome:
     memory: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
-    def surface(self) -> Any:
-        """Arrays of the surface that the hand touched."""
-        return contact_surface(self.options.surface, self.run.mesh, self.run.tree).arrays
-
-    @property
     def ticks(self) -> TickRecord:
         """Record of a run that was not refused."""
         assert self.record is not None
         return self.record
 
+    @property
+    def points(self) -> FloatArray:
+        """Joints and palm of the graphic hand [m], shape (T, 21, 3)."""
+        return placed_of(self.ticks).points
 
-@dataclass(frozen=True)
-class HardCase:
-    """A named scene that breaks methods."""
+    def ticks_with(self, *bits: int, ticks: slice = slice(None)) -> int:
+        """Return the number of ticks that have one of these bits of the status."""
+        return int((self.ticks.status[ticks] & sum(bits) > 0).sum())
 
-    name: str  # in kebab-case
-    description: str  # one line
-    build: Callable[[int], Sequence[HardRun]]  # returns the runs of a seed
-    # Returns the case's own figures, from the outcomes in the order of the runs; penetration, finite numbers, joint
-    # limits and stuck ticks are judged for every case.
-    judge: Callable[[Sequence[Outcome]], Sequence[Figure]] = lambda outcomes: ()
-    may_refuse: bool = False  # True if a clear refusal is as good as a sound motion
-    mesh_only: bool = False  # True if its objects are triangles alone
+    def gap(self, tick: int) -> float:
+        """Return the signed distance of hand and surface at a tick [m]."""
+        return float(hand_clearance(self.run.hand, self.surface, placed_of(self.ticks).at([tick]), 1.0)[0])
 
+    def rest(self, ticks: slice, name: str | None = None) -> Figure:
+        """Return the figure of the ticks until the force rests, once the input is frozen; named after the run."""
+        decay = frozen_decay(self.ticks.total[ticks])
+        name = self.run.name if name is None else name
+        return Figure(f"ticks to rest{name and ', '}{name}", np.inf if decay is None else decay, REST)
 
-def rest_figure(outcome: Outcome, ticks: slice, name: str = "ticks to rest") -> Figure:
-    """Return the figure of the ticks that the force takes to rest, once the input is frozen."""
-    decay = frozen_decay(outcome.ticks.total[ticks])
-    return Figure(name, np.inf if decay is None else decay, REST)
+    def left(self, after: str, bar: float = 1e-6) -> Figure:
+        """Return the figure of the distance [m] of graphic and haptic palm in the last tick."""
+        away = np.linalg.norm(self.ticks.position[-1] - self.run.motion.position[-1])
+        return Figure(f"distance left after {after}", float(away), bar, "m")
 
+    def through(self, thing: str, radius: float) -> Figure:
+        """Return the figure of points that went through a disc of this radius [m] in the plane z = 0."""
+        return Figure(f"points of the hand that went through the {thing}", crossings(self.points, radius - RIM), 0)
 
-def rest_of_run(outcome: Outcome, ticks: slice) -> Figure:
-    """Return `rest_figure` under the name of its run."""
-    return rest_figure(outcome, ticks, f"ticks to rest, {outcome.run.name}")
-
-
-def distance_left(outcomes: Sequence[Outcome], name: str, bar: float = 1e-6) -> Figure:
-    """Return the figure of the largest distance [m] of graphic and haptic palm in the last tick of the runs."""
-    away = [np.linalg.norm(o.ticks.position[-1] - o.run.motion.position[-1]) for o in outcomes]
-    return Figure(name, float(np.max(away)), bar, "m")
+    def apart_from(self, other: "Outcome") -> float:
+        """Return the largest distance [m] of a joint or the palm from the other's."""
+        return float(np.linalg.norm(self.points - other.points, axis=-1).max())
 
 
 def largest_step(points: ArrayLike) -> float:
@@ -132,11 +147,36 @@ def largest_step(points: ArrayLike) -> float:
     return float(np.linalg.norm(np.diff(points, axis=0), axis=-1).max())
 
 
-def shown_points(record: TickRecord) -> FloatArray:
-    """Return joints and palm of the graphic hand [m], shape (T, 21, 3)."""
-    return placed_of(record).points
+@dataclass(frozen=True)
+class HardCase:
+    """A named scene that breaks methods; in all, penetration, finite numbers, limits and stuck ticks are judged."""
+
+    name: str  # in kebab-case
+    description: str  # one line
+    build: Callable[[int], Runs]  # returns the runs of a seed
+    may_refuse: bool = False  # True if a clear refusal is as good as a sound motion
+    mesh_only: bool = False  # True if its objects are triangles alone
 
 
-def motion_difference(first: TickRecord, second: TickRecord) -> float:
-    """Return the largest distance [m] of a joint or the palm of one record from the other's."""
-    return float(np.linalg.norm(shown_points(first) - shown_points(second), axis=-1).max())
+def named_cases(*builds: Callable[[int], Runs], **how: bool) -> tuple[HardCase, ...]:
+    """Return the cases of these functions: each has the function's name, and its docstring as the description."""
+    return tuple(
+        HardCase(build.__name__.replace("_", "-"), str(build.__doc__).removesuffix("."), build, **how)
+        for build in builds
+    )
+
+
+def own_figures(outcomes: Sequence[Outcome]) -> list[Figure]:
+    """Return the figures of a case whose runs were not refused: of those of one name the sum of counts, or the worst.
+
+    NaN is the worst.
+    """
+    found: dict[str, Figure] = {}
+    for new in (figure for outcome in outcomes for figure in outcome.run.judge(outcome)):
+        old = found.setdefault(new.name, new)
+        is_worse = new.value < old.value if new.at_least else new.value > old.value
+        if old is not new and isinstance(new.value, int):
+            found[new.name] = replace(old, value=old.value + new.value)
+        elif is_worse or np.isnan(new.value):
+            found[new.name] = new
+    return list(found.values())

@@ -7,7 +7,6 @@ broken devices. The n-th target depends on seed and n alone, and the motion does
 stretch of a long run can be made again.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -21,7 +20,12 @@ from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.system.settings_file import Positive, between, check_fields
 
-Bound = Literal["palm", "hand", "none"]
+Bound = Literal["palm", "none"]
+TRICKS = (
+    *("no number", "no direction", "another length", "another sign", "late"),
+    *("teleport", "far away", "beyond limits", "spin", "shake"),
+)
+"""Faults of broken devices, of the wild mode."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,8 +41,7 @@ class StressOptions:
     flexion_range: tuple[float, float] = (0.0, 1.0)
     sweep: bool = True  # True to draw the abduction within its limits; else it stays 0
     longest_step: Positive = 2e-3  # largest way in a tick [m]
-    # Point that `longest_step` bounds: the palm's origin (turning fingers go several times as far), every point of the
-    # hand (it seldom arrives within 60 ticks), or none: the hand jumps.
+    # Point that `longest_step` bounds: the palm's origin (turning fingers go several times as far), or none: it jumps.
     bound: Bound = "palm"
     wild: bool = False  # True to add faults of broken devices in about every other hold
 
@@ -69,10 +72,6 @@ class RandomTargets:
         self.options = StressOptions() if options is None else options
         self.seed = seed
         self.center = np.zeros(3) if center is None else np.asarray(center, dtype=np.float64)
-        arrays = hand.arrays()
-        self._reach = max(float((arrays.reach + hand.radius[:, 1:]).max()), float(arrays.palm_reach[0]))
-        # Way of the finger's farthest point by a turn of each joint; the abduction turns as much as the first joint.
-        self._lever = arrays.lever[:, 2] + hand.radius[:, 1:].max(axis=1, keepdims=True)
         self._here = (
             self.center + [0.0, 0.0, height],
             np.array([1.0, 0.0, 0.0, 0.0]),
@@ -99,15 +98,15 @@ class RandomTargets:
         options = self.options
         target = self._target(random) if self._count else tuple(np.array(part) for part in self._here)
         jump = options.bound == "none"
-        trick: Callable[[np.random.Generator, HandConfiguration], None] | None = None
+        trick = None
         if options.wild and self._count and random.random() < 0.5:
-            trick = _TRICKS[int(random.integers(len(_TRICKS)))]
+            trick = int(random.integers(len(TRICKS)))
             jump = jump or bool(random.random() < 0.5)
         motion = self._walk(target, jump)
         self._here = tuple(values[-1].copy() for values in motion)
         self._count += 1
         if trick is not None:
-            trick(random, motion)
+            _spoil(trick, random, motion)
         return motion
 
     def _target(self, random: np.random.Generator) -> tuple[FloatArray, ...]:
@@ -127,10 +126,6 @@ class RandomTargets:
         rotation_vector_between(start[1], target[1], turn)
         change = [b - a for a, b in zip(start, target)]
         way = float(np.linalg.norm(change[0]))
-        if self.options.bound == "hand":
-            # No point goes farther than the sum of these, by the triangle inequality.
-            bend = (self._lever * np.abs(change[2])).sum(axis=1) + self._lever[:, 0] * np.abs(change[3])
-            way += self._reach * float(np.linalg.norm(turn)) + float(bend.max())
         ticks = np.arange(1, self.options.hold + 1)
         straight = way > 0.0 and not jump
         share = np.minimum(1.0, ticks * (self.options.longest_step / way)) if straight else np.ones(len(ticks))
@@ -147,63 +142,42 @@ class RandomTargets:
         return motion
 
 
-def _not_finite(random: np.random.Generator, motion: HandConfiguration) -> None:
-    values = motion[int(random.integers(4))]
-    first = int(random.integers(motion.ticks))
-    flat = values.reshape(motion.ticks, -1)
-    bad = (np.nan, np.inf, -np.inf, 1e300)[int(random.integers(4))]
-    flat[first : first + int(random.integers(1, 20)), int(random.integers(flat.shape[1]))] = bad
-
-
-def _no_direction(random: np.random.Generator, motion: HandConfiguration) -> None:
-    motion.orientation[int(random.integers(motion.ticks)) :: int(random.integers(1, 8))] = 0.0
-
-
-def _other_length(random: np.random.Generator, motion: HandConfiguration) -> None:
-    motion.orientation[:] *= 10.0 ** random.uniform(-3.0, 2.0, (motion.ticks, 1))
-
-
-def _other_sign(random: np.random.Generator, motion: HandConfiguration) -> None:
-    motion.orientation[random.random(motion.ticks) < 0.5] *= -1.0
-
-
-def _repeated(random: np.random.Generator, motion: HandConfiguration) -> None:
-    """Samples that come late: the last one stays, then the hand is where it would have been."""
-    every = int(random.integers(2, 30))
-    for values in motion:
-        values[:] = values[np.arange(motion.ticks) // every * every]
-
-
-def _teleport(random: np.random.Generator, motion: HandConfiguration) -> None:
-    """Half a metre away and back, often across the object."""
-    shift = random.normal(0.0, 1.0, 3)
-    first, last = sorted(random.integers(0, motion.ticks + 1, 2))
-    motion.position[first:last] += 0.5 * shift / np.linalg.norm(shift)
-
-
-def _far_away(random: np.random.Generator, motion: HandConfiguration) -> None:
-    first = int(random.integers(motion.ticks))
-    motion.position[first : first + int(random.integers(1, 10))] += random.uniform(-50.0, 50.0, 3)
-
-
-def _beyond_limits(random: np.random.Generator, motion: HandConfiguration) -> None:
-    first = int(random.integers(motion.ticks))
-    part = slice(first, first + int(random.integers(1, 30)))
-    motion.flexion[part] = random.uniform(-6.0, 6.0, motion.flexion[part].shape)
-    motion.abduction[part] = random.uniform(-2.0, 2.0, motion.abduction[part].shape)
-
-
-def _spin(random: np.random.Generator, motion: HandConfiguration) -> None:
-    """Any other orientation at every tick."""
-    wheel = random.normal(0.0, 1.0, (motion.ticks, 4))
-    motion.orientation[:] = wheel / np.linalg.norm(wheel, axis=1, keepdims=True)
-
-
-def _shake(random: np.random.Generator, motion: HandConfiguration) -> None:
-    motion.position[:] += random.normal(0.0, 10.0 ** random.uniform(-4.0, -1.0), (motion.ticks, 3))
-
-
-_TRICKS: tuple[Callable[[np.random.Generator, HandConfiguration], None], ...] = (
-    *(_not_finite, _no_direction, _other_length, _other_sign, _repeated),
-    *(_teleport, _far_away, _beyond_limits, _spin, _shake),
-)
+def _spoil(trick: int, random: np.random.Generator, motion: HandConfiguration) -> None:
+    """Add one fault of a broken device, of `TRICKS`, to the motion of a hold."""
+    ticks = motion.ticks
+    match TRICKS[trick]:
+        case "no number":
+            values = motion[int(random.integers(4))]
+            first, flat = int(random.integers(ticks)), values.reshape(ticks, -1)
+            bad = (np.nan, np.inf, -np.inf, 1e300)[int(random.integers(4))]
+            flat[first : first + int(random.integers(1, 20)), int(random.integers(flat.shape[1]))] = bad
+        case "no direction":
+            motion.orientation[int(random.integers(ticks)) :: int(random.integers(1, 8))] = 0.0
+        case "another length":
+            motion.orientation[:] *= 10.0 ** random.uniform(-3.0, 2.0, (ticks, 1))
+        case "another sign":
+            motion.orientation[random.random(ticks) < 0.5] *= -1.0
+        case "late":
+            # The last sample stays, then the hand is where it would have been.
+            every = int(random.integers(2, 30))
+            for values in motion:
+                values[:] = values[np.arange(ticks) // every * every]
+        case "teleport":
+            # Half a metre away and back, often across the object.
+            shift = random.normal(0.0, 1.0, 3)
+            first, last = sorted(random.integers(0, ticks + 1, 2))
+            motion.position[first:last] += 0.5 * shift / np.linalg.norm(shift)
+        case "far away":
+            first = int(random.integers(ticks))
+            motion.position[first : first + int(random.integers(1, 10))] += random.uniform(-50.0, 50.0, 3)
+        case "beyond limits":
+            first = int(random.integers(ticks))
+            part = slice(first, first + int(random.integers(1, 30)))
+            motion.flexion[part] = random.uniform(-6.0, 6.0, motion.flexion[part].shape)
+            motion.abduction[part] = random.uniform(-2.0, 2.0, motion.abduction[part].shape)
+        case "spin":
+            # Any other orientation at every tick.
+            wheel = random.normal(0.0, 1.0, (ticks, 4))
+            motion.orientation[:] = wheel / np.linalg.norm(wheel, axis=1, keepdims=True)
+        case "shake":
+            motion.position[:] += random.normal(0.0, 10.0 ** random.uniform(-4.0, -1.0), (ticks, 3))

@@ -2,29 +2,26 @@
 
 No case can end the bench.
 Only the bit of a stuck tick is taken from the solver: penetration is recomputed from the recorded poses, and a stuck
-tick is explained only if `hhsim.bench.robustness.local_optimality` finds no step.
+tick is explained only if `hhsim.bench.robustness.safety` finds no step.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from hhsim.bench.figures import summed
-from hhsim.bench.robustness.case import DEEPEST, Figure, HardCase, HardRun, Outcome, shown_points
+from hhsim.bench.figures import placed_of, summed
+from hhsim.bench.robustness.case import DEEPEST, Figure, HardCase, HardRun, Outcome, own_figures
 from hhsim.bench.robustness.contact_cases import CONTACT_CASES
-from hhsim.bench.robustness.input_cases import INPUT_CASES
-from hhsim.bench.robustness.invariance_cases import INVARIANCE_CASES, endurance_case
-from hhsim.bench.robustness.local_optimality import pieces_of
-from hhsim.bench.robustness.safety import SAFETY, SafetyMeasure, recorded_penetration, solvers_of
+from hhsim.bench.robustness.input_cases import INPUT_CASES, INVARIANCE_CASES, endurance_case
+from hhsim.bench.robustness.safety import SAFETY, SafetyMeasure, pieces_of, recorded_penetration, solvers_of
 from hhsim.bench.robustness.triangle_cases import TRIANGLE_CASES
 from hhsim.bench.suite import Row, Suite, setting
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.motion.analytic_motion import hold_readings
 from hhsim.solver.hand_solver import HandSolver
@@ -34,6 +31,7 @@ from hhsim.system.posix import used_memory
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Names, between, check_fields
 from hhsim.table.table import Column, Table, number, words
+from hhsim.trees.contact_surface import contact_surface
 
 ENDURANCE_TICKS = 20_000
 """Ticks of the closed loops unless given; ten minutes at 1 kHz are 600,000."""
@@ -53,11 +51,11 @@ def hard_cases(
     """
     cases = (*INPUT_CASES, *CONTACT_CASES, *INVARIANCE_CASES, endurance_case(ticks), *TRIANGLE_CASES)
     check_known("hard case", names, [case.name for case in cases])
-    chosen = [case for case in cases if not names or case.name in names]
-    left_out = [case.name for case in chosen if case.mesh_only and "mesh" not in surfaces]
-    if names and left_out:
-        raise InputError(f"hard case '{left_out[0]}' is made of triangles alone: it takes --surface mesh")
-    return tuple(case for case in chosen if case.name not in left_out)
+    for case in cases:
+        if case.name in names and case.mesh_only and "mesh" not in surfaces:
+            raise InputError(f"hard case '{case.name}' is made of triangles alone: it takes --surface mesh")
+    chosen = (case for case in cases if not names or case.name in names)
+    return tuple(case for case in chosen if "mesh" in surfaces or not case.mesh_only)
 
 
 @dataclass(frozen=True)
@@ -85,31 +83,33 @@ class HardOptions:
         return hard_cases(self.cases, self.ticks, self.surfaces)
 
 
-class _Cell(NamedTuple):
+class Cell(NamedTuple):
+    """Case, solver and seed."""
+
     case: HardCase
     solver: SolverOptions
     seed: int
 
 
-def cells(options: HardOptions, progress: Progress) -> list[_Cell]:
+def cells(options: HardOptions, progress: Progress) -> list[Cell]:
     """Return every case with every solver; cases of triangles alone with those on the mesh."""
     solvers = solvers_of(options.methods, options.surfaces)
     pairs = ((case, solver) for case in options.chosen() for solver in solvers)
-    return [_Cell(*pair, options.seed) for pair in pairs if pair[1].surface == "mesh" or not pair[0].mesh_only]
+    return [Cell(*pair, options.seed) for pair in pairs if pair[1].surface == "mesh" or not pair[0].mesh_only]
 
 
-def run(cell: _Cell, before: None = None) -> list[Row]:
+def run(cell: Cell, before: None = None) -> list[Row]:
     """Run one case by one method and return a row for each figure; any exception becomes a failure that names it."""
     case, solver = cell.case, cell.solver
     figures: list[Figure] = []
     refusal, passed, surface = "", False, solver.surface
     safety: dict[str, Any] = dict.fromkeys(STATED, 0)
     try:
-        outcomes = [run_scene(scene, solver) for scene in _scenes(case, cell.seed)]
+        outcomes = run_scenes(_scenes(case, cell.seed), solver)
         refusal = next((outcome.refusal for outcome in outcomes if outcome.refusal), "")
         sound = [outcome for outcome in outcomes if not outcome.refusal]
         figures += common_figures(sound) if sound else []
-        figures += [] if refusal else case.judge(outcomes)
+        figures += [] if refusal else own_figures(outcomes)
         passed = all(figure.passed for figure in figures) and (case.may_refuse if refusal else bool(figures))
         surface = " and ".join(sorted({outcome.options.surface for outcome in outcomes}))
         safety |= summed(SAFETY, [one.safety for one in outcomes if one.safety] or [safety])
@@ -137,22 +137,29 @@ def run(cell: _Cell, before: None = None) -> list[Row]:
 # The methods of a case share its scenes.
 @lru_cache(1)
 def _scenes(case: HardCase, seed: int) -> Sequence[HardRun]:
-    return case.build(seed)
+    return tuple(case.build(seed))
 
 
-def run_scene(run: HardRun, options: SolverOptions) -> Outcome:
-    """Run a scene from its first tick, and measure the common figures."""
-    outcome = Outcome(run, run.solver(options), None)
-    surface = outcome.surface
-    solver = HandSolver(run.hand, surface, outcome.options)
-    pieces = pieces_of(outcome.options.surface, run.mesh, run.tree)
-    safety, excess = SafetyMeasure(run.hand, pieces, outcome.options), [0.0]
+def run_scenes(runs: Iterable[HardRun], options: SolverOptions) -> list[Outcome]:
+    """Run the scenes of a case, each from its first tick, and measure the common figures."""
+    outcomes: list[Outcome] = []
+    for run in runs:
+        outcomes.append(_run_scene(run, run.solver(options), tuple(outcomes)))
+    return outcomes
+
+
+def _run_scene(run: HardRun, options: SolverOptions, before: Sequence[Outcome]) -> Outcome:
+    surface = contact_surface(options.surface, run.mesh, run.tree).arrays
+    solver = HandSolver(run.hand, surface, options)
+    safety, excess = SafetyMeasure(run.hand, pieces_of(options.surface, run.mesh, run.tree), options), [0.0]
     marked, memory = [], []
 
     def measured(motion: HandConfiguration) -> TickRecord:
         record = solver.run(*motion)
         safety.add(hold_readings(motion), record, recorded_penetration(run.hand, surface, record).depth)
-        excess.append(limit_excess(run.hand, record))
+        bent = record.flexion
+        beyond = np.maximum(run.hand.flexion_min - bent, bent - run.hand.flexion_max)
+        excess.append(float(beyond.max()) if np.isfinite(bent).all() else math.nan)
         return record
 
     record: TickRecord | None = None
@@ -162,37 +169,27 @@ def run_scene(run: HardRun, options: SolverOptions) -> Outcome:
             measured(run.lead)
         for _ in range(run.repeats):
             record = measured(run.motion)
-            marked.append(shown_points(record)[list(run.marks)])
+            marked.append(placed_of(record).points[list(run.marks)])
             memory.append(used_memory()[0])
     except HhsimError as error:
         record, refusal = None, str(error)
-    return replace(
-        outcome,
-        record=record,
-        refusal=refusal,
-        safety=safety.figures,
-        limit_excess=float(np.max(excess)),
-        marked=np.array(marked),
-        memory=np.array(memory, dtype=np.float64),
-    )
+    figures = safety.figures, float(np.max(excess)), np.array(marked), np.array(memory, dtype=np.float64)
+    return Outcome(run, options, surface, before, record, refusal, *figures)
 
 
-def common_figures(outcomes: list[Outcome]) -> list[Figure]:
+def common_figures(outcomes: Sequence[Outcome]) -> list[Figure]:
     """Return the figures of every case, over all of its runs that were not refused."""
+
+    def sum_of(name: str) -> int:
+        return sum(outcome.safety[name] for outcome in outcomes)
+
     penetration = float(np.max([outcome.safety["penetration"] / outcome.run.scale for outcome in outcomes]))
     return [
         Figure("penetration", penetration, DEEPEST, "m"),
-        Figure("ticks that are not finite", sum(outcome.safety["not_finite"] for outcome in outcomes), 0),
+        Figure("ticks that are not finite", sum_of("not_finite"), 0),
         Figure("joint beyond its limit", max(outcome.limit_excess for outcome in outcomes), LIMIT_TOLERANCE, "rad"),
-        Figure("stuck ticks that nothing explains", sum(outcome.safety["unexplained"] for outcome in outcomes), 0),
+        Figure("stuck ticks that nothing explains", sum_of("unexplained"), 0),
     ]
-
-
-def limit_excess(hand: HandModel, record: TickRecord) -> float:
-    """Return the largest excess of a joint beyond its limit [rad]; NaN if an angle is."""
-    low = hand.flexion_min - record.flexion
-    high = record.flexion - hand.flexion_max
-    return float(max(0.0, np.max(low), np.max(high))) if np.isfinite(record.flexion).all() else float("nan")
 
 
 COLUMNS = (
@@ -226,19 +223,25 @@ def by_case(rows: Sequence[Row]) -> list[list[Row]]:
 
 def tables(options: HardOptions, rows: Sequence[Row], figures: Any) -> list[Table]:
     """Return a line for each case and method, with the figure, besides penetration, that is nearest to its bar."""
+    lines = []
+    for group in by_case(rows):
+        head = group[0]
+        verdict = "refuses, as it may" if head["reason"] else "pass"
+        # The figure that is farthest beyond its bar or nearest to it; the last of equals.
+        nearest = max(reversed(group[1:]), key=_strain, default={})
+        told = (nearest["figure"], *_spelled(nearest)) if nearest else ("", "", "")
+        shown = dict(zip(("nearest to its bar", "of it", "bar"), told))
+        lines.append({**head, "verdict": verdict if head["case_passed"] else "FAIL", **shown})
     columns = (
-        words("case", lambda group: group[0]["case"]),
-        words("method", lambda group: group[0]["method"]),
-        words("surface", lambda group: group[0]["surface"]),
-        words("verdict", _verdict),
-        number("penetration", lambda group: group[0]["value"], "µm", 3, missing=""),
-        words("nearest to its bar", lambda group: _deciding(group)["figure"]),
-        number("value", lambda group: _value(_deciding(group), "value")),
-        number("bar", lambda group: _bar(_deciding(group))),
-        number("stuck", lambda group: group[0]["stuck"]),
-        number("lag", lambda group: group[0]["lag"], "mm", 1),
+        *map(words, ("case", "method", "surface", "verdict")),
+        number("penetration", "value", "µm", 3, missing=""),
+        words("nearest to its bar"),
+        number("value", "of it"),
+        number("bar"),
+        number("stuck"),
+        number("lag", unit="mm", digits=1),
     )
-    return [Table(columns, by_case(rows))]
+    return [Table(columns, lines)]
 
 
 def missed(options: HardOptions, rows: Sequence[Row]) -> list[str]:
@@ -250,35 +253,19 @@ def missed(options: HardOptions, rows: Sequence[Row]) -> list[str]:
 
 def lines(options: HardOptions, rows: Sequence[Row]) -> list[str]:
     """Say why cases ended, which bars are missed by whom, what was on spheres, and how many passed."""
-    found = []
+    found, passed = list[str](), dict[str, list[bool]]()
     for group in by_case(rows):
         head = group[0]
         where = f"{head['case']}, {head['method']}"
+        passed.setdefault(head["method"], []).append(head["case_passed"])
         found += [f"{where}: {head['reason']}"] if head["reason"] else []
-        missing = (row for row in group if row["figure"] and not row["passed"])
-        found += [f"{where}: {row['figure']} {_value(row, 'value')}, bar {_bar(row)}" for row in missing]
+        missing = ((row["figure"], *_spelled(row)) for row in group if row["figure"] and not row["passed"])
+        found += [f"{where}: {figure} {value}, bar {bar}" for figure, value, bar in missing]
     on_spheres = list(dict.fromkeys(row["case"] for row in rows if row["surface"] == "spheres"))
     if on_spheres and any("mesh" in row["surface"] for row in rows):
         found.append(f"on spheres, since their objects are nothing else: {', '.join(on_spheres)}")
-    passed: dict[str, list[bool]] = {}
-    for group in by_case(rows):
-        passed.setdefault(group[0]["method"], []).append(group[0]["case_passed"])
     each = (f"{method} {sum(kept)} of {len(kept)}" for method, kept in passed.items())
     return [*found, f"passed: {', '.join(each)}"]
-
-
-def _verdict(group: Sequence[Row]) -> str:
-    if not group[0]["case_passed"]:
-        return "FAIL"
-    return "refuses, as it may" if group[0]["reason"] else "pass"
-
-
-NOTHING: Row = {"figure": "", "value": math.nan, "bar": math.nan, "unit": "1", "at_least": False}
-
-
-def _deciding(group: Sequence[Row]) -> Row:
-    """Return the row, but for penetration, that is farthest beyond or nearest to its bar; the last of equals."""
-    return max(reversed(group[1:]), key=_strain, default=NOTHING)
 
 
 def _strain(row: Row) -> float:
@@ -289,19 +276,15 @@ def _strain(row: Row) -> float:
     return float(used / allowed) if allowed > 0.0 else math.inf if used > 0.0 else 0.0
 
 
-def _bar(row: Row) -> str:
-    shown = _value(row, "bar")
-    return shown and ("≥ " if row["at_least"] else "≤ ") + shown
-
-
-def _value(row: Row, name: str) -> str:
-    value, unit = row[name], row["unit"]
-    if not row["figure"]:
-        return ""
-    factor, shown = {"m": (1e3, " mm"), "B": (1e-6, " MB"), "rad": (1.0, " rad")}.get(unit, (1.0, ""))
-    if unit == "m" and 0.0 < abs(value) < 1e-5:
-        factor, shown = 1e6, " µm"
-    return f"{factor * value:.3g}{shown}"
+def _spelled(row: Row) -> list[str]:
+    """Return value and bar of a figure as people read them."""
+    found = []
+    for value in (row["value"], row["bar"]):
+        factor, unit = {"m": (1e3, " mm"), "B": (1e-6, " MB"), "rad": (1.0, " rad")}.get(row["unit"], (1.0, ""))
+        if row["unit"] == "m" and 0.0 < abs(value) < 1e-5:
+            factor, unit = 1e6, " µm"
+        found.append(f"{factor * value:.3g}{unit}")
+    return [found[0], f"{'≥' if row['at_least'] else '≤'} {found[1]}"]
 
 
 SUITE = Suite(
@@ -317,7 +300,7 @@ SUITE = Suite(
     Examples:
       hhsim bench hard
       hhsim bench hard fast-swipe narrow-handle --method coupled,paper
-      hhsim bench hard endurance --ticks 600000 --out endurance.h5
+      hhsim bench hard endurance --ticks 600000 --out endurance.json
       hhsim bench hard --surface mesh --method coupled,progressive
     """,
     settings=HardOptions,

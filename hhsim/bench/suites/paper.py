@@ -9,9 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
-from hhsim.bench.paper.run import ContactRun, PaperRuns, SceneRun, at_contacts, play, play_again
+from hhsim.bench.paper.figures import check_folder, draw_all
+from hhsim.bench.paper.run import PaperRuns, SceneRun, at_contacts, play, play_again
 from hhsim.bench.paper.scene import Scenario, Stage, make_stage, paper_scenarios
-from hhsim.bench.paper.table import ROW_COLUMNS, SCENE_COLUMNS, paper_rows
+from hhsim.bench.paper.table import ROW_COLUMNS, case_table, paper_rows
 from hhsim.bench.suite import Preset, Row, Suite, setting
 from hhsim.errors import check_known
 from hhsim.hand.model import HandModel
@@ -91,15 +92,12 @@ def cells(options: PaperOptions, progress: Progress) -> list[_Cell]:
     return found
 
 
-def run(cell: _Cell, before: SceneRun | ContactRun | None) -> SceneRun | ContactRun:
+def run(cell: _Cell, before: SceneRun | None) -> SceneRun:
     """Play a scene once more; HhsimError if a solver cannot play it, or not twice alike."""
     if before is not None:
-        play_again(before.run if isinstance(before, ContactRun) else before)
+        play_again(before)
         return before
-    if not cell.case:
-        return play(cell.stage, cell.solver)
-    margin, found = at_contacts(cell.stage, cell.solver, cell.wanted)
-    return ContactRun(cell.case, cell.wanted, margin, found)
+    return at_contacts(*cell) if cell.case else play(cell.stage, cell.solver)
 
 
 def make_stages(
@@ -134,7 +132,7 @@ def lines(options: PaperOptions, rows: Sequence[Row]) -> list[str]:
     return ["every bar is kept by the methods that promise to", *([] if options.whole else [UNJUDGED])]
 
 
-def tables(options: PaperOptions, rows: Sequence[Row], runs: Sequence[SceneRun | ContactRun]) -> list[Table]:
+def tables(options: PaperOptions, rows: Sequence[Row], runs: Sequence[SceneRun]) -> list[Table]:
     """Return a line for each figure: for each method the figure, and how many times it is below the paper's."""
     names = list(dict.fromkeys(row["row"] for row in rows))
     cells = []
@@ -160,15 +158,8 @@ def tables(options: PaperOptions, rows: Sequence[Row], runs: Sequence[SceneRun |
         Table.of_cells(headings, cells, title, numbers=numbers),
         Table((words("what", "label"), words("how it was measured", "note")), how, f"How ({last})"),
     ]
-    cases = Table(SCENE_COLUMNS, [run for run in runs if isinstance(run, SceneRun) and run.scenario.case]).records
-    if cases:
-        title = (
-            "Fig. 15: a tick in contact, mean; its parts by the clock on the wall, where nothing interrupted it. SF: "
-            "single finger, TF: two fingers, FF: five fingers, WH: whole hand"
-        )
-        shown = "object case method instances contacts_mean=pairs detection response cpu_mean=total,_CPU cpu_p99=p99"
-        found.append(Table.of_records(SCENE_COLUMNS, cases, shown, title))
-    return found
+    cases = case_table(PaperRuns.of_all(runs).scenes)
+    return [*found, cases] if cases.rows else found
 
 
 def _shown(value: float, unit: str) -> str:
@@ -182,31 +173,28 @@ SUITE = Suite(
     All scenes of Figs. 11 to 15 by every method: one finger, two, five and the palm on five simple objects; fingers
     that come and go; sliding; five complex objects from several sides, such as the thumb in the cup's handle; 100
     instances of each case of Fig. 15. A row that misses one of our own bars is named, and the exit code is 1; the
-    method paper is the baseline and has none, and with --quick or --object only those of time and depth hold. A
-    second table, -scenes, has a line for every scene.
+    method paper is the baseline and has none, and with --quick or --object only those of time and depth hold.
 
     \b
     Examples:
       hhsim bench paper
-      hhsim bench paper --plot figures --out paper.h5
+      hhsim bench paper --plot figures --out paper.json
       hhsim bench paper --quick --method coupled
     """,
     settings=PaperOptions,
     columns=ROW_COLUMNS,
     cells=cells,
     run=run,
-    rows=lambda options, runs: (
-        Table(ROW_COLUMNS, paper_rows(PaperRuns.of_all(runs), options.methods, options.whole)).records
-    ),
+    rows=lambda options, runs: paper_rows(PaperRuns.of_all(runs), options.methods, options.whole),
     tables=tables,
     missed=missed,
     lines=lines,
-    more=lambda runs: {"scenes": (SCENE_COLUMNS, PaperRuns.of_all(runs).scenes)},
     named=lambda cell: f"{cell.wanted:.0f} contacts" if cell.case else "scenes",
     preset=Preset(
         "quick",
         "Every row, from coarse spheres, 3 instances and one repetition.",
         {"level": 3, "instances": 3, "repetitions": 1},
     ),
-    picture="paper",
+    draw=lambda path, options, rows, runs, progress, note: draw_all(path, PaperRuns.of_all(runs), progress, note),
+    check_folder=check_folder,
 )

@@ -6,28 +6,14 @@ the bodies that a method says are pushed: what an engine touches is its own.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
+from hhsim.bench import trade_off
 from hhsim.bench.figures import Figure, figure, mean, metric, worst
 from hhsim.bench.suite import Preset, Row, Suite, setting
-from hhsim.bench.trade_off import (
-    Cell,
-    Run,
-    Stage,
-    check_scenes,
-    competing,
-    failure_remark,
-    mark_frontier,
-    percentile,
-    placed_at,
-    run_cell,
-    stages,
-    summed_rows,
-    tick_times,
-)
+from hhsim.bench.trade_off import Cell, Run, Stage, Way, placed_at
 from hhsim.errors import InputError
 from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
@@ -41,7 +27,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Count, Names, check_fields
 from hhsim.table.file import ALL
-from hhsim.table.table import Column, Table
+from hhsim.table.table import Column
 from hhsim.trees.cache import cached_sphere_tree
 
 OURS: tuple[tuple[str, str], ...] = (("coupled", "mesh"), ("coupled", "spheres"), ("penalty", "spheres"))
@@ -72,23 +58,15 @@ class PeersOptions:
         if self.methods is None:
             declared = (name for name, entry in declared_methods().items() if entry.dist and entry.dist.name == "hhsim")
             object.__setattr__(self, "methods", (*dict.fromkeys(name for name, _ in OURS), *sorted(declared)))
-        check_scenes(self.objects, self.motions)
+        trade_off.check_scenes(self.objects, self.motions)
         for name in self.methods or ():
             if FORCES not in find_method(name).gives:
                 raise InputError(f"method {name} gives no forces: what it touches cannot be known")
 
 
-@dataclass(frozen=True)
-class Peer:
-    """A method, and the surface that it is given; engines make their own of it."""
-
-    method: str
-    surface: str
-
-    @property
-    def ours(self) -> bool:
-        """True for a method of hhsim's own."""
-        return find_method(self.method).compiled
+def is_ours(way: Way) -> bool:
+    """Return True for a method of hhsim's own."""
+    return find_method(way.solver.method).compiled
 
 
 FIGURES: tuple[Figure, ...] = (
@@ -111,9 +89,9 @@ def capsule_hand() -> HandModel:
     return replace(hand, radius=np.repeat(hand.radius.mean(axis=1, keepdims=True), hand.radius.shape[1], axis=1))
 
 
-def installed(options: PeersOptions) -> tuple[list[Peer], list[str]]:
-    """Return the methods that can be run, and a line about each that cannot."""
-    found, notes = [], []
+def installed(options: PeersOptions) -> tuple[list[Way], list[str]]:
+    """Return the methods that can be run, on the surfaces that they are given, and a line about each that cannot."""
+    found, notes = list[Way](), list[str]()
     for name in options.methods or ():
         missing = find_method(name).missing
         if missing:
@@ -122,26 +100,24 @@ def installed(options: PeersOptions) -> tuple[list[Peer], list[str]]:
         surfaces = [surface for ours, surface in OURS if ours == name] or ["mesh"]
         if find_method(name).refuses_surfaces:
             surfaces = ["spheres"]
-        found += [Peer(name, surface) for surface in surfaces]
+        found += [Way(SolverOptions(method=name, surface=surface)) for surface in surfaces]
     return found, notes
 
 
 def cells(options: PeersOptions, progress: Progress) -> list[Cell]:
     """Return all that is installed on every scene; InputError for nothing."""
-    peers, notes = installed(options)
-    if not peers:
+    ways, notes = installed(options)
+    if not ways:
         raise InputError("; ".join(notes))
     hand = capsule_hand()
-    for peer in peers:
-        warm_up(hand, SolverOptions(method=peer.method, surface=peer.surface))
+    for way in ways:
+        warm_up(hand, way.solver)
     found = []
-    for stage in stages(options, hand, cached_sphere_tree, progress):
+    for stage in trade_off.stages(options, hand, cached_sphere_tree, progress):
         scene, errors = stage.scene(cached_sphere_tree(stage.mesh)), _errors(stage, options.hands)
-        for peer in peers:
-            # Of a method of ours its step is the whole tick.
-            times = "duration/total_cpu" if peer.ours else "duration/palm"
-            solver = SolverOptions(method=peer.method, surface=peer.surface)
-            found.append(Cell(stage, peer, scene, solver, errors, times))
+        # Of a method of ours its step is the whole tick.
+        times = {way: "duration/total_cpu" if is_ours(way) else "duration/palm" for way in ways}
+        found += [Cell(stage, way, scene, errors, times[way]) for way in ways]
     return found
 
 
@@ -157,7 +133,7 @@ def _errors(stage: Stage, hands: int) -> Callable[[Result], dict[str, float]]:
         apart = np.abs(clearance[push[looked] > PUSHED])
         return {
             "mesh_depth_max": worst(depth),
-            "mesh_depth_p95": percentile(depth, 95.0),
+            "mesh_depth_p95": float(np.percentile(depth, 95.0)) if depth.size else np.nan,
             "contact_error_max": worst(apart),
             # NaN for a hand that nothing pushes, which would be perfect otherwise.
             "mesh_error": float(np.maximum(worst(depth), worst(apart))),
@@ -177,15 +153,12 @@ def pushes(phalanx: FloatArray, total: FloatArray) -> FloatArray:
 
 
 COLUMNS: tuple[Column, ...] = (
-    Column("object", "object; 'all' sums up"),
-    Column("motion", "motion; 'all' sums up"),
+    *trade_off.SCENE_COLUMNS,
     Column("method", "method"),
     Column("surface", "surface that a method of ours touches; an engine makes its own, and is judged on the mesh"),
     Column("ours", "whether it is a method of hhsim's own"),
-    Column("contact_ticks", "ticks with the haptic hand within 1 mm of the mesh or inside; times are of these"),
     Column("repetitions", "repetitions that the times are the median of; where a row sums up, the fewest"),
-    Column("tick_cpu_p50", "CPU time of a tick in contact, the call from Python included, median", "µs"),
-    Column("tick_cpu_p99", "CPU time of a tick in contact, the call from Python included, 99th percentile", "µs"),
+    *trade_off.TIME_COLUMNS,
     Column("native_cpu_p50", "CPU time of the engine's own step alone in such a tick, median", "µs"),
     *(one.column for one in FIGURES),
     Column("failed_runs", "runs that could not be done; their figures are missing"),
@@ -200,20 +173,20 @@ def table_rows(runs: Sequence[Run]) -> list[Row]:
     """Return a row a run, then one for each method and object, then one for each method."""
 
     def of_way(group: Sequence[Run]) -> Row:
-        peer: Peer = group[0].way
+        way = group[0].way
         return {
-            "method": peer.method,
-            "surface": peer.surface if peer.ours else "its own",
-            "ours": peer.ours,
+            "method": way.solver.method,
+            "surface": way.solver.surface if is_ours(way) else "its own",
+            "ours": is_ours(way),
             "repetitions": min(len(run.cpu) for run in group),
-            "native_cpu_p50": percentile(tick_times([run.other for run in group]), 50.0),
+            "native_cpu_p50": trade_off.median_percentile([run.other for run in group], 50.0),
             "frontier": False,
             "times_ours": np.nan,
         }
 
-    rows = summed_rows(runs, FIGURES, of_way)
-    for group in competing(rows):
-        mark_frontier(group, "frontier", "mesh_error")
+    rows = trade_off.summed_rows(runs, FIGURES, of_way)
+    for group in trade_off.competing(rows):
+        trade_off.mark_frontier(group, "frontier", "mesh_error")
         for row in group:
             as_good = [one["tick_cpu_p50"] for one in group if one["ours"] and one["mesh_error"] <= row["mesh_error"]]
             if as_good:
@@ -225,34 +198,21 @@ def remarks(runs: Sequence[Run]) -> list[str]:
     """Return remarks on the table, a sentence each."""
     return [
         "every method has the same hand, its phalanges capsules; no contact has friction",
-        "times are CPU times of ticks with the haptic hand within 1 mm of the mesh, the median of the repetitions; "
-        "compare them within this run, not between machines",
+        trade_off.TIMES_REMARK,
         "off the mesh is a body that the method says is pushed by 0.01 N and more",
-        *failure_remark(runs, lambda way: str(way.method)),
+        *trade_off.failure_remark(runs),
     ]
 
 
-def won_by_others(rows: Sequence[Row]) -> list[Row]:
-    """Return the rows of single scenes in which every method of ours is farther from the mesh or slower than it."""
+def lines(options: PeersOptions, rows: Sequence[Row]) -> list[str]:
+    """Say in which scenes every method of ours is farther from the mesh than another, or slower than it."""
     single = [row for row in rows if ALL not in (row["object"], row["motion"]) and not row["ours"]]
     # times_ours is NaN if none of ours is as near.
-    return [r for r in single if not r["failed_runs"] and not r["times_ours"] >= 1.0 and not np.isnan(r["mesh_error"])]
-
-
-def tables(options: PeersOptions, rows: Sequence[Row], figures: Any) -> list[Table]:
-    """Return a table for each object, over its motions, by the time of a tick."""
-    found = []
-    for name in options.objects:
-        summed = [row for row in rows if (row["object"], row["motion"]) == (name, ALL)]
-        by_time = sorted(summed, key=lambda row: float(row["tick_cpu_p50"]))
-        found.append(Table.of_records(COLUMNS, by_time, SHOWN, f"{name}: {', '.join(options.motions)}"))
-    return found
-
-
-def lines(options: PeersOptions, rows: Sequence[Row]) -> list[str]:
-    """Say where none of our methods is as good as another."""
-    won = won_by_others(rows)
-    return [f"{row['object']}, {row['motion']}: none of ours is as near and as fast as {row['method']}" for row in won]
+    return [
+        f"{row['object']}, {row['motion']}: none of ours is as near and as fast as {row['method']}"
+        for row in single
+        if not row["failed_runs"] and not row["times_ours"] >= 1.0 and not np.isnan(row["mesh_error"])
+    ]
 
 
 SHOWN = """
@@ -265,27 +225,31 @@ SUITE = Suite(
 
     MuJoCo, tuned, is an optional extra, and left out where it is not installed. All have the same hand, its phalanges
     capsules. Errors are measured against the true mesh: the deepest penetration, and how far off the mesh a body is
-    that is pushed. The table goes to an HDF5 and a CSV file, with a picture beside them.
+    that is pushed. The table goes to a JSON and a CSV file, with a picture beside them.
 
     \b
     Examples:
       hhsim bench peers --quick
       hhsim bench peers --object bunny --motion grasp,slide --method coupled,mujoco
-      hhsim bench peers --out peers.h5 --plot peers.png
+      hhsim bench peers --out peers.json --plot peers.png
     """,
     settings=PeersOptions,
     columns=COLUMNS,
     cells=cells,
-    run=run_cell,
+    run=trade_off.run_cell,
     rows=lambda options, runs: table_rows(runs),
-    tables=tables,
+    shown=SHOWN,
+    is_shown=lambda rows, row: row["object"] != ALL == row["motion"],
+    sort="tick_cpu_p50",
+    by="object",
+    title=lambda options: ", ".join(options.motions),
     lines=lines,
     notes=lambda options, runs: [*installed(options)[1], *remarks(runs)],
-    named=lambda cell: f"{cell.way.method}, {cell.stage.object}, {cell.stage.motion}",
+    named=lambda cell: f"{cell.way.name}, {cell.stage.object}, {cell.stage.motion}",
     preset=Preset(
         "quick",
         "The bunny grasped, once.",
         {"objects": ("bunny",), "motions": ("grasp",), "repetitions": 1, "hands": 60},
     ),
-    picture="trade-off",
+    draw=trade_off.draw,
 )

@@ -16,14 +16,13 @@ from hhsim.replay.verdict import MISSED
 from hhsim.scene.motion_catalogue import RECORDING_SUFFIXES, imported_suffixes
 from hhsim.solver.method import never_penetrates
 from hhsim.solver.options import SolverOptions
-from hhsim.sweep.cell_run import CellTask
-from hhsim.sweep.cell_table import FAILED, CellRow, done_row, figure_table
+from hhsim.sweep.cell_table import COLUMNS, FAILED, done_row, failed_row
 from hhsim.sweep.folder import read_row
 from hhsim.sweep.input_files import source_digest
 from hhsim.sweep.plan import Cell, SweptMotion, SweptObject, checked_object
+from hhsim.sweep.sweep import CellTask
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Names, check_fields
-from hhsim.table.table import Table
 
 HERE = Path()
 """Folder that names of files are relative to."""
@@ -94,20 +93,12 @@ def run(cell: Cell, before: None = None) -> list[Row]:
     with TemporaryDirectory() as folder:
         try:
             digest = cell.digest(HERE)
-            task = CellTask(
-                cell=cell,
-                digest=digest,
-                plan_folder=str(HERE),
-                folder=folder,
-                keeps_result=False,
-                sources=source_digest(),
-            )
-            end = task.run()
-            done = done_row(cell, read_row(Path(folder) / f"{digest}.json")) if not end.reason else None
-            found = done or CellRow(cell, FAILED, reason=end.reason)
+            about: dict[str, Any] = {"plan_folder": str(HERE), "folder": folder, "sources": source_digest()}
+            end = CellTask(cell=cell, digest=digest, keeps_result=False, **about).run()
+            row = failed_row(cell, end.reason)
+            return [row if end.reason else done_row(cell, read_row(Path(folder) / f"{digest}.json"))]
         except HhsimError as error:
-            found = CellRow(cell, FAILED, reason=str(error))
-    return figure_table([found]).records
+            return [failed_row(cell, str(error))]
 
 
 def missed(options: RecordedOptions, rows: Sequence[Row]) -> list[str]:
@@ -119,12 +110,6 @@ def missed(options: RecordedOptions, rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def tables(options: RecordedOptions, rows: Sequence[Row], figures: Any) -> list[Table]:
-    """Return the figures that matter of each replay."""
-    return [Table.of_records(COLUMNS, rows, SHOWN, f"recorded hands, {options.rate:g} ticks a second")]
-
-
-COLUMNS = figure_table(()).columns
 SHOWN = """
     motion=recording object method surface verdict penetration_max=deepest contact_error_max=off_mesh
     force_contact_mean=force force_contact_step=step force_variation_contact=variation tick_cpu_p50=p50 tick_cpu_p99=p99
@@ -148,7 +133,8 @@ SUITE = Suite(
     columns=COLUMNS,
     cells=cells,
     run=run,
-    tables=tables,
+    shown=SHOWN,
+    title=lambda options: f"recorded hands, {options.rate:g} ticks a second",
     missed=missed,
     lines=lambda options, rows: [] if missed(options, rows) else ["no limit missed"],
     is_portable=True,

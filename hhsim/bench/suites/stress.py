@@ -13,9 +13,16 @@ from pathlib import Path
 import numpy as np
 
 from hhsim.arrays import BoolArray
-from hhsim.bench.robustness.local_optimality import pieces_of
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
-from hhsim.bench.robustness.safety import BLOCK, SAFETY, SafetyMeasure, is_safe, recorded_penetration, solvers_of
+from hhsim.bench.robustness.safety import (
+    BLOCK,
+    SAFETY,
+    SafetyMeasure,
+    is_safe,
+    pieces_of,
+    recorded_penetration,
+    solvers_of,
+)
 from hhsim.bench.suite import Row, Suite, setting
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
@@ -31,7 +38,7 @@ from hhsim.system.log_histogram import LogHistogram
 from hhsim.system.output_path import RESULTS, free_name
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Count, Names, check_fields
-from hhsim.table.table import Column, Table
+from hhsim.table.table import Column
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.options import TreeOptions
@@ -215,12 +222,9 @@ def missed(options: StressSettings, rows: Sequence[Row]) -> list[str]:
 def lines(options: StressSettings, rows: Sequence[Row]) -> list[str]:
     """Say how to see what failed, and which methods missed nothing."""
     found = [f"{row['object']}, {row['method']}: {row['failures']}" for row in rows if row["failures"]]
-    safe: dict[tuple[str, str], bool] = {}
-    for row in rows:
-        which = row["method"], row["surface"]
-        safe[which] = safe.get(which, True) and row["safe"]
-    for (method, surface), kept in safe.items():
-        if kept and never_penetrates(method):
+    for method, surface in dict.fromkeys((row["method"], row["surface"]) for row in rows):
+        safe = all(row["safe"] for row in rows if (row["method"], row["surface"]) == (method, surface))
+        if safe and never_penetrates(method):
             found.append(f"{method}{'' if surface == 'spheres' else f' on the {surface}'}: no limit missed")
     return found
 
@@ -246,9 +250,8 @@ SUITE = Suite(
     columns=COLUMNS,
     cells=cells,
     run=lambda case, before: [run_case(case)],
-    tables=lambda options, rows, figures: [
-        Table.of_records(COLUMNS, rows, SHOWN, "stress: a new random hand every few ticks")
-    ],
+    shown=SHOWN,
+    title=lambda options: "stress: a new random hand every few ticks",
     missed=missed,
     lines=lines,
     is_portable=True,

@@ -7,7 +7,7 @@ same in every run; times are not.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 from hhsim.bench.suite import Row, Suite, setting
 from hhsim.errors import HhsimError
@@ -16,7 +16,7 @@ from hhsim.mesh.file import read_own_ply
 from hhsim.mesh.mesh import Mesh
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import between, check_fields
-from hhsim.table.table import Column, Table
+from hhsim.table.table import Column
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
 from hhsim.trees.published_results import BARS, EXTENT, LEAST_GAP, REFERENCES
@@ -56,7 +56,7 @@ class TreesOptions:
 
 COLUMNS = (
     Column("object", "object, scaled to the longest extent that the options say"),
-    Column("method", "certified is hhsim's builder; for a reference the other program"),
+    Column("method", "certified is hhsim's builder; for a reference the other program, in brackets"),
     Column("is_reference", "not built now: another program, as measured in November 2026"),
     Column("asked", "most spheres that the leaves may be; for a reference 0"),
     Column("spheres", "leaves that there are"),
@@ -136,7 +136,7 @@ def _references(name: str, scale: float) -> Iterator[Row]:
             yield {
                 **dict.fromkeys(column.name for column in COLUMNS),
                 "object": name,
-                "method": peer.label,
+                "method": f"({peer.label})",
                 "is_reference": True,
                 "asked": 0,
                 "spheres": None if peer.spheres is None else float(peer.spheres),
@@ -168,15 +168,6 @@ def missed_bars(options: TreesOptions, rows: Sequence[Row]) -> list[str]:
     return missed
 
 
-def tables(options: TreesOptions, rows: Sequence[Row], figures: Any) -> list[Table]:
-    """Return a table for each object; other programs stand in brackets."""
-    marked = [{**row, "method": f"({row['method']})" if row["is_reference"] else row["method"]} for row in rows]
-    return [
-        Table.of_records(COLUMNS, [row for row in marked if row["object"] == name], SHOWN, name)
-        for name in options.objects
-    ]
-
-
 SHOWN = "method spheres protrusion_max protrusion_limit protrusion_mean bound gap_max cpu cpu_limit cpu_leaves"
 SUITE = Suite(
     help="""Build sphere trees and hold them against those of other programs: error, spheres, CPU time.
@@ -189,18 +180,18 @@ SUITE = Suite(
     Examples:
       hhsim bench trees
       hhsim bench trees --object bunny --spheres 64,128,256,512
-      hhsim bench trees --out trees.h5 --plot trees.png --time-limits
+      hhsim bench trees --out trees.json --time-limits
     """,
     settings=TreesOptions,
     columns=COLUMNS,
     cells=cells,
     run=run,
-    tables=tables,
+    shown=SHOWN,
+    by="object",
     missed=missed_bars,
     lines=lambda options, rows: [
         "in brackets: other programs, as measured in November 2026 on one core of a 2-core machine"
     ],
     is_portable=True,
     named=lambda cell: f"{cell.mesh.name}, {cell.spheres:,} spheres",
-    picture="trade-off",
 )

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.hand.configuration import HandConfiguration, sequence
@@ -25,7 +24,7 @@ def equal(one: HandConfiguration, other: HandConfiguration) -> bool:
     st.lists(st.integers(0, 150), min_size=1, max_size=8),
     st.integers(0, 2**32 - 1),
     st.booleans(),
-    st.sampled_from(["palm", "hand", "none"]),
+    st.sampled_from(["palm", "none"]),
 )
 @example([0, 1], 0, False, "palm")
 @settings(max_examples=25)
@@ -49,20 +48,6 @@ def test_the_palm_goes_no_faster_than_it_may_and_straight_to_its_target(seed: in
         share = min(1.0, 0.12 / float(np.linalg.norm(way)))
         np.testing.assert_allclose(end, start + share * way, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(motion.orientation, axis=1), 1.0, atol=1e-14)
-
-
-@pytest.mark.parametrize("side", ["right", "left"])
-def test_no_point_of_the_hand_goes_faster_than_it_may(side: Any) -> None:
-    hand = HandModel.default(side)
-    options = StressOptions(bound="hand", longest_step=3e-3)
-    motion = RandomTargets(hand, 2, options).take(900)
-    joints = np.array([hand.joints(*sample) for sample in zip(*motion)])
-    turn = Rotation.from_quat(motion.orientation, scalar_first=True)
-    palm = np.stack([turn.apply(center) for center in hand.palm_tree.leaf_center], axis=1) + motion.position[:, None]
-    points = np.concatenate([joints.reshape(900, -1, 3), palm], axis=1)
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=2)
-    assert steps.max() <= 3e-3
-    assert steps.max() > 1e-3, "the bound is far from what it bounds"
 
 
 def test_the_wild_mode_does_what_broken_devices_do() -> None:

@@ -15,8 +15,8 @@ from conftest import Run
 from hhsim.bench.paper import figures as paper_figures
 from hhsim.bench.paper.run import COUNTS, GLOVE, NOISES, PaperRuns, SceneRun, play, play_again
 from hhsim.bench.paper.scene import Scenario, held_ticks, make_stage
-from hhsim.bench.paper.table import ROW_COLUMNS, PaperRow, paper_rows
-from hhsim.bench.suite import measure
+from hhsim.bench.paper.table import paper_row, paper_rows
+from hhsim.bench.suite import Row, run_cells
 from hhsim.bench.suites.paper import SUITE, PaperOptions, missed
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
@@ -27,7 +27,6 @@ from hhsim.replay import summary
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 from hhsim.table.file import load_table
-from hhsim.table.table import Table
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 
@@ -37,11 +36,12 @@ OPTIONS = PaperOptions(methods=("coupled", "paper"), objects=("cube", "bunny"), 
 
 @pytest.fixture(scope="module")
 def runs() -> PaperRuns:
-    return PaperRuns.of_all(measure(SUITE, OPTIONS))
+    return PaperRuns.of_all(list(run_cells(SUITE, OPTIONS)))
 
 
-def row(runs: PaperRuns, name: str, method: str = "coupled") -> PaperRow:
-    (found,) = [one for one in paper_rows(runs, OPTIONS.methods, False) if (one.name, one.method) == (name, method)]
+def row(runs: PaperRuns, name: str, method: str = "coupled") -> Row:
+    rows = paper_rows(runs, OPTIONS.methods, False)
+    (found,) = [one for one in rows if (one["row"], one["method"]) == (name, method)]
     return found
 
 
@@ -53,7 +53,7 @@ def test_every_scene_is_played_by_every_method(runs: PaperRuns) -> None:
         for method in OPTIONS.methods:
             assert scenes.count((figure, name, method)) == count
     assert len(scenes) == 2 * sum(count for _, count in expected.values())
-    assert [(found.case, found.run.options.method) for found in runs.at_contacts] == [
+    assert [(found.case, found.options.method) for found in runs.at_contacts] == [
         (case, method) for case in ("TF", "WH") for method in OPTIONS.methods
     ]
 
@@ -61,39 +61,39 @@ def test_every_scene_is_played_by_every_method(runs: PaperRuns) -> None:
 @pytest.mark.soak
 def test_every_row_is_measured_and_every_method_has_every_row(runs: PaperRuns) -> None:
     rows = paper_rows(runs, OPTIONS.methods, False)
-    names = {method: [one.name for one in rows if one.method == method] for method in OPTIONS.methods}
+    names = {method: [one["row"] for one in rows if one["method"] == method] for method in OPTIONS.methods}
     assert names["coupled"] == names["paper"]
     assert {"mean_cube", "sliding_depth", "complex_p99_bunny", "interaction_p99_bunny", "case_p99_WH"} <= set(
         names["coupled"]
     )
     assert {"contacts_131", "contacts_250", "depth", "variation_glove_size", "touches"} <= set(names["coupled"])
     for one in rows:
-        small = one.name.startswith("variation") and one.name[-1] in "xyz"
-        assert math.isfinite(one.ours) or small, one
-        assert one.paper_text and one.label and one.unit in ("s", "m", "%", "1")
-        assert "nan" not in one.note and "1 objects" not in one.note
+        small = one["row"].startswith("variation") and one["row"][-1] in "xyz"
+        assert math.isfinite(one["ours"]) or small, one
+        assert one["paper_text"] and one["label"] and one["unit"] in ("s", "m", "%", "1")
+        assert "nan" not in one["note"] and "1 objects" not in one["note"]
 
 
 def test_rows_are_what_the_runs_say(runs: PaperRuns) -> None:
     played = runs.of("coupled", "11", object_name="cube")
     times = np.concatenate([np.median(run.times, axis=0)[run.contact, 0] for run in played])
     mean = row(runs, "mean_cube")
-    assert mean.ours == pytest.approx(times.mean(), rel=1e-5)
-    assert mean.ratio == pytest.approx(0.32e-3 / times.mean(), rel=1e-5)
-    assert mean.bar == pytest.approx(0.032e-3)
-    assert row(runs, "depth").ours == max(
+    assert mean["ours"] == pytest.approx(times.mean(), rel=1e-5)
+    assert mean["ratio"] == pytest.approx(0.32e-3 / times.mean(), rel=1e-5)
+    assert mean["bar"] == pytest.approx(0.032e-3)
+    assert row(runs, "depth")["ours"] == max(
         float(run.depth.max()) for run in runs.of("coupled", "11", "sliding", "13", "14", "15")
     )
     variations = [run.variation["glove"].size[0] for run in runs.of("coupled", "11", "13", "14")]
-    assert row(runs, "variation_glove_size").ours == pytest.approx(float(np.median(variations)))
+    assert row(runs, "variation_glove_size")["ours"] == pytest.approx(float(np.median(variations)))
 
 
 def test_a_multiple_stands_beside_the_same_quantity_alone(runs: PaperRuns) -> None:
-    rows = {one.name: one for one in paper_rows(runs, OPTIONS.methods, False) if one.method == "coupled"}
+    rows = {one["row"]: one for one in paper_rows(runs, OPTIONS.methods, False) if one["method"] == "coupled"}
     # The paper's contacts are of another margin and several threads; its hand does not tremble.
     for name in ("contacts_131", "contacts_250", "variation_trembling_size"):
-        assert math.isnan(rows[name].ratio) and rows[name].paper_text
-    assert rows["variation_glove_size"].paper == 0.18
+        assert math.isnan(rows[name]["ratio"]) and rows[name]["paper_text"]
+    assert rows["variation_glove_size"]["paper"] == 0.18
     for run in runs.of("coupled", "15"):
         assert run.contacts == run.candidates[run.contact].mean()
 
@@ -154,16 +154,15 @@ def test_pictures_show_paper_beside_coupled_and_forces_in_red(
 
 
 def test_coupled_stays_out_and_touches_what_the_scenes_name(runs: PaperRuns) -> None:
-    assert row(runs, "depth").ours <= 1e-6
-    assert row(runs, "touches").ours == 0.0
+    assert row(runs, "depth")["ours"] <= 1e-6
+    assert row(runs, "touches")["ours"] == 0.0
     assert sum(len(run.touches) for run in runs.of("coupled", "11")) == 1 + 2 + 6
 
 
 def test_the_margin_brings_about_as_many_contacts_as_the_paper_states(runs: PaperRuns) -> None:
     for found in runs.at_contacts:
-        count = found.run.candidates[held_ticks(found.run.stage)].mean()
+        count = found.candidates[held_ticks(found.stage)].mean()
         assert count == pytest.approx(found.wanted, rel=0.1)
-        assert found.run.options.margin == found.margin
 
 
 def test_a_repetition_that_differs_is_an_error(runs: PaperRuns) -> None:
@@ -173,14 +172,14 @@ def test_a_repetition_that_differs_is_an_error(runs: PaperRuns) -> None:
 
 
 def test_only_our_methods_have_bars_and_what_is_not_measured_keeps_none() -> None:
-    one = PaperRow("depth", "V-D", "depth", "coupled", "m", 1e-4, "≈ 0.1 mm", 5e-7, 1e-6)
-    assert one.passed and one.ratio == pytest.approx(200.0)
-    deep = replace(one, ours=2e-6)
-    nothing = replace(one, ours=math.nan)
-    rows = Table(ROW_COLUMNS, [one, deep, nothing, replace(deep, method="paper"), replace(deep, bar=math.nan)]).records
+    def judged(ours: float, bar: float = 1e-6, paper: float = 1e-4, method: str = "coupled") -> Row:
+        return paper_row("depth", "V-D", "depth", method, "m", paper, "≈ 0.1 mm", ours, bar)
+
+    one, nan = judged(5e-7), math.nan
+    assert one["passed"] and one["ratio"] == pytest.approx(200.0)
+    rows = [one, judged(2e-6), judged(nan), judged(2e-6, method="paper"), judged(2e-6, nan)]
     assert missed(OPTIONS, rows) == ["depth, coupled: 2.000 µm, bar 1.000 µm", "depth, coupled: —, bar 1.000 µm"]
-    assert replace(one, ours=0.0).ratio == math.inf
-    assert math.isnan(replace(one, paper=math.nan).ratio)
+    assert judged(0.0)["ratio"] == math.inf and math.isnan(judged(5e-7, paper=nan)["ratio"])
 
 
 def test_instances_are_different_hands_and_the_same_again_for_the_same_seed() -> None:
@@ -230,12 +229,11 @@ def test_the_command_writes_tables_and_pictures_and_says_what_it_missed(
     monkeypatch.setattr("hhsim.render.viewpoint.AZIMUTHS", (0, 90))
     scene = ("--quick", "--object", "hexagonal-prism", "--method", "coupled")
     arguments = (*scene, "--instances", "1", "--repetitions", "1")
-    answer = run("bench", "paper", *arguments, "--out", "paper.h5", "--plot", "figures", "--json")
+    answer = run("bench", "paper", *arguments, "--out", "paper.json", "--plot", "figures", "--json")
     document = json.loads(answer.out)
     assert answer.code == (1 if document["missed"] else 0)
-    table, scenes = load_table(tmp_path / "paper.h5"), load_table(tmp_path / "paper-scenes.h5")
+    table = load_table(tmp_path / "paper.json")
     assert [one["row"] for one in table.rows] == [one["row"] for one in document["rows"]]
-    assert len(scenes.rows) == len(document["scenes"]) == 3 + 1 + 1
     begins = {".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml"}
     assert {Path(path).name for path in document["pictures"]} == {
         f"{name}{kind}" for name in ("fig11", "fig12-hexagonal-prism") for kind in begins
@@ -246,7 +244,7 @@ def test_the_command_writes_tables_and_pictures_and_says_what_it_missed(
     pdf, svg = (tmp_path / "figures" / f"fig12-hexagonal-prism{kind}" for kind in (".pdf", ".svg"))
     assert b"/CIDFontType2" in pdf.read_bytes() and b"CreationDate" not in pdf.read_bytes()
     assert "<dc:date>" not in svg.read_text() and svg.read_text().count('<path d="M') > 10
-    again = run("bench", "paper", *arguments, "--out", "paper.h5")
+    again = run("bench", "paper", *arguments, "--out", "paper.json")
     assert "mean tick, hexagonal-prism" in again.out and "0.48 ms" in again.out
     assert ("missed: " in again.out) == (again.code == 1)
     assert ("index force and named touches have no bar here" in again.out) == (again.code == 0)

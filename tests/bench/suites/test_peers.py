@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from conftest import Run
 
-from hhsim.bench.suite import measure
-from hhsim.bench.suites.peers import COLUMNS, SUITE, Peer, PeersOptions, installed, table_rows, won_by_others
+from hhsim.bench.suite import run_cells
+from hhsim.bench.suites.peers import COLUMNS, SUITE, PeersOptions, installed, lines, table_rows
 from hhsim.bench.trade_off import Run as MethodRun
+from hhsim.bench.trade_off import Way
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.solver.options import SolverOptions
 from hhsim.solver.outside_method import MethodScene, TickAnswer
 from hhsim.table.file import ALL, load_table, rows_of
 
@@ -42,24 +44,24 @@ FAKE, GONE = f"{__name__}:PushedEverywhere", f"{__name__}:Absent"
 
 def made_up(method: str, time: float, error: float) -> MethodRun:
     times = [np.full(5, time)]
-    return MethodRun("cube", "grasp", Peer(method, "mesh"), {"mesh_error": error}, times, times)
+    return MethodRun("cube", "grasp", Way(SolverOptions(method=method)), {"mesh_error": error}, times, times)
 
 
 def test_what_is_not_installed_is_left_out_with_a_line() -> None:
-    peers, notes = installed(PeersOptions(methods=("coupled", GONE, FAKE)))
-    assert [(peer.method, peer.surface) for peer in peers] == [
+    ways, notes = installed(PeersOptions(methods=("coupled", GONE, FAKE)))
+    assert [(way.solver.method, way.solver.surface) for way in ways] == [
         ("coupled", "mesh"), ("coupled", "spheres"), (FAKE, "mesh"),
     ]  # fmt: skip
     assert notes == [f"left out: {GONE} needs patience"]
     with pytest.raises(InputError, match="needs patience"):
-        measure(SUITE, PeersOptions(methods=(GONE,)))
+        list(run_cells(SUITE, PeersOptions(methods=(GONE,))))
 
 
 def test_a_hand_inside_is_told_by_how_much() -> None:
     options = PeersOptions(
         objects=("cube",), motions=("touch",), methods=("coupled", FAKE), repetitions=1, rate=50.0, hands=20
     )
-    ours, _, other = measure(SUITE, options)
+    ours, _, other = list(run_cells(SUITE, options))
     assert ours.failure == other.failure == ""
     assert ours.figures["mesh_error"] < 2e-6
     # The user's finger is in the cube, and the palm, which is said to be pushed, far away from it.
@@ -72,9 +74,9 @@ def test_a_hand_inside_is_told_by_how_much() -> None:
 
 def test_a_run_that_takes_long_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
     options = PeersOptions(objects=("cube",), motions=("touch",), methods=(FAKE,), repetitions=2, rate=50.0, hands=5)
-    (twice,) = measure(SUITE, options)
+    (twice,) = list(run_cells(SUITE, options))
     monkeypatch.setattr("hhsim.bench.trade_off.LONG", 0.0)
-    (once,) = measure(SUITE, options)
+    (once,) = list(run_cells(SUITE, options))
     assert (len(twice.cpu), len(once.cpu)) == (2, 1)
     assert [row["repetitions"] for row in table_rows([twice, once])] == [2, 1, 1, 1]
 
@@ -82,26 +84,26 @@ def test_a_run_that_takes_long_is_made_once(monkeypatch: pytest.MonkeyPatch) -> 
 def test_who_is_as_near_and_faster_wins() -> None:
     rows = table_rows([made_up("coupled", 1e-5, 1e-4), made_up(FAKE, 5e-6, 2e-4), made_up("penalty", 4e-5, 3e-4)])
     single = {row["method"]: row for row in rows if row["motion"] != ALL}
-    assert [row["method"] for row in won_by_others(rows)] == [FAKE]
+    won = [f"cube, grasp: none of ours is as near and as fast as {FAKE}"]
+    assert lines(PeersOptions(), rows) == won
     assert single[FAKE]["times_ours"] == pytest.approx(0.5)
     assert single["penalty"]["times_ours"] == pytest.approx(4.0)
     assert {name for name, row in single.items() if row["frontier"]} == {"coupled", FAKE}
-    nearer = table_rows([made_up("coupled", 1e-5, 1e-4), made_up(FAKE, 1e-3, 1e-5)])
-    assert [row["method"] for row in won_by_others(nearer)] == [FAKE]
-    slower = table_rows([made_up("coupled", 1e-5, 1e-4), made_up(FAKE, 1e-3, 2e-4)])
-    assert won_by_others(slower) == []
+    for error, found in ((1e-5, won), (2e-4, [])):
+        rows = table_rows([made_up("coupled", 1e-5, 1e-4), made_up(FAKE, 1e-3, error)])
+        assert lines(PeersOptions(), rows) == found
 
 
 def test_the_command_writes_table_and_picture(run: Run, tmp_path: Path) -> None:
     answer = run(
         "bench", "peers", "--object", "cube", "--motion", "touch", "--method", f"coupled,{FAKE},{GONE}", "--rate", "50",
-        "--repetitions", "1", "--json", "--out", "peers.h5",
+        "--repetitions", "1", "--json", "--out", "peers.json",
     )  # fmt: skip
     assert answer.code == 0, answer.err
     document = json.loads(answer.out)
     assert f"left out: {GONE} needs patience" in document["notes"]
-    assert {row["method"] for row in rows_of(tmp_path / "peers.h5", "peers")} == {"coupled", FAKE}
-    assert load_table(tmp_path / "peers.h5").suite == "peers"
+    assert {row["method"] for row in rows_of(tmp_path / "peers.json", "peers")} == {"coupled", FAKE}
+    assert load_table(tmp_path / "peers.json").suite == "peers"
     assert (tmp_path / "peers.png").stat().st_size > 10_000
     with pytest.raises(InputError, match="is a table of hhsim bench peers"):
-        rows_of(tmp_path / "peers.h5", "speed-error")
+        rows_of(tmp_path / "peers.json", "speed-error")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from recording_samples import smooth_recording
 
-from hhsim.bench.suite import measure
+from hhsim.bench.suite import run_cells
 from hhsim.bench.suites.recorded import SUITE, RecordedOptions
 from hhsim.errors import InputError
 from hhsim.motion.file import save_trajectory
@@ -37,7 +37,7 @@ def folder(tmp_path: Path) -> Path:
 
 def test_a_row_is_what_a_replay_of_the_same_words_says(folder: Path, run: Run) -> None:
     options = RecordedOptions((str(folder / "a.h5"),), ("cup",), ("coupled",), ("spheres", "mesh"), rate=250.0, level=3)
-    (spheres,), (mesh,) = measure(SUITE, options)
+    (spheres,), (mesh,) = list(run_cells(SUITE, options))
     words = ("replay", "cup", str(folder / "a.h5"), "--rate", "250", "--level", "3", "--place-object", "auto")
     document = json.loads(run(*words, "--json").out)
     for name in ("penetration_max", "contact_error_max", "force_contact_mean", "stuck_ticks", "lag_ticks"):
@@ -51,10 +51,10 @@ def test_a_row_is_what_a_replay_of_the_same_words_says(folder: Path, run: Run) -
 @pytest.mark.soak
 def test_the_command_tells_what_cannot_be_run(run: Run, folder: Path, tmp_path: Path) -> None:
     where = ("bench", "recorded", "recordings", "--object", "cup", "--method", "paper")
-    answer = run(*where, "--out", "t.h5")
+    answer = run(*where, "--out", "t.json")
     assert answer.code == 0, answer.err
     assert "recorded hands, 1000 ticks a second" in answer.out and "no limit missed" in answer.out
-    table = load_table(tmp_path / "t.h5")
+    table = load_table(tmp_path / "t.json")
     assert table.suite == "recorded" and [row["motion"] for row in table.rows] == ["a", "b"]
     (folder / "c.npz").write_bytes(b"nothing")
     document = json.loads((failed := run(*where, "--json")).out)

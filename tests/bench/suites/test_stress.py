@@ -132,7 +132,6 @@ def test_a_hand_that_is_stuck_without_cause_is_a_missed_limit(monkeypatch: pytes
     monkeypatch.setattr(stress, "HandSolver", Lazy)
     figures = run_case(case(ticks=900))
     assert figures["stuck"] >= figures["unexplained"] > 10
-    assert figures["longest_stuck"] > 10
     assert not figures["safe"]
     assert replayed_failures(figures, case())["stuck"] > 0
 
@@ -164,28 +163,28 @@ def test_a_failure_that_needs_all_that_came_before_is_kept_whole(
 
 def test_the_command_writes_its_table_and_prints_it(run: Any, tmp_path: Path) -> None:
     words = ("bench", "stress", "cube", "--ticks", "120", "--seed", "3")
-    answer = run(*words, "--out", "stress.h5")
+    answer = run(*words, "--out", "stress.json")
     # A first run tells of compilation.
     assert (answer.code, "error" in answer.err, "warning" in answer.err) == (0, False, False)
-    table = load_table(tmp_path / "stress.h5")
+    table = load_table(tmp_path / "stress.json")
     assert [row["method"] for row in table.rows] == list(METHODS)
     assert table.options["seed"] == 3
     lines = answer.out.splitlines()
     assert sum(line.startswith("cube ") for line in lines) == len(METHODS)
     assert "coupled: no limit missed" in lines
-    assert lines[-1] == "the table is in stress.h5 and stress.csv"
-    again = run(*words, "--method", "coupled", "--json", "--out", "again.h5")
+    assert lines[-1] == "the table is in stress.json and stress.csv"
+    again = run(*words, "--method", "coupled", "--json", "--out", "again.json")
     document = json.loads(again.out)
-    assert (again.code, document["missed"], document["table"]) == (0, [], "again.h5")
+    assert (again.code, document["missed"], document["table"]) == (0, [], "again.json")
     for row, before in zip(document["rows"], table.rows):
         assert {n: v for n, v in row.items() if n not in TIMES} == {n: v for n, v in before.items() if n not in TIMES}
 
 
 def test_surfaces_have_rows_of_their_own_and_methods_that_take_no_mesh_are_left_out(run: Any, tmp_path: Path) -> None:
-    words = ("bench", "stress", "cube", "--ticks", "60", "--surface", "spheres,mesh", "--out", "both.h5")
+    words = ("bench", "stress", "cube", "--ticks", "60", "--surface", "spheres,mesh", "--out", "both.json")
     answer = run(*words)
     assert answer.code == 0, answer.err
-    rows = [(row["method"], row["surface"]) for row in load_table(tmp_path / "both.h5").rows]
+    rows = [(row["method"], row["surface"]) for row in load_table(tmp_path / "both.json").rows]
     assert rows == [*((method, "spheres") for method in METHODS), ("coupled", "mesh"), ("progressive", "mesh")]
     assert {"coupled: no limit missed", "coupled on the mesh: no limit missed"} <= set(answer.out.splitlines())
 

@@ -1,4 +1,4 @@
-"""Stage of the known answers: a free block or ball, the tasks pinch and rest, and a hand whose squeeze is known.
+"""Stage of the known answers: a free block or ball, the task of a pinch, and a hand whose squeeze is known.
 
 The hand has two opposed fingers. Thumb and index lie along the palm's y axis, one at either side, and curl towards each
 other in the plane of the palm. They are as thick as their tips, so that the tip alone touches a flat face between them.
@@ -6,7 +6,6 @@ The palm's spheres are far behind. The palm's coupling bears the weight, the joi
 between the tips, at a distance L before the palm, sinks by m g (1 / k_t + L² / k_r) below the command.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -20,13 +19,11 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_product, rotation_matrix
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
-from hhsim.motion.analytic_motion import still
 from hhsim.scene.synthesis import minimum_jerk
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
-from hhsim.trees.sphere_tree import SphereTree
 
 BLOCK = 1000
 """Ticks that are run together."""
@@ -86,11 +83,6 @@ def play(
     return Played(free=free, center=center, orientation=turn, **whole)
 
 
-def away(ticks: int) -> HandConfiguration:
-    """Return a hand that touches nothing."""
-    return still((0.0, 0.0, 5.0), ticks=ticks)
-
-
 def block(size: Sequence[float], center: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
     """Return a box [m] about a centre, shape (3,) each."""
     return box_mesh(size, "block").transformed(np.eye(3), np.asarray(center))
@@ -99,12 +91,6 @@ def block(size: Sequence[float], center: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
 def touched(mesh: Mesh) -> ContactSurface:
     """Return the triangles of a mesh as a surface."""
     return contact_surface("mesh", mesh, None)
-
-
-def ball(radius: float) -> ContactSurface:
-    """Return an exact ball about the origin [m]."""
-    tree = SphereTree(np.zeros((2, 3)), np.full(2, radius), np.array([0, 1]), np.array([-1, 0]))
-    return contact_surface("spheres", None, tree)
 
 
 def turned_by(first: ArrayLike, second: ArrayLike) -> float:
@@ -116,10 +102,6 @@ def turned_by(first: ArrayLike, second: ArrayLike) -> float:
 
 RATE = 1000.0
 """Tick rate [Hz]."""
-QUIET = 500
-"""Ticks of a hold, or a quarter of it, until the lift has decayed."""
-LIFTED = 0.9
-"""Least share of the way of a block that was lifted."""
 
 
 @dataclass(frozen=True)
@@ -157,51 +139,6 @@ class Pinch:
     def eased_from(self) -> int:
         """First tick of the easing."""
         return round(RATE * (self.closing + self.settling + self.lifting))
-
-    @property
-    def ticks(self) -> int:
-        """Number of ticks."""
-        return self.held_from + round(RATE * self.hold)
-
-    def closed_at(self, tick: ArrayLike) -> FloatArray:
-        """Return the share of the way to first contact at the ticks: 0 to 1 in the first half of the closing."""
-        return minimum_jerk(np.asarray(tick) / (0.5 * RATE * self.closing))
-
-    def squeeze_at(self, tick: ArrayLike) -> FloatArray:
-        """Return the commanded force at the ticks [N]: it grows at the end of the closing, and falls in the easing."""
-        pressed = self.squeeze * minimum_jerk(np.asarray(tick) / (0.5 * RATE * self.closing) - 1.0)
-        if self.easing == 0.0:
-            return np.asarray(pressed)
-        gone = np.clip((np.asarray(tick) - self.eased_from) / (RATE * self.easing), 0.0, 1.0)
-        return np.asarray(pressed * (1.0 - (1.0 - self.eased) * gone))
-
-    def height_at(self, tick: ArrayLike) -> FloatArray:
-        """Return the commanded height at the ticks [m]."""
-        start = RATE * (self.closing + self.settling)
-        return self.lift * minimum_jerk((np.asarray(tick) - start) / (RATE * self.lifting))
-
-    def outcome(self, height: FloatArray) -> tuple[bool, float]:
-        """Return if the block was lifted, and its creep [m], else NaN; from its rise at every tick [m], (ticks,)."""
-        held = height[self.held_from :]
-        lifted = bool(held[0] > LIFTED * self.lift)
-        rest = held[min(QUIET, len(held) // 4) :]
-        return lifted, float(np.abs(rest - rest[0]).max()) if lifted else math.nan
-
-
-@dataclass(frozen=True)
-class Rest:
-    """Task of a cube at rest on a table, in s, kg, m and m/s²; `friction` is μ of cube and table."""
-
-    seconds: float = 600.0
-    mass: float = 0.24
-    friction: float = 0.6
-    side: float = 0.07
-    gravity: float = 9.81
-
-    def creep(self, center: FloatArray, orientation: FloatArray) -> float:
-        """Return the largest way of a corner [m] by centres [m] (ticks, 3), first and last orientation (w, x, y, z)."""
-        moved = float(np.linalg.norm(center - center[0], axis=1).max())
-        return moved + 0.5 * self.side * math.sqrt(3.0) * turned_by(orientation[0], orientation[1])
 
 
 LENGTHS = (0.04, 0.03, 0.03)
@@ -268,10 +205,17 @@ def gripped(pinch: Pinch, *, torsion: float = TORSION, off_center: float = 0.0) 
     mesh = block([pinch.side] * 3, [0.0, REACH, 0.0])
     free = FreeObject.of_mesh(mesh, mass=pinch.mass, friction=pinch.friction, torsion=torsion, table=-0.5 * pinch.side)
     free = replace(free, center=(0.0, REACH + off_center, 0.0), gravity=(0.0, 0.0, -pinch.gravity))
-    ticks = np.arange(1, pinch.ticks + 1)
-    position = np.zeros((pinch.ticks, 3))
-    position[:, 2] = pinch.height_at(ticks)
-    inward = pinch.gap * pinch.closed_at(ticks) + pinch.squeeze_at(ticks) / pinch.stiffness
+    count = pinch.held_from + round(RATE * pinch.hold)
+    time = np.arange(1, count + 1) / RATE
+    position = np.zeros((count, 3))
+    position[:, 2] = pinch.lift * minimum_jerk((time - pinch.closing - pinch.settling) / pinch.lifting)
+    # In the first half of the closing the tips come to the block; in the second the force grows, and falls as it eases.
+    half = time / (0.5 * pinch.closing)
+    squeeze = pinch.squeeze * minimum_jerk(half - 1.0)
+    if pinch.easing:
+        gone = np.clip((time - pinch.eased_from / RATE) / pinch.easing, 0.0, 1.0)
+        squeeze *= 1.0 - (1.0 - pinch.eased) * gone
+    inward = pinch.gap * minimum_jerk(half) + squeeze / pinch.stiffness
     hand = gripper(pinch.side + 2.0 * pinch.gap, pinch.tip_radius)
     return play(free, touched(mesh), hand, gripper_options(pinch.stiffness), closed(inward, position))
 

@@ -1,1 +1,0 @@
-"""`hhsim bench manipulation`: known answers of free objects with friction, and a pinch beside another engine."""
