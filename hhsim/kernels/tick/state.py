@@ -144,6 +144,14 @@ DECOUPLING = np.dtype(
 )
 """Suspension of the separate programs of palm and fingers, see `kernels.tick.decoupling`."""
 
+
+def correction_dtype(variables: int) -> "np.dtype[Any]":
+    """Build the dtype of vectors of `kernels.world.second_order`, of a program's variables; the last are a hand's."""
+    names = "whole", "product", "residual", "search", "image", "correction"
+    sizes = [(name, variables) for name in names] + [("hand", DOF), ("bent", DOF)]
+    return np.dtype([(name, np.float64, (size,)) for name, size in sizes], align=True)
+
+
 PALM_GROUPS = 1 + 2 * FINGER_COUNT
 FINGER_WORK = np.dtype(
     [
@@ -158,6 +166,8 @@ FINGER_WORK = np.dtype(
         ("count", np.int64),  # number of these
         ("iterations", np.int64),  # of its program
         ("status", np.int64),  # of `kernels.qp.active_set`
+        ("step", np.float64, (DOF,)),  # the palm's step and its own, the rest 0 [m, rad, rad]
+        ("correction", correction_dtype(DOF)),
         ("apart", np.int64, (16,)),  # keeps the next finger's out of the cache lines that this one writes
     ],
     align=True,
@@ -176,6 +186,7 @@ PROGRESSIVE_WORK = np.dtype(
         ("palm_target", np.float64, (DOF,)),  # √G δ* of the palm's program
         ("palm_step", np.float64, (6,)),  # the palm's step, times √G
         ("finger", FINGER_WORK, (FINGER_COUNT,)),  # of each finger's program
+        ("correction", correction_dtype(DOF)),  # of the palm's program
         ("rhs", np.float64, (ROW_CAPACITY,)),  # of the fingers' programs, each finger's in its own rows
         ("block", np.float64, (3, ROW_CAPACITY)),  # joint columns of the fingers in the palm's program
     ],

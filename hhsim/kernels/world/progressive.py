@@ -23,6 +23,7 @@ from hhsim.kernels.tick.state import PALM_GROUPS
 from hhsim.kernels.tick.step import DURATION_FINGERS, DURATION_PALM, guess_rows, take_multipliers
 from hhsim.kernels.world.pairs import World
 from hhsim.kernels.world.program import solve_plain
+from hhsim.kernels.world.second_order import Lagrangian, correct_program
 
 YIELD_WEIGHT = 1e-4
 """Share of its stiffness that a joint keeps in the palm's program."""
@@ -106,6 +107,12 @@ def _solve_palm(method: World, state: Record, qp: QpWork) -> int:
     if status != OPTIMAL:
         return status
     take_multipliers(qp, step)
+    if method.world[0].curved and work.variables == 6:
+        for j in range(6):
+            step.delta[j] = qp.x[j] * problem.inverse_root[j]
+        row, force, none = step.row[: step.count], step.multiplier[: step.count], as_int64(0)
+        given = options.own, method.states, method.world[0], row, force, problem.inverse_root[:], none, as_int64(6)
+        correct_program(Lagrangian(*given), qp.counts[0], step.delta[:], rows, options, work.correction, qp)
     for j in range(6):
         work.palm_step[j] = qp.x[j]
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
@@ -145,6 +152,15 @@ def solve_finger(method: World, finger: int, qp: QpWork) -> None:
     if own.status != OPTIMAL:
         return
     take_multipliers(qp, own)
+    if method.world[0].curved:
+        own.step[:] = 0.0
+        for j in range(6):
+            own.step[j] = work.palm_step[j] * problem.inverse_root[j]
+        for k in range(PHALANX_COUNT):
+            own.step[offset + k] = qp.x[k] * problem.inverse_root[offset + k]
+        row, force, n = own.row[: own.count], own.multiplier[: own.count], as_int64(PHALANX_COUNT)
+        given = options.own, method.states, method.world[0], row, force, problem.inverse_root[:], as_int64(offset), n
+        correct_program(Lagrangian(*given), qp.counts[0], own.step[:], rows, options, own.correction, qp)
     for k in range(PHALANX_COUNT):
         own.delta[k] = qp.x[k] * problem.inverse_root[offset + k]
 

@@ -2,8 +2,8 @@
 
 The quadratic program sees flat contacts. On a curved one the hand would then approach its optimum by a constant factor
 a linearisation, the slower the harder it presses: contact force times curvature works against the coupling's stiffness,
-and where it exceeds that, steps go too far, to and fro. So a tick that has needed `FLAT_PROGRAMS` of them, or follows
-one that lagged, goes on with the step of sequential quadratic programming with the exact Hessian of the Lagrangian,
+and where it exceeds that, steps go too far, to and fro. So a tick goes on from its second program on, or from its first
+if the tick before lagged, with the step of sequential quadratic programming with the exact Hessian of the Lagrangian,
 G - Σ λ_i ∇²d_i, on the active set that the program found (Nocedal & Wright 2006, ch. 18): within the null space of the
 active rows,
 
@@ -18,17 +18,15 @@ meet with a small radius. Contacts of bodies that move count as flat.
 """
 
 import math
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import NamedTuple
 
 from hhsim.kernels.contact.own_parts import OwnParts, add_own_bends
 from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline
+from hhsim.kernels.jit import Array, Indices, Record, as_bool, as_int64, jit, jit_inline
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.qr_update import project
-from hhsim.kernels.qp.row_scan import WideRows, row_violations
+from hhsim.kernels.qp.row_scan import Rows, row_violations
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.world.columns import (
     States,
@@ -43,7 +41,8 @@ from hhsim.kernels.world.columns import (
 from hhsim.kernels.world.curvature import curvature_product
 
 FLAT_PROGRAMS = 3
-"""First programs of a tick, in which nothing bends: most ticks need no more, and the derivatives take half a tick."""
+"""First programs of a tick, in which a hand's own pairs do not bend: most ticks need no more, and these derivatives
+take half a tick."""
 STRETCH = 20.0
 """Most that a direction is stretched by, where the Lagrangian curves by less than 1 / STRETCH of the coupling."""
 REDUCTION = 1e-4
@@ -56,13 +55,6 @@ FAR = 4.0
 """Steps longer than this many longest corrections are not corrected beside bodies: they end elsewhere, and the hand
 gets on less."""
 FINGERS = PHALANX_COUNT * FINGER_COUNT
-VECTORS = "whole", "product", "residual", "search", "image", "correction"
-
-
-def correction_dtype(variables: int) -> "np.dtype[Any]":
-    """Build the dtype of the conjugate gradients' vectors, but for the first two, which are a hand's."""
-    sizes = (DOF, variables, variables, variables, variables, variables)
-    return np.dtype([(name, np.float64, (size,)) for name, size in zip(VECTORS, sizes)], align=True)
 
 
 class Lagrangian(NamedTuple):
@@ -71,20 +63,22 @@ class Lagrangian(NamedTuple):
     own: OwnParts
     states: States
     world: Record
-    inverse_root: Array  # 1 / √G of the variables of what bends, 0 for all others, (>= n,)
-    n: int  # number of variables
+    row: Indices  # rows with a multiplier
+    force: Array  # theirs [N]
+    inverse_root: Array  # 1 / √G of the variables of what bends, 0 for all others
+    offset: int  # the program's variables are n of all, from here on
+    n: int
 
 
 @jit
-def _curvature(lagrangian: Lagrangian, step: Array, product_out: Array) -> None:
+def _curvature(lagrangian: Lagrangian, step: Array, work: Record, product_out: Array) -> None:
     """Compute Σ λ ∇²d · step over the loaded rows of a program, for a step of all variables [m, rad]."""
-    world = lagrangian.world
-    problem, loaded, hand, product = world.problem, world.loaded, world.correction.whole, world.bent
-    row, force = loaded.row[: loaded.count], loaded.multiplier[: loaded.count]
+    world, row, force = lagrangian.world, lagrangian.row, lagrangian.force
+    problem, hand, product, still = world.problem, work.hand, work.bent, is_still(world.problem)
     product_out[:] = 0.0
     for h in range(hand_count(problem)):
         each, palm, fingers = lagrangian.states[h], palm_column(problem, h), first_finger(problem, h)
-        still, product[:] = is_still(problem), 0.0
+        product[:] = 0.0
         for j in range(6):
             hand[j] = step[palm + j] if still else 0.0
         copy_values(step[fingers : fingers + FINGERS], hand[6:])
@@ -110,23 +104,24 @@ def _project_out(n: int, k: int, basis: Array, vector: Array) -> None:
 
 @jit
 def _apply(lagrangian: Lagrangian, k: int, basis: Array, work: Record, vector: Array, image_out: Array) -> None:
-    """Compute P S v."""
-    root, step = lagrangian.inverse_root, work.product
+    """Compute P S v for a v that is zero outside the program's own variables."""
+    root, offset = lagrangian.inverse_root, lagrangian.offset
+    work.whole[:] = 0.0
     for j in range(lagrangian.n):
-        step[j] = vector[j] * root[j]
-    _curvature(lagrangian, step[:], image_out)
+        work.whole[offset + j] = vector[j] * root[offset + j]
+    _curvature(lagrangian, work.whole[:], work, work.product[:])
     for j in range(lagrangian.n):
-        image_out[j] *= root[j]
+        image_out[j] = work.product[offset + j] * root[offset + j]
     _project_out(lagrangian.n, k, basis, image_out)
 
 
 @jit
 def _residual(lagrangian: Lagrangian, step: Array, k: int, basis: Array, work: Record) -> float:
     """Write P S x into the residual and the first search direction; returns its square."""
-    root, square = lagrangian.inverse_root, 0.0
-    _curvature(lagrangian, step, work.residual[:])
+    root, offset, square = lagrangian.inverse_root, lagrangian.offset, 0.0
+    _curvature(lagrangian, step, work, work.product[:])
     for j in range(lagrangian.n):
-        work.residual[j] *= root[j]
+        work.residual[j] = work.product[offset + j] * root[offset + j]
         work.correction[j] = 0.0
     _project_out(lagrangian.n, k, basis, work.residual[:])
     for j in range(lagrangian.n):
@@ -167,7 +162,7 @@ def _conjugate_gradients(lagrangian: Lagrangian, k: int, basis: Array, square: f
 
 
 @jit
-def _free_share(k: int, rows: WideRows, end: Array, rounding: float, qp: QpWork) -> float:
+def _free_share(k: int, rows: Rows, end: Array, rounding: float, qp: QpWork) -> float:
     """Compute the share of the way from x to `end` on which no other row is violated.
 
     Rows satisfied at x may fail at the end; the first to fail bounds the share. A row that says the same as an active
@@ -191,10 +186,10 @@ def _free_share(k: int, rows: WideRows, end: Array, rounding: float, qp: QpWork)
 
 
 @jit
-def _correct(
-    lagrangian: Lagrangian, held: int, step: Array, rows: WideRows, options: TickOptions, work: Record, qp: QpWork
+def correct_program(
+    lagrangian: Lagrangian, held: int, step: Array, rows: Rows, options: TickOptions, work: Record, qp: QpWork
 ) -> None:
-    """Move qp.x, the solution of a program, to second order; `step` is the same, unscaled [m, rad].
+    """Move qp.x, the solution of a program, to second order; `step` is that of all variables as far as known [m, rad].
 
     `held` is the number of rows of qp.basis that the correction is at right angles to: the active set, or more.
     """
@@ -263,7 +258,9 @@ def correct(options: TickOptions, states: States, world: Record, qp: QpWork) -> 
         if still:
             copy_values(problem.inverse_root[:6], root[palm : palm + 6])
         copy_values(problem.inverse_root[6:DOF], root[first : first + FINGERS])
-    lagrangian = Lagrangian(options.own, states, world, root, n)
+    loaded, first = world.loaded, as_int64(0)
+    row, force = loaded.row[: loaded.count], loaded.multiplier[: loaded.count]
+    lagrangian = Lagrangian(options.own, states, world, row, force, root, first, n)
     held = qp.counts[0] if still else _hold_bodies(n, problem, qp)
-    _correct(lagrangian, held, problem.delta[:], wide_rows(problem), options, world.correction, qp)
+    correct_program(lagrangian, held, problem.delta[:], wide_rows(problem), options, world.correction, qp)
     return as_bool(True)

@@ -10,14 +10,12 @@ from typing import Any
 import numpy as np
 
 from hhsim.kernels.contact.hand_pairs import HAND_PAIRS
-from hhsim.kernels.hand.kinematics import DOF
-from hhsim.kernels.tick.state import JOINTS, WORK_COUNTERS
+from hhsim.kernels.tick.state import JOINTS, WORK_COUNTERS, correction_dtype
 from hhsim.kernels.world.body import BODY
 from hhsim.kernels.world.leanings import leanings_dtype
 from hhsim.kernels.world.program import LOADED
 from hhsim.kernels.world.record import borne_dtype
 from hhsim.kernels.world.rows import free_problem_dtype, friction_count, friction_dtype, held_dtype
-from hhsim.kernels.world.second_order import correction_dtype
 from hhsim.kernels.world.slips import coulomb_dtype
 
 MOST_HANDS, MOST_BODIES = 2, 6
@@ -41,7 +39,6 @@ def world_dtype() -> "np.dtype[Any]":
             ("leanings", leanings_dtype(dof, common, frictions)),  # what finds directions
             ("correction", correction_dtype(dof)),  # vectors of `kernels.world.second_order`
             ("bending_root", np.float64, (dof,)),  # 1 / √G of the variables of what bends, 0 for all others
-            ("bent", np.float64, (DOF,)),  # a product of its second derivatives with a hand's step
             ("lagged", np.bool_),  # the first hand lagged at the end of the last tick
             ("curved", np.bool_),  # contacts of hands beside what stands still bend in the program at hand
             ("tried", borne_dtype(bodies)),  # the contacts that bear a force at the last step
