@@ -37,6 +37,7 @@ from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_PALM
 from hhsim.kernels.world.linearisation import allowed_share, prepare, solve_with_pairs
 from hhsim.kernels.world.pairs import World, measure
 from hhsim.kernels.world.rows import SLACKS
+from hhsim.kernels.world.second_order import FLAT_PROGRAMS
 from hhsim.kernels.world.tick import settle_forces
 
 WAYS = 12
@@ -135,7 +136,7 @@ def _move_hand(method: World, state: Record) -> float:
 def _make_way(method: World, state: Record, qp: QpWork) -> bool:
     """Bring a hand that a part has come into out of it, by the least steps; returns whether it is free."""
     for i in range(WAYS):
-        method.world[0].curved = i > 0
+        method.world[0].curved = i >= FLAT_PROGRAMS
         count = prepare(method, 0.0, state)
         if count < 0 or solve_with_pairs(method, count, as_bool(False), state, qp) != OPTIMAL:
             return False
