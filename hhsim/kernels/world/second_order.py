@@ -2,8 +2,8 @@
 
 The quadratic program sees flat contacts. On a curved one the hand would then approach its optimum by a constant factor
 a linearisation, the slower the harder it presses: contact force times curvature works against the coupling's stiffness,
-and where it exceeds that, steps go too far, to and fro. So a tick goes on from its second program on, or from its first
-if the tick before lagged, with the step of sequential quadratic programming with the exact Hessian of the Lagrangian,
+and where it exceeds that, steps go too far, to and fro. So a program, but for the first one of a hand that stood still
+in the last tick, is followed by the step of sequential quadratic programming with the exact Hessian of the Lagrangian,
 G - Σ λ_i ∇²d_i, on the active set that the program found (Nocedal & Wright 2006, ch. 18): within the null space of the
 active rows,
 
