@@ -192,7 +192,7 @@ class ThreadTeam:
     """
 
     def __init__(self, threads: int, qp: QpWork) -> None:
-        self.works = [np.zeros(1, qp.dtype).view(np.recarray)[0] for _ in range(threads - 1)]
+        self.works = [zeroed(qp.dtype)[0] for _ in range(threads - 1)]
 
     @contextmanager
     def at_work(self, method: Any) -> Iterator[None]:

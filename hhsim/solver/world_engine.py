@@ -1,4 +1,4 @@
-"""Engine of `coupled` with free objects: hands and bodies in one program, with friction and a table."""
+"""Engine of `coupled` and `progressive`: hands and bodies in one program, with friction and a table."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -138,9 +138,9 @@ class WorldEngine:
         problem, friction = world.problem, world.friction
         self.qp = new_work(len(problem.delta), len(problem.rhs))
         springs, modelled = workspace.options.stiffness.diagonal(), workspace.options.modelled()
-        self.states = workspace.states
+        self._own: Any = None
         if free is not None or second is not None:
-            self.states = any_states(fresh_state(workspace.state_dtype, springs, modelled, pairs + 1))
+            self._own = any_states(fresh_state(workspace.state_dtype, springs, modelled, pairs + 1))
         supports = [support_of(body.surface) if body.moves_freely else NO_SUPPORT for body in self.bodies]
         movers, edges = [hand.hand for hand in self.hands], [NO_EDGES]
         if others:
@@ -194,9 +194,7 @@ class WorldEngine:
     @cached_property
     def method(self) -> World:
         """Arguments of the ticks, with the machine code of what the scene has: it is compiled or loaded if need be."""
-        workspace, world, options = self.workspace, self.world, self.workspace.tick_options
-        states = workspace.states if len(self.hands) == 1 and self.bodies[0].fixed else self.states
-        self.states = states
+        workspace, world, states, options = self.workspace, self.world, self.states, self.workspace.tick_options
         if workspace.options.self_contact or self.bodies[0].fixed:
             correcting = code_of(correct, options, states, world, self.qp)
             options = options._replace(own=options.own._replace(correcting=correcting))
@@ -228,6 +226,11 @@ class WorldEngine:
             code["giving"] = code_of(give_way, parts, method, self.qp)
             code["given"] = self._parts.ctypes.data if JIT_ENABLED else parts
         return method._replace(**code)
+
+    @property
+    def states(self) -> Any:
+        """States of the pairs, of `any_states`; of a hand beside what stands still those of its workspace."""
+        return self.workspace.states if self._own is None else self._own
 
     @property
     def parts_move(self) -> bool:

@@ -9,6 +9,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
 from hhsim.motion.analytic_motion import still
+from hhsim.solver import backend_programs
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 
@@ -51,3 +52,12 @@ def test_bad_input_is_held_here_too() -> None:
     record = run(motion, "quadprog")
     np.testing.assert_array_equal(record.status & STATUS_INPUT_INVALID > 0, [False, False, True, False])
     np.testing.assert_array_equal(record.position[2], record.position[1])
+
+
+def test_what_a_solver_raises_reaches_the_caller(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise MemoryError("no room for the program")
+
+    monkeypatch.setattr(backend_programs, "solve", fails)
+    with pytest.raises(MemoryError, match="no room"):
+        run(grasp(), "quadprog")

@@ -3,13 +3,13 @@
      1  n ← the least number of sub-steps in which no body of the hand passes a part by more than the margin,
             or by more than the body is away from it                                               sub_steps
      2  n times:  the parts go on; where one is in the hand then:                                  move_parts
-     3      at most 12 times:  δ ← the least step that leaves all parts by ε;  pose ← pose + t δ   make_way
+     3      at most 12 times:  δ ← the least step that leaves all parts by ε;  pose ← pose + t δ   _make_way
      4      where that has no solution, or does not end free:  δ ← the least step that leaves all parts but those
                 that move, and these as far as can be, palm and each finger by a depth of its own;  pose ← pose + t δ,
-                at most 8 times                                                                    squeeze
+                at most 8 times                                                                    _squeeze
      5  if the hand is free:  a tick of the method, on parts that stand still
         else:  one program with the user's hand, in which no depth grows;  its multipliers are the forces, and the tick
-            says that there is no place                                                            bear
+            says that there is no place                                                            _bear
 
 The depths of 4 are the solution of min ½ |√G δ|² + ½ k Σ s², in which what moves may be s [m] deep: s of the palm and
 of each finger, k = `FIRM`. A part that moves counts as such until the hand is free again.

@@ -17,7 +17,7 @@ from hhsim.kernels.jit import Array, Record, as_bool, jit, jit_noinline
 from hhsim.kernels.rotation import rotation_vector_between, turned
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step_length import IN_THE_AIR, snap_step
-from hhsim.kernels.world.columns import States, first_finger, hand_count, is_still, pair_count, palm_column
+from hhsim.kernels.world.columns import States, first_finger, hand_count, pair_count, palm_column
 
 MOST_RAISES = 5
 """Most times in a tick that damping is raised; what is left beyond the bound then is a jump."""
@@ -62,8 +62,6 @@ def measure_user_motions(states: States, world: Record) -> None:
 
     The joints of the last sample are in the frame of the first body as it stands now, those of the newest in the world.
     """
-    if is_still(world.problem):
-        return
     for h in range(hand_count(world.problem)):
         sample = states[h].input
         sample.motion = 0.0
@@ -78,8 +76,6 @@ def begin_bounds(options: TickOptions, states: States, world: Record) -> None:
 
     Where they lag for lack of work they follow later on: beside bodies that is no reason for a longer way.
     """
-    if is_still(world.problem):
-        return
     for h in range(hand_count(world.problem)):
         progress = states[h].progress
         _to_world(world.bodies[0], states[h].pose.joints, progress.start)

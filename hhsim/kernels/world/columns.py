@@ -218,21 +218,17 @@ def wide_rows(problem: Record) -> WideRows:
 
 @jit
 def name_rows(contacts: Record, problem: Record) -> None:
-    """Write the keys of the normal rows of all contacts and of the joint limits, and clear what others move of them.
+    """Name the normal rows of all contacts and the joint limits by keys, and clear their columns but the palm's.
 
     `contacts` are those of the first pair, and behind its joint limits those of the others.
     """
-    width, common = common_count(problem), problem.common
     for p in range(pair_count(problem)):
-        first, last, number, other = problem.first[p], problem.last[p], problem.body[p], problem.other[p]
-        column, palm = body_column(problem, number), palm_column(problem, problem.hand[p])
-        limits = last + (LIMIT_ROWS if p < hand_count(problem) else 0)
-        if other >= 0:
-            palm = body_column(problem, other)
-        for j in range(width):
-            if not (palm <= j < palm + 6 or column <= j < column + 6):
+        first, last, alone = problem.first[p], problem.last[p], problem.other[p] < 0
+        palm, limits = palm_column(problem, problem.hand[p]), last + (LIMIT_ROWS if p < hand_count(problem) else 0)
+        for j in range(common_count(problem)):
+            if not (alone and palm <= j < palm + 6):
                 for i in range(first, limits):
-                    common[j, i] = 0.0
+                    problem.common[j, i] = 0.0
         for i in range(first, limits):
             problem.key[i] = KINDS * contacts.key[i] if i < last else last - i - 1 - LIMIT_ROWS * p
             problem.owner[i] = -1
@@ -247,7 +243,6 @@ def object_columns(states: States, bodies: Record, contacts: Record, problem: Re
         first, last, number = problem.first[p], problem.last[p], problem.body[p]
         column, palm = body_column(problem, number), palm_column(problem, problem.hand[p])
         body, other = bodies[number], problem.other[p]
-        limits = last + (LIMIT_ROWS if p < hand_count(problem) else 0)
         if other >= 0:
             palm = body_column(problem, other)
         _object_columns(first, last, contacts, body, column, common)
@@ -261,9 +256,6 @@ def object_columns(states: States, bodies: Record, contacts: Record, problem: Re
                 _fold(bodies[other], palm, i, common)
             elif number > 0:
                 _turn_palm(problem.turn[p], i, palm, common)
-        for i in range(last, limits):
-            for j in range(column, column + 6):
-                common[j, i] = 0.0
 
 
 @jit

@@ -343,9 +343,9 @@ def solve_linearisation(method: World, done: int, state: Record, qp: QpWork) -> 
     Returns a status, and the motion of the step before its target was brought nearer [m], see `_clip_target`.
     """
     world = method.world[0]
-    hands, world.curved = hand_count(world.problem), world.lagged or done > 0
+    hands, world.curved = hand_count(world.problem), world.unsettled or done > 0
     for h in range(hands):
-        each, curved = method.states[h], as_bool(world.lagged or done >= FLAT_PROGRAMS)
+        each, curved = method.states[h], as_bool(world.unsettled or done >= FLAT_PROGRAMS)
         choose_bends(method.options.own.pairs, curved, mover_of(method, h), each.pose, each.self_contact)
     count, full_motion = prepare(method, 0.0, state), WHOLE_TARGET
     if count < 0:

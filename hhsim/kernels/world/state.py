@@ -39,7 +39,7 @@ def world_dtype() -> "np.dtype[Any]":
             ("leanings", leanings_dtype(dof, common, frictions)),  # what finds directions
             ("correction", correction_dtype(dof)),  # vectors of `kernels.world.second_order`
             ("bending_root", np.float64, (dof,)),  # 1 / √G of the variables of what bends, 0 for all others
-            ("lagged", np.bool_),  # the first hand moved in the last tick, or lagged
+            ("unsettled", np.bool_),  # the first hand moved in the last tick, or lagged
             ("curved", np.bool_),  # contacts of hands beside what stands still bend in the program at hand
             ("tried", borne_dtype(bodies)),  # the contacts that bear a force at the last step
             ("borne", borne_dtype(bodies)),  # the same at the last accepted one

@@ -1,6 +1,6 @@
 """One tick of hands and bodies: from where they are and the users' new hands to where they are shown, and the forces.
 
-docs/methods.md ("A tick that cannot penetrate") has its 14 lines, each with the function that does it. In short: a
+docs/methods.md ("A tick that cannot penetrate") has its 13 lines, each with the function that does it. In short: a
 program, as much of its step as the listed pairs allow, the true distances. By these alone poses become the safe ones,
 and a tick ends at safe ones.
 
@@ -390,7 +390,7 @@ def follow(method: World, state: Record, qp: QpWork) -> int:
     options, progress = method.options, state.progress
     # By flat programs a hand that moves would creep towards where it comes to rest.
     moves = progress.path > STILL
-    method.world[0].lagged = moves or (progress.lag > 0.0 and not progress.snaps)
+    method.world[0].unsettled = moves or (progress.lag > 0.0 and not progress.snaps)
     ask_bodies(method, TAKE, 0.0)
     begin_tick(options, state)
     _begin_motion(method, state)
