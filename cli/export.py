@@ -17,7 +17,7 @@ from .console import print_json, print_line, progress
 @click.option(
     "--as",
     "form",
-    type=click.Choice(["csv", "keypoints", "npz", "openxr"]),
+    type=click.Choice(["csv", "keypoints", "npz"]),
     help="Write the shown hand as a recording of this format instead, for hhsim import and other software.",
 )
 @click.option(

@@ -8,11 +8,10 @@ import click
 
 from hhsim.table.table import Table
 
-from .arguments.comma_list import number_list
 from .arguments.option_group import GroupedCommand, OptionGroup, option
-from .arguments.options import FILE, OUTPUT, Number, Output, file, metres, output_file
+from .arguments.options import FILE, OUTPUT, Number, Output, file, metres
 from .arguments.recording_options import FileSettings, HandData
-from .console import print_json, print_line, print_notes, print_table
+from .console import print_json, print_line, print_table
 
 if TYPE_CHECKING:
     from hhsim.recordings.cleaning import CleaningOptions
@@ -20,43 +19,7 @@ if TYPE_CHECKING:
 
 SECONDS = Number(-1e12, 1e12)
 """Range of a stamp, which may count from 1970."""
-POSE = number_list("from [s]", "to [s]", ranges=[(0.0, 1e12)] * 2)
 HAND_LENGTH = Number(50.0, 400.0)
-
-
-class DexmoCalibration(OptionGroup, heading="Dexmo glove"):
-    """Calibration of a Dexmo: from a file, or from stamps [s] at which its hand was in known poses."""
-
-    calibration: Path | None = file(
-        "TOML", "Calibration of a Dexmo glove (hhsim/recordings/dexmo_regression.py has an example)."
-    )
-    open_hand: tuple[float, float] | None = option(
-        "--open", callback=POSE, metavar="FROM,TO", help="From when to when the hand in a Dexmo was flat [s]."
-    )
-    fist: tuple[float, float] | None = option(
-        callback=POSE, metavar="FROM,TO", help="From when to when it was a fist [s]."
-    )
-    spread: tuple[float, float] | None = option(
-        callback=POSE, metavar="FROM,TO", help="From when to when its fingers were spread and the thumb opposed [s]."
-    )
-    save_calibration: Path | None = output_file(
-        "TOML", "Write the calibration of --open, --fist and --spread, for other recordings of the same glove."
-    )
-
-    def fields(self) -> dict[str, Any]:
-        """Return fields of ReadOptions; raise UsageError for incomplete poses, HhsimError for a damaged file."""
-        from hhsim.recordings.dexmo_regression import Poses, read_calibration
-
-        fields: dict[str, Any] = {}
-        if self.calibration is not None:
-            fields["dexmo"] = read_calibration(self.calibration)
-        if (self.open_hand is None) != (self.fist is None) or (self.spread is not None and self.fist is None):
-            raise click.UsageError("a calibration by poses needs --open and --fist, and may have --spread")
-        if self.open_hand is not None and self.fist is not None:
-            fields["poses"] = Poses(self.open_hand, self.fist, self.spread)
-        elif self.save_calibration is not None:
-            raise click.UsageError("--save-calibration needs the poses: --open and --fist")
-        return fields
 
 
 class CleaningSettings(OptionGroup, heading="Selection and cleaning"):
@@ -71,11 +34,6 @@ class CleaningSettings(OptionGroup, heading="Selection and cleaning"):
         type=HAND_LENGTH,
         metavar="MM",
         help="Length of the recorded hand, wrist crease to middle fingertip [mm]. Default: from its bones, else 190.",
-    )
-    scale_to: float | None = option(
-        type=HAND_LENGTH,
-        metavar="MM",
-        help="Scale the palm's path to a hand of this length [mm]. Default: metres stay metres.",
     )
     other_hand: bool = option(is_flag=True, help="Make a right hand's motion of a left hand's, or the other way round.")
     hand_file: Path | None = file(
@@ -99,7 +57,6 @@ class CleaningSettings(OptionGroup, heading="Selection and cleaning"):
             length_unit=None if recording.scaled else file.length_unit,
             angle_unit=file.angle_unit,
             hand_length=metres(self.hand_length),
-            scale_to=metres(self.scale_to),
             **limits,
         )
 
@@ -115,7 +72,12 @@ class Labels(OptionGroup, heading="Labels"):
 @click.command(cls=GroupedCommand)
 @click.argument("file", type=FILE, metavar="FILE")
 @FileSettings.argument("reading")
-@DexmoCalibration.argument("dexmo")
+@click.option(
+    "--calibration",
+    type=FILE,
+    metavar="TOML",
+    help="Calibration of a Dexmo glove (hhsim/recordings/dexmo_regression.py has an example).",
+)
 @HandData.argument("data")
 @CleaningSettings.argument("cleaning")
 @Labels.argument("labels")
@@ -129,7 +91,7 @@ class Labels(OptionGroup, heading="Labels"):
 def command(
     file: Path,
     reading: FileSettings,
-    dexmo: DexmoCalibration,
+    calibration: Path | None,
     data: HandData,
     cleaning: CleaningSettings,
     labels: Labels,
@@ -149,7 +111,7 @@ def command(
       hhsim import session.csv --from 2 --to 7.5 --length-unit mm
       hhsim import quest.csv --fit-hand me.toml --out quest.h5
       hhsim import keypoints.npy --rate 30 --hand right
-      hhsim import dexmo.csv --open 0,1 --fist 2,3 --save-calibration glove.toml
+      hhsim import dexmo.csv --calibration glove.toml
     """
     from hhsim.errors import named
     from hhsim.hand.fingers import FINGERS
@@ -157,20 +119,18 @@ def command(
     from hhsim.motion.file import check_trajectory_path, save_trajectory
     from hhsim.motion.trajectory import UNCHECKED
     from hhsim.recordings.cleaning import FINDING_COLUMNS, FIT_COLUMNS, clean_recording, import_document
-    from hhsim.recordings.dexmo_regression import format_calibration, read_calibration
+    from hhsim.recordings.dexmo_regression import read_calibration
     from hhsim.recordings.fitted_hand import check_hand_path, fitted_hand
-    from hhsim.recordings.formats.dexmo import calibration_of
     from hhsim.recordings.registry import read_recording
     from hhsim.system.atomic_write import write_atomically
-    from hhsim.system.output_path import check_output_path
 
     output_path = output.path(file.stem or "recording")
     check_trajectory_path(output_path)
-    if dexmo.save_calibration is not None:
-        check_output_path(dexmo.save_calibration, "calibration", read_calibration)
     if fit_hand is not None:
         check_hand_path(fit_hand)
-    others = {**dexmo.fields(), **data.given(), "hand_length": metres(cleaning.hand_length)}
+    others = {**data.given(), "hand_length": metres(cleaning.hand_length)}
+    if calibration is not None:
+        others["dexmo"] = read_calibration(calibration)
     read_options = reading.options(others)
     recording = read_recording(file, read_options).changed(**labels.given())
     cleaning_options = cleaning.options(recording, reading)
@@ -182,9 +142,6 @@ def command(
                 cleaning_options = replace(cleaning_options, limits=HandModel.of_text(hand_text, str(fit_hand)))
         cleaned = clean_recording(recording, cleaning_options)
     save_trajectory(cleaned.trajectory, output_path)
-    if dexmo.save_calibration is not None:
-        calibration = format_calibration(calibration_of(file, read_options))
-        write_atomically(dexmo.save_calibration, calibration.encode())
     if fit_hand is not None:
         write_atomically(fit_hand, hand_text.encode())
     document = import_document(recording, cleaned)
@@ -212,5 +169,3 @@ def command(
         if motion.may_hide_damage:
             print_line(UNCHECKED)
         print_line(f"written to {', '.join(written)}")
-        if output_path.suffix.lower() == ".csv" and cleaned.trajectory.raw:
-            print_notes(["raw channels are not part of a CSV file; --out FILE.h5 keeps them"])

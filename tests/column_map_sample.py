@@ -28,13 +28,10 @@ index_flex1 = "MCP"
 index_flex2 = { column = "PIP", offset = 12.0, scale = -1.0 }
 index_flex3 = { joint = "index_flex2", scale = 0.667 }
 index_abd = { column = "Abd", unit = "rad" }
-
-[raw]
-emg = { column = "EMG", unit = "V", meaning = "forearm" }
 """
 
-TABLE = """Time;X;Y;Z;qx;qy;qz;qw;MCP;PIP;Abd;EMG
-0;100;200;300;0;0;0;1;10;2;0.1;0.5
-10;100;200;300;0;0;0;1;20;-8;0.1;0.6
-20;100;200;300;0;0;0;1;30;-18;0.1;0.7
+TABLE = """Time;X;Y;Z;qx;qy;qz;qw;MCP;PIP;Abd
+0;100;200;300;0;0;0;1;10;2;0.1
+10;100;200;300;0;0;0;1;20;-8;0.1
+20;100;200;300;0;0;0;1;30;-18;0.1
 """

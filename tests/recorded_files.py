@@ -28,7 +28,7 @@ from hhsim.motion.csv_file import format_csv
 from hhsim.motion.file import save_trajectory
 from hhsim.recordings.cleaning import CleaningOptions, clean_recording
 from hhsim.recordings.column_map import ColumnMap
-from hhsim.recordings.dexmo_regression import CHANNELS, Poses
+from hhsim.recordings.dexmo_regression import CHANNELS
 from hhsim.recordings.formats.aria import landmark_columns
 from hhsim.recordings.formats.egodex import arkit_joints
 from hhsim.recordings.joint_names import KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS, UNITY_JOINTS, WEBXR_JOINTS
@@ -131,10 +131,10 @@ def two_hands() -> str:
     return "\r\n".join(["# made: by hand", *(f"{a},{b.split(',', 2)[2]}" for a, b in zip(right, left))]) + "\r\n"
 
 
-def dexmo(scale: float = 1.0) -> str:
-    """A second of a Dexmo whose fingers close, with raw counts at a larger scale."""
+def dexmo() -> str:
+    """A second of a Dexmo whose fingers close."""
     bend = np.linspace(0.0, 1.0, 40)
-    readings = np.where(np.char.endswith(CHANNELS, "bend"), bend[:, None], 0.3) * scale + 0.25 * (scale - 1.0)
+    readings = np.where(np.char.endswith(CHANNELS, "bend"), bend[:, None], 0.3)
     pose = np.column_stack([0.1 * bend, bend, 0.0 * bend, np.ones(40), np.zeros((40, 3))])
     header = "time,px,py,pz,qw,qx,qy,qz," + ",".join(CHANNELS).replace("little", "pinky")
     return columns_csv(header + ",battery", 0.025 * np.arange(40), pose, readings, bend)
@@ -279,7 +279,6 @@ CASES: dict[str, Case] = {
     "csv, mapped": Case({"a.csv": TABLE}, {"columns": MAP}),
     "csv, Euler angles": Case({"a.csv": MAPPED}, {"columns": parse_settings(EULER, ColumnMap, "e.toml"), **UP}),
     "dexmo": Case({"a.csv": dexmo()}),
-    "dexmo, poses": Case({"a.csv": dexmo(3000.0)}, {"poses": Poses((0.0, 0.1), (0.9, 1.0))}),
     "egodex": Case({"a.hdf5": egodex(doubt)}, {"hand": "right"}),
     "grab, ARCTIC": Case(
         {
@@ -389,14 +388,7 @@ CASES: dict[str, Case] = {
             )
         },
         {"hand": "right", "palm_axes": ("-y", "x", "z")},
-        {
-            "time_unit": "ms",
-            "length_unit": "mm",
-            "angle_unit": "deg",
-            "other_hand": True,
-            "scale_to": 0.17,
-            "hand_length": 0.19,
-        },
+        {"time_unit": "ms", "length_unit": "mm", "angle_unit": "deg", "other_hand": True, "hand_length": 0.19},
     ),
     "openxr": Case({"a.csv": openxr_csv(SAMPLE)}),
     "openxr, Unity, left": Case({"a.csv": openxr_csv(LEFT, "left", unity=True, radii=False)}),

@@ -18,8 +18,7 @@ as well. Columns, in any order:
 
 Lines `# key: value` before the header hold name, source, licence, device and hand; object_position (x y z) and
 object_orientation (w x y z) of an object that stands still; and samples, the number of lines, by which a file that was
-cut short is noticed. Equal phase names on neighbouring lines are one phase; it ends where the next line begins. Raw
-channels are not part of a CSV file.
+cut short is noticed. Equal phase names on neighbouring lines are one phase; it ends where the next line begins.
 """
 
 from collections.abc import Sequence
@@ -48,7 +47,7 @@ POSE_SIZES = {"object_position": 3, "object_orientation": 4}
 
 
 def format_csv(trajectory: Trajectory) -> str:
-    """Return the CSV text of a motion, without its raw channels."""
+    """Return the CSV text of a motion."""
     count, moving = trajectory.sample_count, trajectory.object_motion
     remarks = {key: getattr(trajectory, key) for key in TEXTS if getattr(trajectory, key).strip()}
     if moving is None:

@@ -3,7 +3,7 @@
 schema_version 1. Attributes of the file: format, schema_version, name, source, licence, device, hand, and, of an
 import, checksums (`Trajectory.checksums`). Datasets, each with `units` and `long_name`: time (T,), position (T, 3),
 orientation (T, 4), flexion (T, 5, 3), abduction (T, 5), object/position (3,), object/orientation (4,) or, of an object
-that moves, (T, 3) and (T, 4), phase/{name, start_time, end_time} (P,), raw/<channel> (T, …), and optional flags (T,):
+that moves, (T, 3) and (T, 4), phase/{name, start_time, end_time} (P,), and optional flags (T,):
 bits with the meanings in its attributes `flag_masks` and `flag_meanings`, as in the CF metadata conventions. The HDF5
 file is followed by its seal (`hhsim.system.checksummed_file`); a file without one is read too.
 """
@@ -17,7 +17,7 @@ import numpy as np
 from hhsim.errors import DamagedFileError, InputError, OutputError, TrajectoryError
 from hhsim.motion.csv_file import CSV_SUFFIX, TEXTS, format_csv, parse_csv
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.motion.trajectory import ObjectMotion, Phase, RawChannel, Trajectory
+from hhsim.motion.trajectory import ObjectMotion, Phase, Trajectory
 from hhsim.system.atomic_write import put_dataset, sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 from hhsim.system.input_file import read_input_text
@@ -48,7 +48,7 @@ PHASE_COLUMNS = {
 def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
     """Write a trajectory as its suffix says, .h5 or .csv; a file of that name is replaced in one step.
 
-    A CSV file holds no raw channels. Raises OutputError for another suffix, or if the file cannot be written.
+    Raises OutputError for another suffix, or if the file cannot be written.
     """
     target = Path(path)
     suffix = target.suffix.lower()
@@ -115,8 +115,6 @@ def _write(trajectory: Trajectory, file: h5py.File) -> None:
         put_dataset(file, "flags", trajectory.flags, "1", "what was mended in the sample or is in doubt, sum of bits")
         file["flags"].attrs["flag_masks"] = np.array([flag.value for flag in SampleFlag], dtype=np.uint32)
         file["flags"].attrs["flag_meanings"] = " ".join(flag.word for flag in SampleFlag)
-    for channel in trajectory.raw:
-        put_dataset(file, f"raw/{channel.name}", channel.values, channel.unit, channel.meaning)
 
 
 def read_fields(path: Path) -> dict[str, Any]:
@@ -155,11 +153,6 @@ def _fields(file: h5py.File) -> dict[str, Any]:
         fields["flags"] = _get(file, "flags")
     rows = zip(*columns.values(), strict=True)
     fields["phases"] = tuple(Phase(str(name), float(start), float(end)) for name, start, end in rows)
-    told = ((key, file[f"raw/{key}"].attrs) for key in file.get("raw", ()))
-    fields["raw"] = tuple(
-        RawChannel(key, _get(file, f"raw/{key}"), *(str(said.get(name, "")) for name in ("units", "long_name")))
-        for key, said in told
-    )
     return fields
 
 

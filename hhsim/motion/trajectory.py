@@ -208,19 +208,6 @@ def phase_names(phases: Iterable[Phase | TickPhase]) -> str:
     return f"; {names}" if names else ""
 
 
-@dataclass(frozen=True, eq=False)
-class RawChannel:
-    """Readings of the device before calibration, shape (T, …), stored and never replayed.
-
-    The name is a word without slashes, the unit "" for plain numbers.
-    """
-
-    name: str
-    values: FloatArray
-    unit: str = ""
-    meaning: str = ""
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class TickInput:
     """Haptic hand at each tick of the replay; arrays are C-contiguous and writable, as the kernels take them."""
@@ -284,7 +271,6 @@ class Trajectory:
     source: str = ""  # person or program that made the motion
     licence: str = ""  # licence of the motion
     device: str = ""  # device that measured it; "" for synthetic motions
-    raw: tuple[RawChannel, ...] = ()  # channels as the device gave them
     hand: HandSide = ""  # side of the hand; "" if unknown, or if the motion fits both
     flags: Flags | None = None  # bits of `hhsim.motion.sample_flags.SampleFlag`, shape (T,); None if not examined
     # The object's pose at each sample, if it moves; one that stands still becomes the constant pose, and None here.
@@ -318,7 +304,6 @@ class Trajectory:
             object.__setattr__(self, label, values)
         object.__setattr__(self, "phases", tuple(self.phases))
         _check_phases(self.phases)
-        object.__setattr__(self, "raw", tuple(_checked_channel(channel, count) for channel in self.raw))
         if self.hand not in get_args(HandSide):
             raise TrajectoryError(f"hand is '{self.hand}'; expected right, left, or nothing")
         if self.flags is not None:
@@ -448,17 +433,6 @@ def _check_phases(phases: tuple[Phase, ...]) -> None:
         if phase.start_time < end - resample.STAMP_TOLERANCE:
             raise TrajectoryError(f"{span} overlaps the one before, which ends at {end:.6g} s")
         end = phase.end_time
-
-
-def _checked_channel(channel: RawChannel, count: int) -> RawChannel:
-    label = f"raw channel '{channel.name}'"
-    if not channel.name or "/" in channel.name or channel.name.startswith("."):
-        raise TrajectoryError(f"{label}: expected a name without slashes or a leading dot")
-    values = as_numbers(label, channel.values)
-    if values.ndim == 0 or values.shape[0] != count:
-        raise TrajectoryError(f"{label} has shape {values.shape}; expected ({count}, …), one row a sample")
-    values.setflags(write=False)
-    return replace(channel, values=values)
 
 
 def _checked_flags(flags: Any, count: int) -> Flags:

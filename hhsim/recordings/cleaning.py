@@ -1,16 +1,15 @@
 """Cleaning of a recording into a trajectory: faults are mended if that is safe, flagged in each sample, and reported.
 
-Order: units, the part to keep, stamps, quaternions, outliers, missing values, signs, scale and side, joint limits.
+Order: units, the part to keep, stamps, quaternions, outliers, missing values, signs, side, joint limits.
 What is not safe to mend raises one line: what is wrong, where, and what would be right.
 """
 
-from bisect import bisect_right
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.motion.resample import interpolate_orientation
@@ -45,10 +44,6 @@ MAIN_PIECE_SHARE = 0.9
 """Share of the samples from which on a piece far from the others is the recording."""
 PATH_RATIO = 1.02
 """Ratio of the hand's path sorted by stamps to its path in the file above which some stamps are wrong."""
-DEVIATION_RATIO = 3.0
-"""Ratio of the deviation by stamp to that in the file above which a stamp is wrong."""
-NOISE = 2e-3
-"""Largest deviation that says nothing about an order [m]."""
 TOO_LONG = "too long to bridge; cut a part out with --from and --to, or allow it with --max-gap"
 FILLED = "interpolated, and at the ends the nearest one is held"
 
@@ -82,8 +77,6 @@ class CleaningOptions:
     # Make a right hand's motion of a left hand's, or the other way round: mirrored in the world's yz-plane.
     other_hand: bool = False
     hand_length: float | None = None  # length of the recorded hand [m]; None if the recording says it or it is unknown
-    # Hand length [m] that the palm's motion is scaled to, about its mean; None keeps it metric.
-    scale_to: float | None = None
 
 
 class CleanedRecording(NamedTuple):
@@ -110,9 +103,8 @@ def clean_recording(recording: Recording, options: CleaningOptions | None = None
     options = options or CleaningOptions()
     if recording.sample_count == 0:
         raise TrajectoryError("no samples; expected at least 2")
-    if recording.object_motion is not None and (options.other_hand or options.scale_to is not None):
-        option = "--other-hand" if options.other_hand else "--scale-to"
-        raise InputError(f"{option} would part the hand from the object, which moves as the recording has it")
+    if recording.object_motion is not None and options.other_hand:
+        raise InputError("--other-hand would part the hand from the object, which moves as the recording has it")
     recording = recording.chosen(np.arange(recording.sample_count))
     recording = in_units(recording, time=options.time_unit, length=options.length_unit, angle=options.angle_unit)
     (recording,) = near_origin(clean_units(recording))
@@ -123,7 +115,8 @@ def clean_recording(recording: Recording, options: CleaningOptions | None = None
     flipped = (steady * recording.orientation).sum(axis=1) < 0.0
     text = "quaternions of the other sign than the one before: turned, the rotation is the same"
     recording = recording.changed(orientation=steady).flagged(flipped, SampleFlag.FLIPPED, text)
-    recording = _scaled(recording, options)
+    if options.hand_length is not None:
+        recording = recording.changed(hand_length=options.hand_length)
     if options.other_hand:
         other = OTHER[recording.hand]
         position, orientation = mirrored(recording.position, recording.orientation, axis_flip("x"))
@@ -156,75 +149,33 @@ def _cut(recording: Recording, start: float | None, end: float | None) -> Record
 def _clean_stamps(recording: Recording, max_gap: float) -> Recording:
     """Return samples with strictly increasing stamps and gaps up to `max_gap` [s].
 
-    A sample out of order is sorted in if its place by stamp fits its neighbours at least as well as its place in the
-    file; otherwise its stamp is wrong, and it is left out.
+    Samples out of order are sorted in if that makes the hand's path no longer; otherwise their stamps are wrong.
     """
     missing = np.isnan(recording.time)
     if missing.any():
         recording = _dropped(recording, ~missing, "without a time stamp: left out", "have no time stamp")
-    recording = _one_piece(_without_repeats(_in_order(recording)), max_gap)
+    time = recording.time
+    if (np.diff(time) < 0.0).any():
+        order = np.argsort(time, kind="stable")
+        # The way of the hand through all samples in an order [m].
+        ways = [float(change(recording, by[:-1], by[1:]).sum()) for by in (order, np.arange(len(time)))]
+        late, early = time < np.maximum.accumulate(time), time > np.minimum.accumulate(time[::-1])[::-1]
+        moved = late if late.sum() <= early.sum() else early
+        if ways[0] <= PATH_RATIO * ways[1]:
+            recording = recording.flagged(moved, SampleFlag.REORDERED, "out of order: sorted by their stamps")
+            recording = recording.chosen(order)
+        elif moved.sum() <= MOST_DROPPED * len(time):
+            recording = _dropped(recording, ~moved, "whose stamp contradicts the motion around it: left out")
+        else:
+            first = int(np.argmax(np.diff(time) < 0.0)) + 1
+            back = f"the stamps go backwards at sample {first} ({time[first - 1]:.6g} s, then {time[first]:.6g} s)"
+            raise TrajectoryError(f"{back}, and sorted they give no one motion: are these two recordings in one file?")
+    recording = _one_piece(_without_repeats(recording), max_gap)
     step = np.diff(recording.time)
     usual = float(np.median(step))
     gap = np.concatenate([[False], step > GAP_STEPS * usual])
     lengths = f"the longest {1e3 * step.max():.0f} ms where {1e3 * usual:.1f} ms is usual"
     return recording.flagged(gap, SampleFlag.GAP_BEFORE, f"gaps, {lengths}: the stamps stay, replays interpolate")
-
-
-def _in_order(recording: Recording) -> Recording:
-    time = recording.time
-    if (np.diff(time) >= 0.0).all():
-        return recording
-    order = np.argsort(time, kind="stable")
-    moved = ~_longest_rise(time)
-    wrong = np.zeros(time.shape, dtype=bool)
-    # The way of the hand through all samples in an order [m].
-    ways = [float(change(recording, by[:-1], by[1:]).sum()) for by in (order, np.arange(len(time)))]
-    if ways[0] > PATH_RATIO * ways[1]:
-        wrong = _contradicting(recording, order, moved)
-    if wrong.sum() > MOST_DROPPED * recording.sample_count:
-        first = int(np.argmax(np.diff(time) < 0.0)) + 1
-        back = f"the stamps go backwards at sample {first} ({time[first - 1]:.6g} s, then {time[first]:.6g} s)"
-        raise TrajectoryError(f"{back}, and sorted they give no one motion: are these two recordings in one file?")
-    if wrong.any():
-        recording = _dropped(recording, ~wrong, "whose stamp contradicts the motion around it: left out")
-        moved = moved[~wrong]
-        order = np.argsort(recording.time, kind="stable")
-    return recording.flagged(moved, SampleFlag.REORDERED, "out of order: sorted by their stamps").chosen(order)
-
-
-def _longest_rise(time: FloatArray) -> BoolArray:
-    """Return members of a longest non-decreasing subsequence (patience sorting), shape (T,)."""
-    ends: list[int] = []
-    tails: list[float] = []
-    before = np.full(len(time), -1)
-    for i, stamp in enumerate(time.tolist()):
-        place = bisect_right(tails, stamp)
-        if place:
-            before[i] = ends[place - 1]
-        tails[place : place + 1], ends[place : place + 1] = [stamp], [i]
-    member = np.zeros(len(time), dtype=bool)
-    i = ends[-1]
-    while i >= 0:
-        member[i] = True
-        i = int(before[i])
-    return member
-
-
-def _contradicting(recording: Recording, order: IntArray, moved: BoolArray) -> BoolArray:
-    """Return moved samples that fit their place in the file much better than their place by stamp, shape (T,)."""
-    count = recording.sample_count
-    rank = np.argsort(order)
-    # By stamp, only the samples that keep their order count: other moved ones say nothing.
-    ranks = np.sort(rank[~moved])
-    wrong = np.zeros(count, dtype=bool)
-    for i in np.flatnonzero(moved).tolist():
-        place = int(np.searchsorted(ranks, rank[i]))
-        beside = [j for j in (i - 1, i + 1) if 0 <= j < count], order[ranks[max(place - 1, 0) : place + 1]]
-        in_file, by_stamp = (
-            min(change(recording, np.array(each), np.full(len(each), i)), default=0.0) for each in beside
-        )
-        wrong[i] = by_stamp > DEVIATION_RATIO * in_file + NOISE
-    return wrong
 
 
 def _without_repeats(recording: Recording) -> Recording:
@@ -354,20 +305,6 @@ def _holes_filled(
     else:
         made = np.stack([np.interp(time, time[good], column[good]) for column in values.T], axis=1)
     return np.where(lost[:, None], made, values), lost
-
-
-def _scaled(recording: Recording, options: CleaningOptions) -> Recording:
-    length = options.hand_length if options.hand_length is not None else recording.hand_length
-    if options.scale_to is None:
-        return recording.changed(hand_length=length)
-    if length is None:
-        raise InputError("--scale-to needs the length of the recorded hand: say it with --hand-length")
-    factor = options.scale_to / length
-    middle = recording.position.mean(axis=0)
-    lengths = f"from a hand of {1e3 * length:.0f} mm to one of {1e3 * options.scale_to:.0f} mm"
-    text = f"palm's way scaled by {factor:.3f}, {lengths}"
-    scaled = recording.changed(position=middle + factor * (recording.position - middle), hand_length=length)
-    return scaled.found(note(text))
 
 
 def _limited(recording: Recording, limits: HandModel) -> Recording:

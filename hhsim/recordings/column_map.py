@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from msgspec import Meta, field
+from msgspec import Meta
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
@@ -19,7 +19,6 @@ from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS
 from hhsim.motion.csv_table import Table
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.text_edit import NewColumn, NumberEdit, cell_edits
-from hhsim.motion.trajectory import RawChannel
 from hhsim.recordings.correction import ANGLE_DIGITS, Changes
 from hhsim.recordings.frames import OURS, FileFrame, axes_matrix, to_our_frames, turned, world_matrix
 from hhsim.recordings.recording import Finding, Recording, note, unreadable
@@ -53,14 +52,6 @@ class JointColumn(Settings, frozen=True):
         """Raise InputError unless there is exactly one source."""
         if (self.column is None) == (self.joint is None):
             raise InputError("expected a column, or another joint that it follows")
-
-
-class RawColumn(Settings, frozen=True):
-    """Column that is kept as it is."""
-
-    column: Name
-    unit: Name = ""
-    meaning: Name = ""
 
 
 class TimeColumn(Settings, frozen=True):
@@ -129,7 +120,6 @@ class ColumnMap(Settings, frozen=True, kw_only=True, rename={"joints": "joint"})
     orientation: OrientationColumns | None = None
     angle: AngleUnit = AngleUnit()
     joints: Annotated[dict[Joint, Name | JointColumn], Meta(min_length=1, description="[joint] with thumb_flex1, …")]
-    raw: dict[str, Name | RawColumn] = field(default_factory=dict)
 
     def check(self) -> None:
         """Raise InputError for wrong axes, a missing time, or a joint that follows one without a column."""
@@ -148,14 +138,9 @@ class ColumnMap(Settings, frozen=True, kw_only=True, rename={"joints": "joint"})
         return {name: JointColumn(of) if isinstance(of, str) else of for name, of in self.joints.items()}
 
     @property
-    def raw_columns(self) -> dict[str, RawColumn]:
-        """Columns that are kept as they are."""
-        return {name: RawColumn(of) if isinstance(of, str) else of for name, of in self.raw.items()}
-
-    @property
     def names(self) -> set[str]:
         """Names of all columns that the mapping names."""
-        single = [self.time, *self.joint_columns.values(), *self.raw_columns.values()]
+        single = [self.time, *self.joint_columns.values()]
         names = {part.column for part in single if part is not None and part.column}
         return names.union(*(part.columns for part in (self.position, self.orientation) if part is not None))
 
@@ -234,10 +219,6 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
     for joint, source in followed.items():
         angles[:, JOINT_NAMES.index(joint)] = source.scale * angles[:, JOINT_NAMES.index(str(source.joint))]
     findings += unreadable(broken)
-    raw = tuple(
-        RawChannel(key, np.nan_to_num(numbers((channel.column,), 1.0)[:, 0], nan=0.0), channel.unit, channel.meaning)
-        for key, channel in columns.raw_columns.items()
-    )
     position, orientation = to_our_frames(position, orientation, columns.palm_axes, columns.world_up, columns.mirror)
     if columns.palm_offset is not None and any(columns.palm_offset):
         position = position + turned(orientation, np.array(columns.palm_offset))
@@ -256,7 +237,6 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
         hand=columns.hand or "",
         hand_length=columns.hand_length,
         file_frame=FileFrame.of(columns.world_up, columns.mirror, metre),
-        raw=raw,
         findings=tuple(findings),
     )
     text = f"{counted(len(followed), 'joint')} not measured but made from others: {', '.join(followed)}"

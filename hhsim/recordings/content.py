@@ -27,7 +27,7 @@ from hhsim.system.input_file import open_input, read_input
 
 if TYPE_CHECKING:
     from hhsim.recordings.column_map import ColumnMap
-    from hhsim.recordings.dexmo_regression import DexmoRegression, Poses
+    from hhsim.recordings.dexmo_regression import DexmoRegression
 
 MOST_BYTES = 1 << 30
 """Size of the largest file that is read [byte]."""
@@ -56,7 +56,6 @@ class ReadOptions:
     usual_up: str | None = None  # the same for a file that does not say it; None then holds the wrist still and level
     # Unit for a format whose `Recording.scaled` is true; other recordings are converted after reading.
     length_unit: str | None = None
-    time_unit: str | None = None  # unit of the stamps, if the user states it: `poses` are in s
     rate: float | None = None  # samples a second [Hz], of a file without stamps
     hand_length: float | None = None  # length of the recorded hand [m], if its joints have no scale
     mano_model: Path | None = None  # the user's own file of the MANO model, .pkl or .npz
@@ -65,7 +64,6 @@ class ReadOptions:
     object_track: str | None = None  # uid of the object that moves with an UmeTrack hand, if there are several
     episode: int | None = None  # number of the episode, in a file with several
     dexmo: "DexmoRegression | None" = None  # calibration of a Dexmo glove
-    poses: "Poses | None" = None  # times of the poses for its calibration
     array: str | None = None  # name of the array of joints, in a file with several
     # Order of the joints in rows without names, a key of `hhsim.recordings.joint_names.JOINT_ORDERS`.
     joint_order: str | None = None

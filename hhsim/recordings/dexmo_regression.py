@@ -6,7 +6,7 @@ work are not public. The default is an assumption: a fist bends the fingers by 8
 last joint (Rijpkema & Girard 1991).
 
 Channels are normalised: 0 is the flat hand with the fingers together, 1 the fist for bend, spread for split, opposed
-for rotate. Raw counts are calibrated by poses (`calibrated`), stored as TOML::
+for rotate. A TOML file calibrates raw counts::
 
     [channel]                        # readings at 0 and at 1; without them the channels are normalised
     index_bend = { open = 812.0, closed = 3166.0 }
@@ -58,16 +58,7 @@ Term = Annotated[str, one_of(("offset", *CHANNELS))]
 Reading = Annotated[float, between(-1e6, 1e6)]
 """Value of a reading or an angle in a calibration."""
 LEAST_SPAN = 100.0
-"""Smallest usual span of a channel of raw 12-bit counts between its two poses; below it a hint is given."""
-
-
-@dataclass(frozen=True)
-class Poses:
-    """Time spans of the poses of a calibration, each from one stamp to another [s]."""
-
-    open: tuple[float, float]
-    fist: tuple[float, float]
-    spread: tuple[float, float] | None = None
+"""Smallest usual span of a channel of raw 12-bit counts between its two poses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +70,6 @@ class DexmoRegression:
     # Angle of each joint for each normalised channel [rad], shape (20, 11); joints as in `JOINT_NAMES`.
     slope: FloatArray
     offset: FloatArray  # angle of each joint where all channels are 0 [rad], shape (20,)
-    hints: tuple[str, ...] = ()  # sentences about channels whose readings are doubtful
 
     @classmethod
     def default(cls) -> Self:
@@ -127,67 +117,6 @@ class DexmoRegression:
         with np.errstate(invalid="ignore", divide="ignore"):
             bend = (given * slope).sum(axis=-1) / size
         return np.asarray(np.clip(np.where(size > 0.0, bend, 0.0), 0.0, 1.0))
-
-
-def calibrated(
-    regression: DexmoRegression, opened: ArrayLike, fist: ArrayLike, spread: ArrayLike | None = None
-) -> DexmoRegression:
-    """Return the regression with the two ends of each channel from poses; `hints` name the channels that are doubtful.
-
-    Readings have shape (N, 11), and their median counts: of the flat hand with the fingers together, of the fist, the
-    other end of the bends, and of spread fingers and opposed thumb, the other end of split and rotate. Without that
-    those channels are left out. Raises InputError for a channel without readings, or a bend that reads the same in the
-    open hand and in the fist.
-    """
-    low, closed = _medians("open hand", opened), _medians("fist", fist)
-    wide = low if spread is None else _medians("spread hand", spread)
-    bend = np.isin(np.arange(len(CHANNELS)), BEND)
-    high = np.where(bend, closed, wide)
-    span = np.abs(high - low)
-    dead = span == 0.0
-    if (dead & bend).any():
-        name = CHANNELS[int(np.argmax(dead & bend))]
-        same = low[CHANNELS.index(name)]
-        raise InputError(f"{name} reads {same:g} in the open hand and in the fist: it says nothing")
-    hints = []
-    if dead.any():
-        names = ", ".join(name for name, out in zip(CHANNELS, dead) if out)
-        hints.append(f"channels left out, for no pose moves them: {names}")
-    if span.max() > 2.0:
-        narrow = [f"{name} by {value:.0f}" for name, value in zip(CHANNELS, span) if 0.0 < value < LEAST_SPAN]
-        if narrow:
-            hints.append(f"channels that change little between their poses: {', '.join(narrow)} counts")
-    slope = np.where(dead, 0.0, regression.slope)
-    return replace(regression, open=low, closed=np.where(dead, low + 1.0, high), slope=slope, hints=tuple(hints))
-
-
-def _medians(word: str, readings: ArrayLike) -> FloatArray:
-    values = np.asarray(readings, np.float64)
-    if values.ndim != 2 or values.shape[1] != len(CHANNELS):
-        raise InputError(f"{word}: readings of shape {values.shape}; expected (N, {len(CHANNELS)})")
-    known = np.isfinite(values)
-    if not known.any(axis=0).all():
-        missing = CHANNELS[int(np.argmin(known.any(axis=0)))]
-        raise InputError(f"{word}: no reading of {missing}; expected some of every channel")
-    return np.array([np.median(column[ok]) for column, ok in zip(values.T, known.T)])
-
-
-def format_calibration(regression: DexmoRegression) -> str:
-    """Return the TOML text of a calibration, with every joint."""
-    lines = []
-    if regression.counts_raw:
-        lines.append("[channel]")
-        lines += [
-            f"{name} = {{ open = {low!r}, closed = {high!r} }}"
-            for name, low, high in zip(CHANNELS, regression.open.tolist(), regression.closed.tolist())
-        ]
-        lines.append("")
-    lines += ["[angle]", 'unit = "rad"', "", "[joint]"]
-    for row, joint in enumerate(JOINT_NAMES):
-        terms = {"offset": float(regression.offset[row])}
-        terms |= {CHANNELS[k]: float(regression.slope[row, k]) for k in np.flatnonzero(regression.slope[row])}
-        lines.append(f"{joint} = {{ {', '.join(f'{key} = {value!r}' for key, value in terms.items())} }}")
-    return "\n".join(lines) + "\n"
 
 
 def read_calibration(path: Path) -> DexmoRegression:

@@ -14,7 +14,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
-from hhsim.motion.csv_table import Table, format_table
+from hhsim.motion.csv_table import Table
 from hhsim.motion.npz_arrays import numbers
 from hhsim.motion.text_edit import NewColumn, NumberEdit, cell_edits
 from hhsim.motion.trajectory import HandSide
@@ -37,7 +37,7 @@ from hhsim.recordings.joint_names import (
 from hhsim.recordings.joint_positions import TINY, JointPositions
 from hhsim.recordings.json_document import frame_arrays, joints_in, keys_of, leaves, place_in
 from hhsim.recordings.object_poses import poses_in, table_arrays
-from hhsim.recordings.recording import HandMotion, chosen_side, frames_with_hand, note, unreadable, unused
+from hhsim.recordings.recording import chosen_side, frames_with_hand, note, unreadable, unused
 from hhsim.recordings.unit_detection import time_column
 
 T = TypeVar("T")
@@ -201,13 +201,6 @@ def joint_edits(
             raise InputError(f"the orientation of {joint} is {known}: no quaternion, so it cannot be corrected")
         put(cells, made.turned(joint, table.numbers(cells)[0][made.rows]), ANGLE_DIGITS)
     return cell_edits(text, table, made.rows.tolist(), columns)
-
-
-def table_of_joints(motion: HandMotion, names: Sequence[str], points: FloatArray) -> bytes:
-    """Return a new table of stamps [s] and of points, shape (T, n, 3), whose columns begin with the side and a name."""
-    header = ["time_s", *(f"{motion.side}_{name}_{axis}" for name in names for axis in "xyz")]
-    rows = np.column_stack([motion.time, points.reshape(len(points), -1)]).tolist()
-    return format_table({}, header, (list(map(repr, row)) for row in rows)).encode()
 
 
 def frames_in(document: Any) -> tuple[list[Any], dict[str, Any]]:

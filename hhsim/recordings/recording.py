@@ -21,7 +21,7 @@ from hhsim.errors import TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_vector
 from hhsim.motion.sample_flags import SampleFlag, mark
-from hhsim.motion.trajectory import Checksums, HandSide, ObjectMotion, Phase, RawChannel, as_numbers
+from hhsim.motion.trajectory import Checksums, HandSide, ObjectMotion, Phase, as_numbers
 from hhsim.recordings.finger_ik import RecordedBones
 from hhsim.recordings.frames import FileFrame
 from hhsim.recordings.joint_names import VALIDITY_WORDS, joint_name, kind_of
@@ -145,7 +145,6 @@ class Recording:
     phases: tuple[Phase, ...] = ()
     object_position: FloatArray | None = None
     object_orientation: FloatArray | None = None
-    raw: tuple[RawChannel, ...] = ()
     findings: tuple[Finding, ...] = ()
     # The object's pose at each sample, in the palm's world and units, NaN where missing; None without any.
     object_motion: ObjectMotion | None = None
@@ -172,9 +171,6 @@ class Recording:
             position = readings("object's position", self.object_motion.position, (count, 3))
             orientation = readings("object's orientation", self.object_motion.orientation, (count, 4))
             object.__setattr__(self, "object_motion", ObjectMotion(position, orientation))
-        for channel in self.raw:
-            if np.ndim(channel.values) == 0 or len(channel.values) != count:
-                raise TrajectoryError(f"raw channel '{channel.name}' has not {counted(count, 'row')}, one a stamp")
         rows = self.rows if len(self.rows) else np.arange(count)
         object.__setattr__(self, "rows", np.asarray(rows, dtype=np.int64))
         flags = np.array(self.flags, dtype=np.uint32) if len(self.flags) else np.zeros(count, dtype=np.uint32)
@@ -191,8 +187,7 @@ class Recording:
         """Return the samples of these indices (or of a mask), in this order."""
         samples = {key: getattr(self, key)[index] for key in ("time", *MOTION, "flags", "rows")}
         samples |= {} if self.joints is None else {"joints": self.joints[index]}
-        raw = tuple(replace(channel, values=channel.values[index]) for channel in self.raw)
-        return replace(self, **samples, raw=raw, object_motion=self.object_motion and self.object_motion.at(index))
+        return replace(self, **samples, object_motion=self.object_motion and self.object_motion.at(index))
 
     def resized(self, factor: float) -> Self:
         """Return it with the positions of palm, joints and object times a factor."""

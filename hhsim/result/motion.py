@@ -11,7 +11,7 @@ import numpy as np
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
-from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
+from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.result.reader import Result, load_hand
 from hhsim.result.schema import FORMAT, SUFFIXES
 from hhsim.system.hdf5_input import hdf5_format
@@ -73,8 +73,8 @@ def _session(result: Result) -> Trajectory:
     )
     if len(deadline) == 0:
         raise TrajectoryError("a session without a tick: where the palm was is not known")
-    time, good, channel, flexion, abduction = (
-        result[f"live/sample/{name}"] for name in ("time", "good", "channel", "flexion", "abduction")
+    time, good, flexion, abduction = (
+        result[f"live/sample/{name}"] for name in ("time", "good", "flexion", "abduction")
     )
     # Of samples that were read together, the loop used the newest.
     last = np.append(np.diff(time) > 0, True) if len(time) else np.zeros(0, bool)
@@ -82,12 +82,10 @@ def _session(result: Result) -> Trajectory:
     if used.size == 0:
         raise TrajectoryError("a session without a good sample of the glove: it holds no motion")
     device = result.told("device")
-    names = [name.strip(".").replace("/", "-") or f"channel-{i}" for i, name in enumerate(device.get("channels", ()))]
     at = time[used]
     # Whole nanoseconds are subtracted before they become seconds: the clock may have run for weeks.
     ticks, times = 1e-9 * (deadline - at[0]), 1e-9 * (at - at[0])
     within = np.clip(times, ticks[0], ticks[-1])
-    unit = str(device.get("unit", ""))
     return Trajectory(
         times,
         interpolate_monotone(ticks, position, within),
@@ -95,7 +93,6 @@ def _session(result: Result) -> Trajectory:
         flexion[used],
         abduction[used],
         device=str(device.get("name", "")),
-        raw=tuple(RawChannel(name, channel[used, i], unit, "as the glove sent it") for i, name in enumerate(names)),
         **_origin(result),
     )
 

@@ -34,11 +34,6 @@ FINE = {
     **{(name, value): why for name in TINY for value, why in (("0", OFF), ("5e-324", SMALL), ("1e-300", SMALL))},
     **{(name, value): "a place on an axis" for name in SIGNED for value in ("0", "-1", "5e-324", "1e-300")},
     **{(name, value): "a stamp [s]" for name in ("--from", "--to") for value in ("0", "-1", "5e-324", "1e-300")},
-    **{
-        (name, value): "a stamp [s]; which of two comes first the poses say"
-        for name in ("--open", "--fist", "--spread")
-        for value in ("0", "5e-324", "1e-300")
-    },
     **{("live --stiffness", value): "0 is a free finger" for value in ("0", "5e-324", "1e-300")},
     **{(name, "0"): "they count from 0" for name in ("--seed", "--episode", "--device-id", "--cpu")},
     ("--cpu", "-1"): "any processor",

@@ -10,7 +10,7 @@ from sealed_change import changed
 from hhsim.errors import OutputError, TrajectoryError
 from hhsim.motion.file import FORMAT, load_trajectory, save_trajectory
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.motion.trajectory import Phase, RawChannel, Trajectory
+from hhsim.motion.trajectory import Phase, Trajectory
 from hhsim.system.checksummed_file import SIZE, seal_holds
 
 
@@ -33,7 +33,6 @@ def motion() -> Trajectory:
         device="Dexmo",
         hand="left",
         flags=np.arange(50, dtype=np.uint32),
-        raw=(RawChannel("bend", np.floor(rng.uniform(0, 4096, size=(50, 5))), "1", "sensor counts"),),
     )
 
 
@@ -48,23 +47,17 @@ def assert_same(one: Trajectory, other: Trajectory) -> None:
 
 def test_hdf5_gives_back_every_bit(motion: Trajectory, tmp_path: Path) -> None:
     save_trajectory(motion, tmp_path / "m.h5")
-    read = load_trajectory(tmp_path / "m.h5")
-    assert_same(read, motion)
-    (channel,) = read.raw
-    assert (channel.name, channel.unit, channel.meaning) == ("bend", "1", "sensor counts")
-    assert (channel.values == motion.raw[0].values).all()
+    assert_same(load_trajectory(tmp_path / "m.h5"), motion)
 
 
 @pytest.mark.parametrize("bare", [False, True])
-def test_csv_gives_back_every_bit_but_the_raw_channels(motion: Trajectory, tmp_path: Path, bare: bool) -> None:
+def test_csv_gives_back_every_bit(motion: Trajectory, tmp_path: Path, bare: bool) -> None:
     if bare:
         motion = Trajectory(
             motion.time, motion.position, motion.orientation, motion.flexion, motion.abduction, name="m"
         )
     save_trajectory(motion, tmp_path / "m.csv")
-    read = load_trajectory(tmp_path / "m.csv")
-    assert_same(read, motion)
-    assert read.raw == ()
+    assert_same(load_trajectory(tmp_path / "m.csv"), motion)
 
 
 def test_every_dataset_carries_its_unit_and_meaning(motion: Trajectory, tmp_path: Path) -> None:
@@ -76,7 +69,7 @@ def test_every_dataset_carries_its_unit_and_meaning(motion: Trajectory, tmp_path
         file.visititems(lambda key, item: seen.update({key: dict(item.attrs)}) if hasattr(item, "shape") else None)
     assert set(seen) == {
         "time", "position", "orientation", "flexion", "abduction", "object/position", "object/orientation",
-        "phase/name", "phase/start_time", "phase/end_time", "raw/bend", "flags",
+        "phase/name", "phase/start_time", "phase/end_time", "flags",
     }  # fmt: skip
     for key, attributes in seen.items():
         assert set(attributes) - {"flag_masks", "flag_meanings"} == {"units", "long_name"}, key

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.file import load_trajectory, save_trajectory
-from hhsim.motion.trajectory import ObjectMotion, Phase, RawChannel, TickPhase, Trajectory
+from hhsim.motion.trajectory import ObjectMotion, Phase, TickPhase, Trajectory
 
 
 def motion(count: int = 20, rate: float = 100.0, **changes: Any) -> Trajectory:
@@ -74,8 +74,6 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"phases": (Phase("hold", 0.1, 0.05),)}, "phase 'hold' from 0.1 s to 0.05 s; expected finite times in order"),
     ({"phases": (Phase("", 0.0, 0.1),)}, "has no name"),
     ({"phases": (Phase("a", 0.0, 0.1), Phase("b", 0.05, 0.2))}, "phase 'b' .* overlaps the one before"),
-    ({"raw": (RawChannel("bend", np.zeros(19)),)}, r"raw channel 'bend' has shape \(19,\); expected \(20, …\)"),
-    ({"raw": (RawChannel("a/b", np.zeros(20)),)}, "without slashes"),
     *(({"flags": flags}, "flags") for flags in (np.zeros(19), np.full(20, -1), np.full(20, 0.5), np.full(20, np.nan))),
     ({"hand": "both"}, "hand is 'both'; expected right, left"),
 ]

@@ -355,7 +355,6 @@ def test_what_a_mapped_table_does_not_hold_is_said(tmp_path: Path) -> None:
     [
         ("keypoints", ".npz", {"world_up": "z"}),
         ("keypoints", ".csv", {"world_up": "z"}),
-        ("openxr", ".csv", {}),
         ("npz", ".npz", {}),
         ("csv", ".csv", {}),
     ],

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 from file_faults import Fault, at
-from live_rings import CHANNELS, ended, make_setup, numbered_samples, pour, solved_ticks
+from live_rings import ended, make_setup, numbered_samples, pour, solved_ticks
 from sealed_change import changed
 from short_grasp import short_grasp
 from sphere_scenes import bumpy_ball
@@ -79,11 +79,6 @@ def test_the_good_samples_of_a_session_are_its_motion(session: Path) -> None:
     np.testing.assert_array_equal(motion.flexion, result["live/sample/flexion"][used])
     np.testing.assert_array_equal(motion.abduction, result["live/sample/abduction"][used])
     np.testing.assert_allclose(motion.time, 0.005 * np.array(used), atol=1e-12)
-    assert [channel.name for channel in motion.raw] == ["thumb_bend", "index_bend", "a-b"]
-    assert [channel.unit for channel in motion.raw] == ["count"] * 3
-    for i, channel in enumerate(motion.raw):
-        np.testing.assert_array_equal(channel.values, np.array(used) + 0.25 * i)
-    assert len(CHANNELS) == 3
     assert (motion.device, motion.hand, motion.name) == ("test", "right", "session")
     # Read 0.1 ms before the tick: the palm was a tenth of a tick's way back, at the beginning where it began.
     at = 5 * np.array(used) - 0.1
@@ -97,7 +92,6 @@ def test_a_session_is_imported_as_its_motion(session: Path) -> None:
     for name in ("time", "position", "flexion"):
         np.testing.assert_array_equal(getattr(recording, name), getattr(motion, name))
     assert recording.form == "hhsim"
-    assert [channel.name for channel in recording.raw] == [channel.name for channel in motion.raw]
 
 
 def test_a_result_that_was_cut_short_is_a_motion_as_far_as_it_goes(session: Path, tmp_path: Path) -> None:

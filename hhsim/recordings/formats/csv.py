@@ -46,7 +46,7 @@ UNKNOWN = ("", "none", "nan")
 
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read a table by the mapping of the options, or of our own columns; raises TrajectoryError or InputError."""
-    if options.dexmo is not None or options.poses is not None:
+    if options.dexmo is not None:
         raise InputError("a calibration of the Dexmo glove, but the file holds other columns than its channels")
     columns = columns_of(options)
     if columns is None:

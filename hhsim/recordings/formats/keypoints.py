@@ -19,7 +19,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.motion.csv_table import Table, lacks_names, read_table
+from hhsim.motion.csv_table import Table, format_table, lacks_names, read_table
 from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, numbers, read_npy
 from hhsim.motion.trajectory import as_numbers
 from hhsim.recordings.content import NPY, ZIP, Content, ReadOptions
@@ -36,7 +36,6 @@ from hhsim.recordings.joint_arrays import (
     located,
     ordered,
     row_names,
-    table_of_joints,
 )
 from hhsim.recordings.joint_names import KEYPOINTS, JointName, joint_name
 from hhsim.recordings.joint_positions import JointPositions
@@ -200,7 +199,9 @@ def _make(suffix: str, motion: HandMotion) -> bytes:
     if suffix == ".npz":
         hand = {"hand": np.array(motion.side)} if motion.side else {}
         return npz_of({"keypoints": motion.joints, "t": motion.time, **hand})
-    return table_of_joints(motion, [f"lm{k:02d}" for k in range(COUNT)], motion.joints)
+    header = ["time_s", *(f"{motion.side}_lm{k:02d}_{axis}" for k in range(COUNT) for axis in "xyz")]
+    rows = np.column_stack([motion.time, motion.joints.reshape(len(motion.joints), -1)]).tolist()
+    return format_table({}, header, (list(map(repr, row)) for row in rows)).encode()
 
 
 def _sniff(content: Content, options: ReadOptions) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.motion.trajectory import HandSide, RawChannel
+from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import Content, ReadOptions
 from hhsim.recordings.finger_ik import palm_rotation
 from hhsim.recordings.frames import axis_flip
@@ -70,11 +70,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         rows=shown,
     )
     confidence, made = np.array([number(hand.get("confidence")) for hand in hands]), metadata.get("generatedBy")
-    raw = RawChannel("confidence", np.nan_to_num(confidence, nan=-1.0), "1", "Leap's confidence, -1 where none")
     recording = recording_of_joints(joints, "leap", content, options).changed(
-        name=content.name.removesuffix(".json"),
-        source=f"recorded with {made}" if isinstance(made, str) else "",
-        raw=(raw,),
+        name=content.name.removesuffix(".json"), source=f"recorded with {made}" if isinstance(made, str) else ""
     )
     text = f"confidence below {UNSURE:g}, says the device: kept"
     return recording.flagged(confidence < UNSURE, SampleFlag.INVALID, text)
