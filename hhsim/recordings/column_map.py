@@ -6,7 +6,6 @@ that are not named stay at 0, the palm without position or orientation stays at 
 s, m or rad, unless the numbers, or an option, say otherwise.
 """
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -18,8 +17,6 @@ from hhsim.errors import InputError
 from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS
 from hhsim.motion.csv_table import Table
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.motion.text_edit import NewColumn, NumberEdit, cell_edits
-from hhsim.recordings.correction import ANGLE_DIGITS, Changes
 from hhsim.recordings.frames import OURS, FileFrame, axes_matrix, to_our_frames, turned, world_matrix
 from hhsim.recordings.recording import Finding, Recording, note, unreadable
 from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS, time_column
@@ -34,8 +31,6 @@ Name = Annotated[str, Meta(min_length=1)]
 Character = Annotated[str, Meta(min_length=1, max_length=1, description="one character")]
 Factor = Annotated[float, between(-1e6, 1e6)]
 Offset = Annotated[float, between(-1.0, 1.0)]
-STILL = 1e-9
-"""Largest displacement, in the table's unit, or change of an angle [rad], that needs no column."""
 NO_PLACE = "no columns of the palm's place: it stays at the origin; hhsim replay --place-object auto moves the object"
 
 
@@ -241,40 +236,3 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
     )
     text = f"{counted(len(followed), 'joint')} not measured but made from others: {', '.join(followed)}"
     return recording.flagged(np.full(count, bool(followed)), SampleFlag.ESTIMATED, text)
-
-
-def map_edits(text: str, table: Table, columns: ColumnMap, made: Changes) -> Iterator[NumberEdit]:
-    """Return the edits of a table's text for a correction of the recording that `mapped` makes of it.
-
-    Raises InputError where the correction moves what no column of numbers that can be corrected holds.
-    """
-
-    def numbers(names: tuple[str, ...]) -> FloatArray:
-        return table.numbers(names)[0][made.rows]
-
-    new: dict[str, NewColumn] = {}
-    for what, held, moves in (
-        ("position", columns.position, np.abs(made.move).max(initial=0.0) > STILL),
-        ("orientation", columns.orientation, np.abs(made.turn[:, 0] - np.eye(3)).max(initial=0.0) > STILL),
-    ):
-        if held is None and moves:
-            raise InputError(f"the correction moves the palm, whose {what} no column holds: export it otherwise")
-    if columns.position is not None:
-        at = made.moved("palm", numbers(columns.position.columns))
-        new |= {name: NewColumn(values, made.digits) for name, values in zip(columns.position.columns, at.T)}
-    if (turned_by := columns.orientation) is not None:
-        if turned_by.euler:
-            raise InputError("Euler angles in a table are not corrected in it: export it in another format")
-        places = [turned_by.order.index(part) for part in "wxyz"]
-        turns = made.turned("palm", numbers(turned_by.columns)[:, places])[:, np.argsort(places)]
-        new |= {name: NewColumn(values, ANGLE_DIGITS) for name, values in zip(turned_by.columns, turns.T)}
-    for k, joint in enumerate(JOINT_NAMES):
-        source = columns.joint_columns.get(joint, JointColumn(joint=joint))
-        if source.column is not None and source.scale != 0.0:
-            if source.column in new:
-                raise InputError(f"column '{source.column}' holds more than one number: export it otherwise")
-            factor = source.scale * ANGLE_UNITS[source.unit or columns.angle.unit or "rad"]
-            new[source.column] = NewColumn(numbers((source.column,))[:, 0] + made.angles[:, k] / factor, ANGLE_DIGITS)
-        elif np.abs(made.angles[:, k]).max(initial=0.0) > STILL:
-            raise InputError(f"the correction bends {joint}, which no column holds: export it in another format")
-    return cell_edits(text, table, made.rows.tolist(), new)

@@ -42,8 +42,6 @@ HAND_LENGTHS = (0.12, 0.26)
 """Range of distances from the wrist to the middle fingertip [m], children's hands included."""
 TINY = 1e-300
 """Smallest divisor."""
-MOST_REPEATED = 0.2
-"""Share of samples that repeat the one before from which on the device is slower than the file."""
 LEAST_BEND = np.radians(8.0)
 """Mean flexion from which on the fingers tell the palmar side of the hand [rad]."""
 THUMB_HEIGHT = 0.15
@@ -162,12 +160,6 @@ def recording_of_joints(joints: JointPositions, form: str, content: Content, opt
         position, orientation = to_our_world(posture.position, posture.orientation, up)
         frame = frame._replace(turn=world_matrix(up))
     findings += [note(text)] if joints.palm is None else []
-    # A sample in which no hand was seen repeats nothing.
-    same = (points[1:] == points[:-1]).all(axis=(1, 2))
-    if same.size and same.mean() > MOST_REPEATED:
-        device = f"the device gives {100 * (1 - same.mean()):.0f} of 100 anew and holds the others"
-        held = f"{int(same.sum())} of {len(joints.position)} samples repeat the one before: {device}; left as they are"
-        findings.append(note(held))
     recording = Recording(
         time=time,
         position=position,

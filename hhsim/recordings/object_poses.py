@@ -324,7 +324,7 @@ def with_object_poses(recording: Recording, path: Path, options: ReadOptions) ->
     time, rows, frame = recording.time + recording.first_stamp, recording.rows, recording.file_frame
     hand = np.nanmedian(frame.to_file(recording.position), axis=0) * frame.metre
     with named(path):
-        poses, stamps = _stamped(path, options, findings, hand)
+        poses, stamps = stamped_poses(path, options, findings, hand)
         if stamps is not None and len(poses.position) > 1:
             place, turn = _at(poses, stamps, time)
         elif len(time) < len(poses.position) > int(rows.max(initial=0)) and (rows != np.arange(len(time))).any():
@@ -338,12 +338,12 @@ def with_object_poses(recording: Recording, path: Path, options: ReadOptions) ->
 def read_stamped_poses(path: Path, options: ReadOptions) -> tuple[FloatArray | None, ObjectMotion]:
     """Read the poses of an object [m], NaN where missing, and their rising stamps [s], (T,), None without any."""
     with named(path):
-        poses, stamps = _stamped(path, options, [], None)
+        poses, stamps = stamped_poses(path, options, [])
         return stamps, ObjectMotion(*poses[:2]) if stamps is None else _at(poses, stamps, stamps)
 
 
-def _stamped(
-    path: Path, options: ReadOptions, findings: list[Finding], hand: FloatArray | None
+def stamped_poses(
+    path: Path, options: ReadOptions, findings: list[Finding], hand: FloatArray | None = None
 ) -> tuple[ObjectPoses, FloatArray | None]:
     """Return the poses of a file [m] and their stamps [s], None without any; `hand` is the place of a hand [m]."""
     content = Content(path, what="poses of an object")

@@ -87,7 +87,7 @@ def read_content(content: Content, options: ReadOptions) -> Recording:
     recording = recording.changed(
         hand=options.hand or recording.hand,
         checksums=checksums or "missing",
-        is_written_back=_is_written_back(form, content),
+        is_written_back=_is_written_back(form, content, options),
     )
     if recording.bones is None and recording.sample_count:
         recording = _with_stated_fields(recording, content, options)
@@ -148,15 +148,15 @@ def repaired_suffix(path: Path, options: ReadOptions) -> str:
     content = Content(path)
     try:
         # The beginning of a pickle does: all of them are written back.
-        return path.suffix if _is_written_back(format_of(content, options), content) else NEW_SUFFIXES[0]
+        return path.suffix if _is_written_back(format_of(content, options), content, options) else NEW_SUFFIXES[0]
     except InputError:
         # Whoever reads it says what is wrong.
         return path.suffix
 
 
-def _is_written_back(form: RecordingFormat, content: Content) -> bool:
-    """Return False for a format that is read alone, and for JSON."""
-    return form.write is not None and not content.is_json
+def _is_written_back(form: RecordingFormat, content: Content, options: ReadOptions) -> bool:
+    """Return False for a format that is read alone, for JSON, and for a table whose columns are mapped."""
+    return form.write is not None and not content.is_json and options.columns is None
 
 
 def check_target(source: Path, recording: Recording, target: Path) -> None:

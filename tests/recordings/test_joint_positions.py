@@ -93,16 +93,6 @@ def test_missing_joints_are_holes_and_doubtful_samples_are_marked() -> None:
     assert clean_recording(recording).trajectory.sample_count == 40
 
 
-def test_samples_that_the_import_fills_are_not_called_held_by_the_device() -> None:
-    points = joint_sample().named().copy()
-    points[:10] = 0.0
-    points[20:23] = 0.0
-    recording = read(joint_sample(), position=points)
-    assert "repeat" not in words(recording)
-    filled = [finding.text for finding in clean_recording(recording).findings if "filled" in finding.kind]
-    assert len(filled) == 2 and all("interpolated, and at the ends the nearest one is held" in text for text in filled)
-
-
 LOST = np.where((np.arange(21) == 8)[:, None], np.nan, joint_sample().named())
 
 

@@ -3,7 +3,6 @@
 import csv
 import io
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,6 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.file import load_trajectory, save_trajectory
 from hhsim.motion.pickled_data import flat
 from hhsim.recordings.cleaning import clean_recording
-from hhsim.recordings.column_map import JOINT_NAMES, ColumnMap
 from hhsim.recordings.correction import changes
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, UNITY_JOINTS, WEBXR_JOINTS
 from hhsim.recordings.recording import HandMotion
@@ -39,7 +37,6 @@ from hhsim.recordings.registry import (
     write_recording,
 )
 from hhsim.system.checksummed_file import seal_holds
-from hhsim.system.settings_file import parse_settings
 
 SAMPLE = joint_sample()
 POINTS = SAMPLE.named()
@@ -284,71 +281,6 @@ def test_our_own_files(suffix: str, tmp_path: Path) -> None:
     assert out.read_bytes() == path.read_bytes()
 
 
-MAP = """
-world_up = "-y"
-palm_axes = ["-y", "x", "z"]
-palm_offset = [0.01, 0.05, 0.0]
-decimal = ","
-hand = "right"
-time = { column = "t" }
-position = { columns = ["X", "Y", "Z"], unit = "mm" }
-angle = { unit = "deg" }
-"""
-
-
-@pytest.mark.parametrize("order", ["xyzw", "wxyz"])
-def test_a_mapped_table(order: str, tmp_path: Path) -> None:
-    motion = SAMPLE.motion
-    names = ["qa", "qb", "qc", "qd"]
-    joints = [f'{name} = {{ column = "c{k}", scale = -2.0, offset = {k}.5 }}' for k, name in enumerate(JOINT_NAMES)]
-    orientation = f"orientation = {{ columns = {names}, order = '{order}' }}"
-    columns = parse_settings("\n".join([MAP, orientation, "[joint]", *joints]), ColumnMap, "map.toml")
-    turns = Rotation.from_quat(motion.orientation, scalar_first=True)
-    given = turns.as_quat(scalar_first=order == "wxyz")
-    angles = np.degrees(motion.angles) / -2.0 + np.arange(20) + 0.5
-    rows = np.concatenate([motion.time[:, None], 1e3 * motion.position, given, angles], axis=1).tolist()
-    header = ["t", "X", "Y", "Z", *names, *(f"c{k}" for k in range(20))]
-    lines = [";".join(header), *(";".join(f'"{x:.9f}"'.replace(".", ",") for x in row) + ";x" for row in rows)]
-    lines[0] += ";note"
-    path, out = tmp_path / "take.csv", tmp_path / "new.csv"
-    path.write_text("\n".join(lines) + "\n")
-    options = ReadOptions(columns=columns)
-    recording = read_recording(path, options)
-    assert np.allclose(recording.angles, motion.angles, atol=1e-9)
-    correction = a_correction(recording)
-    write_recording(path, options, recording, correction, out)
-    same_motion(read_recording(out, options), recording, correction, atol=1e-8)
-    old, new = path.read_text(), out.read_text()
-    number = re.compile("-?[0-9]+,[0-9]+")
-    assert number.sub("#", old) == number.sub("#", new)
-    lines_changed = [k - 1 for k, pair in enumerate(zip(old.splitlines(), new.splitlines())) if pair[0] != pair[1]]
-    assert lines_changed == np.flatnonzero(correction.changed).tolist()
-
-
-def test_what_a_mapped_table_does_not_hold_is_said(tmp_path: Path) -> None:
-    text = 'hand = "right"\nrate = 100.0\n[joint]\nindex_flex1 = "a"\n'
-    path = tmp_path / "take.csv"
-    path.write_text("a\n" + "".join(f"0.{k}\n" for k in range(10)))
-    options = ReadOptions(columns=parse_settings(text, ColumnMap, "map.toml"))
-    recording = read_recording(path, options)
-    both = ReadOptions(columns=parse_settings(text + 'index_flex2 = "a"\n', ColumnMap, "map.toml"))
-    twice = read_recording(path, both)
-    still = replace(
-        a_correction(twice, palm=False), fitted=HandConfiguration.of(twice), posture=HandConfiguration.of(twice)
-    )
-    with pytest.raises(InputError, match="column 'a' holds more than one number"):
-        write_recording(path, both, twice, still, tmp_path / "new.csv")
-    euler = 'orientation = { columns = ["x", "y", "z"], order = "ZYX" }\nrate = 9\n[joint]\nindex_flex1 = "a"\n'
-    turned = ReadOptions(columns=parse_settings(euler, ColumnMap, "map.toml"))
-    (tmp_path / "euler.csv").write_text("a,x,y,z\n" + "0.1,0.1,0.2,0.3\n" * 10)
-    given = read_recording(tmp_path / "euler.csv", turned)
-    with pytest.raises(InputError, match="Euler angles in a table are not corrected in it: export it in another"):
-        write_recording(tmp_path / "euler.csv", turned, given, a_correction(given, palm=False), tmp_path / "new.csv")
-    for palm, said in ((True, "whose position no column"), (False, "bends thumb_flex1, which no column")):
-        with pytest.raises(InputError, match=said):
-            write_recording(path, options, recording, a_correction(recording, palm=palm), tmp_path / "new.csv")
-
-
 @pytest.mark.parametrize("side", ["right", "left"])
 @pytest.mark.parametrize(
     ("form", "suffix", "options"),
@@ -383,7 +315,18 @@ def test_an_export_of_another_kind_is_refused() -> None:
         exported("keypoints", ".json", motion)
 
 
-READ_ALONE = ("bvh, mixamo", "dexmo", "egodex", "keypoints, json", "leap", "lerobot", "mcap", "umetrack", "webxr")
+READ_ALONE = (
+    "bvh, mixamo",
+    "csv, mapped",
+    "dexmo",
+    "egodex",
+    "keypoints, json",
+    "leap",
+    "lerobot",
+    "mcap",
+    "umetrack",
+    "webxr",
+)
 """A case of each format, or kind of it, that is read and not written."""
 
 

@@ -16,30 +16,16 @@ from hhsim.motion.csv_file import (
     format_csv,
 )
 from hhsim.motion.csv_table import Table, read_table
+from hhsim.motion.text_edit import NewColumn, cell_edits
 from hhsim.motion.trajectory import ObjectMotion, Trajectory
-from hhsim.recordings.column_map import (
-    ColumnMap,
-    OrientationColumns,
-    PositionColumns,
-    TimeColumn,
-    map_edits,
-    mapped,
-    stamp_columns,
-)
+from hhsim.recordings.column_map import ColumnMap, mapped, stamp_columns
 from hhsim.recordings.content import Content, ReadOptions
-from hhsim.recordings.correction import Changes
+from hhsim.recordings.correction import ANGLE_DIGITS, Changes
 from hhsim.recordings.frames import FileFrame, to_our_frames
 from hhsim.recordings.object_poses import placed, poses_in, table_arrays
-from hhsim.recordings.recording import SIDES, Finding, HandMotion, Recording, note, unreadable, unused
+from hhsim.recordings.recording import MOTION, SIDES, Finding, HandMotion, Recording, note, unreadable, unused
 from hhsim.recordings.registry import RecordingFormat
 
-OWN = ColumnMap(
-    joints={name: name for name in COLUMNS[8:]},
-    time=TimeColumn(COLUMNS[0]),
-    position=PositionColumns(("px", "py", "pz")),
-    orientation=OrientationColumns(("qw", "qx", "qy", "qz")),
-)
-"""Our own columns."""
 UNKNOWN = ("", "none", "nan")
 """Words for the hand of a file that does not tell it."""
 
@@ -80,9 +66,14 @@ def columns_of(options: ReadOptions) -> ColumnMap | None:
 
 
 def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
-    columns = columns_of(options) or OWN
-    table = read_table(content.text, delimiter=columns.delimiter, decimal=columns.decimal)
-    return content.edited(map_edits(content.exact_text, table, columns, made), table.decimal)
+    """Return a table of our own columns with the changes."""
+    table = read_table(content.text)
+    values = csv_fields(table)[0]
+    moved = made.motion(*(values[key] for key in MOTION))
+    rows = np.concatenate([part[made.rows].reshape(len(made.rows), -1) for part in moved], axis=1)
+    digits = [made.digits] * 3 + [ANGLE_DIGITS] * 24
+    new = {name: NewColumn(*column) for name, *column in zip(COLUMNS[1:], rows.T, digits)}
+    return content.edited(cell_edits(content.exact_text, table, made.rows.tolist(), new), table.decimal)
 
 
 def _make(suffix: str, motion: HandMotion) -> bytes:

@@ -10,11 +10,11 @@ of other sets are angles. So `--mano-pose` says it.
 
 In a corrected recording each joint's rotation turns with its bone, and the translation moves the wrist. The tips are
 the model's own: where its weights or corrections blend the last bone with others, they follow it less than rigidly.
-Fewer than 45 coefficients cannot hold every pose: they are those whose joints are nearest, and
-`hhsim.recordings.registry.write_recording` returns how far off these are.
+Fewer than 45 coefficients cannot hold every pose: they are those whose angles are nearest, and
+`hhsim.recordings.registry.write_recording` returns how far off their joints are.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,7 +29,6 @@ from hhsim.motion.pickled_data import plain, unpickled
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import ZIP, Content, ReadOptions, stated_hand
 from hhsim.recordings.correction import Changes
-from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.json_document import read_pose_lines
 from hhsim.recordings.object_poses import poses_in
@@ -77,12 +76,6 @@ MEAN = ("pca", "axis-angle-mean")
 """Readings from the model's mean pose."""
 STILL = 1e-9
 """Largest displacement that needs no translation [m]."""
-STEP = 1e-6
-"""Step of a difference that stands for a derivative [rad]."""
-GAIN = 1e-6
-"""Relative decrease of the squared distance that is no gain."""
-REACHED = 1e-20
-"""Squared distance of all joints that counts as none [m²]."""
 Parameters = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 """Rotation, pose, translation and betas, as `ManoModel.keypoints` takes them."""
 
@@ -304,7 +297,7 @@ def corrected_arrays(
     """
     reading, rows, names = poses.reading(options), made.rows, poses.names
     model, _ = poses.model(options)
-    rotation, pose = _corrected(poses.rotation[rows], poses.pose[rows], reading, model, poses.betas, made)
+    rotation, pose = _corrected(poses.rotation[rows], poses.pose[rows], reading, model, made)
     new = {
         names[field]: numbers(arrays, names[field]) for field in ("pose", "rotation", "translation") if field in names
     }
@@ -321,10 +314,9 @@ def corrected_arrays(
 
 
 def _corrected(
-    rotation: FloatArray, pose: FloatArray, reading: str, model: ManoModel, betas: FloatArray, made: Changes
+    rotation: FloatArray, pose: FloatArray, reading: str, model: ManoModel, made: Changes
 ) -> tuple[FloatArray, FloatArray]:
     """Turn each joint with its bone: the wrist's rotation vectors, shape (N, 3), and poses, shape (N, n)."""
-    count = pose.shape[1]
     vectors = np.concatenate([rotation, model.angles(pose, reading)], axis=1).reshape(-1, JOINTS, 3)
     parents = model.parents.tolist()
     world, _ = posed_tree(parents, np.zeros((JOINTS, 3)), rotation_matrix(quaternion(vectors)))
@@ -332,57 +324,10 @@ def _corrected(
     above = world[:, np.maximum(model.parents, 0)]
     above[:, 0] = np.eye(3)
     local = rotation_vector(quaternion_from_matrix(np.swapaxes(above, 2, 3) @ world)).reshape(-1, 3 * JOINTS)
-    turned, angles = local[:, :3], local[:, 3:]
-    offset = model.mean if reading in MEAN else np.zeros(ANGLES)
-    if not reading.startswith("pca"):
-        return turned, angles - offset
-    basis = model.components[:count]
-    # A missing number of one sample is no other's.
-    start = np.asarray((angles - offset) @ np.linalg.pinv(basis), dtype=np.float64)
-    if count == ANGLES:
-        return turned, start
-    still = np.zeros_like(turned)
-
-    def joints(coefficients: FloatArray) -> FloatArray:
-        return model.keypoints(turned, coefficients @ basis + offset, still, betas)
-
-    return turned, nearest_parameters(joints, start, model.keypoints(turned, angles, still, betas))
-
-
-def nearest_parameters(joints: Callable[[FloatArray], FloatArray], start: FloatArray, target: FloatArray) -> FloatArray:
-    """Compute parameters of a hand, shape (N, P), whose joints are nearest to a target [m], shape (N, 21, 3).
-
-    Damped Gauss-Newton steps from `start` with differences as derivatives (Marquardt, J. SIAM 11(2), 1963), at most 30
-    rounds. A sample with a missing number keeps its start.
-    """
-    parameters, count = start.copy(), len(start)
-
-    def residual(tried: FloatArray) -> FloatArray:
-        with np.errstate(invalid="ignore"):
-            return np.asarray((joints(tried) - target).reshape(count, 3 * len(KEYPOINTS)))
-
-    off, damping = residual(parameters), np.full(count, 1e-6)
-    square = (off**2).sum(axis=1)
-    active = np.isfinite(start).all(axis=1) & np.isfinite(square)
-    for _ in range(30):
-        if not active.any():
-            break
-        steps = STEP * np.eye(start.shape[1])
-        slope = np.nan_to_num(np.stack([(residual(parameters + step) - off) / STEP for step in steps], axis=2))
-        across = np.swapaxes(slope, 1, 2)
-        normal = across @ slope
-        scale = np.trace(normal, axis1=1, axis2=2) + np.finfo(np.float64).tiny
-        normal += (damping * scale)[:, None, None] * np.eye(start.shape[1])
-        tried = parameters - np.linalg.solve(normal, across @ np.nan_to_num(off)[:, :, None])[:, :, 0]
-        beyond = residual(tried)
-        lower = (beyond**2).sum(axis=1)
-        better = active & (lower < square)
-        # No more is gained by a step, or even a short one gains nothing.
-        settled = np.where(better, lower > (1.0 - GAIN) * square, damping > 1.0) | (lower < REACHED)
-        parameters, off = np.where(better[:, None], tried, parameters), np.where(better[:, None], beyond, off)
-        square, damping = np.where(better, lower, square), np.where(better, 0.1 * damping, 10.0 * damping)
-        damping, active = np.maximum(damping, 1e-12), active & ~settled
-    return parameters
+    turned, angles = local[:, :3], local[:, 3:] - (model.mean if reading in MEAN else 0.0)
+    if reading.startswith("pca"):
+        angles = angles @ np.linalg.pinv(model.components[: pose.shape[1]])
+    return turned, angles
 
 
 def _poses(content: Content, options: ReadOptions) -> ManoPoses:

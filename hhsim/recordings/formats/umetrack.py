@@ -15,17 +15,13 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError, named
 from hhsim.hand.quaternion import quaternion, rotation_matrix
-from hhsim.motion.csv_table import read_table
-from hhsim.motion.trajectory import ObjectMotion
 from hhsim.recordings.content import Content, ReadOptions
 from hhsim.recordings.formats.mano import posed_tree
-from hhsim.recordings.frames import to_our_frames
-from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
+from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.json_document import SAME_MOMENT, keys_of, read_pose_lines
-from hhsim.recordings.object_poses import OBJECT_UID
-from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.object_poses import ObjectPoses, stamped_poses
+from hhsim.recordings.recording import Finding, note
 from hhsim.recordings.registry import RecordingFormat
-from hhsim.system.input_file import read_input_text
 
 ANGLES = 20
 PROFILE = "*user_profile.json"
@@ -33,10 +29,9 @@ MILLIMETRE = 1e-3
 WRIST = 5
 """Landmark of the wrist, after the fingertips from thumb to little finger."""
 OBJECTS = "dynamic_objects.csv"
-OBJECT_COLUMNS = ("timestamp[ns]", *(f"t_wo_{axis}[m]" for axis in "xyz"), *(f"q_wo_{part}" for part in "wxyz"))
 
 
-def _read(content: Content, options: ReadOptions) -> Recording:
+def _read(content: Content, options: ReadOptions) -> JointPositions:
     """Read the hand of the options, else the one in more lines; raises TrajectoryError."""
     poses = read_pose_lines(content.document, "joint_angles", options.hand)
     if poses.numbers.shape[1] < ANGLES:
@@ -53,8 +48,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if up is None:
         findings.append(note("the file does not say which axis is up: y, as on Quest; on Aria it is z: --world-up"))
         up = "y"
-    moved = _object_beside(content.original, poses.stamps, options.object_track, findings)
-    joints = JointPositions(
+    moved = _object_beside(content.original, poses.stamps, options, findings)
+    return JointPositions(
         position=local @ np.swapaxes(rotation_matrix(poses.orientation), 1, 2) + poses.translation[:, None],
         what=f"{ANGLES} angles of the {poses.hand} hand, sizes from {path.name}{chosen}",
         time=poses.stamps,
@@ -62,12 +57,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         hand=poses.hand,
         unit=1.0,
         up=up,
+        object_poses=moved,
         findings=findings,
         rows=poses.rows,
     )
-    recording = recording_of_joints(joints, "umetrack", content, options)
-    moved = moved and ObjectMotion(*to_our_frames(*moved, None, up, options.mirror))
-    return recording.changed(object_motion=moved)
 
 
 def _hand_points(path: Path, angles: FloatArray) -> FloatArray:
@@ -96,37 +89,32 @@ def _hand_points(path: Path, angles: FloatArray) -> FloatArray:
 
 
 def _object_beside(
-    recording: Path | None, stamps: FloatArray, wanted: str | None, findings: list[Finding]
-) -> ObjectMotion | None:
-    """Read the motion of an object at the stamps [ns], shape (T,), from the table beside a recording; add a finding.
+    recording: Path | None, stamps: FloatArray, options: ReadOptions, findings: list[Finding]
+) -> ObjectPoses | None:
+    """Read the poses of an object at the stamps [ns], shape (T,), from the table beside a recording.
 
-    Without a wanted uid it is the only object's. Raises InputError for no such object, TrajectoryError for a table of
-    other columns.
+    Of several objects without one of the options there are none, which is told. Raises InputError for no such table.
     """
     path = None if recording is None else recording.parent / OBJECTS
     if path is None or not path.is_file():
-        if wanted is not None:
-            raise InputError(f"--object-track {wanted}: there is no {OBJECTS} beside the recording")
+        if options.object_track is not None:
+            raise InputError(f"--object-track {options.object_track}: there is no {OBJECTS} beside the recording")
         return None
-    table = read_table(read_input_text(path, errors="replace"))
-    missing = [column for column in (OBJECT_UID, *OBJECT_COLUMNS) if column not in table.header]
-    if missing:
-        raise TrajectoryError(f"{path.name} beside the recording lacks the column {missing[0]}")
-    which = np.array([cells[table.header.index(OBJECT_UID)].strip() for cells in table.rows])
-    rows, _ = table.numbers(OBJECT_COLUMNS)
-    known = list(dict.fromkeys(which.tolist()))
-    if wanted is None and len(known) != 1:
-        findings.append(note(f"{OBJECTS} beside it holds several objects: --object-track takes {' or '.join(known)}"))
+    try:
+        with named(path):
+            poses, moments = stamped_poses(path, options, findings)
+    except TrajectoryError as error:
+        if options.object_track is not None:
+            raise
+        findings.append(note(str(error)))
         return None
-    uid = known[0] if wanted is None else wanted
-    if uid not in known:
-        raise InputError(f"--object-track {uid}: {OBJECTS} beside the recording holds {', '.join(known)}")
-    track = rows[which == uid]
+    if moments is None:
+        raise TrajectoryError(f"{OBJECTS} beside the recording has no column of stamps")
     # Hand and object have stamps of the same frames.
-    place = np.array([int(np.argmin(np.abs(track[:, 0] - stamp))) if stamp == stamp else 0 for stamp in stamps])
-    poses = np.where((np.abs(track[place, 0] - stamps) < SAME_MOMENT)[:, None], track[place, 1:], np.nan)
-    findings.append(note(f"object {uid} moves as {OBJECTS} beside it has it"))
-    return ObjectMotion(*np.split(poses, [3], axis=1))
+    place = np.array([int(np.argmin(np.abs(moments - 1e-9 * stamp))) if stamp == stamp else 0 for stamp in stamps])
+    is_near = (np.abs(moments[place] - 1e-9 * stamps) < 1e-9 * SAME_MOMENT)[:, None]
+    position, orientation = (np.where(is_near, values, np.nan) for values in poses.at(place)[:2])
+    return ObjectPoses(position, orientation, 1.0, (f"{OBJECTS} beside the recording",))
 
 
 def _sniff(content: Content, options: ReadOptions) -> bool:
