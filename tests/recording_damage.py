@@ -46,26 +46,6 @@ def holes(values: FloatArray, random: Random) -> None:
         part.reshape(len(part), -1)[:, random.integers(0, part[0].size)] = value
 
 
-@of()
-def scattered_holes(values: FloatArray, random: Random) -> None:
-    values[random.random(len(values)) < random.uniform(0.0, 0.5)] = np.nan
-
-
-@of("orientation")
-def zero_quaternions(values: FloatArray, random: Random) -> None:
-    values[block(len(values), random)] = 0.0
-
-
-@of("orientation")
-def scaled_quaternions(values: FloatArray, random: Random) -> None:
-    values[block(len(values), random, most=1.0)] *= random.uniform(0.1, 10.0)
-
-
-@of("orientation")
-def flipped_quaternions(values: FloatArray, random: Random) -> None:
-    values[random.random(len(values)) < random.random()] *= -1.0
-
-
 @of("orientation")
 def broken_quaternions(values: FloatArray, random: Random) -> None:
     part = values[block(len(values), random, most=0.05)]
@@ -76,12 +56,6 @@ def broken_quaternions(values: FloatArray, random: Random) -> None:
 def repeated_stamps(values: FloatArray, random: Random) -> None:
     part = values[block(len(values), random, least=2)]
     part[:] = part[0]
-
-
-def repeated_rows(recording: Recording, random: Random) -> Recording:
-    count = recording.sample_count
-    extra = random.integers(0, count, random.integers(1, max(2, count // 4)))
-    return recording.chosen(np.sort(np.concatenate([np.arange(count), extra])))
 
 
 @of("time")
@@ -109,10 +83,6 @@ def shuffled_values(recording: Recording, random: Random) -> Recording:
     return replace(shuffled_rows(recording, random), time=recording.time)
 
 
-def reversed_rows(recording: Recording, random: Random) -> Recording:
-    return recording.chosen(np.arange(recording.sample_count)[::-1])
-
-
 @of("time")
 def two_recordings(values: FloatArray, random: Random) -> None:
     half = len(values) // 2
@@ -122,10 +92,6 @@ def two_recordings(values: FloatArray, random: Random) -> None:
 def lost_rows(recording: Recording, random: Random) -> Recording:
     index = np.arange(recording.sample_count)
     return recording.chosen(np.delete(index, block(len(index), random)))
-
-
-def cut_short(recording: Recording, random: Random) -> Recording:
-    return recording.chosen(np.arange(random.integers(0, recording.sample_count)))
 
 
 @of("position")
@@ -154,14 +120,6 @@ def position_spikes(values: FloatArray, random: Random) -> None:
         part += random.normal(size=3) * random.choice([0.1, 0.5, 5.0, 500.0])
 
 
-@of("flexion")
-def angle_spikes(values: FloatArray, random: Random) -> None:
-    for _ in range(random.integers(1, 4)):
-        part = values[block(len(values), random, most=0.03)]
-        off = random.choice([-1.0, 1.0]) * random.uniform(0.8, 90.0)
-        part[:, random.integers(0, 5), random.integers(0, 3)] += off
-
-
 @of("position")
 def noise_burst(values: FloatArray, random: Random) -> None:
     part = values[block(len(values), random, least=8)]
@@ -181,10 +139,9 @@ def displaced_block(values: FloatArray, random: Random) -> None:
 
 
 DAMAGES: tuple[Damage, ...] = (
-    holes, scattered_holes, zero_quaternions, scaled_quaternions, flipped_quaternions, broken_quaternions,
-    repeated_stamps, repeated_rows, swapped_stamps, wild_stamps, shuffled_rows, shuffled_values, reversed_rows,
-    two_recordings, lost_rows, cut_short, millimetres, degrees, one_finger_in_degrees, other_clock, position_spikes,
-    angle_spikes, noise_burst, frozen, displaced_block,
+    holes, broken_quaternions, repeated_stamps, swapped_stamps, wild_stamps, shuffled_rows, shuffled_values,
+    two_recordings, lost_rows, millimetres, degrees, one_finger_in_degrees, other_clock, position_spikes, noise_burst,
+    frozen, displaced_block,
 )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from joint_samples import Side, arrays_npz, joint_sample, openxr_csv, words
+from joint_samples import Side, joint_sample, openxr_csv
 from recording_samples import read_as, smooth_recording
 from sampled import sampled
 
@@ -25,7 +25,6 @@ from hhsim.recordings.finger_ik import (
     fitted_angles,
 )
 from hhsim.recordings.fitted_hand import fitted_axes, fitted_hand, recorded_limits
-from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 
 
 def turned_axes(side: Side, along: float, across: float) -> FingerAxes:
@@ -213,13 +212,10 @@ def test_what_gives_no_hand_is_refused() -> None:
         fitted_hand(smooth_recording(), "")
 
 
-@pytest.mark.parametrize("each", [True, False])
-def test_radii_beside_an_array_of_points_are_the_hand_s(each: bool) -> None:
+def test_radii_beside_an_array_of_points_are_the_hand_s() -> None:
     sample = joint_sample(length=0.17)
-    points = sample.named(KEYPOINTS)
     radius = np.array([sample.radius[OPENXR_JOINTS.index(name)] for name in KEYPOINTS])
-    stated = np.tile(radius, (len(points), 1)) if each else radius
-    recording = read_as("keypoints", arrays_npz(joints=points, t=sample.motion.time, radius=stated))
-    hand = HandModel.of_text(fitted_hand(recording, "take.npz")[1], "take.toml", "right")
-    assert np.allclose(hand.radius, sample.hand.radius, atol=1e-6)
-    assert "radius" not in words(recording)
+    for stated in (radius, np.tile(radius, (len(sample.joints), 1))):
+        recording = read_as("keypoints", arrays_npz(joints=sample.named(), t=sample.motion.time, radius=stated))
+        assert recording.bones is not None and recording.bones.radius is not None
+        assert np.allclose(recording.bones.radius, sample.hand.radius, atol=1e-6) and "radius" not in words(recording)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Run
-from joint_samples import Y_UP, array_npy, arrays_npz, joint_sample, mcap_bytes, webxr_json, words  # fmt: skip
+from joint_samples import Y_UP, arrays_npz, joint_sample, mcap_bytes, words  # fmt: skip
 from leap_document import document
 from recording_samples import read_as, smooth_recording
 from scipy.spatial.transform import Rotation
@@ -20,11 +20,9 @@ from hhsim.motion.csv_file import format_csv
 from hhsim.motion.file import load_trajectory, save_trajectory
 from hhsim.motion.trajectory import ObjectMotion
 from hhsim.recordings.cleaning import clean_recording
-from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.object_poses import with_object_poses
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import ReadOptions, read_recording
-from hhsim.system.settings_file import parse_settings
 
 SAMPLE = joint_sample()
 TIME, COUNT = SAMPLE.motion.time, len(SAMPLE.motion.time)
@@ -33,24 +31,6 @@ RANDOM = np.random.default_rng(7)
 PLACE, TURN = RANDOM.uniform(-0.3, 0.3, (COUNT, 3)), Rotation.from_rotvec(RANDOM.normal(0.0, 1.0, (COUNT, 3)))
 FLIPS = {axis: np.where(np.arange(3) == k, -1.0, 1.0) for k, axis in enumerate("xyz")}
 NONE = np.ones(3)
-COLUMNS = parse_settings(
-    """
-    hand = "left"
-    world_up = "y"
-    palm_axes = ["-y", "x", "z"]
-    [time]
-    column = "t"
-    [position]
-    columns = ["x", "y", "z"]
-    [orientation]
-    columns = ["a", "b", "c"]
-    order = "ZYX"
-    [joint]
-    index_flex1 = "bend"
-    """,
-    ColumnMap,
-    "map.toml",
-)
 
 
 def turned(rotation: Rotation, flip: FloatArray) -> Rotation:
@@ -83,17 +63,6 @@ def npz_of_angles(flip: FloatArray) -> bytes:
     )
 
 
-def table(names: list[str], *columns: FloatArray) -> str:
-    rows = np.concatenate([np.reshape(column, (COUNT, -1)) for column in columns], axis=1)
-    return "\n".join([",".join(names), *(",".join(map(repr, row)) for row in rows.tolist())]) + "\n"
-
-
-def mapped_table(flip: FloatArray) -> str:
-    motion = angles(flip)
-    euler = Rotation.from_quat(motion.orientation, scalar_first=True).as_euler("ZYX")
-    return table([*"txyzabc", "bend"], motion.time, motion.position, euler, motion.flexion[:, 1, 0])
-
-
 def leap_document(flip: FloatArray) -> str:
     def flipped(node: Any) -> Any:
         if isinstance(node, dict):
@@ -117,13 +86,10 @@ MIRRORED: dict[str, tuple[str, Callable[[FloatArray], str | bytes], dict[str, An
         lambda flip: arrays_npz(keypoints=seen(flip).named(), t=TIME, hand="right", **object_of(flip)),
         {"world_up": "y"},
     ),
-    "npy": ("keypoints", lambda flip: array_npy(seen(flip).named()), {"rate": 30.0, "hand": "right", "world_up": "-x"}),
-    "webxr": ("webxr", lambda flip: webxr_json(seen(flip)), {}),
     "mcap": ("mcap", lambda flip: mcap_bytes(seen(flip)), {}),
     "leap": ("leap", leap_document, {}),
     "npz of angles": ("npz", npz_of_angles, {}),
     "own csv": ("csv", own_csv, {"world_up": "y", "palm_axes": ("y", "z", "x")}),
-    "mapped csv": ("csv", mapped_table, {"columns": COLUMNS}),
 }
 
 
@@ -149,7 +115,7 @@ def test_a_mirrored_hand_and_its_object_come_in_as_they_were(form: str) -> None:
         assert f"left-handed coordinates: {axis} is turned round, as --mirror says" in words(again)
 
 
-@pytest.mark.parametrize("form", ["npz of joints", "npy", "mcap", "leap"])
+@pytest.mark.parametrize("form", ["npz of joints", "mcap", "leap"])
 def test_a_named_side_that_the_fingers_contradict_stops(form: str) -> None:
     name, make, options = MIRRORED[form]
     remedy = "--hand left" if name == "keypoints" else "--mirror x --other-hand"

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from correction_samples import a_correction
 from joint_samples import array_npy, arrays_npz, joint_sample, openxr_csv
-from pose_samples import mano_fields, mano_poses
 from recorded_files import CASES, GOLDEN, Case, laid_out
 from scipy.spatial.transform import Rotation
 
@@ -52,14 +51,6 @@ def few_digits() -> str:
     return "".join(",".join(f"{x:.5g}" for x in row.ravel()) + "\r\n" for row in POINTS)
 
 
-def two_hands() -> str:
-    """A table of both hands."""
-    rows = zip(*(list(csv.reader(io.StringIO(openxr_csv(joint_sample(side), side)))) for side in ("right", "left")))
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\r\n").writerows([*one, *other[2:]] for one, other in rows)
-    return "# made: by hand\r\n" + text.getvalue()
-
-
 with np.load(GOLDEN) as held:
     # What is written of joint centres; of poses and angles it is two-dimensional.
     FILES = {name: CASES[name] for name in CASES if np.ndim(held.get(f"{name}/written")) == 3}
@@ -76,7 +67,6 @@ FILES |= {
         {"a.npz": arrays_npz(points=SAMPLE.named(NAMED), joint_names=NAMED, fps=30, unit="m")}, UP
     ),
     "keypoints csv, bare, CR LF, few digits": Case({"a.csv": few_digits()}, SIDED),
-    "openxr, two hands of many samples": Case({"a.csv": two_hands()}, {"hand": "left"}),
     "openxr, UTF-16": Case({"a.csv": openxr_csv(SAMPLE).encode("utf-16")}),
 }
 BINARY = (".npy", ".npz", ".pkl")
@@ -225,23 +215,6 @@ def test_what_cannot_be_written_says_so(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"orientation of .*_rot_x, .*: no quaternion"):
         write_recording(tmp_path / "e.csv", ReadOptions(), recording, a_correction(recording), tmp_path / "f.csv")
     assert not (tmp_path / "f.csv").exists()
-
-
-def test_few_coefficients_of_mano_come_as_near_as_they_can(tmp_path: Path) -> None:
-    sample = joint_sample()
-    fields = mano_fields(sample.hand)
-    np.savez(tmp_path / "model.npz", **fields)
-    turn, pose, shift = mano_poses(sample)
-    few = (pose - fields["hands_mean"]) @ fields["hands_components"][:15].T
-    path, out = tmp_path / "take.npz", tmp_path / "new.npz"
-    path.write_bytes(arrays_npz(pose=few, global_orient=turn, trans=shift, t=sample.motion.time, hand="right"))
-    options = ReadOptions(mano_model=tmp_path / "model.npz", mano_pose="pca", world_up="y")
-    recording = read_recording(path, options)
-    correction = a_correction(recording)
-    off = write_recording(path, options, recording, correction, out)
-    joints = read_recording(out, options).joints
-    assert joints is not None and off == pytest.approx(np.linalg.norm(joints - correction.joints, axis=2).max())
-    assert off is not None and 1e-4 < off < 0.02 and np.allclose(joints[:, 0], correction.joints[:, 0], atol=1e-9)
 
 
 def same_motion(again: Any, recording: Any, correction: Any, atol: float) -> None:

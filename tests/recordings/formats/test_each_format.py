@@ -1,9 +1,7 @@
 """What single formats have of their own: mappings, what a file says of itself, orders, worlds, stamps, objects."""
 
-import io
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,13 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from joint_samples import array_npy, arrays_npz, assert_our_own, joint_sample, openxr_csv, webxr_json, words
 from leap_document import document
-from pose_samples import lerobot_set, mano_fields, mano_poses, umetrack_lines, umetrack_profile
-from recorded_files import OBJECT_CSV
+from pose_samples import lerobot_set, umetrack_lines, umetrack_profile
+from recorded_files import CASES, COUNT, MOTION, OBJECT_CSV, angles_npz, laid_out
 from recording_samples import read_as, smooth_recording
 
 from hhsim.errors import HhsimError, InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.csv_file import format_csv
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.cleaning import CleaningOptions, clean_recording
@@ -71,110 +68,51 @@ def test_the_hand_of_our_own_csv_in_other_words(remark: str, side: str | None) -
 
 UNITLESS = """
 hand = "right"
-
 [time]
 column = "Time"
-
 [position]
 columns = ["X", "Y", "Z"]
-
 [joint]
 index_flex1 = "MCP"
 """
 
 
-def _table(seconds: float, metres: float, radians: float) -> str:
-    """A second of a finger that bends, in units so many times smaller than ours."""
-    rows = [(0.01 * k * seconds, 0.2 * metres, 0.1 * metres, 0.0, 0.01 * k * radians) for k in range(100)]
-    return "Time,X,Y,Z,MCP\n" + "".join(",".join(repr(cell) for cell in row) + "\n" for row in rows)
-
-
-def test_a_unit_that_the_mapping_does_not_name_is_an_options_or_is_found() -> None:
-    columns = parse_settings(UNITLESS, ColumnMap, "glove.toml")
-    assert columns.stated == frozenset()
-    sound = clean_recording(read_as("csv", _table(1.0, 1.0, 1.0), columns=columns)).trajectory
-    degrees = 180.0 / np.pi
-    units = CleaningOptions(time_unit="ms", length_unit="mm", angle_unit="deg")
-    told = clean_recording(read_as("csv", _table(1e3, 1e3, degrees), columns=columns), units)
-    assert told.findings == ()
-    # Large enough for no joint, or the numbers could be radians.
-    found = clean_recording(read_as("csv", _table(1e3, 1e3, degrees), columns=columns))
-    assert {finding.kind for finding in found.findings} == {"unit"}
-    for motion in (told.trajectory, found.trajectory):
-        assert np.allclose(motion.time, sound.time) and np.allclose(motion.position, sound.position)
-        assert np.allclose(motion.flexion, sound.flexion)
-
-
 @pytest.mark.parametrize(
     ("text", "stated"),
     [
+        (UNITLESS, set()),
         (UNITLESS.replace('"Time"', '"Time"\nunit = "s"'), {"time"}),
         (UNITLESS.replace("[position]", "[angle]\nunit = 'rad'\n[position]"), {"angle"}),
         (UNITLESS.replace('"MCP"', "{ column = 'MCP', unit = 'rad' }"), {"angle"}),
         ("palm_offset = [0.0, 0.1, 0.0]\n" + UNITLESS.replace('"Z"]', '"Z"]\nunit = "m"'), {"length"}),
     ],
 )
-def test_a_unit_that_the_mapping_names_is_stated(text: str, stated: set[str]) -> None:
+def test_a_unit_that_the_mapping_names_is_stated_and_another_is_found(text: str, stated: set[str]) -> None:
     columns = parse_settings(text, ColumnMap, "glove.toml")
     assert columns.stated == stated
-    recording = read_as("csv", _table(1e3, 1.0, 1.0), columns=columns)
+    rows = "".join(f"{10 * k},0.2,0.1,0.0,{0.01 * k}\n" for k in range(100))
+    recording = read_as("csv", f"Time,X,Y,Z,MCP\n{rows}", columns=columns)
     if "time" in stated:
         with pytest.raises(InputError, match="--time-unit ms: the file, or the mapping of its"):
             clean_recording(recording, CleaningOptions(time_unit="ms"))
         with pytest.raises(TrajectoryError, match="in another unit"):
             clean_recording(recording)
     else:
-        assert clean_recording(recording, CleaningOptions(time_unit="ms")).trajectory.duration == pytest.approx(0.99)
-
-
-CLEAN = smooth_recording(50)
-
-
-def archive(**changes: Any) -> bytes:
-    arrays: dict[str, Any] = {
-        "t": CLEAN.time,
-        "wrist_pos": CLEAN.position,
-        "wrist_quat": CLEAN.orientation,
-        "flex": CLEAN.flexion,
-        "abd": CLEAN.abduction,
-    }
-    arrays = {key: value for key, value in (arrays | changes).items() if value is not None}
-    stream = io.BytesIO()
-    np.savez_compressed(stream, **arrays)
-    return stream.getvalue()
-
-
-def test_what_the_file_says_of_itself() -> None:
-    valid = np.ones(50, dtype=bool)
-    valid[7:9] = False
-    meta = json.dumps(
-        {"source": "a lab", "hand": "left one", "frame": "palm: x=direction, z=-palmNormal; y up", "note": "!"}
-    )
-    recording = read_as("npz", archive(valid=valid, meta=np.array(meta)))
-    assert (recording.hand, recording.source) == ("left", "a lab")
-    assert np.flatnonzero(marked(recording.flags, SampleFlag.INVALID)).tolist() == [7, 8]
-    assert "palm axes x, y, z are the recording's -y, x, z; its world's y points up" in recording.findings[0].text
-    palm, theirs = rotation_matrix(recording.orientation[3]), rotation_matrix(CLEAN.orientation[3])
-    up = world_matrix("y")
-    assert np.allclose(palm[:, 1], up @ theirs[:, 0]), "their x points to the fingers"
-    assert np.allclose(palm[:, 2], up @ theirs[:, 2]), "their z points out of the back"
-    assert np.allclose(recording.position, CLEAN.position @ up.T)
-    as_ours = read_as("npz", archive(meta=np.array(meta)), palm_axes=("x", "y", "z"), world_up="z")
-    assert np.allclose(as_ours.orientation, CLEAN.orientation)
-    assert read_as("npz", archive(meta=np.array("no json"))).source == ""
+        for options in (CleaningOptions(), CleaningOptions(time_unit="ms")):
+            assert clean_recording(recording, options).trajectory.duration == pytest.approx(0.99)
 
 
 @pytest.mark.parametrize("name", ["valid", "isActive", "is_tracked"])
 def test_samples_that_are_not_valid_and_held_or_at_zero_are_missing(name: str) -> None:
-    stated, rows = np.ones(50), np.arange(50)
-    stated[[7, 20, 21, 40]] = 0.0
-    rows[[20, 21]] = 19
-    place = CLEAN.position[rows] * (rows != 40)[:, None]
-    given = {"wrist_quat": CLEAN.orientation[rows], "flex": CLEAN.flexion[rows], "abd": CLEAN.abduction[rows]}
-    recording = read_as("npz", archive(wrist_pos=place, **given, **{name: stated}))
-    assert np.flatnonzero(np.isnan(recording.position).all(axis=1)).tolist() == [20, 21, 40]
-    assert np.flatnonzero(np.isnan(recording.abduction).all(axis=1)).tolist() == [20, 21, 40]
-    assert np.flatnonzero(marked(recording.flags, SampleFlag.INVALID)).tolist() == [7, 20, 21, 40]
+    stated, rows = np.ones(COUNT), np.arange(COUNT)
+    stated[[2, 5, 6, 9]] = 0.0
+    rows[[5, 6]] = 4
+    palm = {"wrist_pos": MOTION.position[rows] * (rows != 9)[:, None], "wrist_quat": MOTION.orientation[rows]}
+    angles = {"flex": MOTION.flexion[rows], "abd": MOTION.abduction[rows]}
+    recording = read_as("npz", angles_npz(**palm, **angles, **{name: stated}))
+    assert np.flatnonzero(np.isnan(recording.position).all(axis=1)).tolist() == [5, 6, 9]
+    assert np.flatnonzero(np.isnan(recording.abduction).all(axis=1)).tolist() == [5, 6, 9]
+    assert np.flatnonzero(marked(recording.flags, SampleFlag.INVALID)).tolist() == [2, 5, 6, 9]
 
 
 def test_every_real_recording_comes_in(shared_data: Path) -> None:
@@ -278,30 +216,12 @@ def test_each_hand_of_two_arrays_is_read_by_its_side() -> None:
         assert read_as("keypoints", data, hand=side, rate=30.0).hand == side
 
 
-TURN, POSE, SHIFT = mano_poses(SAMPLE)
-FIELDS = mano_fields(SAMPLE.hand)
-RIGHT = {"rot": TURN, "pose": POSE - FIELDS["hands_mean"], "trans": SHIFT, "shape": np.zeros(10)}
-LEFT_FIELDS = mano_fields(joint_sample("left").hand, seed=1)
-LEFT = dict(zip(("rot", "pose", "trans"), mano_poses(joint_sample("left")))) | {"shape": np.zeros(10)}
-LEFT["pose"] = LEFT["pose"] - LEFT_FIELDS["hands_mean"]
-
-
-@pytest.fixture
-def options(tmp_path: Path) -> ReadOptions:
-    np.savez(tmp_path / "MANO_RIGHT.npz", **FIELDS)
-    return ReadOptions(mano_model=tmp_path / "MANO_RIGHT.npz", world_up="y", hand="right")
-
-
-def test_of_two_models_each_hand_takes_its_own(tmp_path: Path, options: ReadOptions) -> None:
-    path = tmp_path / "mug_grab_01.mano.npy"
-    np.save(path, np.array({"right": RIGHT, "left": LEFT}, dtype=object))
-    left = ReadOptions(mano_model=options.mano_model, world_up="y", hand="left")
+def test_of_two_models_each_hand_takes_its_own(tmp_path: Path) -> None:
+    path, options = laid_out(CASES["mano, lines, left"], tmp_path)
+    assert "model model_left.npz" in words(read_recording(path, options))
+    (tmp_path / "MODEL_LEFT.npz").unlink()
     with pytest.raises(InputError, match=r"left hand, but the model is called .*: is it the other hand's\?"):
-        read_recording(path, left)
-    np.savez(tmp_path / "MANO_LEFT.npz", **LEFT_FIELDS)
-    found = words(read_recording(path, left))
-    assert "model mano_left.npz" in found and "other hand's" not in found
-    assert "model mano_right.npz" in words(read_recording(path, options))
+        read_recording(path, options)
 
 
 def test_an_open_hand_whose_thumb_is_level_with_it_is_taken_for_right_handed_with_a_word() -> None:
