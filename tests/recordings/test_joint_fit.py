@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from joint_samples import Side, joint_sample, openxr_csv
+from joint_samples import Side, arrays_npz, joint_sample, openxr_csv, words
 from recording_samples import read_as, smooth_recording
 from sampled import sampled
 
@@ -25,6 +25,7 @@ from hhsim.recordings.finger_ik import (
     fitted_angles,
 )
 from hhsim.recordings.fitted_hand import fitted_axes, fitted_hand, recorded_limits
+from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 
 
 def turned_axes(side: Side, along: float, across: float) -> FingerAxes:
