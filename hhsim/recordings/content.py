@@ -38,6 +38,8 @@ MOST_UNREADABLE = 0.1
 NPY, OF_OBJECTS = b"\x93NUMPY", b"'descr': '|O'"
 """Beginning of an `.npy` file, and what its header says of one that holds objects."""
 ZIP, HDF5 = b"PK", b"\x89HDF"
+UTF_16 = (b"\xff\xfe", b"\xfe\xff")
+"""First bytes of a text of UTF-16."""
 PICKLES = tuple(bytes((0x80, protocol)) for protocol in range(2, 6))
 """First bytes of a pickle."""
 
@@ -202,14 +204,13 @@ class Content:
     @cached_property
     def exact_text(self) -> str:
         """Its text with every byte, in lines as those of `text`; TrajectoryError if it cannot be written back."""
-        try:
-            return self.data.decode(*_exact_encoding(self.data))
-        except UnicodeDecodeError:
-            raise TrajectoryError("text of UTF-16 with a damaged letter: it cannot be written back") from None
+        if self.data.startswith(UTF_16):
+            raise TrajectoryError("text of UTF-16, which is read and not written; expected UTF-8 to correct it")
+        return self.data.decode("utf-8", "surrogateescape")
 
     def edited(self, edits: Iterable[NumberEdit], decimal: str = ".") -> bytes:
         """Return its bytes with numbers of `exact_text` replaced."""
-        return edited(self.exact_text, edits, decimal).encode(*_exact_encoding(self.data))
+        return edited(self.exact_text, edits, decimal).encode("utf-8", "surrogateescape")
 
     def refuse_large(self) -> None:
         """Raise TrajectoryError for a file that is missing, or too large to be read at once."""
@@ -244,15 +245,8 @@ def opened_hdf5(data: bytes, path: Path | None = None) -> Iterator[h5py.File]:
 
 
 def _decoded(data: bytes) -> str:
-    encoding = "utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
+    encoding = "utf-16" if data.startswith(UTF_16) else "utf-8-sig"
     return data.decode(encoding, errors="replace")
-
-
-def _exact_encoding(data: bytes) -> tuple[str, str]:
-    """Return encoding and treatment of errors with which bytes survive; the byte order mark stays a letter."""
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return ("utf-16-le" if data.startswith(b"\xff") else "utf-16-be"), "surrogatepass"
-    return "utf-8", "surrogateescape"
 
 
 def _is_text(text: str) -> bool:

@@ -11,19 +11,12 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.fingers import FINGERS
 from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.recording import Recording
 
 BONES = 16
 """Bones of a hand: the palm, then three phalanges a finger from its base, thumb to little finger."""
-BONE_OF = dict.fromkeys(("wrist", "palm", *(f"{finger}_metacarpal" for finger in FINGERS[1:])), 0) | {
-    joint: 3 * finger + min(place, 2) + 1
-    for finger in range(5)
-    for place, joint in enumerate(KEYPOINTS[1 + 4 * finger : 5 + 4 * finger])
-}
-"""Bone that turns with each of OpenXR's joints: the one that begins there, of a tip the one that ends there."""
 ANGLE_DIGITS = 7
 """Decimals of an angle [rad] or of a quaternion's component in a text: 0.01 µm at a fingertip."""
 
@@ -82,10 +75,6 @@ class Changes(NamedTuple):
             return np.asarray(points + self.shift[:, KEYPOINTS.index(joint)])
         return _turned(self.turn[:, 0], points - self.centre) + self.centre + self.move
 
-    def turned(self, joint: str, orientation: FloatArray) -> FloatArray:
-        """Turn quaternions (w, x, y, z) of one of OpenXR's joints, shape (N, 4), with its bone."""
-        return quaternion_product(quaternion_from_matrix(self.turn[:, BONE_OF[joint]]), orientation)
-
     def motion(
         self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -96,7 +85,7 @@ class Changes(NamedTuple):
         given, rows = (position.copy(), orientation.copy(), flexion.copy(), abduction.copy()), self.rows
         new = (
             self.moved("palm", position[rows]),
-            self.turned("palm", orientation[rows]),
+            quaternion_product(quaternion_from_matrix(self.turn[:, 0]), orientation[rows]),
             flexion[rows] + self.angles[:, :15].reshape(-1, 5, 3),
             abduction[rows] + self.angles[:, 15:],
         )

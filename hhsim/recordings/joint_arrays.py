@@ -5,7 +5,7 @@ of Unity. The order of a row is the one whose bones are nearest to a hand's in t
 these are none of a hand, or change their lengths.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import reduce
 from typing import Any, TypeVar
 
@@ -16,10 +16,8 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.csv_table import Table
 from hhsim.motion.npz_arrays import numbers
-from hhsim.motion.text_edit import NewColumn, NumberEdit, cell_edits
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import Content, ReadOptions
-from hhsim.recordings.correction import ANGLE_DIGITS, Changes
 from hhsim.recordings.finger_ik import usual_fingers, usual_wrist
 from hhsim.recordings.joint_names import (
     KEYPOINTS,
@@ -110,7 +108,7 @@ def joint_columns(names: Mapping[str, JointName]) -> Hands[str]:
     return named_hands((name, column) for column, name in names.items() if name.part)
 
 
-def _columns_of(
+def columns_of_hand(
     names: Mapping[str, JointName], options: ReadOptions
 ) -> tuple[HandSide, dict[str, dict[str, str]], Any]:
     """Return the hand of the options, else that of more columns, its columns, and findings; error for none."""
@@ -127,7 +125,7 @@ def joints_of_table(table: Table, names: Mapping[str, JointName], options: ReadO
     It is the hand of the options, else the one with more columns. Raises TrajectoryError for no joints, no such hand,
     or a missing one of the 21 joints.
     """
-    side, joints, remarks = _columns_of(names, options)
+    side, joints, remarks = columns_of_hand(names, options)
     findings, what = [*map(note, table.notes), *remarks], recognised(located(joints), side)
 
     def cells(*columns: str) -> FloatArray:
@@ -170,37 +168,6 @@ def joints_of_table(table: Table, names: Mapping[str, JointName], options: ReadO
         object_poses=poses_in(arrays, len(table.rows), options),
         findings=findings,
     )
-
-
-def joint_edits(
-    text: str, table: Table, names: Mapping[str, JointName], options: ReadOptions, made: Changes
-) -> Iterator[NumberEdit]:
-    """Return the edits of a table's text for a correction of the hand that `joints_of_table` reads.
-
-    Joints beyond the 21 move with the palm; orientations turn with their bone. Raises InputError for orientations that
-    are no quaternions.
-    """
-    side, joints, _ = _columns_of(names, options)
-    columns: dict[str, NewColumn] = {}
-
-    def put(cells: list[str], values: FloatArray, digits: int) -> None:
-        columns.update({cell: NewColumn(column, digits) for cell, column in zip(cells, values.T)})
-
-    for joint in located(joints):
-        places = [joints[joint][axis] for axis in "xyz"]
-        put(places, made.moved(joint, table.numbers(places)[0][made.rows]), made.digits)
-    # Columns of each joint's orientation by the last letter of their names.
-    orientations: dict[str, dict[str, str]] = {}
-    for column, name in names.items():
-        if name.joint and name.side == side and name.part == "rotation":
-            orientations.setdefault(name.joint, {})[column.strip().lower()[-1:]] = column
-    for joint, turns in orientations.items():
-        cells = [turns.get(part, "") for part in "wxyz"]
-        if not all(cells) or len(turns) > 4:
-            known = ", ".join(turns.values())
-            raise InputError(f"the orientation of {joint} is {known}: no quaternion, so it cannot be corrected")
-        put(cells, made.turned(joint, table.numbers(cells)[0][made.rows]), ANGLE_DIGITS)
-    return cell_edits(text, table, made.rows.tolist(), columns)
 
 
 def frames_in(document: Any) -> tuple[list[Any], dict[str, Any]]:

@@ -24,7 +24,6 @@ from hhsim.recordings.content import Content, ReadOptions, stated_hand
 from hhsim.recordings.finger_ik import (
     finger_angles,
     finger_axes,
-    finger_joints,
     fitted_angles,
     median_bones,
     palm_from_knuckles,
@@ -139,13 +138,20 @@ def recording_of_joints(joints: JointPositions, form: str, content: Content, opt
     side = _known_side(points, side, findings, options.mirror, named, joints.misfit)
     fingers, wrist = points[:, 1:].reshape(-1, len(FINGERS), 4, 3), points[:, 0]
     palm = palm_from_knuckles(fingers[:, 1:, 0], wrist, side) if joints.palm is None else joints.palm
-    posture, off = _fitted_posture(fingers, palm, side, options.fits_angles)
+    origin = palm_origin(fingers[:, 1:, 0], palm, side)
+    joints_in_palm = in_palm(fingers - origin[:, None, None], palm)
+    base, length = median_bones(joints_in_palm)
+    flexion, abduction = np.zeros((len(palm), 5, 3)), np.zeros((len(palm), 5))
+    if options.fits_angles:
+        flexion, abduction = fitted_angles(joints_in_palm, base, length, finger_axes(side), side)
+    if not np.isfinite(abduction).any():
+        raise TrajectoryError("no sample holds the joints of a whole finger")
+    posture = HandConfiguration(origin, palm, flexion, abduction)
     radii = None if joints.radius is None else metre * joints.radius[:, 1:].reshape(-1, len(FINGERS), 4)
     bones = recorded_bones(fingers, wrist, posture, side, radii)
     if radii is not None:
         long = f"with that of the middle one the hand is {1e3 * bones.hand_length:.0f} mm long"
         findings.append(note(f"fingertips are balls of the recorded radii: {long}"))
-    findings.append(off)
     up = options.world_up or joints.up or options.usual_up
     if up is None and joints.object_poses is not None:
         up = "z"
@@ -186,28 +192,6 @@ def recording_of_joints(joints: JointPositions, form: str, content: Content, opt
     text = "joints not tracked, or of little confidence, says the device: kept"
     recording = recording.flagged(np.asarray(doubtful.any(axis=1)), SampleFlag.INVALID, text)
     return placed(recording, joints.object_poses)
-
-
-def _fitted_posture(
-    fingers: FloatArray, palm: FloatArray, side: HandSide, fits_angles: bool
-) -> tuple[HandConfiguration, Finding]:
-    """Compute our hand's posture with our knuckles on the recorded ones, and the finding about the bones' angle to it.
-
-    `fingers` are joints and tip of each finger from its base on [m], world, shape (T, 5, 4, 3).
-    """
-    origin, axes = palm_origin(fingers[:, 1:, 0], palm, side), finger_axes(side)
-    joints = in_palm(fingers - origin[:, None, None], palm)
-    base, length = median_bones(joints)
-    flexion, abduction = np.zeros((len(joints), 5, 3)), np.zeros((len(joints), 5))
-    if fits_angles:
-        flexion, abduction = fitted_angles(joints, base, length, axes, side)
-    if not np.isfinite(abduction).any():
-        raise TrajectoryError("no sample holds the joints of a whole finger")
-    bones, ours = np.diff(joints, axis=2), np.diff(finger_joints(base, length, flexion, abduction, axes), axis=2)
-    cosine = (bones * ours).sum(axis=3) / np.maximum(np.linalg.norm(bones, axis=3) * np.linalg.norm(ours, axis=3), TINY)
-    off = np.degrees(np.nanmedian(np.arccos(np.clip(cosine, -1.0, 1.0))))
-    found = note(f"bones are {off:.1f}° off our plane fingers in the median")
-    return HandConfiguration(origin, palm, flexion, abduction), found
 
 
 def _times(

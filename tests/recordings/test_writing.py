@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 from correction_samples import a_correction
-from joint_samples import array_npy, arrays_npz, joint_sample, openxr_csv
-from recorded_files import CASES, GOLDEN, Case, laid_out
-from scipy.spatial.transform import Rotation
+from joint_samples import array_npy, arrays_npz, joint_sample
+from recorded_files import CASES, COUNT, GOLDEN, Case, keypoints_csv, laid_out
 
 from hhsim.errors import InputError, OutputError, UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
@@ -44,6 +43,14 @@ NAMED = (*reversed(OPENXR_JOINTS[2:]), "wrist")
 NUMBER = re.compile(r"-?[0-9]+(?:[.,][0-9]+)?(?:[eE][-+]?[0-9]+)?")
 UP: dict[str, Any] = {"world_up": "y"}
 SIDED: dict[str, Any] = {"rate": 100.0, "hand": "right", **UP}
+UPRIGHT = ReadOptions(**UP)
+
+
+def two_hands() -> str:
+    """A table of both hands, with lines of Windows and a column of its own."""
+    left = keypoints_csv(joint_sample("left", count=COUNT).named()).replace("right_", "left_")
+    rows = (f"{a},{b.partition(',')[2]},0.5" for a, b in zip(keypoints_csv().splitlines(), left.splitlines()))
+    return "# made: by hand\r\n" + "\r\n".join(rows).replace(",0.5", ",gain", 1) + "\r\n"
 
 
 def few_digits() -> str:
@@ -67,7 +74,7 @@ FILES |= {
         {"a.npz": arrays_npz(points=SAMPLE.named(NAMED), joint_names=NAMED, fps=30, unit="m")}, UP
     ),
     "keypoints csv, bare, CR LF, few digits": Case({"a.csv": few_digits()}, SIDED),
-    "openxr, UTF-16": Case({"a.csv": openxr_csv(SAMPLE).encode("utf-16")}),
+    "keypoints, two hands": Case({"a.csv": two_hands()}, {"hand": "left", **UP}),
 }
 BINARY = (".npy", ".npz", ".pkl")
 REPACKED = (".npz", ".pkl")
@@ -133,7 +140,7 @@ def test_corrected_joints_are_read_back_and_all_else_is_the_same_text(name: str,
             assert old.dtype == new.dtype and set(np.flatnonzero(rows)) <= set(recording.rows[correction.changed]), key
         return
     # All but the numbers of corrected samples is the same text.
-    texts = [data.decode("utf-16" if "UTF-16" in name else "utf-8") for data in (before, after)]
+    texts = [data.decode() for data in (before, after)]
     assert NUMBER.sub("#", texts[0]) == NUMBER.sub("#", texts[1])
     lines = [text.splitlines() for text in texts]
     first = len(lines[0]) - recording.sample_count
@@ -141,7 +148,7 @@ def test_corrected_joints_are_read_back_and_all_else_is_the_same_text(name: str,
     assert {k for k, pair in enumerate(zip(*lines)) if pair[0] != pair[1]} == changed
 
 
-@pytest.mark.parametrize("name", ["openxr, two hands", "keypoints, npz"])
+@pytest.mark.parametrize("name", ["keypoints, two hands", "keypoints, npz"])
 def test_some_samples_in_another_order_are_found_in_the_file(name: str, tmp_path: Path) -> None:
     _, after, _, _, options, off = written(tmp_path, name, np.array([10, 3, 11, 6, 8]), changed=slice(1, 4))
     path = tmp_path / next(iter(FILES[name].files))
@@ -154,32 +161,10 @@ def test_some_samples_in_another_order_are_found_in_the_file(name: str, tmp_path
 
 
 def test_the_other_hand_and_unknown_columns_stay(tmp_path: Path) -> None:
-    before, after, *_ = written(tmp_path, "openxr, two hands")
+    before, after, *_ = written(tmp_path, "keypoints, two hands")
     old, new = (list(csv.reader(io.StringIO(data.decode()))) for data in (before, after))
     header, places = old[1], {k for a, b in zip(old, new) for k in range(len(a)) if a[k] != b[k]}
     assert {header[k].partition("_")[0] for k in places} == {"left"}
-    assert not [header[k] for k in places if "radius" in header[k]]
-
-
-@pytest.mark.parametrize("name", ["openxr", "openxr, Unity, left"])
-def test_orientations_turn_and_the_palms_joints_move_with_their_bone(name: str, tmp_path: Path) -> None:
-    before, after, recording, correction, *_ = written(tmp_path, name)
-    side = recording.hand
-    turn = recording.file_frame.rotation_to_file(correction.rotation)
-    for k in np.flatnonzero(correction.changed).tolist():
-        for joint, bone in (("wrist", 0), ("index_metacarpal", 0), ("thumb_metacarpal", 1), ("little_tip", 15)):
-            old, new = (joint_pose(data.decode(), side, joint, k) for data in (before, after))
-            expected = turn[k, bone] @ Rotation.from_quat(old[3:7]).as_matrix()
-            assert np.allclose(Rotation.from_quat(new[3:7]).as_matrix(), expected, atol=1e-6)
-            if joint == "index_metacarpal":
-                wrist = [joint_pose(data.decode(), side, "wrist", k)[:3] for data in (before, after)]
-                assert np.allclose(new[:3] - wrist[1], turn[k, 0] @ (old[:3] - wrist[0]), atol=2e-6)
-
-
-def joint_pose(text: str, side: str, joint: str, k: int) -> Any:
-    """Position and quaternion (x, y, z, w) of a joint in the file's world."""
-    row = list(csv.DictReader(io.StringIO(text)))[k]
-    return np.array([float(row[f"{side}_{joint}_{part}"]) for part in ("x", "y", "z", "qx", "qy", "qz", "qw")])
 
 
 @pytest.mark.parametrize("names", [OPENXR_JOINTS, WEBXR_JOINTS, UNITY_JOINTS])
@@ -209,11 +194,10 @@ def test_what_cannot_be_written_says_so(tmp_path: Path) -> None:
     still = read_recording(path, ReadOptions(rate=100.0, hand="right"))
     with pytest.raises(InputError, match="no world frame"):
         write_recording(path, ReadOptions(rate=100.0, hand="right"), still, a_correction(still), tmp_path / "new.npy")
-    euler = re.sub("_q([xyz])", r"_rot_\1", openxr_csv(SAMPLE)).replace("_qw", "_other")
-    (tmp_path / "e.csv").write_text(euler)
-    recording = read_recording(tmp_path / "e.csv")
-    with pytest.raises(InputError, match=r"orientation of .*_rot_x, .*: no quaternion"):
-        write_recording(tmp_path / "e.csv", ReadOptions(), recording, a_correction(recording), tmp_path / "f.csv")
+    (tmp_path / "wide.csv").write_text(keypoints_csv(), encoding="utf-16")
+    recording = read_recording(tmp_path / "wide.csv", UPRIGHT)
+    with pytest.raises(InputError, match="text of UTF-16, which is read and not written; expected UTF-8"):
+        write_recording(tmp_path / "wide.csv", UPRIGHT, recording, a_correction(recording), tmp_path / "f.csv")
     assert not (tmp_path / "f.csv").exists()
 
 
@@ -325,4 +309,4 @@ def test_what_is_read_and_not_written_has_a_new_file(name: str, suffix: str, tmp
 
 def test_the_formats_that_are_read_and_not_written() -> None:
     found = {form.name for form in recording_formats().values() if form.write is None}
-    assert found == {"aria", "bvh", "dexmo", "egodex", "leap", "lerobot", "mcap", "umetrack", "webxr"}
+    assert found == {"aria", "bvh", "dexmo", "egodex", "leap", "lerobot", "mcap", "openxr", "umetrack", "webxr"}

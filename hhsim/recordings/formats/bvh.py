@@ -90,8 +90,8 @@ class Bvh:
 
     joints: tuple[Joint, ...]  # joints, parents before children
     frame_time: float  # time between frames [s]
-    values: FloatArray  # channels in each frame, NaN where missing, shape (T, C)
-    findings: tuple[Finding, ...]  # notes about frames that are missing or broken
+    values: FloatArray  # channels in each frame, shape (T, C)
+    findings: tuple[Finding, ...]  # notes about frames that are missing
 
     def pose(self) -> tuple[FloatArray, FloatArray]:
         """Compute world positions of all joints and ends in the file's unit, (T, J, 3), and rotations, (T, J, 3, 3)."""
@@ -183,22 +183,12 @@ def _motion(lines: list[tuple[int, list[str]]], joints: tuple[Joint, ...], *, co
         # A number that was cut in the middle is a wrong number that looks like a right one.
         findings.append(note(f"line {rows[-1][0]}, the last one, has no line end: left out, it may have been cut"))
         rows = rows[:-1]
-    width, broken = sum(len(joint.channels) for joint in joints), []
-    values = np.full((len(rows), width), np.nan)
-    for row, (number, words) in enumerate(rows):
-        try:
-            values[row] = _numbers(words, width, f"line {number}", "frame")
-        except TrajectoryError:
-            broken.append(number)
-    if broken:
-        text = f"{counted(len(broken), 'frame')} without {width} numbers: missing, first line {broken[0]}"
-        if len(broken) > 0.25 * len(rows):
-            raise TrajectoryError(f"{text}; expected one a channel in each of {len(rows)}")
-        findings.append(note(text))
+    width = sum(len(joint.channels) for joint in joints)
+    values = np.array([_numbers(words, width, f"line {number}", "frame") for number, words in rows])
     zeros = 0
     for joint in joints:
         places = joint.places(POSITIONS)
-        largest = np.nan_to_num(np.abs(values[:, places]), nan=0.0).max(initial=0.0)
+        largest = np.abs(values[:, places]).max(initial=0.0)
         if joint.parent >= 0 and places and largest < STILL_OFFSET * np.linalg.norm(joint.offset):
             joint.channels = tuple("" if name in POSITIONS else name for name in joint.channels)
             zeros += 1

@@ -21,15 +21,16 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.motion.csv_table import Table, format_table, lacks_names, read_table
 from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, numbers, read_npy
+from hhsim.motion.text_edit import NewColumn, cell_edits
 from hhsim.motion.trajectory import as_numbers
 from hhsim.recordings.content import NPY, ZIP, Content, ReadOptions
 from hhsim.recordings.correction import Changes
 from hhsim.recordings.joint_arrays import (
     ORDERS,
     beside_points,
+    columns_of_hand,
     frames_in,
     joint_columns,
-    joint_edits,
     joints_of_frames,
     joints_of_table,
     listed_joints,
@@ -144,7 +145,12 @@ def _write(content: Content, options: ReadOptions, recording: Recording, made: C
     joints = row_names(joints_of_table(table, names, options).position, content, options)[0]
     read = dict(zip(KEYPOINTS, joints))
     names = {column: name._replace(joint=read[name.joint]) for column, name in names.items()}
-    return content.edited(joint_edits(content.exact_text, table, names, options, made), table.decimal)
+    columns: dict[str, NewColumn] = {}
+    for joint, parts in columns_of_hand(names, options)[1].items():
+        cells = [parts[axis] for axis in "xyz"]
+        moved = made.moved(joint, table.numbers(cells)[0][made.rows])
+        columns |= {cell: NewColumn(values, made.digits) for cell, values in zip(cells, moved.T)}
+    return content.edited(cell_edits(content.exact_text, table, made.rows.tolist(), columns), table.decimal)
 
 
 def _moved(array: Any, content: Content, options: ReadOptions, made: Changes) -> FloatArray:

@@ -32,8 +32,6 @@ MAGIC = b"PAR1"
 JOINTS = len(WEBXR_JOINTS)
 LEVELS_UP = 4
 """Most folders from the file up to that of meta/."""
-MOST_CELLS = 1 << 28
-"""Largest file, rows times columns."""
 MOST_BYTES = 1 << 28
 """Largest column of an episode [bytes]: half an hour of two hands at 100 Hz in doubles."""
 
@@ -97,8 +95,6 @@ def _columns(data: bytes) -> dict[str, Any]:
 
     def read() -> dict[str, Any]:
         file = parquet.ParquetFile(pyarrow.BufferReader(data), page_checksum_verification=True)
-        if file.metadata.num_rows * max(file.metadata.num_columns, 1) > MOST_CELLS:
-            raise TrajectoryError(f"{file.metadata.num_rows:,} rows; expected a recording of a hand")
         table = file.read(use_threads=False)
         if table.nbytes > most_unpacked(len(data)):
             raise TrajectoryError(f"{table.nbytes:,} bytes in a file of {len(data):,}; expected a recording of a hand")

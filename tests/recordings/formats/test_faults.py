@@ -265,7 +265,6 @@ def test_what_is_no_packed_text_is_refused(packed: str) -> None:
     ("module", "limit", "size", "said"),
     [
         (lerobot, "MOST_BYTES", 5000, r"observation.hand_joints has \d MB; expected"),
-        (lerobot, "MOST_CELLS", 10, "12 rows; expected"),
         (lerobot, "most_unpacked", lambda size: size // 10, r"[\d,]+ bytes in a file of [\d,]+; expected a recording"),
         (mcap, "MOST_SAMPLES", 9, "more than 9 messages"),
         (mcap, "MOST_BYTES", 9_000, "chunks of more than 1 GB"),
