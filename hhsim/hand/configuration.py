@@ -1,24 +1,11 @@
 """Configurations of a hand along time: plain unchecked arrays without stamps, as solvers take and records hold them."""
 
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_vector
-
-
-class _Posed(Protocol):
-    """Anything with the four arrays: ticks, a record of them, a trajectory."""
-
-    @property
-    def position(self) -> FloatArray: ...
-    @property
-    def orientation(self) -> FloatArray: ...
-    @property
-    def flexion(self) -> FloatArray: ...
-    @property
-    def abduction(self) -> FloatArray: ...
 
 
 class HandConfiguration(NamedTuple):
@@ -36,8 +23,8 @@ class HandConfiguration(NamedTuple):
         return f"HandConfiguration({', '.join(f'{name}={value}' for name, value in zip(self._fields, values))})"
 
     @classmethod
-    def of(cls, posed: _Posed) -> "HandConfiguration":
-        """Return the configurations of a record that has more, without a copy."""
+    def of(cls, posed: Any) -> "HandConfiguration":
+        """Return the configurations of a record that has these four arrays and more, without a copy."""
         return cls(posed.position, posed.orientation, posed.flexion, posed.abduction)
 
     @property

@@ -1,8 +1,7 @@
-"""Replacement of numbers in a text: whatever is not replaced stays as it is, sign for sign."""
+"""Replacement of numbers in the text of a table: whatever is not replaced stays as it is, sign for sign."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import accumulate
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from hhsim.arrays import FloatArray
@@ -12,15 +11,6 @@ MOST_DECIMALS = 17
 """Largest number of decimals that is written."""
 
 
-class NumberEdit(NamedTuple):
-    """New value of the number at text[start:end], with at least so many decimals; NaN leaves it."""
-
-    start: int
-    end: int
-    value: float
-    decimals: int
-
-
 class NewColumn(NamedTuple):
     """New values of a table's column, NaN where it stays, shape (N,), and the least number of their decimals."""
 
@@ -28,38 +18,36 @@ class NewColumn(NamedTuple):
     decimals: int
 
 
-def edited(text: str, edits: Iterable[NumberEdit], decimal: str = ".") -> str:
-    """Return the text with numbers replaced, each with as many decimals as it had, or more if the edit says so.
+def edited(text: str, table: Table, rows: Sequence[int], columns: Mapping[str, NewColumn]) -> str:
+    """Return a table's text with new values of some columns in some of its rows.
 
-    A number of the same value is left as it is written.
+    Each has as many decimals as the number had, or more if its column says so; one of the same value stays as written.
     """
-    parts, place = [], 0
-    for edit in sorted(edits):
-        old = text[edit.start : edit.end].replace(decimal, ".")
-        try:
-            same = float(old) == edit.value
-        except ValueError:
-            continue
-        if same or edit.value != edit.value:
-            continue
-        digits, _, exponent = old.lower().partition("e")
-        had = len(digits.partition(".")[2]) - int(exponent or 0)
-        new = f"{edit.value:.{min(max(edit.decimals, had), MOST_DECIMALS)}f}"
-        parts += [text[place : edit.start], new.replace(".", decimal)]
-        place = edit.end
-    return "".join([*parts, text[place:]])
-
-
-def cell_edits(text: str, table: Table, rows: Sequence[int], columns: Mapping[str, NewColumn]) -> Iterator[NumberEdit]:
-    """Yield the edits of a table's text for new values of some columns in some of its rows."""
-    lines, starts = text.splitlines(), [0, *accumulate(map(len, text.splitlines(keepends=True)))]
-    cells = [(table.header.index(column), new) for column, new in columns.items()]
+    lines = text.splitlines(keepends=True)
+    cells = sorted((table.header.index(column), new) for column, new in columns.items())
     for k, row in enumerate(rows):
         number = table.lines[row] - 1
-        spans = _cell_spans(lines[number], table.delimiter)
-        for place, new in cells:
+        line = lines[number]
+        spans = _cell_spans(line.splitlines()[0], table.delimiter)
+        # From the last cell on, so that the places of those before stay.
+        for place, new in reversed(cells):
             first, last = spans[place]
-            yield NumberEdit(starts[number] + first, starts[number] + last, float(new.values[k]), new.decimals)
+            cell = _new_number(line[first:last], float(new.values[k]), new.decimals, table.decimal)
+            line = line[:first] + cell + line[last:]
+        lines[number] = line
+    return "".join(lines)
+
+
+def _new_number(given: str, value: float, decimals: int, decimal: str) -> str:
+    old = given.replace(decimal, ".")
+    try:
+        if float(old) == value or value != value:
+            return given
+    except ValueError:
+        return given
+    digits, _, exponent = old.lower().partition("e")
+    had = len(digits.partition(".")[2]) - int(exponent or 0)
+    return f"{value:.{min(max(decimals, had), MOST_DECIMALS)}f}".replace(".", decimal)
 
 
 def _cell_spans(line: str, delimiter: str) -> list[tuple[int, int]]:

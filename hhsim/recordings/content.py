@@ -2,7 +2,7 @@
 
 import io
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import h5py
 import numpy as np
 
-from hhsim.arrays import AnyArray, BoolArray
+from hhsim.arrays import AnyArray, BoolArray, IntArray
 from hhsim.errors import DamagedFileError, TrajectoryError
-from hhsim.motion.csv_table import read_header, read_remarks, read_table
+from hhsim.motion.csv_table import Table, read_header, read_remarks, read_table
 from hhsim.motion.npz_arrays import npz_of, read_npz
 from hhsim.motion.pickled_data import flat, npy_dictionary, pickled_arrays, pickled_with
-from hhsim.motion.text_edit import NumberEdit, edited
+from hhsim.motion.text_edit import NewColumn, edited
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_names import StatedFields, kind_of
 from hhsim.recordings.json_document import nested, read_json
@@ -208,9 +208,9 @@ class Content:
             raise TrajectoryError("text of UTF-16, which is read and not written; expected UTF-8 to correct it")
         return self.data.decode("utf-8", "surrogateescape")
 
-    def edited(self, edits: Iterable[NumberEdit], decimal: str = ".") -> bytes:
-        """Return its bytes with numbers of `exact_text` replaced."""
-        return edited(self.exact_text, edits, decimal).encode("utf-8", "surrogateescape")
+    def edited(self, table: Table, rows: IntArray, columns: Mapping[str, NewColumn]) -> bytes:
+        """Return the bytes of its table with new values of some columns in some rows; errors as of `exact_text`."""
+        return edited(self.exact_text, table, rows.tolist(), columns).encode("utf-8", "surrogateescape")
 
     def refuse_large(self) -> None:
         """Raise TrajectoryError for a file that is missing, or too large to be read at once."""

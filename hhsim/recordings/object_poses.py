@@ -26,7 +26,6 @@ from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import ObjectMotion, as_numbers
 from hhsim.recordings.content import NPY, ZIP, Content, ReadOptions
 from hhsim.recordings.frames import OURS, mirrored, quaternions_of
-from hhsim.recordings.json_document import ROWS, frame_arrays, keys_of, leaves
 from hhsim.recordings.recording import MOST, Finding, Recording, note, unreadable, unused
 from hhsim.recordings.unit_detection import CERTAINLY_FAR, FAR, TIME_UNITS, time_column
 
@@ -54,6 +53,8 @@ SHAPES: dict[str, tuple[tuple[int, ...], ...]] = {
     "position": ((3,),), "turn": ((4,), (3,), (3, 3), (9,)), "pose": POSE_SHAPES,
 }  # fmt: skip
 """Shapes of a row of each kind."""
+ROWS = "rows"
+"""Name of an array that has none."""
 OBJECT_UID = "object_uid"
 """Column of the object of each row in a table of several, as HOT3D's."""
 
@@ -369,18 +370,7 @@ def _arrays_of(content: Content, wanted: str | None, findings: list[Finding]) ->
     if content.head.startswith(ZIP):
         return content.arrays
     if content.is_json:
-        document = content.document
-        if isinstance(document, dict):
-            lists = (value for value in document.values() if isinstance(value, list) and value)
-            records = next((value for value in lists if isinstance(value[0], dict)), None)
-            if records is None:
-                return {name: values for _, name, values in leaves(document)}
-            document = records
-        if not isinstance(document, list) or not document:
-            raise TrajectoryError(f"JSON that is {keys_of(document)}; expected a list of poses")
-        if isinstance(document[0], dict):
-            document = [record for record in document if isinstance(record, dict)]
-        return {name: values for (_, name), values in frame_arrays(document).items()}
+        raise TrajectoryError("JSON; expected poses as .csv, .npy or .npz, or among the frames of the recording")
     header = read_header(content.text)
     bare = lacks_names(header)
     table = read_table(content.text, names=[f"number {k}" for k in range(len(header))] if bare else None)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from hhsim.errors import HhsimError
 from hhsim.motion.csv_table import read_table
-from hhsim.motion.text_edit import NewColumn, NumberEdit, cell_edits, edited
+from hhsim.motion.text_edit import NewColumn, edited
 
 
 def test_tables_of_many_makers() -> None:
@@ -82,14 +82,13 @@ def test_what_is_no_table_is_refused(text: str, words: str) -> None:
         ("", 1.0, 6, ""),
         ("n/a", 1.0, 6, "n/a"),
         ("0.000000000000000000001", 0.1, 2, "0.10000000000000001"),
+        ("1,50", 2.25, 1, "2,25"),
     ],
 )
 def test_a_number_keeps_its_decimals_or_gets_those_it_needs(old: str, value: float, decimals: int, new: str) -> None:
-    assert edited(f"a {old},", [NumberEdit(2, 2 + len(old), value, decimals)]) == f"a {new},"
-
-
-def test_a_decimal_comma_stays_one() -> None:
-    assert edited("1,50", [NumberEdit(0, 4, 2.25, 1)], ",") == "2,25"
+    text = f"a;b\n{old};x\n"
+    table = read_table(text, decimal="," if "," in old else ".")
+    assert edited(text, table, [0], {"a": NewColumn(np.array([value]), decimals)}) == f"a;b\n{new};x\n"
 
 
 CELLS = st.one_of(
@@ -110,7 +109,7 @@ def test_the_cells_are_those_of_the_reader(rows: list[list[str]], sign: str, end
     table = read_table(text)
     name, picked = "abcd"[column], list(range(0, len(table.rows), 2))
     new = np.linspace(5.0, 6.0, len(picked))
-    made = edited(text, cell_edits(text, table, picked, {name: NewColumn(new, 12)}))
+    made = edited(text, table, picked, {name: NewColumn(new, 12)})
     again = read_table(made)
     for k, (one, other) in enumerate(zip(table.rows, again.rows, strict=True)):
         assert [cell for j, cell in enumerate(one) if j != column] == [c for j, c in enumerate(other) if j != column]
@@ -122,5 +121,5 @@ def test_the_cells_are_those_of_the_reader(rows: list[list[str]], sign: str, end
 
 def test_words_between_blanks_are_cells_too() -> None:
     text = "t  x   y\n0  1.0   2.0  \n 1  3.0 4.0\n"
-    edits = cell_edits(text, read_table(text), [0, 1], {"y": NewColumn(np.array([7.0, 8.0]), 0)})
-    assert edited(text, edits) == "t  x   y\n0  1.0   7.0  \n 1  3.0 8.0\n"
+    new = {"y": NewColumn(np.array([7.0, 8.0]), 0)}
+    assert edited(text, read_table(text), [0, 1], new) == "t  x   y\n0  1.0   7.0  \n 1  3.0 8.0\n"

@@ -1,6 +1,5 @@
 """Poses of an object: in a file of their own in every layout, and among the arrays, columns and keys of recordings."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -35,10 +34,6 @@ def csv(header: str, *columns: FloatArray) -> bytes:
     rows = np.concatenate([np.reshape(column, (len(column), -1)) for column in columns], axis=1)
     lines = [",".join(map(repr, row)) for row in rows.tolist()]
     return "".join(f"{line}\n" for line in ([header, *lines] if header else lines)).encode()
-
-
-def js(document: Any) -> bytes:
-    return json.dumps(document).encode()
 
 
 def named(*parts: str) -> str:
@@ -86,32 +81,6 @@ FILES: dict[str, tuple[str, bytes]] = {
     "csv pose_0": (".csv", csv(named(*(f"pose_{k}" for k in range(12))), MATRIX[:, :3])),
     "csv bare": (".csv", csv("", MATRIX)),
     "csv bare stamps": (".csv", csv("", TIME, MATRIX)),
-    "json matrices": (".json", js(MATRIX.tolist())),
-    "json frames": (
-        ".json",
-        js(
-            {
-                "unit": "m",
-                "frames": [
-                    {"t_ms": 1e3 * t, "position": dict(zip("xyz", p)), "rotation": dict(zip("xyzw", q))}
-                    for t, p, q in zip(TIME.tolist(), PLACE.tolist(), XYZW.tolist())
-                ],
-            }
-        ),
-    ),
-    "json nested": (
-        ".json",
-        js(
-            [
-                {"object": {"pose": {"position": p, "orientation_wxyz": q}}}
-                for p, q in zip(PLACE.tolist(), WXYZ.tolist())
-            ]
-        ),
-    ),
-    "json columns": (
-        ".json",
-        js({"time": TIME.tolist(), "translation": PLACE.tolist(), "quaternion_xyzw": XYZW.tolist()}),
-    ),
 }
 
 
@@ -140,7 +109,7 @@ def test_every_layout_gives_the_known_motion(form: str, tmp_path: Path) -> None:
     suffix, data = FILES[form]
     motion, said = read(tmp_path, data, suffix)
     assert_pose(motion)
-    stated = any(word in form for word in ("mm", "HOT3D", "axis-angle", "ARCTIC", "remark", "json frames"))
+    stated = any(word in form for word in ("mm", "HOT3D", "axis-angle", "ARCTIC", "remark"))
     assert ("no unit of the object's poses" in said) is not stated
     left = {"npz pose": "object_name", "npz any name": "gain", "csv in mm": "gain"}.get(form)
     assert (f"not used: {left}" in said) if left else "not used" not in said
@@ -150,11 +119,7 @@ def test_every_layout_gives_the_known_motion(form: str, tmp_path: Path) -> None:
 def test_an_open_order_of_quaternions_is_asked_for(order: str, tmp_path: Path) -> None:
     rows = np.concatenate([PLACE, {"wxyz": WXYZ, "xyzw": XYZW}[order]], axis=1)
     stamped = np.concatenate([TIME[:, None], rows], axis=1)
-    for data, suffix in (
-        (array_npy(rows), ".npy"),
-        (csv("", stamped), ".txt"),
-        (js([{"position": row[:3], "orientation": row[3:]} for row in rows.tolist()]), ".json"),
-    ):
+    for data, suffix in ((array_npy(rows), ".npy"), (csv("", stamped), ".txt")):
         with pytest.raises(TrajectoryError, match=r"poses\..*: '.*' does not say .* expected --pose-order wxyz\|xyzw"):
             read(tmp_path, data, suffix)
         assert_pose(read(tmp_path, data, suffix, pose_order=order)[0])
@@ -182,22 +147,15 @@ def test_stamps_of_its_own_are_interpolated(tmp_path: Path) -> None:
 
 
 def test_one_row_is_an_object_at_rest_and_missing_rows_are_missing(tmp_path: Path) -> None:
-    for data, suffix in (
-        (array_npy(MATRIX[:1]), ".npy"),
-        (array_npy(MATRIX[0]), ".npy"),
-        (js(MATRIX[0].tolist()), ".json"),
-    ):
-        motion, _ = read(tmp_path, data, suffix)
+    for data in (array_npy(MATRIX[:1]), array_npy(MATRIX[0])):
+        motion, _ = read(tmp_path, data, ".npy")
         assert_pose(motion, np.tile(PLACE[0], (COUNT, 1)), np.tile(MATRIX[0, :3, :3], (COUNT, 1, 1)))
     holed = MATRIX.copy()
     holed[3] = np.nan
-    rows: list[Any] = holed.tolist()
-    rows[3] = None
-    for data, suffix in ((array_npy(holed), ".npy"), (js(rows), ".json")):
-        motion, _ = read(tmp_path, data, suffix)
-        seen = np.arange(COUNT) != 3
-        assert np.isnan(motion.position[3]).all() and np.isnan(motion.orientation[3]).all()
-        assert_pose(motion.at(np.flatnonzero(seen)), PLACE[seen], MATRIX[seen, :3, :3])
+    motion, _ = read(tmp_path, array_npy(holed), ".npy")
+    seen = np.arange(COUNT) != 3
+    assert np.isnan(motion.position[3]).all() and np.isnan(motion.orientation[3]).all()
+    assert_pose(motion.at(np.flatnonzero(seen)), PLACE[seen], MATRIX[seen, :3, :3])
 
 
 SKEWED = MATRIX.copy()
@@ -223,7 +181,7 @@ FAR[:, :3, 3] = 30.0
         (arrays_npz(pose=MATRIX, t=TIME[::-1]), ".npz", "the stamps of the poses do not increase"),
         (csv("a,b,c", PLACE), ".csv", "columns a, b, c; expected px, py, pz"),
         (csv("px,py,pz,rot_x,rot_y,rot_z", PLACE, PLACE), ".csv", "only one of an object's position and orientation"),
-        (b'{"poses": 3}', ".json", "no poses|expected"),
+        (b'{"poses": 3}', ".json", r"JSON; expected poses as \.csv, \.npy or \.npz"),
         (b"\x00\x01", ".bin", "no text"),
     ],
 )

@@ -16,7 +16,7 @@ from hhsim.motion.csv_file import (
     format_csv,
 )
 from hhsim.motion.csv_table import Table, read_table
-from hhsim.motion.text_edit import NewColumn, cell_edits
+from hhsim.motion.text_edit import NewColumn
 from hhsim.motion.trajectory import ObjectMotion, Trajectory
 from hhsim.recordings.column_map import ColumnMap, mapped, stamp_columns
 from hhsim.recordings.content import Content, ReadOptions
@@ -73,7 +73,7 @@ def _write(content: Content, options: ReadOptions, recording: Recording, made: C
     rows = np.concatenate([part[made.rows].reshape(len(made.rows), -1) for part in moved], axis=1)
     digits = [made.digits] * 3 + [ANGLE_DIGITS] * 24
     new = {name: NewColumn(*column) for name, *column in zip(COLUMNS[1:], rows.T, digits)}
-    return content.edited(cell_edits(content.exact_text, table, made.rows.tolist(), new), table.decimal)
+    return content.edited(table, made.rows, new)
 
 
 def _make(suffix: str, motion: HandMotion) -> bytes:

@@ -21,7 +21,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.motion.csv_table import Table, format_table, lacks_names, read_table
 from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, numbers, read_npy
-from hhsim.motion.text_edit import NewColumn, cell_edits
+from hhsim.motion.text_edit import NewColumn
 from hhsim.motion.trajectory import as_numbers
 from hhsim.recordings.content import NPY, ZIP, Content, ReadOptions
 from hhsim.recordings.correction import Changes
@@ -150,7 +150,7 @@ def _write(content: Content, options: ReadOptions, recording: Recording, made: C
         cells = [parts[axis] for axis in "xyz"]
         moved = made.moved(joint, table.numbers(cells)[0][made.rows])
         columns |= {cell: NewColumn(values, made.digits) for cell, values in zip(cells, moved.T)}
-    return content.edited(cell_edits(content.exact_text, table, made.rows.tolist(), columns), table.decimal)
+    return content.edited(table, made.rows, columns)
 
 
 def _moved(array: Any, content: Content, options: ReadOptions, made: Changes) -> FloatArray:
