@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from hhsim.hand.model import HandModel
 from hhsim.live.gloves import Hand, PoseConfig, configure
-from hhsim.live.processes import RingReader
+from hhsim.live.processes import RingReader, Stage
 from hhsim.live.session.scene import LiveScene, grasping_hand, make_live_scene
 from hhsim.live.session.settings import LiveSetup, OutputLimits
-from hhsim.live.session.status import Stage
 from hhsim.live.session.supervisor import LOOP, WATCHDOG, Supervisor
 from hhsim.mesh.catalogue import load_object
 from hhsim.result.safety import Safety

@@ -209,7 +209,6 @@ class UdpGlove(GloveDevice):
                 counters.other += 1
                 self._unused = packet.kind
             elif self._order.take(packet.session, packet.seq, now):
-                self._port.keep_to_sender()
                 self._waiting.append((packet, now))
                 self._heard_ns = now
                 self._kind = packet.kind

@@ -34,7 +34,7 @@ from renewed import Renewed
 from sampled import sampled
 
 from hhsim.kernels.live.plausibility import TRUST
-from hhsim.live.session.status import Stage
+from hhsim.live.processes import Stage
 from hhsim.live.session.supervisor import RECORDER, WATCHDOG
 from hhsim.result.reader import load_result
 

@@ -16,9 +16,8 @@ from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.live.device import FORCES, LIMITS, DeviceError
 from hhsim.live.drivers.poses import FixedPose, PoseSource
 from hhsim.live.gloves import PoseConfig
-from hhsim.live.processes import RingReader
+from hhsim.live.processes import RingReader, Stage
 from hhsim.live.session.settings import SafetyLimits
-from hhsim.live.session.status import Stage
 from hhsim.live.session.story import BEGINS_INSIDE
 from hhsim.result.safety import Safety
 

@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 from sampled import sampled
 
 from hhsim.errors import InputError
+from hhsim.live.processes import LoopProcess, Stage
 from hhsim.live.session.loop import loop_options
 from hhsim.live.session.memory import TICK_CAPACITY, SessionMemory
 from hhsim.live.session.recorder import CUT_SHORT, LOOP_DIED, Recorder, SessionWriter
-from hhsim.live.session.status import LoopProcess, Stage
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import LIVE_TICK_COLUMNS, TICK_COLUMNS

@@ -21,11 +21,10 @@ from short_grasp import short_grasp, short_scene
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_TOUCHING
 from hhsim.live.gloves import configure
-from hhsim.live.processes import RingReader
+from hhsim.live.processes import RingReader, Stage
 from hhsim.live.session.memory import LIVE_TICK, SessionMemory
 from hhsim.live.session.recorder import SessionWriter
 from hhsim.live.session.settings import LiveSetup
-from hhsim.live.session.status import Stage
 from hhsim.live.session.viewer import LiveViewer
 from hhsim.render.triangle_soup import piece_poses
 from hhsim.result.reader import load_result
