@@ -29,7 +29,6 @@ class Kind(IntEnum):
     """Kind of the numbers of a packet."""
 
     BENDS = 1
-    CHANNELS = 2
     JOINTS = 3
     POSE = 4
     HAND = 5
@@ -37,7 +36,7 @@ class Kind(IntEnum):
     FORCES = 17
 
 
-COUNT = dict(zip(Kind, (5, 11, 20, 7, 208, 10, 15), strict=True))
+COUNT = dict(zip(Kind, (5, 20, 7, 208, 10, 15), strict=True))
 """Number of numbers of each kind."""
 LONGEST = HEADER.size + 4 * max(COUNT.values())
 
