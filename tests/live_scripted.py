@@ -350,6 +350,17 @@ class ScriptedSession:
         self.both = InStep(self.setup, self.memory, self.glove, self.clock, pose=pose, accounts=self.accounts)
         self.loop = self.both.loop
 
+    def solving(self, action: Callable[[], object], *ticks: int) -> None:
+        """Let something happen in these ticks when they are to be solved."""
+        sound = self.loop.one_tick.solve
+
+        def solve() -> None:
+            if self.loop.deadlines.at.tick in ticks:
+                action()
+            sound()
+
+        self.loop.one_tick.solve = solve
+
     def run(self) -> Self:
         self.reason = self.both.run()
         self.ticks: NDArray[Any] = TickReader(self.memory).read_hands(10**6)[1][0]
