@@ -12,7 +12,7 @@ from .console import print_json, print_table
 @click.command(cls=options.Command)
 @options.json
 def command(as_json: bool) -> None:
-    """Show versions, processor, clock and what is missing.
+    """Show versions, processor and what is missing.
 
     Put it into every report of a fault; it names neither you nor the host.
 
@@ -27,7 +27,7 @@ def command(as_json: bool) -> None:
     if as_json:
         print_json(info)
         return
-    machine, clock, kernels = info["machine"], info["clock"], info["kernels"]
+    machine, kernels = info["machine"], info["kernels"]
     changed = " with uncommitted changes" if info["revision"]["dirty"] is True else ""
     compiled = "compiled" if kernels["compiled"] else "not compiled yet: the first run does it, once"
     rows = [
@@ -36,8 +36,6 @@ def command(as_json: bool) -> None:
         ("Python", machine["python"]),
         ("system", machine["system"]),
         ("processor", f"{machine['cpu']}, {counted(machine['cores'], 'core')}"),
-        ("clock", f"{clock['function']}, source {clock['source']}"),
-        ("clock step", f"{clock['step'] * 1e9:.0f} ns seen, {clock['resolution'] * 1e9:.0f} ns stated"),
         ("kernels", compiled if kernels["jit"] else "interpreted: NUMBA_DISABLE_JIT is set"),
         ("kernel cache", kernels["folder"]),
         *sorted((name, version) for name, version in info["packages"].items() if name != "hhsim"),

@@ -38,7 +38,7 @@ COMMANDS = {
     "gate": "Judge a change for CI: errors, work and time, yes or no.",
     "build-tree": "Cover an object, or a robot, with spheres, with a proof.",
     "doctor": "Tell whether this machine keeps 1 kHz, and if not, why.",
-    "info": "Show versions, processor, clock and what is missing.",
+    "info": "Show versions, processor and what is missing.",
 }
 """Commands with one line each; a command's module is named like it, with underscores, and holds `command`."""
 

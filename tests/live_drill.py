@@ -2,25 +2,27 @@
 
 import os
 import signal
+import socket
 import time
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from fake_gloves import FakeDexmo
-from machine_share import MachineShare
+from live_peers import free_ports
+from machine_share import MachineShare, assert_in_time
 from numpy.typing import NDArray
 
 from hhsim.hand.model import HandModel
 from hhsim.live.gloves import Hand, PoseConfig, configure
-from hhsim.live.processes import RingReader
+from hhsim.live.processes import RingReader, Stage
+from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.scene import LiveScene, grasping_hand, make_live_scene
 from hhsim.live.session.settings import LiveSetup, OutputLimits
-from hhsim.live.session.status import Stage
 from hhsim.live.session.supervisor import LOOP, WATCHDOG, Supervisor
 from hhsim.mesh.catalogue import load_object
-from hhsim.result.safety import Safety
 from hhsim.scene.body import CLEARANCE
 from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.solver.hand_solver import warm_up
@@ -32,46 +34,43 @@ IN_TIME = 50_000_000
 """Fingers are free so long after a fault [ns], the machine's share taken out (`MachineShare`)."""
 PATIENCE = 180.0
 """Longest wait for something that comes soon on a quiet machine [s]."""
+JUST_BEFORE = 1_000_000_000
+"""A finger is held so shortly before a fault [ns]."""
 STIFF = 0.2
 RATE = 250.0
 """Ticks a second [Hz]."""
 
 
-def grasping_setup(port: int, record: Path | None, side: Hand = "right") -> LiveSetup:
-    """Fingers that close on a cube at the place where they grasp it, and are stopped soon."""
-    scene = grasping_scene(port, side)
-    warm_up(scene.scene.hands[0].model, SolverOptions())
-    return _held(scene, record)
-
-
-def two_grasping_setup(ports: Sequence[int], record: Path | None, *, free: bool = False) -> LiveSetup:
-    """The same of both hands at one cube, free or not."""
-    right = grasping_scene(ports[0], "right", free=free)
-    return _held(right.both(grasping_scene(ports[1], "left", free=free, beside=right)), record)
-
-
-def grasping_scene(port: int, side: Hand, *, free: bool = False, beside: LiveScene | None = None) -> LiveScene:
-    """The cube, and a glove of a hand where it grasps it."""
-    item = load_object("cube")
-    tree = cached_sphere_tree(item.mesh, TreeOptions(level=3))
-    device = configure("dexmo", port=port, hand=side)
-    hand, bodies = HandModel.default(side), DeclaredBodies.of_mesh(item.mesh, tree)
-    other = None if beside is None else grasping_hand(beside.scene.hands[0].model, tree, None)
-    low = float(item.mesh.bounds[0, 2])
-    freed = (lambda scene: scene.freed(mass=0.1, table=low - CLEARANCE)) if free else (lambda scene: scene)
-    pose = PoseConfig("fixed")
-    return make_live_scene(bodies, hand, device, pose, None, rate=RATE, other=other, freed=freed)
-
-
-def _held(scene: LiveScene, record: Path | None) -> LiveSetup:
+def grasping_setup(
+    ports: Sequence[int], record: Path | None = None, sides: Sequence[Hand] = ("right",), *, free: bool = False
+) -> LiveSetup:
+    """Fingers that close on a cube, free or not, at the place where they grasp it, and are stopped soon."""
+    right, *left = (grasping_scene(port, side, free=free) for port, side in zip(ports, sides))
+    for scene in left:
+        right = right.both(scene)
+    if not left:
+        warm_up(right.scene.hands[0].model, SolverOptions())
     return LiveSetup(
-        **scene._asdict(),
+        **right._asdict(),
         options=SolverOptions(),
         output=OutputLimits(stiffness=(0.5,) * 5, stiffness_rise=50.0, ramp=0.1),
         record=record,
         duration=600.0,
         rate=RATE,
     )
+
+
+def grasping_scene(port: int, side: Hand, *, free: bool = False) -> LiveScene:
+    """The cube, and a glove of a hand where it grasps it: the left one beside the right one."""
+    item = load_object("cube")
+    tree = cached_sphere_tree(item.mesh, TreeOptions(level=3))
+    device = configure("dexmo", port=port, hand=side)
+    hand, bodies = HandModel.default(side), DeclaredBodies.of_mesh(item.mesh, tree)
+    other = None if side == "right" else grasping_hand(HandModel.default("right"), tree, None)
+    low = float(item.mesh.bounds[0, 2])
+    freed = (lambda scene: scene.freed(mass=0.1, table=low - CLEARANCE)) if free else (lambda scene: scene)
+    pose = PoseConfig("fixed")
+    return make_live_scene(bodies, hand, device, pose, None, rate=RATE, other=other, freed=freed)
 
 
 class Fault:
@@ -154,21 +153,31 @@ class Watched:
 
 
 class Drill(Watched):
-    """A session, its glove, and what both of them saw."""
+    """A session of a glove for each of `sides`, at a server of its own, and what they saw; `glove` is the first one."""
 
-    def __init__(self, glove: FakeDexmo, record: Path | None = None) -> None:
+    def __init__(
+        self, folder: Path, sides: Sequence[Hand] = ("right",), *, free: bool = False, recorded: bool = True
+    ) -> None:
         super().__init__()
-        self.glove, self.carriers = glove, [glove.pid]
-        self.begun(grasping_setup(glove.port, record))
-        self._ring = RingReader(self.session.memory.ticks)
+        self._stack, self._sides, self._free = ExitStack(), sides, free
+        self._record = folder / "session.h5" if recorded else None
+        self.gloves = [FakeDexmo(folder / f"{side}.log", "--gloves", f"7:{side}") for side in sides]
+        self.glove = self.gloves[0]
         self._ticks: list[NDArray[Any]] = []
 
-    def __enter__(self) -> "Drill":
-        self.session.__enter__()
+    def __enter__(self) -> Self:
+        for glove in self.gloves:
+            glove.port = free_ports(socket.SOCK_STREAM)
+            self._stack.enter_context(glove)
+        setup = grasping_setup([glove.port for glove in self.gloves], self._record, self._sides, free=self._free)
+        self._stack.enter_context(self.begun(setup))
+        self.carriers = [glove.pid for glove in self.gloves]
+        self.hands = self.session.memory.hands
+        self._ring = RingReader(self.session.memory.ticks)
         return self
 
     def __exit__(self, *error: Any) -> None:
-        self.session.__exit__(*error)
+        self._stack.close()
 
     @property
     def ticks(self) -> NDArray[Any]:
@@ -178,20 +187,16 @@ class Drill(Watched):
         self._ticks = [np.concatenate(self._ticks)]
         return self._ticks[0]
 
-    @property
-    def stiffness(self) -> float:
-        """That the stiffest finger is told now."""
-        return float(self.session.memory.status["command_stiffness"].max())
-
     def until_held(self) -> None:
-        """Look after the session until a finger is stopped."""
-        self.until(lambda: self.stiffness > STIFF, "finger that is stopped")
+        """Look after the session until a finger of each hand is stopped."""
+        self.until(lambda: min(held_by(hand) for hand in self.hands) > STIFF, "finger that is stopped")
 
     def grasp(self) -> None:
-        """Wait until a finger is held, and let the user's hand stand still there."""
-        self.glove.order("move")
-        self.until_held()
-        self.glove.order("hold")
+        """Wait until a finger of each hand is held, and let the user's hands stand still there."""
+        for hand, glove in zip(self.hands, self.gloves):
+            glove.order("move")
+            self.until(lambda hand=hand: held_by(hand) > STIFF, "finger that is stopped")
+            glove.order("hold")
         self.go_on(0.1)
         self.until_held()
 
@@ -233,10 +238,27 @@ class Drill(Watched):
         return int(np.bincount(self.commands()["client"]).argmax())
 
 
+def held_by(hand: SessionMemory) -> float:
+    """What the stiffest finger of a hand is told now."""
+    return float(hand.status["command_stiffness"].max())
+
+
+def assert_free_in_time(commands: NDArray[Any], fault: Fault, late: int = 0) -> None:
+    """Fingers were held right before a fault, and `commands` holds none of them any more soon after it."""
+    times = commands["time_ns"][stiff(commands)]
+    assert ((times < fault.before) & (times > fault.before - JUST_BEFORE)).any(), "nothing was held: it shows nothing"
+    assert_in_time(int(times.max()) - fault.since, fault.allowed + late)
+
+
+def assert_told_free(commands: NDArray[Any], fault: Fault) -> None:
+    """The same, and a glove is told so, and not only told nothing more."""
+    assert_free_in_time(commands, fault)
+    freed = commands["time_ns"][~stiff(commands) & (commands["time_ns"] > fault.before)]
+    assert_in_time(int(freed.min()) - fault.since, fault.allowed)
+    assert not stiff(commands[-1:]).any()
+
+
 def stiff(commands: NDArray[Any]) -> NDArray[np.bool_]:
     """Which commands, or ticks, hold a finger."""
     names = commands.dtype.names or ()
     return np.asarray((commands["stiffness" if "stiffness" in names else "command_stiffness"] > 0.0).any(axis=1))
-
-
-__all__ = ["LOOP", "Drill", "FakeDexmo", "Fault", "Safety", "Stage", "stiff"]

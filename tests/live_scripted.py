@@ -18,15 +18,16 @@ from hhsim.kernels.live.tick import command_tick, look_for_stop, waiting_since
 from hhsim.live.device import LIMITS, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
 from hhsim.live.drivers.poses import FixedPose, PoseSource
 from hhsim.live.gloves import PoseConfig, configure
-from hhsim.live.processes import RingReader
+from hhsim.live.playback import Playback
+from hhsim.live.processes import RingReader, Stage
 from hhsim.live.session.driver import GloveDriver
 from hhsim.live.session.loop import LiveLoop, deadline_record
 from hhsim.live.session.memory import SessionMemory, TickReader
 from hhsim.live.session.recorder import Recorder
 from hhsim.live.session.scene import make_live_scene
 from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits, WornGlove
-from hhsim.live.session.status import Stage
 from hhsim.mesh.mesh import Mesh
+from hhsim.motion.trajectory import Trajectory
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.solver.options import SolverOptions
@@ -36,6 +37,10 @@ from tools.shapes.generators import sphere
 
 BALL = SphereTree(np.array([[0.0, 0.05, -0.05]]), np.array([0.03]), np.array([0]), np.array([-1]))
 """Before the fingers of a flat hand at the origin; a fist closes on it."""
+AT_REST = Trajectory(
+    np.zeros(1), np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 5, 3)), np.zeros((1, 5))
+)
+"""A motion of one sample: a flat hand."""
 FREE, FIST = 0.0, 0.9
 """Angles of every joint [rad]: a hand that touches nothing, and one that presses on the ball."""
 WAKING_NS = 30_000
@@ -45,7 +50,7 @@ WAKING_NS = 30_000
 def make_setup(mesh: Mesh | None = None, free: dict[str, Any] | None = None, **changes: Any) -> LiveSetup:
     """A session at 1 kHz with a ball, or a mesh, `free` by arguments of `Scene.freed`."""
     given: dict[str, Any] = {"options": SolverOptions(), "rate": 1000.0, **changes}
-    usual = {"hand": HandModel.default(), "device": configure(), "pose": PoseConfig()}
+    usual = {"hand": HandModel.default(), "device": configure(playback=Playback(AT_REST)), "pose": PoseConfig()}
     hand, device, pose = of_hand = tuple(given.pop(name, value) for name, value in usual.items())
     given.setdefault("worn", (WornGlove(hand, device, pose),))
     if "scene" not in given:
@@ -344,6 +349,17 @@ class ScriptedSession:
         self.glove.info = GloveInfo("scripted glove", ("bend",), takes, unit=unit)
         self.both = InStep(self.setup, self.memory, self.glove, self.clock, pose=pose, accounts=self.accounts)
         self.loop = self.both.loop
+
+    def solving(self, action: Callable[[], object], *ticks: int) -> None:
+        """Let something happen in these ticks when they are to be solved."""
+        sound = self.loop.one_tick.solve
+
+        def solve() -> None:
+            if self.loop.deadlines.at.tick in ticks:
+                action()
+            sound()
+
+        self.loop.one_tick.solve = solve
 
     def run(self) -> Self:
         self.reason = self.both.run()

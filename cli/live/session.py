@@ -209,7 +209,6 @@ def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[Sess
 
     `heading` is the title of the display, which is warnings and faults alone where `quiet` is set.
     """
-    from hhsim.errors import HhsimError
     from hhsim.live.drivers.poses import HELP, PalmKeys, write_keyboard_pose
     from hhsim.live.session.supervisor import Supervisor, stop_signals
 
@@ -241,8 +240,4 @@ def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[Sess
             hands = [(hand.status, tally) for hand, tally in zip(memory.hands, session.tallies)]
             status.update(hands, where, palm if by_keys else None)
         outcome = session.end()
-    try:
-        session.check()
-    except HhsimError as error:
-        return outcome, str(error)
-    return outcome, ""
+    return outcome, outcome.error

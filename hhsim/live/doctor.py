@@ -4,15 +4,11 @@ Measured wake-ups of a thread that only waits, as a session's loop does, decide 
 of the system only suggest what to change.
 """
 
-import gzip
-import math
 import os
 import platform
 import re
-import resource
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -40,8 +36,6 @@ SPREAD = (("p50", 50.0), ("p99.9", 99.9), ("longest", 100.0))
 """Percentiles of the table that decide nothing."""
 NOT_TOLD = "not told"
 """Value of what the system does not report."""
-PREEMPTION = {"PREEMPT_NONE": "none", "PREEMPT_VOLUNTARY": "voluntary", "PREEMPT_LAZY": "lazy", "PREEMPT": "full"}
-"""Options of the kernel's configuration, and their names in `preempt=`."""
 HOST_ADVICE = "the host took the processor: nothing set in here helps; a machine, or a processor, of one's own"
 OTHERS_ADVICE = "other work had the processor: end it, or set a processor aside (isolcpus) and name it (--cpu)"
 NOBODY_ADVICE = (
@@ -49,18 +43,11 @@ NOBODY_ADVICE = (
     "does not tell, else the firmware (system management), or the kernel's own work, where it does not interrupt that"
 )
 
-
-LIMITS_FILE = "in /etc/security/limits.d/90-hhsim.conf, then log in anew"
 ADVICE = {
     "kernel": "a kernel with PREEMPT_RT (in Linux since 6.12) has shorter worst cases",
-    "kernel interrupts its own work": "preempt=full on the kernel's command line: else a thread that is due waits for "
-    "the pause of a kernel thread on its processor, such as one that reclaims memory",
     "processors that may be used": "with one processor the loop shares it with everything else: give it two",
     "processors set aside": "isolcpus={last} on the kernel's command line, and --cpu {last}",
     "frequency governor": "cpupower frequency-set -g performance: a clock that has to be raised first wakes late",
-    "limit rtprio": f"'{{user}} - rtprio 99' {LIMITS_FILE}",
-    "limit memlock": f"'{{user}} - memlock unlimited' {LIMITS_FILE}",
-    "real-time share of a second": "sysctl kernel.sched_rt_runtime_us=950000",
     "container's quota": "no quota of CPU time (cpu.max): where it is used up, everything stops until the next period",
     "virtual machine": "a machine of one's own: no setting in here keeps the host from taking the processor",
 }
@@ -200,11 +187,8 @@ class Diagnosis:
         wakeups = self.wakeups
         spread = [Row(f"wake-up, {name}", 1e6 * wakeups.percentile(percent), unit="µs") for name, percent in SPREAD]
         causes = [Row(f"missed: {WORDS[cause]}", count) for cause, count in wakeups.causes.items() if count]
-        accounts = {"run delay": wakeups.run_delay, "steal (the host had it)": wakeups.steal}
-        told = [
-            Row(name, NOT_TOLD if value is None else f"{1e-6 * value:,.1f}", unit="ms")
-            for name, value in accounts.items()
-        ]
+        accounts = (("run delay", wakeups.run_delay), ("steal (the host had it)", wakeups.steal))
+        told = [Row(name, NOT_TOLD if ns is None else f"{1e-6 * ns:,.1f}", unit="ms") for name, ns in accounts]
         return [*self.measures, *spread, *causes, *told, *self.settings]
 
     @property
@@ -250,10 +234,8 @@ class Diagnosis:
             **{name: getattr(self, name) for name in ("good", "verdict", "advice")},
             **{name: getattr(wakeups, name) for name in ("rate", "periods", "missed")},
             "missed_by": by_name(wakeups.causes.values()),
-            **{
-                name: None if value is None else 1e-9 * value
-                for name, value in (("run_delay", wakeups.run_delay), ("steal", wakeups.steal))
-            },
+            "run_delay": None if wakeups.run_delay is None else 1e-9 * wakeups.run_delay,
+            "steal": None if wakeups.steal is None else 1e-9 * wakeups.steal,
             "real_time": wakeups.mode,
             "rows": [asdict(row) | {"kept": row.kept} for row in self.rows],
         }
@@ -261,8 +243,7 @@ class Diagnosis:
 
 def examine(rate: float, seconds: float, wishes: RealTimeWishes) -> Diagnosis:
     """Measure wake-ups for `seconds` at `rate` [Hz] with the requests of a loop, and read the system's settings."""
-    settings = system_settings(wishes.priority + 1)
-    return Diagnosis(measure_wakeups(rate, seconds, wishes), settings)
+    return Diagnosis(measure_wakeups(rate, seconds, wishes), system_settings())
 
 
 def quick_warning(rate: float, wishes: RealTimeWishes) -> str:
@@ -274,11 +255,8 @@ def quick_warning(rate: float, wishes: RealTimeWishes) -> str:
     return "" if diagnosis.good else f"{diagnosis.verdict}; hhsim doctor tells more"
 
 
-def system_settings(priority: int, root: Path = Path("/")) -> list[Row]:
-    """Return settings of kernel, processors, governor, limits, host and container.
-
-    `priority` is the highest under SCHED_FIFO that the loop asks for, `root` the folder of /proc and /sys.
-    """
+def system_settings(root: Path = Path("/")) -> list[Row]:
+    """Return settings of kernel, processors, governor, host and container; `root` is the folder of /proc and /sys."""
 
     def text(name: str) -> str:
         try:
@@ -289,27 +267,15 @@ def system_settings(priority: int, root: Path = Path("/")) -> list[Row]:
     allowed, cpus = sorted(os.sched_getaffinity(0)), "sys/devices/system/cpu"
     alone, isolated = len(allowed) == 1, text(f"{cpus}/isolated")
     is_real_time = text("sys/kernel/realtime") == "1" or "PREEMPT_RT" in platform.version()
-    preemption = "always (PREEMPT_RT)" if is_real_time else _preemption(text("proc/cmdline"), root)
     governors = sorted({text(f"{cpus}/cpu{number}/cpufreq/scaling_governor") for number in allowed} - {NOT_TOLD})
     flags, quota = text("proc/cpuinfo"), re.fullmatch(r"(\d+) (\d+)", text("sys/fs/cgroup/cpu.max"))
     virtual = re.search(r"^flags\s*:.*\bhypervisor\b", flags, re.MULTILINE) is not None
-    effective = re.search(r"^CapEff:\s*([0-9a-f]+)$", text("proc/self/status"), re.MULTILINE)
-    capabilities = int(effective[1], 16) if effective else 0
-    runtime, period = (text(f"proc/sys/kernel/sched_rt_{what}_us") for what in ("runtime", "period"))
-    share = 100.0 * int(runtime) / int(period) if NOT_TOLD not in (runtime, period) else math.nan
     # Of each: its value, and whether it should be changed.
     found: dict[str, tuple[str, bool]] = {
         "kernel": (f"{platform.release()}, {'' if is_real_time else 'no '}PREEMPT_RT", not is_real_time),
-        "kernel interrupts its own work": (preemption, preemption.startswith(("none", "voluntary"))),
         "processors that may be used": (", ".join(map(str, allowed)), alone),
         "processors set aside": (isolated or "none", not (isolated or alone)),
         "frequency governor": (", ".join(governors) or NOT_TOLD, bool(set(governors) - {"performance"})),
-        "limit rtprio": _limit(resource.RLIMIT_RTPRIO, "CAP_SYS_NICE" if capabilities >> 23 & 1 else "", priority),
-        "limit memlock": _limit(resource.RLIMIT_MEMLOCK, "CAP_IPC_LOCK" if capabilities >> 14 & 1 else "", math.inf),
-        "real-time share of a second": (
-            NOT_TOLD if math.isnan(share) else "all of it" if share < 0.0 else f"{share:g} %",
-            0.0 <= share < 50.0,
-        ),
         "container's quota": (
             f"{1e-3 * int(quota[1]):g} ms in {1e-3 * int(quota[2]):g} ms" if quota else "none, or not told",
             quota is not None,
@@ -318,23 +284,3 @@ def system_settings(priority: int, root: Path = Path("/")) -> list[Row]:
     }
     told = {"user": os.environ.get("USER") or os.getuid(), "last": allowed[-1]}
     return [Row(name, value, advice=ADVICE[name].format(**told) if bad else "") for name, (value, bad) in found.items()]
-
-
-def _preemption(command_line: str, root: Path) -> str:
-    """Return whether a ready thread interrupts the kernel's own work; the command line overrides the configuration."""
-    if asked := re.findall(r"(?:^|\s)preempt=(\w+)", command_line):
-        return f"{asked[-1]} (preempt=)"
-    packed, plain = root / "proc/config.gz", root / f"boot/config-{platform.release()}"
-    with suppress(OSError, EOFError, UnicodeDecodeError):
-        text = gzip.decompress(packed.read_bytes()).decode() if packed.exists() else plain.read_text(encoding="utf-8")
-        if built := re.search(rf"^CONFIG_({'|'.join(PREEMPTION)})=y$", text, re.MULTILINE):
-            return f"{PREEMPTION[built[1]]} (preempt=)"
-    return NOT_TOLD
-
-
-def _limit(which: int, above: str, wanted: float) -> tuple[str, bool]:
-    """Return a limit of the process, which a capability, `above`, overrides, and whether it is too low."""
-    limit = resource.getrlimit(which)[0]
-    amount = math.inf if limit == resource.RLIM_INFINITY else limit
-    shown = "unlimited" if amount == math.inf else f"{limit:,}"
-    return f"any, by {above}" if above else shown, not above and amount < wanted

@@ -49,14 +49,6 @@ class ReachedOptions(GloveOptions):
 
 
 @dataclass(frozen=True)
-class ServedOptions(ReachedOptions):
-    """Settings of a glove at a server whose readings can be calibrated; "" is the default calibration."""
-
-    calibration: str = setting("", "Calibration of the glove: our TOML, or the vendor's JSON of profiles", "FILE")
-    profile: str = setting("", "Profile of a calibration file that holds several", "NAME")
-
-
-@dataclass(frozen=True)
 class PacketOptions(ReachedOptions):
     """Settings of a glove with a bridge that speaks the open packet."""
 
@@ -69,15 +61,12 @@ class PacketOptions(ReachedOptions):
 
 
 @dataclass(frozen=True)
-class UdpOptions(PacketOptions, ServedOptions):
-    """Settings of a glove with a bridge, whose bends and channels can be calibrated."""
-
-
-@dataclass(frozen=True)
-class DexmoOptions(ServedOptions):
-    """Settings of a Dexmo at its vendor's server."""
+class DexmoOptions(ReachedOptions):
+    """Settings of a Dexmo at its vendor's server; "" is the default calibration."""
 
     port: int = setting(55555, "Port of the glove's server", "PORT", least=1, most=65535)
+    calibration: str = setting("", "Calibration of the glove: our TOML, or the vendor's JSON of profiles", "FILE")
+    profile: str = setting("", "Profile of a calibration file that holds several", "NAME")
     device_id: int | None = setting(
         None, "The glove's number at its server. Default: the hand's first", "ID", least=0, most=2**31 - 1
     )
@@ -110,12 +99,14 @@ class GloveConfig:
     calibration: "Calibration | None" = None
 
 
-_UDP, _CALIBRATION = "hhsim.live.drivers.udp:UdpGlove", "hhsim.live.drivers.calibration:glove_calibration"
-_PLAYED = "hhsim.live.drivers.played"
+_UDP, _PLAYED = "hhsim.live.drivers.udp:UdpGlove", "hhsim.live.drivers.played"
 GLOVES: Registry[Glove] = Registry(
     {
         "dexmo": Glove(
-            "a Dexmo at its vendor's server", "hhsim.live.drivers.dexmo:DexmoGlove", DexmoOptions, _CALIBRATION
+            "a Dexmo at its vendor's server",
+            "hhsim.live.drivers.dexmo:DexmoGlove",
+            DexmoOptions,
+            "hhsim.live.drivers.calibration:glove_calibration",
         ),
         "openxr": Glove(
             "a hand that an OpenXR headset tracks, bare or in a glove, by a bridge", _UDP, PacketOptions, palm=True
@@ -124,7 +115,7 @@ GLOVES: Registry[Glove] = Registry(
             "a recording in the place of one", f"{_PLAYED}:ReplayGlove", plays=True, ends=True, holds=False
         ),
         "sim": Glove("a simulated one, which needs no hardware", f"{_PLAYED}:SimGlove", plays=True, holds=False),
-        "udp": Glove("any other, by a bridge that speaks an open packet", _UDP, UdpOptions, _CALIBRATION),
+        "udp": Glove("any other, by a bridge that speaks an open packet", _UDP, PacketOptions),
     },
     kind="glove",
     group="hhsim.gloves",

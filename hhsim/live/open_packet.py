@@ -3,8 +3,6 @@
 docs/live-protocols.md has header, kinds, ports, and what a bridge owes the hand in the glove.
 """
 
-import contextlib
-import ctypes
 import select
 import socket
 import struct
@@ -31,7 +29,6 @@ class Kind(IntEnum):
     """Kind of the numbers of a packet."""
 
     BENDS = 1
-    CHANNELS = 2
     JOINTS = 3
     POSE = 4
     HAND = 5
@@ -39,22 +36,16 @@ class Kind(IntEnum):
     FORCES = 17
 
 
-COUNT = dict(zip(Kind, (5, 11, 20, 7, 208, 10, 15), strict=True))
+COUNT = dict(zip(Kind, (5, 20, 7, 208, 10, 15), strict=True))
 """Number of numbers of each kind."""
 LONGEST = HEADER.size + 4 * max(COUNT.values())
 
 BUFFER = 1 << 20
 """Receive buffer of the system [bytes]; some seconds at 1 kHz."""
 MOST_LOOKED_AT = 64
-"""Datagrams read at once."""
-MOST_IN_VAIN = 32
-"""Unusable datagrams read at once, so that a flood cannot delay the reader."""
+"""Datagrams read at once, so that a flood cannot delay the reader."""
 SESSION_SILENCE_NS = 100_000_000
-"""Silence of a session, and of a sender, after which another one is accepted [ns]."""
-
-_NOBODY = ctypes.create_string_buffer(16)
-"""A `sockaddr` of the family AF_UNSPEC, which disconnects a datagram socket from its sender."""
-_C = ctypes.CDLL(None, use_errno=True)
+"""Silence of a session after which another one is accepted [ns]."""
 
 
 class PacketError(ValueError):
@@ -111,20 +102,13 @@ def resolve(host: str) -> str:
 class UdpPort:
     """Reads the datagrams of one host without waiting; DeviceError for no such host, or a port that is taken.
 
-    Once a sender is kept to, the system itself discards those of all others, other programs of the same host included:
-    their flood costs the reader nothing. A sender that is silent for `SESSION_SILENCE_NS` is kept to no longer.
-    `strangers` and `malformed` count datagrams from others and those that are no packets; `hint` describes the last
-    unusable one.
+    `malformed` counts datagrams that are no packets; `hint` describes the last unusable one.
     """
 
     def __init__(self, host: str, port: int) -> None:
         self.address = resolve(host)
-        self.strangers = self.malformed = 0
+        self.malformed = 0
         self.hint = ""
-        self._sender: tuple[str, int] | None = None
-        self._kept: tuple[str, int] | None = None
-        self._kept_ns = 0
-        self._used = False
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         # Packets of this machine are expected on its own address only.
@@ -137,31 +121,18 @@ class UdpPort:
             raise DeviceError(f"udp port {port} from {host}: cannot listen: {error.strerror or error}") from None
 
     def arrived(self) -> Iterator[tuple[Packet, int]]:
-        """Yield the packets that have arrived, oldest first, each with CLOCK_MONOTONIC when it was read [ns].
-
-        Ends after `MOST_LOOKED_AT` datagrams, or `MOST_IN_VAIN` after which `keep_to_sender` was not called.
-        """
-        in_vain = 0
+        """Yield the packets among the next `MOST_LOOKED_AT` datagrams, each with CLOCK_MONOTONIC when read [ns]."""
         for _ in range(MOST_LOOKED_AT):
-            if in_vain == MOST_IN_VAIN:
-                return
-            in_vain += 1
             try:
                 data, sender = self._socket.recvfrom(LONGEST + 1)
             except BlockingIOError:
-                # Only when nothing waits: a delayed reader has not read the newest datagrams yet.
-                if self._kept is not None and time.monotonic_ns() - self._kept_ns > SESSION_SILENCE_NS:
-                    self._kept = None
-                    _C.connect(self._socket.fileno(), _NOBODY, len(_NOBODY))
                 return
             except OSError:
                 # An error of an earlier send, which does not concern what arrives.
                 continue
             now = time.monotonic_ns()
-            # Datagrams of others may have been queued when the sender was kept to.
-            if sender[0] != self.address or (self._kept is not None and sender != self._kept):
-                self.strangers += 1
-                self.hint = f"packets come from {sender[0]} instead" if sender[0] != self.address else self.hint
+            if sender[0] != self.address:
+                self.hint = f"packets come from {sender[0]} instead"
                 continue
             try:
                 packet = decode_packet(data)
@@ -169,18 +140,7 @@ class UdpPort:
                 self.malformed += 1
                 self.hint = f"what came is no open packet: {error}"
                 continue
-            self._sender, self._used = sender, False
             yield packet, now
-            in_vain -= self._used
-
-    def keep_to_sender(self) -> None:
-        """Accept packets of the newest one's sender alone while it goes on sending."""
-        self._kept_ns, self._used = time.monotonic_ns(), True
-        if self._kept is None and self._sender is not None:
-            # If the system cannot connect to the sender, `arrived` discards those of others.
-            with contextlib.suppress(OSError):
-                self._socket.connect(self._sender)
-            self._kept = self._sender
 
     @property
     def descriptor(self) -> int:

@@ -1,4 +1,4 @@
-"""Processes of a session: how one is started and followed, and the memory and the setup that it shares with others.
+"""Processes of a session: how one is started and followed, and the memory, status and setup that it shares with others.
 
 Memory has no name (memfd): children inherit the descriptor, and nothing is left behind however the processes end.
 Readers rely on words of eight bytes being written whole, and on stores becoming visible in order, as on x86-64.
@@ -8,12 +8,14 @@ import contextlib
 import mmap
 import os
 import pickle
+import select
 import signal
 import subprocess
 import sys
 import time
 import traceback
 from collections.abc import Callable, Sequence
+from enum import IntEnum
 from typing import Any, Self
 
 import numpy as np
@@ -28,6 +30,84 @@ LAST_OUTPUT_BYTES = 4_000
 """Bytes at the end of a process's output that `ChildProcess.last_line` looks at."""
 LOOK = 0.05
 """Time between two looks at the progress of a process that is waited for [s]."""
+
+
+class Stage(IntEnum):
+    """Stage of a session."""
+
+    STARTING = 0
+    RUNNING = 1
+    ENDING = 2
+    ENDED = 3
+
+
+LIVE_STATUS = np.dtype(
+    [
+        # Written by the loop.
+        *((name, np.int64) for name in ("heartbeat_ns", "stage", "ending_ns", "loop_pid", "ticks", "missed")),
+        ("missed_by", np.int64, (4,)),
+        *((name, np.int64) for name in ("safety", "contacts", "battery", "sample_ns")),
+        ("force", np.float64, (5,)),
+        ("command_bend", np.float64, (5,)),
+        ("command_stiffness", np.float64, (5,)),
+        ("command_force", np.float64, (5, 3, 3)),
+        ("command_safety", np.int64),
+        ("command_version", np.int64, (1,)),
+        ("loop_ready", np.int64),
+        # Written by the driver, a thread of the loop's process.
+        *((name, np.int64) for name in ("driver_ns", "device_lost")),
+        ("counters", np.int64, (9,)),
+        ("palm_ns", np.int64),
+        ("palm_position", np.float64, (3,)),
+        ("palm_orientation", np.float64, (4,)),
+        ("palm_version", np.int64, (1,)),
+        # Written by the watchdog.
+        *((name, np.int64) for name in ("watchdog_ns", "watchdog_armed", "watchdog_releases")),
+        # Written by the recorder and by the viewer.
+        *((name, np.int64) for name in ("recorder_ticks", "recorder_lost", "recorder_failed", "viewer_ns")),
+        # Written by the supervisor.
+        *((name, np.int64) for name in ("stop_requested", "pose_version")),
+        ("pose_position", np.float64, (3,)),
+        ("pose_orientation", np.float64, (4,)),
+    ],
+    align=True,
+)
+"""State of a session that changes in place; every field has one writer. Times are CLOCK_MONOTONIC [ns]; that of
+`ending_ns` is when the loop had made its last tick, 0 before. `counters` are those of `DeviceCounters`, `missed_by` is
+by `MissCause` without NONE, both in their order. `command_version`, `palm_version` and `pose_version` are odd while
+the command, the palm's pose and the pose of the keyboard are being written. `loop_ready` is 1 when the kernels are
+compiled, and the glove is opened. `watchdog_armed` is 1 if the watchdog reaches the glove. `stop_requested` is 1 if the
+user ends the session, -n if signal n does. Of two gloves each has a block: those of the second one's loop, stop and
+recorder say the same.
+"""
+
+
+class LoopProcess:
+    """Process of the loop, whose end wakes a process that did not start it; `status` is the record of `LIVE_STATUS`."""
+
+    def __init__(self, status: Any) -> None:
+        self._status = status
+        self._descriptor = -1
+        self.known = self.gone = False
+
+    @property
+    def alive(self) -> bool:
+        """True from its begin to its end, as far as `wait` has seen either."""
+        return self.known and not self.gone
+
+    def wait(self, timeout: float = 0.0) -> None:
+        """Sleep for `timeout` [s], or until the process ends."""
+        number = int(self._status["loop_pid"])
+        if not self.known and number:
+            self.known = True
+            try:
+                self._descriptor = os.pidfd_open(number)
+            except ProcessLookupError:
+                self.gone = True
+        ended, _, _ = select.select([self._descriptor] if self.alive else [], [], [], timeout)
+        if ended:
+            self.gone = True
+            os.close(self._descriptor)
 
 
 class SharedBlock:

@@ -11,15 +11,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-MLOCK_ONFAULT = 1
+MCL_CURRENT, MCL_ONFAULT = 1, 4
 PR_SET_PDEATHSIG, PR_SET_NAME, PR_SET_TIMERSLACK, PR_GET_TIMERSLACK = 1, 15, 29, 30
 
 IDLE_LATENCY = Path("/dev/cpu_dma_latency")
 """An int written there [µs] limits, while the file is open, the wake-up time of idle processors
 (docs.kernel.org, "PM Quality Of Service Interface")."""
-MAPPINGS = Path("/proc/self/maps")
-SYSTEM_LIBRARIES = ("libc.so", "libc-", "libm.so", "libm-", "ld-linux", "ld-musl")
-"""Beginnings of the mapped files that compiled code calls."""
 
 _libc = ctypes.CDLL(None, use_errno=True)
 
@@ -155,21 +152,11 @@ def described(mode: dict[str, Any]) -> str:
 
 
 def lock_memory() -> None:
-    """Keep the pages that compiled code uses in memory: data, its own code, shared memory and the system's libraries.
+    """Keep the pages that this process has touched, and those of its mappings that it touches later, in memory.
 
-    Pages that it never touches take none. OSError if that is not allowed, or beyond the limit of locked memory.
+    OSError if that is not allowed, or beyond the limit of locked memory.
     """
-    for line in MAPPINGS.read_text().splitlines():
-        span, rights, _, _, inode, *name = line.split(maxsplit=5)
-        path = name[0] if name else ""
-        shared = path.startswith("/memfd:")
-        library = inode != "0" and not shared and not Path(path).name.startswith(SYSTEM_LIBRARIES)
-        if "r" not in rights or path.startswith("[v") or library:
-            continue
-        begin, end = (int(number, 16) for number in span.split("-"))
-        # Shared memory is locked whole: other processes write to pages that this one has not touched yet.
-        length = ctypes.c_size_t(end - begin)
-        _check(_libc.mlock2(ctypes.c_void_p(begin), length, 0 if shared else MLOCK_ONFAULT))
+    _check(_libc.mlockall(MCL_CURRENT | MCL_ONFAULT))
 
 
 def unlock_memory() -> None:

@@ -1,16 +1,14 @@
-"""Environment of hhsim: versions, machine, clock, compiled kernels, source revision.
+"""Environment of hhsim: versions, machine, compiled kernels, source revision.
 
 Every result states it, and `hhsim info` prints it. Nothing here names the user or the host.
 """
 
 import importlib.metadata
-import itertools
 import json
 import os
 import platform
 import re
 import subprocess
-import time
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -40,7 +38,6 @@ def collect() -> dict[str, Any]:
         "hhsim": __version__,
         "revision": revision(),
         "machine": machine(),
-        "clock": _clock(),
         "kernels": {"folder": str(KERNEL_CACHE), "compiled": is_cached(), "jit": JIT_ENABLED},
         "packages": package_versions(),
         "missing": missing,
@@ -103,19 +100,6 @@ def _cpu_name() -> str:
         text = ""
     found = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
     return found.group(1).strip() if found else platform.processor() or platform.machine() or UNKNOWN
-
-
-def _clock() -> dict[str, Any]:
-    """Return the clock of ticks: stated resolution and smallest measured step [s], source as the kernel names it."""
-    stated = time.get_clock_info("perf_counter")
-    readings = [time.perf_counter_ns() for _ in range(2_000)]
-    steps = [later - earlier for earlier, later in itertools.pairwise(readings) if later > earlier]
-    step = min(steps, default=0) * 1e-9 or stated.resolution
-    try:
-        source = Path("/sys/devices/system/clocksource/clocksource0/current_clocksource").read_text().strip()
-    except OSError:
-        source = UNKNOWN
-    return {"function": stated.implementation, "resolution": stated.resolution, "step": step, "source": source}
 
 
 def _requirements() -> list[tuple[str, str]]:

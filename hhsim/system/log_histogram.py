@@ -1,8 +1,5 @@
 """Percentiles of any number of values in constant memory."""
 
-from collections.abc import Iterable
-from typing import Self
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -12,8 +9,7 @@ from hhsim.arrays import IntArray
 class LogHistogram:
     """Counts of positive values in bins of equal ratio.
 
-    A percentile is off by less than half a bin, 0.1 %; the maximum is exact. Histograms of parts of a run add up to
-    that of the run, in any order.
+    A percentile is off by less than half a bin, 0.1 %; the maximum is exact.
     """
 
     RATIO = 1.002
@@ -32,15 +28,6 @@ class LogHistogram:
         place = np.log(np.maximum(array, self.LEAST) / self.LEAST) / np.log(self.RATIO)
         np.add.at(self.counts, np.minimum(place.astype(np.int64), self.BINS - 1), 1)
         self.largest = float(np.fmax.reduce(array, initial=self.largest))
-
-    @classmethod
-    def sum(cls, parts: Iterable[Self]) -> Self:
-        """Return the histogram of all values of all parts."""
-        whole = cls()
-        for part in parts:
-            whole.counts += part.counts
-            whole.largest = float(np.fmax(whole.largest, part.largest))
-        return whole
 
     @property
     def count(self) -> int:

@@ -15,7 +15,7 @@ Start = Callable[..., ChildProcess]
 
 @pytest.fixture
 def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     started = []
 
     def begin(program: str, setup: int = 0) -> ChildProcess:

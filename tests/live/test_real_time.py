@@ -86,35 +86,6 @@ def opened() -> set[Path]:
     return {link.resolve() for link in Path("/proc/self/fd").iterdir()}
 
 
-LOCKED = """
-import numpy, re
-from hhsim.live.real_time import lock_memory
-from hhsim.live.processes import SharedBlock
-block = SharedBlock.create("block", numpy.dtype((numpy.int64, 100_000)))
-try:
-    lock_memory()
-except OSError:
-    raise SystemExit(77)
-locked = {}
-for line in open("/proc/self/smaps"):
-    if re.match("[0-9a-f]+-", line):
-        name = (line.split(maxsplit=5)[5:] or ["data"])[0].strip().rsplit("/", 1)[-1]
-    elif line.startswith("Locked:"):
-        locked[name] = locked.get(name, 0) + int(line.split()[1])
-print(*(name for name, size in locked.items() if size), sep="\\n")
-"""
-
-
-def test_a_loop_in_compiled_code_locks_what_it_uses_and_no_other_library() -> None:
-    child = subprocess.run([sys.executable, "-c", LOCKED], capture_output=True, text=True, check=False)
-    if child.returncode == 77:
-        pytest.skip("no memory can be locked here")
-    names = child.stdout.splitlines()
-    assert {"data", "[heap]", "memfd:hhsim-block (deleted)"} <= set(names), child.stderr
-    libraries = [name for name in names if ".so" in name]
-    assert libraries and all(name.startswith(("libc", "libm", "ld-")) for name in libraries)
-
-
 def run_loop(**changes: object) -> tuple[subprocess.CompletedProcess[str], SessionMemory]:
     wishes = RealTimeWishes(punctual=False, lock_memory=False, cpu=-1)
     memory = SessionMemory.create()

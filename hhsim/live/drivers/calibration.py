@@ -17,7 +17,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.live.drivers.dexmo import CHANNELS
-from hhsim.live.gloves import ServedOptions
+from hhsim.live.gloves import DexmoOptions
 from hhsim.recordings.dexmo_regression import BEND, LEAST_SPAN, DexmoRegression, read_calibration
 from hhsim.system.input_file import read_input_text
 from hhsim.system.settings_file import typed
@@ -78,7 +78,7 @@ class GloveCalibration:
         return found
 
 
-def glove_calibration(options: ServedOptions, hand: str) -> GloveCalibration:
+def glove_calibration(options: DexmoOptions, hand: str) -> GloveCalibration:
     """Read the calibration that a glove's settings name, `.json` of the vendor or `.toml` of ours, or the default.
 
     The vendor's file holds both hands; its profile is "" where `hand`, "right" or "left", has only one. InputError for

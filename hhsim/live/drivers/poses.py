@@ -14,6 +14,7 @@ from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rot
 from hhsim.live.device import GloveDevice, PalmReading
 from hhsim.live.gloves import PoseConfig
 from hhsim.live.open_packet import Kind, PacketOrder, UdpPort
+from hhsim.live.playback import ORIENTATION, POSITION
 
 
 def _axes(*pairs: str) -> dict[str, FloatArray]:
@@ -165,18 +166,9 @@ class ReplayPose(PoseSource):
 
     def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
         """See `PoseSource.read`."""
-        motion = self._playback.trajectory
-        before, after, share = self._playback.place(self._playback.elapsed(now_ns))
-        position_out[:] = (1.0 - share) * motion.position[before] + share * motion.position[after]
-        first, second = motion.orientation[before], motion.orientation[after]
-        if first @ second < 0.0:
-            second = -second
-        orientation_out[:] = (1.0 - share) * first + share * second
-        length = np.linalg.norm(orientation_out)
-        if length > LEAST_LENGTH:
-            orientation_out /= length
-        else:
-            orientation_out[:] = first
+        row = self._playback.at(self._playback.elapsed(now_ns))
+        position_out[:] = row[POSITION]
+        orientation_out[:] = row[ORIENTATION] / np.linalg.norm(row[ORIENTATION])
         return now_ns
 
 
@@ -205,7 +197,6 @@ class UdpPose(PoseSource):
         port = self._port
         for packet, came in port.arrived() if port is not None else ():
             if port is not None and packet.kind is Kind.POSE and self._order.take(packet.session, packet.seq, came):
-                port.keep_to_sender()
                 values = packet.values.astype(np.float64)
                 length = float(np.linalg.norm(values[3:]))
                 # NaN compares false.

@@ -9,12 +9,13 @@ import os
 import socket
 import time
 from collections import deque
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
+from hhsim.hand.fingers import FINGERS
 from hhsim.live.device import (
     FINGER_COUNT,
     FORCES,
@@ -31,7 +32,6 @@ from hhsim.live.gloves import GLOVES, GloveConfig, PacketOptions
 from hhsim.live.open_packet import NONE_YET, Kind, Packet, PacketOrder, UdpPort, encode_packet, resolve
 
 if TYPE_CHECKING:
-    from hhsim.live.drivers.calibration import GloveCalibration
     from hhsim.live.drivers.tracked_hand import TrackedHand
 
 SILENCE_NS = 500_000_000
@@ -39,6 +39,8 @@ SILENCE_NS = 500_000_000
 RELEASE_COPIES = 3
 """Datagrams a release is sent in, as one may be lost."""
 MOST_ANGLE = 2.0 * math.pi
+MOST_BEYOND = 1.0
+"""Largest difference of a hand's bend from 0.5."""
 NO_LIMIT = np.zeros(10)
 NO_FORCE = np.zeros((FINGER_COUNT, 3))
 
@@ -48,7 +50,7 @@ class UdpGlove(GloveDevice):
 
     Samples arrive at its port, and commands go to the next one. Samples are used in the order of their sequence
     numbers; late ones are left out and counted. The first packet sets the kind of numbers that the bridge sends: of a
-    glove that gives the palm the joints of a hand, else bends, channels or angles.
+    glove that gives the palm the joints of a hand, else bends or angles.
     """
 
     _tracked: "TrackedHand"
@@ -58,9 +60,8 @@ class UdpGlove(GloveDevice):
         assert isinstance(options, PacketOptions)
         self._config, self._options = config, options
         self._name = f"{config.kind} bridge at {options.host}, samples to port {options.port}"
-        self._kinds = (Kind.HAND,) if GLOVES[config.kind].palm else (Kind.BENDS, Kind.CHANNELS, Kind.JOINTS)
+        self._kinds = (Kind.HAND,) if GLOVES[config.kind].palm else (Kind.BENDS, Kind.JOINTS)
         self._kind: Kind | None = None
-        self._calibration = cast("GloveCalibration", config.calibration)
         self.palm = PalmReading() if GLOVES[config.kind].palm else None
         self.counters = DeviceCounters()
         self._port: UdpPort | None = None
@@ -77,8 +78,13 @@ class UdpGlove(GloveDevice):
 
     def open(self, timeout: float = 5.0) -> None:
         """See `GloveDevice.open`; waits for the first sample."""
+        # A release alone needs none of these.
+        from hhsim.recordings.dexmo_regression import DexmoRegression
+
+        usual = DexmoRegression.default()
+        self._slope, self._offset = usual.bend_lines()
+        self._angles = self._offset, usual.offset[15:]
         if self.palm is not None:
-            # A release alone needs neither the hand nor a compiled kernel.
             from hhsim.live.drivers.tracked_hand import TrackedHand
 
             self._tracked = TrackedHand(self._config.hand)
@@ -209,7 +215,6 @@ class UdpGlove(GloveDevice):
                 counters.other += 1
                 self._unused = packet.kind
             elif self._order.take(packet.session, packet.seq, now):
-                self._port.keep_to_sender()
                 self._waiting.append((packet, now))
                 self._heard_ns = now
                 self._kind = packet.kind
@@ -241,42 +246,29 @@ class UdpGlove(GloveDevice):
             self._angles = fit.flexion, fit.abduction
             self.palm.position[:], self.palm.orientation[:], self.palm.came_ns = fit.position, fit.orientation, now_ns
             return True
-        if not np.isfinite(values).all():
-            return False
-        found: tuple[FloatArray, FloatArray] | None
+        # NaN compares false.
         if self._kind is Kind.JOINTS:
-            usable = (np.abs(values) <= MOST_ANGLE).all()
-            found = (values[:15].reshape(FINGER_COUNT, 3), values[15:]) if usable else None
+            usable = bool((np.abs(values) <= MOST_ANGLE).all())
+            found = values[:15].reshape(FINGER_COUNT, 3), values[15:]
         else:
-            if self._kind is Kind.BENDS:
-                low, high = self._calibration.bend_ends()
-                values = self._calibration.readings(low + values * (high - low))
-            found = self._calibration.angles(values)
-        self._angles = found or self._angles
-        return found is not None
+            usable = bool((np.abs(values - 0.5) <= MOST_BEYOND).all())
+            found = self._offset + values[:, None] * self._slope, self._angles[1]
+        if usable:
+            self._angles = found
+        return usable
 
     def _describe(self, first: Packet) -> GloveInfo:
         """Describe the glove from its first packet."""
         from hhsim.recordings.column_map import JOINT_NAMES
-        from hhsim.recordings.dexmo_regression import BEND, CHANNELS
         from hhsim.recordings.joint_names import KEYPOINTS
 
         channels, unit = {
-            Kind.BENDS: (tuple(CHANNELS[index] for index in BEND), ""),
-            Kind.CHANNELS: (CHANNELS, ""),
+            Kind.BENDS: (tuple(f"{finger}_bend" for finger in FINGERS), ""),
             Kind.JOINTS: (JOINT_NAMES, "rad"),
             Kind.HAND: (tuple(f"{name}_{axis}" for name in KEYPOINTS for axis in "xyz"), "m"),
         }[first.kind]
-        calibrated = first.kind is Kind.CHANNELS
-        return GloveInfo(
-            name=self._name,
-            channels=channels,
-            capabilities=FORCES if self._options.takes == "forces" else LIMITS,
-            hand=self._config.hand,
-            unit=unit,
-            doubtful=self._calibration.doubtful if calibrated else (),
-            kept_free=self._calibration.kept_free if calibrated else (),
-        )
+        capabilities = FORCES if self._options.takes == "forces" else LIMITS
+        return GloveInfo(self._name, channels, capabilities, self._config.hand, unit)
 
 
 def limited(force: FloatArray, most: float) -> FloatArray:

@@ -19,9 +19,9 @@ import numpy as np
 
 from hhsim.live.device import GLOVE_SAMPLE, DeviceError, FingerCommand, GloveDevice
 from hhsim.live.drivers.poses import PoseSource
+from hhsim.live.processes import Stage
 from hhsim.live.real_time import RealTimeWishes, become_real_time
 from hhsim.live.session.memory import SessionMemory
-from hhsim.live.session.status import Stage
 from hhsim.result.safety import Safety
 from hhsim.result.schema import FAULT, WARNING
 

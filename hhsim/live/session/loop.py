@@ -46,12 +46,11 @@ from hhsim.kernels.tick.block import HapticBlock
 from hhsim.live.device import FORCES, MOST_CHANNELS, GloveInfo
 from hhsim.live.drivers.poses import make_pose_source
 from hhsim.live.gloves import open_device
-from hhsim.live.processes import exit_code
+from hhsim.live.processes import Stage, exit_code
 from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with, keep_off, processors_awake
 from hhsim.live.session.driver import GloveDriver
 from hhsim.live.session.memory import SessionMemory, session_process
 from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits, WornGlove
-from hhsim.live.session.status import Stage
 from hhsim.live.session.story import Story
 from hhsim.result.safety import Safety
 from hhsim.result.schema import FAULT, INFORMATION, WARNING

@@ -15,8 +15,7 @@ import numpy as np
 
 from hhsim.arrays import AnyArray
 from hhsim.live.device import GLOVE_SAMPLE
-from hhsim.live.processes import RingReader, SharedBlock, SharedRing, process_setup, ring_type, write_setup
-from hhsim.live.session.status import LIVE_STATUS
+from hhsim.live.processes import LIVE_STATUS, RingReader, SharedBlock, SharedRing, process_setup, ring_type, write_setup
 from hhsim.result.schema import TICK_FIELDS, bodies_row, record_dtype
 
 TICK_CAPACITY = 16_384

@@ -28,13 +28,12 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.device import COUNTERS
-from hhsim.live.processes import RingReader, exit_code
+from hhsim.live.processes import LoopProcess, RingReader, Stage, exit_code
 from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
 from hhsim.live.session.loop import loop_options
 from hhsim.live.session.memory import FREE_TICK_CAPACITY, SessionMemory, TickReader, session_process
 from hhsim.live.session.settings import LiveSetup
 from hhsim.live.session.statistics import LiveTally, session_figures
-from hhsim.live.session.status import LoopProcess, Stage
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.replay.stored_scene import body_parts, describe_scene, hand_arrays

@@ -14,7 +14,7 @@ from hhsim.hand.model import HandModel
 from hhsim.live.device import FINGER_COUNT
 from hhsim.live.gloves import GloveConfig, PoseConfig
 from hhsim.live.real_time import RealTimeWishes
-from hhsim.live.session.status import WatchedGlove
+from hhsim.live.session.watchdog import WatchedGlove
 from hhsim.recordings.dexmo_regression import DexmoRegression
 from hhsim.result.safety import AFTER_STALL
 from hhsim.scene.body import Free

@@ -23,13 +23,12 @@ from types import FrameType
 from typing import Any, Self
 
 from hhsim.errors import HhsimError
-from hhsim.live.device import DeviceCounters, DeviceError
-from hhsim.live.processes import ChildProcess, RingReader, write_setup
+from hhsim.live.device import DeviceCounters
+from hhsim.live.processes import ChildProcess, RingReader, Stage, write_setup
 from hhsim.live.real_time import keep_off
 from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.settings import LiveSetup
 from hhsim.live.session.statistics import LiveTally
-from hhsim.live.session.status import Stage
 from hhsim.result.miss_cause import by_name
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
 
@@ -119,6 +118,7 @@ class SessionOutcome:
     watchdog_restarts: int = 0
     watchdog_releases: int = 0  # number of times that the watchdog freed the fingers
     loop_failed: str = ""  # failure that ended the loop early; "" if there was none
+    error: str = ""  # what failed, in a line: no glove, a dead loop, a recording that is not whole; "" if nothing did
     side: str = "right"  # of the hand
     fault_at_end: str = ""  # first fault reported while the session ended, fingers not freed for one; "" for none
     beside: "SessionOutcome | None" = None  # of the left hand, in that of the right one
@@ -147,10 +147,10 @@ class Supervisor:
         self._setups[WATCHDOG] = write_setup(*setup.for_watchdog(self.memory.descriptors))
         self._children: dict[str, ChildProcess] = {}
         self._notices: list[tuple[float, int, str]] = []
-        self._reason = self._loop_failed = self._record_failed = self._fault_at_end = ""
+        self._reason = self._error = self._loop_failed = self._record_failed = self._fault_at_end = ""
         self._watchdog_restarts = 0
         self._began = time.monotonic()
-        self._never_ran = self._loop_hangs = False
+        self._loop_hangs = False
         self._processors = os.sched_getaffinity(0)
         self._outcome: SessionOutcome | None = None
 
@@ -237,20 +237,6 @@ class Supervisor:
             os.sched_setaffinity(0, self._processors)
         return self._outcome
 
-    def check(self) -> None:
-        """Raise the failure of the session after `end`.
-
-        DeviceError if the glove could not be reached, HhsimError if the loop died or the recording is not whole.
-        """
-        outcome = self.end()
-        if self._loop_failed and self._never_ran:
-            raise DeviceError(self._loop_failed)
-        if self._loop_failed:
-            raise HhsimError(f"the session ended early: {self._loop_failed}")
-        if self._record_failed:
-            where = f" {outcome.record}" if outcome.record is not None else ""
-            raise HhsimError(f"the recording{where} is not whole: {self._record_failed}")
-
     def _start(self, name: str) -> None:
         self._children[name] = ChildProcess(name, MODULES[name], self._setups[name], self.memory.descriptors)
 
@@ -301,8 +287,9 @@ class Supervisor:
             died = loop.code is None or loop.code <= 0
             self._loop_failed = f"the loop {loop.how_it_ended()}" if died else loop.last_line() or loop.how_it_ended()
             self._reason = self._reason or self._loop_failed
-            self._never_ran = not died and int(status["ticks"]) == 0
-            if not self._never_ran:
+            self._error = self._loop_failed
+            if died or status["ticks"]:
+                self._error = f"the session ended early: {self._loop_failed}"
                 self._notice(f"{self._loop_failed}; the watchdog frees the fingers", FAULT)
         if self.stage != Stage.ENDED:
             # The loop is dead. The watchdog stops at ENDED, and has to free the fingers before.
@@ -369,6 +356,9 @@ class Supervisor:
         facts = [hand.facts.read() for hand in self.memory.hands]
         if not self._record_failed and status["recorder_failed"]:
             self._record_failed = "the recorder failed"
+        if self._record_failed and not self._error:
+            where = "" if setup.record is None else f" {setup.record}"
+            self._error = f"the recording{where} is not whole: {self._record_failed}"
         common: dict[str, Any] = {
             "reason": self._reason or str(facts[0].get("reason", "")) or "the loop ended",
             "seconds": float((status["ticks"] + status["missed"]) / setup.rate),
@@ -382,15 +372,18 @@ class Supervisor:
             "notices": self._notices,
             "watchdog_restarts": self._watchdog_restarts,
             "loop_failed": self._loop_failed,
+            "error": self._error,
             "fault_at_end": self._fault_at_end,
         }
-        found = None
-        for own, hand, tally, told in reversed(
-            list(zip(setup.worn, self.memory.hands, self.tallies, facts, strict=True))
-        ):
-            counters = DeviceCounters(*map(int, hand.status["counters"]))
-            releases = int(hand.status["watchdog_releases"])
-            more = {"side": own.model.side, "watchdog_releases": releases, "beside": found}
-            found = SessionOutcome(tally=tally, facts=told, counters=counters, **common, **more)
-        assert found is not None
-        return found
+        hands = [
+            SessionOutcome(
+                side=own.model.side,
+                tally=tally,
+                facts=told,
+                counters=DeviceCounters(*map(int, hand.status["counters"])),
+                watchdog_releases=int(hand.status["watchdog_releases"]),
+                **common,
+            )
+            for own, hand, tally, told in zip(setup.worn, self.memory.hands, self.tallies, facts, strict=True)
+        ]
+        return replace(hands[0], beside=hands[1]) if len(hands) > 1 else hands[0]

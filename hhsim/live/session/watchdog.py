@@ -16,13 +16,12 @@ import signal
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from hhsim.live.device import DeviceError, FingerRelease
-from hhsim.live.gloves import open_release
-from hhsim.live.processes import SharedBlock, process_setup
+from hhsim.live.gloves import GloveConfig, open_release
+from hhsim.live.processes import LIVE_STATUS, LoopProcess, SharedBlock, Stage, process_setup
 from hhsim.live.real_time import RealTimeWishes, become_ordinary, become_real_time, keep_off
-from hhsim.live.session.status import LIVE_STATUS, LoopProcess, Stage, WatchedGlove
 
 WATCH_SECONDS = 0.004
 """Longest time between two looks [s]."""
@@ -32,6 +31,18 @@ CONNECT_NS = 250_000_000
 """Time between two tries to reach the glove [ns]."""
 LAST_WORDS_NS = 200_000_000
 """Time in which the fingers are freed again and again after a loop that ended without announcing it [ns]."""
+
+
+@dataclass(frozen=True)
+class WatchedGlove:
+    """Settings of the watchdog for a glove, without scene and calibration."""
+
+    device: GloveConfig
+    real_time: RealTimeWishes
+    oldest_ns: int  # age of the loop's heartbeat beyond which its command is void, and the fingers are freed [ns]
+    parent: int  # process id of the supervisor
+    status: int  # descriptor of the memory that begins with the status
+    periods: int  # number of periods after which the loop ends by itself, -1 for none
 
 
 class WatchedHand:

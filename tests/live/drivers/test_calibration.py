@@ -10,7 +10,7 @@ import pytest
 from hhsim.errors import InputError
 from hhsim.live.drivers.calibration import MOST_FILE, GloveCalibration, glove_calibration
 from hhsim.live.drivers.dexmo import CHANNELS
-from hhsim.live.gloves import ServedOptions
+from hhsim.live.gloves import DexmoOptions
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 from hhsim.recordings.dexmo_regression import CHANNELS as OURS
 
@@ -26,7 +26,7 @@ def profile(low: Any = LOW, **changed: float) -> dict[str, dict[str, float]]:
 
 
 def load(path: Path | None, hand: str = "right", profile: str = "") -> GloveCalibration:
-    return glove_calibration(ServedOptions(calibration=str(path or ""), profile=profile), hand)
+    return glove_calibration(DexmoOptions(calibration=str(path or ""), profile=profile), hand)
 
 
 def written(folder: Path, whole: Any) -> Path:

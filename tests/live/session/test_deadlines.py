@@ -29,20 +29,6 @@ def test_work_that_ends_in_the_next_period_is_followed_at_once(past: int) -> Non
     assert (at.tick, at.missed, at.at_once, clock.slept[-1]) == (2, 0, 0, 3 * PERIOD)
 
 
-def test_a_loop_that_is_too_slow_pauses_after_every_second_tick() -> None:
-    clock, deadlines = started()
-    at_once, slept = [], []
-    for _ in range(20):
-        before = len(clock.slept)
-        deadlines.wait()
-        at_once.append(int(deadlines.at.at_once))
-        slept.append(len(clock.slept) - before)
-        clock.work(PERIOD + PERIOD // 5)
-    assert at_once == [0, 1] * 10
-    assert slept == [1, 0] * 10
-    assert deadlines.at.missed_total == 9, "every third period, before a tick that was slept for"
-
-
 def test_a_signal_does_not_end_the_sleep_early() -> None:
     class Nervous(FakeClock):
         def sleep_until(self, time_ns: int) -> None:

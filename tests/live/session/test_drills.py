@@ -26,7 +26,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_drill import IN_TIME, LOOP, PATIENCE, STIFF, Drill, FakeDexmo, Fault, Safety, grasping_setup, stiff
+from fake_gloves import FakeDexmo
+from live_drill import (
+    IN_TIME,
+    PATIENCE,
+    STIFF,
+    Drill,
+    Fault,
+    assert_free_in_time,
+    assert_told_free,
+    grasping_setup,
+    stiff,
+)
 from live_peers import free_ports
 from machine_share import MachineShare, assert_in_time, keeps_time
 from numpy.typing import NDArray
@@ -34,16 +45,15 @@ from renewed import Renewed
 from sampled import sampled
 
 from hhsim.kernels.live.plausibility import TRUST
-from hhsim.live.session.status import Stage
-from hhsim.live.session.supervisor import RECORDER, WATCHDOG
+from hhsim.live.processes import Stage
+from hhsim.live.session.supervisor import LOOP, RECORDER, WATCHDOG
 from hhsim.result.reader import load_result
+from hhsim.result.safety import Safety
 
 pytestmark = [pytest.mark.slow, keeps_time]
 
 DRIVER = "driver"
 KILL, STOP = signal.SIGKILL, signal.SIGSTOP
-JUST_BEFORE = 1_000_000_000
-"""A finger is held so shortly before a fault [ns]."""
 ENOUGH = 150
 """Ticks that are recorded before the recorder meets its fault."""
 HANGS = "hangs"
@@ -66,21 +76,7 @@ HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
 @pytest.fixture(scope="module", autouse=True)
 def kernels() -> None:
     """Scene and kernels are made before a drill begins."""
-    grasping_setup(1, None)
-
-
-@contextmanager
-def dexmo(log: Path) -> Iterator[FakeDexmo]:
-    server = FakeDexmo(log)
-    server.port = free_ports(socket.SOCK_STREAM)
-    with server:
-        yield server
-
-
-@pytest.fixture
-def glove(tmp_path: Path) -> Iterator[FakeDexmo]:
-    with dexmo(tmp_path / "commands.log") as server:
-        yield server
+    grasping_setup([1])
 
 
 @pytest.fixture(scope="module")
@@ -91,9 +87,9 @@ def drills(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Renewed[Drill]]
     def session() -> Iterator[Drill]:
         folder = tmp_path_factory.mktemp("drill")
         (folder / "sitecustomize.py").write_text(HANGING.format(flag=str(folder / HANGS)))
-        with pytest.MonkeyPatch.context() as patch, dexmo(folder / "commands.log") as server:
+        with pytest.MonkeyPatch.context() as patch:
             patch.setenv("PYTHONPATH", str(folder), prepend=os.pathsep)
-            with Drill(server, folder / "session.h5") as held:
+            with Drill(folder) as held:
                 yield held
 
     with Renewed(session, lambda drill: drill.sound) as shared:
@@ -103,19 +99,6 @@ def drills(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Renewed[Drill]]
 @pytest.fixture
 def drill(request: pytest.FixtureRequest, drills: Renewed[Drill]) -> Iterator[Drill]:
     yield from drills.use(request.node)
-
-
-def held_last(commands: NDArray[Any], since: int) -> int:
-    """How long after `since` a finger was last held [ns]; negative where it was free by then."""
-    times = commands["time_ns"][stiff(commands)]
-    return int(times.max()) - since if times.size else -since
-
-
-def assert_free_in_time(commands: NDArray[Any], fault: Fault, late: int = 0) -> None:
-    """Fingers were held right before a fault, and `commands` holds none of them any more soon after it."""
-    before = commands[(commands["time_ns"] < fault.before) & (commands["time_ns"] > fault.before - JUST_BEFORE)]
-    assert stiff(before).any(), "nothing was held: the drill shows nothing"
-    assert_in_time(held_last(commands, fault.since), fault.allowed + late)
 
 
 def assert_ramp(drill: Drill, since: int) -> None:
@@ -290,8 +273,8 @@ def test_disk_full(drill: Drill) -> None:
 
 
 @pytest.mark.soak
-def test_a_process_is_killed_that_ends_the_session(glove: FakeDexmo, tmp_path: Path) -> None:
-    with Drill(glove, tmp_path / "session.h5") as drill:
+def test_a_process_is_killed_that_ends_the_session(tmp_path: Path) -> None:
+    with Drill(tmp_path) as drill:
         drill.grasp()
         drill.until(lambda: int(drill.session.memory.status["recorder_ticks"]) > ENOUGH, "recorded ticks")
         drill.kill(RECORDER)
@@ -318,11 +301,9 @@ def test_a_process_is_killed_that_ends_the_session(glove: FakeDexmo, tmp_path: P
 @pytest.mark.parametrize("number", [KILL, STOP], ids=lambda number: number.name)
 @pytest.mark.parametrize("process", [LOOP, WATCHDOG, RECORDER])
 @pytest.mark.quick("loop-SIGSTOP")
-def test_a_process_is_lost_while_the_session_ends(
-    glove: FakeDexmo, tmp_path: Path, process: str, number: signal.Signals
-) -> None:
+def test_a_process_is_lost_while_the_session_ends(tmp_path: Path, process: str, number: signal.Signals) -> None:
     """The user ends the session, and in the same moment a process is killed or stopped, for a second."""
-    with Drill(glove, tmp_path / "session.h5") as drill:
+    with Drill(tmp_path) as drill:
         drill.grasp()
         pid = pid_of(drill, process)
         going = threading.Timer(1.0, os.kill, (pid, signal.SIGCONT))
@@ -336,20 +317,15 @@ def test_a_process_is_lost_while_the_session_ends(
             going.start()
         drill.let_it_end(lost)
         going.cancel()
-        commands = drill.commands()
-    assert_free_in_time(commands, lost)
-    # It is told so, and not only told nothing more.
-    freed = commands["time_ns"][~stiff(commands) & (commands["time_ns"] > lost.before)]
-    assert_in_time(int(freed.min()) - lost.since, lost.allowed)
-    assert not stiff(commands[-1:]).any()
+    assert_told_free(drill.commands(), lost)
 
 
 @pytest.mark.parametrize("number", [KILL, STOP], ids=lambda number: number.name)
 @pytest.mark.parametrize("process", [LOOP, WATCHDOG])
 @pytest.mark.soak
-def test_a_process_is_lost_while_the_session_begins(glove: FakeDexmo, process: str, number: signal.Signals) -> None:
+def test_a_process_is_lost_while_the_session_begins(tmp_path: Path, process: str, number: signal.Signals) -> None:
     """Nobody is told to hold a finger then, and the session ends, or goes on when the process does."""
-    with Drill(glove) as drill:
+    with Drill(tmp_path, recorded=False) as drill:
         session, limit = drill.session, time.monotonic() + PATIENCE
         while session.pid(process) is None or session.stage != Stage.STARTING:
             assert time.monotonic() < limit
@@ -390,15 +366,20 @@ def test_a_session_ends_with_free_fingers(drill: Drill) -> None:
 
 @pytest.mark.parametrize("number", sampled([signal.SIGINT, KILL], lambda _, number: number == signal.SIGINT))
 @pytest.mark.soak
-def test_the_command_is_ended(glove: FakeDexmo, tmp_path: Path, number: signal.Signals) -> None:
+def test_the_command_is_ended(tmp_path: Path, number: signal.Signals) -> None:
     """As a user runs it; SIGKILL of the supervisor, too, ends in free fingers and no process left."""
+    glove = FakeDexmo(tmp_path / "commands.log")
+    glove.port = free_ports(socket.SOCK_STREAM)
     command = [*HHSIM, "live", "glove", "cube", "--device", "dexmo", "--port", str(glove.port), "--level", "3"]
     # A slow loop is late less often on a busy machine, which would begin the ramp anew.
     command += ["--pose", "fixed", "--stiffness", "1", "--rate", "250", "--stale", "100", "--no-record", "--json"]
     pipe = subprocess.PIPE
-    with subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=pipe, stderr=pipe, text=True, cwd=tmp_path
-    ) as process:
+    with (
+        glove,
+        subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=pipe, stderr=pipe, text=True, cwd=tmp_path
+        ) as process,
+    ):
         try:
             end_the_command(glove, process, number)
         finally:
@@ -425,8 +406,9 @@ def end_the_command(glove: FakeDexmo, process: "subprocess.Popen[str]", number: 
         time.sleep(0.002)
     out, err = process.communicate(timeout=PATIENCE)
     commands = glove.commands
-    assert stiff(commands[commands["time_ns"] < before]).any()
-    assert_in_time(held_last(commands, sent), IN_TIME + share.taken_ns)
+    held = commands["time_ns"][stiff(commands)]
+    assert (held < before).any()
+    assert_in_time(int(held.max()) - sent, IN_TIME + share.taken_ns)
     assert not stiff(commands[-1:]).any()
     if number == signal.SIGINT:
         assert process.returncode == 0, err

@@ -16,7 +16,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from live_drill import LOOP, Watched, grasping_setup
+from live_drill import Watched, grasping_setup
 from live_peers import free_ports, until
 from machine_share import assert_in_time, keeps_time
 from openxr_peer import Location, hand_datagram
@@ -25,6 +25,7 @@ from sampled import sampled
 
 from hhsim.hand.model import HandModel
 from hhsim.live.gloves import configure
+from hhsim.live.session.supervisor import LOOP
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
 
 pytestmark = [pytest.mark.slow, keeps_time]
@@ -135,7 +136,7 @@ def worn(kind: str) -> Iterator[Worn]:
     held = Worn(peer)
     peer.start()
     try:
-        setup = grasping_setup(1, None)
+        setup = grasping_setup([1])
         with held.begun(replace(setup, worn=(replace(setup.worn[0], device=device),))):
             held.until(lambda: peer.feels, "word of a force")
             yield held

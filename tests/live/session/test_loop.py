@@ -16,9 +16,8 @@ from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.live.device import FORCES, LIMITS, DeviceError
 from hhsim.live.drivers.poses import FixedPose, PoseSource
 from hhsim.live.gloves import PoseConfig
-from hhsim.live.processes import RingReader
+from hhsim.live.processes import RingReader, Stage
 from hhsim.live.session.settings import SafetyLimits
-from hhsim.live.session.status import Stage
 from hhsim.live.session.story import BEGINS_INSIDE
 from hhsim.result.safety import Safety
 
@@ -108,14 +107,7 @@ class PoseUntil(PoseSource):
 
 
 def dawdles(session: ScriptedSession) -> None:
-    solve = session.loop.one_tick.solve
-
-    def dawdle() -> None:
-        if session.loop.deadlines.at.tick == 120:
-            session.clock.work(10 * PERIOD)
-        solve()
-
-    session.loop.one_tick.solve = dawdle
+    session.solving(lambda: session.clock.work(10 * PERIOD), 120)
 
 
 def comes_back_third(session: ScriptedSession) -> None:
@@ -290,16 +282,13 @@ def test_what_was_held_before_a_loss_never_comes_to_a_glove_that_is_back() -> No
     assert session.glove.commands[held].stiffness.max() <= 0.03 + 1e-12
 
 
+def fails() -> None:
+    raise ZeroDivisionError("on purpose")
+
+
 def test_a_solver_that_raises_frees_the_fingers_and_the_loop_goes_on() -> None:
     session = ScriptedSession(HOLDING)
-    solve = session.loop.one_tick.solve
-
-    def fail() -> None:
-        if 100 <= session.loop.deadlines.at.tick < 103:
-            raise ZeroDivisionError("on purpose")
-        solve()
-
-    session.loop.one_tick.solve = fail
+    session.solving(fails, 100, 101, 102)
     session.run()
     assert session.ticks["tick"].tolist() == [*range(100), *range(103, 121)], "there is nothing to replay in them"
     sent = [command.stiffness.max() for command in session.glove.commands]
@@ -358,19 +347,16 @@ def test_nothing_is_solved_before_there_is_an_input_and_none_of_before_the_loop_
     assert all((command.stiffness == 0.0).all() for command in session.glove.commands[:silent])
 
 
-@pytest.mark.parametrize("how", ["signal", "asked"])
-def test_a_stop_frees_the_fingers_in_the_next_tick_and_releases(how: str) -> None:
+@pytest.mark.parametrize("reason", ["SIGTERM", "stopped"])
+def test_a_stop_frees_the_fingers_in_the_next_tick_and_releases(reason: str) -> None:
     session = ScriptedSession(HOLDING, duration=None)
-
-    def stop() -> None:
-        if how == "signal":
-            session.loop.stop("SIGTERM")
-        else:
-            session.memory.status["stop_requested"] = 1
-
-    session.glove.at_tick[100] = stop
-    session.run()
-    assert session.reason == ("SIGTERM" if how == "signal" else "stopped")
+    status, stop = session.memory.status, session.loop.stop
+    asked: dict[str, Callable[[], object]] = {
+        "SIGTERM": lambda: stop("SIGTERM"),
+        "stopped": lambda: status.__setitem__("stop_requested", 1),
+    }
+    session.glove.at_tick[100] = asked[reason]
+    assert session.run().reason == reason
     assert (session.glove.commands[-1].stiffness == 0.0).all()
     assert session.glove.commands[-2].stiffness.max() == 0.3
     assert len(session.glove.commands) in (101, 102) and len(session.glove.released) == 1
@@ -378,12 +364,8 @@ def test_a_stop_frees_the_fingers_in_the_next_tick_and_releases(how: str) -> Non
 
 def test_a_fault_of_the_loop_itself_releases_the_glove() -> None:
     session = ScriptedSession(HOLDING)
-
-    def fail() -> None:
-        raise RuntimeError("on purpose")
-
-    session.glove.at_tick[100] = fail
-    with pytest.raises(RuntimeError, match="on purpose"):
+    session.glove.at_tick[100] = fails
+    with pytest.raises(ZeroDivisionError, match="on purpose"):
         session.run()
     assert len(session.glove.released) == 1
     assert (session.memory.status["command_stiffness"] == 0.0).all()

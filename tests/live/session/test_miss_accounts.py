@@ -1,6 +1,5 @@
 """Every missed period of a loop has one of four names, by what was measured: each cause planted."""
 
-from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -21,17 +20,6 @@ class Planted(ScriptedSession):
 
     def __init__(self, ticks: int = 100) -> None:
         super().__init__([Moment(FREE + (FIST - FREE) * min(i, 60) / 60) for i in range(ticks)])
-
-    def at(self, action: Callable[[], None], tick: int = AT) -> None:
-        """Let something happen while a tick is solved."""
-        sound = self.loop.one_tick.solve
-
-        def solve() -> None:
-            if self.loop.deadlines.at.tick == tick:
-                action()
-            sound()
-
-        self.loop.one_tick.solve = solve
 
     def takes(self, wall: int = 0, cpu: int = 0, delay: int = 0, steal: int = 0, oversleep: int = 0) -> Any:
         """What a tick takes, by the clock and by the accounts [ns], and how late the loop is woken after it."""
@@ -68,7 +56,7 @@ def test_a_tick_that_takes_too_long_or_is_woken_late_is_named(
     given: dict[str, int], missed: int, kept: int, cause: MissCause
 ) -> None:
     planted = Planted()
-    planted.at(planted.takes(**given))
+    planted.solving(planted.takes(**given), AT)
     row = planted.only_miss()
     assert (row["tick"], row["missed"], row["cause"]) == (AT + 1 + missed, missed, cause)
     taken = dict(zip(TimeTaken._fields, row["taken"].tolist(), strict=True))
@@ -81,8 +69,8 @@ def test_a_tick_that_takes_too_long_or_is_woken_late_is_named(
 
 def test_a_tick_that_was_woken_so_late_that_its_usual_work_was_too_much_is_named_by_that() -> None:
     planted = Planted()
-    planted.at(planted.takes(oversleep=800_000, delay=800_000))
-    planted.at(planted.takes(700_000, cpu=700_000), AT + 1)
+    planted.solving(planted.takes(oversleep=800_000, delay=800_000), AT)
+    planted.solving(planted.takes(700_000, cpu=700_000), AT + 1)
     row = planted.only_miss()
     assert (row["tick"], row["missed"], row["cause"]) == (AT + 3, 1, WOKEN_LATE)
     assert row["taken"][:2].tolist() == [700_000, 900_000]
@@ -91,8 +79,8 @@ def test_a_tick_that_was_woken_so_late_that_its_usual_work_was_too_much_is_named
 @pytest.mark.parametrize(("more", "missed"), [(500_000, 0), (800_000, 1)])
 def test_a_tick_that_begins_at_once_is_accounted_for_with_the_one_before(more: int, missed: int) -> None:
     planted = Planted()
-    planted.at(planted.takes(1_100_000, cpu=1_100_000))
-    planted.at(planted.takes(more, cpu=more), AT + 1)
+    planted.solving(planted.takes(1_100_000, cpu=1_100_000), AT)
+    planted.solving(planted.takes(more, cpu=more), AT + 1)
     ticks = planted.run().ticks
     after = ticks[ticks["tick"] > AT]
     assert after["at_once"][:3].tolist() == [1, 0, 0]
@@ -104,9 +92,9 @@ def test_a_tick_that_begins_at_once_is_accounted_for_with_the_one_before(more: i
 
 def test_what_the_host_took_long_before_is_not_charged_to_a_miss() -> None:
     planted = Planted(ticks=150)
-    planted.at(planted.takes(steal=50 * MS))
-    planted.at(planted.loop.tell, AT + 1)
-    planted.at(planted.takes(oversleep=4 * MS), AT + 5)
+    planted.solving(planted.takes(steal=50 * MS), AT)
+    planted.solving(planted.loop.tell, AT + 1)
+    planted.solving(planted.takes(oversleep=4 * MS), AT + 5)
     row = planted.only_miss()
     assert (row["missed"], row["cause"], row["taken"][3]) == (4, WOKEN_LATE, 0)
 
@@ -115,7 +103,7 @@ def test_what_the_host_took_long_before_is_not_charged_to_a_miss() -> None:
 def test_what_the_host_took_is_read_in_a_tick_after_a_long_stall_alone(short: int, reads: int) -> None:
     planted = Planted()
     # Of it, 0.1 ms are the driver's, which is in step with the loop here.
-    planted.at(planted.takes(2 * MS + LONG_STALL_NS - 100_000 - short, cpu=2 * MS))
+    planted.solving(planted.takes(2 * MS + LONG_STALL_NS - 100_000 - short, cpu=2 * MS), AT)
     read, steal_ns = [], planted.accounts.steal_ns
 
     def counted() -> int:
@@ -130,7 +118,7 @@ def test_what_the_host_took_is_read_in_a_tick_after_a_long_stall_alone(short: in
 
 def test_a_stall_that_frees_the_fingers_is_logged_with_its_cause() -> None:
     planted = Planted()
-    planted.at(planted.takes(oversleep=12 * MS, steal=20 * MS))
+    planted.solving(planted.takes(oversleep=12 * MS, steal=20 * MS), AT)
     assert planted.only_miss()["safety"] & Safety.OVERRUN_STREAK
     (line,) = (line for line in planted.events if "too many late ticks in a row" in line)
     assert line.endswith(": 12 the last time, taken by the host")

@@ -9,7 +9,6 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,20 +16,16 @@ import h5py
 import numpy as np
 import pytest
 from described_datasets import bare_datasets
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from live_rings import BEGAN, CHANNELS, FACTS, ended, make_setup, numbered_samples, pour, solved_ticks
 from numpy.typing import NDArray
 from sampled import sampled
 
 from hhsim.errors import InputError
-from hhsim.live.session.loop import loop_options
+from hhsim.live.processes import LoopProcess, Stage
 from hhsim.live.session.memory import TICK_CAPACITY, SessionMemory
-from hhsim.live.session.recorder import CUT_SHORT, LOOP_DIED, Recorder, SessionWriter
-from hhsim.live.session.status import LoopProcess, Stage
+from hhsim.live.session.recorder import CUT_SHORT, LOOP_DIED, Recorder
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result
-from hhsim.result.schema import LIVE_TICK_COLUMNS, TICK_COLUMNS
 from hhsim.solver.options import SolverOptions
 from hhsim.system.log_histogram import LogHistogram
 
@@ -193,25 +188,6 @@ def test_what_was_overwritten_is_counted_and_told(ticks: Records, tmp_path: Path
     assert again.notes == (
         "the recorder lost 11 ticks after tick 599: what followed on them cannot be run again, and was not compared",
     )
-
-
-@given(cuts=st.lists(st.integers(0, 60), max_size=8))
-@settings(max_examples=3)
-def test_blocks_of_any_size_give_the_same_arrays(
-    session: Result, ticks: Records, tmp_path_factory: pytest.TempPathFactory, cuts: list[int]
-) -> None:
-    path = tmp_path_factory.mktemp("cuts") / "session.h5"
-    setup = make_setup(path)
-    with SessionWriter(path, setup, loop_options(setup.options, setup.rate), FACTS) as writer:
-        for first, end in pairwise([0, *sorted(cuts), 60]):
-            writer.write([{"ticks": (first, ticks[first:end])}], np.array(COUNTERS))
-        writer.finish("duration", np.array(COUNTERS), 0, {})
-    result = load_result(path)
-    assert result.ticks == 60
-    for column in TICK_COLUMNS:
-        assert result[column.name].tobytes() == session[column.name][:60].tobytes(), column.name
-    for column in LIVE_TICK_COLUMNS:
-        assert np.array_equal(result[f"live/tick/{column.name}"], session[f"live/tick/{column.name}"][:60])
 
 
 def test_a_session_that_lost_its_beginning_cannot_be_run_again(ticks: Records, tmp_path: Path) -> None:

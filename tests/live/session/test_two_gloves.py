@@ -3,21 +3,18 @@
 The gloves are processes of their own that log their commands; times are taken as in `test_drills`.
 """
 
-import socket
+import re
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from live_drill import STIFF, FakeDexmo, Fault, Watched, grasping_scene, stiff, two_grasping_setup
-from live_peers import free_ports
+from live_drill import STIFF, Drill, assert_told_free, grasping_scene, stiff
 from machine_share import assert_in_time, keeps_time
 from sampled import sampled
 
-from hhsim.errors import HhsimError, InputError
+from hhsim.errors import InputError
 from hhsim.hand.model import SIDES
 from hhsim.live.processes import RingReader
 from hhsim.live.session.supervisor import LOOP
@@ -30,63 +27,18 @@ pytestmark = [pytest.mark.slow, keeps_time]
 RIGHT, LEFT = 0, 1
 
 
-class TwoGlovesDrill(Watched):
-    """A session of two gloves, each at a server of its own, whose fingers close on a cube and are stopped."""
-
-    def __init__(self, folder: Path, stack: ExitStack, record: Path | None = None, *, free: bool = False) -> None:
-        super().__init__()
-        self.gloves = []
-        for side, number in zip(SIDES, (1, 2)):
-            glove = FakeDexmo(folder / f"{side}.log", "--gloves", f"{number}:{side}")
-            glove.port = free_ports(socket.SOCK_STREAM)
-            self.gloves.append(stack.enter_context(glove))
-        setup = two_grasping_setup([glove.port for glove in self.gloves], record, free=free)
-        stack.enter_context(self.begun(setup))
-        self.carriers = [glove.pid for glove in self.gloves]
-        self.hands = self.session.memory.hands
-
-    def held(self) -> bool:
-        return all(float(hand.status["command_stiffness"].max()) > STIFF for hand in self.hands)
-
-    def grasp(self) -> None:
-        """Wait until both hands are held, and let the user's hands stand still there."""
-        for _ in range(2):
-            for hand, glove in zip(self.hands, self.gloves):
-                glove.order("move")
-                self.until(lambda hand=hand: float(hand.status["command_stiffness"].max()) > STIFF, "held hand")
-                glove.order("hold")
-        self.until(self.held, "two held hands")
-
-    def assert_both_free(self, fault: Fault) -> None:
-        """Each glove held a finger right before the fault, and was soon told to hold none, and nothing else after."""
-        for glove in self.gloves:
-            commands = glove.commands
-            times = commands["time_ns"][stiff(commands)]
-            assert ((times < fault.before) & (times > fault.before - 1_000_000_000)).any(), "nothing was held"
-            assert_in_time(int(times.max()) - fault.since, fault.allowed)
-            freed = commands["time_ns"][~stiff(commands) & (commands["time_ns"] > times.max())]
-            assert_in_time(int(freed.min()) - fault.since, fault.allowed)
-
-
-@pytest.fixture
-def drill(tmp_path: Path) -> Iterator[TwoGlovesDrill]:
-    with ExitStack() as stack:
-        yield TwoGlovesDrill(tmp_path, stack)
-
-
 @pytest.mark.soak
-def test_the_loop_is_killed(drill: TwoGlovesDrill) -> None:
-    drill.grasp()
-    killed = drill.kill(LOOP)
-    drill.let_it_end(killed)
-    drill.assert_both_free(killed)
-    with pytest.raises(HhsimError, match=r"the session ended early: the loop .*SIGKILL"):
-        drill.session.check()
-    for glove in drill.gloves:
-        assert not stiff(glove.commands[-1:]).any()
+def test_the_loop_is_killed(tmp_path: Path) -> None:
+    with Drill(tmp_path, SIDES, recorded=False) as drill:
+        drill.grasp()
+        killed = drill.kill(LOOP)
+        drill.let_it_end(killed)
+        for glove in drill.gloves:
+            assert_told_free(glove.commands, killed)
+    assert re.match("the session ended early: the loop .*SIGKILL", drill.session.end().error)
 
 
-def assert_a_silent_glove_frees_both_hands_and_both_are_held_again(drill: TwoGlovesDrill) -> None:
+def assert_a_silent_glove_frees_both_hands_and_both_are_held_again(drill: Drill) -> None:
     ring = RingReader(drill.hands[RIGHT].ticks)
     stalled = drill.fault(lambda: drill.gloves[LEFT].order("stall"))
     other = drill.hands[RIGHT].status
@@ -96,7 +48,7 @@ def assert_a_silent_glove_frees_both_hands_and_both_are_held_again(drill: TwoGlo
     _, ticks = ring.read(16_000)
     assert_in_time(int(ticks["time_ns"][stiff(ticks)].max()) - stalled.since, stalled.allowed)
     drill.gloves[LEFT].order("go")
-    drill.until(drill.held, "two held hands again")
+    drill.until_held()
     drill.until(lambda: "right hand: the other hand is well again" in drill.log, "word of it")
     assert any(text.startswith("right hand: a fault of the other hand: the fingers are free") for text in drill.log)
 
@@ -106,14 +58,13 @@ def assert_a_silent_glove_frees_both_hands_and_both_are_held_again(drill: TwoGlo
 def test_a_fault_of_one_glove_frees_both_and_the_session_ends_in_one_file_that_runs_again(
     tmp_path: Path, free: bool
 ) -> None:
-    record = tmp_path / "both.h5"
-    with ExitStack() as stack:
-        drill = TwoGlovesDrill(tmp_path, stack, record, free=free)
+    record = tmp_path / "session.h5"
+    with Drill(tmp_path, SIDES, free=free) as drill:
         drill.grasp()
         assert_a_silent_glove_frees_both_hands_and_both_are_held_again(drill)
         drill.session.request_stop("a key")
         outcomes = drill.session.end().hands
-        drill.session.check()
+        assert drill.session.end().error == ""
         assert [outcome.reason for outcome in outcomes] == ["a key"] * 2
     for glove in drill.gloves:
         commands = glove.commands

@@ -104,18 +104,6 @@ def assert_sound(result: Result) -> None:
         assert {claim.name for claim in verify(hand).claims if claim.failed and "latency" not in claim.note} <= CLOCK
 
 
-@pytest.mark.soak
-def test_two_simulated_gloves_lift_a_free_cube(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    result, _ = record(tmp_path / "lift.h5", monkeypatch, 2.5, free=True)
-    assert_sound(result)
-    raised = result.body["position"][:, 2] - result.body["position"][0, 2]
-    assert raised.max() > 0.08
-    at_the_top = raised > 0.07
-    for hand in result.hands.values():
-        assert hand["force/total"][at_the_top].any() and (hand["live/tick/command_stiffness"][at_the_top] > 0.0).any()
-    assert set(np.unique(result["contact/a"])) and result["contact/tick"][-1] < result.ticks
-
-
 @pytest.mark.parametrize("free", sampled([True, False], lambda number, _: number == 0))
 def test_a_glove_that_drops_out_frees_both_hands_until_it_is_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: bool

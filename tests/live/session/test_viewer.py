@@ -4,8 +4,8 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,26 +13,19 @@ from typing import Any
 import numpy as np
 import pytest
 from live_peers import until
-from live_rings import pour
-from live_scripted import make_setup
+from live_rings import make_setup, pour, solved_ticks
 from rerun_files import PATIENCE, Recording, listening
-from short_grasp import short_grasp, short_scene
 
-from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_TOUCHING
-from hhsim.live.gloves import configure
-from hhsim.live.processes import RingReader
-from hhsim.live.session.memory import LIVE_TICK, SessionMemory
+from hhsim.live.processes import RingReader, Stage
+from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.recorder import SessionWriter
 from hhsim.live.session.settings import LiveSetup
-from hhsim.live.session.status import Stage
 from hhsim.live.session.viewer import LiveViewer
 from hhsim.render.triangle_soup import piece_poses
 from hhsim.result.reader import load_result
 from hhsim.result.safety import Safety
 from hhsim.result.schema import WARNING
-from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions
 from hhsim.view.plots import LIVE_PLOTS
 from hhsim.view.sink import parse_target
 from hhsim.view.viewer import view_result
@@ -42,24 +35,14 @@ Records = np.ndarray[Any, Any]
 
 @pytest.fixture(scope="module")
 def played() -> tuple[LiveSetup, Records]:
-    """A session's setup, and the 200 ticks that a loop would publish."""
-    scene = short_scene(short_grasp())
-    options, ticks = SolverOptions(), scene.hands[0].ticks
-    haptic = {name: getattr(ticks, name) for name in ("position", "orientation", "flexion", "abduction")}
-    record = HandSolver(scene.hands[0].model, scene.solids[0].placed_tree.arrays(), options).run(*haptic.values())
-    records = np.zeros(ticks.tick_count, LIVE_TICK)
-    for name in TickRecord._fields:
-        records[name] = getattr(record, name)
-    for name, values in haptic.items():
-        records[f"haptic_{name}"] = values
+    """A session's setup, and 200 ticks that a loop would publish."""
+    setup = make_setup(None)
+    records = solved_ticks(setup)[-200:]
     count = np.arange(len(records))
-    records["tick"] = 40 + count
-    records["time_ns"] = 7_000_000_000 + 1_000_000 * count
     records["wakeup_ns"] = 5_000 + count
     records["latency_ns"] = np.where(count % 5 == 0, 90_000 + count, -1)
     records["safety"] = np.where(count < 60, Safety.NO_INPUT_YET, 0)
     records["command_stiffness"] = 0.002 * count[:, None] * [1.0, 0.5, 0.25, 0.0, 0.1]
-    setup = make_setup(scene=scene.first(1), hand=scene.hands[0].model, device=configure("sim"))
     return setup, records
 
 
@@ -129,7 +112,7 @@ def test_a_recorded_session_shows_the_same_later(
     played: tuple[LiveSetup, Records], memory: SessionMemory, tmp_path: Path
 ) -> None:
     setup, records = played
-    memory.log(WARNING, "no fresh input", time_ns=7_020_000_000)
+    memory.log(WARNING, "no fresh input", time_ns=int(records["time_ns"][20]))
     facts = {"device": {"name": "glove", "channels": ["bend"]}}
     with SessionWriter(tmp_path / "session.h5", setup, setup.options, facts) as writer:
         taken = {"ticks": (0, records), "events": RingReader(memory.events).read(10)}
@@ -163,26 +146,38 @@ def test_a_hand_that_is_no_number_is_shown_without_contacts(
     assert Recording(path).rows("/world/contacts/points", "Points3D:positions") == [[]]
 
 
-def command(setup: LiveSetup, memory: SessionMemory) -> tuple[list[str], list[int]]:
-    descriptor = memory.with_setup(setup)
-    words = [sys.executable, "-m", "hhsim.live.session.viewer", "--setup", str(descriptor)]
-    return words, [descriptor, *memory.descriptors]
+@contextmanager
+def viewer_process(setup: LiveSetup, memory: SessionMemory, port: int, *how: str) -> Iterator[Callable[[Records], str]]:
+    """The process of a viewer at a port, by default as the supervisor starts it; how to wait for its last line."""
+    descriptor = memory.with_setup(shown(setup, f"connect={port}"))
+    words = [sys.executable, *(how or ("-m", "hhsim.live.session.viewer")), "--setup", str(descriptor)]
+    descriptors = [descriptor, *memory.descriptors]
+    with subprocess.Popen(words, pass_fds=descriptors, stderr=subprocess.PIPE, text=True) as process:
+
+        def last_line(fed: Records) -> str:
+            def is_over() -> bool:
+                pour(memory.ticks, fed)
+                return process.poll() is not None
+
+            until(is_over)
+            assert process.returncode == 0 and process.stderr is not None
+            return process.stderr.read().splitlines()[-1]
+
+        try:
+            until(lambda: int(memory.status["viewer_ns"]) > 0)
+            yield last_line
+        finally:
+            process.kill()
 
 
 def test_a_viewer_that_is_closed_ends_the_process_and_nothing_else(
     played: tuple[LiveSetup, Records], memory: SessionMemory, tmp_path: Path
 ) -> None:
     setup, records = played
-    with listening(tmp_path / "got.rrd") as (port, viewer):
-        words, descriptors = command(shown(setup, f"connect={port}"), memory)
-        process = subprocess.Popen(words, pass_fds=descriptors, stderr=subprocess.PIPE, text=True)
-        pour(memory.ticks, records[:100])
-        until(lambda: int(memory.status["viewer_ns"]) > 0)
+    pour(memory.ticks, records[:100])
+    with listening(tmp_path / "got.rrd") as (port, viewer), viewer_process(setup, memory, port) as last_line:
         viewer.kill()
-        assert process.wait(PATIENCE) == 0
-        assert process.stderr is not None
-        assert process.stderr.read().splitlines()[-1] == "hhsim: the viewer was closed"
-        process.stderr.close()
+        assert last_line(records[:0]) == "hhsim: the viewer was closed"
     # The writer of the ring never waits for a reader.
     pour(memory.ticks, np.repeat(records, 100))
     assert memory.ticks.written == 20_100
@@ -193,18 +188,11 @@ def test_a_viewer_that_stalls_is_given_up(
     played: tuple[LiveSetup, Records], memory: SessionMemory, tmp_path: Path
 ) -> None:
     setup, records = played
-    with listening(tmp_path / "got.rrd") as (port, viewer):
-        words, descriptors = command(shown(setup, f"connect={port}"), memory)
-        impatient = "import sys; import hhsim.live.session.viewer as v; v.LONGEST_STALL = 2.0; sys.exit(v.main())"
-        words[1:3] = ["-c", impatient]
-        process = subprocess.Popen(words, pass_fds=descriptors, stderr=subprocess.PIPE, text=True)
-        until(lambda: int(memory.status["viewer_ns"]) > 0)
+    impatient = "import sys; import hhsim.live.session.viewer as v; v.LONGEST_STALL = 2.0; sys.exit(v.main())"
+    with (
+        listening(tmp_path / "got.rrd") as (port, viewer),
+        viewer_process(setup, memory, port, "-c", impatient) as last_line,
+    ):
         viewer.send_signal(signal.SIGSTOP)
-        end = time.monotonic() + PATIENCE
-        while process.poll() is None and time.monotonic() < end:
-            pour(memory.ticks, records)
-            time.sleep(0.02)
-        assert process.wait(PATIENCE) == 0
-        assert process.stderr is not None
-        assert process.stderr.read().splitlines()[-1] == "hhsim: the viewer has taken nothing for 2 s"
-        process.stderr.close()
+        # More than the connection takes.
+        assert last_line(records) == "hhsim: the viewer has taken nothing for 2 s"
