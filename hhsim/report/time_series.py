@@ -109,7 +109,7 @@ def series_figure(results: Mapping[str, Result]) -> style.ReportFigure:
     is_alone, surfaces = len(runs) == 1, " or ".join(dict.fromkeys(run.result.surface for run in runs))
     deepest = max((float(np.nanmax(run.result["penetration_depth"], initial=0.0)) for run in runs), default=0.0)
     unit, scale = ("mm", 1e3) if deepest >= 1e-3 else ("nm", 1e9) if 0.0 < deepest < 1e-7 else ("µm", 1e6)
-    panels: list[tuple[str, float, Callable[[Axes, Sequence[Run]], None], Sequence[str]]] = [
+    panels: list[tuple[str, float, Any, Sequence[str]]] = [
         ("force on the hand [N]", 1.75, _draw_forces, FORCES if is_alone else list(results)),
         ("CPU time of the tick", 1.3, _draw_times, ()),
         ("pairs of hand and object", 0.95, _draw_pairs, PAIRS),
@@ -127,7 +127,12 @@ def series_figure(results: Mapping[str, Result]) -> style.ReportFigure:
         _draw_axis(axes, runs)
         _draw_marks(axes, runs)
 
-    drawn = [style.Panel(title, height, partial(draw, runs=runs), names) for title, height, draw, names in panels]
+    def panel(
+        title: str, height: float, draw: "Callable[[Axes, Sequence[Run]], None]", names: Sequence[str]
+    ) -> style.Panel:
+        return style.Panel(title, height, lambda axes: draw(axes, runs), names)
+
+    drawn = [panel(*one) for one in panels]
     with style.chart(drawn, over_all) as figure:
         title = "Force, time and contacts over the run"
         return style.page_figure("series", title, CAPTION, _series_alt(runs, len(panels)), figure)
