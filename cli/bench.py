@@ -1,7 +1,7 @@
 """`hhsim bench`: one command for every suite, whose options are the fields of the suite's settings."""
 
 from collections.abc import Mapping
-from dataclasses import Field, asdict, fields
+from dataclasses import asdict, fields
 from functools import partial
 from pathlib import Path
 from types import UnionType
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Union, get_args, g
 
 import click
 
+from hhsim.errors import OutputError
 from hhsim.system.counted import counted
 
 from .arguments import options
@@ -21,6 +22,7 @@ from .arguments.solver_options import Linearising
 from .console import print_json, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
+    from hhsim.bench.plan import Option
     from hhsim.bench.suite import Suite
 
 
@@ -87,43 +89,46 @@ command = SuiteGroup(
 )
 
 
-def suite_command(name: str, suite: "Suite") -> click.Command:
-    """Return the command of a suite."""
+def suite_command(name: str, suite: "type[Suite]") -> click.Command:
+    """Return the command of a suite, made of its plan."""
+    from hhsim.bench.suite import Suite
+
+    plan = suite.plan()
 
     def callback(output: options.Output, running: RunningOptions | None = None, **given: Any) -> int:
         return run_suite(name, suite, output, running, given)
 
-    callback.__doc__ = suite.help
+    callback.__doc__ = plan.help
     decorated: Any = options.Output.argument("output")(callback)
     if suite.is_portable:
         decorated = RunningOptions.argument("running")(decorated)
-    if suite.listed is not None:
+    if suite.listed is not Suite.listed:
         decorated = click.option("--list", "listed", is_flag=True, help="List what there is and run none.")(decorated)
-    if suite.draw is not None and suite.check_folder is None:
+    if suite.draws_picture:
         decorated = options.picture(decorated)
-    elif suite.draw is not None:
+    if suite.draws_folder:
         help = "Draw the scenes and curves in the manner of the paper's Figs. 11 to 15 here, as PNG, PDF and SVG."
         decorated = click.option("--plot", type=options.OUTPUT, metavar="FOLDER", help=help)(decorated)
-    if suite.preset is not None:
-        decorated = click.option(f"--{suite.preset.flag}", is_flag=True, help=suite.preset.help)(decorated)
-    hints = get_type_hints(suite.settings, include_extras=True)
-    for field in reversed(fields(suite.settings)):
-        if field.metadata:
-            decorated = _declared(field, hints[field.name])(decorated)
+    if plan.preset is not None:
+        decorated = click.option(f"--{plan.preset.flag}", is_flag=True, help=plan.preset.help)(decorated)
+    hints = get_type_hints(suite, include_extras=True)
+    for setting, about in reversed(plan.options.items()):
+        if not about.is_hidden:
+            decorated = _declared(setting, about, hints[setting])(decorated)
             decorated.__click_params__[-1].heading = "Suite"
     many = sum(isinstance(param, click.Option) for param in decorated.__click_params__) > MOST_OPTIONS
     return click.command(name, cls=GroupedCommand if many else options.Command)(decorated)
 
 
-def _declared(field: "Field[Any]", hint: Any) -> Decorator:
+def _declared(name: str, about: "Option", hint: Any) -> Decorator:
     """Return the option or argument of a setting."""
-    about, completed = field.metadata, complete_object if field.name == "objects" else None
-    if about["argument"]:
-        return click.argument(field.name, metavar=about["metavar"], nargs=-1, shell_complete=completed)
-    if not about["help"]:
-        return SHARED[field.name]
+    completed = complete_object if name == "objects" else None
+    if about.is_argument:
+        return click.argument(name, metavar=about.metavar, nargs=-1, shell_complete=completed)
+    if not about.help:
+        return SHARED[name]
     kind = _kind(hint)
-    how: dict[str, Any] = {"metavar": about["metavar"] or kind.metavar}
+    how: dict[str, Any] = {"metavar": about.metavar or kind.metavar}
     if kind.is_list:
         numbers = partial(read_counts, int(kind.least), int(kind.most)) if kind.type is int else read_names
         how |= {"multiple": True, "callback": numbers, "shell_complete": completed}
@@ -135,14 +140,11 @@ def _declared(field: "Field[Any]", hint: Any) -> Decorator:
         how["type"] = options.Number(kind.least, kind.most)
     elif how["metavar"] == "FILE":
         how["type"] = click.Path()
-    default = field.default
-    listed = default if isinstance(default, tuple) else (default,)
-    usual = "" if default in (None, "", ()) or kind.type is bool else ",".join(map(str, listed))
-    help = f"{about['help']} Default: {usual}." if usual else about["help"]
+    listed = about.default if isinstance(about.default, list) else [about.default]
+    usual = "" if about.default in (None, "", []) or kind.type is bool else ",".join(map(str, listed))
+    help = f"{about.help} Default: {usual}." if usual else about.help
     # None, so that a preset counts where it is not given.
-    return click.option(
-        about["flag"] or f"--{field.name.replace('_', '-')}", field.name, help=help, default=None, **how
-    )
+    return click.option(about.flag or f"--{name.replace('_', '-')}", name, help=help, default=None, **how)
 
 
 class _Kind(NamedTuple):
@@ -176,24 +178,22 @@ def _kind(hint: Any) -> _Kind:
 
 
 def run_suite(
-    name: str, suite: "Suite", output: options.Output, where: RunningOptions | None, given: dict[str, Any]
+    name: str, kind: "type[Suite]", output: options.Output, where: RunningOptions | None, given: dict[str, Any]
 ) -> int:
     """Run a suite, write its tables and its picture, print them; return 1 if a bar is missed."""
-    from hhsim.bench.suite import run_cells, run_tasks_of, tables_of
+    from hhsim.bench.suite import run_cells, run_tasks_of
     from hhsim.table.file import check_table_path, table_document, write_table
 
-    plot, listed = given.pop("plot", None), given.pop("listed", False)
-    is_preset = suite.preset is not None and given.pop(suite.preset.flag)
-    values = {key: value for key, value in given.items() if value is not None}
-    settings = suite.settings(**{**(suite.preset.values if suite.preset and is_preset else {}), **values})
-    if listed and suite.listed is not None:
-        found = suite.listed(settings)
+    plan, plot, listed = kind.plan(), given.pop("plot", None), given.pop("listed", False)
+    is_preset = plan.preset is not None and given.pop(plan.preset.flag)
+    suite = kind.planned(is_preset, **{key: value for key, value in given.items() if value is not None})
+    if listed and (found := suite.listed()) is not None:
         if output.as_json:
             print_json({"rows": found.records})
         else:
             print_table(found)
         return 0
-    path, described = output.path(f"bench-{name}", ".json"), asdict(settings)
+    path, described, columns = output.path(f"bench-{name}", ".json"), asdict(suite), suite.columns()
     check_table_path(path)
     picture = _picture(suite, path, plot)
     figures: list[Any] = []
@@ -203,31 +203,29 @@ def run_suite(
     with progress(quiet=output.quiet) as report:
         stopped: KeyboardInterrupt | None = None
         try:
-            if running:
-                figures += run_tasks_of(name, settings, report, **running)
-            for one in () if running else run_cells(suite, settings, report):
-                figures.append(one)
+            # What came before an interrupt stays in the list.
+            figures.extend(run_tasks_of(suite, report, **running) if running else run_cells(suite, report))
         except KeyboardInterrupt as interrupt:
             if not figures:
                 raise
             stopped = interrupt
-        rows = suite.rows(settings, figures)
-        write_table(path, name, suite.columns, rows, described)
+        rows = suite.rows(figures)
+        write_table(path, name, columns, rows, described)
         if stopped is not None:
             stopped.add_note(f"what ran so far, {len(rows):,} in all, is in {path} and its .csv file")
             raise stopped
-        note = f"{suite.preset.flag} run" if suite.preset and is_preset and suite.preset.flag == "quick" else ""
-        pictures = suite.draw(picture, settings, rows, figures, report, note) if suite.draw and picture else []
-    missed, notes = suite.missed(settings, rows), suite.notes(settings, figures)
+        note = "quick run" if plan.preset and is_preset and plan.preset.flag == "quick" else ""
+        pictures = suite.draw(picture, rows, figures, report, note) if picture else []
+    missed, notes = suite.missed(rows), suite.notes(figures)
     if output.as_json:
         plots = {"pictures": list(map(str, pictures))} if pictures else {}
-        document = table_document(path, suite.columns, described, **plots)
+        document = table_document(path, columns, described, **plots)
         print_json({**document, "missed": missed, "notes": notes, "rows": rows})
     elif not output.quiet:
-        for table in tables_of(suite, settings, rows, figures):
-            print_table(table, optional=suite.optional)
+        for table in suite.tables(rows, figures):
+            print_table(table, optional=plan.optional)
             print()
-        for line in (*suite.lines(settings, rows), *(f"missed: {what}" for what in missed)):
+        for line in (*suite.lines(rows), *(f"missed: {what}" for what in missed)):
             print_line(line)
         print_notes(notes)
         drawn = f", the picture in {picture}" if len(pictures) == 1 else ""
@@ -238,10 +236,14 @@ def run_suite(
 
 def _picture(suite: "Suite", table: Path, plot: Path | None) -> Path | None:
     """Return the path of the picture, or of the folder of pictures, if there is to be one; it is checked."""
-    if suite.draw is not None and suite.check_folder is None:
-        from hhsim.system.output_path import picture_beside
+    from hhsim.system.output_path import check_picture, picture_beside
 
+    if suite.draws_picture:
         return picture_beside(table, plot)
-    if suite.check_folder is not None and plot is not None:
-        suite.check_folder(plot)
+    if plot is not None:
+        try:
+            plot.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"cannot make the folder {plot}: {error.strerror or error}") from error
+        check_picture(plot / "any.png")
     return plot

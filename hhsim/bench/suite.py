@@ -1,19 +1,25 @@
-"""What a suite of `hhsim bench` declares, and the one way in which all are run."""
+"""What a suite of `hhsim bench` is, and the one way in which all are run.
+
+A suite is a class of settings in a module of `hhsim.bench.suites`, and a plan in the TOML file beside it: what the
+command says, the values of the settings, and the figures with their units.
+"""
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import sys
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, TypeAlias
+from typing import Any, Self, TypeAlias
 
 from hhsim import __version__
-from hhsim.bench.registry import SUITES
+from hhsim.bench.plan import Plan, read_plan
 from hhsim.errors import HhsimError
+from hhsim.metrics.run.registry import run_metrics
 from hhsim.sweep.engines import FolderTask, TaskEnd, run_to_end
 from hhsim.sweep.folder import check_own, has_format, locked
 from hhsim.sweep.input_files import file_digest, source_digest
@@ -21,6 +27,7 @@ from hhsim.sweep.plan import DIGITS
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
+from hhsim.system.settings_file import check_fields
 from hhsim.table.table import Column, Table
 
 Row: TypeAlias = dict[str, Any]
@@ -29,89 +36,122 @@ MARK, FORMAT = "bench.json", "hhsim-bench-cells"
 """File that tells a folder of cells from others, and its format."""
 
 
-def setting(default: Any, help: str = "", flag: str = "", metavar: str = "", *, is_argument: bool = False) -> Any:
-    """Return a field of a suite's settings that is an option of its command.
-
-    Without a help it is the option of that name that other commands have. `flag` is as of the field by default.
-    """
-    return field(default=default, metadata={"help": help, "flag": flag, "metavar": metavar, "argument": is_argument})
-
-
-@dataclass(frozen=True)
-class Preset:
-    """Values of the settings that a flag stands for; those that are given count more."""
-
-    flag: str
-    help: str
-    values: Mapping[str, Any]
-
-
-def no_lines(settings: Any, found: Any) -> list[str]:
-    """Say nothing."""
-    return []
-
-
 @dataclass(frozen=True, kw_only=True)
 class Suite:
-    """Suite: cells, each run alone, and the table of their figures.
+    """Settings of a suite: cells, each run alone, and the table of their figures.
 
     Settings with a field `repetitions` have every cell run so often, in turns: `run` gets the figures of the times
-    before. Functions of `rows` get the rows of the table, by the names of its columns.
+    before. Rows are those of the table, by the names of its columns.
     """
 
-    help: str  # of its command, after the one line: paragraphs and examples
-    settings: type  # frozen dataclass, its fields made by `setting`; it raises InputError for what cannot be
-    columns: Sequence[Column]
-    cells: Callable[[Any, Progress], Sequence[Any]]  # of the settings
-    run: Callable[[Any, Any], Any]  # figures of a cell; None before the first time
-    # Of the settings and the figures of all cells; without it, the figures of a cell are a list of rows.
-    rows: Callable[[Any, Sequence[Any]], list[Row]] = lambda settings, figures: list(chain.from_iterable(figures))
-    # What people read: columns as of `Table.of_records`, which rows, the column that they are sorted by, that of which
-    # each value has a table of its own, and the title. Or tables, of the settings, the rows and the figures.
-    shown: str = ""
-    is_shown: Callable[[Sequence[Row], Row], bool] = lambda rows, row: True
-    sort: str = ""
-    by: str = ""
-    title: Callable[[Any], str] = lambda settings: ""
-    tables: Callable[[Any, Sequence[Row], Sequence[Any]], Sequence[Table]] | None = None
-    missed: Callable[[Any, Sequence[Row]], list[str]] = no_lines  # missed bars, a few words each: exit code 1
-    lines: Callable[[Any, Sequence[Row]], list[str]] = no_lines  # what people read below the tables
-    notes: Callable[[Any, Sequence[Any]], list[str]] = no_lines  # remarks on the figures
-    named: Callable[[Any], str] = lambda cell: "cells"  # name of a cell in the progress
-    optional: Sequence[str] = ()  # headings of columns that a narrow terminal leaves out
-    preset: Preset | None = None
     # True if the figures of a cell are a list of rows of plain values: it can be run anywhere, and kept.
-    is_portable: bool = False
-    key: Callable[[Any], str] = lambda cell: ""  # digest of what a cell depends on besides the settings
-    # Draws its pictures, of path, settings, rows, figures, progress and a note on the run; returns their paths.
-    draw: Callable[[Path, Any, Sequence[Row], Sequence[Any], Progress, str], list[Path]] | None = None
-    # Checks the folder of its pictures, before the work; without it there is one, a file beside the table.
-    check_folder: Callable[[Path], None] | None = None
-    listed: Callable[[Any], Table] | None = None  # table of what there is, for --list
+    is_portable = False
+    # True if it draws a picture beside the table, or a folder of pictures where one is named.
+    draws_picture, draws_folder = False, False
+
+    def __post_init__(self) -> None:
+        """Raise InputError for unknown names, empty lists and numbers out of range."""
+        check_fields(self)
+        self.check()
+
+    @classmethod
+    def plan(cls) -> Plan:
+        """Return the plan beside the module."""
+        return read_plan(Path(str(sys.modules[cls.__module__].__file__)).with_suffix(".toml"))
+
+    @classmethod
+    def planned(cls, is_preset: bool = False, **given: Any) -> Self:
+        """Return the settings of the plan, with the values of its preset if asked for, and with those that are given.
+
+        Raises InputError for a value that cannot be.
+        """
+        plan = cls.plan()
+        values = {name: option.default for name, option in plan.options.items()}
+        values |= {**(plan.preset.values if plan.preset and is_preset else {}), **given}
+        return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
+
+    @classmethod
+    def columns(cls) -> Sequence[Column]:
+        """Return the columns of the table."""
+        known, found = run_metrics(), []
+        for name, figure in cls.plan().figure.items():
+            metric = None if figure.says else known[name]
+            found.append(Column(name, metric.label, metric.unit) if metric else Column(name, figure.says, figure.unit))
+        return found
+
+    def check(self) -> None:
+        """Raise InputError for what the types of the fields cannot express."""
+
+    def cells(self, progress: Progress) -> Sequence[Any]:
+        """Return what is run."""
+        raise NotImplementedError
+
+    def run(self, cell: Any, before: Any) -> Any:
+        """Return the figures of a cell; `before` are those of the time before, None at first."""
+        raise NotImplementedError
+
+    def rows(self, figures: Sequence[Any]) -> list[Row]:
+        """Return the rows of the figures of all cells; by default the figures of a cell are a list of rows."""
+        return list(chain.from_iterable(figures))
+
+    def is_shown(self, rows: Sequence[Row], row: Row) -> bool:
+        """Return True for a row that people read."""
+        return True
+
+    def title(self) -> str:
+        """Return the title of the tables that people read."""
+        return ""
+
+    def tables(self, rows: Sequence[Row], figures: Sequence[Any]) -> Sequence[Table]:
+        """Return what people read of the rows."""
+        plan, chosen = self.plan(), [row for row in rows if self.is_shown(rows, row)]
+        if plan.sort:
+            chosen.sort(key=lambda row: float(row[plan.sort]))
+        groups = dict[str, list[Row]]()
+        for row in chosen:
+            groups.setdefault(row[plan.by] if plan.by else "", []).append(row)
+        names = {value: ": ".join(filter(None, (value, self.title()))) for value in groups}
+        return [Table.of_records(self.columns(), group, plan.shown, names[value]) for value, group in groups.items()]
+
+    def missed(self, rows: Sequence[Row]) -> list[str]:
+        """Return missed bars, a few words each: exit code 1."""
+        return []
+
+    def lines(self, rows: Sequence[Row]) -> list[str]:
+        """Return what people read below the tables."""
+        return []
+
+    def notes(self, figures: Sequence[Any]) -> list[str]:
+        """Return remarks on the figures."""
+        return []
+
+    def named(self, cell: Any) -> str:
+        """Return the name of a cell in the progress."""
+        return "cells"
+
+    def key(self, cell: Any) -> str:
+        """Return a digest of what a cell depends on besides the settings."""
+        return ""
+
+    def draw(
+        self, path: Path, rows: Sequence[Row], figures: Sequence[Any], progress: Progress, note: str
+    ) -> list[Path]:
+        """Draw pictures, with a note on the run, and return their paths; of suites that draw."""
+        return []
+
+    def listed(self) -> Table | None:
+        """Return the table of what there is, for --list; None for a suite without it."""
+        return None
 
 
-def tables_of(suite: Suite, settings: Any, rows: Sequence[Row], figures: Sequence[Any]) -> Sequence[Table]:
-    """Return what people read of the rows."""
-    if suite.tables is not None:
-        return suite.tables(settings, rows, figures)
-    chosen = [row for row in rows if suite.is_shown(rows, row)]
-    if suite.sort:
-        chosen.sort(key=lambda row: float(row[suite.sort]))
-    title, groups = suite.title(settings), dict[str, list[Row]]()
-    for row in chosen:
-        groups.setdefault(row[suite.by] if suite.by else "", []).append(row)
-    names = {value: ": ".join(filter(None, (value, title))) for value in groups}
-    return [Table.of_records(suite.columns, group, suite.shown, names[value]) for value, group in groups.items()]
-
-
-def run_cells(suite: Suite, settings: Any, progress: Progress = silent) -> Iterator[Any]:
+def run_cells(suite: Suite, progress: Progress = silent) -> Iterator[Any]:
     """Yield the figures of the cells in their order, as soon as they are known; Ctrl-C is heard between two.
 
     Repetitions take turns, each in the opposite order of the one before, so that other load of the machine falls on all
     cells.
     """
-    cells = suite.cells(settings, progress)
-    rounds = getattr(settings, "repetitions", 1)
+    cells = suite.cells(progress)
+    rounds = getattr(suite, "repetitions", 1)
     figures: list[Any] = [None] * len(cells)
     with interruptible_between() as check_interrupt:
         for number in range(rounds):
@@ -131,13 +171,12 @@ def run_cells(suite: Suite, settings: Any, progress: Progress = silent) -> Itera
 class SuiteTask(FolderTask):
     """Cell of a portable suite by its place."""
 
-    suite: str
-    settings: Any
+    suite: Suite
     place: int
 
     def work(self) -> TaskEnd:
         """Run the cell and write its rows in one step."""
-        rows = SUITES[self.suite].run(_cells(self.suite, self.settings)[self.place], None)
+        rows = self.suite.run(_cells(self.suite)[self.place], None)
         text = json.dumps(rows, default=lambda value: value.item())
         write_atomically(Path(self.folder) / f"{self.digest}.json", text.encode())
         return TaskEnd(self.digest)
@@ -145,25 +184,19 @@ class SuiteTask(FolderTask):
 
 # A process runs several cells of a suite.
 @lru_cache(1)
-def _cells(suite: str, settings: Any) -> Sequence[Any]:
-    return SUITES[suite].cells(settings, silent)
+def _cells(suite: Suite) -> Sequence[Any]:
+    return suite.cells(silent)
 
 
-def _digests(settings: Any) -> list[str]:
+def _digests(settings: Mapping[str, Any]) -> list[str]:
     """Return the digests of the files that settings name."""
-    values = (value if isinstance(value, tuple) else (value,) for value in vars(settings).values())
+    values = (value if isinstance(value, tuple) else (value,) for value in settings.values())
     named = (Path(word) for words in values for word in words if isinstance(word, str))
     return [file_digest(path) for path in named if path.is_file()]
 
 
 def run_tasks_of(
-    name: str,
-    settings: Any,
-    progress: Progress = silent,
-    *,
-    jobs: int = 1,
-    scheduler: str = "",
-    folder: Path | None = None,
+    suite: Suite, progress: Progress = silent, *, jobs: int = 1, scheduler: str = "", folder: Path | None = None
 ) -> list[list[Row]]:
     """Return the rows of all cells of a portable suite, in their order; those that are kept are not run again.
 
@@ -174,10 +207,9 @@ def run_tasks_of(
 
     Raises HhsimError for a cell that could not be run, OutputError for a folder that is not writable, or is another's.
     """
-    suite, cells = SUITES[name], _cells(name, settings)
-    stated = [name, asdict(settings), _digests(settings), __version__, source_digest()]
-    digests = []
-    for place, cell in enumerate(cells):
+    name, settings = type(suite).__module__, asdict(suite)
+    stated, digests = [name, settings, _digests(settings), __version__, source_digest()], []
+    for place, cell in enumerate(_cells(suite)):
         text = json.dumps([*stated, suite.key(cell) or place], sort_keys=True)
         digests.append(hashlib.sha256(text.encode()).hexdigest()[:DIGITS])
     with TemporaryDirectory() as scratch, ExitStack() as stack:
@@ -189,7 +221,7 @@ def run_tasks_of(
         files = [folder / f"{digest}.json" for digest in digests]
         left = [place for place, file in enumerate(files) if not file.is_file()]
         about: dict[str, Any] = {"folder": str(folder.resolve()), "sources": source_digest()}
-        tasks = [SuiteTask(suite=name, settings=settings, place=i, digest=digests[i], **about) for i in left]
+        tasks = [SuiteTask(suite=suite, place=place, digest=digests[place], **about) for place in left]
 
         def on_end(end: TaskEnd) -> str:
             if end.reason:

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.bench.figures import Figure, hand_clearance, summed
-from hhsim.bench.suite import Row
+from hhsim.bench.figures import TOTALS, hand_clearance
+from hhsim.bench.suite import Row, Suite
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
@@ -36,8 +36,8 @@ from hhsim.scene.scene import Scene, make_scene
 from hhsim.scene.synthesis import synthesize
 from hhsim.solver.options import SolverOptions
 from hhsim.system.progress import Progress
+from hhsim.system.settings_file import Count, Names
 from hhsim.table.file import ALL, rows_of
-from hhsim.table.table import Column
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.mesh_distance import HandReferee
@@ -48,12 +48,6 @@ LONG = 5.0
 """CPU time of all ticks above which a run is not repeated [s]."""
 GAIN = 0.05
 """Share by which the error of a slower way on the frontier is smaller."""
-SCENE_COLUMNS = (Column("object", "object; 'all' sums up"), Column("motion", "motion; 'all' sums up"))
-TIME_COLUMNS = (
-    Column("contact_ticks", "ticks with the haptic hand within 1 mm of the mesh or inside; times are of these"),
-    Column("tick_cpu_p50", "CPU time of a tick in contact, median", "µs"),
-    Column("tick_cpu_p99", "CPU time of a tick in contact, 99th percentile", "µs"),
-)
 TIMES_REMARK = (
     "times are CPU times of ticks with the haptic hand within 1 mm of the mesh, the median of the repetitions; compare "
     "them within this run, not between machines"
@@ -77,35 +71,6 @@ class Stage:
     def scene(self, tree: SphereTree) -> Scene:
         """Return the scene with the object's spheres."""
         return make_scene(self.mesh, tree, self.hand, self.trajectory, rate=self.ticks.rate)
-
-
-def check_scenes(objects: Sequence[str], motions: Sequence[str]) -> None:
-    """Raise InputError for an object or a motion that the catalogue lacks, or a motion that touches nothing."""
-    check_known("object", objects, object_names())
-    check_known("trajectory", motions, script_names())
-    for motion in motions:
-        if not load_script(motion).contact:
-            raise InputError(f"the motion '{motion}' touches nothing: there is no error to measure")
-
-
-def stages(options: Any, hand: HandModel, tree: Callable[[Mesh], SphereTree], progress: Progress) -> Iterator[Stage]:
-    """Yield every motion on every object, made on the object's tree; TrajectoryError for one that cannot be done.
-
-    `options` have objects, motions, rate [Hz] and seed.
-    """
-    count = len(options.objects) * len(options.motions)
-    for i, name in enumerate(options.objects):
-        mesh = load_object(name).mesh
-        spheres, referee = tree(mesh), HandReferee(mesh, open_too=True)
-        surface = contact_surface("mesh", mesh, spheres).arrays
-        for j, motion in enumerate(options.motions):
-            progress("scenes", i * len(options.motions) + j, count)
-            trajectory = synthesize(load_script(motion), hand, spheres, options.seed)
-            scene = make_scene(mesh, spheres, hand, trajectory, rate=options.rate)
-            ticks = scene.hands[0].ticks.seen_from_object()
-            placed = forward_kinematics(hand, *HandConfiguration.of(ticks))
-            contact = hand_clearance(hand, surface, placed, NEAR) < NEAR
-            yield Stage(name, motion, hand, mesh, trajectory, ticks, surface, contact, referee)
 
 
 class Way(NamedTuple):
@@ -148,32 +113,6 @@ class Run:
     failure: str = ""  # message of the error that ended it, or ""
 
 
-def run_cell(cell: Cell, before: Run | None) -> Run:
-    """Replay a way on its scene once more, unless it failed or takes long; an HhsimError is kept."""
-    run = before or Run(cell.stage.object, cell.stage.motion, cell.way)
-    if run.failure or run.seconds > LONG:
-        return run
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "run.h5"
-        try:
-            summary = replay_scene(cell.scene, cell.way.solver, path)
-            result = load_result(path)
-            finite = np.isfinite(result["graphic/joints"]).all(axis=(1, 2, 3))
-            if not finite.all():
-                raise HhsimError(f"the graphic hand is not finite after tick {int(finite.argmin())}")
-            digest, cpu = tick_digest(result), 1e-9 * result["duration/total_cpu"]
-            if not run.figures:
-                run.figures = {**summary.attributes(), **cell.errors(result.seen_from_object)}
-                run.digest, run.seconds = digest, float(cpu.sum())
-        except HhsimError as error:
-            run.failure = str(error)
-            return run
-        run.repeatable = run.repeatable and digest == run.digest
-        run.cpu.append(cpu[cell.stage.contact])
-        run.other.append(1e-9 * result[cell.other][cell.stage.contact])
-    return run
-
-
 def placed_at(result: Result, ticks: IntArray) -> PlacedHand:
     """Return the graphic hand of a result at some ticks."""
     return PlacedHand(*(result[name][ticks] for name in PLACED))
@@ -185,63 +124,10 @@ def median_percentile(runs: Sequence[Sequence[FloatArray]], percent: float) -> f
     return float(np.percentile(times, percent)) if times.size else np.nan
 
 
-def summed_rows(runs: Sequence[Run], figures: Sequence[Figure], of_way: Callable[[Sequence[Run]], Row]) -> list[Row]:
-    """Return a row a run, then one for each way and object, then one for each way.
-
-    `of_way` returns what a row has of runs of one way besides names, times, figures and failures.
-    """
-    groups: dict[tuple[str, Way], list[Run]] = defaultdict(list)
-    for run in runs:
-        groups[run.object, run.way].append(run)
-    for run in runs:
-        groups[ALL, run.way].append(run)
-
-    def row(name: str, motion: str, group: Sequence[Run]) -> Row:
-        times, values = [run.cpu for run in group], summed(figures, [run.figures for run in group if run.figures])
-        return {
-            "object": name,
-            "motion": motion,
-            "contact_ticks": sum(cpu[0].size for cpu in times if cpu),
-            "tick_cpu_p50": median_percentile(times, 50.0),
-            "tick_cpu_p99": median_percentile(times, 99.0),
-            **{name: float(value) for name, value in values.items()},
-            **of_way(group),
-            "failed_runs": sum(bool(run.failure) for run in group),
-        }
-
-    rows = [row(run.object, run.motion, [run]) for run in runs]
-    return rows + [row(name, ALL, group) for (name, _), group in groups.items()]
-
-
-def competing(rows: Sequence[Row]) -> list[list[Row]]:
-    """Return the rows that compete: of one object and motion, without failures."""
-    groups: dict[tuple[str, str], list[Row]] = defaultdict(list)
-    for row in rows:
-        if not row["failed_runs"]:
-            groups[row["object"], row["motion"]].append(row)
-    return list(groups.values())
-
-
 def mark_frontier(group: Sequence[Row], flag: str, error: str) -> None:
     """Mark the rows of a group that none beats in both time and error."""
     for i in frontier([row["tick_cpu_p50"] for row in group], [row[error] for row in group], GAIN):
         group[i][flag] = True
-
-
-def draw(
-    path: Path, settings: Any, rows: Sequence[Row], figures: Sequence[Any], progress: Progress, note: str
-) -> list[Path]:
-    """Draw the picture of a suite, with the engines of the table that its settings name; see `Suite`."""
-    peers = getattr(settings, "peers", None)
-    draw_trade_off(path, rows, rows_of(Path(peers), "peers") if peers else [], note)
-    return [path]
-
-
-def failure_remark(runs: Sequence[Run]) -> list[str]:
-    """Return a remark on the runs that failed, if any."""
-    failed = [run for run in runs if run.failure]
-    where = [f"{run.way.name}, {run.object}, {run.motion}: {run.failure}" for run in failed[:1]]
-    return [f"{len(failed)} of {len(runs)} runs could not be done; the first: {first}" for first in where]
 
 
 def frontier(time: ArrayLike, error: ArrayLike, gain: float = 0.0) -> IntArray:
@@ -258,3 +144,130 @@ def frontier(time: ArrayLike, error: ArrayLike, gain: float = 0.0) -> IntArray:
         if not (np.isnan(first[index]) or np.isnan(second[index])) and (not kept or second[index] < less):
             kept.append(int(index))
     return np.array(kept, np.int64)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TradeOff(Suite):
+    """Scenes and ways to solve the hand, each with each."""
+
+    objects: Names
+    motions: Names
+    methods: Names | None
+    repetitions: Count
+    rate: float  # [Hz]
+    seed: int
+    hands: Count  # limit of the hands of a run whose depth is measured, 6 to 18 ms each
+    draws_picture = True
+
+    def check(self) -> None:
+        """Raise InputError for an object or a motion that the catalogue lacks, or a motion that touches nothing."""
+        check_known("object", self.objects, object_names())
+        check_known("trajectory", self.motions, script_names())
+        for motion in self.motions:
+            if not load_script(motion).contact:
+                raise InputError(f"the motion '{motion}' touches nothing: there is no error to measure")
+
+    def stages(self, hand: HandModel, tree: Callable[[Mesh], SphereTree], progress: Progress) -> Iterator[Stage]:
+        """Yield every motion on every object, made on the object's tree; TrajectoryError for one that cannot be."""
+        count = len(self.objects) * len(self.motions)
+        for i, name in enumerate(self.objects):
+            mesh = load_object(name).mesh
+            spheres, referee = tree(mesh), HandReferee(mesh, open_too=True)
+            surface = contact_surface("mesh", mesh, spheres).arrays
+            for j, motion in enumerate(self.motions):
+                progress("scenes", i * len(self.motions) + j, count)
+                trajectory = synthesize(load_script(motion), hand, spheres, self.seed)
+                scene = make_scene(mesh, spheres, hand, trajectory, rate=self.rate)
+                ticks = scene.hands[0].ticks.seen_from_object()
+                placed = forward_kinematics(hand, *HandConfiguration.of(ticks))
+                contact = hand_clearance(hand, surface, placed, NEAR) < NEAR
+                yield Stage(name, motion, hand, mesh, trajectory, ticks, surface, contact, referee)
+
+    def run(self, cell: Cell, before: Run | None) -> Run:
+        """Replay a way on its scene once more, unless it failed or takes long; an HhsimError is kept."""
+        run = before or Run(cell.stage.object, cell.stage.motion, cell.way)
+        if run.failure or run.seconds > LONG:
+            return run
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "run.h5"
+            try:
+                summary = replay_scene(cell.scene, cell.way.solver, path)
+                result = load_result(path)
+                finite = np.isfinite(result["graphic/joints"]).all(axis=(1, 2, 3))
+                if not finite.all():
+                    raise HhsimError(f"the graphic hand is not finite after tick {int(finite.argmin())}")
+                digest, cpu = tick_digest(result), 1e-9 * result["duration/total_cpu"]
+                if not run.figures:
+                    run.figures = {**summary.attributes(), **cell.errors(result.seen_from_object)}
+                    run.digest, run.seconds = digest, float(cpu.sum())
+            except HhsimError as error:
+                run.failure = str(error)
+                return run
+            run.repeatable = run.repeatable and digest == run.digest
+            run.cpu.append(cpu[cell.stage.contact])
+            run.other.append(1e-9 * result[cell.other][cell.stage.contact])
+        return run
+
+    def of_way(self, runs: Sequence[Run]) -> Row:
+        """Return what a row has of runs of one way besides names, times, figures and failures."""
+        raise NotImplementedError
+
+    def mark(self, group: Sequence[Row]) -> None:
+        """Mark the best of the rows that compete."""
+        raise NotImplementedError
+
+    def rows(self, figures: Sequence[Run]) -> list[Row]:
+        """Return a row a run, then one for each way and object, then one for each way."""
+        groups: dict[tuple[str, Way], list[Run]] = defaultdict(list)
+        for run in figures:
+            groups[run.object, run.way].append(run)
+        for run in figures:
+            groups[ALL, run.way].append(run)
+        totals = {name: TOTALS[one.total] for name, one in self.plan().figure.items() if one.total}
+
+        def row(name: str, motion: str, group: Sequence[Run]) -> Row:
+            times, known = [run.cpu for run in group], [run.figures for run in group if run.figures]
+            values = {key: float(total([of.get(key, np.nan) for of in known])) for key, total in totals.items()}
+            return {
+                "object": name,
+                "motion": motion,
+                "contact_ticks": sum(cpu[0].size for cpu in times if cpu),
+                "tick_cpu_p50": median_percentile(times, 50.0),
+                "tick_cpu_p99": median_percentile(times, 99.0),
+                **values,
+                **self.of_way(group),
+                "failed_runs": sum(bool(run.failure) for run in group),
+            }
+
+        rows = [row(run.object, run.motion, [run]) for run in figures]
+        rows += [row(name, ALL, group) for (name, _), group in groups.items()]
+        competing: dict[tuple[str, str], list[Row]] = defaultdict(list)
+        for one in rows:
+            if not one["failed_runs"]:
+                competing[one["object"], one["motion"]].append(one)
+        for together in competing.values():
+            self.mark(together)
+        return rows
+
+    def title(self) -> str:
+        """Return the motions."""
+        return ", ".join(self.motions)
+
+    def notes(self, figures: Sequence[Run]) -> list[str]:
+        """Return remarks on the times, and on the runs that failed."""
+        failed = [run for run in figures if run.failure]
+        where = [f"{run.way.name}, {run.object}, {run.motion}: {run.failure}" for run in failed[:1]]
+        told = [f"{len(failed)} of {len(figures)} runs could not be done; the first: {first}" for first in where]
+        return [TIMES_REMARK, *told]
+
+    def named(self, cell: Cell) -> str:
+        """Return way and scene."""
+        return f"{cell.way.name}, {cell.stage.object}, {cell.stage.motion}"
+
+    def draw(
+        self, path: Path, rows: Sequence[Row], figures: Sequence[Run], progress: Progress, note: str
+    ) -> list[Path]:
+        """Draw time against error, with the engines of the table that the settings name."""
+        peers = getattr(self, "peers", None)
+        draw_trade_off(path, rows, rows_of(Path(peers), "peers") if peers else [], note)
+        return [path]

@@ -63,14 +63,14 @@ def depth_figure(before: FieldHands, after: FieldHands) -> style.ReportFigure:
             axes.plot(time, values, color=color, linewidth=1.0, label=name)
         axes.set_ylim(bottom=0.0)
 
-    def over_all(axes: "Sequence[Axes]", narrow: bool) -> None:
+    def over_all(axes: "Sequence[Axes]") -> None:
         axes[-1].set(xlim=(time[0], time[-1]), xlabel="time [s]")
 
     panels = (
         style.Panel("Depth in the object [mm]", PANEL, partial(draw, curves), [name for name, *_ in curves]),
         style.Panel("Largest move of a joint [mm]", PANEL, partial(draw, [("", moved, style.BLUE)])),
     )
-    drawing = style.chart(panels, over_all)
     largest = f"recorded {depth[0].max():.1f} mm, repaired {depth[1].max():.3f} mm"
     alt = f"Depth over time; largest: {largest}; largest move of a joint {moved.max():.1f} mm"
-    return style.drawn_figure("depth", "Depth and correction.", f"Largest depth: {largest}.", alt, drawing)
+    with style.chart(panels, over_all) as figure:
+        return style.page_figure("depth", "Depth and correction.", f"Largest depth: {largest}.", alt, figure)

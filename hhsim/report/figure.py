@@ -1,13 +1,12 @@
-"""Figures of `hhsim report` and the style that they share.
+"""Style of a report's charts, one below another over one x axis, and a figure with its texts as a page has it.
 
-Sizes are those on paper: a figure is as wide as the text of an A4 page, its text at least 9 pt, and it is drawn a
-second time for a phone. Colours are Okabe and Ito's for the colour-blind ("Color Universal Design", 2008).
+Colours are Okabe and Ito's for the colour-blind ("Color Universal Design", 2008).
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from hhsim.render.figure import png_bytes
 
@@ -37,35 +36,18 @@ BUDGET = 1e-3
 
 LEAST_TIME = 1e-7
 """Shorter ticks are drawn at it [s]: a logarithm has no zero."""
-LEFT = 0.6
-"""Width of the labels of the y axes [inches]."""
 PAGE_INCHES = 7.0
 """Width of the text of an A4 page."""
-PHONE_INCHES = 3.6
+ACROSS = PAGE_INCHES - 0.7
+"""Width of a panel without the labels of its axis [inches]."""
 DPI = 200
 TEXT = 9.0
 """Size of the smallest text [pt]."""
-LETTER, SIGN, LEGEND_LINE = 0.075, 0.36, 0.17
-"""Width of a letter and of a sign in a legend, and height of its lines [inches]."""
-TITLE, TOP, BOTTOM, RIGHT = 0.27, 0.02, 0.45, 0.1
-"""Space for the title of a panel, above all panels, below them for the axis, and right of them [inches]."""
-LEGEND: Any = {
-    "bbox_to_anchor": (0.0, 1.0),
-    "borderaxespad": 0.15,
-    "borderpad": 0.1,
-    "labelspacing": 0.2,
-    "handlelength": 1.4,
-    "handletextpad": 0.4,
-    "columnspacing": 0.9,
-}
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """A figure at any width [inches]: what draws it and gives its height, laid out narrow where the flag is set."""
-
-    draw: "Callable[[Figure, bool], None]"
-    height: Callable[[float, bool], float]
+LETTER, SIGN = 0.075, 0.36
+"""Width of a letter and of a sign in a legend [inches]."""
+HEAD, FOOT = 0.42, 0.45
+"""Height of the title and legend of a panel, and of the axis below all panels [inches]."""
+LEGEND: Any = {"borderaxespad": 0.1, "borderpad": 0.1, "handlelength": 1.4, "handletextpad": 0.4, "columnspacing": 0.9}
 
 
 @dataclass(frozen=True)
@@ -79,80 +61,10 @@ class ReportFigure:
     png: bytes = field(repr=False)
     width_px: int
     height_px: int
-    phone_png: bytes | None = field(default=None, repr=False)  # the figure for a narrow page; None where `png` will do
-    drawing: Drawing | None = field(
-        default=None, compare=False, repr=False
-    )  # draws it again; None for a rendered picture
 
     def _repr_png_(self) -> bytes:
         """Return what a notebook shows."""
         return self.png
-
-
-@dataclass(frozen=True)
-class PageFigure:
-    """A figure as a page has it; `title` replaces its own title and caption, `aside` stands beside another figure."""
-
-    name: str
-    figure: ReportFigure
-    title: str
-    aside: bool
-
-
-@dataclass(frozen=True)
-class Album:
-    """Figures of a page: PNGs by name in its order, for the files beside it."""
-
-    pictures: dict[str, bytes] = field(default_factory=dict)
-
-    def shown(self, what: ReportFigure, prefix: str = "", title: str = "", *, aside: bool = False) -> PageFigure:
-        """Keep a figure under its name after `prefix`, and return it as the page has it."""
-        name = prefix + what.name
-        self.pictures[name] = what.png
-        return PageFigure(name, what, title, aside)
-
-
-def run_style(number: int) -> tuple[str, str]:
-    """Return colour and dashes of a result by its number from 0."""
-    return RUN_STYLES[number % len(RUN_STYLES)]
-
-
-def drawn_figure(name: str, title: str, caption: str, alt: str, drawing: Drawing) -> ReportFigure:
-    """Draw a figure for the page and again for a phone; the texts are those of `ReportFigure`."""
-    pictures = []
-    for narrow, width in ((False, PAGE_INCHES), (True, PHONE_INCHES)):
-        with new_figure(width, drawing.height(width, narrow)) as figure:
-            drawing.draw(figure, narrow)
-            pictures.append(png_bytes(figure))
-    size = round(PAGE_INCHES * DPI), round(drawing.height(PAGE_INCHES, False) * DPI)
-    return ReportFigure(name, title, caption, alt, pictures[0], *size, phone_png=pictures[1], drawing=drawing)
-
-
-@contextmanager
-def new_figure(width: float, height: float) -> "Iterator[Figure]":
-    """Make a figure of this size [inches] in the report's style, whatever the user's matplotlibrc says."""
-    import matplotlib
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    settings: dict[str, Any] = {
-        **dict.fromkeys(("font.size", "axes.labelsize", "axes.titlesize", "legend.fontsize"), TEXT),
-        **dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), TEXT),
-        **dict.fromkeys(("text.color", "axes.labelcolor", "xtick.color", "ytick.color"), INK),
-        **dict.fromkeys(("axes.linewidth", "xtick.major.width", "ytick.major.width", "grid.linewidth"), 0.6),
-        **dict.fromkeys(("axes.spines.top", "axes.spines.right", "legend.frameon"), False),
-        "axes.edgecolor": SOFT,
-        "axes.axisbelow": True,
-        "grid.color": GRID,
-        "agg.path.chunksize": 20_000,
-    }
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        parameters: Any = matplotlib.rcParams
-        parameters.update(settings)
-        figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
-        FigureCanvasAgg(figure)
-        yield figure
 
 
 @dataclass(frozen=True)
@@ -165,71 +77,71 @@ class Panel:
     names: Sequence[str] = ()
 
 
-def chart(
-    panels: Sequence[Panel],
-    over_all: "Callable[[Sequence[Axes], bool], None] | None" = None,
-    names: Mapping[str, tuple[str, str]] | None = None,
-    least: float = 0.0,
-) -> Drawing:
-    """Return the drawing of panels, each below its title and its legend.
+def run_style(number: int) -> tuple[str, str]:
+    """Return colour and dashes of a result by its number from 0."""
+    return RUN_STYLES[number % len(RUN_STYLES)]
 
-    Args:
-        panels: In their order.
-        over_all: What draws over all panels, laid out narrow or not, once they are drawn: they stand one below another
-            over one x axis. None for panels with axes of their own, beside one another.
-        names: Colour and mark by label, in a legend above all panels.
-        least: Least width of a panel with its labels [inches].
+
+def page_figure(name: str, title: str, caption: str, alt: str, figure: "Figure") -> ReportFigure:
+    """Return a drawn figure with its texts, which are those of `ReportFigure`."""
+    width, height = (round(float(side) * figure.dpi) for side in figure.get_size_inches())
+    return ReportFigure(name, title, caption, alt, png_bytes(figure), width, height)
+
+
+@contextmanager
+def new_figure(width: float, height: float, layout: str | None = None) -> "Iterator[Figure]":
+    """Make a figure of this size [inches] in the report's style, whatever the user's matplotlibrc says.
+
+    `layout` is matplotlib's, None for axes that are placed by hand.
     """
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
-    def legend(labels: Sequence[str], width: float) -> tuple[list[str], int, float]:
-        """Return labels cut to fit this width [inches], how many stand in a line, and the height of all lines."""
-        most = max(2, int((width - SIGN) / LETTER))
-        cut = [label if len(label) <= most else f"{label[: most - 1]}…" for label in labels]
-        widths = [SIGN + LETTER * len(label) for label in cut] or [width]
-        across = len(cut) if sum(widths) <= width else max(1, int(width / max(widths)))
-        return cut, across, LEGEND_LINE * -(-len(cut) // max(across, 1))
+    settings: dict[str, Any] = {
+        **dict.fromkeys(("font.size", "axes.labelsize", "axes.titlesize", "legend.fontsize"), TEXT),
+        **dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), TEXT),
+        **dict.fromkeys(("text.color", "axes.labelcolor", "xtick.color", "ytick.color"), INK),
+        **dict.fromkeys(("axes.linewidth", "xtick.major.width", "ytick.major.width", "grid.linewidth"), 0.6),
+        **dict.fromkeys(("axes.spines.top", "axes.spines.right", "legend.frameon"), False),
+        "axes.edgecolor": SOFT,
+        "axes.axisbelow": True,
+        "axes.titleweight": "bold",
+        "axes.titlelocation": "left",
+        "grid.color": GRID,
+        "agg.path.chunksize": 20_000,
+    }
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        parameters: Any = matplotlib.rcParams
+        parameters.update(settings)
+        figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white", layout=cast(Any, layout))
+        FigureCanvasAgg(figure)
+        yield figure
 
-    def placed(width: float, narrow: bool) -> tuple[list[tuple[float, float, float, float]], float]:
-        """Return each panel's place: left, down, width and height of its legend; and the height of the whole."""
-        across = 1 if over_all or narrow else max(1, min(len(panels), int(width / least)))
-        share, below = width / across, 0.0 if over_all else BOTTOM
-        down, places = TOP + legend(list(names or ()), width)[2], []
-        for row in (panels[start : start + across] for start in range(0, len(panels), across)):
-            heights = [legend(panel.names, share - LEFT)[2] for panel in row]
-            down += TITLE + max(heights)
-            places += [(k * share + LEFT, down, share - LEFT - RIGHT, height) for k, height in enumerate(heights)]
-            down += max(panel.height for panel in row) + below
-        return places, down + BOTTOM - below
 
-    def draw(figure: "Figure", narrow: bool) -> None:
-        from matplotlib.lines import Line2D
-
-        width, height = (float(side) for side in figure.get_size_inches())
-        drawn: list[Axes] = []
-        for panel, (left, down, across, above) in zip(panels, placed(width, narrow)[0]):
-            box = (left / width, 1.0 - (down + panel.height) / height, across / width, panel.height / height)
-            axes = figure.add_axes(box, sharex=drawn[0] if over_all and drawn else None)
-            drawn.append(axes)
+@contextmanager
+def chart(panels: Sequence[Panel], over_all: "Callable[[Sequence[Axes]], None]") -> "Iterator[Figure]":
+    """Draw panels one below another over one x axis, each below its title and legend, then what is over all panels."""
+    height = sum(panel.height + HEAD for panel in panels) + FOOT
+    with new_figure(PAGE_INCHES, height, "constrained") as figure:
+        heights = [panel.height for panel in panels]
+        grid = figure.subplots(len(panels), sharex=True, squeeze=False, height_ratios=heights)
+        drawn: list[Axes] = grid[:, 0].tolist()
+        for panel, axes in zip(panels, drawn):
             axes.grid(axis="y")
             axes.tick_params(length=3.0)
-            axes.annotate(
-                panel.title, (0.0, 1.0), (-72 * (LEFT - 0.06), 4 + 72 * above), xycoords="axes fraction",
-                textcoords="offset points", fontweight="bold", va="bottom",
-            )  # fmt: skip
             panel.draw(axes)
-            if panel.names and (handles := axes.get_legend_handles_labels()[0]):
-                of_all, columns, _ = legend(panel.names, across + RIGHT)
-                axes.legend(handles, of_all, loc="lower left", ncols=columns, **LEGEND)
-        if names:
-            labels, columns, _ = legend(list(names), width)
-            signs = [Line2D([], [], color=color, marker=mark, linewidth=1.2) for color, mark in names.values()]
-            figure.legend(signs, labels, loc="upper left", ncols=columns, **LEGEND)
-        if over_all:
-            for axes in drawn[:-1]:
-                axes.tick_params(labelbottom=False)
-            over_all(drawn, narrow)
-
-    return Drawing(draw, lambda width, narrow: placed(width, narrow)[1])
+            handles = axes.get_legend_handles_labels()[0] if panel.names else []
+            # Below the title, and above the panel.
+            axes.set_title(panel.title, pad=18.0 if handles else 4.0)
+            if handles:
+                labels, most = list(panel.names), max(2, int((ACROSS / len(handles) - SIGN) / LETTER))
+                if sum(SIGN + LETTER * len(label) for label in labels) > ACROSS:
+                    labels = [label if len(label) <= most else f"{label[: most - 1]}…" for label in labels]
+                axes.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=len(labels), **LEGEND)
+        over_all(drawn)
+        yield figure
 
 
 def inches(axes: "Axes") -> float:

@@ -10,12 +10,12 @@ from hhsim import __version__
 from hhsim.errors import InputError, OutputError
 from hhsim.metrics.session_faults import how_it_ended
 from hhsim.replay.compare import Comparison, compare
-from hhsim.report.figure import Album, PageFigure
-from hhsim.report.pictures import CUT, HANDS, held_picture, overview_picture, overview_view, worst_cards
+from hhsim.report.figure import ReportFigure
+from hhsim.report.pictures import HANDS, held_picture, overview_picture, overview_view
 from hhsim.report.run import ReportRun, of_one_run, report_runs
 from hhsim.report.sections import result_tables
 from hhsim.report.time_series import histogram_figure, series_figure
-from hhsim.report.trade_off import bench_section, speed_error_figure
+from hhsim.report.trade_off import bench_section
 from hhsim.result.reader import load_result
 from hhsim.result.wording import motion_name, object_name
 from hhsim.system.atomic_write import write_together
@@ -30,11 +30,8 @@ GENERATOR = "hhsim report"
 GENERATED = f'content="{GENERATOR} '.encode()
 """Bytes of every page; a file without them is not replaced."""
 PAGE = "report.html"
-FIGURES = (
-    ("time", "Over time", series_figure),
-    ("ticks", "How long a tick takes", histogram_figure),
-    ("speed-error", "Speed against error", speed_error_figure),
-)
+CHARTS = {"time": series_figure, "ticks": histogram_figure}
+"""Figures of all results together."""
 CUT_OBJECT = "An object that is much larger than the hand is cut at a clean edge near it."
 
 
@@ -101,23 +98,27 @@ def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report
     steps = itertools.count()
 
     def report_step(what: str) -> None:
-        progress(what, next(steps), 3 + len(FIGURES))
+        progress(what, next(steps), 2 + len(CHARTS))
 
     report_step("reading")
     runs = report_runs(results)
     comparisons = [None if of_one_run(results[0], other) else compare(results[0], other) for other in results[1:]]
-    album = Album()
-    parts = _result_parts(runs, comparisons, album, report_step) if runs else {}
-    benches = {
-        f"bench-{i}": bench_section(found, path.name, album, f"bench-{i}-" if len(tables) > 1 else "")
-        for i, (path, found) in enumerate(tables.items(), 1)
-    }
+    parts = _result_parts(runs, comparisons, report_step) if runs else {}
+    benches = {}
+    for number, (path, found) in enumerate(tables.items(), 1):
+        section = bench_section(found, path.name)
+        if len(tables) > 1 and section["chart"] is not None:
+            section["chart"] = replace(section["chart"], name=f"bench-{number}-{section['chart'].name}")
+        benches[f"bench-{number}"] = section
+    charts = [section["chart"] for section in benches.values()]
+    shown = (*parts.get("hands", ()), *parts.get("figures", {}).values(), *charts)
+    pictures = {figure.name: figure.png for figure in shown if isinstance(figure, ReportFigure)}
     title = title_of(runs, [found.suite for found in tables.values()])
     html = render(
         "report/report.html", title=title, generator=GENERATOR, version=__version__,
         runs=runs, several=len(runs) > 1, benches=benches, **parts,
     )  # fmt: skip
-    return Report(title, html, album.pictures, tuple(runs), tuple(comparisons))
+    return Report(title, html, pictures, tuple(runs), tuple(comparisons))
 
 
 def check_report_path(output_path: Path) -> Path:
@@ -163,56 +164,43 @@ def write_report(report: Report, output_path: Path) -> ReportFiles:
 
 
 def _result_parts(
-    runs: Sequence[ReportRun],
-    comparisons: Sequence[Comparison | None],
-    album: Album,
-    report_step: Callable[[str], None],
+    runs: Sequence[ReportRun], comparisons: Sequence[Comparison | None], report_step: Callable[[str], None]
 ) -> dict[str, Any]:
     """Return what the page shows of results, by the names of its template."""
-    several = len(runs) > 1
     results = {run.label: run.result for run in runs}
     report_step("the hand")
-    hands = _hands(runs, album)
-    cut = any(isinstance(hand, PageFigure) and CUT in hand.figure.caption for hand in hands)
-    # Beside the curves stands the figure that says most: of several results the trade-off, of one the histogram.
-    beside, below = ("speed-error", "ticks") if several else ("ticks", "speed-error")
-    figures, headings = {}, {}
-    for name, heading, make in FIGURES:
-        report_step(heading.lower())
-        figures[name], headings[name] = album.shown(make(results), aside=name == beside), heading
-    report_step("worst ticks")
+    hands = _hands(runs)
+    figures = {}
+    for name, make in CHARTS.items():
+        report_step(f"chart of {name}")
+        figures[name] = make(results)
     return {
         "subtitle": subtitle_of(runs, one=not any(comparisons)),
         "figures": figures,
-        "beside": beside,
-        "below": below,
-        "below_heading": headings[below],
         "hands": hands,
-        "hands_note": f"{HANDS} {CUT_OBJECT}" if cut else HANDS,
-        "worst": [(run, worst_cards(run, album)) for run in runs],
+        "hands_note": f"{HANDS} {CUT_OBJECT}",
         **result_tables(runs, comparisons),
     }
 
 
-def _hands(runs: Sequence[ReportRun], album: Album) -> list[PageFigure | str]:
+def _hands(runs: Sequence[ReportRun]) -> list[ReportFigure | str]:
     """Return the hand of one result in two halves, or the contact half of several results, seen from one side.
 
     Where a picture cannot be made, its place has a sentence.
     """
     several, view = len(runs) > 1, None
-    found: list[PageFigure | str] = []
+    found: list[ReportFigure | str] = []
     for run in runs:
         try:
             if several:
                 view = view or overview_view(run.result)
                 made = held_picture(run.result, view)
+                title = f"{run.label}, {made.title[0].lower()}{made.title[1:]}"
+                found.append(replace(made, name=f"{run.prefix}{made.name}", title=title, caption=""))
             else:
-                made = overview_picture(run.result)
+                found.append(overview_picture(run.result))
         except InputError as error:
             found.append(f"{f'{run.label}: ' if several else ''}No picture of the hand: {error}")
-        else:
-            title = f"{run.label}, {made.title[0].lower()}{made.title[1:]}" if several else ""
-            found.append(album.shown(made, run.prefix, title))
     return found
 
 

@@ -3,7 +3,6 @@
 A label is a letter, and in few words what tells each from the others.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -39,7 +38,6 @@ PHASE_COLUMNS = (
     *("force/total", "force_variation_rate", "penetration_depth"),
 )
 """Datasets of /tick that the lines of phases are computed from, besides those of `read_ticks`."""
-FORCE = "force/phalanx"
 ROUNDING = 1e-9
 """Depths that differ by no more are the same [m]."""
 
@@ -166,7 +164,6 @@ class ReportRun:
     # Table of a live session; empty for a replay, and where the recording was cut short.
     session: tuple[SummaryRow, ...]
     phases: tuple[dict[str, Any], ...]
-    fingers: tuple[dict[str, Any], ...]
     verdict: Verdict  # verdict by the gate's default limits
 
     @property
@@ -210,7 +207,6 @@ def report_runs(results: Sequence[Result]) -> list[ReportRun]:
                 misstated=misstated,
                 session=() if result.live is None else session_rows(result.summary),
                 phases=tuple(phase_figures(result, ticks)),
-                fingers=tuple(finger_figures(result, ticks)),
                 verdict=verdict(result, rows),
             )
         )
@@ -248,26 +244,4 @@ def phase_figures(result: Result, ticks: RunTicks) -> list[dict[str, Any]]:
                 "lagging": int(np.sum(status & STATUS_LAG > 0)),
             }
         )
-    return found
-
-
-def finger_figures(result: Result, ticks: RunTicks) -> list[dict[str, Any]]:
-    """Return a line for each finger, thumb to little finger; none without a tick.
-
-    All are of the sum of its phalanges' forces [N]: size in the ticks that bear one, largest one-tick change as a
-    vector, and RMS between 50 and 400 Hz in the worst quarter of a second.
-    """
-    # Summed block by block: the forces on all phalanges of a long session do not fit into memory.
-    sums = [block[FORCE].sum(axis=2) for block in result.blocks([FORCE], BLOCK_TICKS)]
-    if not sums:
-        return []
-    found = []
-    for name, force in zip(FINGERS, np.moveaxis(np.concatenate(sums), 1, 0)):
-        size = np.linalg.norm(force, axis=1)
-        touch = size > 0.0
-        of_touch = metrics.statistics(size, touch)
-        step = metrics.contact_force_step(force, touch, ticks.breaks)
-        ripple = metrics.worst_force_ripple(force, ticks.rate, ticks.breaks) if touch.any() else math.nan
-        figures = {"mean": of_touch.mean, "largest": of_touch.max, "step": step, "ripple": ripple}
-        found.append({"name": name, "ticks": int(touch.sum()), **figures})
     return found

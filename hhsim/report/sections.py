@@ -15,12 +15,14 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.metrics.moving_parts import bodies_mesh
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import run_metrics
+from hhsim.metrics.run_ticks import HOLD
 from hhsim.metrics.session_faults import how_it_ended, recorded_faults, session_log
 from hhsim.replay.compare import Comparison, compared
 from hhsim.replay.stored_scene import part_words
 from hhsim.replay.summary_table import figure_table
 from hhsim.report.run import ReportRun
 from hhsim.result.reader import Result
+from hhsim.result.schema import LIVE_TICK
 from hhsim.result.wording import commit, motion_name, object_name
 from hhsim.system.counted import counted
 from hhsim.system.input_file import open_input
@@ -51,13 +53,13 @@ PHASE_COLUMNS = (
     number("stuck"),
     number("lagging"),
 )
-FINGER_COLUMNS = (
-    words("finger", "name"),
-    number("ticks with a force", "ticks"),
-    number("mean", "mean", "N", 3),
-    number("largest", "largest", "N", 3),
-    number("largest step", "step", "N", 3),
-    number("ripple", "ripple", "N", 3),
+WORST_COLUMNS = (
+    words("what"),
+    number("value", digits=3),
+    words("unit"),
+    number("tick"),
+    number("time", "time", "s", 3),
+    words("phase"),
 )
 BRIEF_FACTS = (
     *("object", "object, extent", "sphere tree", "motion", "ticks"),
@@ -219,7 +221,7 @@ def result_tables(runs: Sequence[ReportRun], comparisons: Sequence[Comparison | 
             for verb in ("view", "verify", "replay")
         ],
         "phase_table": lambda run: phase_table(run, of_run("Phases of the motion", run)),
-        "finger_table": lambda run: Table(FINGER_COLUMNS, run.fingers, of_run("Forces on each finger", run)),
+        "worst_table": lambda run: Table(WORST_COLUMNS, worst_ticks(run.result), of_run("Worst ticks", run)),
         "machine": facts_table("Machine and versions", runs, machine_facts),
         "origin": facts_table("Files and checksums", runs, origin_facts),
         "solver_options": facts_table("Every option of the solver, SI units", runs, _options),
@@ -275,6 +277,36 @@ def phase_table(run: ReportRun, title: str) -> Table:
     return Table(
         PHASE_COLUMNS, run.phases[:MOST_PHASES], title + (f"; {more:,} more are in the file" if more > 0 else "")
     )
+
+
+def worst_ticks(result: Result) -> list[dict[str, Any]]:
+    """Return lines of the slowest tick, the deepest, the largest step of the force and the largest lag.
+
+    Of several equal ones the first; none of what did not happen.
+    """
+    if result.ticks == 0:
+        return []
+    steps = np.zeros(result.ticks)
+    steps[1:] = np.linalg.norm(np.diff(result["force/total"], axis=0), axis=1)
+    # As of `hhsim.metrics.metrics.force_step`: not in holds, nor where the tick before is not in the file.
+    for phase in result.phases:
+        if phase.name == HOLD:
+            steps[phase.first_tick : phase.last_tick + 1] = 0.0
+    if result.live is not None:
+        steps[1:][np.diff(result[f"{LIVE_TICK}/record"]) != 1] = 0.0
+    found = []
+    for what, values, unit in (
+        ("slowest tick, CPU time", 1e-3 * result["duration/total_cpu"], "µs"),
+        ("deepest penetration", 1e6 * result["penetration_depth"], "µm"),
+        ("largest step of the force of a moving hand", steps, "N"),
+        ("largest lag", 1e3 * result["lag"], "mm"),
+    ):
+        known = np.where(np.isfinite(values), values, 0.0)
+        tick = int(np.argmax(known))
+        if known[tick] > 0.0:
+            about = {"tick": tick, "time": float(result["time"][tick]), "phase": result.phase_at(tick) or NONE}
+            found.append({"what": what, "value": float(known[tick]), "unit": unit, **about})
+    return found
 
 
 def log_table(result: Result) -> Table | None:

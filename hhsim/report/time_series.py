@@ -13,9 +13,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.metrics import metrics
 from hhsim.metrics.run_ticks import HOLD, FreeRun, result_free_run
 from hhsim.metrics.session_faults import broken_off, session_log
-from hhsim.render.figure import halo
 from hhsim.report import figure as style
-from hhsim.report.pictures import WorstTick, worst_ticks
 from hhsim.report.run import BLOCK_TICKS
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK
@@ -34,22 +32,31 @@ STRETCHES = 700
 """Number of stretches of the axis in a band."""
 PHASE_COLORS = {HOLD: "#e6eef6", "slide": "#fbefdd", "carry": "#fbefdd"}
 """Colours of the phases that the paper's figures shade; the others stay white."""
+BETWEEN = 0.11
+"""Space between two names of phases [inches]."""
 MARK_LETTERS = 6
 """Letters of a mark's word, with the gap to its line."""
 MOST_MARKS = 10
 """Most marks that the alternative text lists."""
-COUNTS = {5: "Five", 6: "Six", 7: "Seven", 8: "Eight"}
 GREY_LINE = "#8c959f"
 VARIATION_TICKS = (0.0, 0.1, 1.0, 10.0, 100.0)
+CAPTION = (
+    "Sizes of the contact forces: of one result on each finger and the palm and of their resultant, of several the "
+    "resultant alone. Dotted in the third panel: pairs that touch. Shaded: holds, and slides in another shade, of the "
+    "first result. Penetration is measured after each tick; the change of the force is not defined below 0.01 N. "
+    "Stiffness is what a session told its glove, of several results the largest of the five fingers: 0 is a free "
+    "finger. Dashed lines through all panels: a session's faults, and its end where that was not in order. Friction is "
+    f"that of the contact nearest to sliding: at 100 % it slides. Runs of more than {MOST_POINTS:,} ticks are bands "
+    "from the least to the largest value, with the median as a line: no spike is lost."
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A result with its label in the legend and, of a single result, its worst ticks, which are marked."""
+    """A result with its label in the legend."""
 
     label: str
     result: Result
-    worst: Sequence[WorstTick]
 
     @property
     def is_timed(self) -> bool:
@@ -98,43 +105,37 @@ def series_figure(results: Mapping[str, Result]) -> style.ReportFigure:
 
     Of one result the forces are drawn finger by finger; of several, each result is one colour in every panel.
     """
-    alone = len(results) == 1
-    runs = [Run(label, result, worst_ticks(result) if alone else []) for label, result in results.items()]
-    surface = " or ".join(dict.fromkeys(run.result.surface for run in runs))
+    runs = [Run(label, result) for label, result in results.items()]
+    is_alone, surfaces = len(runs) == 1, " or ".join(dict.fromkeys(run.result.surface for run in runs))
     deepest = max((float(np.nanmax(run.result["penetration_depth"], initial=0.0)) for run in runs), default=0.0)
     unit, scale = ("mm", 1e3) if deepest >= 1e-3 else ("nm", 1e9) if 0.0 < deepest < 1e-7 else ("µm", 1e6)
-
-    def panel(title: str, height: float, draw: "Callable[[Axes, Sequence[Run]], None]", *names: str) -> style.Panel:
-        return style.Panel(title, height, lambda axes: draw(axes, runs), names)
-
-    panels = [
-        panel("force on the hand [N]", 1.75, _draw_forces, *(FORCES if alone else results)),
-        panel("CPU time of the tick", 1.3, _draw_times),
-        panel("pairs of hand and object", 0.95, _draw_pairs, *PAIRS),
-        panel(f"penetration of the {surface} [{unit}]", 0.75, partial(_draw_depth, scale=scale)),
-        panel("change of the force in one tick [%]", 1.0, _draw_variation),
+    panels: list[tuple[str, float, Any, Sequence[str]]] = [
+        ("force on the hand [N]", 1.75, _draw_forces, FORCES if is_alone else list(results)),
+        ("CPU time of the tick", 1.3, _draw_times, ()),
+        ("pairs of hand and object", 0.95, _draw_pairs, PAIRS),
+        (f"penetration of the {surfaces} [{unit}]", 0.75, partial(_draw_depth, scale=scale), ()),
+        ("change of the force in one tick [%]", 1.0, _draw_variation, ()),
     ]
     if any(run.stiffness is not None for run in runs):
-        names = FINGERS if alone else ()
-        panels.append(panel("stiffness told to the fingers, 0 to 1", 0.95, _draw_stiffness, *names))
+        panels.append(("stiffness told to the fingers, 0 to 1", 0.95, _draw_stiffness, FINGERS if is_alone else ()))
     if any(run.free for run in runs):
-        panels += [
-            panel("rise of the object [mm]", 0.75, _draw_rise),
-            panel("friction of the hand, of what its contacts bear [%]", 0.75, _draw_friction),
-        ]
+        panels.append(("rise of the object [mm]", 0.75, _draw_rise, ()))
+        panels.append(("friction of the hand, of what its contacts bear [%]", 0.75, _draw_friction, ()))
 
-    def over_all(axes: "Sequence[Axes]", narrow: bool) -> None:
+    def over_all(axes: "Sequence[Axes]") -> None:
         _draw_phases(axes, runs[0])
         _draw_axis(axes, runs)
         _draw_marks(axes, runs)
 
-    drawing = style.chart(panels, over_all)
-    title = "Force, time and contacts over the run"
-    return style.drawn_figure("series", title, _caption(runs), _alt(runs, len(panels)), drawing)
+    def panel(
+        title: str, height: float, draw: "Callable[[Axes, Sequence[Run]], None]", names: Sequence[str]
+    ) -> style.Panel:
+        return style.Panel(title, height, lambda axes: draw(axes, runs), names)
 
-
-BETWEEN = 0.11
-"""Space between two names of phases [inches]."""
+    drawn = [panel(*one) for one in panels]
+    with style.chart(drawn, over_all) as figure:
+        title = "Force, time and contacts over the run"
+        return style.page_figure("series", title, CAPTION, _series_alt(runs, len(panels)), figure)
 
 
 def _curve(
@@ -156,12 +157,10 @@ def _curves(axes: "Axes", runs: Sequence[Run], values: Callable[[Run], Any], wid
 
 def _draw_forces(axes: "Axes", runs: Sequence[Run]) -> None:
     if len(runs) == 1:
-        force = runs[0].force
         for k, (name, color) in enumerate(zip(FORCES, FORCE_COLORS)):
-            _curve(axes, runs[0], force[:, k], color, label=name, width=1.4 if k == 0 else 1.0)
+            _curve(axes, runs[0], runs[0].force[:, k], color, label=name, width=1.4 if k == 0 else 1.0)
     else:
         _curves(axes, runs, lambda run: run.force[:, 0], 1.2)
-    _mark(axes, runs, "force-step", lambda run, tick: float(run.force[tick, 0]), "largest step")
     axes.set_ylim(0.0, max(1.12 * axes.get_ylim()[1], 0.1))
 
 
@@ -182,7 +181,6 @@ def _draw_times(axes: "Axes", runs: Sequence[Run]) -> None:
     axes.yaxis.set_major_locator(FixedLocator([10.0**k for k in range(-7, 2)]))
     axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter(lambda value, _: style.time_text(value).replace(".0 ", " "))
-    _mark(axes, runs, "slowest", lambda run, tick: float(run.cpu[tick]), "slowest")
 
 
 def _draw_pairs(axes: "Axes", runs: Sequence[Run]) -> None:
@@ -200,7 +198,6 @@ def _draw_depth(axes: "Axes", runs: Sequence[Run], scale: float) -> None:
     axes.set_ylim(0.0, 1.15 * axes.get_ylim()[1] if some else 1.0)
     if not some and any(run.result.ticks for run in runs):
         style.note(axes, "none in any tick")
-    _mark(axes, runs, "deepest", lambda run, tick: scale * float(run.result["penetration_depth"][tick]), "deepest")
 
 
 def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
@@ -213,15 +210,11 @@ def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
 
 
 def _draw_stiffness(axes: "Axes", runs: Sequence[Run]) -> None:
-    if len(runs) > 1:
-
-        def stiffest(run: Run) -> Any:
-            return None if run.stiffness is None else run.stiffness.max(axis=1, initial=0.0)
-
-        _curves(axes, runs, stiffest)
-    elif (stiffness := runs[0].stiffness) is not None:
+    if len(runs) == 1 and (stiffness := runs[0].stiffness) is not None:
         for finger, (name, color) in enumerate(zip(FINGERS, style.FINGER_COLORS)):
             _curve(axes, runs[0], stiffness[:, finger], color, label=name)
+    else:
+        _curves(axes, runs, lambda run: None if run.stiffness is None else run.stiffness.max(axis=1, initial=0.0))
     axes.set_ylim(0.0, max(1.15 * axes.get_ylim()[1], 0.1))
 
 
@@ -233,18 +226,6 @@ def _draw_friction(axes: "Axes", runs: Sequence[Run]) -> None:
     _curves(axes, runs, lambda run: run.free and 100.0 * run.free.friction_share, 0.7)
     axes.axhline(100.0, color=style.LIMIT, linewidth=1.0)
     axes.set_ylim(0.0, 120.0)
-
-
-def _mark(axes: "Axes", runs: Sequence[Run], kind: str, height: Any, word: str) -> None:
-    """Point at a worst tick."""
-    for run, worst in ((one, worst) for one in runs for worst in one.worst if worst.kind == kind):
-        place = float(run.at[worst.tick]), height(run, worst.tick)
-        axes.plot(*place, "v", color=style.INK, markersize=4.0, zorder=6, clip_on=False)
-        late = worst.tick > 0.6 * run.result.ticks
-        axes.annotate(
-            word, place, (-5.0 if late else 5.0, 1.0), textcoords="offset points", ha="right" if late else "left",
-            va="bottom", color=style.INK, zorder=6, **halo(2.5),
-        )  # fmt: skip
 
 
 def _draw_phases(axes: "Sequence[Axes]", run: Run) -> None:
@@ -270,8 +251,7 @@ def _draw_phases(axes: "Sequence[Axes]", run: Run) -> None:
 def _draw_marks(axes: "Sequence[Axes]", runs: Sequence[Run]) -> None:
     """Draw a line through all panels at each mark, and its word at the top where it fits."""
     low, high = axes[0].get_xlim()
-    inches = style.inches(axes[0])
-    word_width = style.LETTER * MARK_LETTERS * (high - low) / inches
+    word_width = style.LETTER * MARK_LETTERS * (high - low) / style.inches(axes[0])
     for number, run in enumerate(runs):
         color, named = style.LIMIT if len(runs) == 1 else style.run_style(number)[0], np.inf
         for place in axes:
@@ -301,47 +281,21 @@ def _draw_axis(axes: "Sequence[Axes]", runs: Sequence[Run]) -> None:
         style.note(axes[0], "no tick")
 
 
-def _caption(runs: Sequence[Run]) -> str:
-    several, told = len(runs) > 1, any(run.stiffness is not None for run in runs)
-    parts = {
-        "Sizes of the contact forces on each finger and the palm, and of their resultant.": not several,
-        "Size of the resultant of all contact forces. Dotted in the third panel: pairs that touch.": several,
-        f"Phases are those of {runs[0].label}.": any(run.result.phases != runs[0].result.phases for run in runs),
-        "Shaded: holds, and slides in another shade. Penetration is measured after each tick.": True,
-        "The change of the force is not defined below 0.01 N.": True,
-        "Stiffness is what a session told its glove: 0 is a free finger, 1 as hard as the glove can.": told,
-        "Of several results it is the largest of the five fingers.": told and several,
-        "Dashed lines through all panels: faults of a session, and its end where that was not in order.": any(
-            run.marks for run in runs
-        ),
-        "Friction is that of the contact nearest to sliding: at 100 % it slides.": any(run.free for run in runs),
-        f"Runs of more than {MOST_POINTS:,} ticks are drawn as bands from the least to the largest value, with the "
-        "median as a line: no spike is lost.": any(run.result.ticks > MOST_POINTS for run in runs),
-        "Triangles mark the worst ticks, which are shown further down.": bool(runs[0].worst),
-    }
-    return " ".join(text for text, is_so in parts.items() if is_so)
-
-
-def _alt(runs: Sequence[Run], panels: int) -> str:
-    several = len(runs) > 1
-    sentences = [f"{COUNTS[panels]} panels over time{f', {len(runs)} results' if several else ''}."]
+def _series_alt(runs: Sequence[Run], panels: int) -> str:
+    sentences = [f"{panels} panels over time."]
     for run in runs:
-        stiffness, who = run.stiffness, f"{run.label}: " if several else ""
+        who = f"{run.label}: " if len(runs) > 1 else ""
         if run.result.ticks == 0:
             sentences.append(f"{who}No tick.")
             continue
         force, depth = (
             float(np.nanmax(values, initial=0.0)) for values in (run.force[:, 0], run.result["penetration_depth"])
         )
-        fast, slow = (style.time_text(float(extreme(run.cpu))) for extreme in (np.min, np.max))
-        sentences.append(
-            f"{who}The total force reaches {force:.2f} N. Ticks take {fast} to {slow} of CPU time, with up to "
-            f"{counted(int(run.result['contacts/candidates'].max()), 'pair')} within the margin. "
-            + (f"The deepest penetration is {1e6 * depth:.3g} µm." if depth > 0.0 else "Nothing penetrates.")
-            + (f" A finger is told a stiffness of up to {stiffness.max():.2f}." if stiffness is not None else "")
-            + "".join(f" At {at:.3f} s: {word}." for at, word in run.marks[:MOST_MARKS])
-            + (f" The object rises by {1e3 * run.free.raised:.1f} mm." if run.free else "")
-        )
+        marks = [f"{word} at {at:.3f} s" for at, word in run.marks[:MOST_MARKS]]
+        told = [f"stiffness up to {run.stiffness.max():.2f}"] if run.stiffness is not None else []
+        rise = [f"the object rises by {1e3 * run.free.raised:.1f} mm"] if run.free else []
+        said = (f"total force up to {force:.2f} N", f"penetration up to {1e6 * depth:.3g} µm", *told, *marks, *rise)
+        sentences.append(f"{who}{', '.join(said)}.")
     return " ".join(sentences)
 
 
@@ -370,124 +324,49 @@ def minmax_band(at: FloatArray, values: NDArray[np.floating], stretches: int) ->
 
 
 BINS_A_DECADE = 30
-HISTOGRAM = 1.5
-"""Height of each panel [inches]."""
-HALO = {"boxstyle": "square,pad=0.05", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
-"""Box behind text that crosses lines."""
-TIMES = tuple(factor * 10.0**power for power in range(-7, 2) for factor in (1.0, 2.0, 5.0))
-
-
-class TickTimes(NamedTuple):
-    """Times of a result's ticks [s]: CPU time of all; CPU and wall time of those in contact, or of all without any."""
-
-    label: str
-    all_cpu: FloatArray
-    cpu: FloatArray
-    wall: FloatArray
-    contact: bool  # True if they are those in contact
+HISTOGRAM = 2.0
+"""Height of the histogram [inches]."""
+TIMES_CAPTION = (
+    "Ticks by their CPU time, those in contact, or all where none is; both axes are logarithmic, so that a single slow "
+    "tick is seen. Dashed: p50 and p99, as the table has them. Red: 1 ms, the budget of a tick at 1 kHz. Compilation "
+    "is no part of any tick."
+)
 
 
 def histogram_figure(results: Mapping[str, Result]) -> style.ReportFigure:
-    """Draw CPU and wall times of ticks on a logarithmic axis with the line of 1 ms, of results by their labels."""
-    runs = [_times(label, result) for label, result in results.items()]
-    edges = _edges(runs)
+    """Draw CPU times of ticks on a logarithmic axis with the line of 1 ms, of results by their labels."""
+    times, sentences = dict[str, FloatArray](), []
+    for label, result in results.items():
+        cpu, contact = 1e-9 * result["duration/total_cpu"], result["contacts/candidates"] > 0
+        times[label] = cpu[contact] if contact.any() else cpu
+        count, who = len(times[label]), f"{label}: " if len(results) > 1 else ""
+        ticks = counted(count, "tick") + (" in contact" if contact.any() else "")
+        found = metrics.tick_statistics(1e9 * times[label])
+        p50, p99, most = (style.time_text(1e-6 * value) for value in (found.p50, found.p99, found.max))
+        sentences.append(f"{who}{ticks}: median {p50}, p99 {p99}, longest {most}." if count else f"{who}No tick.")
 
-    def panel(number: int, run: TickTimes) -> style.Panel:
-        title = f"{run.label}: number of ticks" if len(runs) > 1 else "number of ticks"
-        names = ("CPU, all", "CPU, contact", "wall, contact") if run.contact else ("CPU", "wall")
-        draw = partial(_draw_histogram, run=run, edges=edges, color=style.run_style(number)[0])
-        return style.Panel(title, HISTOGRAM, draw, names)
+    def draw(axes: "Axes") -> None:
+        every = np.maximum(np.concatenate(list(times.values())), style.LEAST_TIME)
+        low, high = (every.min(), every.max()) if every.size else (1e-5, 1e-4)
+        # 1 ms is the edge of a bin.
+        first, last = (np.log10(value / style.BUDGET) * BINS_A_DECADE for value in (low, high))
+        bins = np.arange(np.floor(first) - 1.0, max(np.ceil(last), 0.3 * BINS_A_DECADE) + 2.0)
+        edges = style.BUDGET * 10.0 ** (bins / BINS_A_DECADE)
+        axes.set(xscale="log", yscale="log", xlabel="CPU time of a tick", xlim=(edges[0], edges[-1]))
+        for number, (label, values) in enumerate(times.items()):
+            color, dashes = style.run_style(number)
+            counts = np.histogram(np.maximum(values, style.LEAST_TIME), edges)[0]
+            axes.stairs(counts, edges, baseline=0.5, color=color, linestyle=dashes, label=label)
+            for percentile in np.percentile(values, (50.0, 99.0)) if len(values) else ():
+                axes.axvline(percentile, color=color, linewidth=0.9, linestyle=(0, (3, 2)))
+        axes.set_ylim(bottom=0.6)
+        axes.axvline(style.BUDGET, color=style.LIMIT, linewidth=1.2)
+        axes.xaxis.set_major_formatter(lambda value, _: style.time_text(value).replace(".0 ", " "))
+        axes.minorticks_off()
+        if not every.size:
+            style.note(axes, "no tick")
 
-    def over_all(axes: "Sequence[Axes]", narrow: bool) -> None:
-        _scale(axes[0], edges, narrow)
-        axes[-1].set_xlabel("time of a tick")
-
-    drawing = style.chart([panel(number, run) for number, run in enumerate(runs)], over_all)
-    return style.drawn_figure("tick-times", "How long the ticks took", _times_caption(runs), _times_alt(runs), drawing)
-
-
-def _times(label: str, result: Result) -> TickTimes:
-    cpu, wall = (1e-9 * result[f"duration/{name}"] for name in ("total_cpu", "total"))
-    contact = result["contacts/candidates"] > 0
-    chosen = contact if contact.any() else slice(None)
-    return TickTimes(label, cpu, cpu[chosen], wall[chosen], bool(contact.any()))
-
-
-def _edges(runs: Sequence[TickTimes]) -> FloatArray:
-    """Return the edges of the bins [s]; 1 ms is one of them."""
-    every = np.concatenate([np.concatenate([run.all_cpu, run.wall]) for run in runs] or [np.empty(0)])
-    low, high = (every.min(), every.max()) if every.size else (1e-5, 1e-4)
-    first, last = (np.log10(max(value, style.LEAST_TIME) / style.BUDGET) * BINS_A_DECADE for value in (low, high))
-    bins = np.arange(np.floor(first) - 1.0, max(np.ceil(last), 0.3 * BINS_A_DECADE) + 2.0)
-    return np.asarray(style.BUDGET * 10.0 ** (bins / BINS_A_DECADE))
-
-
-def _draw_histogram(axes: "Axes", run: TickTimes, edges: FloatArray, color: str) -> None:
-    def stairs(times: FloatArray, **look: Any) -> None:
-        counts = np.histogram(np.maximum(times, style.LEAST_TIME), edges)[0]
-        axes.stairs(counts, edges, baseline=0.0, label="ticks", **look)
-
-    if run.contact:
-        stairs(run.all_cpu, fill=True, color="#d8dee4")
-    stairs(run.cpu, fill=True, color=color, alpha=0.75)
-    stairs(run.wall, color=style.INK, linewidth=0.9)
-    most = max(1, run.all_cpu.size)
-    # The space above the bars is for two lines of text.
-    axes.set_ylim(0.6, 10.0 ** (1.3 * np.log10(most) + 0.6))
-    axes.set_yscale("log")
-    powers = [10**k for k in range(int(np.log10(most)) + 1)]
-    axes.set_yticks(powers, [f"{power:,}" for power in powers])
-    axes.minorticks_off()
-    axes.axvline(style.BUDGET, color=style.LIMIT, linewidth=1.2)
-    axes.axvspan(style.BUDGET, edges[-1], color=style.LIMIT, alpha=0.05, linewidth=0.0)
-    axes.annotate(
-        "1 ms", (style.BUDGET, 1.0), (3.0, -2.0), xycoords=("data", "axes fraction"), textcoords="offset points",
-        color=style.LIMIT, va="top",
-    )  # fmt: skip
-    statistics = metrics.tick_statistics(1e9 * run.cpu)
-    if statistics.count == 0:
-        style.note(axes, "no tick")
-        return
-    for line, (name, value) in enumerate((("p50", statistics.p50), ("p99", statistics.p99))):
-        axes.axvline(1e-6 * value, color=style.INK, linewidth=0.9, linestyle=(0, (3, 2)))
-        # Each has its own line, however near they are to each other.
-        axes.annotate(
-            f"{name} {style.time_text(1e-6 * value)}", (1e-6 * value, 1.0), (3.0, -2.0 - 72 * style.LEGEND_LINE * line),
-            xycoords=("data", "axes fraction"), textcoords="offset points", va="top", bbox=HALO,
-        )  # fmt: skip
-
-
-def _scale(axes: "Axes", edges: FloatArray, narrow: bool) -> None:
-    axes.set_xscale("log")
-    axes.set_xlim(edges[0], edges[-1])
-    decades = np.log10(edges[-1] / edges[0])
-    named = [time for time in TIMES if edges[0] <= time <= edges[-1]]
-    if decades > (1.4 if narrow else 3.2):
-        named = [time for time in named if np.isclose((np.log10(time) + 0.5) % 1.0, 0.5)]
-    axes.set_xticks(named, [style.time_text(time).replace(".0 ", " ") for time in named])
-    axes.minorticks_off()
-
-
-def _times_caption(runs: Sequence[TickTimes]) -> str:
-    shown = "ticks in contact, those with candidate pairs" if any(run.contact for run in runs) else "all ticks"
-    return (
-        f"Ticks by how long they took, {shown}: CPU time filled, wall time as a line; both axes are logarithmic, so "
-        "that a single slow tick is seen. Dashed: p50 and p99 of the CPU time, as the table has them. Red: 1 ms, "
-        "the budget of a tick at 1 kHz. Compilation is no part of any tick."
-    )
-
-
-def _times_alt(runs: Sequence[TickTimes]) -> str:
-    sentences = [f"Histogram{'s' if len(runs) > 1 else ''} of tick times."]
-    for run in runs:
-        cpu, wall = (metrics.tick_statistics(1e9 * values) for values in (run.cpu, run.wall))
-        who = f"{run.label}: " if len(runs) > 1 else ""
-        if cpu.count == 0:
-            sentences.append(f"{who}No tick.")
-            continue
-        p50, p99, most = (style.time_text(1e-6 * value) for value in (cpu.p50, cpu.p99, cpu.max))
-        sentences.append(
-            f"{who}CPU time of {counted(cpu.count, 'tick')}{' in contact' if run.contact else ''}: median {p50}, "
-            f"p99 {p99}, longest {most}; {100.0 * wall.over_budget:.2f} % took more than 1 ms of wall time."
-        )
-    return " ".join(sentences)
+    panel = style.Panel("number of ticks", HISTOGRAM, draw, list(results) if len(results) > 1 else ())
+    with style.chart([panel], lambda axes: None) as figure:
+        alt = " ".join(("Histogram of tick times.", *sentences))
+        return style.page_figure("tick-times", "How long the ticks took", TIMES_CAPTION, alt, figure)

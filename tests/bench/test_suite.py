@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -13,43 +13,40 @@ from hhsim.bench import suite as module
 from hhsim.bench import suites
 from hhsim.bench.registry import SUITES, suite_lines
 from hhsim.bench.robustness.random_targets import StressOptions
-from hhsim.bench.suite import Preset, Suite, run_tasks_of, setting
-from hhsim.bench.suites.hard import HardOptions
-from hhsim.bench.suites.manipulation import ManipulationOptions
-from hhsim.bench.suites.paper import PaperOptions
-from hhsim.bench.suites.peers import PeersOptions
-from hhsim.bench.suites.speed_error import SpeedErrorOptions
-from hhsim.bench.suites.trees import TreesOptions
+from hhsim.bench.suite import Plan, Suite, run_tasks_of
 from hhsim.errors import InputError, OutputError
-from hhsim.system.settings_file import Count, check_fields
+from hhsim.system.progress import Progress
+from hhsim.system.settings_file import Count, parse_settings
 from hhsim.table.file import load_table
 from hhsim.table.table import Column, Table
 
-REFUSED: tuple[tuple[type, dict[str, Any], str], ...] = (
-    (SpeedErrorOptions, {"objects": ("buny",)}, "unknown object 'buny': did you mean bunny"),
-    (SpeedErrorOptions, {"motions": ("grip",)}, "unknown trajectory 'grip'"),
-    (SpeedErrorOptions, {"methods": ("couple",)}, "unknown method 'couple': did you mean coupled"),
-    (SpeedErrorOptions, {"backends": ("quadprg",)}, "unknown QP solver 'quadprg'"),
-    (SpeedErrorOptions, {"surfaces": ("mash",)}, "unknown surface 'mash': did you mean mesh"),
-    (SpeedErrorOptions, {"motions": ("never",)}, "'never' touches nothing"),
-    (SpeedErrorOptions, {"levels": (6,)}, "whole number from 1 to 5"),
-    (SpeedErrorOptions, {"surfaces": (), "methods": ("coupled",)}, "surfaces = .*at least one name"),
-    (SpeedErrorOptions, {"surfaces": ("mesh",), "methods": ("coupled", "paper")}, "takes the surface spheres"),
-    (PeersOptions, {"motions": ("never",)}, "touches nothing"),
-    (PeersOptions, {"objects": ()}, "objects = .*at least one name"),
-    (TreesOptions, {"objects": ("bunyn",)}, "bunny"),
-    (TreesOptions, {"spheres": (40_000,)}, "32768"),
-    (PaperOptions, {"methods": ("best",)}, "best"),
-    (PaperOptions, {"objects": ("mug",)}, "mug"),
-    (PaperOptions, {"methods": ()}, "methods = .*at least one name"),
-    (PaperOptions, {"repetitions": 0}, "repetitions = 0"),
-    (PaperOptions, {"threads": 6}, "= 6; expected a whole number from 1 to 5"),
-    (ManipulationOptions, {"cases": ("slop",)}, "unknown case 'slop'"),
-    (HardOptions, {"ticks": 10}, "ticks = 10; expected a whole number from 8000"),
-    (StressOptions, {"hold": 0}, "hold"),
-    (StressOptions, {"bound": "finger"}, "unknown bound 'finger': known: none, palm"),
-    (StressOptions, {"flexion_range": (0.5, 1.5)}, "flexion_range"),
-    (StressOptions, {"flexion_range": (0.6, 0.5)}, "flexion_range"),
+REFUSED: tuple[tuple[str, dict[str, Any], str], ...] = (
+    ("speed-error", {"objects": ("buny",)}, "unknown object 'buny': did you mean bunny"),
+    ("speed-error", {"motions": ("grip",)}, "unknown trajectory 'grip'"),
+    ("speed-error", {"methods": ("couple",)}, "unknown method 'couple': did you mean coupled"),
+    ("speed-error", {"backends": ("quadprg",)}, "unknown QP solver 'quadprg'"),
+    ("speed-error", {"surfaces": ("mash",)}, "unknown surface 'mash': did you mean mesh"),
+    ("speed-error", {"motions": ("never",)}, "'never' touches nothing"),
+    ("speed-error", {"levels": (6,)}, "whole number from 1 to 5"),
+    ("speed-error", {"surfaces": (), "methods": ("coupled",)}, "surfaces = .*at least one name"),
+    ("speed-error", {"surfaces": ("mesh",), "methods": ("coupled", "paper")}, "takes the surface spheres"),
+    ("peers", {"motions": ("never",)}, "touches nothing"),
+    ("peers", {"objects": ()}, "objects = .*at least one name"),
+    ("trees", {"objects": ("bunyn",)}, "bunny"),
+    ("trees", {"spheres": (40_000,)}, "32768"),
+    ("paper", {"methods": ("best",)}, "best"),
+    ("paper", {"objects": ("mug",)}, "mug"),
+    ("paper", {"methods": ()}, "methods = .*at least one name"),
+    ("paper", {"repetitions": 0}, "repetitions = 0"),
+    ("paper", {"threads": 6}, "= 6; expected a whole number from 1 to 5"),
+    ("manipulation", {"cases": ("slop",)}, "unknown case 'slop'"),
+    ("hard", {"ticks": 10}, "ticks = 10; expected a whole number from 8000"),
+)
+TARGETS: tuple[tuple[dict[str, Any], str], ...] = (
+    ({"hold": 0}, "hold"),
+    ({"bound": "finger"}, "unknown bound 'finger': known: none, palm"),
+    ({"flexion_range": (0.5, 1.5)}, "flexion_range"),
+    ({"flexion_range": (0.6, 0.5)}, "flexion_range"),
 )
 COMMANDS = (
     ("stress --surface mesh --method paper", "method paper takes the surface spheres, not mesh: "),
@@ -72,10 +69,16 @@ COMMANDS = (
 )
 
 
-@pytest.mark.parametrize(("options", "values", "message"), REFUSED)
-def test_impossible_settings_are_refused(options: type, values: dict[str, Any], message: str) -> None:
+@pytest.mark.parametrize(("suite", "values", "message"), REFUSED)
+def test_impossible_settings_are_refused(suite: str, values: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        options(**values)
+        SUITES[suite].planned(**values)
+
+
+@pytest.mark.parametrize(("values", "message"), TARGETS)
+def test_impossible_targets_are_refused(values: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        StressOptions(**values)
 
 
 @pytest.mark.parametrize(("words", "message"), COMMANDS)
@@ -95,72 +98,100 @@ def test_answers_are_printed_and_written(run: Run, tmp_path: Path) -> None:
     assert all(row["holds"] == 1 and row["figure"] for row in rows)
 
 
-@dataclass(frozen=True)
-class Settings:
+PLAN = """
+line = "Doubles of numbers."
+help = "Double numbers."
+shown = "number twice=double"
+
+[options]
+numbers = { default = [1, 2, 3], help = "Numbers." }
+repetitions = { default = 1, help = "Repetitions." }
+
+[preset]
+flag = "quick"
+help = "One number."
+values = { numbers = [7] }
+
+[figures]
+number = "a number"
+twice = { says = "twice as much", unit = "mm" }
+times = "how often"
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doubles(Suite):
     """Numbers to double."""
 
-    numbers: tuple[Count, ...] = setting((1, 2, 3), "Numbers.")
-    repetitions: Count = setting(1, "Repetitions.")
+    numbers: tuple[Count, ...]
+    repetitions: Count
+    is_portable = True
 
-    def __post_init__(self) -> None:
-        check_fields(self)
+    @classmethod
+    def plan(cls) -> Plan:
+        return parse_settings(PLAN, Plan, "doubles")
 
+    def cells(self, progress: Progress) -> tuple[int, ...]:
+        return self.numbers
 
-def doubled(cell: int, before: Any) -> Any:
-    if cell == 66:
-        raise KeyboardInterrupt
-    return [{"number": cell, "twice": 2.0 * cell, "times": 1 if before is None else before[0]["times"] + 1}]
+    def run(self, cell: int, before: Any) -> Any:
+        if cell == 66:
+            raise KeyboardInterrupt
+        return [{"number": cell, "twice": 2.0 * cell, "times": 1 if before is None else before[0]["times"] + 1}]
 
+    def title(self) -> str:
+        return "Doubles"
 
-COLUMNS = (Column("number", "a number"), Column("twice", "twice as much", "mm"), Column("times", "how often"))
-DOUBLES = Suite(
-    help="Double numbers.",
-    settings=Settings,
-    columns=COLUMNS,
-    cells=lambda settings, progress: settings.numbers,
-    run=doubled,
-    shown="number twice=double",
-    title=lambda settings: "Doubles",
-    missed=lambda settings, rows: [f"{row['number']} is unlucky" for row in rows if row["number"] == 13],
-    lines=lambda settings, rows: ["all are doubled"],
-    notes=lambda settings, figures: ["a note"],
-    is_portable=True,
-    preset=Preset("quick", "One number.", {"numbers": (7,)}),
-    listed=lambda settings: Table((Column("number", of=lambda number: number),), settings.numbers),
-)
+    def missed(self, rows: Any) -> list[str]:
+        return [f"{row['number']} is unlucky" for row in rows if row["number"] == 13]
 
+    def lines(self, rows: Any) -> list[str]:
+        return ["all are doubled"]
 
-HALVES = '''
-"""Halves of numbers."""
+    def notes(self, figures: Any) -> list[str]:
+        return ["a note"]
 
-from dataclasses import dataclass
-
-from hhsim.bench.suite import Suite, setting
-from hhsim.table.table import Column
+    def listed(self) -> Table:
+        return Table((Column("number", of=lambda number: number),), self.numbers)
 
 
-@dataclass(frozen=True)
-class Halving:
-    """Numbers."""
+HALVES = """
+from dataclasses import dataclass, fields
 
-    numbers: tuple[int, ...] = setting((1, 2), "Numbers.")
-    table: str | None = setting(None, "Table of numbers.", metavar="FILE")
+from hhsim.bench.suite import Suite
 
 
-COLUMNS = (Column("half", "half of a number"),)
-SUITE = Suite(
-    help="Halve numbers.",
-    settings=Halving,
-    columns=COLUMNS,
-    cells=lambda settings, progress: settings.numbers,
-    run=lambda number, before: [{"half": 0.5 * number}],
-    is_portable=True,
-)
-'''
+@dataclass(frozen=True, kw_only=True)
+class Halves(Suite):
+    numbers: tuple[int, ...]
+    table: str | None
+    is_portable = True
+
+    def cells(self, progress):
+        return self.numbers
+
+    def run(self, cell, before):
+        return [{"half": 0.5 * cell}]
 
 
-def test_a_suite_is_one_file(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+SUITE = Halves
+"""
+HALVES_PLAN = """
+line = "Halves of numbers."
+help = "Halve numbers."
+
+[options]
+numbers = { default = [1, 2], help = "Numbers." }
+table = { help = "Table of numbers.", metavar = "FILE" }
+
+[figures]
+half = "half of a number"
+"""
+
+
+def test_a_suite_is_a_module_and_a_plan(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "halves.py").write_text(HALVES.lstrip())
+    (tmp_path / "halves.toml").write_text(HALVES_PLAN)
     monkeypatch.setattr(suites, "__path__", [*suites.__path__, str(tmp_path)])
     assert suite_lines()["halves"] == "Halves of numbers."
     answer = run("bench", "halves", "--numbers", "3,5", "--resume", "kept", "--json")
@@ -177,7 +208,7 @@ def test_a_suite_is_one_file(run: Run, tmp_path: Path, monkeypatch: pytest.Monke
 @pytest.fixture
 def bench(run: Run, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
     """Run the command of these doubles in the place of that of the trees."""
-    monkeypatch.setattr("hhsim.bench.suites.trees.SUITE", DOUBLES)
+    monkeypatch.setattr("hhsim.bench.suites.trees.SUITE", Doubles)
     module._cells.cache_clear()
     return lambda *words: run("bench", "trees", *words)
 
@@ -232,20 +263,19 @@ def test_cells_that_are_kept_are_not_run_again(
 
 @pytest.mark.soak
 def test_processes_give_the_rows_of_one(tmp_path: Path) -> None:
-    settings = HardOptions(cases=("never-touches", "too-many-pairs"), methods=("coupled",))
-    alone = run_tasks_of("hard", settings, folder=tmp_path / "one")
-    assert repr(run_tasks_of("hard", settings, jobs=2)) == repr(alone)
+    suite = SUITES["hard"].planned(cases=("never-touches", "too-many-pairs"), methods=("coupled",))
+    alone = run_tasks_of(suite, folder=tmp_path / "one")
+    assert repr(run_tasks_of(suite, jobs=2)) == repr(alone)
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "thesis.txt").write_text("mine")
     with pytest.raises(OutputError, match="holds other files"):
-        run_tasks_of("hard", settings, folder=tmp_path / "other")
+        run_tasks_of(suite, folder=tmp_path / "other")
 
 
-def test_every_suite_has_a_line_and_settings_that_stand_alone(tmp_path: Path) -> None:
+def test_every_suite_has_a_line_and_a_plan_of_its_settings() -> None:
     assert list(suite_lines()) == SUITES.names() and all(line.endswith(".") for line in suite_lines().values())
     for name, suite in SUITES.items():
+        assert {field.name for field in fields(suite)} == set(suite.plan().options)
         if name != "recorded":
-            assert suite.settings() == suite.settings()
-        if suite.preset is not None:
-            suite.settings(**suite.preset.values)
-        assert len({column.name for column in suite.columns}) == len(suite.columns)
+            assert suite.planned() == suite.planned() and suite.planned(is_preset=True)
+        assert len({column.name for column in suite.columns()}) == len(suite.columns())

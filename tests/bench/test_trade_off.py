@@ -1,20 +1,17 @@
 """Runs that set time against error: their sums, their frontier, failures, and who is compared with whom."""
 
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hhsim.bench.figures import figure, mean, worst
-from hhsim.bench.trade_off import Run, Way, competing, failure_remark, frontier, mark_frontier, summed_rows
+from hhsim.bench.suites.peers import Peers
+from hhsim.bench.trade_off import Run, Way, frontier, mark_frontier
 from hhsim.solver.options import SolverOptions
 from hhsim.table.file import ALL
 
-FIGURES = (figure("error", "", "m", worst), figure("off", "", "m", mean), figure("lag", "", "", np.nansum))
-
-
+PEERS = Peers.planned(methods=("coupled", "paper"))
 ONE, TWO = (Way(SolverOptions(method=method)) for method in ("coupled", "paper"))
 
 
@@ -22,32 +19,29 @@ def made_up(name: str, motion: str, cost: float, **figures: float) -> Run:
     return Run(name, motion, ONE, figures, cpu=[np.full(4, cost)] * 2, other=[np.full(4, 2.0 * cost)] * 2)
 
 
-def rows_of_runs(runs: list[Run]) -> list[dict[str, Any]]:
-    return summed_rows(runs, FIGURES, lambda group: {"way": group[0].way})
-
-
 def test_rows_sum_up_by_worst_mean_and_count() -> None:
     runs = [
-        made_up("cube", "touch", 1e-5, error=1e-4, off=2e-3, lag=3),
-        made_up("cube", "grasp", 3e-5, error=3e-4, off=4e-3, lag=4),
-        made_up("cup", "grasp", 9e-3, error=2e-4, off=np.nan, lag=5),
+        made_up("cube", "touch", 1e-5, mesh_error=1e-4, force_hold_mean=2e-3, samples=3),
+        made_up("cube", "grasp", 3e-5, mesh_error=3e-4, force_hold_mean=4e-3, samples=4),
+        made_up("cup", "grasp", 9e-3, mesh_error=2e-4, force_hold_mean=np.nan, samples=5),
     ]
-    rows = rows_of_runs(runs)
+    rows = PEERS.rows(runs)
     assert [(row["object"], row["motion"]) for row in rows[3:]] == [("cube", ALL), ("cup", ALL), (ALL, ALL)]
     cube, cup, everything = rows[3:]
-    assert (cube["error"], cube["lag"], cube["contact_ticks"]) == (3e-4, 7, 8)
-    assert (cube["off"], cube["tick_cpu_p50"]) == pytest.approx((3e-3, 2e-5))
-    assert np.isnan(cup["off"]) and everything["off"] == pytest.approx(3e-3)
+    assert (cube["mesh_error"], cube["samples"], cube["contact_ticks"]) == (3e-4, 7, 8)
+    assert (cube["force_hold_mean"], cube["tick_cpu_p50"]) == pytest.approx((3e-3, 2e-5))
+    assert np.isnan(cup["force_hold_mean"]) and everything["force_hold_mean"] == pytest.approx(3e-3)
 
 
 def test_a_run_that_fails_wins_nothing_and_is_told() -> None:
     failed = Run("cube", "touch", TWO, failure="it broke")
-    rows = rows_of_runs([made_up("cube", "touch", 1e-5, error=1e-4), failed])
+    rows = PEERS.rows([made_up("cube", "touch", 1e-5, mesh_error=1e-4), failed])
     assert [row["failed_runs"] for row in rows] == [0, 1, 0, 1, 0, 1]
-    assert np.isnan(rows[1]["tick_cpu_p50"]) and np.isnan(rows[1]["error"])
-    assert all(len(group) == 1 for group in competing(rows))
-    told = failure_remark([failed, failed])
-    assert told == ["2 of 2 runs could not be done; the first: paper, cube, touch: it broke"]
+    assert np.isnan(rows[1]["tick_cpu_p50"]) and np.isnan(rows[1]["mesh_error"])
+    assert [row["frontier"] for row in rows] == [True, False] * 3
+    assert PEERS.notes([failed, failed])[-1:] == [
+        "2 of 2 runs could not be done; the first: paper, cube, touch: it broke"
+    ]
 
 
 def test_a_frontier_leaves_out_hair_breadths() -> None:

@@ -33,7 +33,6 @@ WRITES = re.compile(r"\b([Ww]rit(e|ten)|[Dd]raw|Picture|[Oo]utput file|a film|Fo
 READ_ALL_THE_SAME = {
     "--self-contact": "keeps fingers out of each other",
     "--as": "says in which format OUT is",
-    "--figure": "says what --out holds",
     "--peers": "a table that is read",
     "--baseline": "is compared with",
 }

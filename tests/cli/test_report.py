@@ -87,21 +87,3 @@ def test_the_command_that_made_a_result_is_told_as_it_was_typed(run: Run, tmp_pa
     told = result_tables(report_runs([result]), [])
     assert told["typed"] == [typed]
     assert told["again"] == ["hhsim view x.h5", "hhsim verify x.h5", "hhsim replay x.h5"]
-
-
-@pytest.mark.soak
-def test_a_figure_is_a_file_of_its_own(run: Run, tmp_path: Path) -> None:
-    short_result(tmp_path / "x.h5")
-    answer = run("report", "x.h5", "--figure", "series", "--width", "88mm", "--out", "fig.pdf")
-    assert (answer.code, answer.out) == (0, "Force, time and contacts over the run, 88 mm wide, is in fig.pdf\n"), (
-        answer.err
-    )
-    assert (tmp_path / "fig.pdf").read_bytes().startswith(b"%PDF")
-    for arguments, message in (
-        (("--width", "88mm"), "--width is of a figure"),
-        (("--figure", "series", "--width", "88"), "expected a number with mm, cm or in"),
-    ):
-        answer = run("report", "x.h5", *arguments)
-        assert (answer.code, answer.out, answer.err.count("\n")) == (2, "", 1), arguments
-        assert message in answer.err
-    assert {path.name for path in tmp_path.iterdir()} == {"x.h5", "fig.pdf"}

@@ -1,13 +1,15 @@
 """What a report says of a live session alone: what the fingers were told, its faults, and how it ended."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from drawings_alone import drawn, leave_charts_undrawn
+from drawings_alone import leave_charts_undrawn
 from live_rings import BEGAN, FACTS, PERIOD, make_setup, numbered_samples, solved_ticks
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 from report_reader import read_page
 from short_grasp import short_result
 
@@ -33,14 +35,14 @@ PICTURE = ReportFigure("hand", "the hand", "A hand.", "A hand.", b"", 1, 1)
 
 
 @pytest.fixture(scope="module", autouse=True)
-def undrawn() -> object:
-    """Charts are drawn by the tests that look at them."""
+def undrawn() -> Iterator[list[Figure]]:
+    """Figures of charts whose pixels are left out."""
     with pytest.MonkeyPatch.context() as patch:
-        leave_charts_undrawn(patch)
+        figures = leave_charts_undrawn(patch)
         for maker in ("overview_picture", "held_picture"):
             patch.setattr(f"hhsim.report.report.{maker}", lambda *_: PICTURE)
-        patch.setattr("hhsim.report.pictures.hand_picture", lambda *_, **__: PICTURE)
-        yield
+        patch.setattr("hhsim.report.report.overview_view", lambda _: None)
+        yield figures
 
 
 def recorded(path: Path, reason: str) -> Result:
@@ -94,30 +96,34 @@ def test_how_a_killed_session_ended_stands_in_red_before_everything_else(killed:
     assert both.verdict_lines()[0].startswith("B: ")
 
 
-def test_what_each_finger_was_told_is_drawn_with_marks_at_faults(killed: Result, whole: Result) -> None:
+def test_what_each_finger_was_told_is_drawn_with_marks_at_faults(
+    killed: Result, whole: Result, undrawn: list[Figure]
+) -> None:
     for result, expected in ((killed, [(FAULT_TICK, "fault"), (LAST, "ended")]), (whole, [(FAULT_TICK, "fault")])):
         figure = series_figure({"session": result})
-        assert "Six panels" in figure.alt
-        assert "a stiffness of up to 0.50. At 0.300 s: fault." in figure.alt
-        with drawn(figure, 7.0) as chart:
-            told = chart.axes[-1]
-            curves = {str(line.get_label()): np.asarray(line.get_ydata()) for line in told.lines}
-            for finger, name in enumerate(FINGERS):
-                np.testing.assert_allclose(curves[name], result["live/tick/command_stiffness"][:, finger], rtol=1e-6)
-            assert curves[FINGERS[4]].max() == pytest.approx(0.5)
-            for place in chart.axes:
-                np.testing.assert_allclose(marks(place), [1e-3 * tick for tick, _ in expected], atol=1e-9)
-            words = [text.get_text() for text in chart.axes[0].texts]
-            assert [word for word in words if word in ("fault", "ended")] == [word for _, word in reversed(expected)]
+        assert "6 panels" in figure.alt
+        assert "stiffness up to 0.50, fault at 0.300 s" in figure.alt
+        chart = undrawn[-1]
+        told = chart.axes[-1]
+        curves = {str(line.get_label()): np.asarray(line.get_ydata()) for line in told.lines}
+        for finger, name in enumerate(FINGERS):
+            np.testing.assert_allclose(curves[name], result["live/tick/command_stiffness"][:, finger], rtol=1e-6)
+        assert curves[FINGERS[4]].max() == pytest.approx(0.5)
+        for place in chart.axes:
+            np.testing.assert_allclose(marks(place), [1e-3 * tick for tick, _ in expected], atol=1e-9)
+        words = [text.get_text() for text in chart.axes[0].texts]
+        assert [word for word in words if word in ("fault", "ended")] == [word for _, word in reversed(expected)]
 
 
-def test_beside_a_replay_a_session_has_one_curve_of_the_stiffest_finger(killed: Result, tmp_path: Path) -> None:
+def test_beside_a_replay_a_session_has_one_curve_of_the_stiffest_finger(
+    killed: Result, tmp_path: Path, undrawn: list[Figure]
+) -> None:
     replayed = short_result(tmp_path / "short.h5")
     alone = series_figure({"A": replayed})
-    assert "Five panels" in alone.alt and "stiffness" not in alone.alt + alone.caption
-    with drawn(series_figure({"A": replayed, "B": killed}), 3.6, True) as chart:
-        # The others are where phases of the replay begin.
-        (curve,) = (line for line in chart.axes[-1].lines if len(np.asarray(line.get_ydata())) == killed.ticks)
-        np.testing.assert_allclose(
-            np.asarray(curve.get_ydata()), killed["live/tick/command_stiffness"].max(axis=1), rtol=1e-6
-        )
+    assert "5 panels" in alone.alt and "stiffness" not in alone.alt
+    series_figure({"A": replayed, "B": killed})
+    # The others are where phases of the replay begin.
+    (curve,) = (line for line in undrawn[-1].axes[-1].lines if len(np.asarray(line.get_ydata())) == killed.ticks)
+    np.testing.assert_allclose(
+        np.asarray(curve.get_ydata()), killed["live/tick/command_stiffness"].max(axis=1), rtol=1e-6
+    )

@@ -10,7 +10,6 @@ import numpy as np
 
 from hhsim.bench.paper.run import INDEX, PaperRuns, SceneRun
 from hhsim.bench.paper.scene import CASES
-from hhsim.errors import OutputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
 from hhsim.kernels.tick.step import DURATION_DETECT
@@ -23,7 +22,6 @@ from hhsim.render.rasterizer import blend, frame, shade
 from hhsim.render.triangle_soup import PIECES, STONE, hand_surface, joined, look_from, mesh_surface, painted
 from hhsim.render.viewpoint import GHOST, PieceForce, View, viewpoint
 from hhsim.scene.contact_goals import TOUCHING
-from hhsim.system.output_path import check_picture
 from hhsim.system.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -50,15 +48,6 @@ STATED = {"12": "below 1,000 µs", "14": "all below 1,500 µs, most below 1,000 
 """Time of a tick that the paper states for the scenes of a figure."""
 ARROWS = {"12": "normal forces at the fingertips", "14": "contact forces on the phalanges of the index finger"}
 """Forces that the red arrows of a figure show."""
-
-
-def check_folder(folder: Path) -> None:
-    """Make the folder, before the work; raise OutputError if it cannot be made or written."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot make the folder {folder}: {error.strerror or error}") from error
-    check_picture(folder / "fig11.png")
 
 
 def draw_all(folder: Path, runs: PaperRuns, progress: Progress = silent, note: str = "") -> list[Path]:

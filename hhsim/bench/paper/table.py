@@ -15,7 +15,7 @@ from hhsim.metrics.run.contact import JUMP
 from hhsim.metrics.run.force import FELT
 from hhsim.solver.known_methods import find_method
 from hhsim.system.counted import counted
-from hhsim.table.table import Column, Table, number, words
+from hhsim.table.table import Table, number, words
 
 SIMPLE_MEAN = {
     "sphere": 0.41e-3,
@@ -41,30 +41,15 @@ MOST_NAMED = 5
 """Limit of the missed touches that are named."""
 
 
-ROW_COLUMNS = (
-    Column("row", "name of the figure"),
-    Column("figure", "of the paper, or its section"),
-    Column("label", "what it is"),
-    Column("method", "method of the solver"),
-    Column("unit", "of the columns paper, ours and bar: s, m or %"),
-    Column("paper", "what the paper prints, NaN where it prints no number"),
-    Column("paper_text", "as it is printed"),
-    Column("ours", "measured here"),
-    Column("bar", "ours must not be above it; NaN where there is none"),
-    Column("note", "where the figure comes from"),
-    Column("ratio", "the paper's over ours: how many times below the paper's; infinite if ours is 0"),
-    Column("passed", "whether the bar, if there is one, is kept; NaN keeps none"),
-)
-
-
 def paper_row(
     row: str, figure: str, label: str, method: str, unit: str, paper: float, text: str, ours: float,
     bar: float = math.nan, note: str = "",
 ) -> Row:  # fmt: skip
-    """Return one figure of the paper, and one method's, by the names of `ROW_COLUMNS`."""
+    """Return one figure of the paper, and one method's, by the figures of the suite's plan."""
     ratio = paper / ours if ours > 0.0 else math.inf if paper > 0.0 else math.nan
-    values = row, figure, label, method, unit, paper, text, ours, bar, note, ratio, bool(math.isnan(bar) or ours <= bar)
-    return dict(zip((column.name for column in ROW_COLUMNS), values, strict=True))
+    words = {"row": row, "figure": figure, "label": label, "method": method, "unit": unit}
+    figures = {"paper": paper, "paper_text": text, "ours": ours, "bar": bar, "note": note, "ratio": ratio}
+    return {**words, **figures, "passed": bool(math.isnan(bar) or ours <= bar)}
 
 
 def paper_rows(runs: PaperRuns, methods: Sequence[str], is_whole: bool) -> list[Row]:

@@ -96,7 +96,7 @@ class Outcome:
     before: "Sequence[Outcome]" = ()  # outcomes of the case's runs before it
     record: TickRecord | None = None  # ticks of the last repeat of the motion; None if the method refused the scene
     refusal: str = ""  # message of the refusal, else empty
-    safety: Mapping[str, Any] = field(default_factory=dict)  # figures of `SAFETY`, of all ticks
+    safety: Mapping[str, Any] = field(default_factory=dict)  # figures of `SafetyMeasure`, of all ticks
     limit_excess: float = 0.0  # largest excess of a joint beyond its limits [rad]
     # Graphic hands at the marks: joints and palm [m], shape (repeats, marks, 21, 3).
     marked: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 21, 3)))

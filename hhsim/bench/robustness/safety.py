@@ -5,13 +5,14 @@ solver: kinematics and distances to leaf spheres or triangles are those of `hhsi
 distances at its end say so.
 """
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.bench.figures import figure, placed_of, summed
+from hhsim.bench.figures import placed_of
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.fingers import FINGERS
@@ -199,27 +200,23 @@ def not_finite(record: TickRecord) -> BoolArray:
     return bad
 
 
-def _deepest(depths: Sequence[float]) -> float:
-    """Return the largest depth; NaN if one is, that of a hand that is not finite."""
-    return float(np.max(depths))
+# np.max: NaN if one depth is, that of a hand that is not finite.
+TOTALS: dict[str, Callable[[Sequence[Any]], Any]] = {
+    "ticks": sum,
+    "penetration": lambda depths: float(np.max(depths)),
+    **dict.fromkeys(("penetrating", "not_finite", "touching", "stuck", "unexplained", "lagging"), sum),
+    "lag": max,
+}
+"""What sums up the figures of a run of any length, which the plan of `stress` describes."""
 
 
-SAFETY = (
-    figure("ticks", "ticks run", "", sum),
-    figure("penetration", "deepest penetration", "µm", _deepest),
-    figure("penetrating", "ticks deeper than 1 um", "", sum),
-    figure("not_finite", "ticks whose hand or force is not finite", "", sum),
-    figure("touching", "ticks in touch with the object", "", sum),
-    figure("stuck", "ticks that kept the last feasible hand", "", sum),
-    figure("unexplained", "stuck ticks that had a way out", "", sum),
-    figure("lagging", "ticks with distance still to go", "", sum),
-    figure("lag", "most distance still to go", "mm", max),
-)
-"""Figures of a run of any length."""
+def summed(blocks: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the figures of several blocks of ticks together, NaN for one that a block does not have."""
+    return {name: total([block.get(name, math.nan) for block in blocks]) for name, total in TOTALS.items()}
 
 
 def is_safe(figures: Mapping[str, Any]) -> bool:
-    """Return True if the hand stayed within 1 µm and finite, and no stuck tick had a free step; figures of `SAFETY`."""
+    """Return True if the hand stayed within 1 µm and finite, and no stuck tick had a free step; figures of `TOTALS`."""
     return bool(figures["penetration"] <= SAFE_DEPTH and not figures["not_finite"] and not figures["unexplained"])
 
 
@@ -229,7 +226,7 @@ class SafetyMeasure:
     def __init__(self, hand: HandModel, pieces: Pieces, options: SolverOptions) -> None:
         self._hand, self._pieces, self._options = hand, pieces, options
         self._before: HandConfiguration | None = None
-        self.figures: dict[str, Any] = {}  # of `SAFETY`, of all blocks so far; none before the first
+        self.figures: dict[str, Any] = {}  # of `TOTALS`, of all blocks so far; none before the first
 
     def readings(self, motion: HandConfiguration) -> HandConfiguration:
         """Return a block of the haptic motion with readings held as the solver holds them, across blocks too."""
@@ -256,5 +253,5 @@ class SafetyMeasure:
             "lagging": int(((record.status & STATUS_LAG) > 0).sum()),
             "lag": float(record.lag.max()),
         }
-        self.figures = summed(SAFETY, [self.figures, block] if self.figures else [block])
+        self.figures = summed([self.figures, block] if self.figures else [block])
         return {"penetration": penetrating, "not finite": lost, "stuck": unexplained}

@@ -13,13 +13,13 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from hhsim.bench.figures import placed_of, summed
+from hhsim.bench.figures import placed_of
 from hhsim.bench.robustness.case import DEEPEST, Figure, HardCase, HardRun, Outcome, own_figures
 from hhsim.bench.robustness.contact_cases import CONTACT_CASES
 from hhsim.bench.robustness.input_cases import INPUT_CASES, INVARIANCE_CASES, endurance_case
-from hhsim.bench.robustness.safety import SAFETY, SafetyMeasure, pieces_of, recorded_penetration, solvers_of
+from hhsim.bench.robustness.safety import SafetyMeasure, pieces_of, recorded_penetration, solvers_of, summed
 from hhsim.bench.robustness.triangle_cases import TRIANGLE_CASES
-from hhsim.bench.suite import Row, Suite, setting
+from hhsim.bench.suite import Row, Suite
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
@@ -29,20 +29,18 @@ from hhsim.solver.method import never_penetrates
 from hhsim.solver.options import SolverOptions
 from hhsim.system.posix import used_memory
 from hhsim.system.progress import Progress
-from hhsim.system.settings_file import Names, between, check_fields
-from hhsim.table.table import Column, Table, number, words
+from hhsim.system.settings_file import Names, between
+from hhsim.table.table import Table, number, words
 from hhsim.trees.contact_surface import contact_surface
 
-ENDURANCE_TICKS = 20_000
-"""Ticks of the closed loops unless given; ten minutes at 1 kHz are 600,000."""
 STATED = ("ticks", "stuck", "unexplained", "lagging", "lag")
-"""Figures of `SAFETY` that each row repeats."""
+"""Figures of safety that each row repeats."""
 LIMIT_TOLERANCE = 1e-9
 """Excess of a joint beyond its limit that is rounding [rad]."""
 
 
 def hard_cases(
-    names: Sequence[str] = (), ticks: int = ENDURANCE_TICKS, surfaces: Sequence[str] = ("spheres",)
+    names: Sequence[str] = (), ticks: int = 20_000, surfaces: Sequence[str] = ("spheres",)
 ) -> tuple[HardCase, ...]:
     """Return the cases of these names in the catalogue's order; without names all that the surfaces allow.
 
@@ -58,31 +56,6 @@ def hard_cases(
     return tuple(case for case in chosen if "mesh" in surfaces or not case.mesh_only)
 
 
-@dataclass(frozen=True)
-class HardOptions:
-    """Cases, methods, surfaces."""
-
-    cases: tuple[str, ...] = setting((), metavar="[CASE]...", is_argument=True)
-    methods: Names | None = setting(None, "Methods. Default: all that take the surface.", "--method")
-    surfaces: Names = setting(
-        ("spheres",), "What of the objects the hand touches: spheres (of the tree), mesh, or both.", "--surface"
-    )
-    ticks: Annotated[int, between(8_000, 36_000_000)] = setting(
-        ENDURANCE_TICKS, "Ticks of the case endurance; 600000 are ten minutes at 1 kHz."
-    )
-    seed: int = setting(0)
-
-    def __post_init__(self) -> None:
-        """Raise InputError for an unknown name, a case that needs the surface mesh, a number out of range."""
-        check_fields(self)
-        self.chosen()
-        solvers_of(self.methods, self.surfaces)
-
-    def chosen(self) -> tuple[HardCase, ...]:
-        """Return the cases that are run."""
-        return hard_cases(self.cases, self.ticks, self.surfaces)
-
-
 class Cell(NamedTuple):
     """Case, solver and seed."""
 
@@ -91,14 +64,90 @@ class Cell(NamedTuple):
     seed: int
 
 
-def cells(options: HardOptions, progress: Progress) -> list[Cell]:
-    """Return every case with every solver; cases of triangles alone with those on the mesh."""
-    solvers = solvers_of(options.methods, options.surfaces)
-    pairs = ((case, solver) for case in options.chosen() for solver in solvers)
-    return [Cell(*pair, options.seed) for pair in pairs if pair[1].surface == "mesh" or not pair[0].mesh_only]
+@dataclass(frozen=True, kw_only=True)
+class Hard(Suite):
+    """Cases, methods, surfaces."""
+
+    cases: tuple[str, ...]
+    methods: Names | None
+    surfaces: Names
+    ticks: Annotated[int, between(8_000, 36_000_000)]
+    seed: int
+    is_portable = True
+
+    def check(self) -> None:
+        """Raise InputError for an unknown name, or a case that needs the surface mesh."""
+        self.chosen()
+        solvers_of(self.methods, self.surfaces)
+
+    def chosen(self) -> tuple[HardCase, ...]:
+        """Return the cases that are run."""
+        return hard_cases(self.cases, self.ticks, self.surfaces)
+
+    def cells(self, progress: Progress) -> list[Cell]:
+        """Return every case with every solver; cases of triangles alone with those on the mesh."""
+        solvers = solvers_of(self.methods, self.surfaces)
+        pairs = ((case, solver) for case in self.chosen() for solver in solvers)
+        return [Cell(*pair, self.seed) for pair in pairs if pair[1].surface == "mesh" or not pair[0].mesh_only]
+
+    def run(self, cell: Cell, before: None) -> list[Row]:
+        """Run one case by one method and return a row for each figure; see `run_case`."""
+        return run_case(cell)
+
+    def named(self, cell: Cell) -> str:
+        """Return the name of the case."""
+        return cell.case.name
+
+    def listed(self) -> Table:
+        """Return the cases, each with a line."""
+        return Table((words("case", "name"), words("what it is", "description")), self.chosen())
+
+    def tables(self, rows: Sequence[Row], figures: Any) -> list[Table]:
+        """Return a line for each case and method, with the figure, besides penetration, that is nearest to its bar."""
+        lines = []
+        for group in by_case(rows):
+            head = group[0]
+            verdict = "refuses, as it may" if head["reason"] else "pass"
+            # The figure that is farthest beyond its bar or nearest to it; the last of equals.
+            nearest = max(reversed(group[1:]), key=_strain, default={})
+            told = (nearest["figure"], *_spelled(nearest)) if nearest else ("", "", "")
+            shown = dict(zip(("nearest to its bar", "of it", "bar"), told))
+            lines.append({**head, "verdict": verdict if head["case_passed"] else "FAIL", **shown})
+        columns = (
+            *map(words, ("case", "method", "surface", "verdict")),
+            number("penetration", "value", "µm", 3, missing=""),
+            words("nearest to its bar"),
+            number("value", "of it"),
+            number("bar"),
+            number("stuck"),
+            number("lag", unit="mm", digits=1),
+        )
+        return [Table(columns, lines)]
+
+    def missed(self, rows: Sequence[Row]) -> list[str]:
+        """Return the cases that a method which promises to pass did not."""
+        heads = [group[0] for group in by_case(rows)]
+        failed = [row for row in heads if never_penetrates(row["method"]) and not row["case_passed"]]
+        return [f"{row['case']} ({row['method']})" for row in failed]
+
+    def lines(self, rows: Sequence[Row]) -> list[str]:
+        """Say why cases ended, which bars are missed by whom, what was on spheres, and how many passed."""
+        found, passed = list[str](), dict[str, list[bool]]()
+        for group in by_case(rows):
+            head = group[0]
+            where = f"{head['case']}, {head['method']}"
+            passed.setdefault(head["method"], []).append(head["case_passed"])
+            found += [f"{where}: {head['reason']}"] if head["reason"] else []
+            missing = ((row["figure"], *_spelled(row)) for row in group if row["figure"] and not row["passed"])
+            found += [f"{where}: {figure} {value}, bar {bar}" for figure, value, bar in missing]
+        on_spheres = list(dict.fromkeys(row["case"] for row in rows if row["surface"] == "spheres"))
+        if on_spheres and any("mesh" in row["surface"] for row in rows):
+            found.append(f"on spheres, since their objects are nothing else: {', '.join(on_spheres)}")
+        each = (f"{method} {sum(kept)} of {len(kept)}" for method, kept in passed.items())
+        return [*found, f"passed: {', '.join(each)}"]
 
 
-def run(cell: Cell, before: None = None) -> list[Row]:
+def run_case(cell: Cell) -> list[Row]:
     """Run one case by one method and return a row for each figure; any exception becomes a failure that names it."""
     case, solver = cell.case, cell.solver
     figures: list[Figure] = []
@@ -112,7 +161,7 @@ def run(cell: Cell, before: None = None) -> list[Row]:
         figures += [] if refusal else own_figures(outcomes)
         passed = all(figure.passed for figure in figures) and (case.may_refuse if refusal else bool(figures))
         surface = " and ".join(sorted({outcome.options.surface for outcome in outcomes}))
-        safety |= summed(SAFETY, [one.safety for one in outcomes if one.safety] or [safety])
+        safety |= summed([one.safety for one in outcomes if one.safety] or [safety])
     except Exception as error:  # a scene that cannot be built is a fault of the bench, reported as one
         figures, passed, refusal = [], False, f"{type(error).__name__}: {error}"
     return [
@@ -192,80 +241,12 @@ def common_figures(outcomes: Sequence[Outcome]) -> list[Figure]:
     ]
 
 
-COLUMNS = (
-    Column("case", "hard case"),
-    Column("method", "method of the solver"),
-    Column("surface", "what of the objects the hand touched"),
-    Column("case_passed", "whether the method kept every bar of the case"),
-    Column("figure", "what was measured; empty where the case ended before"),
-    Column("value", "measured value, in the unit of the column `unit`"),
-    Column("bar", "what it is held to, in the same unit"),
-    Column("at_least", "whether the bar is a lower one"),
-    Column("unit", "SI unit of value and bar; 1 for counts and ratios"),
-    Column("passed", "whether the bar was kept"),
-    Column("ticks", "ticks of all runs of the case"),
-    Column("stuck", "ticks that kept the last feasible state"),
-    Column("unexplained", "of those, the ones from where a hand could move"),
-    Column("lagging", "ticks with distance still to go"),
-    Column("lag", "most distance still to go", "mm"),
-    Column("reason", "the refusal or the exception that ended the case"),
-)
-"""Columns of the suite's table: a row for every figure of every case and method."""
-
-
 def by_case(rows: Sequence[Row]) -> list[list[Row]]:
     """Return the rows of each case by each method on each surface."""
     groups: dict[tuple[Any, ...], list[Row]] = {}
     for row in rows:
         groups.setdefault((row["case"], row["method"], row["surface"]), []).append(row)
     return list(groups.values())
-
-
-def tables(options: HardOptions, rows: Sequence[Row], figures: Any) -> list[Table]:
-    """Return a line for each case and method, with the figure, besides penetration, that is nearest to its bar."""
-    lines = []
-    for group in by_case(rows):
-        head = group[0]
-        verdict = "refuses, as it may" if head["reason"] else "pass"
-        # The figure that is farthest beyond its bar or nearest to it; the last of equals.
-        nearest = max(reversed(group[1:]), key=_strain, default={})
-        told = (nearest["figure"], *_spelled(nearest)) if nearest else ("", "", "")
-        shown = dict(zip(("nearest to its bar", "of it", "bar"), told))
-        lines.append({**head, "verdict": verdict if head["case_passed"] else "FAIL", **shown})
-    columns = (
-        *map(words, ("case", "method", "surface", "verdict")),
-        number("penetration", "value", "µm", 3, missing=""),
-        words("nearest to its bar"),
-        number("value", "of it"),
-        number("bar"),
-        number("stuck"),
-        number("lag", unit="mm", digits=1),
-    )
-    return [Table(columns, lines)]
-
-
-def missed(options: HardOptions, rows: Sequence[Row]) -> list[str]:
-    """Return the cases that a method which promises to pass did not."""
-    heads = [group[0] for group in by_case(rows)]
-    failed = [row for row in heads if never_penetrates(row["method"]) and not row["case_passed"]]
-    return [f"{row['case']} ({row['method']})" for row in failed]
-
-
-def lines(options: HardOptions, rows: Sequence[Row]) -> list[str]:
-    """Say why cases ended, which bars are missed by whom, what was on spheres, and how many passed."""
-    found, passed = list[str](), dict[str, list[bool]]()
-    for group in by_case(rows):
-        head = group[0]
-        where = f"{head['case']}, {head['method']}"
-        passed.setdefault(head["method"], []).append(head["case_passed"])
-        found += [f"{where}: {head['reason']}"] if head["reason"] else []
-        missing = ((row["figure"], *_spelled(row)) for row in group if row["figure"] and not row["passed"])
-        found += [f"{where}: {figure} {value}, bar {bar}" for figure, value, bar in missing]
-    on_spheres = list(dict.fromkeys(row["case"] for row in rows if row["surface"] == "spheres"))
-    if on_spheres and any("mesh" in row["surface"] for row in rows):
-        found.append(f"on spheres, since their objects are nothing else: {', '.join(on_spheres)}")
-    each = (f"{method} {sum(kept)} of {len(kept)}" for method, kept in passed.items())
-    return [*found, f"passed: {', '.join(each)}"]
 
 
 def _strain(row: Row) -> float:
@@ -287,30 +268,4 @@ def _spelled(row: Row) -> list[str]:
     return [found[0], f"{'≥' if row['at_least'] else '≤'} {found[1]}"]
 
 
-SUITE = Suite(
-    help="""Put every method through the scenes that break methods.
-
-    Each CASE is a named scene with a bar of its own; besides, in all of them: penetration at most 1 µm at every tick,
-    recomputed from the poses; finite numbers; joints within their limits; and no stuck tick from where a hand could
-    have moved. All cases run where none is named. With --surface mesh the hand touches the triangles of the objects,
-    but for those that are spheres alone, and there are cases of triangles besides. The exit code is 1 where coupled or
-    progressive misses a bar; the other methods promise nothing, and are measured to show by how much they miss.
-
-    \b
-    Examples:
-      hhsim bench hard
-      hhsim bench hard fast-swipe narrow-handle --method coupled,paper
-      hhsim bench hard endurance --ticks 600000 --out endurance.json
-      hhsim bench hard --surface mesh --method coupled,progressive
-    """,
-    settings=HardOptions,
-    columns=COLUMNS,
-    cells=cells,
-    run=run,
-    tables=tables,
-    missed=missed,
-    lines=lines,
-    is_portable=True,
-    named=lambda cell: cell.case.name,
-    listed=lambda options: Table((words("case", "name"), words("what it is", "description")), options.chosen()),
-)
+SUITE = Hard

@@ -13,14 +13,14 @@ import numpy as np
 
 from hhsim.arrays import BoolArray
 from hhsim.bench import manipulation_stage as stage
-from hhsim.bench.suite import Preset, Row, Suite, setting
+from hhsim.bench.suite import Row, Suite
 from hhsim.errors import check_known
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
-from hhsim.system.settings_file import between, check_fields
-from hhsim.table.table import Column
+from hhsim.system.progress import Progress
+from hhsim.system.settings_file import between
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -45,39 +45,45 @@ EASED_FROM, EASED_TO = 1.3, 0.8
 """Shares of the threshold between which a squeeze is eased to find it."""
 
 
-COLUMNS = (
-    Column("case", "what was played"),
-    Column("figure", "what was measured"),
-    Column("unit", "of the next four; 1 for shares and truths"),
-    Column("exact", "what it should be"),
-    Column("measured", "what it is"),
-    Column("off", "by how much it is off"),
-    Column("allowed", "by how much it may be off"),
-    Column("holds", "1 where it is off by no more than that, else 0"),
-)
-
-
 def answer(case: str, what: str, unit: str, exact: float, measured: float, allowed: float | None = None) -> Row:
     """Return the row of one figure in its SI unit; it holds if it is off by no more than allowed, or `WITHIN`."""
     off, most = measured - exact, WITHIN * abs(exact) if allowed is None else allowed
-    values = (case, what, unit, exact, measured, off, most, int(abs(off) <= most))
-    return dict(zip((column.name for column in COLUMNS), values, strict=True))
+    figures = {"exact": exact, "measured": measured, "off": off, "allowed": most, "holds": int(abs(off) <= most)}
+    return {"case": case, "figure": what, "unit": unit, **figures}
 
 
 @dataclass(frozen=True, kw_only=True)
-class ManipulationOptions:
+class Manipulation(Suite):
     """Cases, none for all, and durations of rest and hold [s]."""
 
-    cases: tuple[str, ...] = setting(
-        (), "Cases: slope, rolling, flight, tipping, thresholds, torsion, held, rest, pinch. Default: all.", "--case"
-    )
-    rest: Annotated[float, between(1.0)] = 600.0
-    held: Annotated[float, between(1.0)] = 60.0
+    cases: tuple[str, ...]
+    rest: Annotated[float, between(1.0)]
+    held: Annotated[float, between(1.0)]
+    is_portable = True
 
-    def __post_init__(self) -> None:
-        """Raise InputError for an unknown case or a duration out of range."""
+    def check(self) -> None:
+        """Raise InputError for an unknown case."""
         check_known("case", self.cases, list(CASES))
-        check_fields(self)
+
+    def cells(self, progress: Progress) -> list[str]:
+        """Return the names of the cases."""
+        return list(self.cases or CASES)
+
+    def run(self, cell: str, before: None) -> list[Row]:
+        """Play a case."""
+        return CASES[cell](self)
+
+    def named(self, cell: str) -> str:
+        """Return the name of the case."""
+        return cell
+
+    def missed(self, rows: Sequence[Row]) -> list[str]:
+        """Return the figures that are off by more than allowed."""
+        return [f"{row['case']}, {row['figure']}" for row in rows if row["holds"] == 0]
+
+    def lines(self, rows: Sequence[Row]) -> list[str]:
+        """Say that all holds."""
+        return [] if self.missed(rows) else ["every figure of ours holds"]
 
 
 def _way(acceleration: float, ticks: int) -> float:
@@ -90,7 +96,7 @@ def _alone(free: FreeObject, size: tuple[float, float, float], ticks: int) -> st
     return stage.play(free, stage.touched(stage.block(size)), hand, options, still(AWAY, ticks=ticks))
 
 
-def slope(options: ManipulationOptions) -> list[Row]:
+def slope(options: Manipulation) -> list[Row]:
     """Answer for a block on a slope of 30° that slides, and one that sticks."""
     size, ticks = (0.06, 0.06, 0.04), 300
     free = FreeObject.of_mesh(stage.block(size), mass=0.1, friction=0.3, table=-0.02, gravity=DOWN)
@@ -107,7 +113,7 @@ def slope(options: ManipulationOptions) -> list[Row]:
     ]
 
 
-def rolling(options: ManipulationOptions) -> list[Row]:
+def rolling(options: Manipulation) -> list[Row]:
     """Answer for balls on a slope of 30°: one rolls with 5/7 g sin θ, one slides and spins up by friction."""
     radius, mass, ticks = 0.038, 0.2, 500
     inertia = 0.4 * mass * radius**2
@@ -132,7 +138,7 @@ def rolling(options: ManipulationOptions) -> list[Row]:
     return found
 
 
-def flight(options: ManipulationOptions) -> list[Row]:
+def flight(options: Manipulation) -> list[Row]:
     """Answer for a body in free flight, and one that tumbles on a table."""
     size, ticks = (0.1, 0.06, 0.02), 2000
     motion: dict[str, Any] = {"velocity": (1.0, 2.0, 3.0), "angular_velocity": (1.0, 12.0, 0.5)}
@@ -160,7 +166,7 @@ def flight(options: ManipulationOptions) -> list[Row]:
     ]
 
 
-def tipping(options: ManipulationOptions) -> list[Row]:
+def tipping(options: Manipulation) -> list[Row]:
     """Answer for a cube pushed by a smooth fingertip: it slides below a height of a / 2 μ, and tips above it."""
     side, friction, low, high = 0.07, 0.8, 0.02, 0.065
     while high - low > 1e-4:
@@ -185,7 +191,7 @@ def _tips(side: float, friction: float, height: float) -> bool:
     return max(stage.turned_by(played.orientation[0], turn) for turn in played.orientation[::50]) > math.radians(1.0)
 
 
-def thresholds(options: ManipulationOptions) -> list[Row]:
+def thresholds(options: Manipulation) -> list[Row]:
     """Answer for held blocks, let go slowly: each begins to slip at a squeeze of m g / 2 μ."""
     found = []
     for mass in (0.01, 0.1, 1.0):
@@ -201,7 +207,7 @@ def thresholds(options: ManipulationOptions) -> list[Row]:
     return found
 
 
-def torsion(options: ManipulationOptions) -> list[Row]:
+def torsion(options: Manipulation) -> list[Row]:
     """Answer for a block held beside its centre, which turns once friction and torsion exceed their common limit.
 
     A contact bears (|f| / μ)² + (τ / γ)² up to its normal force squared: the weight's share is m g / 2 μ, the moment's
@@ -227,7 +233,7 @@ def _normal_before(played: stage.Played, event: BoolArray, pinch: stage.Pinch) -
     return float(normal[pinch.eased_from + at[0] - 1]) if at.size and at[0] > 0 else math.nan
 
 
-def held(options: ManipulationOptions) -> list[Row]:
+def held(options: Manipulation) -> list[Row]:
     """Answer for a block that is held at 1.05 times the least squeeze: its height, and that it stays there."""
     pinch = stage.Pinch(hold=options.held, easing=1.0)
     pinch = replace(pinch, squeeze=1.3 * pinch.threshold, eased=1.05 / 1.3)
@@ -244,7 +250,7 @@ def held(options: ManipulationOptions) -> list[Row]:
     ]
 
 
-def rest(options: ManipulationOptions) -> list[Row]:
+def rest(options: Manipulation) -> list[Row]:
     """Answer for a cube on a table."""
     side = 0.07
     size = (side, side, side)
@@ -260,7 +266,7 @@ def rest(options: ManipulationOptions) -> list[Row]:
     ]
 
 
-def pinch(options: ManipulationOptions) -> list[Row]:
+def pinch(options: Manipulation) -> list[Row]:
     """Answer for a block that is pinched, lifted by 30 mm and held by several times the least squeeze."""
     found = []
     for share in (1.05, 1.5, 3.0):
@@ -280,41 +286,10 @@ def pinch(options: ManipulationOptions) -> list[Row]:
     return found
 
 
-CASES: dict[str, Callable[[ManipulationOptions], list[Row]]] = {
+CASES: dict[str, Callable[[Manipulation], list[Row]]] = {
     case.__name__: case for case in (slope, rolling, flight, tipping, thresholds, torsion, held, rest, pinch)
 }
 """Cases by name."""
 
 
-def missed(options: ManipulationOptions, rows: Sequence[Row]) -> list[str]:
-    """Return the figures that are off by more than allowed."""
-    return [f"{row['case']}, {row['figure']}" for row in rows if row["holds"] == 0]
-
-
-def lines(options: ManipulationOptions, rows: Sequence[Row]) -> list[str]:
-    """Say that all holds."""
-    return [] if missed(options, rows) else ["every figure of ours holds"]
-
-
-SUITE = Suite(
-    help="""Play free objects with friction whose answers are known: slopes, rolling, tipping, pinches, rest.
-
-    Each line says what is exact and what was measured; exit code 1 where a figure of ours is off by more than 1 %, or
-    than stated where the answer is 0.
-
-    \b
-    Examples:
-      hhsim bench manipulation --quick
-      hhsim bench manipulation --case slope,thresholds
-      hhsim bench manipulation --out manipulation.json --json
-    """,
-    settings=ManipulationOptions,
-    columns=COLUMNS,
-    cells=lambda options, progress: [(name, options) for name in options.cases or CASES],
-    run=lambda cell, before: CASES[cell[0]](cell[1]),
-    missed=missed,
-    lines=lines,
-    is_portable=True,
-    named=lambda cell: cell[0],
-    preset=Preset("quick", "A rest of 10 s and holds of 5 s, instead of 600 s and 60 s.", {"rest": 10.0, "held": 5.0}),
-)
+SUITE = Manipulation

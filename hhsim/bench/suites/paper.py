@@ -7,13 +7,14 @@ one thread on the machine at hand; the paper's are of an Intel Core i7-8700, 3.7
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, NamedTuple
 
-from hhsim.bench.paper.figures import check_folder, draw_all
+from hhsim.bench.paper.figures import draw_all
 from hhsim.bench.paper.run import PaperRuns, SceneRun, at_contacts, play, play_again
 from hhsim.bench.paper.scene import Scenario, Stage, make_stage, paper_scenarios
-from hhsim.bench.paper.table import ROW_COLUMNS, case_table, paper_rows
-from hhsim.bench.suite import Preset, Row, Suite, setting
+from hhsim.bench.paper.table import case_table, paper_rows
+from hhsim.bench.suite import Row, Suite
 from hhsim.errors import check_known
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import FINGER_COUNT
@@ -22,7 +23,7 @@ from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.method import METHODS, methods_that, never_penetrates
 from hhsim.solver.options import SolverOptions
 from hhsim.system.progress import Progress
-from hhsim.system.settings_file import Count, Names, between, check_fields
+from hhsim.system.settings_file import Count, Names, between
 from hhsim.system.thread_pool import usual_threads
 from hhsim.table.table import MISSING, Table, shown, unit_size, words
 from hhsim.trees.cache import cached_sphere_tree
@@ -39,24 +40,32 @@ UNJUDGED = (
 )
 
 
+class _Cell(NamedTuple):
+    """A stage and a method, and the case and the number of contacts that its margin is to give, if any."""
+
+    stage: Stage
+    solver: SolverOptions
+    case: str = ""
+    wanted: float = math.nan
+
+
 @dataclass(frozen=True, kw_only=True)
-class PaperOptions:
+class Paper(Suite):
     """Methods, objects and repetitions."""
 
-    methods: Names = setting(("paper", "progressive", "coupled"), "Methods.", "--method")
-    objects: Names | None = setting(None, "Only these objects. Default: all ten.", "--object")
-    # Of every sphere tree; None for the paper's, 3 for the simple objects and 4 for the complex ones.
-    level: int | None = None
-    instances: Count = setting(100, "Instances of each case of Fig. 15.")
-    repetitions: Count = setting(3, "Repetitions of every run.")
-    threads: Annotated[int, between(1, FINGER_COUNT)] = setting(1, "Threads that share a tick of progressive.")
-    seed: int = setting(0)
+    methods: Names
+    objects: Names | None
+    level: int | None  # of every sphere tree; None for the paper's, 3 for the simple objects and 4 for the complex ones
+    instances: Count
+    repetitions: Count
+    threads: Annotated[int, between(1, FINGER_COUNT)]
+    seed: int
+    draws_folder = True
 
-    def __post_init__(self) -> None:
-        """Raise InputError for unknown names, empty lists and numbers out of range."""
+    def check(self) -> None:
+        """Raise InputError for unknown names."""
         check_known("method", self.methods, list(METHODS))
         check_known("object", self.objects or (), object_names())
-        check_fields(self)
 
     def solver(self, method: str) -> SolverOptions:
         """Return the options of a method: with the threads if it takes several."""
@@ -67,37 +76,81 @@ class PaperOptions:
         """True for the whole evaluation on trees of the paper's levels."""
         return self.level is None and self.objects is None
 
+    def cells(self, progress: Progress) -> list[_Cell]:
+        """Return every scene with every method; TrajectoryError if a motion cannot be done."""
+        hand = HandModel.default()
+        solvers = [self.solver(method) for method in self.methods]
+        for solver in solvers:
+            warm_up(hand, solver)
+        scenarios = [s for s in paper_scenarios() if self.objects is None or s.object_name in self.objects]
+        stages = make_stages(scenarios, hand, self.level, self.instances, self.seed, progress)
+        found = [_Cell(stage, solver) for stage in stages for solver in solvers]
+        for case, wanted in CONTACTS.items():
+            named = (stage for stage in stages if (stage.scenario.case, stage.scenario.object_name) == (case, "bunny"))
+            found += [_Cell(stage, solver, case, wanted) for stage in named for solver in solvers]
+        return found
 
-class _Cell(NamedTuple):
-    """A stage and a method, and the case and the number of contacts that its margin is to give, if any."""
+    def run(self, cell: _Cell, before: SceneRun | None) -> SceneRun:
+        """Play a scene once more; HhsimError if a solver cannot play it, or not twice alike."""
+        if before is not None:
+            play_again(before)
+            return before
+        return at_contacts(*cell) if cell.case else play(cell.stage, cell.solver)
 
-    stage: Stage
-    solver: SolverOptions
-    case: str = ""
-    wanted: float = math.nan
+    def rows(self, figures: Sequence[SceneRun]) -> list[Row]:
+        """Return the rows of the paper's figures."""
+        return paper_rows(PaperRuns.of_all(figures), self.methods, self.whole)
 
+    def tables(self, rows: Sequence[Row], figures: Sequence[SceneRun]) -> list[Table]:
+        """Return a line for each figure: for each method the figure, and how many times it is below the paper's."""
+        names = list(dict.fromkeys(row["row"] for row in rows))
+        cells = []
+        for name in names:
+            same = {row["method"]: row for row in rows if row["row"] == name}
+            first = next(iter(same.values()))
+            line = [first["figure"], first["label"], first["paper_text"]]
+            for method in self.methods:
+                row = same[method]
+                ratio = "" if not math.isfinite(row["ratio"]) or row["unit"] == "1" else f"{row['ratio']:,.1f}"
+                line += [_shown(row["ours"], row["unit"]), ratio]
+            bar = next((row["bar"] for row in same.values() if not math.isnan(row["bar"])), math.nan)
+            cells.append((*line, "" if math.isnan(bar) else _shown(bar, first["unit"])))
+        numbers = [*(heading for method in self.methods for heading in (method, "×")), "our bar"]
+        title = (
+            "The paper's figures and ours, and how many times (×) ours is below; times are CPU times of one thread; "
+            "our bar: the most that ends with exit code 0; blank where we set none, or not for these options"
+        )
+        headings = ("figure", "what", "printed in the paper", *numbers)
+        last = self.methods[-1]
+        how = [row for row in rows if row["method"] == last]
+        found = [
+            Table.of_cells(headings, cells, title, numbers=numbers),
+            Table((words("what", "label"), words("how it was measured", "note")), how, f"How ({last})"),
+        ]
+        cases = case_table(PaperRuns.of_all(figures).scenes)
+        return [*found, cases] if cases.rows else found
 
-def cells(options: PaperOptions, progress: Progress) -> list[_Cell]:
-    """Return every scene with every method; TrajectoryError if a motion cannot be done."""
-    hand = HandModel.default()
-    solvers = [options.solver(method) for method in options.methods]
-    for solver in solvers:
-        warm_up(hand, solver)
-    scenarios = [s for s in paper_scenarios() if options.objects is None or s.object_name in options.objects]
-    stages = make_stages(scenarios, hand, options.level, options.instances, options.seed, progress)
-    found = [_Cell(stage, solver) for stage in stages for solver in solvers]
-    for case, wanted in CONTACTS.items():
-        named = (stage for stage in stages if (stage.scenario.case, stage.scenario.object_name) == (case, "bunny"))
-        found += [_Cell(stage, solver, case, wanted) for stage in named for solver in solvers]
-    return found
+    def missed(self, rows: Sequence[Row]) -> list[str]:
+        """Return the figures in which a method that promises our bars does not keep one."""
+        failed = [row for row in rows if never_penetrates(row["method"]) and not row["passed"]]
+        said = ((row, _shown(row["ours"], row["unit"]), _shown(row["bar"], row["unit"])) for row in failed)
+        return [f"{row['label']}, {row['method']}: {ours}, bar {bar}" for row, ours, bar in said]
 
+    def lines(self, rows: Sequence[Row]) -> list[str]:
+        """Say which bars are kept."""
+        if self.missed(rows):
+            return []
+        return ["every bar is kept by the methods that promise to", *([] if self.whole else [UNJUDGED])]
 
-def run(cell: _Cell, before: SceneRun | None) -> SceneRun:
-    """Play a scene once more; HhsimError if a solver cannot play it, or not twice alike."""
-    if before is not None:
-        play_again(before)
-        return before
-    return at_contacts(*cell) if cell.case else play(cell.stage, cell.solver)
+    def named(self, cell: _Cell) -> str:
+        """Return what is played."""
+        return f"{cell.wanted:.0f} contacts" if cell.case else "scenes"
+
+    def draw(
+        self, path: Path, rows: Sequence[Row], figures: Sequence[SceneRun], progress: Progress, note: str
+    ) -> list[Path]:
+        """Draw Figs. 11 to 15 in a folder."""
+        return draw_all(path, PaperRuns.of_all(figures), progress, note)
 
 
 def make_stages(
@@ -116,85 +169,9 @@ def make_stages(
     return stages
 
 
-def missed(options: PaperOptions, rows: Sequence[Row]) -> list[str]:
-    """Return the figures in which a method that promises our bars does not keep one."""
-    failed = [row for row in rows if never_penetrates(row["method"]) and not row["passed"]]
-    return [
-        f"{row['label']}, {row['method']}: {_shown(row['ours'], row['unit'])}, bar {_shown(row['bar'], row['unit'])}"
-        for row in failed
-    ]
-
-
-def lines(options: PaperOptions, rows: Sequence[Row]) -> list[str]:
-    """Say which bars are kept."""
-    if missed(options, rows):
-        return []
-    return ["every bar is kept by the methods that promise to", *([] if options.whole else [UNJUDGED])]
-
-
-def tables(options: PaperOptions, rows: Sequence[Row], runs: Sequence[SceneRun]) -> list[Table]:
-    """Return a line for each figure: for each method the figure, and how many times it is below the paper's."""
-    names = list(dict.fromkeys(row["row"] for row in rows))
-    cells = []
-    for name in names:
-        same = {row["method"]: row for row in rows if row["row"] == name}
-        first = next(iter(same.values()))
-        line = [first["figure"], first["label"], first["paper_text"]]
-        for method in options.methods:
-            row = same[method]
-            ratio = "" if not math.isfinite(row["ratio"]) or row["unit"] == "1" else f"{row['ratio']:,.1f}"
-            line += [_shown(row["ours"], row["unit"]), ratio]
-        bar = next((row["bar"] for row in same.values() if not math.isnan(row["bar"])), math.nan)
-        cells.append((*line, "" if math.isnan(bar) else _shown(bar, first["unit"])))
-    numbers = [*(heading for method in options.methods for heading in (method, "×")), "our bar"]
-    title = (
-        "The paper's figures and ours, and how many times (×) ours is below; times are CPU times of one thread; "
-        "our bar: the most that ends with exit code 0; blank where we set none, or not for these options"
-    )
-    headings = ("figure", "what", "printed in the paper", *numbers)
-    last = options.methods[-1]
-    how = [row for row in rows if row["method"] == last]
-    found = [
-        Table.of_cells(headings, cells, title, numbers=numbers),
-        Table((words("what", "label"), words("how it was measured", "note")), how, f"How ({last})"),
-    ]
-    cases = case_table(PaperRuns.of_all(runs).scenes)
-    return [*found, cases] if cases.rows else found
-
-
 def _shown(value: float, unit: str) -> str:
     name, digits = SHOWN_UNITS[unit]
     return f"{shown(value / unit_size(name), digits)} {name}".rstrip() if value == value else MISSING
 
 
-SUITE = Suite(
-    help="""Run the paper's whole evaluation, its figures beside ours.
-
-    All scenes of Figs. 11 to 15 by every method: one finger, two, five and the palm on five simple objects; fingers
-    that come and go; sliding; five complex objects from several sides, such as the thumb in the cup's handle; 100
-    instances of each case of Fig. 15. A row that misses one of our own bars is named, and the exit code is 1; the
-    method paper is the baseline and has none, and with --quick or --object only those of time and depth hold.
-
-    \b
-    Examples:
-      hhsim bench paper
-      hhsim bench paper --plot figures --out paper.json
-      hhsim bench paper --quick --method coupled
-    """,
-    settings=PaperOptions,
-    columns=ROW_COLUMNS,
-    cells=cells,
-    run=run,
-    rows=lambda options, runs: paper_rows(PaperRuns.of_all(runs), options.methods, options.whole),
-    tables=tables,
-    missed=missed,
-    lines=lines,
-    named=lambda cell: f"{cell.wanted:.0f} contacts" if cell.case else "scenes",
-    preset=Preset(
-        "quick",
-        "Every row, from coarse spheres, 3 instances and one repetition.",
-        {"level": 3, "instances": 3, "repetitions": 1},
-    ),
-    draw=lambda path, options, rows, runs, progress, note: draw_all(path, PaperRuns.of_all(runs), progress, note),
-    check_folder=check_folder,
-)
+SUITE = Paper

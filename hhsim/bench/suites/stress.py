@@ -14,16 +14,8 @@ import numpy as np
 
 from hhsim.arrays import BoolArray
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
-from hhsim.bench.robustness.safety import (
-    BLOCK,
-    SAFETY,
-    SafetyMeasure,
-    is_safe,
-    pieces_of,
-    recorded_penetration,
-    solvers_of,
-)
-from hhsim.bench.suite import Row, Suite, setting
+from hhsim.bench.robustness.safety import BLOCK, SafetyMeasure, is_safe, pieces_of, recorded_penetration, solvers_of
+from hhsim.bench.suite import Row, Suite
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
 from hhsim.linkage.file import resolve_object
@@ -37,8 +29,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.system.log_histogram import LogHistogram
 from hhsim.system.output_path import RESULTS, free_name
 from hhsim.system.progress import Progress
-from hhsim.system.settings_file import Count, Names, check_fields
-from hhsim.table.table import Column
+from hhsim.system.settings_file import Count, Names
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.options import TreeOptions
@@ -50,53 +41,6 @@ MADE_BY = "hhsim failure "
 """Beginning of the source of a kept trajectory."""
 STRETCH_BLOCKS = 2
 """Blocks up to a failure that are kept."""
-
-
-@dataclass(frozen=True)
-class StressSettings:
-    """Objects, methods, and the targets."""
-
-    objects: tuple[str, ...] = setting((), metavar="[OBJECT]...", is_argument=True)
-    methods: Names | None = setting(None, "Methods. Default: all that take the surface.", "--method")
-    surfaces: Names = setting(
-        ("spheres",), "What of the objects the hand touches: spheres (of the tree), mesh, or both.", "--surface"
-    )
-    ticks: Count = setting(20_000, "Ticks of each object by each method.")
-    wild: bool = setting(
-        False, "Add what broken devices do: jumps, NaN, zero quaternions, late samples, angles beyond every limit."
-    )
-    level: int | None = setting(None)
-    margin: float | None = setting(None)  # [mm]
-    linearisations: int | None = setting(None)
-    unit: str | None = setting(None)
-    size: float | None = setting(None)  # [mm]
-    seed: int = setting(0)
-
-    def __post_init__(self) -> None:
-        """Raise InputError for an unknown name, or a number out of range."""
-        check_fields(self)
-        self.solvers()
-
-    def solvers(self) -> list[SolverOptions]:
-        """Return the options of every solver."""
-        scaled = None if self.margin is None else 1e-3 * self.margin
-        changed = {"margin": scaled, "linearisations": self.linearisations}
-        given = {name: value for name, value in changed.items() if value is not None}
-        return solvers_of(self.methods, self.surfaces, **given)
-
-
-COLUMNS = (
-    Column("object"),
-    Column("method", "method of the solver"),
-    Column("surface", "what of the object the hand touches"),
-    Column("seed", "seed of the random targets"),
-    *(one.column for one in SAFETY),
-    Column("cpu_p50", "CPU time of a tick, median", "µs"),
-    Column("cpu_p99", "CPU time of a tick, 99th percentile", "µs"),
-    Column("cpu_max", "CPU time of a tick, largest", "µs"),
-    Column("failures", "failures of a method that promises none, and the commands that replay them"),
-    Column("safe", "kept what a safe method promises"),
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,19 +76,73 @@ class StressCase:
         return safety.add(hold_readings(motion), record, depth)
 
 
-def cells(options: StressSettings, progress: Progress) -> list[StressCase]:
-    """Return every object with every method; InputError or UnknownNameError for an object that there is not."""
-    found: list[StressCase] = []
-    size = None if options.size is None else f"{options.size:g}"
-    by_name = (("--level", options.level), ("--unit", options.unit), ("--size", size))
-    told = " ".join(f"{name} {value}" for name, value in by_name if value is not None)
-    scale = None if options.size is None else 1e-3 * options.size
-    meshes = {name: resolve_object(name, options.unit, scale) for name in options.objects or object_names()}
-    for name, (mesh, usual) in meshes.items():
-        tree = cached_sphere_tree(mesh, TreeOptions(level=options.level or usual), progress)
-        motion = StressOptions(wild=options.wild), options.seed, options.ticks
-        found += [StressCase(name, mesh, tree, solver, *motion, told) for solver in options.solvers()]
-    return found
+@dataclass(frozen=True, kw_only=True)
+class Stress(Suite):
+    """Objects, methods, and the targets."""
+
+    objects: tuple[str, ...]
+    methods: Names | None
+    surfaces: Names
+    ticks: Count
+    wild: bool
+    level: int | None
+    margin: float | None  # [mm]
+    linearisations: int | None
+    unit: str | None
+    size: float | None  # [mm]
+    seed: int
+    is_portable = True
+
+    def check(self) -> None:
+        """Raise InputError for an unknown name, or a number out of range."""
+        self.solvers()
+
+    def solvers(self) -> list[SolverOptions]:
+        """Return the options of every solver."""
+        scaled = None if self.margin is None else 1e-3 * self.margin
+        changed = {"margin": scaled, "linearisations": self.linearisations}
+        given = {name: value for name, value in changed.items() if value is not None}
+        return solvers_of(self.methods, self.surfaces, **given)
+
+    def cells(self, progress: Progress) -> list[StressCase]:
+        """Return every object with every method; InputError or UnknownNameError for an object that there is not."""
+        found: list[StressCase] = []
+        size = None if self.size is None else f"{self.size:g}"
+        by_name = (("--level", self.level), ("--unit", self.unit), ("--size", size))
+        told = " ".join(f"{name} {value}" for name, value in by_name if value is not None)
+        scale = None if self.size is None else 1e-3 * self.size
+        meshes = {name: resolve_object(name, self.unit, scale) for name in self.objects or object_names()}
+        for name, (mesh, usual) in meshes.items():
+            tree = cached_sphere_tree(mesh, TreeOptions(level=self.level or usual), progress)
+            motion = StressOptions(wild=self.wild), self.seed, self.ticks
+            found += [StressCase(name, mesh, tree, solver, *motion, told) for solver in self.solvers()]
+        return found
+
+    def run(self, cell: StressCase, before: None) -> list[Row]:
+        """Run one case and return its row."""
+        return [run_case(cell)]
+
+    def title(self) -> str:
+        """Return the title of the table."""
+        return "stress: a new random hand every few ticks"
+
+    def named(self, cell: StressCase) -> str:
+        """Return object and method."""
+        return f"{cell.object}, {cell.solver.method}"
+
+    def missed(self, rows: Sequence[Row]) -> list[str]:
+        """Return where a method that promises to be safe is not."""
+        failed = [row for row in rows if never_penetrates(row["method"]) and not row["safe"]]
+        return [", ".join(row[name] for name in ("object", "method", "surface")) for row in failed]
+
+    def lines(self, rows: Sequence[Row]) -> list[str]:
+        """Say how to see what failed, and which methods missed nothing."""
+        found = [f"{row['object']}, {row['method']}: {row['failures']}" for row in rows if row["failures"]]
+        for method, surface in dict.fromkeys((row["method"], row["surface"]) for row in rows):
+            safe = all(row["safe"] for row in rows if (row["method"], row["surface"]) == (method, surface))
+            if safe and never_penetrates(method):
+                found.append(f"{method}{'' if surface == 'spheres' else f' on the {surface}'}: no limit missed")
+        return found
 
 
 def run_case(case: StressCase) -> Row:
@@ -213,47 +211,4 @@ def keep_failure(
     return command
 
 
-def missed(options: StressSettings, rows: Sequence[Row]) -> list[str]:
-    """Return where a method that promises to be safe is not."""
-    failed = [row for row in rows if never_penetrates(row["method"]) and not row["safe"]]
-    return [", ".join(row[name] for name in ("object", "method", "surface")) for row in failed]
-
-
-def lines(options: StressSettings, rows: Sequence[Row]) -> list[str]:
-    """Say how to see what failed, and which methods missed nothing."""
-    found = [f"{row['object']}, {row['method']}: {row['failures']}" for row in rows if row["failures"]]
-    for method, surface in dict.fromkeys((row["method"], row["surface"]) for row in rows):
-        safe = all(row["safe"] for row in rows if (row["method"], row["surface"]) == (method, surface))
-        if safe and never_penetrates(method):
-            found.append(f"{method}{'' if surface == 'spheres' else f' on the {surface}'}: no limit missed")
-    return found
-
-
-SHOWN = """
-    object method surface ticks penetration=deepest penetrating=>_1_µm not_finite stuck unexplained=no_cause lagging=lag
-    cpu_p50=p50 cpu_p99=p99 cpu_max=max
-"""
-SUITE = Suite(
-    help="""Run the hand to random targets around OBJECTs, by every method, and look for penetration at every tick.
-
-    OBJECT is a name (hhsim objects) or a mesh file; without one, all of the catalogue are run. Penetration is
-    recomputed from the hand that each tick shows. The exit code is 1 where coupled or progressive penetrates by more
-    than 1 µm, is not finite, or is stuck although there was a way; the motion up to there is kept in results/failures.
-
-    \b
-    Examples:
-      hhsim bench stress
-      hhsim bench stress cup --method coupled --ticks 100000 --wild
-      hhsim bench stress bunny --surface spheres,mesh --method coupled
-    """,
-    settings=StressSettings,
-    columns=COLUMNS,
-    cells=cells,
-    run=lambda case, before: [run_case(case)],
-    shown=SHOWN,
-    title=lambda options: "stress: a new random hand every few ticks",
-    missed=missed,
-    lines=lines,
-    is_portable=True,
-    named=lambda case: f"{case.object}, {case.solver.method}",
-)
+SUITE = Stress

@@ -16,7 +16,7 @@ from hhsim.bench.robustness.postures import HALF
 from hhsim.bench.robustness.safety import pieces_of, stuck_with_way_out
 from hhsim.bench.suite import Row
 from hhsim.bench.suites import hard as suite
-from hhsim.bench.suites.hard import Cell, HardOptions, missed
+from hhsim.bench.suites.hard import Cell, Hard, run_case
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
@@ -70,7 +70,7 @@ class Faulty(HandSolver):
 
 def rows_with(monkeypatch: pytest.MonkeyPatch, fault: str, case: HardCase = CASE) -> list[Row]:
     monkeypatch.setattr(suite, "HandSolver", type("Spoiled", (Faulty,), {"fault": fault}))
-    return suite.run(Cell(case, SolverOptions(), 0))
+    return run_case(Cell(case, SolverOptions(), 0))
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_a_planted_fault_is_caught(monkeypatch: pytest.MonkeyPatch, fault: str, 
     assert math.isnan(rows[0]["value"]) == (fault == "lost")
     # Only methods that promise to pass can miss.
     others = [{**row, "method": "paper"} for row in rows]
-    assert missed(HardOptions(), [*rows, *others]) == (["press (coupled)"] if caught else [])
+    assert Hard.planned().missed([*rows, *others]) == (["press (coupled)"] if caught else [])
 
 
 def test_a_refusal_counts_only_where_a_case_allows_it_and_an_exception_never(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -107,7 +107,7 @@ def test_a_refusal_counts_only_where_a_case_allows_it_and_an_exception_never(mon
     def unbuilt(seed: int) -> list[HardRun]:
         raise ValueError("no such shape")
 
-    (ended,) = suite.run(Cell(HardCase("broken", "", unbuilt), SolverOptions(), 0))
+    (ended,) = run_case(Cell(HardCase("broken", "", unbuilt), SolverOptions(), 0))
     assert (ended["case_passed"], ended["reason"], ended["figure"]) == (False, "ValueError: no such shape", "")
 
 

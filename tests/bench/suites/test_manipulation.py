@@ -5,16 +5,16 @@ import pytest
 from sampled import sampled
 
 from hhsim.bench.manipulation_stage import Pinch, clearance, gripped
-from hhsim.bench.suites.manipulation import CASES, ManipulationOptions, answer, missed, slope
+from hhsim.bench.suites.manipulation import CASES, Manipulation, answer
 from hhsim.errors import InputError, UnknownNameError
 
-SHORT = ManipulationOptions(rest=1.0, held=2.0)
+SHORT = Manipulation.planned(rest=1.0, held=2.0)
 
 
 @pytest.mark.parametrize("case", sampled(CASES, lambda _, case: case in ("slope", "tipping", "rest")))
 def test_what_is_known_holds(case: str) -> None:
     answers = CASES[case](SHORT)
-    assert answers and not missed(SHORT, answers)
+    assert answers and not SHORT.missed(answers)
 
 
 @pytest.mark.parametrize(("measured", "holds"), [(1.005, 1), (0.98, 0), (float("nan"), 0)])
@@ -33,10 +33,9 @@ def test_a_pinch_holds_and_its_fingers_never_enter() -> None:
     assert np.abs(played.table_wrench[-1]).max() == 0.0
 
 
-def test_the_table_says_what_is_exact_and_what_was_missed() -> None:
-    rows = slope(SHORT)
-    assert not missed(SHORT, rows)
-    assert missed(SHORT, [{**rows[0], "holds": 0}]) == [f"{rows[0]['case']}, {rows[0]['figure']}"]
+def test_a_missed_answer_is_named() -> None:
+    rows = [answer("a", "b", "m", 1.0, measured) for measured in (1.0, 2.0)]
+    assert SHORT.missed(rows) == ["a, b"]
 
 
 @pytest.mark.parametrize(
@@ -45,4 +44,4 @@ def test_the_table_says_what_is_exact_and_what_was_missed() -> None:
 )
 def test_what_cannot_be_played_is_refused(named: dict[str, object], error: type[Exception]) -> None:
     with pytest.raises(error):
-        ManipulationOptions(**named)  # type: ignore[arg-type]
+        Manipulation.planned(**named)

@@ -17,7 +17,7 @@ from hhsim.bench.paper.run import COUNTS, GLOVE, NOISES, PaperRuns, SceneRun, pl
 from hhsim.bench.paper.scene import Scenario, held_ticks, make_stage
 from hhsim.bench.paper.table import paper_row, paper_rows
 from hhsim.bench.suite import Row, run_cells
-from hhsim.bench.suites.paper import SUITE, PaperOptions, missed
+from hhsim.bench.suites.paper import Paper
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
@@ -31,12 +31,12 @@ from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 
 HAND = HandModel.default()
-OPTIONS = PaperOptions(methods=("coupled", "paper"), objects=("cube", "bunny"), level=3, instances=2, repetitions=2)
+OPTIONS = Paper.planned(methods=("coupled", "paper"), objects=("cube", "bunny"), level=3, instances=2, repetitions=2)
 
 
 @pytest.fixture(scope="module")
 def runs() -> PaperRuns:
-    return PaperRuns.of_all(list(run_cells(SUITE, OPTIONS)))
+    return PaperRuns.of_all(list(run_cells(OPTIONS)))
 
 
 def row(runs: PaperRuns, name: str, method: str = "coupled") -> Row:
@@ -178,7 +178,7 @@ def test_only_our_methods_have_bars_and_what_is_not_measured_keeps_none() -> Non
     one, nan = judged(5e-7), math.nan
     assert one["passed"] and one["ratio"] == pytest.approx(200.0)
     rows = [one, judged(2e-6), judged(nan), judged(2e-6, method="paper"), judged(2e-6, nan)]
-    assert missed(OPTIONS, rows) == ["depth, coupled: 2.000 µm, bar 1.000 µm", "depth, coupled: —, bar 1.000 µm"]
+    assert OPTIONS.missed(rows) == ["depth, coupled: 2.000 µm, bar 1.000 µm", "depth, coupled: —, bar 1.000 µm"]
     assert judged(0.0)["ratio"] == math.inf and math.isnan(judged(5e-7, paper=nan)["ratio"])
 
 

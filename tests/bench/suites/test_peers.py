@@ -8,7 +8,7 @@ import pytest
 from conftest import Run
 
 from hhsim.bench.suite import run_cells
-from hhsim.bench.suites.peers import COLUMNS, SUITE, PeersOptions, installed, lines, table_rows
+from hhsim.bench.suites.peers import Peers
 from hhsim.bench.trade_off import Run as MethodRun
 from hhsim.bench.trade_off import Way
 from hhsim.errors import InputError
@@ -48,50 +48,52 @@ def made_up(method: str, time: float, error: float) -> MethodRun:
 
 
 def test_what_is_not_installed_is_left_out_with_a_line() -> None:
-    ways, notes = installed(PeersOptions(methods=("coupled", GONE, FAKE)))
+    ways, notes = Peers.planned(methods=("coupled", GONE, FAKE)).installed()
     assert [(way.solver.method, way.solver.surface) for way in ways] == [
         ("coupled", "mesh"), ("coupled", "spheres"), (FAKE, "mesh"),
     ]  # fmt: skip
     assert notes == [f"left out: {GONE} needs patience"]
     with pytest.raises(InputError, match="needs patience"):
-        list(run_cells(SUITE, PeersOptions(methods=(GONE,))))
+        list(run_cells(Peers.planned(methods=(GONE,))))
 
 
 def test_a_hand_inside_is_told_by_how_much() -> None:
-    options = PeersOptions(
+    suite = Peers.planned(
         objects=("cube",), motions=("touch",), methods=("coupled", FAKE), repetitions=1, rate=50.0, hands=20
     )
-    ours, _, other = list(run_cells(SUITE, options))
+    ours, _, other = list(run_cells(suite))
     assert ours.failure == other.failure == ""
     assert ours.figures["mesh_error"] < 2e-6
     # The user's finger is in the cube, and the palm, which is said to be pushed, far away from it.
     assert other.figures["mesh_depth_max"] > 1e-3
     assert other.figures["contact_error_max"] > 0.01
     np.testing.assert_allclose(other.other, 7e-9)
-    rows = table_rows([ours, other])
-    assert [set(row) for row in rows] == [{column.name for column in COLUMNS}] * len(rows)
+    rows = suite.rows([ours, other])
+    assert [set(row) for row in rows] == [{column.name for column in suite.columns()}] * len(rows)
 
 
 def test_a_run_that_takes_long_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    options = PeersOptions(objects=("cube",), motions=("touch",), methods=(FAKE,), repetitions=2, rate=50.0, hands=5)
-    (twice,) = list(run_cells(SUITE, options))
+    suite = Peers.planned(objects=("cube",), motions=("touch",), methods=(FAKE,), repetitions=2, rate=50.0, hands=5)
+    (twice,) = list(run_cells(suite))
     monkeypatch.setattr("hhsim.bench.trade_off.LONG", 0.0)
-    (once,) = list(run_cells(SUITE, options))
+    (once,) = list(run_cells(suite))
     assert (len(twice.cpu), len(once.cpu)) == (2, 1)
-    assert [row["repetitions"] for row in table_rows([twice, once])] == [2, 1, 1, 1]
+    assert [row["repetitions"] for row in suite.rows([twice, once])] == [2, 1, 1, 1]
 
 
 def test_who_is_as_near_and_faster_wins() -> None:
-    rows = table_rows([made_up("coupled", 1e-5, 1e-4), made_up(FAKE, 5e-6, 2e-4), made_up("penalty", 4e-5, 3e-4)])
+    rows = Peers.planned().rows(
+        [made_up("coupled", 1e-5, 1e-4), made_up(FAKE, 5e-6, 2e-4), made_up("penalty", 4e-5, 3e-4)]
+    )
     single = {row["method"]: row for row in rows if row["motion"] != ALL}
     won = [f"cube, grasp: none of ours is as near and as fast as {FAKE}"]
-    assert lines(PeersOptions(), rows) == won
+    assert Peers.planned().lines(rows) == won
     assert single[FAKE]["times_ours"] == pytest.approx(0.5)
     assert single["penalty"]["times_ours"] == pytest.approx(4.0)
     assert {name for name, row in single.items() if row["frontier"]} == {"coupled", FAKE}
     for error, found in ((1e-5, won), (2e-4, [])):
-        rows = table_rows([made_up("coupled", 1e-5, 1e-4), made_up(FAKE, 1e-3, error)])
-        assert lines(PeersOptions(), rows) == found
+        rows = Peers.planned().rows([made_up("coupled", 1e-5, 1e-4), made_up(FAKE, 1e-3, error)])
+        assert Peers.planned().lines(rows) == found
 
 
 def test_the_command_writes_table_and_picture(run: Run, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from recording_samples import smooth_recording
 
 from hhsim.bench.suite import run_cells
-from hhsim.bench.suites.recorded import SUITE, RecordedOptions
+from hhsim.bench.suites.recorded import Recorded
 from hhsim.errors import InputError
 from hhsim.motion.file import save_trajectory
 from hhsim.recordings.cleaning import clean_recording
@@ -36,8 +36,9 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_a_row_is_what_a_replay_of_the_same_words_says(folder: Path, run: Run) -> None:
-    options = RecordedOptions((str(folder / "a.h5"),), ("cup",), ("coupled",), ("spheres", "mesh"), rate=250.0, level=3)
-    (spheres,), (mesh,) = list(run_cells(SUITE, options))
+    swept = {"objects": ("cup",), "methods": ("coupled",), "surfaces": ("spheres", "mesh")}
+    suite = Recorded.planned(recordings=(str(folder / "a.h5"),), **swept, rate=250.0, level=3)
+    (spheres,), (mesh,) = list(run_cells(suite))
     words = ("replay", "cup", str(folder / "a.h5"), "--rate", "250", "--level", "3", "--place-object", "auto")
     document = json.loads(run(*words, "--json").out)
     for name in ("penetration_max", "contact_error_max", "force_contact_mean", "stuck_ticks", "lag_ticks"):
@@ -67,4 +68,4 @@ def test_no_recordings_are_refused(folder: Path) -> None:
     (folder / "empty").mkdir()
     for words in ((), (str(folder / "empty"),), (str(folder / "none"),)):
         with pytest.raises(InputError, match="recordings"):
-            RecordedOptions(words)
+            Recorded.planned(recordings=words)

@@ -5,24 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drawings_alone import leave_charts_undrawn
 from referee_clearance import referee_clearance
 
 from hhsim.bench.suite import run_cells
-from hhsim.bench.suites.speed_error import (
-    COLUMNS,
-    DEFAULT_LEVEL,
-    FULL,
-    NO_LEVEL,
-    SUITE,
-    SpeedErrorOptions,
-    cells,
-    is_default,
-    remarks,
-    table_rows,
-    ways,
-)
-from hhsim.bench.trade_off import Run, Way, placed_at, run_cell
-from hhsim.report.figure import new_figure
+from hhsim.bench.suites.speed_error import DEFAULT_LEVEL, NO_LEVEL, SpeedError, is_default
+from hhsim.bench.trade_off import Run, Way, placed_at
 from hhsim.report.trade_off import bench_trade_off, draw_trade_off
 from hhsim.result.reader import Result
 from hhsim.solver.method import METHODS
@@ -32,7 +20,7 @@ from hhsim.table.file import ALL
 
 pytestmark = pytest.mark.slow
 
-SMALL = SpeedErrorOptions(
+SMALL = SpeedError.planned(
     objects=("cube",),
     motions=("touch",),
     methods=("coupled", "progressive"),
@@ -47,27 +35,27 @@ SMALL = SpeedErrorOptions(
 
 @pytest.fixture(scope="module")
 def small() -> list[Run]:
-    return list(run_cells(SUITE, SMALL))
+    return list(run_cells(SMALL))
 
 
 def test_every_method_is_run_with_every_level_and_number_once() -> None:
     options = replace(SMALL, methods=tuple(METHODS), levels=(3, 4), linearisations=(1, 2, 12), backends=())
-    found = ways(options)
+    found = options.ways()
     assert len(found) == len(set(found)) == 6 * len(METHODS) + 6
     on_mesh = {(way.solver.method, way.level) for way in found if way.solver.surface == "mesh"}
     assert on_mesh == {("coupled", NO_LEVEL), ("progressive", NO_LEVEL)}
-    usual = [way.solver for way in found if is_default(way)]
-    assert usual == [SolverOptions(method=method) for method in METHODS]
-    full = replace(SpeedErrorOptions(**FULL.values), backends=())
-    assert {*ways(SpeedErrorOptions())} < {*ways(full)} and len(ways(full)) == 4 * (4 * len(METHODS) + 2)
-    assert {*SpeedErrorOptions().levels} <= set(range(1, DEFAULT_LEVEL + 1)), "the trees that ship"
+    defaults = [way.solver for way in found if is_default(way)]
+    assert defaults == [SolverOptions(method=method) for method in METHODS]
+    usual, full = SpeedError.planned(), replace(SpeedError.planned(is_preset=True), backends=())
+    assert {*usual.ways()} < {*full.ways()} and len(full.ways()) == 4 * (4 * len(METHODS) + 2)
+    assert {*usual.levels} <= set(range(1, DEFAULT_LEVEL + 1)), "the trees that ship"
     for surfaces, level in ((("spheres", "mesh"), 4), (("mesh", "spheres"), NO_LEVEL)):
-        other = ways(replace(options, surfaces=surfaces, backends=("clarabel",)))[-1]
+        other = replace(options, surfaces=surfaces, backends=("clarabel",)).ways()[-1]
         assert (other.solver.surface, other.level, other.name) == (surfaces[0], level, "coupled with clarabel")
 
 
 def test_every_way_runs_on_every_scene(small: list[Run]) -> None:
-    assert [run.way for run in small] == ways(SMALL)
+    assert [run.way for run in small] == SMALL.ways()
     for run in small:
         assert (run.object, run.motion, run.failure, run.repeatable) == ("cube", "touch", "", True)
         assert len(run.cpu) == len(run.other) == 2 and (np.array(run.cpu) > 0.0).all()
@@ -81,7 +69,7 @@ def test_every_way_runs_on_every_scene(small: list[Run]) -> None:
 
 
 def test_a_hand_inside_the_mesh_is_told_by_how_much() -> None:
-    cell = cells(replace(SMALL, levels=(1,), surfaces=("spheres",), backends=()), silent)[0]
+    cell = replace(SMALL, levels=(1,), surfaces=("spheres",), backends=()).cells(silent)[0]
     found: list[tuple[float, float]] = []
 
     def deeper(result: Result) -> dict[str, float]:
@@ -93,33 +81,31 @@ def test_a_hand_inside_the_mesh_is_told_by_how_much() -> None:
 
     soft = replace(SolverOptions().stiffness, contact=20.0)
     sunk = replace(cell, errors=deeper, way=Way(SolverOptions(method="penalty", stiffness=soft)))
-    run = run_cell(sunk, None)
+    run = SMALL.run(sunk, None)
     assert run.failure == ""
     ((told, exact),) = found
     assert told == pytest.approx(max(0.0, exact), abs=1e-5)
 
 
 def test_a_row_of_the_command_names_who_is_beaten_by_none(small: list[Run]) -> None:
-    rows = table_rows(small)
-    assert all(set(row) == {column.name for column in COLUMNS} for row in rows)
+    rows = SMALL.rows(small)
+    assert all(set(row) == {column.name for column in SMALL.columns()} for row in rows)
     best = [row for row in rows if row["object"] == row["motion"] == ALL and row["mesh_frontier"]]
     assert any(row["surface"] == "mesh" for row in best)
-    assert not any("determin" in line for line in remarks(small))
+    assert not any("determin" in line for line in SMALL.notes(small))
     changing = replace(small[0], repeatable=False)
-    assert any("coupled differ between repetitions" in line for line in remarks([changing]))
+    assert any("coupled differ between repetitions" in line for line in SMALL.notes([changing]))
 
 
-def test_the_picture_is_drawn_for_any_table(small: list[Run], tmp_path: Path) -> None:
+def test_the_picture_is_drawn_for_any_table(small: list[Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import matplotlib.image
 
-    rows = table_rows(small)
+    rows = SMALL.rows(small)
     draw_trade_off(tmp_path / "small.png", rows)
     assert matplotlib.image.imread(tmp_path / "small.png").shape[1] == 1360
-    drawn = bench_trade_off("speed-error", rows)
-    assert drawn is not None and drawn.drawing is not None
-    with new_figure(7.0, drawn.drawing.height(7.0, False)) as figure:
-        drawn.drawing.draw(figure, False)
-        lines = [line.get_xdata() for axes in figure.axes for line in axes.get_lines()]
+    figures = leave_charts_undrawn(monkeypatch)
+    assert bench_trade_off("speed-error", rows) is not None
+    lines = [line.get_xdata() for axes in figures[0].axes for line in axes.get_lines()]
     for row in (row for row in rows if (row["object"], row["motion"], row["qp"]) == ("cube", ALL, "active-set")):
         assert any(np.array_equal(line, [row["tick_cpu_p50"], row["tick_cpu_p99"]]) for line in lines)
     for row in rows:

@@ -10,12 +10,12 @@ from conftest import Run
 
 from hhsim.bench.suite import run_cells
 from hhsim.bench.suites import trees
-from hhsim.bench.suites.trees import SUITE, TreesOptions, missed_bars
+from hhsim.bench.suites.trees import Trees
 from hhsim.table.file import load_table
 
 SMALL = ("bench", "trees", "--object", "cube", "--spheres", "8")
-FEW = TreesOptions(objects=("cube",), spheres=(8, 60))
-TIMED = TreesOptions(time_limits=True)
+FEW = Trees.planned(objects=("cube",), spheres=(8, 60))
+TIMED = Trees.planned(time_limits=True)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -27,7 +27,7 @@ def few_points() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def rows(few_points: None) -> list[dict[str, Any]]:
-    return [row for rows in list(run_cells(SUITE, FEW)) for row in rows]
+    return [row for rows in list(run_cells(FEW)) for row in rows]
 
 
 @pytest.mark.soak
@@ -57,19 +57,19 @@ def test_what_is_a_miss() -> None:
         "cpu": 2.0,
         "cpu_limit": 2.0,
     }
-    assert missed_bars(TIMED, [good]) == []
+    assert TIMED.missed([good]) == []
     for change, words in (
         ({"protrusion_max": 1.91e-3}, "protrudes 1.910 mm, limit 1.900 mm"),
         ({"protrusion_max": float("nan")}, "protrudes nan mm"),
         ({"gap_max": 2e-9}, "a gap of 2.0 nm"),
         ({"is_proved": False}, "no proof"),
     ):
-        (sentence,) = missed_bars(FEW, [good | change])
+        (sentence,) = FEW.missed([good | change])
         assert words in sentence and sentence.startswith("cube, 512 spheres: ")
-        assert missed_bars(FEW, [good | change | {"is_reference": True}]) == []
+        assert FEW.missed([good | change | {"is_reference": True}]) == []
     slow = good | {"cpu": 2.1}
-    assert missed_bars(FEW, [slow]) == []
-    assert missed_bars(TIMED, [slow]) == ["cube, 512 spheres: 2.1 s of CPU time, limit 2.0 s"]
+    assert FEW.missed([slow]) == []
+    assert TIMED.missed([slow]) == ["cube, 512 spheres: 2.1 s of CPU time, limit 2.0 s"]
 
 
 @pytest.mark.soak
