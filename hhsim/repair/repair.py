@@ -16,7 +16,7 @@ from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import SIDES, HandModel, Side
 from hhsim.linkage.file import names_a_linkage
 from hhsim.mesh.catalogue import names_a_body_file, names_a_file
-from hhsim.metrics.field.field_table import field_rows, field_table, known_rows
+from hhsim.metrics.field.field_table import field_rows, field_table
 from hhsim.metrics.field.hands import FieldHands, FieldPair
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.moving_parts import MovingParts
@@ -61,7 +61,7 @@ from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.scene.scene import Scene
 from hhsim.solver.known_methods import SUBMITTED, known_for_now
 from hhsim.solver.options import UNLIMITED, SolverOptions
-from hhsim.solver.scene_solver import seen_hand, seen_scene
+from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.score import submitted_method
 from hhsim.system.atomic_write import new_files, undo_killed, write_atomically
@@ -162,56 +162,14 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         doubts=doubts,
         findings=tuple(finding.text for finding in recording.findings),
         paths=paths,
-        table=field_table(rows, _title(request, recorded), doubts),
+        table=field_table(rows, f"{request.source.name} with {scene.name}", doubts),
     )
     if request.pictures:
         progress("picture", 0, 1)
-        _draw_page(request, outcome, recorded, seen.posture, before, after)
+        _draw(recorded, seen.posture, before, after, paths["picture"])
+        page = repair_page(outcome, before, after, paths["picture"].read_bytes())
+        write_atomically(paths["report"], page.encode())
     return outcome
-
-
-def illustrate_recording(request: RepairRequest, outcome: RepairOutcome) -> None:
-    """Write the page and the picture of a recording that is repaired already; its files stay as they are.
-
-    `outcome` is that of its repair, without a table; errors as of `repair_recording`.
-    """
-    read = _reading(request)
-    recording, recorded, _, skin = _prepared(request, read, bodies_of(request))
-    result = load_result(request.beside(RESULT))
-    shown = HandConfiguration(*(result[f"graphic/{name}"] for name in HandConfiguration._fields))
-    shown, after_skin = seen_hand(shown, recorded.moved), None
-    if skin is not None:
-        vertices = result.skin(slice(None))
-        after_skin = replace(
-            skin, vertices=vertices if recorded.moved is None else recorded.moved.seen_points(vertices)
-        )
-    before = recorded.judged(recorded.joints, recorded.haptic, None if skin is None else recorded.seen_skin(skin))
-    joints, posture = recorded.seen_hand(_written(request, read, recording), shown)
-    after = recorded.judged(joints, posture, after_skin)
-    rows = known_rows(outcome.figures, FieldPair(before, after, volume_frames=VOLUME_FRAMES))
-    table = field_table(rows, _title(request, recorded), outcome.doubts)
-    with new_files(request.beside(REPORT)) as folder:
-        moved = replace(request, out=folder / request.out.name)
-        _draw_page(moved, replace(outcome, table=table), recorded, shown, before, after)
-
-
-def _draw_page(
-    request: RepairRequest,
-    outcome: RepairOutcome,
-    recorded: RecordedScene,
-    posture: HandConfiguration,
-    before: FieldHands,
-    after: FieldHands,
-) -> None:
-    """Write the page of a repair and its picture; `posture` is our hand after it, as the object sees it."""
-    picture = request.beside(PICTURE)
-    _draw(recorded, posture, before, after, picture)
-    page = repair_page(outcome, before, after, picture.read_bytes())
-    write_atomically(request.beside(REPORT), page.encode())
-
-
-def _title(request: RepairRequest, recorded: RecordedScene) -> str:
-    return f"{request.source.name} with {recorded.scene.name}"
 
 
 def _reading(request: RepairRequest) -> ReadOptions:

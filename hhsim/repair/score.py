@@ -40,7 +40,6 @@ def field_score(
     *,
     max_correction: float,
     poses: Path | None = None,
-    displacement_frames: tuple[int, ...] = (),
 ) -> FieldScore:
     """Compute the table of the field of two files, and judge the repair.
 
@@ -51,7 +50,6 @@ def field_score(
         options: Options for reading both files.
         poses: File of the object's poses, for a recording that has none; else it stands still in our world.
         max_correction: Largest displacement of a joint that the verdict allows [m].
-        displacement_frames: As of `FieldPair`.
 
     Raises:
         TrajectoryError: A file that is no recording of joint centres, or files of other samples or stamps.
@@ -79,6 +77,6 @@ def field_score(
     fitted = HandConfiguration.of(in_angles_of(after, scene.hand)).at(scene.frames)
     posture = scene.seen_hand(after, seen_hand(fitted, scene.moved))
     hands = scene.judged(scene.joints, scene.haptic, None), scene.judged(*posture, None)
-    rows = field_rows(FieldPair(*hands, displacement_frames=displacement_frames))
+    rows = field_rows(FieldPair(*hands))
     doubts = (*unused_poses(made.recording), *doubts_of(rows))
     return FieldScore(rows, field_verdict(rows, max_correction, doubts), doubts)

@@ -28,13 +28,12 @@ import faulthandler
 import hashlib
 import io
 import json
-import math
 import os
 import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from glob import glob
 from pathlib import Path
 from typing import Annotated, Any, Literal, TextIO
@@ -47,7 +46,7 @@ from hhsim.mesh.catalogue import names_a_body_file, names_a_file
 from hhsim.recordings.column_map import read_column_map
 from hhsim.recordings.formats.mano import READINGS
 from hhsim.recordings.registry import ReadOptions, repaired_suffix
-from hhsim.repair.request import PICTURE, REPORT, Illustrate, Repair, RepairOutcome, RepairRequest
+from hhsim.repair.request import Repair, RepairRequest
 from hhsim.sweep.engines import FolderTask, TaskEnd, error_line
 from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, file_digest, read_files, source_digest
 from hhsim.sweep.plan import DIGITS, WILD, SweptObject, checked_object
@@ -117,10 +116,6 @@ class PlannedRepair:
     request: RepairRequest
     time_limit: float
 
-    def pictured(self, pictures: bool) -> "PlannedRepair":
-        """Return the repair with a page and pictures, or without."""
-        return replace(self, request=replace(self.request, pictures=pictures))
-
 
 def is_manifest(path: Path) -> bool:
     """Return True for a TOML file, and for a table with the columns of a manifest."""
@@ -133,8 +128,10 @@ def is_manifest(path: Path) -> bool:
     return {"recording", "object"} <= {name.strip() for name in header}
 
 
-def load_manifest(path: Path, out: Path) -> tuple[str, list[PlannedRepair]]:
+def load_manifest(path: Path, out: Path, *, pictures: bool = True) -> tuple[str, list[PlannedRepair]]:
     """Return the text of a manifest and its repairs, of which `out` is the output folder; patterns match nothing in it.
+
+    With `pictures` each repair has a page and pictures.
 
     Raises InputError for no such file; an unknown key, name or file, a wrong value; two recordings of one name.
     """
@@ -145,7 +142,7 @@ def load_manifest(path: Path, out: Path) -> tuple[str, list[PlannedRepair]]:
     found: dict[str, PlannedRepair] = {}
     for where, content in _csv_rows(text, path) if path.suffix.lower() == ".csv" else _toml_rows(text, path):
         for row in _expanded(where, content, folder, output):
-            planned = _planned(where, row, folder, output)
+            planned = _planned(where, row, folder, output, pictures)
             other = found.setdefault(planned.name.casefold(), planned)
             if other is not planned:
                 raise InputError(f"{where}: two recordings are called '{planned.name}': give this one another name")
@@ -227,7 +224,7 @@ def _filled(where: str, key: str, text: str, places: dict[str, str]) -> str:
     return _PLACE.sub(value, text)
 
 
-def _planned(where: str, row: ManifestRow, folder: Path, output: Path) -> PlannedRepair:
+def _planned(where: str, row: ManifestRow, folder: Path, output: Path, pictures: bool) -> PlannedRepair:
     recording = folder / row.recording
     name = row.name or recording.stem
     if not NAME.fullmatch(name) or name.casefold() in OF_THE_FOLDER:
@@ -265,6 +262,7 @@ def _planned(where: str, row: ManifestRow, folder: Path, output: Path) -> Planne
         max_correction=1e-3 * row.max_correction_mm,
         skin=file("skin"),
         palm=row.palm,
+        pictures=pictures,
         options=options,
     )
     return PlannedRepair(name, request, row.time_limit)
@@ -317,36 +315,20 @@ class RowTask(FolderTask):
 
     row: PlannedRepair
     repair: Repair  # function of a module that the process can import
-    illustrate: Illustrate  # another one
     attempt: str  # name of the run that it belongs to
 
     def work(self) -> TaskEnd:
         """Repair the recording."""
         folder = self.row.request.out.parent
         # A cluster runs again what a worker had done, or had begun, when it was lost.
-        if is_done(self.row, self.digest):
+        if finished(self.row, self.digest):
             return TaskEnd(self.digest)
-        if done := finished(self.row, self.digest):
-            return self._pictured(done)
         if _begun(folder, self.attempt) is not None:
             return TaskEnd(self.digest, "its worker was lost")
         _empty(folder)
         outcome = self._outcome(folder)
         (folder / MARK).unlink()
         write_outcome(folder, outcome)
-        return TaskEnd(self.digest)
-
-    def _pictured(self, done: RowOutcome) -> TaskEnd:
-        """Add what is missing of the page and the picture; nothing else in the folder is touched."""
-        request = self.row.request
-        known = {name: math.nan if value is None else value for name, value in done.figures.items()}
-        outcome = RepairOutcome(
-            known, done.frames, done.marked, done.verdict, done.state == "repaired", done.findings, doubts=done.doubts
-        )
-        for name in (REPORT, PICTURE):
-            request.beside(name).unlink(missing_ok=True)
-        with Path(os.devnull).open("w") as nowhere, _within(self.row.time_limit, nowhere):
-            self.illustrate(request, outcome)
         return TaskEnd(self.digest)
 
     def _outcome(self, folder: Path) -> RowOutcome:
@@ -405,8 +387,7 @@ def row_files(row: PlannedRepair) -> tuple[ReadFile, ...]:
 def row_digest(row: PlannedRepair) -> str:
     """Return a digest of a row: the content of its files, its options, its name, and hhsim's sources."""
     request = row.request
-    # Pictures are made of what is repaired, and change nothing of it.
-    stated = {name: value for name, value in vars(request).items() if name not in ("out", "pictures")}
+    stated = {name: value for name, value in vars(request).items() if name != "out"}
     stated["object"] = Path(request.object) if names_a_file(request.object) else request.object
     stated |= {"name": row.name, "file": request.out.name, "hhsim": [__version__, source_digest()]}
     text = json.dumps(stated, sort_keys=True, default=_content)
@@ -425,17 +406,8 @@ def read_outcome(row: PlannedRepair, digest: str) -> RowOutcome | None:
     return found if found.digest == digest else None
 
 
-def is_done(row: PlannedRepair, digest: str) -> bool:
-    """Return True if a row has come to an end for good, with its pictures if it is to have them."""
-    found = finished(row, digest)
-    if found is None:
-        return False
-    unpictured = row.request.pictures and found.state in ("repaired", "missed")
-    return not unpictured or row.request.beside(PICTURE).is_file()
-
-
 def finished(row: PlannedRepair, digest: str) -> RowOutcome | None:
-    """Return the outcome of a row that has come to an end for good, be it without its pictures."""
+    """Return the outcome of a row that has come to an end for good."""
     found = read_outcome(row, digest)
     return found if found is not None and found.is_final else None
 

@@ -1,15 +1,17 @@
 """Claims of depths: in spheres or triangles, in the true mesh, of the hand's own parts and of another hand."""
 
+from importlib.util import find_spec
+from typing import Any
+
 import numpy as np
 
-from hhsim.arrays import FloatArray
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.system.counted import counted
 from hhsim.system.progress import Progress
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim, difference, judged
-from hhsim.verify.coal_distance import EXACT, coal_distance, has_coal
 from hhsim.verify.contacts import PALM, meetings, parts_that_may_meet, round_cones
 from hhsim.verify.mesh_distance import CLOSE, HandReferee
 from hhsim.verify.tick_data import LENGTH, NO_PLACE, WHY_LENGTH, JudgedTicks, left_out
@@ -18,6 +20,8 @@ NEVER_IN = 1e-12
 """Rounding of a distance [m]: the depth allowed to a method that never penetrates."""
 MESH_LIMIT = 1e-6
 """Distances to the mesh are computed up to this value [m]."""
+EXACT = 1e-9
+"""Accuracy of coal's distances [m]."""
 MESH_TICKS = 200
 """Ticks between two progress reports of the distances to the mesh."""
 
@@ -126,3 +130,56 @@ def mesh_claim(judge: JudgedTicks, report: Progress, *, covers: bool) -> tuple[C
     assumed = [text for text in judge.result.scene.get("object_repairs") or [] if text.startswith(ASSUMED_SOLID)]
     note = "; ".join(filter(None, (note, left_out(judge.status, NO_PLACE), *assumed)))
     return Claim(name, says, verdict, depth, CLOSE, "m", worst if depth > 0.0 else None, checked, why, note), depth
+
+
+# A second opinion by the collision library coal, where it is installed. It has no round cones but balls: the cone's
+# distance is the minimum of d(x(s)) - r(s) along its axis, and d is convex for a sphere or a triangle.
+
+
+def has_coal() -> bool:
+    """Return True if coal is installed."""
+    return find_spec("coal") is not None
+
+
+def coal_model(vertices: FloatArray, faces: IntArray) -> Any:
+    """Build coal's bounding-volume hierarchy of a mesh of triangles with areas; coal has no distance of a lone one."""
+    import coal
+
+    model: Any = coal.BVHModelOBBRSS()
+    model.beginModel(len(faces), len(vertices))
+    model.addVertices(np.array(vertices))
+    model.addTriangles(np.array(faces))
+    model.endModel()
+    return model
+
+
+def coal_distance(
+    a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, piece: FloatArray, size: float = 0.0
+) -> float:
+    """Compute the signed distance [m] of the hull of two balls to a triangle or a sphere, at most `EXACT` too large.
+
+    `a`, `b` are the centres of the balls [m], shape (3,), with their radii [m]; `piece` is a triangle's corners [m],
+    shape (3, 3), or a sphere's centre, shape (3,), of radius `size` [m].
+    """
+    import coal
+    from scipy.optimize import minimize_scalar
+
+    shape, place = coal.Sphere(float(size)), coal.Transform3s()
+    if piece.ndim == 2:
+        shape = coal_model(piece, np.array([[0, 1, 2]]))
+    else:
+        place.setTranslation(np.array(piece))
+    request, answer, ball, there = coal.DistanceRequest(), coal.DistanceResult(), coal.Sphere(0.0), coal.Transform3s()
+    request.gjk_tolerance = 1e-12
+
+    def distance(share: float) -> float:
+        there.setTranslation(a + share * (b - a))
+        answer.clear()
+        radius = (1.0 - share) * radius_a + share * radius_b
+        return float(coal.distance(shape, place, ball, there, request, answer)) - radius
+
+    ends = min(distance(0.0), distance(1.0))
+    if np.array_equal(a, b):
+        return ends
+    # The search looks between the ends, and does not reach them.
+    return min(ends, float(minimize_scalar(distance, bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-9}).fun))

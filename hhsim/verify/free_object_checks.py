@@ -17,7 +17,7 @@ from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.contacts import PALM
 from hhsim.verify.force_checks import FORCE, TURN, WHY_FORCE, WHY_SLACK, bears_where_near, limit_rows, pushes, residual
 from hhsim.verify.free_motion import FreeBody, FreeMotion
-from hhsim.verify.joint_checks import driven_claim, held_claim, pair_claim
+from hhsim.verify.joint_checks import held_claim, pair_claim
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, SNAP, STUCK, JudgedTicks, left_out
 
 RADIUS = 0.02
@@ -45,11 +45,7 @@ def free_claims(result: Result) -> list[Claim]:
             *_balance([body for body in bodies if not (body in held or body.driven)]),
             _table(motion, bodies),
         ],
-        "joints": [
-            *(driven_claim(body) for body in bodies if body.driven),
-            *map(held_claim, held),
-            *(pair_claim(body, bearer) for body, bearer in pairs),
-        ],
+        "joints": [*map(held_claim, held), *(pair_claim(body, bearer) for body, bearer in pairs)],
     }
     if len(bodies) > 1:
         claims["forces"] += [_between_bodies(bodies), _hands_on_bodies(bodies)]

@@ -148,7 +148,7 @@ class JudgedTicks:
         # Haptic hand, which holds its last usable value.
         last_usable = np.maximum.accumulate(np.where(usable(result), self.numbers, 0))
         self.wanted = configurations(result, "haptic").at(last_usable)
-        self.posed, self.wanted_posed = pose(self.hand, self.shown), pose(self.hand, self.wanted)
+        self.posed = pose(self.hand, self.shown)
         # Stiffness of the coupling: palm 3 [N/m] and 3 [N·m/rad], flexion 15 [N·m/rad]; and its rows' factors, to N.
         g = self.options["stiffness"]
         self.diagonal = np.repeat([g["translation"], g["rotation"], g["flexion"]], [3, 3, 15]).astype(np.float64)

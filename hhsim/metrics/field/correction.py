@@ -1,12 +1,8 @@
-"""Smoothness of the joints, how far the repaired hand is off the recorded one, and its contacts off the true ones.
+"""Smoothness of the joints, and how far the repaired hand is off the recorded one.
 
 Acceleration (ACC) and jerk of the joints in the world are the second and third differences at the stamps, as the mean
 norm over frames and joints, as ARCTIC and GRAB measure smoothness. At uneven stamps they are divided differences, times
 2 and 6: exact for motions of the second and third degree. MPJPE is over joints, MPVPE over the vertices of the skin.
-
-Contact deviation (CDev) from a true hand is ARCTIC's (Fan et al. 2023, eval_modules.py): of the true hand's vertices
-within 3 mm of a vertex of the object, the mean distance of the judged hand's vertices from those vertices of the
-object, over the vertices of a frame, then over frames. It depends on the density of the object's vertices.
 """
 
 import math
@@ -114,30 +110,4 @@ _CORRECTION = each_with(
 )  # fmt: skip
 
 
-CONTACT = 0.003
-"""Largest distance of a true contact [m]."""
-
-
-def contact_deviation(hands: FieldHands) -> float:
-    """Compute the contact deviation [m]; NaN without a true skin, a skin, or a contact, and of parts that move."""
-    if hands.truth is None or hands.skin is None or hands.parts is not None:
-        return float("nan")
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(hands.mesh.vertices)
-    of_frame = []
-    for frame in np.flatnonzero(hands.known & np.isfinite(hands.truth).all(axis=(1, 2))):
-        distance, nearest = tree.query(hands.truth[frame])
-        gap = np.linalg.norm(hands.skin[frame] - hands.mesh.vertices[nearest], axis=1)
-        of_frame.append(mean(gap[distance <= CONTACT]))
-    return mean(np.array(of_frame))
-
-
-_DEVIATION = (
-    FieldMetric(
-        "contact_deviation", "CDev", 3, "mm", parameters=f"true contacts within {1e3 * CONTACT:g} mm",
-        compute=of_each(contact_deviation),
-    ),
-)  # fmt: skip
-
-METRICS = (*_SMOOTHNESS, *_CORRECTION, *_DEVIATION)
+METRICS = (*_SMOOTHNESS, *_CORRECTION)

@@ -1,7 +1,7 @@
 """Figures of the field, the `METRICS` of each module of this package, and their table before and after a repair."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -10,8 +10,6 @@ import hhsim.metrics.field
 from hhsim.metrics.field.hands import FieldMetric, FieldPair
 from hhsim.metrics.run_metric import declared_figures
 from hhsim.table.table import Table, number, words
-
-WHEN = ("before", "after")
 
 
 @cache
@@ -43,15 +41,9 @@ class FieldRow:
 
 def field_rows(pair: FieldPair) -> tuple[FieldRow, ...]:
     """Compute every figure that is defined for one of the two hands, in the order of the table."""
-    computed = {metric.name: metric.compute(pair) for metric in field_metrics().values()}
-    return known_rows({f"{name}_{when}": of for name, both in computed.items() for when, of in zip(WHEN, both)}, pair)
-
-
-def known_rows(figures: Mapping[str, float], pair: FieldPair) -> tuple[FieldRow, ...]:
-    """Return the rows of figures that are known, by their names with _before and _after."""
     rows = []
     for metric in field_metrics().values():
-        before, after = (figures.get(f"{metric.name}_{when}", math.nan) for when in WHEN)
+        before, after = metric.compute(pair)
         if not (math.isnan(before) and math.isnan(after)):
             stated = metric.parameters if isinstance(metric.parameters, str) else metric.parameters(pair)
             rows.append(FieldRow(metric, before, after, stated))

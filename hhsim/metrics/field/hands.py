@@ -108,17 +108,15 @@ class FieldHands:
     placed: PlacedHand | None = None  # axes of the cones and the palm's pose; None without cones
     skin: FloatArray | None = None  # vertices of the skin [m], shape (T, V, 3); None without a skin
     faces: IntArray | None = None  # triangles of the skin, shape (F, 3)
-    truth: FloatArray | None = None  # skin of the true hand [m], shape (T, V, 3); None if unknown
     # Joint centres in the world [m], shape (T, 21, 3); None for an object that stands still.
     world: FloatArray | None = None
-    down: FloatArray | None = None  # direction of gravity in the object's frame, shape (T, 3); None for -z
     parts: MovingParts | None = None  # parts in place of the mesh, which is all of them at the first frame
 
     def __post_init__(self) -> None:
         frames = len(self.time)
         vertices = None if self.skin is None else self.skin.shape[1]
-        expected = {"joints": (frames, 21, 3), "world": (frames, 21, 3), "down": (frames, 3)}
-        expected |= {} if vertices is None else {"skin": (frames, vertices, 3), "truth": (frames, vertices, 3)}
+        expected = {"joints": (frames, 21, 3), "world": (frames, 21, 3)}
+        expected |= {} if vertices is None else {"skin": (frames, vertices, 3)}
         for name, shape in expected.items():
             given = getattr(self, name)
             if given is not None and given.shape != shape:
@@ -210,7 +208,6 @@ class FieldPair:
     repaired: FieldHands  # hand after, at the same frames
     force: FloatArray | None = None  # force of each finger after the repair [N], shape (T, 5); None if unknown
     volume_frames: int = 0  # frames whose intersection volume is computed, spread evenly; 0 for all
-    displacement_frames: tuple[int, ...] = ()  # frames whose simulation displacement is computed
 
     def __post_init__(self) -> None:
         before, after = len(self.recorded.time), len(self.repaired.time)

@@ -46,11 +46,10 @@ def closed_skin(skin: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray
     return np.concatenate(middles, axis=1), np.array(corners, dtype=np.int64)
 
 
-def hand_solids(hands: FieldHands, margin: float = 0.0) -> Callable[[int], "list[Manifold] | None"] | None:
+def hand_solids(hands: FieldHands) -> Callable[[int], "list[Manifold] | None"] | None:
     """Return a function of the frame that makes solids whose union is the hand there; None without skin and cones.
 
-    The solids are None where the skin is no closed surface. Of cones they are those that may be within a margin [m] of
-    the object.
+    The solids are None where the skin is no closed surface. Of cones they are those that may touch the object.
     """
     if hands.skin is not None and hands.faces is not None:
         vertices, faces = closed_skin(hands.skin, hands.faces)
@@ -58,11 +57,11 @@ def hand_solids(hands: FieldHands, margin: float = 0.0) -> Callable[[int], "list
         if hands.known.any() and Mesh(vertices[first], faces).volume < 0.0:
             faces = faces[:, ::-1]
         return lambda frame: None if (solid := manifold_of(vertices[frame], faces)) is None else [solid]
-    return None if hands.shape is None else lambda frame: _polyhedra(_cones_near(hands, frame, margin))
+    return None if hands.shape is None else lambda frame: _polyhedra(_cones_near(hands, frame))
 
 
-def _cones_near(hands: FieldHands, frame: int, margin: float) -> RoundCones:
-    """Return the round cones and palm spheres of a frame that may be within a margin [m] of the object."""
+def _cones_near(hands: FieldHands, frame: int) -> RoundCones:
+    """Return the round cones and palm spheres of a frame that may touch the object."""
     assert hands.shape is not None and hands.placed is not None
     shape, placed = hands.shape, hands.placed
     palm = placed.position[frame] + shape.palm_center @ rotation_matrix(placed.orientation[frame]).T
@@ -73,7 +72,7 @@ def _cones_near(hands: FieldHands, frame: int, margin: float) -> RoundCones:
     radius_b = np.concatenate([shape.phalanx_radius[:, 1:].ravel(), shape.palm_radius])
     ends = hands.bodies.at(frame).distance(np.stack([a, b])[None])[0].min(axis=0)
     # No point of an axis is farther from its nearer end than half its length.
-    near = ends - 0.5 * np.linalg.norm(b - a, axis=1) < np.maximum(radius_a, radius_b) + margin
+    near = ends - 0.5 * np.linalg.norm(b - a, axis=1) < np.maximum(radius_a, radius_b)
     return RoundCones(a[near], b[near], radius_a[near], radius_b[near])
 
 

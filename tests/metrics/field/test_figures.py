@@ -18,7 +18,6 @@ from hhsim.metrics.field.contact import contacts_kept, fingertips_in_contact, fr
 from hhsim.metrics.field.correction import (
     acceleration,
     acceleration_ratio,
-    contact_deviation,
     derivative_norm,
     jerk,
     joint_shift,
@@ -212,19 +211,6 @@ def test_corrections_by_hand() -> None:
     low, high = (skin_hand([0.0, 0.0, 0.06], [0.01, 0.01, top]) for top in (0.07, 0.076))
     # Four of the eight vertices moved by 6 mm.
     assert rows_of(FieldPair(low, high))["mpvpe"].after == pytest.approx(0.003)
-
-
-def test_contact_deviation_by_hand() -> None:
-    corner = np.array([HALF, HALF, HALF])
-    truth = np.array([corner + [0.002, 0.0, 0.0], corner + [0.0, 0.0, 0.004], -corner + [0.0, -0.001, 0.0]])
-    skin = np.array([corner + [0.0, 0.01, 0.0], corner + [0.5, 0.0, 0.0], -corner + [0.0, 0.0, -0.02]])
-    faces = np.array([[0, 1, 2]])
-    hands = hands_at(0.1, skin=skin[None], faces=faces, truth=truth[None])
-    # The second true vertex is 4 mm off: no contact.
-    assert contact_deviation(hands) == pytest.approx(0.015)
-    assert math.isnan(contact_deviation(hands_at(0.1, skin=skin[None], faces=faces)))
-    free = hands_at(0.1, skin=skin[None], faces=faces, truth=truth[None] + [0.0, 0.0, 0.5])
-    assert math.isnan(contact_deviation(free))
 
 
 def test_forces_are_means_over_the_frames_that_press() -> None:
