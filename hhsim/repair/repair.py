@@ -16,7 +16,7 @@ from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import SIDES, HandModel, Side
 from hhsim.linkage.file import names_a_linkage
 from hhsim.mesh.catalogue import names_a_body_file, names_a_file
-from hhsim.metrics.field.field_table import field_rows, field_table
+from hhsim.metrics.field.field_table import doubts_of, field_rows, field_table, field_verdict
 from hhsim.metrics.field.hands import FieldHands, FieldPair
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.moving_parts import MovingParts
@@ -40,7 +40,6 @@ from hhsim.recordings.registry import (
 from hhsim.recordings.unit_detection import clean_units
 from hhsim.render.before_after import deepest_frames, draw_before_after
 from hhsim.render.triangle_soup import hand_surface, piece_surfaces
-from hhsim.repair.field_verdict import doubts_of, field_verdict
 from hhsim.repair.offline import repair_frames
 from hhsim.repair.page import repair_page
 from hhsim.repair.projection import correct

@@ -8,12 +8,11 @@ import numpy as np
 from hhsim.errors import TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.field.field_table import FieldRow, field_rows
+from hhsim.metrics.field.field_table import FieldRow, FieldVerdict, doubts_of, field_rows, field_verdict
 from hhsim.metrics.field.hands import FieldPair
 from hhsim.recordings.fitted_hand import in_angles_of
 from hhsim.recordings.recording import unused_poses
 from hhsim.recordings.registry import ReadOptions
-from hhsim.repair.field_verdict import FieldVerdict, doubts_of, field_verdict
 from hhsim.repair.repair import checked_bodies, in_our_units, prepared
 from hhsim.repair.request import RepairRequest
 from hhsim.scene.declared_bodies import DeclaredBodies

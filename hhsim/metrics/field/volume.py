@@ -4,7 +4,7 @@ The hand at a frame is its skin, closed at the wrist, or the union of its round 
 """
 
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -15,9 +15,8 @@ from hhsim.hand.palm_mesh import RoundCones
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.content_cache import kept_by_content
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, largest, mean, of_frames
+from hhsim.metrics.field.hands import FieldHands
 from hhsim.metrics.mesh_penetration import sampled
-from hhsim.metrics.run_metric import each_with
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -136,20 +135,3 @@ def volumes(hands: FieldHands, most: int = 0) -> FloatArray:
         pieces = [solid ^ target for target in there or targets for solid in solids]
         found[frame] = Manifold.batch_boolean(pieces, OpType.Add).volume()
     return found
-
-
-def _stated(pair: FieldPair) -> str:
-    surface = "cones" if pair.recorded.skin is None else "open wrist closed with a fan"
-    known = int(pair.known.sum())
-    some = f"; {pair.volume_frames} of {known} frames and the deepest" if 0 < pair.volume_frames < known else ""
-    return f"Boolean of meshes, {SEGMENTS} edges around a cone; {surface}{some}"
-
-
-_OF = partial(of_frames, lambda pair, hands: volumes(hands, pair.volume_frames))
-METRICS = each_with(
-    FieldMetric("volume_exact_mean", "IV, exact, mean of frames", compute=_OF(mean)),
-    FieldMetric("volume_exact_max", "IV, exact, max", compute=_OF(largest)),
-    unit="cm³",
-    digits=3,
-    parameters=_stated,
-)
