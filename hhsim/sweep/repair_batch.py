@@ -1,7 +1,6 @@
 """Repairs of a manifest: runs the rows that are not done yet, and writes the table and the page of all of them."""
 
 import json
-import uuid
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -67,9 +66,9 @@ def run_manifest(
         require_dask()
     check_own(out, has_format(out / MARK, FORMAT), "repairs")
     text, rows = load_manifest(path, out, pictures=pictures)
-    about: dict[str, Any] = {"repair": repair, "attempt": uuid.uuid4().hex, "sources": source_digest()}
+    about: dict[str, Any] = {"folder": str(out.resolve()), "repair": repair, "sources": source_digest()}
     planned = {row_digest(row): row for row in rows}
-    tasks = {d: RowTask(row=row, digest=d, folder=str(out.resolve()), **about) for d, row in planned.items()}
+    tasks = {d: RowTask(row=row, digest=d, **about) for d, row in planned.items()}
 
     def on_end(end: TaskEnd) -> str:
         if end.reason:

@@ -36,7 +36,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from glob import glob
 from pathlib import Path
-from typing import Annotated, Any, Literal, TextIO
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta, field, structs
 
@@ -282,9 +282,6 @@ _KEYS = tuple({"form": "format"}.get(key, key) for key in ManifestRow.__struct_f
 
 
 OUTCOME = "outcome.json"
-MARK = ".begun"
-"""File of a row that is being run: its attempt, and the traceback at its time limit."""
-
 State = Literal["repaired", "missed", "refused", "failed"]
 
 
@@ -315,35 +312,27 @@ class RowTask(FolderTask):
 
     row: PlannedRepair
     repair: Repair  # function of a module that the process can import
-    attempt: str  # name of the run that it belongs to
 
     def work(self) -> TaskEnd:
         """Repair the recording."""
         folder = self.row.request.out.parent
-        # A cluster runs again what a worker had done, or had begun, when it was lost.
-        if finished(self.row, self.digest):
-            return TaskEnd(self.digest)
-        if _begun(folder, self.attempt) is not None:
-            return TaskEnd(self.digest, "its worker was lost")
-        _empty(folder)
-        outcome = self._outcome(folder)
-        (folder / MARK).unlink()
-        write_outcome(folder, outcome)
+        # A cluster runs again what a worker had done when it was lost.
+        if not finished(self.row, self.digest):
+            _empty(folder)
+            write_outcome(folder, self._outcome(folder))
         return TaskEnd(self.digest)
 
     def _outcome(self, folder: Path) -> RowOutcome:
         try:
-            with (folder / MARK).open("w", encoding="utf-8") as mark:
-                print(self.attempt, file=mark, flush=True)
-                with _within(self.row.time_limit, mark):
-                    files = row_files(self.row)
-                    if row_digest(self.row) != self.digest:
+            with _within(self.row.time_limit):
+                files = row_files(self.row)
+                if row_digest(self.row) != self.digest:
+                    raise LostFileError(CHANGED)
+                try:
+                    done = self.repair(self.row.request)
+                finally:
+                    if row_files(self.row) != files:
                         raise LostFileError(CHANGED)
-                    try:
-                        done = self.repair(self.row.request)
-                    finally:
-                        if row_files(self.row) != files:
-                            raise LostFileError(CHANGED)
             if not self.row.request.out.is_file():
                 raise InputError(f"it wrote no {self.row.request.out.name}")
             return RowOutcome(
@@ -361,19 +350,20 @@ class RowTask(FolderTask):
         except Exception as error:
             is_final = isinstance(error, InputError | TrajectoryError) and not isinstance(error, LostFileError)
             state: State = "refused" if isinstance(error, TrajectoryError) else "failed"
-            _empty(folder, but=MARK)
+            _empty(folder)
             return RowOutcome(digest=self.digest, state=state, reason=error_line(error), is_final=is_final)
 
 
 @contextmanager
-def _within(seconds: float, file: TextIO) -> Iterator[None]:
-    """End the process with a traceback in a file where this takes longer [s]."""
-    # Its thread waits for no lock of Python, which compiled code may hold.
-    faulthandler.dump_traceback_later(seconds, exit=True, file=file)
-    try:
-        yield
-    finally:
-        faulthandler.cancel_dump_traceback_later()
+def _within(seconds: float) -> Iterator[None]:
+    """End the process where this takes longer [s]."""
+    with Path(os.devnull).open("w") as nowhere:
+        # Its thread waits for no lock of Python, which compiled code may hold.
+        faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
+        try:
+            yield
+        finally:
+            faulthandler.cancel_dump_traceback_later()
 
 
 def row_files(row: PlannedRepair) -> tuple[ReadFile, ...]:
@@ -420,29 +410,19 @@ def write_outcome(folder: Path, outcome: RowOutcome) -> None:
 
 def keep_lost(task: RowTask, reason: str) -> None:
     """Write the outcome of a row whose worker left none; OutputError if that fails."""
-    folder, limit = task.row.request.out.parent, task.row.time_limit
-    if _begun(folder, task.attempt):
-        reason = f"not done within its time_limit of {limit:,g} s"
+    folder = task.row.request.out.parent
     _empty(folder)
+    reason = f"{reason}; its time_limit is {task.row.time_limit:,g} s"
     write_outcome(folder, RowOutcome(digest=task.digest, state="failed", reason=reason, is_final=False))
 
 
-def _begun(folder: Path, attempt: str) -> str | None:
-    """Return what stands below the mark of this attempt at a row; None if it was not begun."""
-    try:
-        found, _, below = (folder / MARK).read_text(encoding="utf-8", errors="replace").partition("\n")
-    except OSError:
-        return None
-    return below if found == attempt else None
-
-
-def _empty(folder: Path, but: str = "") -> None:
-    """Make a folder, and remove what is in it but for one file."""
+def _empty(folder: Path) -> None:
+    """Make a folder, and remove what is in it."""
     folder.mkdir(exist_ok=True)
     for path in folder.iterdir():
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)
-        elif path.name != but:
+        else:
             path.unlink()
 
 

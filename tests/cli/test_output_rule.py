@@ -47,7 +47,7 @@ WRITERS = {
     "hhsim/result/merge.py": "into a partial file",
     "hhsim/result/csv_export.py": "into a partial file",
     "hhsim/submissions/scene_folder.py": "into a new folder",
-    "hhsim/sweep/repair_manifest.py": "the mark of a row, in its own folder",
+    "hhsim/sweep/repair_manifest.py": "the null device",
     "hhsim/recordings/formats/hhsim.py": "an image in memory",
     "hhsim/system/checksummed_file.py": "adds the seal to a file that was just written",
     "hhsim/live/processes.py": "memory, no file",

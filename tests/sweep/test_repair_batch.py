@@ -50,9 +50,9 @@ def test_every_row_ends_whatever_others_do_and_any_number_of_processes_writes_th
     assert run(path, two, workers=2).failed == found.failed
     assert states(one) == {
         "r0": ("repaired", ""),
-        "r1": ("failed", engines.CRASHED),
+        "r1": ("failed", f"{engines.CRASHED}; its time_limit is 1 s"),
         "r2": ("refused", f"{tmp_path}/r2.txt: no recording"),
-        "r3": ("failed", "not done within its time_limit of 1 s"),
+        "r3": ("failed", f"{engines.CRASHED}; its time_limit is 1 s"),
         "r4": ("missed", "MISSED: 2 frames are deep"),
         "r5": ("failed", "KeyError: 'hand'"),
         "r6": ("failed", "it wrote no r6.txt"),
