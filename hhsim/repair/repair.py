@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from time import process_time
 from typing import Any, NamedTuple
@@ -103,7 +103,8 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     names = {"result": RESULT} | ({"report": REPORT, "picture": PICTURE} if request.pictures else {})
     paths = {"recording": request.out} | {what: request.beside(name) for what, name in names.items()}
     read, bodies = _reading(request), bodies_of(request)
-    recording, recorded, touched, skin = _prepared(request, read, bodies)
+    recording, skin_of = in_our_units(request.recording, read), partial(_skin, request.recording, request.skin, read)
+    recording, recorded, touched, skin = prepared(request, read, recording, bodies, skin_of)
     check_target(request.recording, recording, request.out)
     scene, hand, began = recorded.scene, recorded.hand, process_time()
     seen_skin = None if skin is None else recorded.seen_skin(skin)
@@ -118,10 +119,16 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         held = "joint angles in our world" if recording.joints is None else "21 joints [m] in the axes of the file"
         text = f"format {recording.form} is read and not written: {paths['recording'].name} has {held}, and the stamps"
         recording = recording.found(note(text))
-    written = _written(request, read, recording)
+    # What is judged is what the file says, without angles that fit its joints.
+    again = replace(read, fits_angles=recording.joints is None)
+    written = (
+        in_our_units(request.out, again, request.recording)
+        if recording.is_written_back
+        else read_new_file(request.out, recording)
+    )
     after_skin = None
     if skin is not None:
-        after_skin = _skin(paths["recording"], None, written, hand, read)
+        after_skin = _skin(paths["recording"], None, read, written, hand)
         assert recording.joints is not None
         after_skin = after_skin or replace(skin, vertices=moved_skin(skin, recording.joints, correction))
     said: dict[str, Any] = {
@@ -175,20 +182,6 @@ def _reading(request: RepairRequest) -> ReadOptions:
     # The recording's own world will do where it says nothing of an axis up.
     given = {"hand": request.hand, "mano_model": request.mano_model, "usual_up": "z", **request.options}
     return ReadOptions(**given)
-
-
-def _prepared(request: RepairRequest, read: ReadOptions, bodies: DeclaredBodies) -> "Prepared":
-    def skin(recording: Recording, hand: HandModel) -> Skin | None:
-        return _skin(request.recording, request.skin, recording, hand, read)
-
-    return prepared(request, read, in_our_units(request.recording, read), bodies, skin)
-
-
-def _written(request: RepairRequest, read: ReadOptions, recording: Recording) -> Recording:
-    """Return the repaired recording: what is judged is what the file says, without angles that fit its joints."""
-    if not recording.is_written_back:
-        return read_new_file(request.out, recording)
-    return in_our_units(request.out, replace(read, fits_angles=recording.joints is None), request.recording)
 
 
 class Prepared(NamedTuple):
@@ -317,7 +310,7 @@ def in_our_units(path: Path, read: ReadOptions, original: Path | None = None) ->
         return clean_units(recording)
 
 
-def _skin(path: Path, skin: Path | None, recording: Recording, hand: HandModel, read: ReadOptions) -> Skin | None:
+def _skin(path: Path, skin: Path | None, read: ReadOptions, recording: Recording, hand: HandModel) -> Skin | None:
     """Return the skin of a file, or of the MANO model that moves in a recording; None without any."""
     if skin is not None:
         if recording.joints is None:

@@ -7,7 +7,6 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.system.counted import counted
 from hhsim.system.progress import Progress
@@ -22,7 +21,7 @@ MESH_LIMIT = 1e-6
 """Distances to the mesh are computed up to this value [m]."""
 EXACT = 1e-9
 """Accuracy of coal's distances [m]."""
-MESH_TICKS = 200
+MESH_TICKS = 64
 """Ticks between two progress reports of the distances to the mesh."""
 
 
@@ -107,19 +106,21 @@ def mesh_claim(judge: JudgedTicks, report: Progress, *, covers: bool) -> tuple[C
         referees = [HandReferee(body.mesh, open_too=judge.on_mesh) for body in judge.bodies]
     except MeshError as error:
         return Claim(name, says, NOT_JUDGED, unit="m", why=why, note=str(error)), float("nan")
-    shape = HandShape(judge.hand.radius, judge.hand.palm_center, judge.hand.palm_radius)
     least, checked, asked = np.full(len(judge.numbers), np.inf), 0, judge.asked
-    used = np.append(np.repeat(judge.fingers, 3), True)
+    used = np.append(np.repeat(judge.fingers, 3), np.ones(len(judge.hand.palm_radius), bool))
     for body, referee in zip(judge.bodies, referees):
         # Equal postures are measured once; a posture that is not finite fails other claims.
         rounded = np.round(body.seen_points(judge.posed.joints[asked], asked).reshape(len(asked), -1), 10)
         different = np.sort(np.unique(rounded, axis=0, return_index=True)[1])
         different = asked[different[np.isfinite(rounded[different]).all(axis=1)]]
-        for first in range(0, len(different), MESH_TICKS):
-            report("mesh", first, len(different))
-            rows = different[first : first + MESH_TICKS]
-            away = referee.clearances(shape, body.seen_hand(judge.posed, judge.shown.orientation, rows), MESH_LIMIT)
-            least[rows] = np.minimum(least[rows], away[:, used].min(axis=1))
+        for begin in range(0, len(different), MESH_TICKS):
+            report("mesh", begin, len(different))
+            rows = different[begin : begin + MESH_TICKS]
+            cones = round_cones(judge.hand, body.seen(judge.posed, rows))
+            first_radius, last_radius = np.tile(cones.radius_a, len(rows)), np.tile(cones.radius_b, len(rows))
+            ends = cones.a.reshape(-1, 3), cones.b.reshape(-1, 3)
+            away = referee.round_cones(*ends, first_radius, last_radius, MESH_LIMIT)
+            least[rows] = np.minimum(least[rows], away.reshape(len(rows), -1)[:, used].min(axis=1))
         checked = max(checked, len(different))
     least[judge.squeezed] = np.inf
     worst = int(least.argmin())

@@ -89,8 +89,7 @@ def test_beside_a_free_body_damping_keeps_the_bound(lift: Result) -> None:
 def test_a_force_that_no_damping_explains_is_found(lift: Result, tmp_path: Path) -> None:
     tick = int(np.flatnonzero(np.asarray(lift["status"]) == STATUS_SNAP)[0])
     haptic = at("moved", "hands/right/tick/haptic/position", tick, lambda place: place + 1e-3)
-    claims = {claim.name: claim for claim in verify(planted(lift.path, tmp_path, haptic)).claims}
-    assert claims["hand's balance"].failed
+    assert "second run" in failing(verify(planted(lift.path, tmp_path, haptic)))
 
 
 def test_a_slower_loop_lets_the_hand_go_farther_in_a_tick() -> None:
