@@ -33,13 +33,13 @@ class Comparison(OptionGroup):
         "PYTHON", "Python of the base's hhsim, run in turn with this one: the only fair comparison of times."
     )
     base_folder: Path | None = file(
-        "DIR", "Folder of the base that stands for the suite's, with its methods, recordings and submissions."
+        "DIR", "Folder of the base that stands for the suite's, with its methods and recordings."
     )
     suite: Path | None = file(
         "SUITE", "Suite whose [limits] a RESULT is held to. Default: the limits that hhsim replay shows."
     )
     write_baseline: Path | None = output_file("FILE", "Record the suite's run in this file.")
-    time: bool = option("--time/--no-time", default=True, help="Judge and record times, or leave them out.")
+    time: bool = option("--time/--no-time", default=True, help="Judge times, or leave them out.")
     processes: int | None = option(
         type=click.IntRange(3, 100),
         metavar="N",
@@ -65,10 +65,9 @@ def command(target: Path | None, comparison: Comparison, output: GateOutput) -> 
     """Judge a change for CI: errors, work and time, yes or no.
 
     SUITE is a TOML file of scenes and limits; without it, hhsim-gate.toml of the current folder, else the one that
-    ships. A scene is a replay, a submission or a recorded session. Errors have absolute limits. Work counters are
-    compared with the base exactly, but for a stated slack. Times are medians over processes of the CPU p50: of base and
-    head run in turn with --base-python, or divided by a fixed reference workload where the baseline was recorded
-    elsewhere. A RESULT is judged by its file alone; of its times, only those that --suite limits.
+    ships. A scene is a replay. Errors have absolute limits. Work counters are compared with the base exactly, but for
+    a stated slack. Times are medians over processes of the CPU p50, of base and head run in turn with --base-python. A
+    RESULT, a session's too, is judged by its file alone; of its times, only those that --suite limits.
 
     Exit codes: 0 ok, 1 a limit was missed, 2 bad input, 3 the two sides had different inputs. The files are written
     with each of them.
@@ -171,11 +170,8 @@ def _judge_suite(target: Path | None, comparison: Comparison, *, quiet: bool) ->
     if comparison.base_python is not None or comparison.base_folder is not None:
         python = this_python() if comparison.base_python is None else comparison.base_python.absolute()
         base = find_side("base", python, comparison.base_folder)
-    record = comparison.time and comparison.write_baseline is not None
     with progress(quiet=quiet) as report:
-        return gate_suite(
-            suite, head, base=base, baseline=baseline, timed=comparison.time, record_times=record, progress=report
-        )
+        return gate_suite(suite, head, base=base, baseline=baseline, timed=comparison.time, progress=report)
 
 
 def _write(report: "GateReport", markdown: Path | None, summary: Path | None) -> None:

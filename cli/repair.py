@@ -14,7 +14,7 @@ from .arguments.recording_options import FileSettings, HandData
 from .console import end_on_sigterm, print_json, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
-    from hhsim.repair.request import Pictures, RepairOutcome
+    from hhsim.repair.request import RepairOutcome
 
 ALWAYS, OF_MANY = ("recording", "out", "as_json", "quiet", "pictures"), ("jobs", "scheduler")
 """Options of every repair, and those of a manifest alone."""
@@ -63,10 +63,8 @@ class RepairLimits(OptionGroup, heading="Repair"):
     hands: Literal["one", "both"] = option(
         type=click.Choice(["one", "both"]), default="one", help="Hands of the recording that are repaired."
     )
-    pictures: Literal["worst", "all", "none"] = option(
-        type=click.Choice(["worst", "all", "none"]),
-        default="worst",
-        help="Recordings of a manifest that get a page and pictures; a single one has them unless none.",
+    pictures: Literal["all", "none"] = option(
+        type=click.Choice(["all", "none"]), default="all", help="Whether each recording gets a page and pictures."
     )
     max_correction: float = option(
         type=Number(0.1, 200.0), default=15.0, metavar="MM", help="Largest move of a joint in a repaired frame [mm]."
@@ -130,7 +128,7 @@ def command(
     is_many = is_manifest(recording)
     if is_many:
         refuse_typed(f"is for one recording; {recording} states it in its rows", but=(*ALWAYS, *OF_MANY))
-        return _many(recording, out, jobs or 0, scheduler, limits.pictures, printing)
+        return _many(recording, out, jobs or 0, scheduler, limits.pictures == "all", printing)
     refuse_typed(f"is for a manifest; {recording} is one recording", names=OF_MANY)
     if limits.hands == "both" and (reading.hand or limits.skin):
         raise click.UsageError("--hand and --skin are of one hand, and --hands both repairs two")
@@ -215,24 +213,15 @@ def _print(outcome: "RepairOutcome") -> None:
     print_line(f"written to {', '.join(str(path) for path in outcome.paths.values())}")
 
 
-def _many(
-    manifest: Path, out: Path, jobs: int, scheduler: str, pictures: "Pictures", printing: options.Printing
-) -> int:
+def _many(manifest: Path, out: Path, jobs: int, scheduler: str, pictures: bool, printing: options.Printing) -> int:
     """Repair the recordings of a manifest; returns the exit code."""
-    from hhsim.repair.repair import illustrate_recording, repair_recording
+    from hhsim.repair.repair import repair_recording
     from hhsim.sweep.repair_batch import run_manifest
     from hhsim.sweep.repair_page import brief_table
 
     with progress(quiet=printing.quiet) as report:
         found = run_manifest(
-            manifest,
-            out,
-            repair_recording,
-            illustrate_recording,
-            workers=jobs,
-            scheduler=scheduler,
-            pictures=pictures,
-            progress=report,
+            manifest, out, repair_recording, workers=jobs, scheduler=scheduler, pictures=pictures, progress=report
         )
     if printing.as_json:
         print_json({"recordings": found.table.records, "failed": dict(found.failed), "page": str(found.page)})

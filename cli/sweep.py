@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hhsim.sweep.cell_table import CellRow
-    from hhsim.sweep.sweep import Estimate, SweepSummary
+    from hhsim.sweep.plan import Cell
+    from hhsim.sweep.sweep import SweepSummary
 
 MOST_FAILURES = 20
 MOST_ROWS = 60
@@ -39,10 +40,7 @@ class SweepSettings(OptionGroup):
         default="",
         help="Run the cells on a Dask cluster: tcp://host:8786, or local for one of --jobs processes.",
     )
-    dry_run: bool = option(
-        is_flag=True, help="Count the cells, estimate how long the others take by those that ran; write nothing."
-    )
-    retry_failed: bool = option(is_flag=True, help="Run failed cells again; without it their reasons are shown.")
+    dry_run: bool = option(is_flag=True, help="Count the cells, and those that are left to run; write nothing.")
     summary_only: bool = option(is_flag=True, help="Keep a row of figures for each cell, and not its ticks.")
 
 
@@ -63,35 +61,37 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
     Examples:
       hhsim sweep plan.toml --dry-run
       hhsim sweep plan.toml --jobs 2
-      hhsim sweep plan.toml --retry-failed
       hhsim sweep plan.toml --scheduler tcp://10.0.0.1:8786 --out /shared/first
     """
     from hhsim.sweep.cell_table import COLUMNS, TABLE, cell_rows
     from hhsim.sweep.folder import SweepFolder
     from hhsim.sweep.plan import load_plan
-    from hhsim.sweep.sweep import estimate, run_sweep
+    from hhsim.sweep.sweep import run_sweep
     from hhsim.system.atomic_write import write_atomically
     from hhsim.system.output_path import RESULTS
-    from hhsim.system.thread_pool import physical_cores
 
     end_on_sigterm()
-    jobs = settings.jobs or 0
     with progress(quiet=printing.quiet) as report:
         report("reading the plan", 0, 1)
         read = load_plan(plan)
         folder = SweepFolder(settings.out or RESULTS / read.name)
         if not printing.quiet and not printing.as_json:
             print_notes(read.notes)
-        if settings.dry_run:
-            found = estimate(read, folder)
-        else:
-            how: dict[str, Any] = {"retry_failed": settings.retry_failed, "keep_results": not settings.summary_only}
-            ended = run_sweep(read, folder, jobs=jobs, scheduler=settings.scheduler, **how, progress=report)
-            rows = cell_rows(read, folder)
+        if not settings.dry_run:
+            how: dict[str, Any] = {"scheduler": settings.scheduler, "keep_results": not settings.summary_only}
+            ended = run_sweep(read, folder, jobs=settings.jobs or 0, **how, progress=report)
+            rows = cell_rows(read, folder, ended.failed)
             write_atomically(folder.path / TABLE, Table(COLUMNS, rows).csv().encode())
     if settings.dry_run:
-        _print_estimate(found, jobs or max(1, len(physical_cores())), as_json=printing.as_json)
+        left = [planned for planned in read.cells if not folder.done(planned)]
+        ticks = sum(planned.run_ticks for planned in left)
+        if printing.as_json:
+            print_json({"cells": len(read.cells), "done": len(read.cells) - len(left), "ticks": ticks})
+        else:
+            done, cells = len(read.cells) - len(left), counted(len(read.cells), "cell")
+            print_line(f"{cells}: {done:,} done, {len(left):,} to run, {counted(ticks, 'tick')}")
         return 0
+    failed = [(planned.cell, ended.failed[planned.digest]) for planned in read.cells if planned.digest in ended.failed]
     if printing.as_json:
         print_json(
             {
@@ -99,9 +99,7 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
                 "cells": ended.cells,
                 "done_now": ended.run,
                 "done_before": ended.done_before,
-                "failed": [
-                    {"cell": cell.label, "options": dict(cell.options), "reason": w} for cell, w in ended.failed
-                ],
+                "failed": [{"cell": cell.label, "options": dict(cell.options), "reason": w} for cell, w in failed],
                 "ticks": ended.ticks,
                 "seconds": ended.seconds,
                 "rows": rows,
@@ -109,30 +107,17 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
             }
         )
     elif not printing.quiet:
-        _print(ended, rows, folder.path)
-    if printing.quiet and ended.failed:
-        shown = [f"{cell.label}: {why}" for cell, why in ended.failed[:MOST_FAILURES]]
-        print_notes([f"{counted(len(ended.failed), 'cell')} failed", *shown], prefix="missed")
-    return 1 if ended.failed else 0
+        _print(ended, failed, rows, folder.path)
+    if printing.quiet and failed:
+        shown = [f"{cell.label}: {why}" for cell, why in failed[:MOST_FAILURES]]
+        print_notes([f"{counted(len(failed), 'cell')} failed", *shown], prefix="missed")
+    return 1 if failed else 0
 
 
-def _print_estimate(found: "Estimate", workers: int, *, as_json: bool) -> None:
-    from hhsim.sweep.folder import lasting
-
-    seconds = found.elapsed(workers)
-    if as_json:
-        counts = {"cells": found.cells, "done": found.done, "failed": found.failed, "ticks": found.ticks}
-        print_json({**counts, "processes": workers, "seconds": seconds})
-        return
-    print_line(f"{counted(found.cells, 'cell')}: {found.done:,} done, {found.failed:,} failed, {found.left:,} to run")
-    if found.left:
-        about = f"{lasting(seconds)} in {workers} process{'es' * (workers > 1)}, by the cells that ran on this machine"
-        print_line(f"{found.ticks:,} ticks: {about}")
-
-
-def _print(ended: "SweepSummary", rows: "Sequence[CellRow]", folder: Path) -> None:
+def _print(
+    ended: "SweepSummary", failed: "Sequence[tuple[Cell, str]]", rows: "Sequence[CellRow]", folder: Path
+) -> None:
     from hhsim.sweep.cell_table import FAILED, TABLE, shown_table
-    from hhsim.sweep.folder import lasting
 
     done = [row for row in rows if row["verdict"] != FAILED]
     if done:
@@ -145,12 +130,12 @@ def _print(ended: "SweepSummary", rows: "Sequence[CellRow]", folder: Path) -> No
     print_line(f"{counted(ended.cells, 'cell')}: {ended.run:,} done now{before}, {len(ended.failed):,} failed")
     if ended.run:
         speed = f", {ended.ticks / ended.seconds:,.0f} a second" if ended.seconds else ""
-        print_line(f"{ended.ticks:,} ticks in {lasting(ended.seconds)}{speed}")
-    if ended.failed:
+        print_line(f"{ended.ticks:,} ticks in {ended.seconds:,.0f} s{speed}")
+    if failed:
         print()
-        shown = [(cell.label, cell.stated, why) for cell, why in ended.failed[:MOST_FAILURES]]
+        shown = [(cell.label, cell.stated, why) for cell, why in failed[:MOST_FAILURES]]
         print_table(Table.of_cells(("cell", "options", "failed since"), shown))
-        more = len(ended.failed) - MOST_FAILURES
-        print_line(f"{f'{more:,} more failed; ' if more > 0 else ''}--retry-failed runs them again")
+        more = len(failed) - MOST_FAILURES
+        print_line(f"{f'{more:,} more failed; ' if more > 0 else ''}the same command runs them again")
     others = f"{len(done) - MOST_ROWS:,} more rows, and " if len(done) > MOST_ROWS else ""
     print_line(f"{others}all figures of each cell are in {folder / TABLE}")

@@ -52,19 +52,6 @@ def repaired(request: RepairRequest) -> RepairOutcome:
     )  # fmt: skip
 
 
-def illustrated(request: RepairRequest, outcome: RepairOutcome) -> None:
-    """A page of the verdict, and a picture."""
-    with (request.out.parent.parent / "log.txt").open("a") as log:
-        log.write(f"{request.out.parent.name}-picture\n")
-    match request.recording.read_text().partition(" ")[0]:
-        case "undrawn":
-            raise KeyError("paint")
-        case "slow":
-            time.sleep(0.1)
-    request.beside(REPORT).write_text(outcome.verdict)
-    request.beside(PICTURE).write_bytes(png())
-
-
 def png() -> bytes:
     """A picture of one dot."""
 
@@ -92,7 +79,7 @@ def tree(folder: Path) -> dict[str, bytes]:
 
 def run(path: Path, out: Path, workers: int = 1) -> BatchOutcome:
     """Run the repairs of a manifest."""
-    return run_manifest(path, out, repaired, illustrated, workers=workers)
+    return run_manifest(path, out, repaired, workers=workers)
 
 
 if __name__ == "__main__":

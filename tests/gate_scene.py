@@ -27,7 +27,6 @@ tracking_excess = 1.0
 slack = 0.005
 [time]
 limit = 1.0            # these tests run where others run too: what is tested is not the clock
-recorded_limit = 1.0
 processes = 3
 [[scene]]
 name = "tiny"

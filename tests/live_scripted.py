@@ -322,8 +322,6 @@ class InStep:
             hand.story.tell()
 
 
-CLOCK = {"periods", "reasons"}
-"""Claims that fail in a scripted session, besides those that note a latency: its clock stands still in a tick."""
 QUICK = OutputLimits(ramp=0.01, stiffness_rise=1e4, bend_speed=1e3)
 CLOSING = [Moment(FREE + (FIST - FREE) * i / 60) for i in range(60)]
 """A fist that closes on the ball in 60 ms."""

@@ -23,11 +23,9 @@ from hhsim.gate.metrics import COUNTERS, SESSION_DEFAULTS, RunFigures, compared_
 from hhsim.gate.run import RunFailed, Side, Step, measured, process_times
 from hhsim.gate.suite import REPLAY, SESSION, SUBMISSION, GateScene, GateSuite, default_suite, usual_limits
 from hhsim.gate.verdict import GateRow, inputs_row
-from hhsim.kernels.machine_calibration import REFERENCE_VERSION
 from hhsim.replay.run_inputs import RunInputs, differences, kept_ticks
 from hhsim.replay.summary_table import default_limits, stored_promises
 from hhsim.result.reader import Result
-from hhsim.system import environment as info
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import read_input_text
 from hhsim.system.plain_json import plain_json
@@ -52,20 +50,13 @@ class RecordedScene(Settings, frozen=True, kw_only=True, forbid_unknown_fields=F
     shown: dict[str, list[list[float]]] = msgspec.field(default_factory=dict)
     errors: dict[str, float | None]  # figures that the gate judges; None where undefined
     counters: dict[str, int]
-    times: tuple[float, ...] = ()  # median of each timed process [s]; empty where none was timed
-    references: tuple[float, ...] = ()  # median of the reference workload before each [s]
 
     @classmethod
     def of(cls, figures: RunFigures) -> "RecordedScene":
-        """Return the scene of a run, without times."""
+        """Return the scene of a run."""
         errors = {name: value if math.isfinite(value) else None for name, value in figures.errors.items()}
         few = {name: values[kept_ticks(len(values))].round(PLACES).tolist() for name, values in figures.shown.items()}
         return cls(inputs=figures.inputs, digest=figures.digest, errors=errors, counters=figures.counters, shown=few)
-
-    def check(self) -> None:
-        """Check that there is a time of the reference workload for each time."""
-        if len(self.times) != len(self.references):
-            raise InputError(f"{len(self.times)} times beside {len(self.references)} of the reference workload")
 
     @property
     def figures(self) -> RunFigures:
@@ -78,26 +69,19 @@ class RecordedScene(Settings, frozen=True, kw_only=True, forbid_unknown_fields=F
 
 
 class Baseline(Settings, frozen=True, forbid_unknown_fields=False):
-    """Recorded baseline; `source` is for messages, `reference_version` that of the workload beside its times."""
+    """Recorded baseline; `source` is for messages."""
 
     format: Literal["hhsim-gate-baseline"]
     version: Version
     scenes: dict[str, RecordedScene]
-    reference_version: int = 0
     source: str = ""
 
 
 def write_baseline(path: Path, scenes: Mapping[str, RecordedScene]) -> None:
     """Write a baseline; raise OutputError if the file cannot be written."""
-    timed = any(scene.times for scene in scenes.values())
-    document = {
-        "format": FORMAT,
-        "version": BASELINE_VERSION,
-        "hhsim": __version__,
-        # A file without times is the same from any machine: what it was made on would only make noise in its history.
-        **({"machine": info.machine(), "reference_version": REFERENCE_VERSION} if timed else {}),
-        "scenes": msgspec.to_builtins(scenes),
-    }
+    # It is the same from any machine: what it was made on would only make noise in its history.
+    head = {"format": FORMAT, "version": BASELINE_VERSION, "hhsim": __version__}
+    document = {**head, "scenes": msgspec.to_builtins(scenes)}
     # Rounded, so that last bits make no differences in a history.
     rounded = plain_json(document, lambda value: float(f"{value:.{DIGITS}g}"))
     for scene in rounded["scenes"].values():
@@ -189,7 +173,6 @@ def gate_suite(
     base: Side | None = None,
     baseline: Baseline | None = None,
     timed: bool = True,
-    record_times: bool = False,
     progress: Progress = silent,
 ) -> GateReport:
     """Run and judge every scene of a suite; bad input, such as an unknown object, becomes a row.
@@ -198,7 +181,6 @@ def gate_suite(
         base: Side to compare with, run in the same job.
         baseline: Recorded one; where both are given, counters are compared with this one, times with `base`.
         timed: Judge times, by the base and by limits.
-        record_times: Take times of head for a baseline, even where nothing is compared.
     """
     rows: list[GateRow] = []
     recorded: dict[str, RecordedScene] = {}
@@ -208,7 +190,7 @@ def gate_suite(
         def step(what: str, i: int = i) -> None:
             progress(what, i, count)
 
-        record = _gate_scene(rows, suite, scene, head, base, baseline, step, timed=timed, record_times=record_times)
+        record = _gate_scene(rows, suite, scene, head, base, baseline, step, timed=timed)
         recorded |= {} if record is None else {scene.name: record}
     progress("done", count, count)
     against_words = [f"the baseline {baseline.source}"] if baseline else []
@@ -217,9 +199,8 @@ def gate_suite(
     notes = [f"not in the suite any more: {', '.join(gone)}"] if gone else []
     if base is not None and base.package == head.package and base.folder is None:
         notes.append(f"base and head are the same hhsim, that in {head.package}: this compares it with itself")
-    wanted = timed and not record_times and any(scene.timed for scene in suite.scenes)
-    if wanted and not any(row.kind == "time" for row in rows):
-        notes.append("no time was judged: that takes --base-python, or a baseline that was recorded with times")
+    if timed and any(scene.timed for scene in suite.scenes) and not any(row.kind == "time" for row in rows):
+        notes.append("no time was judged: that takes --base-python")
     recorded = recorded if len(recorded) == count else {}
     return GateReport(suite.source, " and ".join(against_words), tuple(rows), tuple(notes), recorded)
 
@@ -234,10 +215,9 @@ def _gate_scene(
     step: Step,
     *,
     timed: bool,
-    record_times: bool,
 ) -> RecordedScene | None:
     """Add the rows of a scene, and return its record for a baseline; None where it did not run every time."""
-    name, has_base = scene.name, base is not None
+    name = scene.name
     step(f"{name}, head")
     try:
         figures = measured(scene, head, suite.folder, run_figures)
@@ -261,34 +241,20 @@ def _gate_scene(
             base = None
         else:
             before = before or (None if why else of_base)
-            apart = differences(of_base.inputs, figures.inputs, but_the_motion=scene.motion_may_change)
+            apart = differences(of_base.inputs, figures.inputs)
             if apart and baseline is not None:
                 why = why or f"base has different inputs: {'; '.join(apart)}"
             # Times of other inputs say nothing.
-            base = None if differences(of_base.inputs, figures.inputs) else base
+            base = None if apart else base
     limits = scene.limits if timed else without_times(scene.limits)
     rows += [inputs_row(name, why, NOT_COMPARABLE)] if why else []
-    rows += [*new, *verdicts.judge_run(name, figures, before, limits, scene.slack, scene.motion_may_change)]
+    rows += [*new, *verdicts.judge_run(name, figures, before, limits, scene.slack)]
     record = RecordedScene.of(figures)
-    if not (timed and scene.timed):
+    if base is None or not (timed and scene.timed):
         return record
-    comparable = before is None or not differences(before.inputs, figures.inputs)
-    against = kept if not has_base and comparable and kept is not None and kept.times else None
-    times, processes = suite.time, suite.time.processes
     try:
-        if base is not None:
-            both = process_times(scene, suite.folder, head, base, processes, step)
-            rows.append(verdicts.judge_time(name, *both, times.limit))
-        if against and baseline is not None and baseline.reference_version != REFERENCE_VERSION:
-            reason = f"reference workload {baseline.reference_version} there, {REFERENCE_VERSION} here"
-            rows.append(inputs_row(name, reason, NOT_COMPARABLE, "time"))
-            against = None
-        if against or record_times:
-            alone, references = process_times(scene, suite.folder, head, None, processes, step)
-            record = structs.replace(record, times=tuple(alone), references=tuple(references))
-        if against:
-            now, then = ([a / b for a, b in zip(one.times, one.references)] for one in (record, against))
-            rows.append(verdicts.judge_time(name, now, then, times.recorded_limit, divided=True))
+        both = process_times(scene, suite.folder, head, base, suite.time.processes, step)
+        rows.append(verdicts.judge_time(name, *both, suite.time.limit))
     except RunFailed as failed:
         # It ran once and does not run every time.
         if failed.side == head.name:

@@ -1,4 +1,4 @@
-"""Cells of the gate: a scene by a python's hhsim, of which only the command line and the result file are used."""
+"""Runs of the gate: a scene by a python's hhsim, of which only the command line and the result file are used."""
 
 import json
 import os
@@ -10,15 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hhsim.errors import HhsimError, InputError
 from hhsim.gate.metrics import cpu_p50
 from hhsim.gate.suite import GateScene
-from hhsim.kernels.machine_calibration import ROWS, SPHERES, time_reference
-from hhsim.result.reader import Result, load_hand, load_result
-from hhsim.sweep.engines import TaskEnd, run_here
+from hhsim.result.reader import Result, load_hand
 
 T = TypeVar("T")
 Step = Callable[[str], None]
@@ -51,55 +46,26 @@ class RunFailed(HhsimError):
         self.side, self.refused = side.name, refused
 
 
-@dataclass(frozen=True)
-class SceneTask:
-    """Cell of the gate: a scene of a suite by a side, in a process of the side's python, which leaves one result."""
-
-    scene: GateScene
-    side: Side
-    folder: Path  # the suite's, to which paths are relative unless the side has its own
-    out: Path  # file of the result
-
-    @property
-    def digest(self) -> str:
-        """Name among the tasks of a run."""
-        return f"{self.side.name}, {self.scene.name}"
-
-    def run(self) -> TaskEnd:
-        """Run the scene; nothing for a recorded session. An end that is final is one of bad input."""
-        if not (command := self.scene.command()):
-            return TaskEnd(self.digest)
-        folder = self.side.folder or self.folder
-        answer = run_python(self.side.python, MAIN, [*command, "--quiet", "--out", str(self.out)], folder)
-        # Code 1: the run ended and missed a limit, which its ticks show.
-        if answer.returncode in (0, 1) and self.out.exists() and load_result(self.out).complete:
-            return TaskEnd(self.digest)
-        lines = [line for line in answer.stderr.strip().splitlines() if line.strip()]
-        reason = lines[-1].removeprefix("hhsim: error: ") if lines else f"exit code {answer.returncode}"
-        return TaskEnd(self.digest, reason, is_final=answer.returncode == BAD_INPUT)
-
-    def read(self, end: TaskEnd, read: Callable[[Result], T]) -> T:
-        """Return `read` of what a run left; RunFailed where it ended badly, or the result is not sound."""
-        session = self.scene.session
-        path = (self.side.folder or self.folder) / session if session else self.out
-        reason, refused = end.reason, end.is_final
-        if not reason:
-            try:
-                result = load_hand(path, self.scene.hand or "")
-                if result.ticks:
-                    return read(result)
-                reason, refused = f"{path} holds no ticks", False
-            except InputError as error:
-                reason, refused = str(error), True
-        raise RunFailed(reason, self.scene, self.side, refused=refused)
-
-
 def measured(scene: GateScene, side: Side, folder: Path, read: Callable[[Result], T]) -> T:
-    """Run a scene by a side and return `read` of its result, which is then deleted; RunFailed as `SceneTask.read`."""
+    """Run a scene by a side and return `read` of its result, which is then deleted; RunFailed if it is not sound.
+
+    `folder` is the suite's, to which paths are relative unless the side has its own.
+    """
     with tempfile.TemporaryDirectory(prefix="hhsim-gate-") as place:
-        task = SceneTask(scene, side, folder, Path(place) / "run.h5")
-        (end,) = run_here([task])
-        return task.read(end, read)
+        out = Path(place) / "run.h5"
+        command = [*scene.command(), "--quiet", "--out", str(out)]
+        answer = run_python(side.python, MAIN, command, side.folder or folder)
+        # Code 1: the run ended and missed a limit, which its ticks show.
+        if answer.returncode in (0, 1) and out.exists():
+            try:
+                result = load_hand(out, scene.hand or "")
+                if result.complete and result.ticks:
+                    return read(result)
+            except InputError as error:
+                raise RunFailed(str(error), scene, side, refused=True) from error
+    lines = [line for line in answer.stderr.strip().splitlines() if line.strip()]
+    reason = lines[-1].removeprefix("hhsim: error: ") if lines else f"exit code {answer.returncode}"
+    raise RunFailed(reason, scene, side, refused=answer.returncode == BAD_INPUT)
 
 
 def find_side(name: str, python: Path, folder: Path | None = None) -> Side:
@@ -136,42 +102,13 @@ def this_python() -> Path:
 
 
 def process_times(
-    scene: GateScene, folder: Path, head: Side, base: Side | None, processes: int, step: Step
+    scene: GateScene, folder: Path, head: Side, base: Side, processes: int, step: Step
 ) -> tuple[list[float], list[float]]:
-    """Return the p50 [s] of each process of head, and of base in turn, base first in every other pair.
-
-    Without a base, the second times are those of the reference workload, right before each process of head. Raises
-    RunFailed where a run did not end well.
-    """
+    """Return the p50 [s] of each process of head, and of base in turn; RunFailed where a run did not end well."""
     times: dict[str, list[float]] = {"head": [], "base": []}
     for pair in range(processes):
         # Alternating, so that a steady drift favours neither.
-        for name in ("base", "head") if base is None or pair % 2 == 0 else ("head", "base"):
-            side = head if name == "head" else base
-            if side is not None:
-                step(f"{scene.name}, time of {name}, {pair + 1} of {processes}")
-            times[name].append(reference_p50() if side is None else measured(scene, side, folder, cpu_p50))
+        for side in (base, head) if pair % 2 == 0 else (head, base):
+            step(f"{scene.name}, time of {side.name}, {pair + 1} of {processes}")
+            times[side.name].append(measured(scene, side, folder, cpu_p50))
     return times["head"], times["base"]
-
-
-def reference_p50() -> float:
-    """Median CPU time of a fixed workload on this machine now [s]: the yardstick of times taken on another machine.
-
-    The first call compiles it, or loads it.
-    """
-    center, radius, matrix = reference_input()
-    factor = np.zeros_like(matrix)
-    time_reference(center, radius, matrix, factor, np.zeros(10, np.int64))
-    duration = np.zeros(2_000, np.int64)
-    time_reference(center, radius, matrix, factor, duration)
-    return float(np.median(duration)) * 1e-9
-
-
-def reference_input() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Centres (3, S), radii (S,) and a positive definite matrix (21, 21), the same numbers for ever."""
-    index = np.arange(3 * SPHERES, dtype=np.float64)
-    center = ((index * 0.6180339887498949) % 1.0).reshape(3, SPHERES)
-    radius = np.asarray(0.01 + 0.01 * ((np.arange(SPHERES) * 0.7548776662466927) % 1.0), dtype=np.float64)
-    row = np.arange(ROWS, dtype=np.float64)
-    matrix = np.exp(-np.abs(row[:, None] - row[None, :]) / 4.0) + np.eye(ROWS)
-    return center, radius, matrix

@@ -19,20 +19,13 @@ SUITE_FILE = "hhsim-gate.toml"
 """Suite of a project, in the folder where the gate is run."""
 OWN_ARGUMENTS = ("--out", "--json", "--quiet", "-q", "--rerun", "--method", "--level")
 """Arguments of `hhsim replay` that the gate sets itself, or has a key for."""
-REPLAY, SUBMISSION, SESSION = "object", "submission", "session"
-"""Kinds of scenes by their key: a replay, the poses of other software, a recorded live session."""
-KEYS = {
-    REPLAY: ("object", "trajectory", "method", "level", "hand", "arguments", "timed"),
-    SUBMISSION: ("submission", "arguments"),
-    SESSION: ("session",),
-}
-"""Keys of each kind of scene besides those of every scene."""
-EVERY = ("name", "motion_may_change", "limits", "counters")
+REPLAY, SUBMISSION, SESSION = "replay", "submission", "session"
+"""Kinds of results: of a replay, which a scene is, of the poses of other software, and of a live session."""
 ONLY_OF = {SESSION: OF_SESSIONS, SUBMISSION: OF_SUBMISSIONS}
-"""Figures that only one kind of scene has."""
+"""Figures that only one kind of result has."""
 BOTH = "both"
 """Value of --hand, among a scene's arguments, for two hands."""
-SCENES = "[[scene]] tables, each with a name, and object and trajectory, submission, or session"
+SCENES = "[[scene]] tables, each with a name, an object and a trajectory"
 Share = Annotated[float, between(0.0, 1.0)]
 Word = Annotated[str, Meta(pattern="^[^-]", description="text that is no option: options go to arguments")]
 SLACK = 0.005
@@ -61,45 +54,25 @@ class _Judged(Settings, frozen=True, kw_only=True, rename={"slack": "counters"})
         }
 
 
-class GateScene(_Judged, frozen=True, kw_only=True, rename={"slack": "counters", "may_change": "motion_may_change"}):
-    """One run of the suite: a replay, a submission that is scored, or a recorded session."""
+class GateScene(_Judged, frozen=True, kw_only=True, rename={"slack": "counters"}):
+    """One replay of the suite."""
 
     name: Annotated[str, Meta(min_length=1)]  # unique name in tables and baselines
-    object: Word = ""  # as `hhsim replay` takes it; a mesh file is relative to the suite's folder
-    trajectory: Word = ""  # as `hhsim replay` takes it, a recording too; of a replay only
-    submission: Word = ""  # file of the poses of other software
-    session: Word = ""  # file of a recorded live session
+    object: Word  # as `hhsim replay` takes it; a mesh file is relative to the suite's folder
+    trajectory: Word  # as `hhsim replay` takes it, a recording too
     method: str = "coupled"  # as `hhsim replay` takes it, one from outside too
     level: Annotated[int, between(1, 5)] | None = None  # level of the sphere tree; None: the object's default
     # Hand that is judged of a run with `--hand both`; None for the only one.
     hand: Literal["right", "left"] | None = None
-    arguments: tuple[str, ...] = ()  # more arguments of `hhsim replay` or `hhsim score`
+    arguments: tuple[str, ...] = ()  # more arguments of `hhsim replay`
     timed: bool = False  # True if its time is judged
-    may_change: bool | None = None  # key `motion_may_change`; None where the suite does not set it
-
-    @property
-    def kind(self) -> str:
-        """Kind of the scene: `REPLAY`, `SUBMISSION` or `SESSION`."""
-        return next(kind for kind in KEYS if getattr(self, kind))
-
-    @property
-    def motion_may_change(self) -> bool:
-        """True if a run with another motion than the base's is judged by its limits alone, not refused."""
-        return self.kind == SESSION if self.may_change is None else self.may_change
 
     def check(self) -> None:
-        """Check the keys of the kind, the method's name and the arguments."""
+        """Check the limits, the method's name and the arguments."""
         super().check()
-        kinds = [kind for kind in KEYS if getattr(self, kind)]
-        if len(kinds) != 1:
-            raise InputError(f"expected one of {', '.join(KEYS)}, which says what it is of; found {len(kinds)}")
-        given = [key.encode_name for key in structs.fields(self) if getattr(self, key.name) != key.default]
-        check_known("key", given, (*EVERY, *KEYS[self.kind]))
-        if self.object and not self.trajectory:
-            raise InputError("trajectory is missing; expected a motion as hhsim replay takes it")
         for kind, names in ONLY_OF.items():
-            for name in names.intersection(self.limits) if kind != self.kind else ():
-                raise InputError(f"limits: only a {kind} has {name}, and this is no scene with the key {kind}")
+            for name in names.intersection(self.limits):
+                raise InputError(f"limits: only a {kind} has {name}, and a scene is a replay; expected it in [limits]")
         # A method from outside is imported by its own run, where its module lies.
         if ":" not in self.method and self.method not in method_names():
             raise InputError(f"{UnknownNameError('method', self.method, method_names())}, or package.module:Class")
@@ -110,11 +83,7 @@ class GateScene(_Judged, frozen=True, kw_only=True, rename={"slack": "counters",
                 raise InputError(f"{item} is no argument to give: the gate gives it, or has a key for it")
 
     def command(self) -> list[str]:
-        """Return the command that makes its result, without the output options; empty for a session."""
-        if self.session:
-            return []
-        if self.submission:
-            return ["score", self.submission, *self.arguments]
+        """Return the command that makes its result, without the output options."""
         level = [] if self.level is None else ["--level", str(self.level)]
         return ["replay", self.object, self.trajectory, "--method", self.method, *level, *self.arguments]
 
@@ -123,7 +92,6 @@ class GateTime(Settings, frozen=True):
     """Judgement of times."""
 
     limit: Share = 0.05  # relative slowdown allowed against a base run in the same job
-    recorded_limit: Share = 0.10  # the same against a recorded baseline
     processes: Annotated[int, between(3, 100)] = 5  # timed processes of each side and scene
 
 
@@ -148,7 +116,7 @@ class GateSuite(_SuiteTable, frozen=True, kw_only=True):
 
 
 def usual_limits(kind: str, limits: Mapping[str, float]) -> dict[str, float]:
-    """Return those of a suite's limits that a scene, or a result, of a kind can have."""
+    """Return those of a suite's limits that a result of a kind can have."""
     others = {name for of, names in ONLY_OF.items() if of != kind for name in names}
     return {name: limit for name, limit in limits.items() if name not in others}
 
@@ -185,4 +153,4 @@ def _completed(
     """Return a scene with the suite's limits and slack where it has none of its own."""
     if scene.method not in METHODS:
         limits = {name: limit for name, limit in OUTSIDE_DEFAULTS.items() if name not in table.limits} | dict(limits)
-    return structs.replace(scene, **scene.on_top_of(usual_limits(scene.kind, limits), slack))
+    return structs.replace(scene, **scene.on_top_of(usual_limits(REPLAY, limits), slack))

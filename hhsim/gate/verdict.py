@@ -70,27 +70,19 @@ def inputs_row(scene: str, reason: str, word: str = "", name: str = "inputs") ->
 
 
 def judge_run(
-    scene: str,
-    head: RunFigures,
-    base: RunFigures | None,
-    limits: Mapping[str, float],
-    slack: Mapping[str, float],
-    motion_may_change: bool = False,
+    scene: str, head: RunFigures, base: RunFigures | None, limits: Mapping[str, float], slack: Mapping[str, float]
 ) -> list[GateRow]:
     """Judge all of a run but its time; figures of a base with other inputs, or not of numbers, are left out.
 
-    `limits` and `slack` are as of `judge_figures`. With `motion_may_change` another motion leaves the limits.
+    `limits` and `slack` are as of `judge_figures`.
     """
     rows = [failed_run(scene, head.unsound)] if head.unsound else []
     if base is not None and base.unsound:
         rows.append(inputs_row(scene, f"base: {base.unsound}", NOT_COMPARABLE))
         base = None
     if base is not None:
-        if found := differences(base.inputs, head.inputs, but_the_motion=motion_may_change):
+        if found := differences(base.inputs, head.inputs):
             rows.append(inputs_row(scene, f"different inputs: {'; '.join(found)}", NOT_COMPARABLE))
-            base = None
-        elif differences(base.inputs, head.inputs):
-            rows.append(inputs_row(scene, "another motion than the base's, which may change: judged by limits"))
             base = None
         else:
             apart = ", ".join(new_options(base.inputs, head.inputs))
@@ -183,17 +175,14 @@ def _judged(
     return GateRow(scene, kind, figure.name, figure.label, figure.unit, value, base, most, word, passed, reason)
 
 
-def judge_time(
-    scene: str, head: Sequence[float], base: Sequence[float], limit: float, *, divided: bool = False
-) -> GateRow:
+def judge_time(scene: str, head: Sequence[float], base: Sequence[float], limit: float) -> GateRow:
     """Judge the time of a tick, from the p50 of processes of two sides; `limit` is the allowed relative slowdown.
 
     Mean and p99 of identical code differ by whole factors between runs, and even p50 by several percent between
     processes, whose memory layouts differ. The median over processes of the p50 of the CPU time is stable, with base
     and head run in turn so that both see the same machine: ratios of two such medians are compared with a limit of 5 %.
 
-    Times are in seconds, or without a unit if `divided` by the reference workload. Raises InputError for fewer than
-    three processes of a side, or times that are not positive.
+    Raises InputError for fewer than three processes of a side, or times [s] that are not positive.
     """
     for name, times in (("base", base), ("head", head)):
         if len(times) < LEAST_PROCESSES:
@@ -204,9 +193,8 @@ def judge_time(
     spread = max((max(times) - min(times)) / float(np.median(times)) for times in (base, head))
     word = word_of(now, before, limit, -1.0)
     reason = f"{100.0 * (now / before - 1.0):+.1f} %, processes of a side within {100.0 * spread:.0f} %"
-    label = "tick in contact, CPU, p50" + (" / reference workload" if divided else "")
-    numbers = now, before, before * (1.0 + limit)
-    return GateRow(scene, "time", "tick_cpu_p50", label, "" if divided else "µs", *numbers, word, word != WORSE, reason)
+    numbers, label = (now, before, before * (1.0 + limit)), "tick in contact, CPU, p50"
+    return GateRow(scene, "time", "tick_cpu_p50", label, "µs", *numbers, word, word != WORSE, reason)
 
 
 def overall(rows: Sequence[GateRow]) -> tuple[str, int]:

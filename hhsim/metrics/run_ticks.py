@@ -29,10 +29,6 @@ from hhsim.result.stored_hand import result_hand, sphere_tree_of
 from hhsim.trees.contact_surface import contact_surface
 
 PALM = 15
-SLIPS = 1e-6
-"""Smallest travel of a slipping contact in a tick [m]: 1 mm/s."""
-RAISED = 0.9
-"""Smallest share of the hand's rise in which the object counts as raised."""
 HOLD = "hold"
 """Name of the phases in which the hand is held; in the others it moves."""
 TOUCHING = "contacts/touching"
@@ -128,40 +124,6 @@ class FreeRun:
         most = np.zeros(len(self["position"]))
         np.maximum.at(most, tick, share)
         return most
-
-    def first_to_slip(self, part: slice) -> str:
-        """Body of the hand whose contact slips first in some ticks, with the tick, in words; "" for none."""
-        tick = self.contacts["tick"]
-        slips = self.of_hand & (self.contacts["slip"] > SLIPS) & (tick >= part.start) & (tick < part.stop)
-        at = np.flatnonzero(slips)
-        if at.size == 0:
-            return ""
-        at = at[tick[at] == tick[at[0]]]
-        worst = int(at[self.contacts["slip"][at].argmax()])
-        return f"{body_name(int(self.contacts['body'][worst]))} at tick {int(tick[worst]):,}"
-
-    def left_behind(self, phases: "tuple[TickPhase, ...] | list[TickPhase]", palm: AnyArray) -> str:
-        """Reason why the object did not come along in the first lift; "" where it did, or nothing was lifted.
-
-        `palm` is the user's palm at the ticks [m], shape (T, 3).
-        """
-        for phase in phases:
-            part = slice(phase.first_tick, min(phase.last_tick + 1, len(palm)))
-            if phase.name != "lift" or part.start >= len(palm):
-                continue
-            last = part.stop - 1
-            wanted, came = (float(values[last, 2] - values[part.start, 2]) for values in (palm, self.center))
-            if wanted <= 0.0 or came >= RAISED * wanted:
-                return ""
-            first = self.first_to_slip(part)
-            why = f"the first contact to slip is of the {first}" if first else "no contact of the hand slips in it"
-            return f"in the lift the object comes {1e3 * came:.1f} mm of {1e3 * wanted:.1f} mm: {why}"
-        return ""
-
-
-def body_name(body: int) -> str:
-    """Name of a body of the hand."""
-    return "palm" if body == PALM else f"{FINGERS[body // 3]}'s {('first', 'second', 'last')[body % 3]} phalanx"
 
 
 def result_free_run(result: Result) -> FreeRun | None:

@@ -102,9 +102,7 @@ class RecordedScene:
         """
         hand, time = self.hand, self.scene.ticks.time
         world = joints if self.moved is None else self.moved.points(joints)
-        down = np.tile([0.0, 0.0, -1.0], (len(time), 1))
-        down = down if self.moved is None else self.moved.seen_vectors(down)
-        given: dict[str, Any] = {"world": world, "down": down, "parts": self.seen.parts}
+        given: dict[str, Any] = {"world": world, "parts": self.seen.parts}
         if skin is None:
             placed = WrittenHand(joints, hand, posture, self.tip_on_surface).placed(posture)
             given |= {"shape": hand_shape(hand), "placed": placed}

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from time import process_time
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import SIDES, HandModel, Side
 from hhsim.linkage.file import names_a_linkage
 from hhsim.mesh.catalogue import names_a_body_file, names_a_file
-from hhsim.metrics.field.field_table import field_rows, field_table, known_rows
+from hhsim.metrics.field.field_table import doubts_of, field_rows, field_table, field_verdict
 from hhsim.metrics.field.hands import FieldHands, FieldPair
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.moving_parts import MovingParts
@@ -40,7 +40,6 @@ from hhsim.recordings.registry import (
 from hhsim.recordings.unit_detection import clean_units
 from hhsim.render.before_after import deepest_frames, draw_before_after
 from hhsim.render.triangle_soup import hand_surface, piece_surfaces
-from hhsim.repair.field_verdict import doubts_of, field_verdict
 from hhsim.repair.offline import repair_frames
 from hhsim.repair.page import repair_page
 from hhsim.repair.projection import correct
@@ -61,7 +60,7 @@ from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.scene.scene import Scene
 from hhsim.solver.known_methods import SUBMITTED, known_for_now
 from hhsim.solver.options import UNLIMITED, SolverOptions
-from hhsim.solver.scene_solver import seen_hand, seen_scene
+from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.score import submitted_method
 from hhsim.system.atomic_write import new_files, write_atomically
@@ -104,7 +103,8 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     names = {"result": RESULT} | ({"report": REPORT, "picture": PICTURE} if request.pictures else {})
     paths = {"recording": request.out} | {what: request.beside(name) for what, name in names.items()}
     read, bodies = _reading(request), bodies_of(request)
-    recording, recorded, touched, skin = _prepared(request, read, bodies)
+    recording, skin_of = in_our_units(request.recording, read), partial(_skin, request.recording, request.skin, read)
+    recording, recorded, touched, skin = prepared(request, read, recording, bodies, skin_of)
     check_target(request.recording, recording, request.out)
     scene, hand, began = recorded.scene, recorded.hand, process_time()
     seen_skin = None if skin is None else recorded.seen_skin(skin)
@@ -119,10 +119,16 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         held = "joint angles in our world" if recording.joints is None else "21 joints [m] in the axes of the file"
         text = f"format {recording.form} is read and not written: {paths['recording'].name} has {held}, and the stamps"
         recording = recording.found(note(text))
-    written = _written(request, read, recording)
+    # What is judged is what the file says, without angles that fit its joints.
+    again = replace(read, fits_angles=recording.joints is None)
+    written = (
+        in_our_units(request.out, again, request.recording)
+        if recording.is_written_back
+        else read_new_file(request.out, recording)
+    )
     after_skin = None
     if skin is not None:
-        after_skin = _skin(paths["recording"], None, written, hand, read)
+        after_skin = _skin(paths["recording"], None, read, written, hand)
         assert recording.joints is not None
         after_skin = after_skin or replace(skin, vertices=moved_skin(skin, recording.joints, correction))
     said: dict[str, Any] = {
@@ -162,76 +168,20 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         doubts=doubts,
         findings=tuple(finding.text for finding in recording.findings),
         paths=paths,
-        table=field_table(rows, _title(request, recorded), doubts),
+        table=field_table(rows, f"{request.source.name} with {scene.name}", doubts),
     )
     if request.pictures:
         progress("picture", 0, 1)
-        _draw_page(request, outcome, recorded, seen.posture, before, after)
+        _draw(recorded, seen.posture, before, after, paths["picture"])
+        page = repair_page(outcome, before, after, paths["picture"].read_bytes())
+        write_atomically(paths["report"], page.encode())
     return outcome
-
-
-def illustrate_recording(request: RepairRequest, outcome: RepairOutcome) -> None:
-    """Write the page and the picture of a recording that is repaired already; its files stay as they are.
-
-    `outcome` is that of its repair, without a table; errors as of `repair_recording`.
-    """
-    read = _reading(request)
-    recording, recorded, _, skin = _prepared(request, read, bodies_of(request))
-    result = load_result(request.beside(RESULT))
-    shown = HandConfiguration(*(result[f"graphic/{name}"] for name in HandConfiguration._fields))
-    shown, after_skin = seen_hand(shown, recorded.moved), None
-    if skin is not None:
-        vertices = result.skin(slice(None))
-        after_skin = replace(
-            skin, vertices=vertices if recorded.moved is None else recorded.moved.seen_points(vertices)
-        )
-    before = recorded.judged(recorded.joints, recorded.haptic, None if skin is None else recorded.seen_skin(skin))
-    joints, posture = recorded.seen_hand(_written(request, read, recording), shown)
-    after = recorded.judged(joints, posture, after_skin)
-    rows = known_rows(outcome.figures, FieldPair(before, after, volume_frames=VOLUME_FRAMES))
-    table = field_table(rows, _title(request, recorded), outcome.doubts)
-    with new_files(request.beside(REPORT)) as folder:
-        moved = replace(request, out=folder / request.out.name)
-        _draw_page(moved, replace(outcome, table=table), recorded, shown, before, after)
-
-
-def _draw_page(
-    request: RepairRequest,
-    outcome: RepairOutcome,
-    recorded: RecordedScene,
-    posture: HandConfiguration,
-    before: FieldHands,
-    after: FieldHands,
-) -> None:
-    """Write the page of a repair and its picture; `posture` is our hand after it, as the object sees it."""
-    picture = request.beside(PICTURE)
-    _draw(recorded, posture, before, after, picture)
-    page = repair_page(outcome, before, after, picture.read_bytes())
-    write_atomically(request.beside(REPORT), page.encode())
-
-
-def _title(request: RepairRequest, recorded: RecordedScene) -> str:
-    return f"{request.source.name} with {recorded.scene.name}"
 
 
 def _reading(request: RepairRequest) -> ReadOptions:
     # The recording's own world will do where it says nothing of an axis up.
     given = {"hand": request.hand, "mano_model": request.mano_model, "usual_up": "z", **request.options}
     return ReadOptions(**given)
-
-
-def _prepared(request: RepairRequest, read: ReadOptions, bodies: DeclaredBodies) -> "Prepared":
-    def skin(recording: Recording, hand: HandModel) -> Skin | None:
-        return _skin(request.recording, request.skin, recording, hand, read)
-
-    return prepared(request, read, in_our_units(request.recording, read), bodies, skin)
-
-
-def _written(request: RepairRequest, read: ReadOptions, recording: Recording) -> Recording:
-    """Return the repaired recording: what is judged is what the file says, without angles that fit its joints."""
-    if not recording.is_written_back:
-        return read_new_file(request.out, recording)
-    return in_our_units(request.out, replace(read, fits_angles=recording.joints is None), request.recording)
 
 
 class Prepared(NamedTuple):
@@ -360,7 +310,7 @@ def in_our_units(path: Path, read: ReadOptions, original: Path | None = None) ->
         return clean_units(recording)
 
 
-def _skin(path: Path, skin: Path | None, recording: Recording, hand: HandModel, read: ReadOptions) -> Skin | None:
+def _skin(path: Path, skin: Path | None, read: ReadOptions, recording: Recording, hand: HandModel) -> Skin | None:
     """Return the skin of a file, or of the MANO model that moves in a recording; None without any."""
     if skin is not None:
         if recording.joints is None:

@@ -14,10 +14,6 @@ REPORT, RESULT, PICTURE = "report.html", "result.h5", "worst.png"
 """Names of the files beside a repaired recording, see `RepairRequest.beside`."""
 
 
-Pictures: TypeAlias = Literal["worst", "all", "none"]
-"""Recordings that get a page and pictures: the worst ones of many, all, or none."""
-
-
 @dataclass(frozen=True)
 class RepairRequest:
     """Recording to repair, and how."""
@@ -79,7 +75,5 @@ class RepairOutcome:
         }
 
 
-Illustrate: TypeAlias = Callable[[RepairRequest, RepairOutcome], None]
-"""Function that writes the page and the picture of a recording that is repaired already."""
 Repair: TypeAlias = Callable[[RepairRequest], RepairOutcome]
 """Function that repairs one recording; it raises HhsimError with one line if it cannot."""

@@ -8,12 +8,11 @@ import numpy as np
 from hhsim.errors import TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.field.field_table import FieldRow, field_rows
+from hhsim.metrics.field.field_table import FieldRow, FieldVerdict, doubts_of, field_rows, field_verdict
 from hhsim.metrics.field.hands import FieldPair
 from hhsim.recordings.fitted_hand import in_angles_of
 from hhsim.recordings.recording import unused_poses
 from hhsim.recordings.registry import ReadOptions
-from hhsim.repair.field_verdict import FieldVerdict, doubts_of, field_verdict
 from hhsim.repair.repair import checked_bodies, in_our_units, prepared
 from hhsim.repair.request import RepairRequest
 from hhsim.scene.declared_bodies import DeclaredBodies
@@ -40,7 +39,6 @@ def field_score(
     *,
     max_correction: float,
     poses: Path | None = None,
-    displacement_frames: tuple[int, ...] = (),
 ) -> FieldScore:
     """Compute the table of the field of two files, and judge the repair.
 
@@ -51,7 +49,6 @@ def field_score(
         options: Options for reading both files.
         poses: File of the object's poses, for a recording that has none; else it stands still in our world.
         max_correction: Largest displacement of a joint that the verdict allows [m].
-        displacement_frames: As of `FieldPair`.
 
     Raises:
         TrajectoryError: A file that is no recording of joint centres, or files of other samples or stamps.
@@ -79,6 +76,6 @@ def field_score(
     fitted = HandConfiguration.of(in_angles_of(after, scene.hand)).at(scene.frames)
     posture = scene.seen_hand(after, seen_hand(fitted, scene.moved))
     hands = scene.judged(scene.joints, scene.haptic, None), scene.judged(*posture, None)
-    rows = field_rows(FieldPair(*hands, displacement_frames=displacement_frames))
+    rows = field_rows(FieldPair(*hands))
     doubts = (*unused_poses(made.recording), *doubts_of(rows))
     return FieldScore(rows, field_verdict(rows, max_correction, doubts), doubts)

@@ -94,25 +94,21 @@ def run_inputs(result: Result) -> RunInputs:
     )
 
 
-def differences(base: RunInputs, head: RunInputs, *, but_the_motion: bool = False) -> list[str]:
-    """Differences between two runs' inputs, a few words each; empty where they can be compared.
-
-    `but_the_motion` accepts another motion.
-    """
+def differences(base: RunInputs, head: RunInputs) -> list[str]:
+    """Differences between two runs' inputs, a few words each; empty where they can be compared."""
     found = []
     for name, what in (("schema", "result schema"), ("ticks", "number of ticks"), ("spheres", "spheres of the tree")):
-        if getattr(base, name) != getattr(head, name) and not (but_the_motion and name == "ticks"):
+        if getattr(base, name) != getattr(head, name):
             found.append(f"{what}: {getattr(base, name)} and {getattr(head, name)}")
     if base.mesh != head.mesh:
         found.append(f"object mesh: {base.mesh[:12]}… and {head.mesh[:12]}…")
     for kind in ("options", "solver"):
         one, other = getattr(base, kind), getattr(head, kind)
         # Options that only one of them has came or went between two versions.
-        both = sorted((one.keys() & other.keys()).difference(OF_THE_MOTION if but_the_motion else ()))
+        both = sorted(one.keys() & other.keys())
         unlike = [name for name in both if _plain(one[name]) != _plain(other[name])]
         found += [f"{name}: {one[name]} and {other[name]}" for name in unlike]
-    sums = (("tree", "sphere tree"), ("hand", "hand"), *(() if but_the_motion else (("motion", "trajectory"),)))
-    for name, what in sums:
+    for name, what in (("tree", "sphere tree"), ("hand", "hand"), ("motion", "trajectory")):
         if not _alike(getattr(base, name), getattr(head, name)):
             found.append(what)
     return found

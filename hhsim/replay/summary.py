@@ -214,7 +214,6 @@ def summarise(
             *_notes(seen, options, hands_apart, series["status"]),
             *surface.notes,
             *_coarse_spheres_note(seen, figures),
-            *(() if free_run is None else filter(None, [free_run.left_behind(ticks.phases, haptic.position)])),
             *(() if free_run is None or parts is None else _held_off(parts, free_run.moved)),
         ),
         ticks=ticks.tick_count,

@@ -32,13 +32,14 @@ COLUMNS: tuple[Column, ...] = (
 """Every figure, SI or %: for programs."""
 
 
-def cell_rows(plan: SweepPlan, folder: SweepFolder) -> list[CellRow]:
-    """Return the rows of the cells that are done or have failed, in the order of the plan."""
+def cell_rows(plan: SweepPlan, folder: SweepFolder, failed: Mapping[str, str]) -> list[CellRow]:
+    """Return the rows of the cells that are done or have `failed` (reasons by digest), in the order of the plan."""
     rows = []
     for planned in plan.cells:
-        row, reason = folder.row(planned), folder.failure(planned)
-        if reason or row:
-            rows.append(failed_row(planned.cell, reason) if reason else done_row(planned.cell, row))
+        if reason := failed.get(planned.digest):
+            rows.append(failed_row(planned.cell, reason))
+        elif row := folder.row(planned):
+            rows.append(done_row(planned.cell, row))
     return rows
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from hhsim.errors import HhsimError, InputError
-from hhsim.sweep.input_files import LostFileError, source_digest
+from hhsim.sweep.input_files import source_digest
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress
 
@@ -37,7 +37,6 @@ class TaskEnd:
 
     digest: str
     reason: str = ""  # reason of its failure; "" if what it makes is written
-    is_final: bool = True  # False if the failure is forgotten, so that the task is run again next time
     ticks: int = 0  # number of ticks in all its runs
     # Duration of all of it; for the first cell of a process without its scene, in which code is loaded.
     seconds: float = 0.0
@@ -71,8 +70,6 @@ class FolderTask:
         try:
             with ONE_AT_A_TIME:
                 return self.work()
-        except LostFileError as error:
-            return TaskEnd(self.digest, str(error), is_final=False)
         except Exception as error:
             # A method from outside may raise anything; the other tasks go on.
             return TaskEnd(self.digest, error_line(error))

@@ -1,7 +1,7 @@
-"""Folder of a sweep: rows of cells that are done or failed, and a lock against a second sweep.
+"""Folder of a sweep: results and rows of cells that are done, and a lock against a second sweep.
 
-`sweep.json` identifies it; `cells/` holds each cell's result (DIGEST.h5) and row (DIGEST.json), or its failure
-(DIGEST.failed.json). Each appears in one step, so that an interrupted sweep leaves only complete files.
+`sweep.json` identifies it; `cells/` holds each cell's result (DIGEST.h5) and row (DIGEST.json). Each appears in one
+step, so that an interrupted sweep leaves only complete files.
 """
 
 import contextlib
@@ -14,7 +14,6 @@ from typing import Any
 
 from hhsim.errors import InputError, OutputError
 from hhsim.sweep.plan import Cell, PlannedCell, SweepPlan
-from hhsim.system import environment as info
 from hhsim.system import posix
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import read_input_text
@@ -24,7 +23,6 @@ MARK = "sweep.json"
 CELLS = "cells"
 LOCK = ".lock"
 FORMAT, ROW_FORMAT, VERSION = "hhsim-sweep", "hhsim-cell", 1
-FAILED = ".failed.json"
 PARTIAL = ".partial.h5"
 """Suffix of a result that is being written, in a name that begins with a point."""
 
@@ -75,25 +73,6 @@ class SweepFolder:
     def row_path(self, planned: PlannedCell) -> Path:
         """Return the path of a cell's row."""
         return self.cells / f"{planned.digest}.json"
-
-    def failure(self, planned: PlannedCell) -> str:
-        """Return the reason of a cell's failure; "" if it did not fail."""
-        try:
-            return str(read_row(self._failure_path(planned)).get("reason", "?"))
-        except InputError:
-            return ""
-
-    def keep_failure(self, planned: PlannedCell, reason: str) -> None:
-        """Write the reason of a cell's failure."""
-        content = {"reason": reason, "machine": info.machine()}
-        write_row(self._failure_path(planned), planned.cell, planned.digest, content)
-
-    def forget_failure(self, planned: PlannedCell) -> None:
-        """Remove a cell's failure."""
-        self._failure_path(planned).unlink(missing_ok=True)
-
-    def _failure_path(self, planned: PlannedCell) -> Path:
-        return self.cells / f"{planned.digest}{FAILED}"
 
     def _clean(self) -> None:
         for pattern in (f".*{PARTIAL}", ".*.tmp"):
@@ -149,14 +128,14 @@ def has_format(path: Path, form: str) -> bool:
 
 
 def write_row(path: Path, cell: Cell, digest: str, content: Mapping[str, Any]) -> None:
-    """Write the row of a cell, or its failure, in one step, null for NaN and infinity; OutputError if it cannot be."""
+    """Write the row of a cell in one step, null for NaN and infinity; OutputError if it cannot be."""
     row = plain_json({**content, "format": ROW_FORMAT, "version": VERSION, "digest": digest, "cell": _named(cell)})
     sealed = {**row, "sha256": _row_digest(row)}
     write_atomically(path, (json.dumps(sealed, indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
 
 
 def read_row(path: Path) -> dict[str, Any]:
-    """Read a row, or a failure; raise InputError for a missing or another file."""
+    """Read a row; raise InputError for a missing or another file."""
     try:
         found = json.loads(read_input_text(path))
     except (OSError, ValueError) as error:
@@ -180,12 +159,3 @@ def _named(cell: Cell) -> dict[str, Any]:
     """Return the names that a plan gives a cell."""
     names = {"object": cell.object.name, "motion": cell.motion.name, "method": cell.method}
     return {**names, "surface": cell.surface, "options": cell.options_name, "seed": cell.seed}
-
-
-def lasting(seconds: float) -> str:
-    """Format a duration for people."""
-    if seconds != seconds:
-        return "an unknown time"
-    if seconds < 120.0:
-        return f"{seconds:,.0f} s"
-    return f"{seconds / 60.0:,.0f} min" if seconds < 7200.0 else f"{seconds / 3600.0:,.1f} h"

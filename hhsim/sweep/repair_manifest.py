@@ -28,16 +28,15 @@ import faulthandler
 import hashlib
 import io
 import json
-import math
 import os
 import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from glob import glob
 from pathlib import Path
-from typing import Annotated, Any, Literal, TextIO
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta, field, structs
 
@@ -47,7 +46,7 @@ from hhsim.mesh.catalogue import names_a_body_file, names_a_file
 from hhsim.recordings.column_map import read_column_map
 from hhsim.recordings.formats.mano import READINGS
 from hhsim.recordings.registry import ReadOptions, repaired_suffix
-from hhsim.repair.request import PICTURE, REPORT, Illustrate, Repair, RepairOutcome, RepairRequest
+from hhsim.repair.request import Repair, RepairRequest
 from hhsim.sweep.engines import FolderTask, TaskEnd, error_line
 from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, file_digest, read_files, source_digest
 from hhsim.sweep.plan import DIGITS, WILD, SweptObject, checked_object
@@ -117,10 +116,6 @@ class PlannedRepair:
     request: RepairRequest
     time_limit: float
 
-    def pictured(self, pictures: bool) -> "PlannedRepair":
-        """Return the repair with a page and pictures, or without."""
-        return replace(self, request=replace(self.request, pictures=pictures))
-
 
 def is_manifest(path: Path) -> bool:
     """Return True for a TOML file, and for a table with the columns of a manifest."""
@@ -133,8 +128,10 @@ def is_manifest(path: Path) -> bool:
     return {"recording", "object"} <= {name.strip() for name in header}
 
 
-def load_manifest(path: Path, out: Path) -> tuple[str, list[PlannedRepair]]:
+def load_manifest(path: Path, out: Path, *, pictures: bool = True) -> tuple[str, list[PlannedRepair]]:
     """Return the text of a manifest and its repairs, of which `out` is the output folder; patterns match nothing in it.
+
+    With `pictures` each repair has a page and pictures.
 
     Raises InputError for no such file; an unknown key, name or file, a wrong value; two recordings of one name.
     """
@@ -145,7 +142,7 @@ def load_manifest(path: Path, out: Path) -> tuple[str, list[PlannedRepair]]:
     found: dict[str, PlannedRepair] = {}
     for where, content in _csv_rows(text, path) if path.suffix.lower() == ".csv" else _toml_rows(text, path):
         for row in _expanded(where, content, folder, output):
-            planned = _planned(where, row, folder, output)
+            planned = _planned(where, row, folder, output, pictures)
             other = found.setdefault(planned.name.casefold(), planned)
             if other is not planned:
                 raise InputError(f"{where}: two recordings are called '{planned.name}': give this one another name")
@@ -227,7 +224,7 @@ def _filled(where: str, key: str, text: str, places: dict[str, str]) -> str:
     return _PLACE.sub(value, text)
 
 
-def _planned(where: str, row: ManifestRow, folder: Path, output: Path) -> PlannedRepair:
+def _planned(where: str, row: ManifestRow, folder: Path, output: Path, pictures: bool) -> PlannedRepair:
     recording = folder / row.recording
     name = row.name or recording.stem
     if not NAME.fullmatch(name) or name.casefold() in OF_THE_FOLDER:
@@ -265,6 +262,7 @@ def _planned(where: str, row: ManifestRow, folder: Path, output: Path) -> Planne
         max_correction=1e-3 * row.max_correction_mm,
         skin=file("skin"),
         palm=row.palm,
+        pictures=pictures,
         options=options,
     )
     return PlannedRepair(name, request, row.time_limit)
@@ -284,9 +282,6 @@ _KEYS = tuple({"form": "format"}.get(key, key) for key in ManifestRow.__struct_f
 
 
 OUTCOME = "outcome.json"
-MARK = ".begun"
-"""File of a row that is being run: its attempt, and the traceback at its time limit."""
-
 State = Literal["repaired", "missed", "refused", "failed"]
 
 
@@ -317,51 +312,27 @@ class RowTask(FolderTask):
 
     row: PlannedRepair
     repair: Repair  # function of a module that the process can import
-    illustrate: Illustrate  # another one
-    attempt: str  # name of the run that it belongs to
 
     def work(self) -> TaskEnd:
         """Repair the recording."""
         folder = self.row.request.out.parent
-        # A cluster runs again what a worker had done, or had begun, when it was lost.
-        if is_done(self.row, self.digest):
-            return TaskEnd(self.digest)
-        if done := finished(self.row, self.digest):
-            return self._pictured(done)
-        if _begun(folder, self.attempt) is not None:
-            return TaskEnd(self.digest, "its worker was lost")
-        _empty(folder)
-        outcome = self._outcome(folder)
-        (folder / MARK).unlink()
-        write_outcome(folder, outcome)
-        return TaskEnd(self.digest)
-
-    def _pictured(self, done: RowOutcome) -> TaskEnd:
-        """Add what is missing of the page and the picture; nothing else in the folder is touched."""
-        request = self.row.request
-        known = {name: math.nan if value is None else value for name, value in done.figures.items()}
-        outcome = RepairOutcome(
-            known, done.frames, done.marked, done.verdict, done.state == "repaired", done.findings, doubts=done.doubts
-        )
-        for name in (REPORT, PICTURE):
-            request.beside(name).unlink(missing_ok=True)
-        with Path(os.devnull).open("w") as nowhere, _within(self.row.time_limit, nowhere):
-            self.illustrate(request, outcome)
+        # A cluster runs again what a worker had done when it was lost.
+        if not finished(self.row, self.digest):
+            _empty(folder)
+            write_outcome(folder, self._outcome(folder))
         return TaskEnd(self.digest)
 
     def _outcome(self, folder: Path) -> RowOutcome:
         try:
-            with (folder / MARK).open("w", encoding="utf-8") as mark:
-                print(self.attempt, file=mark, flush=True)
-                with _within(self.row.time_limit, mark):
-                    files = row_files(self.row)
-                    if row_digest(self.row) != self.digest:
+            with _within(self.row.time_limit):
+                files = row_files(self.row)
+                if row_digest(self.row) != self.digest:
+                    raise LostFileError(CHANGED)
+                try:
+                    done = self.repair(self.row.request)
+                finally:
+                    if row_files(self.row) != files:
                         raise LostFileError(CHANGED)
-                    try:
-                        done = self.repair(self.row.request)
-                    finally:
-                        if row_files(self.row) != files:
-                            raise LostFileError(CHANGED)
             if not self.row.request.out.is_file():
                 raise InputError(f"it wrote no {self.row.request.out.name}")
             return RowOutcome(
@@ -379,19 +350,20 @@ class RowTask(FolderTask):
         except Exception as error:
             is_final = isinstance(error, InputError | TrajectoryError) and not isinstance(error, LostFileError)
             state: State = "refused" if isinstance(error, TrajectoryError) else "failed"
-            _empty(folder, but=MARK)
+            _empty(folder)
             return RowOutcome(digest=self.digest, state=state, reason=error_line(error), is_final=is_final)
 
 
 @contextmanager
-def _within(seconds: float, file: TextIO) -> Iterator[None]:
-    """End the process with a traceback in a file where this takes longer [s]."""
-    # Its thread waits for no lock of Python, which compiled code may hold.
-    faulthandler.dump_traceback_later(seconds, exit=True, file=file)
-    try:
-        yield
-    finally:
-        faulthandler.cancel_dump_traceback_later()
+def _within(seconds: float) -> Iterator[None]:
+    """End the process where this takes longer [s]."""
+    with Path(os.devnull).open("w") as nowhere:
+        # Its thread waits for no lock of Python, which compiled code may hold.
+        faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
+        try:
+            yield
+        finally:
+            faulthandler.cancel_dump_traceback_later()
 
 
 def row_files(row: PlannedRepair) -> tuple[ReadFile, ...]:
@@ -405,8 +377,7 @@ def row_files(row: PlannedRepair) -> tuple[ReadFile, ...]:
 def row_digest(row: PlannedRepair) -> str:
     """Return a digest of a row: the content of its files, its options, its name, and hhsim's sources."""
     request = row.request
-    # Pictures are made of what is repaired, and change nothing of it.
-    stated = {name: value for name, value in vars(request).items() if name not in ("out", "pictures")}
+    stated = {name: value for name, value in vars(request).items() if name != "out"}
     stated["object"] = Path(request.object) if names_a_file(request.object) else request.object
     stated |= {"name": row.name, "file": request.out.name, "hhsim": [__version__, source_digest()]}
     text = json.dumps(stated, sort_keys=True, default=_content)
@@ -425,17 +396,8 @@ def read_outcome(row: PlannedRepair, digest: str) -> RowOutcome | None:
     return found if found.digest == digest else None
 
 
-def is_done(row: PlannedRepair, digest: str) -> bool:
-    """Return True if a row has come to an end for good, with its pictures if it is to have them."""
-    found = finished(row, digest)
-    if found is None:
-        return False
-    unpictured = row.request.pictures and found.state in ("repaired", "missed")
-    return not unpictured or row.request.beside(PICTURE).is_file()
-
-
 def finished(row: PlannedRepair, digest: str) -> RowOutcome | None:
-    """Return the outcome of a row that has come to an end for good, be it without its pictures."""
+    """Return the outcome of a row that has come to an end for good."""
     found = read_outcome(row, digest)
     return found if found is not None and found.is_final else None
 
@@ -448,29 +410,19 @@ def write_outcome(folder: Path, outcome: RowOutcome) -> None:
 
 def keep_lost(task: RowTask, reason: str) -> None:
     """Write the outcome of a row whose worker left none; OutputError if that fails."""
-    folder, limit = task.row.request.out.parent, task.row.time_limit
-    if _begun(folder, task.attempt):
-        reason = f"not done within its time_limit of {limit:,g} s"
+    folder = task.row.request.out.parent
     _empty(folder)
+    reason = f"{reason}; its time_limit is {task.row.time_limit:,g} s"
     write_outcome(folder, RowOutcome(digest=task.digest, state="failed", reason=reason, is_final=False))
 
 
-def _begun(folder: Path, attempt: str) -> str | None:
-    """Return what stands below the mark of this attempt at a row; None if it was not begun."""
-    try:
-        found, _, below = (folder / MARK).read_text(encoding="utf-8", errors="replace").partition("\n")
-    except OSError:
-        return None
-    return below if found == attempt else None
-
-
-def _empty(folder: Path, but: str = "") -> None:
-    """Make a folder, and remove what is in it but for one file."""
+def _empty(folder: Path) -> None:
+    """Make a folder, and remove what is in it."""
     folder.mkdir(exist_ok=True)
     for path in folder.iterdir():
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)
-        elif path.name != but:
+        else:
             path.unlink()
 
 

@@ -10,15 +10,14 @@ import numpy as np
 from hhsim import __version__
 from hhsim.arrays import FloatArray
 from hhsim.metrics.field.field_table import field_metrics
-from hhsim.repair.request import PICTURE, REPORT
+from hhsim.repair.request import REPORT
 from hhsim.sweep.repair_manifest import PlannedRepair, RowOutcome
 from hhsim.system.counted import counted
-from hhsim.system.input_file import read_input
 from hhsim.table.html import render
 from hhsim.table.table import MISSING, Column, Marked, Table, number, shown, unit_size, words
 
 WORST = 10
-"""Number of rows of each list of the worst, and of those that have pictures."""
+"""Number of rows of each list of the worst."""
 RANKINGS = (
     ("depth_cones_max_after", "Deepest after the repair", 1.0),
     ("correction_max_after", "Largest correction", 1.0),
@@ -119,7 +118,6 @@ def repair_page(rows: Sequence[RepairedRow], table: Table, manifest: str) -> str
         shares=_shares(rows),
         spread=_spread(rows, names),
         rankings=rankings,
-        pictures=[(row, png) for row in worst_rows(rows) if (png := _picture(row))],
         table=replace(table, columns=kept),
     )
 
@@ -180,19 +178,3 @@ def _ranking(rows: Sequence[RepairedRow], name: str, sign: float) -> Table:
     known = [row for row in rows if np.isfinite(row.figure(name))]
     worst = sorted(known, key=lambda row: -sign * row.figure(name))[:WORST]
     return Table([words("name", _linked), _column(name)], worst, "Worst first")
-
-
-def worst_rows(rows: Sequence[RepairedRow]) -> list[RepairedRow]:
-    """Return the rows whose pictures are shown: the worst of each list, then the next ones, ten in all."""
-    ranked = [_ranking(rows, name, sign).rows for name, _, sign in RANKINGS]
-    found = {row.name: row for place in range(WORST) for own in ranked for row in own[place : place + 1]}
-    return list(found.values())[:WORST]
-
-
-def _picture(row: RepairedRow) -> bytes:
-    """Return the picture of a row's worst frame, a PNG; empty if it has none."""
-    try:
-        data = read_input(row.planned.request.beside(PICTURE))
-    except OSError:
-        return b""
-    return data if data.startswith(b"\x89PNG\r\n\x1a\n") else b""

@@ -4,10 +4,9 @@ A cell is run in whatever process: what `hhsim replay` makes of the same words, 
 """
 
 import json
-import math
 import time
 import uuid
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -26,7 +25,7 @@ from hhsim.scene.motion_catalogue import trajectory_names
 from hhsim.scene.scene import Scene
 from hhsim.solver.hand_solver import warm_up
 from hhsim.sweep.engines import FolderTask, TaskEnd, require_dask, run_to_end
-from hhsim.sweep.folder import PARTIAL, SweepFolder, content_digest, lasting, write_row
+from hhsim.sweep.folder import PARTIAL, SweepFolder, content_digest, write_row
 from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, read_files, source_digest
 from hhsim.sweep.plan import OF_THE_SCENE, Cell, PlannedCell, SweepPlan
 from hhsim.system import environment as info
@@ -142,15 +141,15 @@ def load_cell(cell: Cell, plan_folder: Path) -> LoadedWords:
 
 @dataclass(frozen=True)
 class SweepSummary:
-    """Outcome of a sweep: numbers of cells of the plan, run by it and done before; those that failed, now or before.
+    """Outcome of a sweep: numbers of cells of the plan, run by it and done before, and why others failed.
 
-    Each of these has the reason. Ticks are of all runs; the duration [s] is with kernels and trees.
+    Reasons are by the digests of the cells. Ticks are of all runs; the duration [s] is with kernels and trees.
     """
 
     cells: int
     run: int
     done_before: int
-    failed: tuple[tuple[Cell, str], ...]
+    failed: Mapping[str, str]
     ticks: int
     seconds: float
 
@@ -161,16 +160,14 @@ def run_sweep(
     *,
     jobs: int = 0,
     scheduler: str = "",
-    retry_failed: bool = False,
     keep_results: bool = True,
     progress: Progress = silent,
 ) -> SweepSummary:
-    """Run the cells that are not done yet.
+    """Run the cells that are not done yet, those that failed before too.
 
     Args:
         jobs: Processes of this machine; 0 for one per physical core.
         scheduler: Address of a Dask cluster, or `hhsim.sweep.engines.LOCAL`; "" for processes.
-        retry_failed: Run cells again that failed before.
         keep_results: Keep the result of each cell, not its row alone.
 
     Raises InputError without Dask or a scheduler, OutputError for a folder that is not writable or another sweep's.
@@ -180,10 +177,9 @@ def run_sweep(
     cores = len(physical_cores())
     workers = jobs or max(1, cores)
     with folder.taken(plan):
-        before = {planned.digest for planned in plan.cells if folder.done(planned, keep_results)}
-        missing = [planned for planned in plan.cells if planned.digest not in before]
-        waiting = {planned.digest: planned for planned in missing if retry_failed or not folder.failure(planned)}
-        began, done, ticks, lost = perf_counter(), 0, 0, dict[str, str]()
+        waiting = {planned.digest: planned for planned in plan.cells if not folder.done(planned, keep_results)}
+        began, ticks, failed = perf_counter(), 0, dict[str, str]()
+        before = len(plan.cells) - len(waiting)
         if waiting:
             prepare(plan, list(waiting.values()), progress)
             about: dict[str, Any] = {
@@ -195,26 +191,15 @@ def run_sweep(
                 "sources": source_digest(),
             }
             tasks = [CellTask(cell=planned.cell, digest=digest, **about) for digest, planned in waiting.items()]
-            cells_began = perf_counter()
 
             def on_end(end: TaskEnd) -> str:
-                nonlocal done, ticks
-                planned = waiting.pop(end.digest)
-                if end.reason and not end.is_final:
-                    lost[end.digest] = end.reason
-                elif end.reason:
-                    folder.keep_failure(planned, end.reason)
-                else:
-                    folder.forget_failure(planned)
-                    done, ticks = done + 1, ticks + end.ticks
-                left = sum(each.run_ticks for each in waiting.values())
-                still = (perf_counter() - cells_began) * left / max(1, ticks)
-                return f" (about {lasting(still)} left)" if left and ticks else ""
+                nonlocal ticks
+                ticks += end.ticks
+                failed.update({end.digest: end.reason} if end.reason else {})
+                return ""
 
-            run_to_end(tasks, "cells", on_end, progress, scheduler=scheduler, jobs=workers, done=len(before))
-        reasons = [(cell.cell, lost.get(cell.digest) or folder.failure(cell)) for cell in missing]
-        failed = tuple((cell, reason) for cell, reason in reasons if reason)
-    return SweepSummary(len(plan.cells), done, len(before), failed, ticks, perf_counter() - began)
+            run_to_end(tasks, "cells", on_end, progress, scheduler=scheduler, jobs=workers, done=before)
+    return SweepSummary(len(plan.cells), len(waiting) - len(failed), before, failed, ticks, perf_counter() - began)
 
 
 def prepare(plan: SweepPlan, cells: Sequence[PlannedCell], progress: Progress = silent) -> None:
@@ -235,38 +220,3 @@ def prepare(plan: SweepPlan, cells: Sequence[PlannedCell], progress: Progress = 
                 loaded.grown()
         except HhsimError:
             continue
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """Size and duration of a sweep."""
-
-    cells: int  # number of cells of the plan
-    done: int  # number of those that finished before
-    failed: int  # number of those that failed before
-    ticks: int  # ticks of the cells that are left, in all their runs
-    seconds: float  # duration of these one after the other, by those done on this machine; NaN without any
-
-    @property
-    def left(self) -> int:
-        """Number of cells to run."""
-        return self.cells - self.done - self.failed
-
-    def elapsed(self, workers: int) -> float:
-        """Return the duration [s] in so many processes, as if none slowed another."""
-        return self.seconds / max(1, min(workers, self.left))
-
-
-def estimate(plan: SweepPlan, folder: SweepFolder) -> Estimate:
-    """Count the cells, and estimate the time of those left by those that ran here; the folder need not exist."""
-    done = {planned.digest for planned in plan.cells if folder.done(planned)}
-    failed = {planned.digest for planned in plan.cells if planned.digest not in done and folder.failure(planned)}
-    left = sum(planned.run_ticks for planned in plan.cells if planned.digest not in done | failed)
-    ticks, seconds, here = 0, 0.0, info.machine()
-    for planned in plan.cells:
-        row = folder.row(planned)
-        if row.get("machine") == here:
-            ticks += planned.ticks * row.get("repeated", {}).get("runs", 1)
-            seconds += float(row["seconds"])
-    time = left * seconds / ticks if ticks else math.nan
-    return Estimate(len(plan.cells), len(done), len(failed), left, time)

@@ -5,7 +5,6 @@ import nothing else of hhsim. All other code asks here.
 """
 
 import contextlib
-import ctypes
 import faulthandler
 import fcntl
 import gc
@@ -17,7 +16,7 @@ import tempfile
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -55,26 +54,6 @@ def allocate(path: Path, end: int, size: int) -> None:
             os.posix_fallocate(descriptor, end, size)
         finally:
             os.close(descriptor)
-
-
-@contextlib.contextmanager
-def quiet_libraries() -> Iterator[None]:
-    """Keep what compiled code prints off the terminal until the block ends."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    kept = os.dup(1), os.dup(2)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 1)
-        os.dup2(nowhere, 2)
-        yield
-        # The C library's own buffer would be written out later.
-        ctypes.CDLL(None).fflush(None)
-    finally:
-        for place, was in zip((1, 2), kept):
-            os.dup2(was, place)
-            os.close(was)
-        os.close(nowhere)
 
 
 def used_memory() -> tuple[float, float]:

@@ -1,8 +1,6 @@
 """Verdict of the referee on one claim of a result, with the worst deviation, its tick and the tolerance."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,7 +28,7 @@ class Claim:
     checked: int = 0  # number of ticks (or other things) that were judged
     why: str = ""  # reason of the tolerance
     note: str = ""  # remark for the reader
-    group: str = ""  # what it is of: seal, second run, session, depth, forces, friction, motion, joints, trees
+    group: str = ""  # what it is of: seal, second run, depth, forces, friction, motion, joints, trees
     hand: str = ""  # hand that it is of, right or left; "" in a file of one, or of the file as a whole
 
     @property
@@ -89,17 +87,3 @@ def difference(stored: FloatArray, own: FloatArray) -> FloatArray:
     stored = np.asarray(stored, np.float64)
     one, other = np.isnan(stored), np.isnan(own)
     return np.where(one & other, 0.0, np.where(one | other, np.inf, np.abs(stored - own)))
-
-
-def figures_apart(
-    stored: Mapping[str, Any], own: Mapping[str, float], size: ArrayLike, limit: float, source: str
-) -> tuple[FloatArray, list[str]]:
-    """Deviations of stored figures from own ones, in units of `size`, and those above `limit` in words.
-
-    A figure that is not stored is infinitely far off; `source` says what gives the own ones.
-    """
-    values = [stored.get(name, np.inf) for name in own]
-    given = np.array([float(value) if isinstance(value, float | int | np.number) else np.nan for value in values])
-    off = difference(given, np.array(list(own.values()))) / np.maximum(size, np.finfo(float).tiny)
-    told = zip(own, values, own.values(), off > limit)
-    return off, [f"{name} is stored as {one}, {source} {other}" for name, one, other, far in told if far]

@@ -29,12 +29,6 @@ FEW, HALVINGS = 7, 56
 TINY = 1e-30
 NO_AREA = 1e-12
 """Ratio of a triangle's height to its longest side below which it is a line."""
-SAMPLES = 5
-"""Points of each axis whose distances tell which pairs can be near."""
-WORTH_A_LOOK = 1e-3
-"""Slack [m] of the balls that tell which bodies of two hands can be near."""
-TICKS = 256
-"""Hands measured at once, to bound the memory."""
 PER_FINGER = 3
 
 
@@ -419,10 +413,10 @@ def meetings(hand: OwnHand, posed: Posed, may: BoolArray, near: float) -> Pairs:
 
     A pair's `leaf` is its second body, towards which the first one's normal points back.
     """
-    spheres = PALM + np.arange(len(hand.palm_radius))
-    couples = [(int(i), int(j)) for i, k in zip(*np.nonzero(may)) for j in ([k] if k < PALM else spheres)]
-    bodies = round_cones(hand, posed)
-    return _near(bodies, bodies, near, lambda a, b, reach: couples)
+    bodies, spheres = round_cones(hand, posed), len(hand.palm_radius)
+    couples = np.zeros((PALM + spheres, PALM + spheres), bool)
+    couples[:PALM] = np.concatenate([may[:, :PALM], np.repeat(may[:, PALM:], spheres, axis=1)], axis=1)
+    return _between(bodies, bodies, couples, near)
 
 
 def meetings_of_two(hands: Sequence[OwnHand], posed: Sequence[Posed], near: float | FloatArray) -> Pairs:
@@ -430,45 +424,21 @@ def meetings_of_two(hands: Sequence[OwnHand], posed: Sequence[Posed], near: floa
 
     `near` is a number, or has one for each tick, shape (T,).
     """
-    bodies = [round_cones(hand, at) for hand, at in zip(hands, posed)]
-    size = [np.maximum(one.radius_a, one.radius_b) for one in bodies]
-
-    def couples(one: FloatArray, other: FloatArray, near: FloatArray) -> list[tuple[int, int]]:
-        found = []
-        for i in range(len(size[0])):
-            apart = np.linalg.norm(one[:, i, None, SAMPLES // 2] - other[:, :, SAMPLES // 2], axis=2)
-            length = [np.linalg.norm(points[0, :, -1] - points[0, :, 0], axis=1) for points in (one, other)]
-            reach = 0.5 * (length[0][i] + length[1]) + size[0][i] + size[1] + near[:, None]
-            found += [(i, int(j)) for j in np.flatnonzero((apart <= reach + WORTH_A_LOOK).any(axis=0))]
-        return found
-
-    return _near(bodies[0], bodies[1], near, couples)
+    one, other = (round_cones(hand, at) for hand, at in zip(hands, posed))
+    return _between(one, other, np.ones((len(one.radius_a), len(other.radius_a)), bool), near)
 
 
-def _near(
-    one: RoundCones,
-    other: RoundCones,
-    near: float | FloatArray,
-    couples: Callable[[FloatArray, FloatArray, FloatArray], list[tuple[int, int]]],
-) -> Pairs:
-    near = np.broadcast_to(near, len(one.a))
-    shares, found = np.linspace(0.0, 1.0, SAMPLES)[:, None], []
-    for start in range(0, max(len(one.a), 1), TICKS):
-        blocks = [(of.a[start : start + TICKS], of.b[start : start + TICKS]) for of in (one, other)]
-        points = [a[:, :, None] + shares * (b - a)[:, :, None] for a, b in blocks]
-        gap = [
-            0.5 / (SAMPLES - 1) * np.linalg.norm(b - a, axis=2) + np.maximum(of.radius_a, of.radius_b)
-            for (a, b), of in zip(blocks, (one, other))
-        ]
-        rows = [np.zeros((3, 0), np.int64)]
-        within = near[start : start + TICKS]
-        for i, j in couples(points[0], points[1], within):
-            facing_points = points[1][:, j, None] if j < PALM else points[1][:, j, None, :1]
-            apart = np.linalg.norm(points[0][:, i, :, None] - facing_points, axis=3).min(axis=(1, 2))
-            tick = np.flatnonzero(apart <= gap[0][:, i] + gap[1][:, j] + within)
-            rows.append(np.stack([tick, np.full(len(tick), i), np.full(len(tick), j)]))
-        tick, first, second = np.concatenate(rows, axis=1)
-        (a, b), (c, d) = blocks
+def _between(one: RoundCones, other: RoundCones, couples: BoolArray, near: float | FloatArray) -> Pairs:
+    """Find the pairs in `couples`, shape (B, C), of two sets of round cones that are at most `near` [m] apart."""
+    near, found = np.broadcast_to(near, len(one.a)), []
+    for start in range(0, max(len(one.a), 1), CHUNK):
+        within = near[start : start + CHUNK]
+        (a, b), (c, d) = ((of.a[start : start + CHUNK], of.b[start : start + CHUNK]) for of in (one, other))
+        sizes = [np.maximum(of.radius_a, of.radius_b) for of in (one, other)]
+        first_reach, second_reach = (0.5 * np.linalg.norm(y - x, axis=2) + r for x, y, r in zip((a, c), (b, d), sizes))
+        apart = np.linalg.norm(0.5 * ((a + b)[:, :, None] - (c + d)[:, None]), axis=3)
+        reach = first_reach[:, :, None] + second_reach[:, None] + within[:, None, None]
+        tick, first, second = np.nonzero(couples & (apart <= reach))
         axis, drop = (b - a)[tick, first], (one.radius_b - one.radius_a)[first]
         facing = partial(axis_places, c[tick, second], d[tick, second], other.radius_a[second], other.radius_b[second])
 
@@ -478,12 +448,9 @@ def _near(
             return np.asarray((away * own[1]).sum(axis=1) < own[2] * np.linalg.norm(away, axis=1))
 
         share = lowest_places(len(tick), falls)
-        place = a[tick, first] + share[:, None] * axis
+        place, size = a[tick, first] + share[:, None] * axis, one.radius_a[first] + share * drop
         across, radius = facing(place)
-        length = np.linalg.norm(place - across, axis=1)
-        normal = (place - across) / np.where(length > 0.0, length, 1.0)[:, None]
-        size = one.radius_a[first] + share * drop
         parts = np.minimum(first, PALM), np.minimum(second, PALM)
-        pairs = Pairs(tick + start, *parts, length - size - radius, place - size[:, None] * normal, normal)
+        pairs = ball_pairs(parts[0], parts[1], place, size, place - across, radius, np.inf)._replace(tick=tick + start)
         found.append(pairs.at(np.flatnonzero(pairs.distance <= within[tick])))
     return joined(found)

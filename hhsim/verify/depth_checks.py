@@ -1,15 +1,16 @@
 """Claims of depths: in spheres or triangles, in the true mesh, of the hand's own parts and of another hand."""
 
+from importlib.util import find_spec
+from typing import Any
+
 import numpy as np
 
-from hhsim.arrays import FloatArray
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.system.counted import counted
 from hhsim.system.progress import Progress
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim, difference, judged
-from hhsim.verify.coal_distance import EXACT, coal_distance, has_coal
 from hhsim.verify.contacts import PALM, meetings, parts_that_may_meet, round_cones
 from hhsim.verify.mesh_distance import CLOSE, HandReferee
 from hhsim.verify.tick_data import LENGTH, NO_PLACE, WHY_LENGTH, JudgedTicks, left_out
@@ -18,7 +19,9 @@ NEVER_IN = 1e-12
 """Rounding of a distance [m]: the depth allowed to a method that never penetrates."""
 MESH_LIMIT = 1e-6
 """Distances to the mesh are computed up to this value [m]."""
-MESH_TICKS = 200
+EXACT = 1e-9
+"""Accuracy of coal's distances [m]."""
+MESH_TICKS = 64
 """Ticks between two progress reports of the distances to the mesh."""
 
 
@@ -103,19 +106,21 @@ def mesh_claim(judge: JudgedTicks, report: Progress, *, covers: bool) -> tuple[C
         referees = [HandReferee(body.mesh, open_too=judge.on_mesh) for body in judge.bodies]
     except MeshError as error:
         return Claim(name, says, NOT_JUDGED, unit="m", why=why, note=str(error)), float("nan")
-    shape = HandShape(judge.hand.radius, judge.hand.palm_center, judge.hand.palm_radius)
     least, checked, asked = np.full(len(judge.numbers), np.inf), 0, judge.asked
-    used = np.append(np.repeat(judge.fingers, 3), True)
+    used = np.append(np.repeat(judge.fingers, 3), np.ones(len(judge.hand.palm_radius), bool))
     for body, referee in zip(judge.bodies, referees):
         # Equal postures are measured once; a posture that is not finite fails other claims.
         rounded = np.round(body.seen_points(judge.posed.joints[asked], asked).reshape(len(asked), -1), 10)
         different = np.sort(np.unique(rounded, axis=0, return_index=True)[1])
         different = asked[different[np.isfinite(rounded[different]).all(axis=1)]]
-        for first in range(0, len(different), MESH_TICKS):
-            report("mesh", first, len(different))
-            rows = different[first : first + MESH_TICKS]
-            away = referee.clearances(shape, body.seen_hand(judge.posed, judge.shown.orientation, rows), MESH_LIMIT)
-            least[rows] = np.minimum(least[rows], away[:, used].min(axis=1))
+        for begin in range(0, len(different), MESH_TICKS):
+            report("mesh", begin, len(different))
+            rows = different[begin : begin + MESH_TICKS]
+            cones = round_cones(judge.hand, body.seen(judge.posed, rows))
+            first_radius, last_radius = np.tile(cones.radius_a, len(rows)), np.tile(cones.radius_b, len(rows))
+            ends = cones.a.reshape(-1, 3), cones.b.reshape(-1, 3)
+            away = referee.round_cones(*ends, first_radius, last_radius, MESH_LIMIT)
+            least[rows] = np.minimum(least[rows], away.reshape(len(rows), -1)[:, used].min(axis=1))
         checked = max(checked, len(different))
     least[judge.squeezed] = np.inf
     worst = int(least.argmin())
@@ -126,3 +131,56 @@ def mesh_claim(judge: JudgedTicks, report: Progress, *, covers: bool) -> tuple[C
     assumed = [text for text in judge.result.scene.get("object_repairs") or [] if text.startswith(ASSUMED_SOLID)]
     note = "; ".join(filter(None, (note, left_out(judge.status, NO_PLACE), *assumed)))
     return Claim(name, says, verdict, depth, CLOSE, "m", worst if depth > 0.0 else None, checked, why, note), depth
+
+
+# A second opinion by the collision library coal, where it is installed. It has no round cones but balls: the cone's
+# distance is the minimum of d(x(s)) - r(s) along its axis, and d is convex for a sphere or a triangle.
+
+
+def has_coal() -> bool:
+    """Return True if coal is installed."""
+    return find_spec("coal") is not None
+
+
+def coal_model(vertices: FloatArray, faces: IntArray) -> Any:
+    """Build coal's bounding-volume hierarchy of a mesh of triangles with areas; coal has no distance of a lone one."""
+    import coal
+
+    model: Any = coal.BVHModelOBBRSS()
+    model.beginModel(len(faces), len(vertices))
+    model.addVertices(np.array(vertices))
+    model.addTriangles(np.array(faces))
+    model.endModel()
+    return model
+
+
+def coal_distance(
+    a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, piece: FloatArray, size: float = 0.0
+) -> float:
+    """Compute the signed distance [m] of the hull of two balls to a triangle or a sphere, at most `EXACT` too large.
+
+    `a`, `b` are the centres of the balls [m], shape (3,), with their radii [m]; `piece` is a triangle's corners [m],
+    shape (3, 3), or a sphere's centre, shape (3,), of radius `size` [m].
+    """
+    import coal
+    from scipy.optimize import minimize_scalar
+
+    shape, place = coal.Sphere(float(size)), coal.Transform3s()
+    if piece.ndim == 2:
+        shape = coal_model(piece, np.array([[0, 1, 2]]))
+    else:
+        place.setTranslation(np.array(piece))
+    request, answer, ball, there = coal.DistanceRequest(), coal.DistanceResult(), coal.Sphere(0.0), coal.Transform3s()
+    request.gjk_tolerance = 1e-12
+
+    def distance(share: float) -> float:
+        there.setTranslation(a + share * (b - a))
+        answer.clear()
+        radius = (1.0 - share) * radius_a + share * radius_b
+        return float(coal.distance(shape, place, ball, there, request, answer)) - radius
+
+    ends = min(distance(0.0), distance(1.0))
+    if np.array_equal(a, b):
+        return ends
+    # The search looks between the ends, and does not reach them.
+    return min(ends, float(minimize_scalar(distance, bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-9}).fun))

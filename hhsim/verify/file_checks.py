@@ -1,4 +1,4 @@
-"""Claims of a file about itself: seal and schema, the stamps of its ticks, flags that are due, and measured times."""
+"""Claims of a file about itself: seal and schema, the stamps of its ticks, measured times, and commands to a glove."""
 
 import h5py
 import numpy as np
@@ -6,29 +6,16 @@ from numpy.typing import NDArray
 
 from hhsim.arrays import BoolArray
 from hhsim.hand.model import SIDES
-from hhsim.kernels.tick.state import (
-    STATUS_ABDUCTION_HELD,
-    STATUS_CAPACITY_EXCEEDED,
-    STATUS_INPUT_INVALID,
-    STATUS_LAG,
-    STATUS_NO_PLACE,
-    STATUS_SNAP,
-    STATUS_START_INSIDE,
-    STATUS_STUCK,
-)
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import ticks_alone
 from hhsim.motion.trajectory import TickPhase
 from hhsim.replay.stored_scene import part_words, stored_checksums
 from hhsim.result import schema
 from hhsim.result.reader import Result
-from hhsim.solver.method import never_penetrates
 from hhsim.system.hdf5_input import open_hdf5
-from hhsim.verify.claim import HOLDS, NOT_CLAIMED, Claim, all_true, figures_apart, judged
+from hhsim.verify.claim import HOLDS, NOT_CLAIMED, Claim, all_true, difference, judged
 from hhsim.verify.second_run import is_measured
 
-KNOWN_STATUS = STATUS_STUCK | STATUS_LAG | STATUS_INPUT_INVALID | STATUS_ABDUCTION_HELD | STATUS_SNAP
-"""Flags that any tick may have."""
 LARGEST, LEAST_SQUARE = 1e6, 1e-12
 """Limits of a usable hand: sum of its absolute values [m, rad], and squared length of its quaternion."""
 STAMP = 1e-9
@@ -42,36 +29,9 @@ BETWEEN_CLOCKS = 1e-3
 
 
 def file_claims(result: Result) -> list[Claim]:
-    """Judge the seal, the schema, the stamps and flags of the ticks, and their measured times."""
-    return [judge(result) for judge in (_complete, _checksums, schema_claim, _time, _status, _durations)]
-
-
-def spent(result: Result) -> BoolArray:
-    """True for ticks that may end on the way: their work is spent, the arrays are full, or the abduction is held."""
-    options, hands = result.scene["solver"], [result, *([] if result.other is None else [result.other])]
-    found = np.zeros(result.ticks, bool)
-    for hand in hands:
-        found |= np.asarray(hand["work/linearisations"]) >= options["linearisations"]
-        found |= np.asarray(hand["work/units"]) >= options["budget"]
-        found |= np.asarray(hand["status"]) & (STATUS_CAPACITY_EXCEEDED | STATUS_ABDUCTION_HELD) > 0
-    return found
-
-
-def _status(result: Result) -> Claim:
-    """Judge whether flags are due: each of them keeps its tick from other claims."""
-    status, ticks = np.asarray(result["status"]), np.arange(result.ticks)
-    # A hand begins inside once; it is left no place by bodies that move as they are told. Full arrays end a replay.
-    may = np.where(ticks == 0, STATUS_START_INSIDE, 0) | KNOWN_STATUS
-    may |= STATUS_NO_PLACE if any(body.kind == "driven" for body in result.bodies.values()) else 0
-    may |= STATUS_CAPACITY_EXCEEDED if result.live is not None else 0
-    wrong = status & ~may != 0
-    if result.gives("work") and never_penetrates(result.scene["solver"]["method"]):
-        wrong |= (status & STATUS_LAG > 0) & ~spent(result)
-        # Only a program without solution holds the abduction; an unfinished tick leaves that to the next.
-        rows = np.asarray(result["work/rows"])
-        wrong |= (status & STATUS_ABDUCTION_HELD > 0) & (np.maximum(rows, np.append(0, rows[:-1])) == 0)
-    says = "flags are due: their ticks can have them, and no tick lags before its work is spent"
-    return all_true("status", says, wrong, ticks=ticks)
+    """Judge seal, schema, stamps and measured times, and of a session the commands to the glove."""
+    judges = [_complete, _checksums, schema_claim, _time, _durations]
+    return [judge(result) for judge in (*judges, *([] if result.live is None else [_commands]))]
 
 
 def follows(result: Result) -> NDArray[np.bool_]:
@@ -140,12 +100,23 @@ def _durations(result: Result) -> Claim:
     wrong: list[str] = []
     if result.complete and result.live is None:
         ticks = ticks_alone(result)
-        own = {name: run_figure(name, ticks) for name in result.summary if is_measured(name)}
-        _, wrong = figures_apart(result.summary, own, CLOCK + np.abs(list(own.values())), SAME, "the ticks give")
+        for name in filter(is_measured, result.summary):
+            stored, own = result.summary[name], run_figure(name, ticks)
+            known = isinstance(stored, float | int | np.number)
+            if not known or difference(np.array(stored), np.array(own)) > SAME * (CLOCK + abs(own)):
+                wrong.append(f"{name} is stored as {stored}, the ticks give {own}")
     says = "the parts of a tick's time fit in the whole, as do its threads, and figures of time are those of the ticks"
     why = "one clock measures all; of CPU time an interrupt of 1 ms"
     off = np.where(off > CLOCK, off, np.inf if wrong else 0.0)
     return judged("times", says, off, 0.0, "s", why, note="; ".join(wrong))
+
+
+def _commands(result: Result) -> Claim:
+    """Judge that a session leaves every finger free in ticks with a reason for it."""
+    stiffness = np.asarray(result["live/tick/command_stiffness"])
+    wrong = (np.asarray(result["live/tick/safety"]) != 0) & ~(stiffness <= 0.0).all(axis=1)
+    says = "with any reason in safety, no finger of the glove is held"
+    return all_true("commands", says, wrong, ticks=np.arange(result.ticks))
 
 
 def schema_claim(result: Result) -> Claim:

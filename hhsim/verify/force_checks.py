@@ -12,7 +12,6 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
 from hhsim.verify.contacts import PALM, Pairs
-from hhsim.verify.file_checks import follows
 from hhsim.verify.kinematics import OwnHand, Posed
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_PLACE, SNAP, STUCK, JudgedTicks, left_out
 
@@ -22,8 +21,6 @@ WHY_FORCE = "a millionth: a ten-thousandth of the least force that has a rate"
 TURN = 4.0
 """Factor of the turn of the normals in a tick's last step, which is the step over the rolling radii; it covers the
 levers of moments and both bodies of a contact."""
-FALLS = 32.0
-"""Ticks in a row after which a hand that snaps may go twice as far in a tick."""
 WHY_SLACK = "a millionth, and how far normals turn in the tick's last step, after which the program is not solved again"
 AT_LIMIT = 1e-9
 """Distance to a joint's limit [rad] within which the limit can bear a torque."""
@@ -128,7 +125,7 @@ def force_claims(judge: JudgedTicks) -> list[Claim]:
         note = "those of Eq. 14 follow from contacts that the file does not hold; the coupling's balance is judged"
         claims.append(_balance(judge, stored=False))
     elif judge.safe and force == "kkt":
-        return [*claims, *_snaps(judge), _complementarity(judge), _balance(judge, stored=True)]
+        return [*claims, _complementarity(judge), _balance(judge, stored=True)]
     else:
         note = f"of method {method} they do not follow from the configuration: its programs are gone"
     return [*claims, Claim("forces", "contact forces follow from the configuration", NOT_JUDGED, note=note)]
@@ -146,28 +143,6 @@ def _wrench(judge: JudgedTicks) -> Claim:
 def force_slack(judge: JudgedTicks, size: FloatArray, ticks: IntArray) -> FloatArray:
     """Tolerance [N] of forces of size (n,) at some ticks: multipliers belong to the program one step earlier."""
     return FORCE * (1.0 + size) + TURN * size * judge.last_step[ticks] / judge.rolling
-
-
-def _snaps(judge: JudgedTicks) -> list[Claim]:
-    """Judge ticks that snap: a way is left, or a force has yet to follow; no force goes farther than the hand may."""
-    snaps = np.flatnonzero((judge.status & SNAP > 0) & follows(judge.result))
-    if snaps.size == 0 or judge.options["method"] != "coupled":
-        return []
-    before, lag = snaps - 1, np.asarray(judge.result["lag"])
-    idle = (lag[snaps] <= 0.0) & (judge.status[before] & SNAP == 0)
-    step, asked = judge.forces[snaps] - judge.forces[before], judge.wanted_posed.joints
-    way = np.linalg.norm(asked[snaps] - asked[before], axis=3).max(axis=(1, 2))
-    way += np.where(judge.status[before] & LAG, lag[before], 0.0)
-    # What parts that move as recorded push is not known here.
-    way += np.inf if len(judge.result.bodies) > 1 else 0.0
-    settled = np.maximum.accumulate(np.where(judge.status & SNAP, -1, np.arange(judge.result.ticks)))
-    growth = 1.0 + ((before - settled[before]) / FALLS) ** 2
-    most = judge.diagonal[0] * (growth * judge.options["snap_speed"] * judge.options["period"] + way)
-    # Phalanges of a finger share what touches their joint in any way: their sum is what follows.
-    of_finger = step[:, :PALM].reshape(len(step), -1, 3, 3).sum(axis=2)
-    off = np.where(idle, np.inf, np.linalg.norm(of_finger, axis=2).max(axis=1) - most)
-    says = "a hand that snaps has a way left, or forces that follow as fast as the hand may go"
-    return [judged("snaps", says, np.maximum(off, 0.0), FORCE * (1.0 + most), "N", WHY_FORCE, ticks=snaps)]
 
 
 def _complementarity(judge: JudgedTicks) -> Claim:

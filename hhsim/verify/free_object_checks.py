@@ -17,15 +17,13 @@ from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
 from hhsim.verify.contacts import PALM
 from hhsim.verify.force_checks import FORCE, TURN, WHY_FORCE, WHY_SLACK, bears_where_near, limit_rows, pushes, residual
 from hhsim.verify.free_motion import FreeBody, FreeMotion
-from hhsim.verify.joint_checks import driven_claim, held_claim, pair_claim
+from hhsim.verify.joint_checks import held_claim, pair_claim
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, SNAP, STUCK, JudgedTicks, left_out
 
 RADIUS = 0.02
 """Shortest radius at which a contact turns [m]: that of a phalanx."""
 AT_REST = 1e-11
 """Way in a tick [m] below which a body that rests stays where it is."""
-SNAPPED = 1e-3
-"""Share of its springs' forces by which a hand that is held back may be off balance: it turns by as much in a tick."""
 
 
 def free_claims(result: Result) -> list[Claim]:
@@ -45,11 +43,7 @@ def free_claims(result: Result) -> list[Claim]:
             *_balance([body for body in bodies if not (body in held or body.driven)]),
             _table(motion, bodies),
         ],
-        "joints": [
-            *(driven_claim(body) for body in bodies if body.driven),
-            *map(held_claim, held),
-            *(pair_claim(body, bearer) for body, bearer in pairs),
-        ],
+        "joints": [*map(held_claim, held), *(pair_claim(body, bearer) for body, bearer in pairs)],
     }
     if len(bodies) > 1:
         claims["forces"] += [_between_bodies(bodies), _hands_on_bodies(bodies)]
@@ -194,16 +188,12 @@ def _cones(motion: FreeMotion) -> list[Claim]:
 def _hand_balance(judge: JudgedTicks, motion: FreeMotion, bodies: Sequence[FreeBody]) -> Claim:
     """Judge a free object's hand: contacts, friction and joint limits balance the coupling.
 
-    A hand that snaps is held back besides, by the springs times its way in the tick and some factor. Where it bears on
-    other bodies, whose contacts are not in the file, its forces as a whole balance the palm's pull; ticks in which it
-    meets another hand are left out.
+    Where it bears on other bodies, whose contacts are not in the file, its forces as a whole balance the palm's pull;
+    ticks in which it meets another hand, or snaps, are left out.
     """
-    flags = STUCK | LAG | CAPACITY_EXCEEDED
+    flags = STUCK | LAG | CAPACITY_EXCEEDED | SNAP
     ticks = np.flatnonzero((judge.status & flags == 0) & ~motion.meets_hand)
-    snaps = judge.status[ticks] & SNAP != 0
-    held_back = np.where(snaps[:, None], judge.springs_of_way[ticks], 0.0)
-    lacks = judge.pull[ticks, :3] - np.asarray(judge.result["force/total"])[ticks]
-    off = np.array([residual(-back[:3, None], lack) for back, lack in zip(held_back, lacks)])
+    off = np.linalg.norm(judge.pull[ticks, :3] - np.asarray(judge.result["force/total"])[ticks], axis=1)
     for n, i in enumerate(ticks.tolist()):
         if not motion.alone[i]:
             continue
@@ -211,7 +201,7 @@ def _hand_balance(judge: JudgedTicks, motion: FreeMotion, bodies: Sequence[FreeB
         rows = rows[motion.own[rows]]
         twist = motion.torsion[rows, None] * motion.normal[rows]
         pushed, _ = pushes(judge.posed, i, motion.touching[rows], motion.point[rows], motion.force[rows], twist)
-        rests = np.concatenate([limit_rows(judge.hand, judge.shown.flexion[i]), -held_back[n : n + 1]]) * judge.scale
+        rests = limit_rows(judge.hand, judge.shown.flexion[i]) * judge.scale
         off[n] = residual(rests.T, (judge.pull[i] - pushed.sum(axis=0)) * judge.scale)
     # Normals turn by the last steps of both bodies of a contact. The last of several programs may take back what those
     # before it made: the tick's travel does not bound its step.
@@ -223,7 +213,7 @@ def _hand_balance(judge: JudgedTicks, motion: FreeMotion, bodies: Sequence[FreeB
     size = np.linalg.norm(judge.pull * judge.scale, axis=1)[ticks]
     says = "the coupling of a settled tick is borne by its contacts, friction and all, and by joints at their limits"
     # The ways of several steps, each from where the one before ended, add up to first order.
-    limit = FORCE * (1.0 + size) + TURN * size * step / judge.rolling + np.where(snaps, SNAPPED * size, 0.0)
+    limit = FORCE * (1.0 + size) + TURN * size * step / judge.rolling
     note = left_out(judge.status, flags)
     return judged("hand's balance", says, off, limit, "N", WHY_SLACK, ticks=ticks, note=note)
 

@@ -27,8 +27,6 @@ MOVES = 1e-6
 """Speed beyond which a joint moves, and its friction is against that [rad/s, m/s]."""
 JOINED = 2e-6
 """Distance that two free bodies may come off their joint [m, rad]."""
-DRIVEN = 1e6
-"""Mass [kg] and moment of inertia [kg·m²] that a driven body counts as."""
 WHY_JOINT = "a nanometre; a millionth of the forces"
 
 
@@ -164,15 +162,3 @@ def _beyond_friction(joint: Mapping[str, Any], value: FloatArray, speed: FloatAr
     beyond = np.where(value <= least + AT_LIMIT, 0.0, own - np.where(moves, against, friction))
     short = np.where(value >= most - AT_LIMIT, 0.0, np.where(moves, against, -friction) - own)
     return np.maximum(beyond, short)
-
-
-def driven_claim(body: FreeBody) -> Claim:
-    """Judge that a driven body goes as recorded, but for what the forces on it move it by, as heavy as it counts."""
-    way = body.of("position") - body.of("recorded_position")
-    poses = (rotations(body.of(name))[0] for name in ("orientation", "recorded_orientation"))
-    turn = (next(poses).inv() * next(poses)).magnitude()
-    off = np.maximum(np.linalg.norm(way, axis=1), turn)[body.whole]
-    borne = (np.abs(body.borne).sum(axis=1) * body.period**2 / DRIVEN)[body.whole]
-    says = f"{body.name} goes as recorded in every tick that does not lag"
-    why = "a nanometre, and what the forces on it move a mass of 1,000 t by in a tick"
-    return judged("driven", says, off, LENGTH + borne, "m, rad", why, ticks=body.whole)

@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result
 from hhsim.result.schema import HANDS_APART
@@ -99,17 +98,6 @@ class JudgedBody:
         joints, palm, position = (self.seen_points(points, rows) for points in (here.joints, here.palm, here.position))
         return Posed(joints, axes, palm, position)
 
-    def seen_hand(self, posed: Posed, orientation: FloatArray, rows: IntArray) -> PlacedHand:
-        """Return the hands of these rows as the body sees them; orientations (n, 4) are those of all rows."""
-        turned = orientation[rows]
-        if self.turn is not None:
-            from scipy.spatial.transform import Rotation
-
-            here = Rotation.from_matrix(self.turn[rows]).inv() * rotations(turned)[0]
-            turned = here.as_quat()[:, [3, 0, 1, 2]]
-        joints, position = (self.seen_points(points[rows], rows) for points in (posed.joints, posed.position))
-        return PlacedHand(joints, position, turned)
-
     def placed(self, pairs: Pairs, rows: IntArray) -> Pairs:
         """Return pairs that the body sees, of ticks that are places in these rows, in the world."""
         pairs = pairs._replace(leaf=pairs.leaf + self.first)
@@ -148,7 +136,7 @@ class JudgedTicks:
         # Haptic hand, which holds its last usable value.
         last_usable = np.maximum.accumulate(np.where(usable(result), self.numbers, 0))
         self.wanted = configurations(result, "haptic").at(last_usable)
-        self.posed, self.wanted_posed = pose(self.hand, self.shown), pose(self.hand, self.wanted)
+        self.posed = pose(self.hand, self.shown)
         # Stiffness of the coupling: palm 3 [N/m] and 3 [N·m/rad], flexion 15 [N·m/rad]; and its rows' factors, to N.
         g = self.options["stiffness"]
         self.diagonal = np.repeat([g["translation"], g["rotation"], g["flexion"]], [3, 3, 15]).astype(np.float64)
@@ -169,14 +157,6 @@ class JudgedTicks:
         turn = turn_between(there.orientation, here.orientation)
         bend = (here.flexion - there.flexion).reshape(-1, 15)
         return np.concatenate([here.position - there.position, turn, bend], axis=1) * self.diagonal
-
-    @cached_property
-    def springs_of_way(self) -> FloatArray:
-        """Springs G times the shown hand's way since the tick before, shape (T, 21): 0 at the first tick."""
-        here = self.shown
-        turn = turn_between(here.orientation[:-1], here.orientation[1:])
-        way = [np.diff(here.position, axis=0), turn, np.diff(here.flexion.reshape(-1, 15), axis=0)]
-        return np.concatenate([np.zeros((1, 21)), np.concatenate(way, axis=1)]) * self.diagonal
 
     @cached_property
     def bodies(self) -> tuple[JudgedBody, ...]:

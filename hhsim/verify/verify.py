@@ -22,7 +22,6 @@ from hhsim.verify.force_checks import force_claims
 from hhsim.verify.free_object_checks import free_claims, free_hand_claims
 from hhsim.verify.joint_checks import joint_claims, posture_claims
 from hhsim.verify.second_run import second_run_claim
-from hhsim.verify.session_checks import session_claims
 from hhsim.verify.tick_data import JudgedTicks
 from hhsim.verify.tree_checks import palm_claim, tree_claims
 
@@ -30,7 +29,7 @@ LONG, SAMPLED_EVERY = 10_000, 50
 """Ticks from which on a run is sampled by the claims in `SAMPLED`, and the sampling interval."""
 SAMPLED = ("distance by coal", "mesh")
 """Claims judged at sampled ticks of a long run, because they are slow."""
-GROUPS = ("seal", "second run", "session", "depth", "forces", "friction", "motion", "joints", "trees")
+GROUPS = ("seal", "second run", "depth", "forces", "friction", "motion", "joints", "trees")
 """What claims are of, in the order of the output."""
 
 
@@ -125,7 +124,6 @@ def physics(
         mesh, depth = mesh_claim(judge, progress, covers=covers)
         groups = {
             "seal": file_claims(hand),
-            "session": session_claims(hand),
             "depth": [*depth_claims(judge), mesh],
             "forces": [*force_claims(judge), *free_hand_claims(judge)],
             "joints": posture_claims(judge),

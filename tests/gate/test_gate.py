@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from file_faults import forge_scene
 from gate_scene import SUITE, write_suite
-from msgspec import structs
 from sealed_change import changed
 
 from hhsim.errors import InputError
@@ -252,15 +251,11 @@ def load_result_of(figures: RunFigures, beside: Path) -> Any:
 
 def test_a_baseline_comes_back_as_it_was_written(figures: RunFigures, tmp_path: Path) -> None:
     path = tmp_path / "baseline.json"
-    timed = structs.replace(RecordedScene.of(figures), times=(1e-5, 2e-5, 3e-5), references=(1e-6, 1e-6, 2e-6))
-    write_baseline(path, {"a": timed})
-    read = load_baseline(path)
-    scene = read.scenes["a"]
-    assert (read.reference_version, scene.times, scene.references) == (1, (1e-5, 2e-5, 3e-5), (1e-6, 1e-6, 2e-6))
+    write_baseline(path, {"a": RecordedScene.of(figures)})
+    scene = load_baseline(path).scenes["a"]
     assert differences(scene.figures.inputs, figures.inputs) == []
     assert scene.figures.counters == figures.counters
     assert scene.figures.errors == pytest.approx(figures.errors, nan_ok=True)
-    write_baseline(path, {"a": RecordedScene.of(scene.figures)})
     assert "machine" not in json.loads(path.read_text())
 
 
@@ -444,7 +439,6 @@ def test_the_projects_own_suite_is_read_and_has_a_baseline_of_each_scene(reposit
     assert suite.baseline is not None
     baseline = load_baseline(suite.folder / suite.baseline)
     assert set(baseline.scenes) == {scene.name for scene in suite.scenes}
-    assert all(not scene.times for scene in baseline.scenes.values()), "counters are the same anywhere, times are not"
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -463,7 +457,7 @@ def test_a_figure_has_one_limit_for_all_methods_or_is_not_promised() -> None:
     # The objects of the default suite are fixed.
     free = {name: metric.judged for name, metric in judged_metrics().items() if metric.free_only}
     limited_ones = {name: by.limit for name, by in free.items() if by is not None and by.limit is not None}
-    usual = {**usual_limits("object", default_suite().limits), **limited_ones}
+    usual = {**usual_limits("replay", default_suite().limits), **limited_ones}
     lacks = {"coupled": set(), "progressive": {"tracking_excess"}}
     neither = {"tracking_excess", "penetration_max", "free_off_max"}
     for method in METHODS:
@@ -526,13 +520,10 @@ def test_figures_of_a_session_are_limited_beside_those_of_scenes(result: Path) -
         ("stuck_ticks = 0", "stuck_ticks = nan", "from 0 on"),
         ("processes = 3", "processes = 2", "time.processes = 2"),
         ("limit = 1.0 ", "limit = 5 ", "time.limit = 5"),
-        ('object = "cube"', "", "expected one of object, submission, session"),
+        ('object = "cube"', "", "object"),
+        ('object = "cube"', 'object = "cube"\nsession = "a.h5"', "unknown key 'session'"),
         ('object = "cube"', 'objekt = "cube"', "scene[1]: unknown key 'objekt': did you mean object?"),
-        ('object = "cube"', 'sesion = "a.h5"', "unknown key 'sesion': did you mean session?"),
         ('object = "cube"', "object = 5", "scene[1].object = 5"),
-        ('object = "cube"', 'object = "cube"\nsession = "a.h5"', "found 2"),
-        ('object = "cube"', 'session = "a.h5"', "unknown key 'trajectory'"),
-        ("timed = true", "motion_may_change = 1", "true or false"),
         ("timed = true", "[scene.limits]\nlatency_p99 = 1.0", "only a session has latency_p99"),
         ("timed = true", "[scene.limits]\nmesh_depth_max = 1.0", "only a submission has mesh_depth_max"),
         ('object = "cube"', 'object = "--out"', "no option"),

@@ -1,11 +1,10 @@
-"""A gate for other people's work: a method, a recording, a submission and a session, and what goes wrong in each."""
+"""A gate for other people's work: a method, a recording and a session, and what goes wrong in each."""
 
 import json
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -21,14 +20,9 @@ from short_grasp import short_grasp, short_scene
 
 from hhsim.gate.gate import gate_result
 from hhsim.gate.verdict import LOST
-from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.result.reader import load_result
 from hhsim.result.safety import Safety
-from hhsim.scene.described_scene import SceneWords, load_words
-from hhsim.submissions.pose_file import Submission, format_poses, read_submission
-from hhsim.submissions.scene_folder import worded_scene, write_scene_folder
-from hhsim.submissions.score import scene_of
 
 pytestmark = pytest.mark.slow
 
@@ -81,7 +75,6 @@ penetration_max = 1e-6
 stuck_ticks = 0
 lag_ticks = 0
 force_contact_max = 20.0
-mesh_depth_max = 1e-6
 [[scene]]
 name = "method"
 object = "cube"
@@ -92,19 +85,7 @@ name = "recording"
 object = "cylinder"
 trajectory = "recording.csv"
 level = 2
-motion_may_change = true
-[[scene]]
-name = "submission"
-submission = "poses.csv"
-arguments = ["--scene", "scene", "--surface", "mesh"]
-[[scene]]
-name = "session"
-session = "session.h5"
 """
-
-
-KILLED = "the loop failed or was killed"
-"""How the recorder says that a session ended whose loop is gone."""
 
 
 def write_recording(path: Path, depth: float) -> None:
@@ -119,20 +100,6 @@ def write_recording(path: Path, depth: float) -> None:
     np.savetxt(path, rows, delimiter=",", header=f"# hand: right\n{','.join(names)}", comments="", fmt="%.9g")
 
 
-def write_poses(project: Path) -> None:
-    """The poses of the engine that the company ships: here, of hhsim on the mesh."""
-    from hhsim.replay.replay import replay_scene as run
-    from hhsim.solver.options import SolverOptions
-
-    example = read_submission(project / "scene" / "example-submission.csv")
-    scene = scene_of(example)
-    run(scene, SolverOptions(surface="mesh"), project / "mesh.h5")
-    result = load_result(project / "mesh.h5")
-    poses = HandConfiguration(*(np.array(result[f"graphic/{name}"]) for name in HandConfiguration._fields))
-    (project / "poses.csv").write_text(format_poses(Submission("engine", example.scene, scene.ticks.time, poses)))
-    (project / "mesh.h5").unlink()
-
-
 def hhsim(*arguments: str, folder: Path) -> "subprocess.CompletedProcess[bytes]":
     """The command in a process of its own, as a user types it in a folder."""
     command = [sys.executable, "-P", "-c", "from hhsim.cli.main import main; main()", *arguments]
@@ -141,15 +108,11 @@ def hhsim(*arguments: str, folder: Path) -> "subprocess.CompletedProcess[bytes]"
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A repository of nothing but a method, a recording, a submission, a session, and a suite with its baseline."""
+    """A repository of nothing but a method, a recording, and a suite with its baseline."""
     folder = tmp_path_factory.mktemp("company")
     (folder / "own_method.py").write_text(METHOD)
     (folder / "short.toml").write_text(SHORT)
     write_recording(folder / "recording.csv", 0.0)
-    words = SceneWords(object="cylinder", trajectory=str(folder / "short.toml"), level=2, place_object="recorded")
-    write_scene_folder(worded_scene(load_words(words)), folder / "scene")
-    write_poses(folder)
-    write_session(folder / "session.h5")
     (folder / "hhsim-gate.toml").write_text(SUITE)
     hhsim("gate", "--no-time", "--write-baseline", "baseline.json", folder=folder)
     return folder
@@ -188,26 +151,6 @@ def method(old: str, new: str) -> Callable[[Path], None]:
     return plant
 
 
-def session(fault: Fault) -> Callable[[Path], None]:
-    def plant(head: Path) -> None:
-        with changed(head / "session.h5") as file:
-            fault(file)
-
-    return plant
-
-
-def malformed(file: h5py.File) -> None:
-    counters = json.loads(file["hands/right/live"].attrs["counters"])
-    file["hands/right/live"].attrs["counters"] = json.dumps({**counters, "frames": 60_000, "malformed": 1280})
-
-
-def deeper_poses(head: Path) -> None:
-    given = read_submission(head / "poses.csv")
-    flexion = given.poses.flexion + 0.01
-    (head / "poses.csv").write_text(format_poses(replace(given, poses=given.poses._replace(flexion=flexion))))
-
-
-SOME = slice(50, 60)
 REGRESSIONS: dict[str, tuple[Callable[[Path], object], str]] = {
     "deeper": (method("INSIDE = False", "INSIDE = True"), "method, penetration, max: over the limit"),
     "slower in work": (
@@ -222,24 +165,6 @@ REGRESSIONS: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda head: write_recording(head / "recording.csv", 3.0),
         "recording, force in contact, largest: over the limit",
     ),
-    "stuck": (
-        session(at("stuck", "hands/right/tick/status", SOME, lambda x: x | STATUS_STUCK)),
-        "session, stuck ticks: over the limit",
-    ),
-    "more lag": (
-        session(at("lag", "hands/right/tick/status", SOME, lambda x: x | STATUS_LAG)),
-        "session, ticks with lag: over the limit",
-    ),
-    "killed": (
-        session(attribute("killed", "hands/right/live", "ended", lambda x: KILLED)),
-        "session, ended early or was killed (1: yes): over the limit",
-    ),
-    "malformed": (session(malformed), "session, malformed packets, of all of the glove's: over the limit"),
-    "freed": (
-        session(at("freed", "hands/right/live/tick/safety", SOME, lambda x: int(Safety.STALE_INPUT))),
-        "session, ticks with fingers freed for safety: over the limit",
-    ),
-    "deeper poses": (deeper_poses, "submission, in the mesh, max: over the limit"),
     "no work told": (method("gives_work = True", ""), f"method, work units: {LOST}"),
     "no forces told": (method("gives_forces = True", ""), f"method, largest force step while moving: {LOST}"),
 }
@@ -252,12 +177,9 @@ def test_what_is_not_hhsims_own_is_gated_and_green(project: Path, gate: Gate) ->
     assert answer.code == 0, answer.out + answer.err
     rows = json.loads(answer.out)["rows"]
     judged = {(row["scene"], row["name"]) for row in rows if row["limit"] is not None and row["head"] is not None}
-    assert {
-        *(("method", "penetration_max"), ("method", "work_units"), ("recording", "stuck_ticks")),
-        *(("submission", "mesh_depth_max"), ("session", "lag_ticks"), ("session", "ended_early")),
-    } <= judged
+    assert {*(("method", "penetration_max"), ("method", "work_units"), ("recording", "stuck_ticks"))} <= judged
     # What a method does not tell has no row, however the suite limits it.
-    assert not {("method", "stuck_ticks"), ("method", "linearisations"), ("submission", "lag_ticks")} & judged
+    assert not {("method", "stuck_ticks"), ("method", "linearisations")} & judged
 
 
 @pytest.mark.parametrize("regression", sampled(REGRESSIONS, lambda i, _: i < 1))
@@ -286,27 +208,19 @@ def test_a_limit_on_what_a_run_does_not_have_is_told_in_a_line(head: Path, gate:
 
 @pytest.mark.soak
 def test_a_pointer_that_git_lfs_left_is_named_once(head: Path, gate: Gate) -> None:
-    (head / "session.h5").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 400000\n")
-    (head / "recording.csv").write_bytes((head / "session.h5").read_bytes())
-    for scene in ("session", "recording"):
-        shutil.copy(head / "hhsim-gate.toml", head / "all.toml")
-        only(head, scene)
-        answer = gate(head)
-        shutil.copy(head / "all.toml", head / "hhsim-gate.toml")
-        assert answer.code == 2
-        assert (answer.out + answer.err).count("git lfs pull") == 1
-        assert f"hhsim: error: {scene}: " in answer.err and sys.executable not in answer.err
+    only(head, "recording")
+    pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 400000\n"
+    (head / "recording.csv").write_text(pointer)
+    answer = gate(head)
+    assert answer.code == 2
+    assert (answer.out + answer.err).count("git lfs pull") == 1
+    assert "hhsim: error: recording: " in answer.err and sys.executable not in answer.err
 
 
 @pytest.mark.soak
-def test_another_motion_is_judged_by_its_figures_where_the_suite_says_so(head: Path, gate: Gate) -> None:
+def test_another_motion_cannot_be_compared(head: Path, gate: Gate) -> None:
     only(head, "recording")
     write_recording(head / "recording.csv", 0.05)
-    answer = gate(head)
-    assert answer.code == 0, answer.out
-    assert "another motion than the base's, which may change" in answer.out
-    text = (head / "hhsim-gate.toml").read_text()
-    (head / "hhsim-gate.toml").write_text(text.replace("motion_may_change = true", ""))
     answer = gate(head, "--quiet")
     assert (answer.code, "different inputs: " in answer.err) == (3, True)
 
@@ -316,9 +230,9 @@ def test_a_scene_that_the_base_lacks_is_judged_by_its_limits(
     project: Path, head: Path, tmp_path: Path, gate: Gate
 ) -> None:
     base = Path(shutil.copytree(project, tmp_path / "base"))
-    (base / "session.h5").unlink()
+    (base / "recording.csv").unlink()
     (base / "own_method.py").unlink()
-    for scene in ("session", "method"):
+    for scene in ("recording", "method"):
         shutil.copy(project / "hhsim-gate.toml", head / "hhsim-gate.toml")
         only(head, scene)
         answer = gate(head, "--base-folder", str(base))
@@ -356,3 +270,30 @@ def test_a_result_is_judged_the_same_in_every_folder(project: Path, tmp_path: Pa
     assert exit_code == 0 and b"penetration, max" in out
     (row,) = (row for row in gate_result(load_result(path)).rows if row.name == "penetration_max")
     assert row.limit == 1e-6, "its file says that the method promises it"
+
+
+def malformed(file: h5py.File) -> None:
+    counters = json.loads(file["hands/right/live"].attrs["counters"])
+    file["hands/right/live"].attrs["counters"] = json.dumps({**counters, "frames": 60_000, "malformed": 1280})
+
+
+SOME = slice(50, 60)
+IN_SESSIONS: dict[Fault, str] = {
+    at("stuck", "hands/right/tick/status", SOME, lambda x: x | STATUS_STUCK): "stuck_ticks",
+    at("lag", "hands/right/tick/status", SOME, lambda x: x | STATUS_LAG): "lag_ticks",
+    attribute("killed", "hands/right/live", "ended", lambda x: "the loop failed or was killed"): "ended_early",
+    malformed: "malformed_share",
+    at("freed", "hands/right/live/tick/safety", SOME, lambda x: int(Safety.STALE_INPUT)): "freed_share",
+}
+
+
+@pytest.mark.soak
+def test_a_session_is_judged_by_its_file_and_its_faults_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "session.h5"
+    write_session(path)
+    assert gate_result(load_result(path)).exit_code == 0
+    for fault, figure in IN_SESSIONS.items():
+        shutil.copy(path, tmp_path / "faulty.h5")
+        with changed(tmp_path / "faulty.h5") as file:
+            fault(file)
+        assert figure in {row.name for row in gate_result(load_result(tmp_path / "faulty.h5")).missed}

@@ -1,4 +1,4 @@
-"""What is said of a free object's run: how far it goes, what slips first, and whether a lift took it along."""
+"""What is said of a free object's run: how far it goes, its friction, grip, slip and creep."""
 
 from typing import Any
 
@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from hhsim.metrics.run.registry import run_figure
-from hhsim.metrics.run_ticks import FreeRun, RunTicks, body_name
+from hhsim.metrics.run_ticks import FreeRun, RunTicks
 from hhsim.motion.trajectory import ObjectMotion, TickPhase
 
 TICKS = 10
-LIFT = (TickPhase("hold", 0, 1), TickPhase("lift", 2, 9))
 PALM = np.outer(np.clip(np.arange(TICKS) - 2.0, 0.0, None), [0.0, 0.0, 0.01])
 
 
@@ -32,13 +31,6 @@ def run(share: float) -> FreeRun:
     }
     first = ObjectMotion(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
     return FreeRun(body, contacts, properties, first, np.ones(21), 0.0)
-
-
-def test_a_lift_that_leaves_the_object_behind_says_which_contact_slipped_first() -> None:
-    said = run(0.5).left_behind(LIFT, PALM)
-    assert said == "in the lift the object comes 35.0 mm of 70.0 mm: the first contact to slip is of the palm at tick 5"
-    assert run(0.95).left_behind(LIFT, PALM) == ""
-    assert run(0.5).left_behind(LIFT[:1], PALM) == ""
 
 
 def test_friction_is_told_as_a_share_of_what_can_be_borne() -> None:
@@ -78,4 +70,3 @@ def test_weight_friction_and_way_are_those_of_the_object() -> None:
     assert free.friction.tolist() == [0.2, 0.5, 0.5, 0.5]
     assert free.of_hand.tolist() == [False, True, True, True]
     assert free.center[-1] == pytest.approx([0.0, 0.0, 0.07])
-    assert (body_name(15), body_name(0), body_name(5)) == ("palm", "thumb's first phalanx", "index's last phalanx")

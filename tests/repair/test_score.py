@@ -10,10 +10,10 @@ from joint_samples import array_npy, arrays_npz, joint_sample
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.quaternion import quaternion, rotation_matrix
+from hhsim.metrics.field.field_table import MISSED
 from hhsim.motion.trajectory import ObjectMotion
 from hhsim.recordings.frames import world_matrix
 from hhsim.recordings.registry import ReadOptions
-from hhsim.repair.field_verdict import MISSED
 from hhsim.repair.score import FieldScore, field_score
 
 SAMPLE = joint_sample(count=12)

@@ -56,7 +56,7 @@ def test_a_cluster_of_two_processes_is_started_here(tmp_path: Path) -> None:
     folder = SweepFolder(tmp_path / "out")
     plan = load_plan(write_plan(tmp_path))
     found = run_sweep(plan, folder, jobs=2, scheduler=engines.LOCAL)
-    assert (found.run, found.failed) == (2, ())
+    assert (found.run, found.failed) == (2, {})
 
 
 def test_without_dask_one_line_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -36,11 +36,6 @@ def ran(out: Path) -> list[str]:
     return names
 
 
-def repaired(out: Path) -> list[str]:
-    """Names of the rows that were repaired since this was asked, whatever was drawn."""
-    return [name for name in ran(out) if not name.endswith("-picture")]
-
-
 def states(out: Path) -> dict[str, tuple[str, str]]:
     rows = csv.DictReader(io.StringIO((out / "table.csv").read_text()))
     return {row["name"]: (row["state"], row["reason"]) for row in rows}
@@ -55,9 +50,9 @@ def test_every_row_ends_whatever_others_do_and_any_number_of_processes_writes_th
     assert run(path, two, workers=2).failed == found.failed
     assert states(one) == {
         "r0": ("repaired", ""),
-        "r1": ("failed", engines.CRASHED),
+        "r1": ("failed", f"{engines.CRASHED}; its time_limit is 1 s"),
         "r2": ("refused", f"{tmp_path}/r2.txt: no recording"),
-        "r3": ("failed", "not done within its time_limit of 1 s"),
+        "r3": ("failed", f"{engines.CRASHED}; its time_limit is 1 s"),
         "r4": ("missed", "MISSED: 2 frames are deep"),
         "r5": ("failed", "KeyError: 'hand'"),
         "r6": ("failed", "it wrote no r6.txt"),
@@ -70,17 +65,17 @@ def test_every_row_ends_whatever_others_do_and_any_number_of_processes_writes_th
     assert files == tree(two)
     assert files["r0/r0.txt"] == b"copy 9"
     assert [name for name in files if name.startswith("r3/")] == ["r3/outcome.json"]
-    assert len(repaired(one)) == len(contents)
+    assert len(ran(one)) == len(contents)
 
 
 @pytest.mark.usefixtures("in_this_process")
 def test_a_second_run_repeats_what_ended_by_accident_and_nothing_else(tmp_path: Path) -> None:
     path, out = write_manifest(tmp_path, "raise 1", "refuse 1", "miss 1", "copy 1", "mesh 1"), tmp_path / "out"
     told: list[tuple[str, int, int]] = []
-    again = partial(run_manifest, path, out, fake_repairs.repaired, fake_repairs.illustrated)
+    again = partial(run_manifest, path, out, fake_repairs.repaired)
     first = again(progress=lambda *step: told.append(step))
-    assert told == [*(("recordings", done, 5) for done in range(6)), *(("pictures", done, 2) for done in range(3))]
-    assert len(ran(out)) == 5 + 2
+    assert told == [("recordings", done, 5) for done in range(6)]
+    assert len(ran(out)) == 5
     files = tree(out)
     told.clear()
     assert again(progress=lambda *step: told.append(step)).failed == first.failed
@@ -110,7 +105,7 @@ def test_a_row_whose_file_is_replaced_keeps_nothing_and_is_run_anew(tmp_path: Pa
 
     out = tmp_path / "out"
     lost = {"r0.txt": ["r0"], "r1.txt": ["r1"], "thing.obj": ["r0", "r1"]}[replaced]
-    assert run_manifest(path, out, repaired, fake_repairs.illustrated).failed == tuple((name, CHANGED) for name in lost)
+    assert run_manifest(path, out, repaired).failed == tuple((name, CHANGED) for name in lost)
     assert not any((out / name / f"{name}.txt").exists() for name in lost)
     (tmp_path / replaced).write_text(before)
     ran(out)
@@ -152,22 +147,22 @@ def test_the_table_has_units_and_its_json_the_same_values(tmp_path: Path) -> Non
 def test_what_a_row_depends_on_runs_it_anew(tmp_path: Path) -> None:
     path, out = write_manifest(tmp_path, "copy 9", "copy 8", "copy 7"), tmp_path / "out"
     run(path, out)
-    assert repaired(out) == ["r0", "r1", "r2"]
+    assert ran(out) == ["r0", "r1", "r2"]
     (tmp_path / "r1.txt").write_text("copy 5")
     (out / "r2" / "r2.txt").unlink()
     (out / "r1" / "left.txt").write_text("of an earlier run")
     run(path, out)
-    assert repaired(out) == ["r1", "r2"] and not (out / "r1" / "left.txt").exists()
+    assert ran(out) == ["r1", "r2"] and not (out / "r1" / "left.txt").exists()
     for damage in ("", "{}", '{"format": "hhsim-repair"}'):
         (out / "r0" / "outcome.json").write_text(damage)
         run(path, out)
-        assert repaired(out) == ["r0"]
+        assert ran(out) == ["r0"]
     path.write_text(path.read_text() + "max_correction_mm = 9.0\n")
     run(path, out)
-    assert repaired(out) == ["r0", "r1", "r2"]
+    assert ran(out) == ["r0", "r1", "r2"]
     path.write_text(path.read_text() + "time_limit = 60.0\n")
     run(path, out)
-    assert repaired(out) == []
+    assert ran(out) == []
 
 
 @pytest.mark.usefixtures("in_this_process")
@@ -184,26 +179,9 @@ def test_a_folder_of_others_and_one_that_is_worked_in_are_left_alone(tmp_path: P
 
 
 @pytest.mark.usefixtures("in_this_process")
-def test_pictures_are_made_of_the_worst_rows_from_what_is_there_unless_all_are_asked_for(tmp_path: Path) -> None:
-    def pictured(out: Path) -> list[str]:
-        return sorted(path.parent.name for path in out.glob(f"*/*{PICTURE}"))
-
-    path, out = write_manifest(tmp_path, *(f"copy {1 + number}" for number in range(12)), "refuse 1"), tmp_path / "out"
-    run_manifest(path, out, fake_repairs.repaired, fake_repairs.illustrated, pictures="none")
-    assert len(ran(out)) == 13 and not pictured(out)
-    bare = {name: of for name, of in tree(out).items() if name != "report.html"}
-    times = {name: (out / name).stat().st_mtime_ns for name in bare if "/" in name}
-    run(path, out)
-    assert pictured(out) == sorted(f"r{number}" for number in range(2, 12))
-    assert ran(out) == [f"{name}-picture" for name in pictured(out)]
-    assert bare.items() <= tree(out).items()
-    assert times == {name: (out / name).stat().st_mtime_ns for name in times}
-    run_manifest(path, out, fake_repairs.repaired, fake_repairs.illustrated, pictures="all")
-    assert ran(out) == ["r0-picture", "r1-picture"]
-
-
-@pytest.mark.usefixtures("in_this_process")
-def test_a_picture_that_fails_takes_nothing_away(tmp_path: Path) -> None:
-    path, out = write_manifest(tmp_path, "undrawn 9", "copy 8"), tmp_path / "out"
-    assert run(path, out).failed == (("r0", "without its pictures: KeyError: 'paint'"),)
-    assert (out / "r0" / "r0.txt").read_text() == "undrawn 9" and states(out)["r0"] == ("repaired", "")
+def test_each_row_has_pictures_unless_none_are_asked_for(tmp_path: Path) -> None:
+    path, out = write_manifest(tmp_path, "copy 1", "copy 2", "refuse 1"), tmp_path / "out"
+    for pictures, rows in ((False, []), (True, ["r0", "r1"])):
+        run_manifest(path, out, fake_repairs.repaired, pictures=pictures)
+        assert sorted(path.parent.name for path in out.glob(f"*/*{PICTURE}")) == rows
+        assert ran(out) == ["r0", "r1", "r2"]

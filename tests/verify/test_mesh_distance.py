@@ -13,8 +13,8 @@ from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import RESOLUTION, mesh_clearance
-from hhsim.verify.coal_distance import EXACT, coal_distance, has_coal
 from hhsim.verify.contacts import PALM, axis_places
+from hhsim.verify.depth_checks import EXACT, coal_distance, has_coal
 from hhsim.verify.mesh_distance import HandReferee, TrueSurface
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))

@@ -1,4 +1,1 @@
-"""Figures of repaired recordings as the field publishes them; every module says where its definition comes from."""
-
-ORDER = ("depth", "volume", "contact", "correction", "displacement", "finger_force")
-"""Modules in the order of the table; any other comes after them."""
+"""A recorded hand and its repair: both beside the object, the figures of the field, their table and its verdict."""

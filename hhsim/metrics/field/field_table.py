@@ -1,23 +1,32 @@
-"""Figures of the field, the `METRICS` of each module of this package, and their table before and after a repair."""
+"""Figures of the field before and after a repair as a table, and the verdict on it.
+
+Judged are penetration, correction, kept contacts and smoothness.
+"""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
-import hhsim.metrics.field
-from hhsim.metrics.field.hands import FieldMetric, FieldPair
-from hhsim.metrics.run_metric import declared_figures
+from hhsim.metrics.field.figures import INSIDE, KEPT, LARGEST, METRICS, RATIO, TOUCHING, FieldMetric
+from hhsim.metrics.field.hands import FieldPair
 from hhsim.table.table import Table, number, words
+from hhsim.table.verdict import verdict
 
-WHEN = ("before", "after")
+OK, MISSED, EMPTY = "within limits", "limits missed", "no frames"
+"""Words of verdicts."""
+DOUBT = "object"
+"""Name of the missed limit where the object may be in another place."""
+LEAST_KEPT = 95.0
+"""Smallest share of contacts within 5 mm that are kept [%]."""
+MOST_ACCELERATION = 1.1
+"""Largest acceleration after over before."""
+DEPTHS = ("depth_joints_max", "depth_skin_max", "depth_cones_max")
 
 
-@cache
 def field_metrics() -> dict[str, FieldMetric]:
-    """Return every figure by its name, in the order of the table; ValueError if two have one name."""
-    return declared_figures(hhsim.metrics.field)
+    """Return every figure by its name, in the order of the table."""
+    return {metric.name: metric for metric in METRICS}
 
 
 @dataclass(frozen=True)
@@ -43,15 +52,9 @@ class FieldRow:
 
 def field_rows(pair: FieldPair) -> tuple[FieldRow, ...]:
     """Compute every figure that is defined for one of the two hands, in the order of the table."""
-    computed = {metric.name: metric.compute(pair) for metric in field_metrics().values()}
-    return known_rows({f"{name}_{when}": of for name, both in computed.items() for when, of in zip(WHEN, both)}, pair)
-
-
-def known_rows(figures: Mapping[str, float], pair: FieldPair) -> tuple[FieldRow, ...]:
-    """Return the rows of figures that are known, by their names with _before and _after."""
     rows = []
     for metric in field_metrics().values():
-        before, after = (figures.get(f"{metric.name}_{when}", math.nan) for when in WHEN)
+        before, after = metric.compute(pair)
         if not (math.isnan(before) and math.isnan(after)):
             stated = metric.parameters if isinstance(metric.parameters, str) else metric.parameters(pair)
             rows.append(FieldRow(metric, before, after, stated))
@@ -76,3 +79,42 @@ def field_table(rows: Sequence[FieldRow], title: str = "", doubts: Sequence[str]
 def to_json(rows: Sequence[FieldRow]) -> dict[str, dict[str, Any]]:
     """Return rows by the names of their figures, as `FieldRow.to_json`."""
     return {row.name: row.to_json() for row in rows}
+
+
+@dataclass(frozen=True)
+class FieldVerdict:
+    """Verdict on one repair: its word, the figures beyond their limits, and both, or those that hold, in one line."""
+
+    word: str
+    missed: tuple[str, ...]
+    line: str
+
+
+def doubts_of(rows: Sequence[FieldRow]) -> tuple[str, ...]:
+    """Return a sentence if the hand is never near the object, so that there was nothing to repair."""
+    if any(row.name == TOUCHING and row.before == 0.0 for row in rows):
+        return ("the hand never comes within 5 mm of the object: is the object where it was?",)
+    return ()
+
+
+def field_verdict(rows: Sequence[FieldRow], max_correction: float, doubts: Sequence[str] = ()) -> FieldVerdict:
+    """Judge the table of a repair, whose joints may move by `max_correction` [m]; undefined figures are not judged.
+
+    With doubts, such as those of `doubts_of`, a limit is missed: what the figures are of may be another scene.
+    """
+    limits = dict.fromkeys(DEPTHS, INSIDE) | {LARGEST: max_correction, KEPT: LEAST_KEPT, RATIO: MOST_ACCELERATION}
+    judged = [row for row in rows if row.name in limits and not math.isnan(row.after)]
+    if not any(row.name in DEPTHS for row in judged):
+        return FieldVerdict(EMPTY, (), f"{EMPTY}: no frame has all of its joints in both recordings")
+    beyond = verdict({row.name: row.after for row in judged}, limits, least=(KEPT,))
+    missed, said = [DOUBT for _ in doubts[:1]], [*doubts]
+    for row in (row for row in judged if row.name in beyond):
+        missed.append(row.name)
+        unit = f" {row.figure.unit}" if row.figure.unit else ""
+        bound = f"at {'least' if row.name == KEPT else 'most'} {limits[row.name] / row.figure.scale:g}{unit}"
+        # A depth of micrometres is 0 in the table's digits.
+        said.append(f"{row.figure.label} {row.after / row.figure.scale:.4g}{unit} ({bound})")
+    if missed:
+        return FieldVerdict(MISSED, tuple(missed), f"{MISSED}: {'; '.join(said)}")
+    kept = ", ".join(row.figure.label for row in judged)
+    return FieldVerdict(OK, (), f"{OK}: {kept}")

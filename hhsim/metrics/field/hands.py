@@ -1,13 +1,11 @@
 """A recorded hand beside its object: joints, surface and object in one frame; missing frames, NaN, are not counted."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.errors import InputError
 from hhsim.hand.forward_kinematics import PlacedHand, stored_hands
 from hhsim.kernels.contact.tip_distance import hand_tip_distances
 from hhsim.kernels.hand.hand_shape import HandShape
@@ -16,7 +14,6 @@ from hhsim.mesh.content_cache import kept_by_content
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import RESOLUTION, mesh_clearance
 from hhsim.metrics.moving_parts import MovingParts
-from hhsim.metrics.run_metric import Figure
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.trees.contact_surface import features_of
 
@@ -28,8 +25,6 @@ ON_SURFACE = 1e-9
 """Distance up to which a point lies on the surface [m]."""
 NEAR = 6e-3
 """Largest distance of a hand's surface that is looked for [m]: above that of any contact."""
-BeforeAfter = tuple[float, float]
-"""Figure of the recorded hand and of the repaired one, NaN where it is undefined."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +93,7 @@ class FieldHands:
     """Hand at each frame of a recording, in the object's frame.
 
     The surface of the hand is its skin, its round cones and palm spheres, or both; without either it is its joints.
-    Raises InputError for an array of another shape, or only one of `shape` and `placed`, `skin` and `faces`.
+    `shape` and `placed` go together, and `skin` and `faces`.
     """
 
     time: FloatArray  # stamps [s], shape (T,)
@@ -108,23 +103,9 @@ class FieldHands:
     placed: PlacedHand | None = None  # axes of the cones and the palm's pose; None without cones
     skin: FloatArray | None = None  # vertices of the skin [m], shape (T, V, 3); None without a skin
     faces: IntArray | None = None  # triangles of the skin, shape (F, 3)
-    truth: FloatArray | None = None  # skin of the true hand [m], shape (T, V, 3); None if unknown
     # Joint centres in the world [m], shape (T, 21, 3); None for an object that stands still.
     world: FloatArray | None = None
-    down: FloatArray | None = None  # direction of gravity in the object's frame, shape (T, 3); None for -z
     parts: MovingParts | None = None  # parts in place of the mesh, which is all of them at the first frame
-
-    def __post_init__(self) -> None:
-        frames = len(self.time)
-        vertices = None if self.skin is None else self.skin.shape[1]
-        expected = {"joints": (frames, 21, 3), "world": (frames, 21, 3), "down": (frames, 3)}
-        expected |= {} if vertices is None else {"skin": (frames, vertices, 3), "truth": (frames, vertices, 3)}
-        for name, shape in expected.items():
-            given = getattr(self, name)
-            if given is not None and given.shape != shape:
-                raise InputError(f"{name} of the judged hand has shape {given.shape}; expected {shape}")
-        if (self.shape is None) != (self.placed is None) or (self.skin is None) != (self.faces is None):
-            raise InputError("a judged hand needs shape and placed together, and skin and faces together")
 
     @cached_property
     def bodies(self) -> Bodies:
@@ -201,28 +182,12 @@ class FieldHands:
 
 @dataclass(frozen=True, eq=False)
 class FieldPair:
-    """Recorded hand and its repair, and what the figures of both need.
-
-    Raises InputError for hands of different numbers of frames or vertices, or with different objects.
-    """
+    """Recorded hand and its repair at the same frames beside the same object, and what the figures of both need."""
 
     recorded: FieldHands  # hand before
     repaired: FieldHands  # hand after, at the same frames
     force: FloatArray | None = None  # force of each finger after the repair [N], shape (T, 5); None if unknown
     volume_frames: int = 0  # frames whose intersection volume is computed, spread evenly; 0 for all
-    displacement_frames: tuple[int, ...] = ()  # frames whose simulation displacement is computed
-
-    def __post_init__(self) -> None:
-        before, after = len(self.recorded.time), len(self.repaired.time)
-        if before != after:
-            raise InputError(f"{before:,} recorded frames and {after:,} repaired ones; expected the same frames")
-        if self.recorded.mesh.sha256 != self.repaired.mesh.sha256:
-            raise InputError("recorded and repaired hand are beside different meshes; expected one object")
-        skins = self.recorded.skin, self.repaired.skin
-        if skins[0] is not None and skins[1] is not None and skins[0].shape != skins[1].shape:
-            raise InputError(f"skins of shapes {skins[0].shape} and {skins[1].shape}; expected the same vertices")
-        if self.force is not None and self.force.shape != (before, 5):
-            raise InputError(f"forces of shape {self.force.shape}; expected ({before}, 5)")
 
     @property
     def both(self) -> tuple[FieldHands, FieldHands]:
@@ -240,40 +205,3 @@ def object_bvh(mesh: Mesh) -> MeshBvh:
     """Return the hierarchy over the triangles of a closed mesh, whose sign holds also where they cross."""
     features, _ = features_of(mesh, True)
     return build_mesh_bvh(mesh.vertices, mesh.faces, by_winding=len(features.pseudonormal) == 0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class FieldMetric(Figure):
-    """Figure of a recorded hand and its repair, in SI units, or in % where it is defined so."""
-
-    compute: Callable[[FieldPair], BeforeAfter]
-    parameters: str | Callable[[FieldPair], str] = ""  # parameters of the definition, as the table prints them
-
-
-def of_each(compute: Callable[[FieldHands], float]) -> Callable[[FieldPair], BeforeAfter]:
-    """Return the computation of a figure that each hand has by itself."""
-    return lambda pair: (compute(pair.recorded), compute(pair.repaired))
-
-
-def of_frames(
-    values: Callable[[FieldPair, FieldHands], FloatArray], statistic: Callable[[FloatArray], float]
-) -> Callable[[FieldPair], BeforeAfter]:
-    """Return the computation of a statistic of the values that each hand of a pair has in its frames."""
-    return lambda pair: (statistic(values(pair, pair.recorded)), statistic(values(pair, pair.repaired)))
-
-
-def of_repair(compute: Callable[[FieldPair], float]) -> Callable[[FieldPair], BeforeAfter]:
-    """Return the computation of a figure that compares both hands: the recorded one has none."""
-    return lambda pair: (float("nan"), compute(pair))
-
-
-def mean(values: FloatArray) -> float:
-    """Return the mean of the finite values, NaN without any."""
-    finite = values[np.isfinite(values)]
-    return float(finite.mean()) if finite.size else float("nan")
-
-
-def largest(values: FloatArray) -> float:
-    """Return the largest finite value, NaN without any."""
-    finite = values[np.isfinite(values)]
-    return float(finite.max()) if finite.size else float("nan")

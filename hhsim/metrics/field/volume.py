@@ -4,7 +4,7 @@ The hand at a frame is its skin, closed at the wrist, or the union of its round 
 """
 
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -15,9 +15,8 @@ from hhsim.hand.palm_mesh import RoundCones
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.content_cache import kept_by_content
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.field.hands import FieldHands, FieldMetric, FieldPair, largest, mean, of_frames
+from hhsim.metrics.field.hands import FieldHands
 from hhsim.metrics.mesh_penetration import sampled
-from hhsim.metrics.run_metric import each_with
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -46,11 +45,10 @@ def closed_skin(skin: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray
     return np.concatenate(middles, axis=1), np.array(corners, dtype=np.int64)
 
 
-def hand_solids(hands: FieldHands, margin: float = 0.0) -> Callable[[int], "list[Manifold] | None"] | None:
+def hand_solids(hands: FieldHands) -> Callable[[int], "list[Manifold] | None"] | None:
     """Return a function of the frame that makes solids whose union is the hand there; None without skin and cones.
 
-    The solids are None where the skin is no closed surface. Of cones they are those that may be within a margin [m] of
-    the object.
+    The solids are None where the skin is no closed surface. Of cones they are those that may touch the object.
     """
     if hands.skin is not None and hands.faces is not None:
         vertices, faces = closed_skin(hands.skin, hands.faces)
@@ -58,11 +56,11 @@ def hand_solids(hands: FieldHands, margin: float = 0.0) -> Callable[[int], "list
         if hands.known.any() and Mesh(vertices[first], faces).volume < 0.0:
             faces = faces[:, ::-1]
         return lambda frame: None if (solid := manifold_of(vertices[frame], faces)) is None else [solid]
-    return None if hands.shape is None else lambda frame: _polyhedra(_cones_near(hands, frame, margin))
+    return None if hands.shape is None else lambda frame: _polyhedra(_cones_near(hands, frame))
 
 
-def _cones_near(hands: FieldHands, frame: int, margin: float) -> RoundCones:
-    """Return the round cones and palm spheres of a frame that may be within a margin [m] of the object."""
+def _cones_near(hands: FieldHands, frame: int) -> RoundCones:
+    """Return the round cones and palm spheres of a frame that may touch the object."""
     assert hands.shape is not None and hands.placed is not None
     shape, placed = hands.shape, hands.placed
     palm = placed.position[frame] + shape.palm_center @ rotation_matrix(placed.orientation[frame]).T
@@ -73,7 +71,7 @@ def _cones_near(hands: FieldHands, frame: int, margin: float) -> RoundCones:
     radius_b = np.concatenate([shape.phalanx_radius[:, 1:].ravel(), shape.palm_radius])
     ends = hands.bodies.at(frame).distance(np.stack([a, b])[None])[0].min(axis=0)
     # No point of an axis is farther from its nearer end than half its length.
-    near = ends - 0.5 * np.linalg.norm(b - a, axis=1) < np.maximum(radius_a, radius_b) + margin
+    near = ends - 0.5 * np.linalg.norm(b - a, axis=1) < np.maximum(radius_a, radius_b)
     return RoundCones(a[near], b[near], radius_a[near], radius_b[near])
 
 
@@ -137,20 +135,3 @@ def volumes(hands: FieldHands, most: int = 0) -> FloatArray:
         pieces = [solid ^ target for target in there or targets for solid in solids]
         found[frame] = Manifold.batch_boolean(pieces, OpType.Add).volume()
     return found
-
-
-def _stated(pair: FieldPair) -> str:
-    surface = "cones" if pair.recorded.skin is None else "open wrist closed with a fan"
-    known = int(pair.known.sum())
-    some = f"; {pair.volume_frames} of {known} frames and the deepest" if 0 < pair.volume_frames < known else ""
-    return f"Boolean of meshes, {SEGMENTS} edges around a cone; {surface}{some}"
-
-
-_OF = partial(of_frames, lambda pair, hands: volumes(hands, pair.volume_frames))
-METRICS = each_with(
-    FieldMetric("volume_exact_mean", "IV, exact, mean of frames", compute=_OF(mean)),
-    FieldMetric("volume_exact_max", "IV, exact, max", compute=_OF(largest)),
-    unit="cm³",
-    digits=3,
-    parameters=_stated,
-)

@@ -1,25 +1,25 @@
 """Table and verdict of the field: each limit by itself, rows in JSON and as a table, and one more figure."""
 
 import json
-import math
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from field_hands import hands_at, skin_hand, sphere_hand
 
-import hhsim.metrics.field
-from hhsim.metrics.field.field_table import FieldRow, field_metrics, field_rows, field_table, to_json
+from hhsim.metrics.field.field_table import (
+    EMPTY,
+    MISSED,
+    OK,
+    field_metrics,
+    field_rows,
+    field_table,
+    field_verdict,
+    to_json,
+)
 from hhsim.metrics.field.hands import FieldPair
-from hhsim.repair.field_verdict import EMPTY, MISSED, OK, field_verdict
 from hhsim.table.table import UNITS
 
-ONE_MORE = """
-from hhsim.metrics.field.hands import FieldMetric, of_each
-
-METRICS = (FieldMetric("frame_count", "frames", compute=of_each(lambda hands: float(len(hands.time)))),)
-"""
 SWAY = 0.001 * np.array([[0.0], [1.0], [0.0], [1.0], [0.0]])
 """Heights of a hand that goes up and down [m], shape (5, 1)."""
 
@@ -89,18 +89,3 @@ def test_every_unit_is_si_or_known_and_the_page_has_every_figure(repository: Pat
     assert {metric.unit for metric in metrics.values()} <= UNITS.keys() | {"N", "%", "m/s²", "m/s³"}
     page = (repository / "docs" / "lab" / "repair.md").read_text()
     assert [name for name in metrics if f"`{name}`" not in page] == []
-
-
-def test_one_more_file_is_in_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "frame_count.py").write_text(ONE_MORE)
-    monkeypatch.setattr(hhsim.metrics.field, "__path__", [*hhsim.metrics.field.__path__, str(tmp_path)])
-    field_metrics.cache_clear()
-    try:
-        rows = field_rows(FieldPair(hands_at(0.1, 3), hands_at(0.1, 3)))
-        found = next(row for row in rows if row.name == "frame_count")
-        assert isinstance(found, FieldRow)
-        assert (found.before, found.after) == (3.0, 3.0)
-        assert not any(math.isnan(row.before) and math.isnan(row.after) for row in rows)
-    finally:
-        sys.modules.pop("hhsim.metrics.field.frame_count")
-        field_metrics.cache_clear()
