@@ -65,14 +65,12 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
         level = self.level if named else usual_level
         return TreeOptions(level, self.branching, self.leaves, seed, self.cover, self.max_error, self.minimise)
 
-    def of_links(self, total: int | None, seed: int) -> "TreeOptions":
-        """Return the options of each link of a robot; UsageError for --total beside another number."""
+    def of_links(self, seed: int) -> "TreeOptions":
+        """Return the options of each link of a robot."""
         from hhsim.trees.options import TreeOptions
 
-        given = [name for name in ("level", "leaves", "max_error") if getattr(self, name) is not None]
-        if total is not None and given:
-            raise click.UsageError(f"--total and --{given[0].replace('_', '-')} exclude each other")
-        leaves = self.leaves if given else USUAL_LEAVES
+        named = (self.level, self.leaves, self.max_error) != (None, None, None)
+        leaves = self.leaves if named else USUAL_LEAVES
         return TreeOptions(self.level, self.branching, leaves, seed, self.cover, self.max_error)
 
 
@@ -96,7 +94,7 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
     @property
     def holds_links(self) -> bool:
         """True for a file that has spheres of links by their names."""
-        from hhsim.robots.formats.registry import format_of
+        from hhsim.robots.formats import format_of
 
         return self.path is not None and format_of(self.path) not in ("", "h5")
 
@@ -164,7 +162,7 @@ def command(
       hhsim build-tree drawer.urdf --link handle
       hhsim build-tree mug.obj --unit mm --from mug-medial.sph --out mug-medial.h5
       hhsim build-tree arm.urdf --as curobo --out arm.yml
-      hhsim build-tree arm.urdf --total 100 --as urdf --plot arm.png
+      hhsim build-tree arm.urdf --max-error 5mm --as urdf --plot arm.png
       hhsim build-tree arm.urdf --from arm.yml
     """
     from hhsim.linkage.file import names_a_linkage
@@ -184,7 +182,7 @@ def command(
         if given:
             message = f"--{given} is for mesh files; {object_} is a robot, whose triangles are as it states"
             raise click.UsageError(message)
-        options = build.of_links(robot.total, seed) if source.path is None else None
+        options = build.of_links(seed) if source.path is None else None
         threads = build.threads or usual_threads()
         robot_spheres(Path(object_), robot, options, source.path, output, plot, threads, seed)
         return

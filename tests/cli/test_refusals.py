@@ -80,8 +80,6 @@ REFUSED = {
     "build-tree cube --from a.sph": "a.sph: No such file or directory; expected a sphere tree (.sph)",
     "build-tree cube --from a.txt": "a.txt: a sphere tree is a .h5 or a .sph file",
     "build-tree cube --ignore default": "--compare are for a robot, a URDF or MJCF file, and cube is none",
-    "build-tree arm.urdf --total 3": "3 spheres for 7 links; expected at least one for each (--total)",
-    "build-tree arm.urdf --total 9 --leaves 3": "--total and --leaves exclude each other",
     "build-tree arm.urdf --compare": "--compare is for --from FILE",
     "build-tree arm.urdf --solid": "--solid is for mesh files; arm.urdf is a robot",
     "build-tree arm.urdf --as urdf --out a.yml": "--out a.yml: expected a file that ends in .urdf (--as urdf)",
