@@ -141,7 +141,7 @@ def command(
 
     OBJECT is a name (hhsim objects), a mesh file, or a URDF or MJCF file, of which --link names a link. The spheres
     of each level cover every triangle, with a proof in the file; the table says how far they protrude, as sampled and
-    as proved. A mesh need not be closed: what is open is covered as a skin, unless --solid or --thickness is given.
+    as proved. A mesh need not be closed: what is open is covered as a skin, unless --solid is given.
     A tree that was built before is taken from the cache. The file is .h5, or with --out FILE.sph the text format of
     Bradshaw's toolkit.
 
@@ -158,7 +158,6 @@ def command(
       hhsim build-tree cup --level 3 --branching 6
       hhsim build-tree bunny --level 3 --plot bunny-tree.png
       hhsim build-tree mug.stl --unit mm --level 3 --out mug.h5
-      hhsim build-tree bowl.stl --unit mm --thickness 2
       hhsim build-tree drawer.urdf --link handle
       hhsim build-tree mug.obj --unit mm --from mug-medial.sph --out mug-medial.h5
       hhsim build-tree arm.urdf --as curobo --out arm.yml
