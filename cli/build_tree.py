@@ -3,7 +3,7 @@
 import time
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import click
 
@@ -82,10 +82,6 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
         "Build nothing: measure the spheres of a .sph, .h5, .urdf, .srdf, .yml, .xrdf, .xml or .json file.",
         "--from",
     )
-    frame: Literal["auto", "mesh", "centred"] | None = option(
-        type=click.Choice(["auto", "mesh", "centred"]),
-        help="Origin of a .sph file: that of the mesh, centred in its box, or what fits better (auto). Default: auto.",
-    )
     from_unit: str | None = option(
         type=UNITS,
         help="Length unit of the .sph file. Default: that of the mesh file; m for an object of the catalogue.",
@@ -101,16 +97,13 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
     def check(self) -> None:
         """Raise UsageError for options of `--from` without it, and for options of a build beside it."""
         if self.path is None:
-            for name, value in (("--frame", self.frame), ("--from-unit", self.from_unit)):
-                if value is not None:
-                    raise click.UsageError(f"{name} is for --from FILE.sph")
+            if self.from_unit is not None:
+                raise click.UsageError("--from-unit is for --from FILE.sph")
             return
         built = {field.name for field in fields(BuiltTree)}
         refuse_typed(f"is for trees that are built; {self.path} has its own", names=built)
-        if self.path.suffix != ".sph" and (self.frame or self.from_unit):
-            raise click.UsageError(
-                f"--frame and --from-unit are for .sph files; {self.path} is in metres and has its frame"
-            )
+        if self.path.suffix != ".sph" and self.from_unit:
+            raise click.UsageError(f"--from-unit is for .sph files; {self.path} is in metres")
 
 
 @click.command(cls=GroupedCommand)
@@ -208,7 +201,7 @@ def command(
             if source.holds_links or (link and not of_object):
                 found = import_spheres(source.path, mesh, link, seed)
             else:
-                found = import_tree(source.path, mesh, unit, source.frame or "auto", seed, report)
+                found = import_tree(source.path, mesh, unit, seed, report)
             tree = found.tree
         seconds = time.perf_counter() - start
         if path.suffix == ".sph":

@@ -35,8 +35,8 @@ from hhsim.scene.scene import Scene, hand_of, scene_of
 from hhsim.scene.script import Script
 from hhsim.system.progress import Progress, silent
 from hhsim.system.settings_file import Settings, between
+from hhsim.trees.foreign_tree import load_tree_for
 from hhsim.trees.options import MOST_LEVEL
-from hhsim.trees.replay_tree import load_tree_for
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.triangle_tree import chosen_tree
 
