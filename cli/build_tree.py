@@ -3,7 +3,7 @@
 import time
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import click
 
@@ -65,14 +65,12 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
         level = self.level if named else usual_level
         return TreeOptions(level, self.branching, self.leaves, seed, self.cover, self.max_error, self.minimise)
 
-    def of_links(self, total: int | None, seed: int) -> "TreeOptions":
-        """Return the options of each link of a robot; UsageError for --total beside another number."""
+    def of_links(self, seed: int) -> "TreeOptions":
+        """Return the options of each link of a robot."""
         from hhsim.trees.options import TreeOptions
 
-        given = [name for name in ("level", "leaves", "max_error") if getattr(self, name) is not None]
-        if total is not None and given:
-            raise click.UsageError(f"--total and --{given[0].replace('_', '-')} exclude each other")
-        leaves = self.leaves if given else USUAL_LEAVES
+        named = (self.level, self.leaves, self.max_error) != (None, None, None)
+        leaves = self.leaves if named else USUAL_LEAVES
         return TreeOptions(self.level, self.branching, leaves, seed, self.cover, self.max_error)
 
 
@@ -84,10 +82,6 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
         "Build nothing: measure the spheres of a .sph, .h5, .urdf, .srdf, .yml, .xrdf, .xml or .json file.",
         "--from",
     )
-    frame: Literal["auto", "mesh", "centred"] | None = option(
-        type=click.Choice(["auto", "mesh", "centred"]),
-        help="Origin of a .sph file: that of the mesh, centred in its box, or what fits better (auto). Default: auto.",
-    )
     from_unit: str | None = option(
         type=UNITS,
         help="Length unit of the .sph file. Default: that of the mesh file; m for an object of the catalogue.",
@@ -96,23 +90,20 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
     @property
     def holds_links(self) -> bool:
         """True for a file that has spheres of links by their names."""
-        from hhsim.robots.formats.registry import format_of
+        from hhsim.robots.formats import format_of
 
         return self.path is not None and format_of(self.path) not in ("", "h5")
 
     def check(self) -> None:
         """Raise UsageError for options of `--from` without it, and for options of a build beside it."""
         if self.path is None:
-            for name, value in (("--frame", self.frame), ("--from-unit", self.from_unit)):
-                if value is not None:
-                    raise click.UsageError(f"{name} is for --from FILE.sph")
+            if self.from_unit is not None:
+                raise click.UsageError("--from-unit is for --from FILE.sph")
             return
         built = {field.name for field in fields(BuiltTree)}
         refuse_typed(f"is for trees that are built; {self.path} has its own", names=built)
-        if self.path.suffix != ".sph" and (self.frame or self.from_unit):
-            raise click.UsageError(
-                f"--frame and --from-unit are for .sph files; {self.path} is in metres and has its frame"
-            )
+        if self.path.suffix != ".sph" and self.from_unit:
+            raise click.UsageError(f"--from-unit is for .sph files; {self.path} is in metres")
 
 
 @click.command(cls=GroupedCommand)
@@ -143,7 +134,7 @@ def command(
 
     OBJECT is a name (hhsim objects), a mesh file, or a URDF or MJCF file, of which --link names a link. The spheres
     of each level cover every triangle, with a proof in the file; the table says how far they protrude, as sampled and
-    as proved. A mesh need not be closed: what is open is covered as a skin, unless --solid or --thickness is given.
+    as proved. A mesh need not be closed: what is open is covered as a skin, unless --solid is given.
     A tree that was built before is taken from the cache. The file is .h5, or with --out FILE.sph the text format of
     Bradshaw's toolkit.
 
@@ -160,11 +151,10 @@ def command(
       hhsim build-tree cup --level 3 --branching 6
       hhsim build-tree bunny --level 3 --plot bunny-tree.png
       hhsim build-tree mug.stl --unit mm --level 3 --out mug.h5
-      hhsim build-tree bowl.stl --unit mm --thickness 2
       hhsim build-tree drawer.urdf --link handle
       hhsim build-tree mug.obj --unit mm --from mug-medial.sph --out mug-medial.h5
       hhsim build-tree arm.urdf --as curobo --out arm.yml
-      hhsim build-tree arm.urdf --total 100 --as urdf --plot arm.png
+      hhsim build-tree arm.urdf --max-error 5mm --as urdf --plot arm.png
       hhsim build-tree arm.urdf --from arm.yml
     """
     from hhsim.linkage.file import names_a_linkage
@@ -184,7 +174,7 @@ def command(
         if given:
             message = f"--{given} is for mesh files; {object_} is a robot, whose triangles are as it states"
             raise click.UsageError(message)
-        options = build.of_links(robot.total, seed) if source.path is None else None
+        options = build.of_links(seed) if source.path is None else None
         threads = build.threads or usual_threads()
         robot_spheres(Path(object_), robot, options, source.path, output, plot, threads, seed)
         return
@@ -211,7 +201,7 @@ def command(
             if source.holds_links or (link and not of_object):
                 found = import_spheres(source.path, mesh, link, seed)
             else:
-                found = import_tree(source.path, mesh, unit, source.frame or "auto", seed, report)
+                found = import_tree(source.path, mesh, unit, seed, report)
             tree = found.tree
         seconds = time.perf_counter() - start
         if path.suffix == ".sph":

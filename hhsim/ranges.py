@@ -30,7 +30,6 @@ RANGES = {
     "velocity": Range(-1e4, 1e4, "m/s"),
     "angular_velocity": Range(-1e5, 1e5, "rad/s"),
     "size": Range(0.001, 20.0, "m", "a hand is to touch it"),
-    "thickness": Range(1e-6, 20.0, "m"),
     "stiffness translation": Range(1e-9, 1e12, "N/m", _STIFFNESS),
     "stiffness rotation": Range(1e-9, 1e12, "N·m/rad", _STIFFNESS),
     "stiffness flexion": Range(1e-9, 1e12, "N·m/rad", _STIFFNESS),

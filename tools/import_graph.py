@@ -16,7 +16,7 @@ PACKAGES = (
     ),
     *("hhsim.kernels.world", "hhsim.kernels.parts", "hhsim.kernels.live"),
     *("hhsim.system", "hhsim.table", "hhsim.mesh", "hhsim.trees", "hhsim.hand"),
-    *("hhsim.linkage", "hhsim.robots", "hhsim.robots.formats", "hhsim.motion"),
+    *("hhsim.linkage", "hhsim.robots", "hhsim.motion"),
     "hhsim.result",
     *(
         "hhsim.recordings",

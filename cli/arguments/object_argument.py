@@ -32,24 +32,20 @@ class MeshSize(OptionGroup, heading="Mesh file"):
         """Load the mesh [m] of OBJECT, and its usual tree level, as `hhsim.linkage.file.resolve_object`."""
         from hhsim.linkage.file import resolve_object
 
-        thickness = metres(getattr(self, "thickness", None))
-        return resolve_object(object_, self.unit, metres(self.size), thickness, solid, link)
+        return resolve_object(object_, self.unit, metres(self.size), solid, link)
 
 
 class MeshFile(MeshSize):
-    """Reading of a mesh file: as it is, as a solid, or with sheets of a thickness [mm] in place of its open parts."""
+    """Reading of a mesh file: as it is, or as a solid."""
 
     solid: bool = option(
         is_flag=True,
         help="Close a mesh file to a solid, meshed anew if need be. Default: what is none is touched as a skin.",
     )
-    thickness: float | None = ranged(
-        "thickness", "MM", "Make each open part of a mesh file a sheet this thick [mm], and the whole a solid.", 1e-3
-    )
 
     def words(self, tree: "TreeChoice") -> dict[str, Any]:
         """Return what the options say of the mesh and its tree, for `SceneWords`."""
-        of_mesh = {"unit": self.unit, "size_mm": self.size, "thickness_mm": self.thickness, "solid": self.solid}
+        of_mesh = {"unit": self.unit, "size_mm": self.size, "solid": self.solid}
         return of_mesh | {"level": tree.stated(), "max_error": tree.max_error}
 
     def unit_length(self, object_: str) -> float:

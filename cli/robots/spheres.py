@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
@@ -20,8 +20,8 @@ from ..console import print_json, print_line, print_notes, print_table, progress
 if TYPE_CHECKING:
     from hhsim.linkage.linkage import Robot
     from hhsim.mesh.mesh import Mesh
+    from hhsim.robots.formats import RobotSpheres
     from hhsim.robots.link_spheres import LinkSpheres
-    from hhsim.robots.robot_spheres import RobotSpheres
     from hhsim.robots.touching_pairs import Touching
     from hhsim.trees.foreign_tree import ImportedTree
     from hhsim.trees.options import TreeOptions
@@ -42,11 +42,6 @@ class RobotOptions(OptionGroup, heading="Robot"):
     """One link of a robot, format of its spheres, and where they are shown."""
 
     link: str | None = option(metavar="NAME", help="One link of a URDF or MJCF file, or of a --from file.")
-    total: int | None = option(
-        type=click.IntRange(1, 262_144),
-        metavar="N",
-        help="Number of spheres of all links, shared out by error. Default: --leaves of each.",
-    )
     kind: str | None = option(
         "--as",
         type=click.Choice(["h5", "urdf", "curobo", "json", "mjcf", "srdf", "xrdf"]),
@@ -65,13 +60,13 @@ class RobotOptions(OptionGroup, heading="Robot"):
     def means(self, object_: str, out: Path | None) -> bool:
         """Return True if OBJECT is a robot: a URDF or MJCF whose links move, unless one link's tree is asked for."""
         from hhsim.linkage.file import names_a_linkage, read_robot
-        from hhsim.robots.formats.registry import format_of
+        from hhsim.robots.formats import format_of
 
-        named = self.compare or self.visual or (self.kind, self.total, self.ignore) != (None,) * 3
+        named = self.compare or self.visual or (self.kind, self.ignore) != (None, None)
         if not names_a_linkage(object_):
             if named:
                 raise click.UsageError(
-                    "--as, --total, --visual, --ignore and --compare are for a robot, a URDF or MJCF file, and "
+                    "--as, --visual, --ignore and --compare are for a robot, a URDF or MJCF file, and "
                     f"{object_} is none"
                 )
             return False
@@ -91,16 +86,14 @@ def robot_spheres(
 ) -> None:
     """Build the spheres of a robot's links, or judge those of a file, and write, draw, show and print them."""
     from hhsim.linkage.file import read_robot
-    from hhsim.robots.formats.registry import FORMATS, format_of
-    from hhsim.robots.link_spheres import build_in_all, build_links, link_meshes
-    from hhsim.robots.robot_spheres import RobotSpheres
+    from hhsim.robots.formats import FORMATS, RobotSpheres, format_of
+    from hhsim.robots.link_spheres import build_links, link_meshes
     from hhsim.robots.touching_pairs import touching_pairs
     from hhsim.system.atomic_write import write_atomically
     from hhsim.system.output_path import check_output_path, check_picture, holds
     from hhsim.trees.options import TreeOptions
 
     out_kind = "" if output.out is None else format_of(output.out)
-    total = robot_options.total
     name = robot_options.kind or out_kind or "h5"
     format_ = FORMATS[name]
     out = output.path(f"{path.stem}-spheres", format_.suffixes[0])
@@ -124,8 +117,6 @@ def robot_spheres(
                 many = {link: TreeOptions(leaves=each.fit.spheres, seed=seed) for link, each in built.items()}
                 ours = build_links(robot, meshes, many, threads, report)
                 compared = [_in_all(source.name, built), _in_all("hhsim", ours)]
-        elif total is not None:
-            built = build_in_all(robot, meshes, total, replace(options or TreeOptions(), seed=seed), threads, report)
         else:
             each = options or TreeOptions(leaves=USUAL_LEAVES, seed=seed)
             built = build_links(robot, meshes, dict.fromkeys(meshes, each), threads, report)
@@ -160,7 +151,7 @@ def _judged(
     robot: "Robot", meshes: Mapping[str, "Mesh"], source: Path, seed: int, notes: list[str]
 ) -> "dict[str, LinkSpheres]":
     """Measure the spheres of a file on the links of the same names, and note what has no counterpart."""
-    from hhsim.robots.formats.registry import read_spheres
+    from hhsim.robots.formats import read_spheres
     from hhsim.robots.link_spheres import judge_link
     from hhsim.trees.fit import doubt
 
@@ -225,7 +216,7 @@ COMPARED = (
 
 def import_spheres(source: Path, mesh: "Mesh", link: str, seed: int) -> "ImportedTree":
     """Read the spheres of one link from a file, and measure them on a mesh; InputError names the links of several."""
-    from hhsim.robots.formats.registry import read_spheres
+    from hhsim.robots.formats import read_spheres
     from hhsim.robots.link_spheres import tree_of_spheres
     from hhsim.trees.foreign_tree import judge_tree
 

@@ -127,7 +127,6 @@ def resolve_object(
     name_or_path: str | Path,
     unit: str | None = None,
     size: float | None = None,
-    thickness: float | None = None,
     solid: bool | None = True,
     link: str = "",
 ) -> tuple[Mesh, int]:
@@ -135,21 +134,20 @@ def resolve_object(
 
     Args:
         name_or_path: A word with a suffix or a folder is a file.
-        unit, size, thickness: Of a mesh file [-, m, m], as for `hhsim.mesh.mesh.load_mesh`.
-        solid: As for `load_mesh`; sheets of a thickness are solids.
+        unit, size: Of a mesh file [-, m], as for `hhsim.mesh.mesh.load_mesh`.
+        solid: As for `load_mesh`.
         link: Link of a URDF or MJCF file, in its own frame; one without a name is the only one, in the file's.
 
     Raises:
         UnknownNameError: No such object, with the near names.
-        InputError: No such file or link, or a unit, size or thickness for an object that has its own.
+        InputError: No such file or link, or a unit or a size for an object that has its own.
         MeshError: A mesh that cannot be used.
     """
     word = str(name_or_path)
-    given = "unit and size are" if unit is not None or size is not None else ""
-    given = "thickness is" if thickness is not None else given
+    has_own_size = "unit and size are for mesh files" if unit is not None or size is not None else ""
     if names_a_linkage(word):
-        if given:
-            raise InputError(f"{given} for mesh files; {word} states its sizes")
+        if has_own_size:
+            raise InputError(f"{has_own_size}; {word} states its sizes")
         linkage = _linkage_or_robot(Path(word), link)
         with named(word):
             if not link and len(linkage.links) > 1:
@@ -166,14 +164,13 @@ def resolve_object(
     if link:
         raise InputError(f"a link is of a URDF or MJCF file; '{word}' is none")
     if not names_a_file(word):
-        if given:
-            raise InputError(f"{given} for mesh files; '{word}' is an object that has its size")
+        if has_own_size:
+            raise InputError(f"{has_own_size}; '{word}' is an object that has its size")
         item = load_object(word)
         return item.mesh, item.level
     if unit is not None and size is not None:
         raise InputError("unit and size exclude each other: size scales whatever the unit is")
-    solid = True if thickness is not None else solid
-    return load_mesh(word, unit, size, thickness=thickness, solid=solid), MESH_LEVEL
+    return load_mesh(word, unit, size, solid), MESH_LEVEL
 
 
 def solid_for(surface: str, asked: bool = False) -> bool | None:

@@ -6,7 +6,7 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.kernels.mesh.inside_field import SolidField, inside, leave_inside, near
 from hhsim.kernels.mesh.tet_grid import MOST_COORDINATE, Tets, fill_table, halve_tets, locate
-from hhsim.mesh.topology import is_closed, part_labels, used_vertices
+from hhsim.mesh.topology import is_closed, manifold_of, part_labels, triangles_of, used_vertices
 
 HALVINGS = 11
 """Largest number of halvings of a cube's edge."""
@@ -266,17 +266,14 @@ def simplified(
     vertices: FloatArray, faces: IntArray, border: FloatArray, tolerance: float
 ) -> tuple[FloatArray, IntArray]:
     """Simplify the mesh where that takes it no farther from points of the border, shape (n, 3)."""
-    from manifold3d import Error, Manifold, Mesh64
-
     before = max(border_distances(vertices, faces, border))
-    whole = Manifold(Mesh64(vertices, faces.astype(np.uint64)))
-    if whole.status() == Error.NoError:
-        for share in _SIMPLER:
-            result = whole.simplify(share * tolerance).to_mesh64()
-            points = np.ascontiguousarray(np.asarray(result.vert_properties, dtype=np.float64)[:, :3])
-            triangles = np.asarray(result.tri_verts).astype(np.int64)
-            if len(triangles) == 0 or not is_closed(triangles):
-                continue
-            if max(border_distances(points, triangles, border)) <= max(before, tolerance) + share * tolerance:
-                return points, triangles
+    whole = manifold_of(vertices, faces)
+    if whole is None:
+        return vertices, faces
+    for share in _SIMPLER:
+        points, triangles = triangles_of(whole.simplify(share * tolerance))
+        if len(triangles) == 0 or not is_closed(triangles):
+            continue
+        if max(border_distances(points, triangles, border)) <= max(before, tolerance) + share * tolerance:
+            return points, triangles
     return vertices, faces

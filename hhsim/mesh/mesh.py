@@ -55,6 +55,13 @@ class Mesh:
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
 
+    def __eq__(self, other: object) -> bool:
+        """Return True for a mesh of the same vertices and triangles, whatever it is called."""
+        return isinstance(other, Mesh) and self.sha256 == other.sha256
+
+    def __hash__(self) -> int:
+        return hash(self.sha256)
+
     def __repr__(self) -> str:
         size = " x ".join(f"{1e3 * length:.1f}" for length in self.extent)
         return f"Mesh({self.name}: {len(self.vertices):,} vertices, {len(self.faces):,} triangles, {size} mm)"
@@ -146,13 +153,7 @@ def unit_length_of(path: str | Path, unit: str | None = None, size: float | None
     return found.metre or 1.0 if size is None else size / float(Mesh(found.vertices, found.faces).extent.max())
 
 
-def load_mesh(
-    path: str | Path,
-    unit: str | None = None,
-    size: float | None = None,
-    thickness: float | None = None,
-    solid: bool | None = True,
-) -> Mesh:
+def load_mesh(path: str | Path, unit: str | None = None, size: float | None = None, solid: bool | None = True) -> Mesh:
     """Read a mesh file, scale it to metres, check it and give it an inside.
 
     What is safe to repair is repaired. Otherwise the inside is where the winding number of the triangles exceeds 1/2,
@@ -162,13 +163,12 @@ def load_mesh(
         path: Any format that trimesh reads (.obj .stl .ply .off .glb …); the parts of a scene are joined.
         unit: Length unit of the file: m, cm, mm or inch. None for the one that the file states, or else m.
         size: Longest extent of the mesh [m]; replaces `unit`.
-        thickness: Makes a sheet this thick [m] of each open part, instead of closing it.
         solid: False takes the triangles as they are, closed or not, and turns those whose turning alone gives them an
             inside: for contact with the mesh itself. None makes a solid where that leaves the triangles as they are;
             else they are a skin for a sphere tree to cover, see `hhsim.mesh.own_triangles`.
 
     Raises:
-        InputError: No such file, an unknown unit, or a size or a thickness out of its range.
+        InputError: No such file, an unknown unit, or a size out of its range.
         MeshError: Unreadable, empty, not finite, of absurd size, or without an inside where it is to be solid.
     """
     path = Path(path)
@@ -176,8 +176,6 @@ def load_mesh(
         raise InputError(f"unknown unit '{unit}': known: {', '.join(METRES_PER_UNIT)}")
     if size is not None:
         check_range("size", size)
-    if thickness is not None:
-        check_range("thickness", thickness)
     vertices, faces, stated, warnings = read_mesh(path)
     require_usable_arrays(vertices, faces, str(path))
     mesh = Mesh(vertices, faces, name=path.stem, source=str(path))
@@ -189,7 +187,7 @@ def load_mesh(
         expected = f"expected {SMALLEST_NUMBER:g} to {LARGEST_NUMBER:g}; is a vertex damaged?"
         raise MeshError(f"{path}: longest extent {longest:.3g} in the file: {expected}")
     hint = "is --size wrong?" if size is not None else size_hint(longest * unit_length, unit_length)
-    mesh = with_inside(mesh, unit_length, hint, None if thickness is None else thickness / unit_length, solid)
+    mesh = with_inside(mesh, unit_length, hint, solid)
     longest = float(mesh.extent.max())
     if size is None and not SMALLEST_USUAL_EXTENT <= longest <= LARGEST_USUAL_EXTENT:
         shown = f"{longest:.3g} m" if longest > 1.0 else f"{1000.0 * longest:.3g} mm"
@@ -202,13 +200,10 @@ def load_mesh(
     return replace(mesh, repairs=repairs, warnings=(*warnings, *mesh.warnings))
 
 
-def with_inside(
-    mesh: Mesh, unit_length: float = 1.0, hint: str = "", thickness: float | None = None, solid: bool | None = True
-) -> Mesh:
+def with_inside(mesh: Mesh, unit_length: float = 1.0, hint: str = "", solid: bool | None = True) -> Mesh:
     """Return triangles in a unit of so many metres as a mesh in metres that has an inside, as of `load_mesh`.
 
-    `thickness` is in that unit; `hint` ends the message for a mesh that no hand can use. Raises MeshError, which begins
-    with the mesh's source.
+    `hint` ends the message for a mesh that no hand can use. Raises MeshError, which begins with the mesh's source.
     """
     # The checks bring the compiler; who only reads the catalogue does without it.
     from hhsim.mesh.repair import turned_triangles
@@ -219,7 +214,7 @@ def with_inside(
         expected = f"expected {SMALLEST_EXTENT:g} to {LARGEST_EXTENT:g} m for a hand; {hint}"
         raise MeshError(f"{mesh.source}: longest extent {longest:.3g} m: {expected}")
     if solid:
-        surface = solid_surface(mesh.vertices, mesh.faces, mesh.source, unit_length, thickness)
+        surface = solid_surface(mesh.vertices, mesh.faces, mesh.source, unit_length)
         repairs = (*surface.merged, *surface.repairs)
         found = replace(
             mesh, vertices=surface.vertices, faces=surface.faces, repairs=repairs, warnings=tuple(surface.warnings)
@@ -271,8 +266,8 @@ def mass_properties(mesh: Mesh) -> MassProperties:
     # Corners of equal places are one: a file may have given each triangle its own.
     if not is_closed(merged_vertices(mesh.vertices, mesh.faces)[1]):
         raise MeshError(
-            f"{mesh.name}: not closed, so it has no mass; make sheets of its open parts (--thickness), let hhsim close "
-            "it (--surface spheres), or let the object stand still"
+            f"{mesh.name}: not closed, so it has no mass; let hhsim close it (--surface spheres), or let the object "
+            "stand still"
         )
     if mesh.volume <= LEAST_FILLED * float(mesh.extent.max()) ** 3:
         filled = f"the triangles enclose {1e6 * mesh.volume:.3g} cm³"

@@ -11,7 +11,7 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals
-from hhsim.kernels.mesh.winding_number import fast_winding_numbers, winding_numbers
+from hhsim.kernels.mesh.winding_number import WindingMoments, fast_winding_numbers, winding_numbers
 from hhsim.mesh import topology
 from hhsim.system.counted import counted
 
@@ -286,15 +286,22 @@ def _require_unfolded(surface: MeshInRepair) -> None:
         raise surface.error(f"folded over itself: {count} with no inside behind; no safe repair")
 
 
+def windings_beside(
+    bvh: MeshBvh, moments: WindingMoments, vertices: FloatArray, faces: IntArray, count: int, seed: int
+) -> tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray]:
+    """Sample points on faces, as `hhsim.mesh.topology.face_samples`; add the winding numbers in front and behind."""
+    point, face, area = topology.face_samples(vertices, faces, count, np.random.default_rng(seed))
+    away = BESIDE * float(np.ptp(vertices[faces].reshape(-1, 3), axis=0).max()) * face_normals(vertices, faces)[face]
+    front, back = np.empty(len(point)), np.empty(len(point))
+    fast_winding_numbers(bvh, moments, point + away, front)
+    fast_winding_numbers(bvh, moments, point - away, back)
+    return point, face, area, front, back
+
+
 def parting_faces(bvh: MeshBvh, vertices: FloatArray, faces: IntArray) -> BoolArray:
     """Mark the faces, shape (F,), with the inside of a surface behind them and the outside before them, by winding."""
-    point, face, _ = topology.face_samples(vertices, faces, FOLD_SAMPLES, np.random.default_rng(0))
-    away = BESIDE * float(np.ptp(vertices[faces].reshape(-1, 3), axis=0).max()) * face_normals(vertices, faces)[face]
-    winding = np.empty((2, len(point)))
-    for side, out in zip((point + away, point - away), winding):
-        fast_winding_numbers(bvh, bvh.moments, side, out)
-    folded = (winding[0] > 0.5) | (winding[1] < 0.5)
-    return np.asarray(np.bincount(face, weights=folded, minlength=len(faces)) == 0.0)
+    _, face, _, front, back = windings_beside(bvh, bvh.moments, vertices, faces, FOLD_SAMPLES, 0)
+    return np.asarray(np.bincount(face, weights=(front > 0.5) | (back < 0.5), minlength=len(faces)) == 0.0)
 
 
 def winding_faults(vertices: FloatArray, faces: IntArray) -> tuple[int, int, float, float]:
@@ -325,16 +332,6 @@ def winding_faults(vertices: FloatArray, faces: IntArray) -> tuple[int, int, flo
     return int(faulty.sum()), len(points), float(winding.min(initial=0.0)), float(winding.max(initial=0.0))
 
 
-def _winding_at(vertices: FloatArray, faces: IntArray, points: FloatArray) -> FloatArray:
-    winding = np.empty(len(points))
-    winding_numbers(np.ascontiguousarray(vertices[faces]), np.ascontiguousarray(points), winding)
-    return winding
-
-
-def _middles(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    return np.asarray(vertices[faces[:: max(1, len(faces) // CAVITY_POINTS)]].mean(axis=1))
-
-
 def turn_outward(surface: MeshInRepair) -> None:
     """Wind closed parts outward; a part inside another may be wound inward: a cavity. MeshError without volume."""
     label = topology.part_labels(surface.faces)
@@ -352,9 +349,10 @@ def turn_outward(surface: MeshInRepair) -> None:
             continue
         others = surface.faces[label != part]
         # What only overlaps another part is no cavity of it, so one point is not enough.
-        points = _middles(surface.vertices, faces)
-        enclosed = len(others) > 0 and bool((np.abs(_winding_at(surface.vertices, others, points)) > 0.5).all())
-        if not enclosed:
+        points = surface.vertices[faces[:: max(1, len(faces) // CAVITY_POINTS)]].mean(axis=1)
+        winding = np.zeros(len(points))
+        winding_numbers(np.ascontiguousarray(surface.vertices[others]), points, winding)
+        if not (np.abs(winding) > 0.5).all():
             surface.faces[label == part] = faces[:, ::-1]
             turned[part] = not turned[part]
     if turned.any():
@@ -417,39 +415,17 @@ def _require_sound_parts(surface: MeshInRepair) -> None:
 
 
 def _union_of_parts(surface: MeshInRepair) -> tuple[FloatArray, IntArray] | None:
-    """Union of the parts wound outward, each less the cavities in it; None where that is not clear."""
-    from manifold3d import Error, Manifold, Mesh64, OpType
+    """Union of the parts; None where one is a cavity, or no manifold."""
+    from manifold3d import Manifold, OpType
 
-    label = topology.part_labels(surface.faces)
-    solids: list[Manifold] = []
-    outlines: list[IntArray] = []
-    inward: list[int] = []
+    label, solids = topology.part_labels(surface.faces), list[Manifold]()
     for part in range(int(label.max()) + 1):
         faces = surface.faces[label == part]
-        if topology.signed_volume(surface.vertices, faces) < 0.0:
-            faces = faces[:, ::-1]
-            inward.append(part)
-        points, corners = topology.merged_vertices(surface.vertices, faces)
-        solids.append(Manifold(Mesh64(points, corners.astype(np.uint64))))
-        if solids[-1].status() != Error.NoError:
+        solid = topology.manifold_of(*topology.merged_vertices(surface.vertices, faces))
+        if solid is None or topology.signed_volume(surface.vertices, faces) < 0.0:
             return None
-        outlines.append(faces)
-    for cavity in inward:
-        points = _middles(surface.vertices, outlines[cavity])
-        holders = [
-            number
-            for number, faces in enumerate(outlines)
-            if number != cavity and (_winding_at(surface.vertices, faces, points) > 0.5).any()
-        ]
-        # With two solids around it, or another cavity across it, counting windings is more than a union can do.
-        if len(holders) != 1 or holders[0] in inward:
-            return None
-        solids[holders[0]] -= solids[cavity]
-    solids = [solid for part, solid in enumerate(solids) if part not in inward]
-    whole = Manifold.batch_boolean(solids, OpType.Add)
-    result = whole.to_mesh64()
-    vertices = np.asarray(result.vert_properties, dtype=np.float64)[:, :3]
-    faces = np.asarray(result.tri_verts).astype(np.int64)
+        solids.append(solid)
+    vertices, faces = topology.triangles_of(Manifold.batch_boolean(solids, OpType.Add))
     if len(faces) == 0 or not topology.is_closed(faces):
         return None
     return topology.in_fixed_order(vertices, faces)

@@ -1,4 +1,4 @@
-"""A solid for a mesh that encloses none cleanly: the inside by generalized winding number, or sheets with a thickness.
+"""A solid for a mesh that encloses none cleanly: the inside by generalized winding number.
 
 The triangles are wound alike, and outward as far as possible; the inside is where their winding number exceeds 1/2. The
 distance of its closed mesh from the triangles is measured and reported.
@@ -10,12 +10,12 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.kernels.mesh.inside_field import SolidField, count_hits
-from hhsim.kernels.mesh.winding_number import fast_winding_numbers, winding_moments
+from hhsim.kernels.mesh.winding_number import winding_moments
 from hhsim.mesh import topology
-from hhsim.mesh.isosurface import border_distances, is_inside, simplified, solid_mesh
-from hhsim.mesh.repair import BESIDE, CAP_AREA, MeshInRepair, closed_surface, merge_and_clean, percent
+from hhsim.mesh.isosurface import border_distances, simplified, solid_mesh
+from hhsim.mesh.repair import BESIDE, CAP_AREA, MeshInRepair, closed_surface, merge_and_clean, percent, windings_beside
 from hhsim.system.counted import counted
 
 TOLERANCE = 5e-4
@@ -33,22 +33,14 @@ LOST_AREA = 0.05
 FARTHEST = 0.02
 """Largest accepted distance of a new mesh from its source, as a share of the longest extent."""
 
-THICKNESS = (2e-3, 0.5)
-"""Least and greatest thickness of a sheet, as shares of the longest extent."""
-
-SLABS = 3000
-"""Sheets of no more triangles are made of slabs."""
-
 _LEAST_REPORTED = 1e-5
 
 ASSUMED_SOLID = "the guarantee is of the assumed solid"
 """Start of the sentence that says how much of the file's surface lies outside of its solid."""
 
-THICKEN = "pass --thickness to make a sheet of it"
+THICKEN = "give it a thickness in a mesh editor"
 
 SEED = 20180
-ROUND = 8
-"""Directions around a rim; the sphere about a corner is the hull of three such rings and two poles."""
 RAYS = 60_000
 """Total number of rays, shared out by area."""
 LEAST_RAYS = 12
@@ -58,35 +50,21 @@ CLEAR = 0.1
 RAY_SEED = 20131
 
 
-def solid_surface(
-    vertices: FloatArray, faces: IntArray, name: str, unit_length: float = 1.0, thickness: float | None = None
-) -> MeshInRepair:
-    """Close the surface of a mesh: by a safe repair, else by winding number, or as sheets; repairs state assumptions.
+def solid_surface(vertices: FloatArray, faces: IntArray, name: str, unit_length: float = 1.0) -> MeshInRepair:
+    """Close the surface of a mesh: by a safe repair, else by winding number; repairs state assumptions.
 
-    Arguments as for `hhsim.mesh.repair.closed_surface`; `thickness` [unit of the source] makes sheets of open parts.
-    Raises MeshError where the mesh has no inside, or the thickness is out of range.
+    Arguments as for `hhsim.mesh.repair.closed_surface`. Raises MeshError where the mesh has no inside.
     """
-    if thickness is None:
-        return _solid(vertices, faces, name, unit_length)
-    surface, origin = _cleaned(vertices, faces, name, unit_length)
-    is_open = open_faces(surface.faces)
-    if not is_open.any():
-        try:
-            result = _solid(vertices, faces, name, unit_length)
-            result.warnings.append("the thickness is not used: the mesh is closed")
-            return result
-        except MeshError:
-            is_open[:] = True
-    _make_sheets(surface, is_open, thickness)
-    surface.vertices = surface.vertices + origin
-    return surface
-
-
-def _solid(vertices: FloatArray, faces: IntArray, name: str, unit_length: float) -> MeshInRepair:
     try:
         surface = closed_surface(vertices, faces, name, unit_length)
     except MeshError as error:
-        surface, origin = _cleaned(vertices, faces, name, unit_length)
+        # About the origin, so that a far place costs no digits.
+        corner = vertices[faces].reshape(-1, 3)
+        origin = 0.5 * (corner.min(axis=0) + corner.max(axis=0))
+        surface = MeshInRepair(vertices - origin, faces, name, unit_length)
+        merge_and_clean(surface)
+        if not topology.face_areas(surface.vertices, surface.faces).sum() > 1e-12 * surface.size**2:
+            raise MeshError(f"{name}: no volume: its triangles have no area; expected a surface mesh") from None
         _fill_winding(surface, str(error).removeprefix(f"{name}: ").partition(";")[0])
         surface.vertices = surface.vertices + origin
         return surface
@@ -102,43 +80,25 @@ def tell_assumed(surface: MeshInRepair, vertices: FloatArray, faces: IntArray) -
         _tell_assumed(surface, source, share, distance)
 
 
-def open_faces(faces: IntArray) -> BoolArray:
-    """Mark the faces of open parts, shape (F,): without them no edge has a single face."""
-    result = np.zeros(len(faces), dtype=bool)
-    while not result.all():
-        rest = np.flatnonzero(~result)
-        label = topology.part_labels(faces[rest])
-        index, count, _ = topology.undirected_edges(faces[rest])
-        open_parts = label[np.flatnonzero(count[index] == 1) // 3]
-        if len(open_parts) == 0:
-            break
-        result[rest[np.isin(label, open_parts)]] = True
-    return result
-
-
 class _Border(NamedTuple):
-    """Points (n, 3) on triangles (n,), the area of each, and the solid beside them.
-
-    `front` and `back` mark points with the solid in front of the triangle and behind it; `turns` is the mean winding
-    number of both sides: 1/2 between inside and outside, 0 where nothing is enclosed.
-    """
+    """Points (n, 3) on triangles (n,), the area of each, and the winding numbers in front of it and behind it."""
 
     point: FloatArray
     face: IntArray
     area: FloatArray
-    front: BoolArray
-    back: BoolArray
-    turns: FloatArray
+    front: FloatArray
+    back: FloatArray
+
+    @property
+    def turns(self) -> FloatArray:
+        """Mean winding number of both sides: 1/2 between inside and outside, 0 where nothing is enclosed."""
+        return 0.5 * (self.front + self.back)
 
     @property
     def parting(self) -> FloatArray:
         """Points between inside and outside, shape (m, 3), without films beside loose triangles."""
-        parts = (self.front != self.back) & (np.abs(self.turns - 0.5) <= 0.5 - LOOSE)
+        parts = ((self.front > 0.5) != (self.back > 0.5)) & (np.abs(self.turns - 0.5) <= 0.5 - LOOSE)
         return np.asarray(self.point[parts])
-
-    @property
-    def loose(self) -> BoolArray:
-        return np.asarray(self.turns < LOOSE)
 
     def share(self, chosen: BoolArray) -> float:
         return float(self.area[chosen].sum() / self.area.sum())
@@ -155,14 +115,15 @@ def _fill_winding(surface: MeshInRepair, refusal: str) -> None:
         surface.repairs.append(f"turned {counted(turned, 'triangle')} to face outward")
     field = _field(surface.vertices, surface.faces)
     border = _border(surface, field)
-    lost = border.share(border.loose)
+    loose = border.turns < LOOSE
+    lost = border.share(loose)
     if lost > LOST_AREA:
         raise surface.error(
             f"{refusal}; and {percent(lost)} of its surface encloses nothing by winding number; {THICKEN}"
         )
     if lost > 0.0:
         surface.repairs.append(f"left out {100.0 * lost:.2g} % of the surface, which encloses nothing")
-        kept = np.bincount(border.face[~border.loose], minlength=len(surface.faces)) > 0
+        kept = np.bincount(border.face[~loose], minlength=len(surface.faces)) > 0
         surface.faces = surface.faces[kept]
         field = _field(surface.vertices, surface.faces)
         border = _border(surface, field)
@@ -172,7 +133,10 @@ def _fill_winding(surface: MeshInRepair, refusal: str) -> None:
     if not len(border.parting):
         raise surface.error(f"{refusal}; and it has no inside by winding number; {THICKEN}")
     out, buried = _mesh_anew(surface, field, border.parting, TOLERANCE * size)
-    surface.repairs.append(_distances(surface, "what parts inside from outside", out, buried))
+    surface.repairs.append(
+        f"meshed anew: what parts inside from outside is at most {surface.millimetres(out)} outside of the mesh "
+        f"and {surface.millimetres(buried)} inside it"
+    )
     share, reach = _assumed(surface, source, max(TOLERANCE * size, out))
     if share > CAP_AREA / (1.0 + CAP_AREA):
         raise surface.error(f"{refusal}; and {100.0 * share:.0f} % of its surface would have to be assumed; {THICKEN}")
@@ -203,43 +167,6 @@ def outside_solid(surface: MeshInRepair, source: FloatArray) -> tuple[float, flo
     distance = mesh_signed_distance(bvh, point)
     out = distance > BESIDE * surface.size
     return float(area[out].sum() / area.sum()), float(np.max(distance, where=out, initial=0.0))
-
-
-def _make_sheets(surface: MeshInRepair, sheet: BoolArray, thickness: float) -> None:
-    """Replace a surface by all within half the thickness of the faces `sheet`, and what the others enclose."""
-    size = surface.size
-    least, most = (share * size for share in THICKNESS)
-    if not least <= thickness <= most:
-        given, low, high, longest = (surface.millimetres(length) for length in (thickness, least, most, size))
-        raise surface.error(f"a sheet {given} thick; expected {low} to {high} for a mesh {longest} long")
-    parts = int(topology.part_labels(surface.faces[sheet]).max()) + 1
-    surface.repairs.append(
-        f"made {counted(parts, 'open part')} a sheet {surface.millimetres(thickness)} thick"
-        + ("" if sheet.all() else "; what the closed parts enclose is solid")
-    )
-    surface.faces, _ = turned_outward(surface.vertices, surface.faces, BESIDE * size)
-    half = 0.5 * thickness
-    field = _field(surface.vertices, surface.faces[~sheet])._replace(
-        sheet=build_mesh_bvh(surface.vertices, surface.faces[sheet], signed=False), half=half
-    )
-    border = _border(surface, field)
-    thick = sheet[border.face]
-    normal = face_normals(surface.vertices, surface.faces)[border.face[thick]]
-    # To both sides; and to any, which finds the rims.
-    ways = np.concatenate([normal, -normal, np.random.default_rng(SEED).normal(size=normal.shape)])
-    ways *= half / np.linalg.norm(ways, axis=1)[:, None]
-    middle = np.tile(border.point[thick], (3, 1))
-    places = np.concatenate([(middle + ways)[~is_inside(field, middle + 1.0001 * ways)], border.parting])
-    tolerance = min(TOLERANCE * size, 0.05 * thickness)
-    slabs = None
-    if sheet.sum() <= SLABS:
-        slabs = slab_union(surface.vertices, surface.faces[sheet], half, surface.faces[~sheet], 0.2 * tolerance)
-    if slabs is not None and topology.is_closed(slabs[1]):
-        surface.vertices, surface.faces = topology.in_fixed_order(*topology.used_vertices(*slabs))
-        out, buried = border_distances(surface.vertices, surface.faces, places)
-    else:
-        out, buried = _mesh_anew(surface, field, places, tolerance)
-    surface.repairs.append(_distances(surface, "the sheet", out, buried))
 
 
 def turned_outward(vertices: FloatArray, faces: IntArray, start: float) -> tuple[IntArray, int]:
@@ -288,93 +215,28 @@ def turned_outward(vertices: FloatArray, faces: IntArray, start: float) -> tuple
     return result, int(np.count_nonzero((result != faces).any(axis=1)))
 
 
-def slab_union(
-    vertices: FloatArray, faces: IntArray, half: float, closed: IntArray, tolerance: float
-) -> tuple[FloatArray, IntArray] | None:
-    """Compute the surface of all within a distance of faces, joined with closed parts; None if these are no manifold.
-
-    Along the faces (F, 3) of the sheets the distance, `half`, is exact; around rims and creases it is up to 15 % less,
-    where hulls replace spheres. The `closed` parts (G, 3), G may be 0, are wound outward; the result is simplified to a
-    tolerance.
-    """
-    from manifold3d import Error, Manifold, Mesh64, OpType
-
-    normal = face_normals(vertices, faces)
-    parts = []
-    if len(closed):
-        solid = Manifold(Mesh64(vertices, closed.astype(np.uint64)))
-        if solid.status() != Error.NoError:
-            return None
-        parts.append(solid)
-    angle = 2.0 * np.pi * np.arange(ROUND) / ROUND
-    for corner, up in zip(vertices[faces], normal):
-        longest = max((corner[(k + 1) % 3] - corner[k] for k in range(3)), key=lambda edge: float(edge @ edge))
-        if not float(up @ up) > 0.5:
-            continue
-        x = longest / np.linalg.norm(longest)
-        ring = np.outer(np.cos(angle), x) + np.outer(np.sin(angle), np.cross(up, x))
-        tilted = [np.cos(tilt) * ring + np.sin(tilt) * up for tilt in (-np.pi / 4.0, 0.0, np.pi / 4.0)]
-        sphere = half * np.concatenate([*tilted, up[None], -up[None]])
-        parts.append(Manifold.hull_points((corner[:, None] + sphere).reshape(-1, 3)))
-    whole = Manifold.batch_boolean(parts, OpType.Add)
-    if whole.status() != Error.NoError:
-        return None
-    result = whole.simplify(tolerance).to_mesh64()
-    points = np.ascontiguousarray(np.asarray(result.vert_properties, dtype=np.float64)[:, :3])
-    triangles = np.asarray(result.tri_verts).astype(np.int64)
-    return (points, triangles) if len(triangles) else None
-
-
-def _cleaned(vertices: FloatArray, faces: IntArray, name: str, unit_length: float) -> tuple[MeshInRepair, FloatArray]:
-    """Mesh about the origin, so that a far place costs no digits, and its original middle."""
-    corner = vertices[faces].reshape(-1, 3)
-    origin = 0.5 * (corner.min(axis=0) + corner.max(axis=0))
-    surface = MeshInRepair(vertices - origin, faces, name, unit_length)
-    merge_and_clean(surface)
-    if not topology.face_areas(surface.vertices, surface.faces).sum() > 1e-12 * surface.size**2:
-        raise MeshError(f"{name}: no volume: its triangles have no area; expected a surface mesh")
-    return surface, origin
-
-
 def _field(vertices: FloatArray, faces: IntArray) -> SolidField:
-    nowhere = build_mesh_bvh(np.zeros((1, 3)), np.zeros((1, 3), np.int64), signed=False)
-    bvh = build_mesh_bvh(vertices, faces, signed=False) if len(faces) else nowhere
-    return SolidField(bvh, winding_moments(bvh), nowhere, -1.0)
+    bvh = build_mesh_bvh(vertices, faces, signed=False)
+    return SolidField(bvh, winding_moments(bvh), bvh, -1.0)
 
 
 def _border(surface: MeshInRepair, field: SolidField) -> _Border:
-    point, face, area = topology.face_samples(surface.vertices, surface.faces, SAMPLES, np.random.default_rng(SEED))
-    beside = BESIDE * surface.size * face_normals(surface.vertices, surface.faces)[face]
-    turns = [np.empty(len(point)), np.empty(len(point))]
-    sides = [point + beside, point - beside]
-    for side, out in zip(sides, turns):
-        fast_winding_numbers(field.bvh, field.moments, side, out)
-    within = [is_inside(field, side) if field.half > 0.0 else out > 0.5 for side, out in zip(sides, turns)]
-    return _Border(point, face, area, within[0], within[1], 0.5 * (turns[0] + turns[1]))
+    return _Border(*windings_beside(field.bvh, field.moments, surface.vertices, surface.faces, SAMPLES, SEED))
 
 
 def _mesh_anew(surface: MeshInRepair, field: SolidField, border: FloatArray, tolerance: float) -> tuple[float, float]:
     """Replace a surface by the mesh of the field; return the border's largest distance outside of it, and inside."""
     size = surface.size
-    grown = max(field.half, 0.0)
     corner = surface.vertices[surface.faces].reshape(-1, 3)
-    vertices, faces = solid_mesh(field, border, corner.min(axis=0) - grown, corner.max(axis=0) + grown, tolerance)
+    vertices, faces = solid_mesh(field, border, corner.min(axis=0), corner.max(axis=0), tolerance)
     if len(faces) == 0:
         raise surface.error(f"no volume: it encloses nothing as large as {surface.millimetres(tolerance)}")
     vertices, faces = simplified(vertices, faces, border, tolerance)
     out, buried = border_distances(vertices, faces, border)
     if out > FARTHEST * size:
-        advice = "pass more --thickness" if grown else THICKEN
-        raise surface.error(f"too thin in places: {surface.millimetres(out)} outside of the finest mesh; {advice}")
+        raise surface.error(f"too thin in places: {surface.millimetres(out)} outside of the finest mesh; {THICKEN}")
     surface.vertices, surface.faces = topology.in_fixed_order(*topology.used_vertices(vertices, faces))
     return out, buried
-
-
-def _distances(surface: MeshInRepair, what: str, out: float, buried: float) -> str:
-    return (
-        f"meshed anew: {what} is at most {surface.millimetres(out)} outside of the mesh "
-        f"and {surface.millimetres(buried)} inside it"
-    )
 
 
 def _assumed(surface: MeshInRepair, source: FloatArray, tolerance: float) -> tuple[float, float]:

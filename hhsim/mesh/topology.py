@@ -1,11 +1,14 @@
 """Topology of triangles: shared vertices, edges, parts, boundary loops, winding."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from hhsim.reproducible import across, matmul, norm
+
+if TYPE_CHECKING:
+    from manifold3d import Manifold
 
 FLAT = 1.0 - 1e-6
 """Cosine of the angle between the normals of two triangles from which on they lie in a plane."""
@@ -277,6 +280,21 @@ def _cut(vertices: FloatArray, loops: list[IntArray], area: FloatArray) -> IntAr
     plane = across(area / norm(area))
     flat = [matmul(vertices[loop] - vertices[loops[0][0]], plane.T) for loop in loops]
     return np.concatenate(loops)[np.asarray(triangulate(flat), dtype=np.int64).reshape(-1, 3)]
+
+
+def manifold_of(vertices: FloatArray, faces: IntArray) -> "Manifold | None":
+    """Return vertices (V, 3) [m] and faces (F, 3) as a solid of manifold3d; None where they are no manifold."""
+    from manifold3d import Error, Manifold, Mesh64
+
+    solid = Manifold(Mesh64(vertices, faces.astype(np.uint64)))
+    return solid if solid.status() == Error.NoError else None
+
+
+def triangles_of(solid: "Manifold") -> tuple[FloatArray, IntArray]:
+    """Return the vertices (V, 3) [m] and faces (F, 3) of a solid of manifold3d."""
+    mesh = solid.to_mesh64()
+    vertices = np.ascontiguousarray(np.asarray(mesh.vert_properties, dtype=np.float64)[:, :3])
+    return vertices, np.asarray(mesh.tri_verts).astype(np.int64)
 
 
 def face_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:

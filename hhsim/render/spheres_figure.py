@@ -12,8 +12,8 @@ from hhsim.mesh.signed_bvh import heights, signed_bvh
 from hhsim.render.figure import new_figure, save_figure, tidy
 from hhsim.render.rasterizer import blend, frame, lit, see_spheres, shade
 from hhsim.render.triangle_soup import joined, look_from, mesh_surface, moved
-from hhsim.robots.poses import start_poses
-from hhsim.robots.robot_spheres import RobotSpheres
+from hhsim.robots.formats import RobotSpheres
+from hhsim.robots.touching_pairs import start_poses
 from hhsim.system.output_path import check_picture
 from hhsim.trees.sphere_tree import SphereTree
 

@@ -343,7 +343,6 @@ def load_object(
     *,
     unit: str | None = None,
     size: float | None = None,
-    thickness: float | None = None,
     solid: bool | None = None,
     free: Mapping[str, Any] | None = None,
 ) -> DeclaredBodies:
@@ -355,9 +354,9 @@ def load_object(
     if isinstance(object_, Mesh):
         return DeclaredBodies.of_mesh(object_)
     if names_a_linkage(object_) or names_a_body_file(str(object_)):
-        if unit is not None or size is not None or thickness is not None:
-            raise InputError(f"unit, size and thickness are for mesh files; {object_} has its size")
+        if unit is not None or size is not None:
+            raise InputError(f"unit and size are for mesh files; {object_} has its size")
         return load_bodies(object_, motion, solid=solid, free=free)
-    mesh, level = resolve_object(object_, unit, size, thickness, solid)
+    mesh, level = resolve_object(object_, unit, size, solid)
     require_no_joints(motion, str(object_))
     return DeclaredBodies.of_mesh(mesh, level=level)

@@ -35,8 +35,8 @@ from hhsim.scene.scene import Scene, hand_of, scene_of
 from hhsim.scene.script import Script
 from hhsim.system.progress import Progress, silent
 from hhsim.system.settings_file import Settings, between
+from hhsim.trees.foreign_tree import load_tree_for
 from hhsim.trees.options import MOST_LEVEL
-from hhsim.trees.replay_tree import load_tree_for
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.trees.triangle_tree import chosen_tree
 
@@ -80,7 +80,6 @@ class SceneWords(Settings, frozen=True, kw_only=True):
     trajectory: str  # name of the catalogue, or a file
     unit: str | None = None  # unit of a mesh file
     size_mm: float | None = None  # its longest extent [mm]
-    thickness_mm: float | None = None  # thickness of its open parts' sheets [mm]
     solid: bool = False  # True if it is closed to a solid
     level: Annotated[int, between(1, MOST_LEVEL)] | None = None  # level of the tree
     max_error: Annotated[float, between(1e-6, 1.0)] | None = None  # error that the level was chosen by [m]
@@ -188,9 +187,9 @@ def load_words(words: SceneWords, *, surface: str = "spheres", motions: Sequence
     not go together; TrajectoryError for a motion that cannot be done on this object.
     """
     motions = _motions(words) if motions is None else tuple(motions)
-    size, thickness = (None if given is None else 1e-3 * given for given in (words.size_mm, words.thickness_mm))
+    size = None if words.size_mm is None else 1e-3 * words.size_mm
     links = None if words.free is None or not names_a_linkage(words.object) else words.free.given()
-    about: dict[str, Any] = {"unit": words.unit, "size": size, "thickness": thickness, "free": links}
+    about: dict[str, Any] = {"unit": words.unit, "size": size, "free": links}
     # What is free has a mass.
     solid = solid_for(surface, words.solid or (surface == "spheres" and words.free is not None and links is None))
     bodies = load_object(words.object, next(iter(motions), None), solid=solid, **about)
@@ -254,7 +253,7 @@ def described_scene(
     # Cut last: where the object is placed does not depend on how much of the motion is run.
     scene = placed.scene if words.ticks is None else placed.scene.first(words.ticks)
     is_cut = scene.ticks.tick_count < placed.scene.ticks.tick_count
-    as_given = ("object", "trajectory", "unit", "size_mm", "thickness_mm", "max_error", "tree", "samples", "hand_file")
+    as_given = ("object", "trajectory", "unit", "size_mm", "max_error", "tree", "samples", "hand_file")
     description = {
         **scene.description,
         **{name: getattr(words, name) for name in (*as_given, "tremor_mm_deg", "seed")},

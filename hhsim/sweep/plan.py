@@ -52,7 +52,6 @@ class SweptObject(Settings, frozen=True, rename={"word": "file"}):
     name: str = ""
     unit: Literal["m", "cm", "mm", "inch"] | None = None
     size_mm: Annotated[float, between(1e-3, 1e5)] | None = None
-    thickness_mm: Annotated[float, between(1e-3, 1e5)] | None = None
     solid: bool = False
 
 
@@ -109,7 +108,7 @@ class Cell:
 
     def words(self) -> SceneWords:
         """Return the words that describe its scene."""
-        shape = {name: getattr(self.object, name) for name in ("unit", "size_mm", "thickness_mm", "solid")}
+        shape = {name: getattr(self.object, name) for name in ("unit", "size_mm", "solid")}
         names = {"object": self.object.word, "trajectory": self.motion.word}
         stated = {name: value for name, value in self.options.items() if name in OF_THE_SCENE}
         return typed({**names, **shape, **stated, "ticks": self.ticks, "seed": self.seed}, SceneWords, self.label)
@@ -124,8 +123,7 @@ class Cell:
         scene = {name: value for name, value in self.options.items() if name in OF_THE_SCENE}
         told = {name: value for name, value in scene.items() if name not in usual or value != usual[name]}
         stated = {
-            "object": [files.get(shape.word, shape.word), shape.unit, shape.size_mm],
-            "thickness_mm": [shape.thickness_mm, shape.solid],
+            "object": [files.get(shape.word, shape.word), shape.unit, shape.size_mm, shape.solid],
             "motion": files.get(self.motion.word, self.motion.word),
             "hand": None if hand is None else files[hand],
             "method": [self.method, find_method(self.method).source],
@@ -282,8 +280,8 @@ def checked_object(where: str, folder: Path, entry: str | SweptObject) -> SweptO
     else:
         with named(where):
             check_known("object", [found.word], object_names())
-        if (found.unit, found.size_mm, found.thickness_mm, found.solid) != (None, None, None, False):
-            what = "unit, size_mm, thickness_mm and solid are for mesh files"
+        if (found.unit, found.size_mm, found.solid) != (None, None, False):
+            what = "unit, size_mm and solid are for mesh files"
             raise InputError(f"{where}: '{found.word}' has its size: {what}")
     return structs.replace(found, name=found.name or Path(found.word).stem)
 

@@ -1,6 +1,7 @@
 """Contact surface of an object or several parts: the leaf spheres of its tree, or the triangles of its mesh."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -16,7 +17,6 @@ from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.surfaces.mesh import SURFACE as MESH
 from hhsim.kernels.surfaces.spheres import SURFACE as SPHERES
-from hhsim.mesh.content_cache import kept_by_content
 from hhsim.mesh.features import mesh_features
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import is_closed, merged_vertices
@@ -61,7 +61,7 @@ def contact_surface(name: str, mesh: Mesh | None, tree: SphereTree | None) -> Co
     return ContactSurface(features, tuple(notes), mesh, tree)
 
 
-@kept_by_content(8)
+@lru_cache(maxsize=8)
 def features_of(mesh: Mesh, closed: bool) -> tuple[MeshFeatures, int]:
     """Return what `hhsim.mesh.features.mesh_features` finds of a mesh; nobody writes there."""
     return mesh_features(mesh.vertices, mesh.faces, closed=closed)

@@ -45,6 +45,14 @@ def sample_spheres(
     return np.ascontiguousarray(points), owner, (area / each)[owner]
 
 
+def distance_outside(points: FloatArray, center: FloatArray, radius: FloatArray) -> FloatArray:
+    """Return the distance [m] of points (n, 3) from the union of spheres, 0 in it, shape (n,)."""
+    x, y, z = (np.ascontiguousarray(center[:, k]) for k in range(3))
+    gap = np.empty(len(points))
+    union_distance(points, x, y, z, np.ascontiguousarray(radius), gap)
+    return gap
+
+
 def protrusion_bound(bvh: MeshBvh, center: FloatArray, radius: FloatArray) -> float:
     """Return the proved bound of the protrusion [m]: the largest of (radius − depth of the centre inside the mesh)."""
     return float((radius + heights(bvh, center)).max())
@@ -107,11 +115,10 @@ def _measure(
 ) -> LevelError:
     center, radius = tree.spheres(level)
     x, y, z = (np.ascontiguousarray(center[:, k]) for k in range(3))
-    gap = np.empty(len(surface))
-    workers.each(
-        lambda begin, end: union_distance(surface[begin:end], x, y, z, radius, gap[begin:end]),
-        ranges(len(surface), _PARTS),
+    gaps = workers.each(
+        lambda begin, end: distance_outside(surface[begin:end], center, radius), ranges(len(surface), _PARTS)
     )
+    gap = np.concatenate(gaps)
     points, owner, area = sample_spheres(center, radius, SPHERE_SAMPLES, rng)
     free = np.empty(len(points), np.bool_)
     workers.each(

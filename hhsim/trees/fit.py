@@ -10,11 +10,10 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
-from hhsim.kernels.cover.sampled_error import union_distance
 from hhsim.kernels.mesh.bvh import MeshBvh
 from hhsim.mesh.mesh import LEAST_FILLED, Mesh, most_protrusion
 from hhsim.mesh.signed_bvh import heights, signed_bvh
-from hhsim.trees.error import MESH_SAMPLES, protrusion_bound, sample_mesh
+from hhsim.trees.error import MESH_SAMPLES, distance_outside, protrusion_bound, sample_mesh
 
 INSIDE_SAMPLES = 10_000
 MOST_TRIED = 400_000
@@ -71,7 +70,7 @@ def measure_fit(mesh: Mesh, center: FloatArray, radius: FloatArray, seed: int = 
     """Measure spheres, centres (n, 3) and radii (n,) [m], against a mesh with 20,000 points on it and 10,000 in it."""
     bvh = signed_bvh(mesh)
     surface = sample_mesh(mesh.vertices, mesh.faces, MESH_SAMPLES, np.random.default_rng([seed, 0]))
-    gap = _outside(surface, center, radius)
+    gap = distance_outside(surface, center, radius)
     inside = _inside_points(mesh, bvh, np.random.default_rng([seed, 1]))
     height = _heights(bvh, center, radius, np.random.default_rng([seed, 2]))
     out = height[height > 0.0]
@@ -83,7 +82,7 @@ def measure_fit(mesh: Mesh, center: FloatArray, radius: FloatArray, seed: int = 
     volume = filled if filled > LEAST_FILLED * longest * longest * longest else box
     return Fit(
         spheres=len(radius),
-        coverage=float((_outside(inside, center, radius) == 0.0).mean()) if len(inside) else None,
+        coverage=float((distance_outside(inside, center, radius) == 0.0).mean()) if len(inside) else None,
         surface_coverage=float((gap <= 1e-9 * longest).mean()),
         surface_gap_mean=float(gap.mean()),
         surface_gap_p95=float(np.quantile(gap, 0.95)),
@@ -95,14 +94,6 @@ def measure_fit(mesh: Mesh, center: FloatArray, radius: FloatArray, seed: int = 
         volume_ratio=float(4.0 / 3.0 * np.pi * (radius * radius * radius).sum() / volume) if volume > 0.0 else None,
         bound=protrusion_bound(bvh, center, radius),
     )
-
-
-def _outside(points: FloatArray, center: FloatArray, radius: FloatArray) -> FloatArray:
-    """Return the distance [m] of points (n, 3) to the union of spheres, 0 in it, shape (n,)."""
-    x, y, z = (np.ascontiguousarray(center[:, k]) for k in range(3))
-    gap = np.empty(len(points))
-    union_distance(points, x, y, z, np.ascontiguousarray(radius), gap)
-    return gap
 
 
 def _inside_points(mesh: Mesh, bvh: MeshBvh, rng: np.random.Generator) -> FloatArray:

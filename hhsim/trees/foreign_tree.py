@@ -12,26 +12,21 @@ columns, and lines after the last slot, are ignored.
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, named
-from hhsim.kernels.cover.sampled_error import union_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import read_input_text
 from hhsim.system.progress import Progress, silent
-from hhsim.trees.error import measure_levels, protrusion_bound, prove_cover, sample_mesh
+from hhsim.trees.error import distance_outside, measure_levels, protrusion_bound, prove_cover, sample_mesh
 from hhsim.trees.file import load_tree
 from hhsim.trees.fit import OFF_PLACE, doubt
 from hhsim.trees.sphere_tree import SphereTree, enclosing_radius
-
-Frame = Literal["auto", "mesh", "centred"]
-FRAMES: tuple[Frame, ...] = get_args(Frame)
-"""Origin of the centres: the mesh's own, the centre of its bounding box, or whichever fits."""
 
 SUFFIXES = (".h5", ".sph")
 
@@ -54,12 +49,7 @@ class ImportedTree(NamedTuple):
 
 
 def import_tree(
-    path: str | Path,
-    mesh: Mesh,
-    unit_length: float = 1.0,
-    frame: Frame = "auto",
-    seed: int = 0,
-    progress: Progress = silent,
+    path: str | Path, mesh: Mesh, unit_length: float = 1.0, seed: int = 0, progress: Progress = silent
 ) -> ImportedTree:
     """Read a tree of any program, and measure its distance from a mesh.
 
@@ -67,15 +57,12 @@ def import_tree(
         path: A `.sph` file, or a `.h5` file of hhsim, which is in metres and in the frame of its mesh.
         mesh: Watertight and wound outward.
         unit_length: Length of the unit of the `.sph` file [m].
-        frame: Origin of the centres of the `.sph` file.
         seed: Seed of the samples that measure the errors.
 
     Raises:
-        InputError: No sphere tree, an unknown frame, or spheres that are not on this mesh.
+        InputError: No sphere tree, or spheres that are not on this mesh.
     """
     source = Path(path)
-    if frame not in FRAMES:
-        raise InputError(f"unknown frame '{frame}': known: {', '.join(FRAMES)}")
     if source.suffix not in SUFFIXES:
         raise InputError(f"{source}: a sphere tree is a .h5 or a .sph file")
     notes: list[str] = []
@@ -84,7 +71,7 @@ def import_tree(
         if tree.mesh_sha256 not in ("", mesh.sha256):
             notes.append(f"{source.name} was built for another mesh than {mesh.name}, and is measured against this one")
     else:
-        tree, chosen, placement_notes = _placed(source, mesh, unit_length, frame)
+        tree, chosen, placement_notes = _placed(source, mesh, unit_length)
         notes += placement_notes
     return judge_tree(source, tree, mesh, chosen, notes, seed, progress)
 
@@ -125,7 +112,7 @@ def judge_tree(
     return ImportedTree(tree, chosen, tuple(notes), int(unproved))
 
 
-def _placed(source: Path, mesh: Mesh, unit_length: float, frame: Frame) -> tuple[SphereTree, str, list[str]]:
+def _placed(source: Path, mesh: Mesh, unit_length: float) -> tuple[SphereTree, str, list[str]]:
     """A .sph tree in metres and in the mesh's frame, the origin of its centres, and notes."""
     tree = load_sph(source).scaled(unit_length)
     notes = []
@@ -138,10 +125,8 @@ def _placed(source: Path, mesh: Mesh, unit_length: float, frame: Frame) -> tuple
     middle = mesh.bounds.mean(axis=0)
     shifted = tree.transformed(np.eye(3), middle)
     extent = float(mesh.extent.max())
-    if frame == "mesh" or (frame == "auto" and np.abs(middle).max() <= _SAME * extent):
+    if np.abs(middle).max() <= _SAME * extent:
         return tree, "mesh", notes
-    if frame == "centred":
-        return shifted, "centred", notes
     points = sample_mesh(mesh.vertices, mesh.faces, _SAMPLES, np.random.default_rng(0))
     given, centred = (_mean_gap(points, placed) for placed in (tree, shifted))
     if abs(given - centred) <= _SAME * extent:
@@ -159,10 +144,20 @@ def _placed(source: Path, mesh: Mesh, unit_length: float, frame: Frame) -> tuple
 
 
 def _mean_gap(points: FloatArray, tree: SphereTree) -> float:
-    x, y, z = (np.ascontiguousarray(tree.leaf_center[:, k]) for k in range(3))
-    gap = np.empty(len(points))
-    union_distance(points, x, y, z, np.ascontiguousarray(tree.leaf_radius), gap)
-    return float(gap.mean())
+    return float(distance_outside(points, tree.leaf_center, tree.leaf_radius).mean())
+
+
+def load_tree_for(path: str | Path, mesh: Mesh, unit_length: float = 1.0) -> ImportedTree:
+    """Read the tree of a mesh for a replay, as `import_tree`; a `.h5` file of another mesh is an InputError."""
+    source = Path(path)
+    if source.suffix == ".h5":
+        sha256 = load_tree(source).mesh_sha256
+        if sha256 not in ("", mesh.sha256):
+            other = f"built for the mesh {sha256[:12]}…, but {mesh.name} is {mesh.sha256[:12]}…"
+            raise InputError(
+                f"{source}: {other}; name the object, unit and size of the tree, or build it again, with --solid"
+            )
+    return import_tree(source, mesh, unit_length)
 
 
 def save_sph(tree: SphereTree, path: str | Path) -> None:

@@ -353,10 +353,3 @@ def cover_of(
     progress("cover", cycles + 1, cycles + 1)
 
     return cover.spheres_of(mesh)
-
-
-def greedy_bound(mesh: Mesh, spheres: int) -> float:
-    """Return the bound of the protrusion [m] of the cover of a mesh with at most `spheres` spheres by `cover_of`."""
-    ready = in_own_frame(mesh)
-    center, radius = cover_of(ready, spheres)
-    return float((radius + ready.frame.size * heights(ready.bvh, ready.frame.into(center))).max())

@@ -12,7 +12,7 @@ from hhsim.errors import InputError
 from hhsim.linkage import file as linkage_file
 from hhsim.linkage.file import read_linkage, read_robot
 from hhsim.linkage.linkage import Linkage, Mimic
-from hhsim.robots.poses import link_poses
+from hhsim.robots.touching_pairs import link_poses
 from hhsim.system.child_reader import read_in_child
 
 mujoco = pytest.importorskip("mujoco", reason="pip install 'hhsim[mjcf]' brings MuJoCo")

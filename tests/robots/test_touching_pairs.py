@@ -9,8 +9,7 @@ from robot_arms import write_arm
 from robot_files import expected_tips, write_robot
 
 from hhsim.linkage.file import read_robot
-from hhsim.robots.poses import drawn_poses, link_poses
-from hhsim.robots.touching_pairs import adjacent_links, touching_pairs
+from hhsim.robots.touching_pairs import adjacent_links, drawn_poses, link_poses, touching_pairs
 
 
 def test_fingertips_are_where_the_closed_form_has_them_and_a_mimic_follows(tmp_path: Path) -> None:

@@ -14,9 +14,8 @@ from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.file import save_tree
-from hhsim.trees.foreign_tree import import_tree, save_sph
+from hhsim.trees.foreign_tree import import_tree, load_tree_for, save_sph
 from hhsim.trees.options import TreeOptions
-from hhsim.trees.replay_tree import load_tree_for
 from hhsim.trees.sphere_tree import SphereTree
 
 AWAY = np.array([0.3, -0.1, 0.05])
@@ -119,16 +118,14 @@ def test_spheres_that_stick_out_far_are_told_or_refused(tmp_path: Path, size: fl
         assert bool(re.search(doubt, "".join(found))) == (told == "note")
 
 
-def test_a_frame_can_be_forced_and_a_wrong_one_is_refused(tmp_path: Path) -> None:
+def test_spheres_of_another_place_or_unit_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "box.sph"
-    toolkit_file(path, built(), shift=AWAY)
-    assert import_tree(path, MESH, frame="centred").frame == "centred"
+    toolkit_file(path, built(), shift=3.0 * AWAY)
     with pytest.raises(InputError, match="are they in another unit or frame, or of another mesh"):
-        import_tree(path, MESH, frame="mesh")
+        import_tree(path, MESH)
+    toolkit_file(path, built(), shift=AWAY)
     with pytest.raises(InputError, match=r"span 0\.1.* mm, but box 100 mm: is it in another unit"):
         import_tree(path, MESH, unit_length=1e-3)
-    with pytest.raises(InputError, match="unknown frame 'centre'"):
-        import_tree(path, MESH, frame="centre")  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"\.h5 or a \.sph"):
         import_tree(tmp_path / "box.txt", MESH)
 

@@ -1,7 +1,7 @@
 """A recorded hand beside its object: joints, surface and object in one frame; missing frames, NaN, are not counted."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -10,7 +10,6 @@ from hhsim.hand.forward_kinematics import PlacedHand, stored_hands
 from hhsim.kernels.contact.tip_distance import hand_tip_distances
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, closest_points, mesh_signed_distance
-from hhsim.mesh.content_cache import kept_by_content
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import RESOLUTION, mesh_clearance
 from hhsim.metrics.moving_parts import MovingParts
@@ -200,7 +199,7 @@ class FieldPair:
         return self.recorded.known & self.repaired.known
 
 
-@kept_by_content(8)
+@lru_cache(maxsize=8)
 def object_bvh(mesh: Mesh) -> MeshBvh:
     """Return the hierarchy over the triangles of a closed mesh, whose sign holds also where they cross."""
     features, _ = features_of(mesh, True)

@@ -13,9 +13,9 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.palm_mesh import RoundCones
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.mesh.content_cache import kept_by_content
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.hands import FieldHands
+from hhsim.mesh.topology import manifold_of
 from hhsim.metrics.mesh_penetration import sampled
 
 if TYPE_CHECKING:
@@ -75,14 +75,6 @@ def _cones_near(hands: FieldHands, frame: int) -> RoundCones:
     return RoundCones(a[near], b[near], radius_a[near], radius_b[near])
 
 
-def manifold_of(vertices: FloatArray, faces: IntArray) -> "Manifold | None":
-    """Return a closed surface as a solid of manifold3d, None if it has open or branching edges."""
-    from manifold3d import Error, Manifold, Mesh64
-
-    solid = Manifold(Mesh64(np.ascontiguousarray(vertices), np.ascontiguousarray(faces).astype(np.uint64)))
-    return solid if solid.status() == Error.NoError else None
-
-
 def _polyhedra(cones: RoundCones) -> "list[Manifold]":
     from manifold3d import Manifold
 
@@ -101,7 +93,7 @@ def unit_ball() -> FloatArray:
     return np.asarray(Manifold.sphere(1.0, SEGMENTS).to_mesh64().vert_properties, dtype=np.float64)[:, :3]
 
 
-@kept_by_content(KEPT)
+@lru_cache(maxsize=KEPT)
 def _object_solid(mesh: Mesh) -> "Manifold | None":
     return manifold_of(mesh.vertices, mesh.faces)
 

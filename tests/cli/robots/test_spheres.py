@@ -10,8 +10,6 @@ from conftest import Run
 from linkage_samples import joint, link, urdf, write_box
 from robot_arms import write_arm
 
-from hhsim.robots.link_spheres import build_link
-
 
 @pytest.mark.quick("2")
 @pytest.mark.parametrize("links", [2, 7])
@@ -175,21 +173,3 @@ def test_spheres_that_touch_in_the_start_pose_are_told_or_listed(run: Run, tmp_p
     assert len(told) == len(found["touching"]) == (kind == "always")
     assert ('link1="a" link2="c" reason="Default"' in (tmp_path / "arm.srdf").read_text()) is (kind == "default")
     assert found["self_collision_ignore"]["a"] == (["b", "c"] if kind == "default" else ["b"])
-
-
-def test_a_mesh_of_several_links_is_built_once(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_box(tmp_path / "box.obj", (0.1, 0.06, 0.02))
-    mesh = '<collision><origin xyz="{}" rpy="{}"/><geometry><mesh filename="box.obj"/></geometry></collision>'
-    places = ("0 0 0", "0 0 0"), ("0.1 0.2 0.3", "0.4 0.5 0.6"), ("0.1 0 0", "3.14159 0 0")
-    links = [link(name, mesh.format(*place)) for name, place in zip("abc", places)]
-    (tmp_path / "arm.urdf").write_text(urdf(*links, joint("a", "b"), joint("b", "c")))
-    calls = []
-    monkeypatch.setattr(
-        "hhsim.robots.link_spheres.build_link", lambda *given: calls.append(given) or build_link(*given)
-    )
-    answer = run("build-tree", "arm.urdf", "--leaves", "3", "--as", "h5", "--out", "arm.h5", "--json")
-    assert answer.code == 0 and len(calls) == 1
-    links = json.loads(answer.out)["links"]
-    assert [each["proved"] for each in links] == [True] * 3 and len({each["bound"] for each in links}) == 1
-    judged = json.loads(run("build-tree", "arm.urdf", "--from", "arm.h5", "--as", "json", "--json").out)["links"]
-    assert all(each["proved"] and each["bound"] == pytest.approx(links[0]["bound"]) for each in judged)

@@ -12,10 +12,8 @@ from robot_arms import SHAPES, write_arm
 
 from hhsim.errors import InputError
 from hhsim.linkage.file import read_robot
-from hhsim.robots.formats.registry import FORMATS, format_of, read_spheres
+from hhsim.robots.formats import FORMATS, RobotSpheres, digits, format_of, read_spheres
 from hhsim.robots.link_spheres import build_links, link_meshes
-from hhsim.robots.numbers import digits
-from hhsim.robots.robot_spheres import RobotSpheres
 from hhsim.robots.touching_pairs import touching_pairs
 from hhsim.trees.options import TreeOptions
 
@@ -38,7 +36,7 @@ def written(arm: RobotSpheres, name: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", FORMATS.names())
+@pytest.mark.parametrize("name", list(FORMATS))
 @pytest.mark.quick("urdf", "curobo", "json", "mjcf", "srdf", "xrdf")
 def test_what_is_written_has_its_mark_and_is_read_with_every_digit(arm: RobotSpheres, name: str) -> None:
     if name == "mjcf":

@@ -1,1 +1,0 @@
-"""Formats of the spheres of a robot: a module for each."""
