@@ -2,76 +2,94 @@
 
 from collections.abc import Mapping
 from dataclasses import Field, asdict, fields
-from functools import partial
-from pathlib import Path
-from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import click
 
 from hhsim.system.counted import counted
 
-from .arguments import options
-from .arguments.comma_list import read_counts, read_names
-from .arguments.lazy_group import LazyGroup, show_help
-from .arguments.object_argument import MeshSize, complete_object
-from .arguments.option_group import Decorator, GroupedCommand, OptionGroup, option
-from .arguments.recording_options import Sampling, place_object
-from .arguments.solver_options import Linearising
-from .console import print_json, print_line, print_notes, print_table, progress
+from .arguments.command import Declared, LazyGroup, OptionGroup, argument, click_type, make_command, option
+from .arguments.options import (
+    SEED,
+    TREE_LEVEL,
+    AnySeed,
+    Jobs,
+    OneLevel,
+    OutPath,
+    Output,
+    counts_reader,
+    read_names,
+    show,
+)
+from .arguments.recording_options import PLACE_HELP, Place
+from .arguments.scene_options import Linearising, MeshSize, Sampling, complete_object
+from .console import print_notes, print_table, progress
 
 if TYPE_CHECKING:
     from hhsim.bench.suite import Suite
 
-
-def _names_of(group: type[OptionGroup]) -> list[str]:
-    declared: Any = group
-    return [field.name for field in fields(declared)]
-
-
-SHARED: dict[str, Decorator] = {
-    **{name: getattr(group, name)(name) for group in (MeshSize, Sampling, Linearising) for name in _names_of(group)},
-    "place_object": place_object("auto")("place_object"),
-    "level": options.tree_level,
-    "seed": options.seed,
+SUITE = "Suite"
+"""Heading of a suite's own options."""
+SHARED: Mapping[str, click.Parameter] = {
+    **{each.name or "": each for group in (MeshSize, Sampling, Linearising) for each in group.parameters()},
+    "place_object": option(PLACE_HELP, default="auto").parameter("place_object", Place),
+    "level": TREE_LEVEL.parameter("level", OneLevel),
+    "seed": SEED.parameter("seed", AnySeed),
 }
 """Options that other commands have too, by the name of a setting without a help."""
-MOST_OPTIONS = 15
-"""Number of options up to which they stand under one heading."""
+FIGURES = "Draw the scenes and curves in the manner of the paper's Figs. 11 to 15 here, as PNG, PDF and SVG."
 
 
 class RunningOptions(OptionGroup):
     """Options of the processes that run a suite's cells, and of the folder that keeps their figures."""
 
-    jobs: int = option(type=options.JOBS, default=1, metavar="N", help="Cells at a time, in processes of this machine.")
+    jobs: Jobs = option("Cells at a time, in processes of this machine.", "N", default=1)
     scheduler: str = option(
-        metavar="ADDRESS", default="", help="Run the cells on a Dask cluster: tcp://host:8786, or local for --jobs."
+        "Run the cells on a Dask cluster: tcp://host:8786, or local for --jobs.", "ADDRESS", default=""
     )
-    resume: Path | None = options.output_file("FOLDER", "Keep each cell that is done here, and go on with what is not.")
+    resume: OutPath | None = option("Keep each cell that is done here, and go on with what is not.", "FOLDER")
 
 
-class SuiteGroup(LazyGroup):
-    """The suites, each a command that is made of what it declares."""
+def suite_lines() -> Mapping[str, str]:
+    """Return the suites with one line each."""
+    from hhsim.bench import registry
 
-    @property
-    def lines(self) -> Mapping[str, str]:  # type: ignore[override]
-        """Suites with one line each."""
-        from hhsim.bench.registry import suite_lines
-
-        return suite_lines()
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Make the command."""
-        from hhsim.bench.registry import SUITES
-
-        return suite_command(cmd_name, SUITES[cmd_name]) if cmd_name in self.lines else None
+    return registry.suite_lines()
 
 
-command = SuiteGroup(
+def suite_command(name: str) -> click.Command:
+    """Return the command of a suite, made of what it declares."""
+    from hhsim.bench.registry import SUITES
+
+    suite: Suite = SUITES[name]
+    hints = get_type_hints(suite.settings, include_extras=True)
+    more = [_parameter(field, hints[field.name]) for field in fields(suite.settings) if field.metadata]
+    for each in more:
+        each.heading = SUITE  # type: ignore[attr-defined]
+    if suite.preset is not None:
+        more.append(option(suite.preset.help).parameter(suite.preset.flag, bool))
+    if suite.draw is not None:
+        one = option("Picture file. Default: beside the table, as .png.", "FILE")
+        plot = one if suite.check_folder is None else option(FIGURES, "FOLDER")
+        more.append(plot.parameter("plot", OutPath))
+    if suite.listed is not None:
+        more.append(option("List what there is and run none.", None, "--list").parameter("listed", bool))
+    if suite.is_portable:
+        more += RunningOptions.parameters()
+
+    def run(output: Output, **given: Any) -> int:
+        return run_suite(name, suite, output, given)
+
+    run.__doc__ = suite.help
+    return make_command(run, *more)
+
+
+command = LazyGroup(
     "bench",
+    suite_lines,
+    suite_command,
     kind="suite",
-    short_help="Measure the methods against each other: speed, error, stress.",
-    invoke_without_command=True,
     subcommand_metavar="SUITE [ARGS]...",
     help="""Measure the methods against each other, on the same scenes, in one run.
 
@@ -83,129 +101,80 @@ command = SuiteGroup(
       hhsim bench hard
       hhsim bench speed-error --out tradeoff.json
     """,
-    callback=show_help,
 )
 
 
-def suite_command(name: str, suite: "Suite") -> click.Command:
-    """Return the command of a suite."""
-
-    def callback(output: options.Output, running: RunningOptions | None = None, **given: Any) -> int:
-        return run_suite(name, suite, output, running, given)
-
-    callback.__doc__ = suite.help
-    decorated: Any = options.Output.argument("output")(callback)
-    if suite.is_portable:
-        decorated = RunningOptions.argument("running")(decorated)
-    if suite.listed is not None:
-        decorated = click.option("--list", "listed", is_flag=True, help="List what there is and run none.")(decorated)
-    if suite.draw is not None and suite.check_folder is None:
-        decorated = options.picture(decorated)
-    elif suite.draw is not None:
-        help = "Draw the scenes and curves in the manner of the paper's Figs. 11 to 15 here, as PNG, PDF and SVG."
-        decorated = click.option("--plot", type=options.OUTPUT, metavar="FOLDER", help=help)(decorated)
-    if suite.preset is not None:
-        decorated = click.option(f"--{suite.preset.flag}", is_flag=True, help=suite.preset.help)(decorated)
-    hints = get_type_hints(suite.settings, include_extras=True)
-    for field in reversed(fields(suite.settings)):
-        if field.metadata:
-            decorated = _declared(field, hints[field.name])(decorated)
-            decorated.__click_params__[-1].heading = "Suite"
-    many = sum(isinstance(param, click.Option) for param in decorated.__click_params__) > MOST_OPTIONS
-    return click.command(name, cls=GroupedCommand if many else options.Command)(decorated)
-
-
-def _declared(field: "Field[Any]", hint: Any) -> Decorator:
+def _parameter(field: "Field[Any]", hint: Any) -> click.Parameter:
     """Return the option or argument of a setting."""
-    about, completed = field.metadata, complete_object if field.name == "objects" else None
+    about, name = field.metadata, field.name
+    completed = complete_object if name == "objects" else None
     if about["argument"]:
-        return click.argument(field.name, metavar=about["metavar"], nargs=-1, shell_complete=completed)
+        declared: Declared = argument(about["metavar"], nargs=-1, shell_complete=completed)
+        return declared.parameter(name, str)
     if not about["help"]:
-        return SHARED[field.name]
-    kind = _kind(hint)
-    how: dict[str, Any] = {"metavar": about["metavar"] or kind.metavar}
-    if kind.is_list:
-        numbers = partial(read_counts, int(kind.least), int(kind.most)) if kind.type is int else read_names
-        how |= {"multiple": True, "callback": numbers, "shell_complete": completed}
-    elif kind.type is bool:
-        how = {"is_flag": True}
-    elif kind.type is int:
-        how["type"] = click.IntRange(int(kind.least), int(kind.most))
-    elif kind.type is float:
-        how["type"] = options.Number(kind.least, kind.most)
-    elif how["metavar"] == "FILE":
-        how["type"] = click.Path()
+        return SHARED[name]
+    entry, is_list = _entry(hint)
+    kind, metavar = click_type(entry), "NAME" if entry is str else "N"
+    how: dict[str, Any] = {}
+    if is_list:
+        numbers = isinstance(kind, click.IntRange)
+        callback = counts_reader(int(kind.min), int(kind.max)) if numbers else read_names
+        how = {"multiple": True, "callback": callback, "shell_complete": completed}
+        entry, metavar = str, "NUMBERS" if numbers else "NAMES"
+    elif about["metavar"] == "FILE":
+        entry = Annotated[str, click.Path()]
     default = field.default
     listed = default if isinstance(default, tuple) else (default,)
-    usual = "" if default in (None, "", ()) or kind.type is bool else ",".join(map(str, listed))
-    help = f"{about['help']} Default: {usual}." if usual else about["help"]
+    usual = "" if default in (None, "", ()) or entry is bool else f" Default: {','.join(map(str, listed))}."
+    flags = (about["flag"],) if about["flag"] else ()
+    shown = None if entry is bool else about["metavar"] or metavar
     # None, so that a preset counts where it is not given.
-    return click.option(
-        about["flag"] or f"--{field.name.replace('_', '-')}", field.name, help=help, default=None, **how
-    )
+    declared = option(f"{about['help']}{usual}", shown, *flags, default=None, **how)
+    return declared.parameter(name, entry)
 
 
-class _Kind(NamedTuple):
-    """Type of a setting, or of the entries of its list, and the range of a number."""
-
-    type: type
-    is_list: bool = False
-    least: float = -options.MOST_COUNT
-    most: float = options.MOST_COUNT
-
-    @property
-    def metavar(self) -> str:
-        """Placeholder in the help."""
-        if self.is_list:
-            return "NUMBERS" if self.type is int else "NAMES"
-        return "NAME" if self.type is str else "N"
-
-
-def _kind(hint: Any) -> _Kind:
-    if get_origin(hint) is Annotated:
-        found = _kind(get_args(hint)[0])
-        for meta in get_args(hint)[1:]:
-            if meta.ge is not None and meta.le is not None:
-                found = found._replace(least=meta.ge, most=meta.le)
-        return found
+def _entry(hint: Any) -> tuple[Any, bool]:
+    """Return the type of a setting, or of the entries of its list, and whether it is one."""
     if get_origin(hint) in (Union, UnionType):
-        return _kind(next(one for one in get_args(hint) if one is not type(None)))
-    if get_origin(hint) is tuple:
-        return _kind(get_args(hint)[0])._replace(is_list=True)
-    return _Kind(hint)
+        hint = next(each for each in get_args(hint) if each is not NoneType)
+    bare = get_args(hint)[0] if get_origin(hint) is Annotated else hint
+    return (get_args(bare)[0], True) if get_origin(bare) is tuple else (hint, False)
 
 
-def run_suite(
-    name: str, suite: "Suite", output: options.Output, where: RunningOptions | None, given: dict[str, Any]
-) -> int:
+def run_suite(name: str, suite: "Suite", output: Output, given: dict[str, Any]) -> int:
     """Run a suite, write its tables and its picture, print them; return 1 if a bar is missed."""
     from hhsim.bench.suite import run_cells, run_tasks_of, tables_of
+    from hhsim.system.output_path import picture_beside
     from hhsim.table.file import check_table_path, table_document, write_table
 
     plot, listed = given.pop("plot", None), given.pop("listed", False)
+    running = {
+        "jobs": given.pop("jobs", 1),
+        "scheduler": given.pop("scheduler", ""),
+        "folder": given.pop("resume", None),
+    }
+    is_shared = running["jobs"] > 1 or running["scheduler"] or running["folder"]
     is_preset = suite.preset is not None and given.pop(suite.preset.flag)
     values = {key: value for key, value in given.items() if value is not None}
     settings = suite.settings(**{**(suite.preset.values if suite.preset and is_preset else {}), **values})
     if listed and suite.listed is not None:
         found = suite.listed(settings)
-        if output.as_json:
-            print_json({"rows": found.records})
-        else:
-            print_table(found)
+        show({"rows": found.records}, found, as_json=output.as_json)
         return 0
     path, described = output.path(f"bench-{name}", ".json"), asdict(settings)
     check_table_path(path)
-    picture = _picture(suite, path, plot)
+    picture = plot
+    if suite.check_folder is not None and plot is not None:
+        suite.check_folder(plot)
+    elif suite.draw is not None and suite.check_folder is None:
+        picture = picture_beside(path, plot)
     figures: list[Any] = []
-    running: dict[str, Any] = {}
-    if where and (where.jobs > 1 or where.scheduler or where.resume):
-        running = {"jobs": where.jobs, "scheduler": where.scheduler, "folder": where.resume}
     with progress(quiet=output.quiet) as report:
         stopped: KeyboardInterrupt | None = None
         try:
-            if running:
+            if is_shared:
                 figures += run_tasks_of(name, settings, report, **running)
-            for one in () if running else run_cells(suite, settings, report):
+            for one in () if is_shared else run_cells(suite, settings, report):
                 figures.append(one)
         except KeyboardInterrupt as interrupt:
             if not figures:
@@ -219,29 +188,18 @@ def run_suite(
         note = f"{suite.preset.flag} run" if suite.preset and is_preset and suite.preset.flag == "quick" else ""
         pictures = suite.draw(picture, settings, rows, figures, report, note) if suite.draw and picture else []
     missed, notes = suite.missed(settings, rows), suite.notes(settings, figures)
-    if output.as_json:
-        plots = {"pictures": list(map(str, pictures))} if pictures else {}
-        document = table_document(path, suite.columns, described, **plots)
-        print_json({**document, "missed": missed, "notes": notes, "rows": rows})
-    elif not output.quiet:
+    if output.for_people:
         for table in tables_of(suite, settings, rows, figures):
             print_table(table, optional=suite.optional)
             print()
-        for line in (*suite.lines(settings, rows), *(f"missed: {what}" for what in missed)):
-            print_line(line)
         print_notes(notes)
-        drawn = f", the picture in {picture}" if len(pictures) == 1 else ""
-        drawn = f", {counted(len(pictures), 'picture')} in {plot}" if len(pictures) > 1 else drawn
-        print_line(f"the table is in {path} and {path.with_suffix('.csv')}{drawn}")
+    plots = {"pictures": list(map(str, pictures))} if pictures else {}
+    drawn = f", the picture in {picture}" if len(pictures) == 1 else ""
+    drawn = f", {counted(len(pictures), 'picture')} in {plot}" if len(pictures) > 1 else drawn
+    output.show(
+        {**table_document(path, suite.columns, described, **plots), "missed": missed, "notes": notes, "rows": rows},
+        *suite.lines(settings, rows),
+        *(f"missed: {what}" for what in missed),
+        f"the table is in {path} and {path.with_suffix('.csv')}{drawn}",
+    )
     return 1 if missed else 0
-
-
-def _picture(suite: "Suite", table: Path, plot: Path | None) -> Path | None:
-    """Return the path of the picture, or of the folder of pictures, if there is to be one; it is checked."""
-    if suite.draw is not None and suite.check_folder is None:
-        from hhsim.system.output_path import picture_beside
-
-        return picture_beside(table, plot)
-    if suite.check_folder is not None and plot is not None:
-        suite.check_folder(plot)
-    return plot

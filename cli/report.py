@@ -3,35 +3,34 @@
 import re
 import time
 from pathlib import Path
+from typing import Annotated, Any
 
 import click
 
 from hhsim.system.counted import counted
 
-from .arguments import options
-from .console import print_json, print_line, progress
+from .arguments.command import argument, make_command, option
+from .arguments.options import OutPath, Printing
+from .console import progress
 
 DATE = re.compile(r"\d{4}-\d\d-\d\d-\d{6}-")
 """Date in the name of a result that hhsim named."""
-FIGURES = ("series", "ticks", "speed-error", "hand")
-"""Figures of `hhsim.report.figure_file`, without its imports."""
 WIDTH = "180mm"
 """Default width of a figure: two columns of most journals."""
+FIGURES = ("series", "ticks", "speed-error", "hand")
+"""Figures of `hhsim.report.figure_file`, without its imports."""
 
 
-@click.command(cls=options.Command)
-@click.argument("results", metavar="RESULT...", nargs=-1, required=True, type=options.FILE)
-@click.option(
-    "--out",
-    type=options.OUTPUT,
-    metavar="DIR|FILE.html",
-    help="Folder or page of the report, or file of the --figure. Default: a dated name in results/.",
-)
-@click.option("--figure", type=click.Choice(FIGURES), help="Write this one figure, for a paper, and no page.")
-@click.option("--width", metavar="WIDTH", help=f"Width of the figure, such as 88mm or 3.5in. Default: {WIDTH}.")
-@options.Printing.argument("printing")
+@make_command
 def command(
-    results: tuple[Path, ...], out: Path | None, figure: str | None, width: str | None, printing: options.Printing
+    *,
+    results: tuple[Path, ...] = argument("RESULT...", nargs=-1, required=True),
+    out: OutPath | None = option(
+        "Folder or page of the report, or file of the --figure. Default: a dated name in results/.", "DIR|FILE.html"
+    ),
+    figure: Annotated[str, click.Choice(FIGURES)] | None = option("Write this one figure, for a paper, and no page."),
+    width: str | None = option(f"Width of the figure, such as 88mm or 3.5in. Default: {WIDTH}.", "WIDTH"),
+    printing: Printing,
 ) -> None:
     """Make one HTML page of results: figures, curves, worst ticks.
 
@@ -51,43 +50,27 @@ def command(
       hhsim report grasp.h5 --figure series --width 88mm --out fig.pdf
       hhsim report results/speed-error.json --figure speed-error --out fig.svg
     """
-    if figure is not None:
-        _write_figure(results, figure, width or WIDTH, out, printing)
-        return
-    if width is not None:
-        raise click.UsageError("--width is of a figure: name one with --figure, such as --figure series")
+    from hhsim.report.figure_file import check_figure_path, make_figure, parse_width, write_figure
     from hhsim.report.report import check_report_path, make_report, write_report
     from hhsim.system.output_path import dated_output_path
 
-    begin = time.perf_counter()
+    begin, name = time.perf_counter(), DATE.sub("", results[0].stem)
+    if width is not None and figure is None:
+        raise click.UsageError("--width is of a figure: name one with --figure, such as --figure series")
+    inches = parse_width(width or WIDTH)
     if out is not None:
-        check_report_path(out)
-    with progress(quiet=printing.quiet) as bar:
-        report = make_report(results, progress=bar)
-    files = write_report(report, out or dated_output_path(f"{DATE.sub('', results[0].stem)}-report", suffix=""))
-    if printing.as_json:
-        paths = {"report": str(files.page), "pictures": list(map(str, files.pictures))}
-        print_json({**report.to_json(), **paths, "seconds": time.perf_counter() - begin})
-    elif not printing.quiet:
-        for line in report.verdict_lines():
-            print_line(line)
-        print_line(f"the report is in {files.page}, with {counted(len(files.pictures), 'picture')} beside it")
-
-
-def _write_figure(
-    results: tuple[Path, ...], name: str, width: str, out: Path | None, printing: options.Printing
-) -> None:
-    from hhsim.report.figure_file import check_figure_path, make_figure, parse_width, write_figure
-    from hhsim.system.output_path import dated_output_path
-
-    begin = time.perf_counter()
-    inches = parse_width(width)
-    if out is not None:
-        check_figure_path(out)
-    figure = make_figure(results, name)
-    path = out or dated_output_path(f"{DATE.sub('', results[0].stem)}-{name}", suffix=".pdf")
-    write_figure(figure, path, inches)
-    if printing.as_json:
-        print_json({"figure": str(path), "width": 0.0254 * inches, "seconds": time.perf_counter() - begin})
-    elif not printing.quiet:
-        print_line(f"{figure.title}, {25.4 * inches:g} mm wide, is in {path}")
+        (check_report_path if figure is None else check_figure_path)(out)
+    document: dict[str, Any]
+    if figure is None:
+        with progress(quiet=printing.quiet) as bar:
+            report = make_report(results, progress=bar)
+        files = write_report(report, out or dated_output_path(f"{name}-report", suffix=""))
+        document = {**report.to_json(), "report": str(files.page), "pictures": list(map(str, files.pictures))}
+        where = f"the report is in {files.page}, with {counted(len(files.pictures), 'picture')} beside it"
+        lines = [*report.verdict_lines(), where]
+    else:
+        drawn, path = make_figure(results, figure), out or dated_output_path(f"{name}-{figure}", suffix=".pdf")
+        write_figure(drawn, path, inches)
+        document = {"figure": str(path), "width": 0.0254 * inches}
+        lines = [f"{drawn.title}, {25.4 * inches:g} mm wide, is in {path}"]
+    printing.show({**document, "seconds": time.perf_counter() - begin}, *lines)

@@ -3,20 +3,18 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from hhsim.system.counted import counted
 from hhsim.table.table import Table
 
-from .arguments import options
-from .arguments.option_group import OptionGroup, option
-from .console import end_on_sigterm, print_json, print_line, print_notes, print_table, progress
+from .arguments.command import OptionGroup, argument, make_command, option
+from .arguments.options import Jobs, OutPath, Printing
+from .console import end_on_sigterm, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hhsim.sweep.cell_table import CellRow
-    from hhsim.sweep.sweep import Estimate, SweepSummary
+    from hhsim.sweep.sweep import SweepSummary
 
 MOST_FAILURES = 20
 MOST_ROWS = 60
@@ -25,32 +23,23 @@ MOST_ROWS = 60
 class SweepSettings(OptionGroup):
     """Folder of a sweep, and how its cells are run."""
 
-    out: Path | None = options.output_file(
-        "FOLDER",
+    out: OutPath | None = option(
         "Folder of the results; cells that are done there are not run again. Default: results/ and the plan's name.",
+        "FOLDER",
     )
-    jobs: int | None = option(
-        type=options.JOBS,
-        metavar="N",
-        help="Cells at a time, in processes of this machine. Default: one for each physical core.",
+    jobs: Jobs | None = option(
+        "Cells at a time, in processes of this machine. Default: one for each physical core.", "N"
     )
     scheduler: str = option(
-        metavar="ADDRESS",
-        default="",
-        help="Run the cells on a Dask cluster: tcp://host:8786, or local for one of --jobs processes.",
+        "Run the cells on a Dask cluster: tcp://host:8786, or local for one of --jobs processes.", "ADDRESS", default=""
     )
-    dry_run: bool = option(
-        is_flag=True, help="Count the cells, estimate how long the others take by those that ran; write nothing."
-    )
-    retry_failed: bool = option(is_flag=True, help="Run failed cells again; without it their reasons are shown.")
-    summary_only: bool = option(is_flag=True, help="Keep a row of figures for each cell, and not its ticks.")
+    dry_run: bool = option("Count the cells, estimate how long the others take by those that ran; write nothing.")
+    retry_failed: bool = option("Run failed cells again; without it their reasons are shown.")
+    summary_only: bool = option("Keep a row of figures for each cell, and not its ticks.")
 
 
-@click.command(cls=options.Command)
-@click.argument("plan", metavar="PLAN", type=options.FILE)
-@SweepSettings.argument("settings")
-@options.Printing.argument("printing")
-def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> int:
+@make_command
+def command(*, plan: Path = argument("PLAN"), settings: SweepSettings, printing: Printing) -> int:
     """Replay all that a plan names, each with each, and resume.
 
     PLAN is a TOML file of objects, motions, methods, surfaces and sets of options (docs/results.md). Each cell is what
@@ -67,7 +56,7 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
       hhsim sweep plan.toml --scheduler tcp://10.0.0.1:8786 --out /shared/first
     """
     from hhsim.sweep.cell_table import COLUMNS, TABLE, cell_rows
-    from hhsim.sweep.folder import SweepFolder
+    from hhsim.sweep.folder import SweepFolder, lasting
     from hhsim.sweep.plan import load_plan
     from hhsim.sweep.sweep import estimate, run_sweep
     from hhsim.system.atomic_write import write_atomically
@@ -80,7 +69,7 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
         report("reading the plan", 0, 1)
         read = load_plan(plan)
         folder = SweepFolder(settings.out or RESULTS / read.name)
-        if not printing.quiet and not printing.as_json:
+        if printing.for_people:
             print_notes(read.notes)
         if settings.dry_run:
             found = estimate(read, folder)
@@ -90,44 +79,37 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
             rows = cell_rows(read, folder)
             write_atomically(folder.path / TABLE, Table(COLUMNS, rows).csv().encode())
     if settings.dry_run:
-        _print_estimate(found, jobs or max(1, len(physical_cores())), as_json=printing.as_json)
-        return 0
-    if printing.as_json:
-        print_json(
-            {
-                "folder": str(folder.path),
-                "cells": ended.cells,
-                "done_now": ended.run,
-                "done_before": ended.done_before,
-                "failed": [
-                    {"cell": cell.label, "options": dict(cell.options), "reason": w} for cell, w in ended.failed
-                ],
-                "ticks": ended.ticks,
-                "seconds": ended.seconds,
-                "rows": rows,
-                "notes": list(read.notes),
-            }
+        workers = jobs or max(1, len(physical_cores()))
+        seconds = found.elapsed(workers)
+        counts = {"cells": found.cells, "done": found.done, "failed": found.failed, "ticks": found.ticks}
+        where = f"{workers} process{'es' * (workers > 1)}, by the cells that ran on this machine"
+        printing.show(
+            {**counts, "processes": workers, "seconds": seconds},
+            f"{counted(found.cells, 'cell')}: {found.done:,} done, {found.failed:,} failed, {found.left:,} to run",
+            *([f"{found.ticks:,} ticks: {lasting(seconds)} in {where}"] if found.left else []),
         )
-    elif not printing.quiet:
+        return 0
+    if printing.for_people:
         _print(ended, rows, folder.path)
+    printing.show(
+        {
+            "folder": str(folder.path),
+            "cells": ended.cells,
+            "done_now": ended.run,
+            "done_before": ended.done_before,
+            "failed": [
+                {"cell": cell.label, "options": dict(cell.options), "reason": why} for cell, why in ended.failed
+            ],
+            "ticks": ended.ticks,
+            "seconds": ended.seconds,
+            "rows": rows,
+            "notes": list(read.notes),
+        }
+    )
     if printing.quiet and ended.failed:
         shown = [f"{cell.label}: {why}" for cell, why in ended.failed[:MOST_FAILURES]]
         print_notes([f"{counted(len(ended.failed), 'cell')} failed", *shown], prefix="missed")
     return 1 if ended.failed else 0
-
-
-def _print_estimate(found: "Estimate", workers: int, *, as_json: bool) -> None:
-    from hhsim.sweep.folder import lasting
-
-    seconds = found.elapsed(workers)
-    if as_json:
-        counts = {"cells": found.cells, "done": found.done, "failed": found.failed, "ticks": found.ticks}
-        print_json({**counts, "processes": workers, "seconds": seconds})
-        return
-    print_line(f"{counted(found.cells, 'cell')}: {found.done:,} done, {found.failed:,} failed, {found.left:,} to run")
-    if found.left:
-        about = f"{lasting(seconds)} in {workers} process{'es' * (workers > 1)}, by the cells that ran on this machine"
-        print_line(f"{found.ticks:,} ticks: {about}")
 
 
 def _print(ended: "SweepSummary", rows: "Sequence[CellRow]", folder: Path) -> None:
