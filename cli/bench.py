@@ -9,19 +9,8 @@ import click
 
 from hhsim.system.counted import counted
 
+from .arguments import options
 from .arguments.command import Declared, LazyGroup, OptionGroup, argument, click_type, make_command, option
-from .arguments.options import (
-    SEED,
-    TREE_LEVEL,
-    AnySeed,
-    Jobs,
-    OneLevel,
-    OutPath,
-    Output,
-    counts_reader,
-    read_names,
-    show,
-)
 from .arguments.recording_options import PLACE_HELP, Place
 from .arguments.scene_options import Linearising, MeshSize, Sampling, complete_object
 from .console import print_notes, print_table, progress
@@ -34,8 +23,8 @@ SUITE = "Suite"
 SHARED: Mapping[str, click.Parameter] = {
     **{each.name or "": each for group in (MeshSize, Sampling, Linearising) for each in group.parameters()},
     "place_object": option(PLACE_HELP, default="auto").parameter("place_object", Place),
-    "level": TREE_LEVEL.parameter("level", OneLevel),
-    "seed": SEED.parameter("seed", AnySeed),
+    "level": options.TREE_LEVEL.parameter("level", options.OneLevel),
+    "seed": options.SEED.parameter("seed", options.AnySeed),
 }
 """Options that other commands have too, by the name of a setting without a help."""
 FIGURES = "Draw the scenes and curves in the manner of the paper's Figs. 11 to 15 here, as PNG, PDF and SVG."
@@ -44,11 +33,11 @@ FIGURES = "Draw the scenes and curves in the manner of the paper's Figs. 11 to 1
 class RunningOptions(OptionGroup):
     """Options of the processes that run a suite's cells, and of the folder that keeps their figures."""
 
-    jobs: Jobs = option("Cells at a time, in processes of this machine.", "N", default=1)
+    jobs: options.Jobs = option("Cells at a time, in processes of this machine.", "N", default=1)
     scheduler: str = option(
         "Run the cells on a Dask cluster: tcp://host:8786, or local for --jobs.", "ADDRESS", default=""
     )
-    resume: OutPath | None = option("Keep each cell that is done here, and go on with what is not.", "FOLDER")
+    resume: options.OutPath | None = option("Keep each cell that is done here, and go on with what is not.", "FOLDER")
 
 
 def suite_lines() -> Mapping[str, str]:
@@ -72,13 +61,13 @@ def suite_command(name: str) -> click.Command:
     if suite.draw is not None:
         one = option("Picture file. Default: beside the table, as .png.", "FILE")
         plot = one if suite.check_folder is None else option(FIGURES, "FOLDER")
-        more.append(plot.parameter("plot", OutPath))
+        more.append(plot.parameter("plot", options.OutPath))
     if suite.listed is not None:
         more.append(option("List what there is and run none.", None, "--list").parameter("listed", bool))
     if suite.is_portable:
         more += RunningOptions.parameters()
 
-    def run(output: Output, **given: Any) -> int:
+    def run(output: options.Output, **given: Any) -> int:
         return run_suite(name, suite, output, given)
 
     run.__doc__ = suite.help
@@ -91,10 +80,11 @@ command = LazyGroup(
     suite_command,
     kind="suite",
     subcommand_metavar="SUITE [ARGS]...",
-    help="""Measure the methods against each other, on the same scenes, in one run.
+    help="""Measure the methods against each other: speed, error, stress.
 
-    Every suite takes --json and --out, as a replay does. Times are CPU times of a thread unless a heading says
-    otherwise; compare them within one run, not between machines. The exit code is 1 where a bar is missed.
+    All run on the same scenes, in one run. Every suite takes --json and --out, as a replay does. Times are CPU times
+    of a thread unless a heading says otherwise; compare them within one run, not between machines. The exit code is 1
+    where a bar is missed.
 
     \b
     Examples:
@@ -118,7 +108,7 @@ def _parameter(field: "Field[Any]", hint: Any) -> click.Parameter:
     how: dict[str, Any] = {}
     if is_list:
         numbers = isinstance(kind, click.IntRange)
-        callback = counts_reader(int(kind.min), int(kind.max)) if numbers else read_names
+        callback = options.counts_reader(int(kind.min), int(kind.max)) if numbers else options.read_names
         how = {"multiple": True, "callback": callback, "shell_complete": completed}
         entry, metavar = str, "NUMBERS" if numbers else "NAMES"
     elif about["metavar"] == "FILE":
@@ -141,7 +131,7 @@ def _entry(hint: Any) -> tuple[Any, bool]:
     return (get_args(bare)[0], True) if get_origin(bare) is tuple else (hint, False)
 
 
-def run_suite(name: str, suite: "Suite", output: Output, given: dict[str, Any]) -> int:
+def run_suite(name: str, suite: "Suite", output: options.Output, given: dict[str, Any]) -> int:
     """Run a suite, write its tables and its picture, print them; return 1 if a bar is missed."""
     from hhsim.bench.suite import run_cells, run_tasks_of, tables_of
     from hhsim.system.output_path import picture_beside
@@ -159,7 +149,7 @@ def run_suite(name: str, suite: "Suite", output: Output, given: dict[str, Any]) 
     settings = suite.settings(**{**(suite.preset.values if suite.preset and is_preset else {}), **values})
     if listed and suite.listed is not None:
         found = suite.listed(settings)
-        show({"rows": found.records}, found, as_json=output.as_json)
+        options.show({"rows": found.records}, found, as_json=output.as_json)
         return 0
     path, described = output.path(f"bench-{name}", ".json"), asdict(settings)
     check_table_path(path)

@@ -45,19 +45,6 @@ COMMANDS = {
 KEYWORDS = {"import": "import_"}
 """Modules of commands whose name no module can have."""
 
-MEANT = {
-    **dict.fromkeys(("list", "ls"), "hhsim objects and hhsim trajectories list what there is"),
-    "help": "hhsim --help lists the commands, and hhsim COMMAND --help explains one",
-    "version": "hhsim --version prints it, hhsim info all versions",
-    "run": "did you mean replay?",
-    "show": "did you mean view or report?",
-    "diff": "did you mean compare?",
-    "test": "did you mean verify or gate?",
-    "benchmark": "did you mean bench?",
-    "submit": "did you mean score?",
-}
-"""Advice for words that are no command."""
-
 COMPLETION_VARIABLE = "_HHSIM_COMPLETE"
 SHOW_AS_USUAL = warnings.showwarning
 NO_MEMORY = "can't start new thread", "failed to map segment", "returned NULL without setting"
@@ -72,7 +59,6 @@ hhsim = LazyGroup(
     "hhsim",
     lambda: COMMANDS,
     lambda name: imported(KEYWORDS.get(name, name.replace("-", "_"))),
-    meant=MEANT,
     subcommand_metavar="[COMMAND] [ARGS]...",
     context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
     help="""Replay a hand against a virtual object, and measure speed, contact and force at every tick.

@@ -81,9 +81,9 @@ command = LazyGroup(
     lambda name: check,
     params=[JSON.parameter("as_json", bool)],
     subcommand_metavar="[check NAME]",
-    help="""List the methods, what each promises, and test one from outside.
+    help="""List the methods, and test one from outside.
 
-    Any of the names goes into hhsim replay --method, and so does package.module:Class: a class of your own, in the
+    The list says what each promises. Any of the names goes into hhsim replay --method, and so does package.module:Class: a class of your own, in the
     current folder or installed. A package declares its methods as entry points of the group "hhsim.methods".
 
     \b

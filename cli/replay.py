@@ -11,34 +11,9 @@ from hhsim.ranges import RANGES
 from hhsim.system.counted import counted
 from hhsim.table.table import Table, number, words
 
+from .arguments import options, scene_options
 from .arguments.command import make_command, option, refuse_typed
-from .arguments.options import (
-    HAND_FILE,
-    HANDS,
-    RERUN,
-    SEED,
-    AnySeed,
-    Count,
-    Output,
-    Rerun,
-    Sides,
-    metres,
-    names_a_result,
-    number_list,
-    ranged,
-)
 from .arguments.recording_options import PLACE_HELP, HandData, Place
-from .arguments.scene_options import (
-    OBJECT,
-    TRAJECTORY,
-    TRUST,
-    FreeChoice,
-    Linearising,
-    MeshFile,
-    Sampling,
-    SolverChoice,
-    TreeOrFile,
-)
 from .console import print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
@@ -50,11 +25,13 @@ if TYPE_CHECKING:
 
 STIFFNESSES = {"translation": "k_t [N/m]", "rotation": "k_r [N·m/rad]", "flexion": "k_θ [N·m/rad]"}
 """Parts of --stiffness in their order, by the library's names."""
-READ_STIFFNESS = number_list(*STIFFNESSES.values(), ranges=[RANGES[f"stiffness {name}"][:2] for name in STIFFNESSES])
-READ_TREMOR = number_list("mm", "degrees", ranges=[(0.0, 100.0), (0.0, 180.0)])
+READ_STIFFNESS = options.number_list(
+    *STIFFNESSES.values(), ranges=[RANGES[f"stiffness {name}"][:2] for name in STIFFNESSES]
+)
+READ_TREMOR = options.number_list("mm", "degrees", ranges=[(0.0, 100.0), (0.0, 180.0)])
 
 
-class SolverSettings(Linearising, SolverChoice):
+class SolverSettings(scene_options.Linearising, scene_options.SolverChoice):
     """Options of the solver; `stiffness` is k_t [N/m], k_r and k_θ [N·m/rad]."""
 
     qp: str = option(
@@ -69,10 +46,10 @@ class SolverSettings(Linearising, SolverChoice):
         "Virtual coupling of palm position [N/m], palm rotation and joints [N·m/rad]. Default: 1000,5,0.5.",
         "K_T,K_R,K_THETA",
     )
-    penalty_stiffness: Annotated[float, ranged("stiffness penalty")] | None = option(
+    penalty_stiffness: Annotated[float, options.ranged("stiffness penalty")] | None = option(
         "Stiffness of each contact with --method penalty [N/m]. Default: 100000.", "K"
     )
-    tolerance: Annotated[float, ranged("tolerance")] | None = option(
+    tolerance: Annotated[float, options.ranged("tolerance")] | None = option(
         "Largest violation of a contact's row, as a share of the margin. Default: 1e-8.", "SHARE"
     )
     self_contact: Literal["on", "off"] = option(
@@ -82,7 +59,7 @@ class SolverSettings(Linearising, SolverChoice):
     frustum_ends: Literal["spheres", "flat"] | None = option(
         "Ends of a frustum with --method paper: spheres (Eq. 13) or flat (Eq. 7). Default: spheres."
     )
-    threads: Annotated[int, ranged("threads")] = option(
+    threads: Annotated[int, options.ranged("threads")] = option(
         "Threads that solve the fingers with --method progressive; the result is the same with any number.",
         "N",
         default=1,
@@ -100,7 +77,7 @@ class SolverSettings(Linearising, SolverChoice):
             if self.method != "penalty":
                 raise click.UsageError(f"--penalty-stiffness is for --method penalty, not {self.method}")
             stiffness["penalty"] = self.penalty_stiffness
-        changed = {**self.given(), "margin": metres(self.margin), "self_contact": self.self_contact == "on"}
+        changed = {**self.given(), "margin": options.metres(self.margin), "self_contact": self.self_contact == "on"}
         changed |= {"stiffness": Stiffness(**stiffness) if stiffness else None}
         changed.pop("penalty_stiffness", None)
         if self.qp != ACTIVE_SET and self.qp not in available_backends():
@@ -110,7 +87,7 @@ class SolverSettings(Linearising, SolverChoice):
         return SolverOptions(**{name: value for name, value in changed.items() if value is not None})
 
 
-class HandAndMotion(Sampling, heading="Hand and motion"):
+class HandAndMotion(scene_options.Sampling, heading="Hand and motion"):
     """Hand and its motion; `tremor` is an amplitude of the palm's position [mm] and of its rotation [°]."""
 
     place_object: Place | None = option(PLACE_HELP)
@@ -118,18 +95,24 @@ class HandAndMotion(Sampling, heading="Hand and motion"):
         "An object that a recording moves: it moves as recorded, or stays fixed where it was at first.",
         default="recorded",
     )
-    side: Sides | None = option(
+    side: options.Sides | None = option(
         "Which hand grasps, or both. Default: the recording's, else the right one.", None, "--hand", "--hands"
     )
-    hand_file: Path | None = HAND_FILE
+    hand_file: Path | None = options.HAND_FILE
     tremor: Annotated[tuple[float, float], READ_TREMOR] | None = option(
         "Add seeded tremor of 10 Hz of this amplitude: palm position [mm] and rotation [°], such as 0.1,0.2.", "MM,DEG"
     )
-    seed: AnySeed = SEED
-    ticks: Count | None = option("Run only the first N ticks. Default: the whole motion.", "N")
+    seed: options.AnySeed = options.SEED
+    ticks: options.Count | None = option("Run only the first N ticks. Default: the whole motion.", "N")
 
     def words(
-        self, object_: str, trajectory: str, mesh_file: MeshFile, tree: TreeOrFile, data: HandData, free: FreeChoice
+        self,
+        object_: str,
+        trajectory: str,
+        mesh_file: scene_options.MeshFile,
+        tree: scene_options.TreeOrFile,
+        data: HandData,
+        free: scene_options.FreeChoice,
     ) -> "SceneWords":
         """Return what the command line says of the scene."""
         from hhsim.scene.described_scene import SceneWords
@@ -150,30 +133,30 @@ class HandAndMotion(Sampling, heading="Hand and motion"):
         )
 
 
-class ReplayOutput(Output):
+class ReplayOutput(options.Output):
     """Path of the result, and amount of output."""
 
     whole: bool = option("Print every figure; without it those that matter, and what is over its limit.", None, "--all")
-    repeat: Count = option(
+    repeat: options.Count = option(
         "Run the ticks N times, and print and store mean and standard deviation of their times.", "N", default=1
     )
-    trust: bool = TRUST
+    trust: bool = scene_options.TRUST
 
 
 @make_command
 def command(
     *,
-    object_: str = OBJECT,
-    trajectory: str = TRAJECTORY,
+    object_: str = scene_options.OBJECT,
+    trajectory: str = scene_options.TRAJECTORY,
     solver: SolverSettings,
-    tree: TreeOrFile,
+    tree: scene_options.TreeOrFile,
     moving: HandAndMotion,
     data: HandData,
-    free: FreeChoice,
-    mesh_file: MeshFile,
+    free: scene_options.FreeChoice,
+    mesh_file: scene_options.MeshFile,
     output: ReplayOutput,
-    rerun: Rerun | None = option(
-        "Show the replay in rerun: open a viewer, write a file, or send to an open viewer at HOST:PORT.", RERUN
+    rerun: options.Rerun | None = option(
+        "Show the replay in rerun: open a viewer, write a file, or send to an open viewer at HOST:PORT.", options.RERUN
     ),
 ) -> int:
     """Replay a hand motion against an object, every tick measured.
@@ -204,7 +187,7 @@ def command(
       hhsim replay drawer.urdf grasp --free
       hhsim replay cube pinch --rerun spawn
     """
-    if names_a_result(object_):
+    if options.names_a_result(object_):
         return _run_again(Path(object_), output)
     from hhsim.replay.replay import replay_scene, replay_two_hands
     from hhsim.replay.summary import repeated_document, repeated_times
@@ -219,7 +202,7 @@ def command(
     solver_options = solver.options()
     loaded = load_words(moving.words(object_, trajectory, mesh_file, tree, data, free), surface=solver.surface)
     motion, bodies = loaded.motions[0], loaded.bodies
-    free.require(solver_options, motion, way_out=": --object-pose fixed keeps it where it is at first")
+    free.check_motion(motion)
     remarks = import_remarks(motion, trajectory)
     if any(body.is_free for body in bodies.settings):
         require_free(solver_options)
@@ -235,7 +218,7 @@ def command(
         hands: dict[str, ReplaySummary] = {}
         if len(scene.hands) > 1:
             both = replay_two_hands(scene, solver_options, output_path, **about)
-            hands.update(zip(HANDS, both.hands))
+            hands.update(zip(options.HANDS, both.hands))
             document = both.to_json()
             remarks.append(both.note)
         else:

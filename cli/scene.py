@@ -42,7 +42,6 @@ def command(
     """
     from hhsim.scene.described_scene import SceneWords, load_words
     from hhsim.scene.motion_catalogue import import_remarks
-    from hhsim.solver.options import SolverOptions
     from hhsim.submissions.scene_folder import EXAMPLE, check_scene_folder, worded_scene, write_scene_folder
     from hhsim.system.output_path import dated_output_path
 
@@ -62,7 +61,7 @@ def command(
         free=free.words(),
     )
     loaded = load_words(words)
-    free.require(SolverOptions(), loaded.motions[0])
+    free.check_motion(loaded.motions[0])
     scene = worded_scene(loaded)
     print_notes(import_remarks(scene.hands[0].trajectory, trajectory))
     digest, ticks = write_scene_folder(scene, folder), scene.ticks.tick_count

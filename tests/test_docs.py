@@ -115,7 +115,7 @@ def _check_command(call: list[str], complete: bool) -> None:
             if not isinstance(text, str) or PLACEHOLDER.fullmatch(text):
                 continue
             kind = parameter.type
-            if isinstance(kind, (click.Choice, click.types.FloatParamType)) or kind.name == "method":
+            if isinstance(kind, (click.Choice, click.types.FloatParamType)) or kind.name == "read_method":
                 kind(text, parameter, context)
             elif isinstance(parameter, click.Argument) and not {".", "/"} & set(text):
                 if parameter.name == "trajectory":

@@ -27,7 +27,7 @@ from typing import (
 import click
 from click.core import ParameterSource
 
-from hhsim.errors import InputError, UnknownNameError
+from hhsim.errors import UnknownNameError
 
 FILE = click.Path(path_type=Path)
 MOST_COUNT = 1_000_000_000
@@ -220,8 +220,8 @@ def refuse_typed(why: str, *, names: Container[str] = (), but: Container[str] | 
 class LazyGroup(click.Group):
     """A group whose help imports none of its commands.
 
-    `lines` returns every command with its one line, `find` imports or makes one, `kind` is what its commands are
-    called, and `meant` advice for words that are no command.
+    `lines` returns every command with its one line, `find` imports or makes one, and `kind` is what its commands are
+    called.
     """
 
     def __init__(
@@ -230,12 +230,11 @@ class LazyGroup(click.Group):
         lines: Callable[[], Mapping[str, str]],
         find: Callable[[str], click.Command],
         kind: str = "command",
-        meant: Mapping[str, str] | None = None,
         callback: Callable[..., Any] | None = None,
         **options: Any,
     ) -> None:
         super().__init__(name, invoke_without_command=True, callback=callback or show_help, **options)
-        self.lines, self.find, self.kind, self.meant = lines, find, kind, meant or {}
+        self.lines, self.find, self.kind = lines, find, kind
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names in the order of the help."""
@@ -250,8 +249,6 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command, or raise an error that names the near ones."""
         if args and args[0] not in self.lines() and not args[0].startswith("-"):
-            if args[0] in self.meant:
-                raise InputError(f"unknown {self.kind} '{args[0]}': {self.meant[args[0]]}")
             raise UnknownNameError(self.kind, args[0], self.lines())
         return super().resolve_command(ctx, args)
 

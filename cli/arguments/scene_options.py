@@ -1,7 +1,9 @@
 """Arguments and options of a scene: OBJECT with its mesh and its tree, a free object, the motion, and the solver."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
@@ -13,38 +15,39 @@ from hhsim.solver.method import METHODS
 from hhsim.solver.surface import SURFACES
 
 from .command import Number, OptionGroup, argument, option
-from .options import Unit, metres, ranged, refuse
+from .options import OneLevel, Unit, metres, ranged, refuse
 
 if TYPE_CHECKING:
     from hhsim.mesh.mesh import Mesh
     from hhsim.scene.described_scene import FreeWords
     from hhsim.scene.motion_catalogue import Motion
-    from hhsim.solver.options import SolverOptions
 
 OWN_METHODS = "; ".join(f"{name}: {known.summary}" for name, known in METHODS.items())
-AUTO = 0
 LEAST_ERROR = 1e-6
 """Least --max-error [m]."""
 METRES = {"": 1e-3, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
 UNDER, NONE = "under", "none"
 
 
-def complete_object(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Complete names of the catalogue, and files where what is typed looks like one."""
-    from hhsim.mesh.catalogue import body_file_names, object_names
-
-    names = [CompletionItem(name) for name in (*object_names(), *body_file_names()) if name.startswith(incomplete)]
-    return names or [CompletionItem(incomplete, type="file")]
+Completion = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 
-def complete_trajectory(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Complete names of the catalogue, and files where what is typed looks like one."""
-    from hhsim.scene.motion_catalogue import trajectory_names
+def completed_by(*places: str) -> Completion:
+    """Return the completion by names that functions of hhsim return, and by files where what is typed looks like one.
 
-    names = [CompletionItem(name) for name in trajectory_names() if name.startswith(incomplete)]
-    return names or [CompletionItem(incomplete, type="file")]
+    A place is a function as "module:name": it is imported when a shell asks.
+    """
+
+    def complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        names = [name for place in places for name in resolve_name(place)() if name.startswith(incomplete)]
+        return [CompletionItem(name) for name in names] or [CompletionItem(incomplete, type="file")]
+
+    return complete
 
 
+complete_object = completed_by("hhsim.mesh.catalogue:object_names", "hhsim.mesh.catalogue:body_file_names")
+complete_trajectory = completed_by("hhsim.scene.motion_catalogue:trajectory_names")
+complete_method = completed_by("hhsim.solver.method_names:method_names")
 OBJECT = argument("[OBJECT]", default="bunny", shell_complete=complete_object)
 TRAJECTORY = argument("[TRAJECTORY]", default="grasp", shell_complete=complete_trajectory)
 
@@ -102,30 +105,19 @@ def read_length(value: str) -> float:
     return length
 
 
-def read_level(value: str) -> int:
-    """Read 1 to 5, or auto."""
-    if value not in ("1", "2", "3", "4", "5", "auto"):
-        raise refuse(value, "1 to 5, or auto")
-    return AUTO if value == "auto" else int(value)
-
-
 class TreeChoice(OptionGroup, heading="Sphere tree"):
     """Level of the tree, or largest distance [m] of its spheres outside the mesh."""
 
-    level: Annotated[int, read_level] | None = option(
-        "Level of the tree's leaves; auto: what --max-error needs. Default: the catalogue's, or 4.", "N|auto"
-    )
+    level: OneLevel | None = option("Level of the tree's leaves. Default: the catalogue's, or 4.", "N")
     max_error: Annotated[float, read_length] | None = option(
         "Take the coarsest level whose spheres protrude by at most this: 0.3mm, 300um or 0.3 (mm).", "LENGTH"
     )
 
     def stated(self) -> int | None:
         """Return the level that was named; UsageError for options that contradict each other."""
-        if self.level == AUTO and self.max_error is None:
-            raise click.UsageError("--level auto needs --max-error, such as --max-error 0.3mm")
-        if self.max_error is not None and self.level not in (None, AUTO):
+        if self.max_error is not None and self.level is not None:
             raise click.UsageError(f"--max-error chooses the level itself: leave --level {self.level} out")
-        return self.level or None
+        return self.level
 
 
 class TreeOrFile(TreeChoice):
@@ -175,39 +167,28 @@ class FreeChoice(OptionGroup, heading="Free object"):
         "Coefficient of friction of table and object. Default: as of the hand.", "MU"
     )
 
-    def require(self, solver: "SolverOptions", motion: "Motion | None", *, way_out: str = "") -> None:
-        """Check, before the work, that the options go together; `motion` is None where a glove makes it.
-
-        Raises UsageError for options of a free object without --free, or an object that the motion moves (with
-        `way_out`); InputError for a method that has no free objects.
-        """
-        given = self.given()
-        if "mass" in given and "density" in given:
-            raise click.UsageError("--mass and --density exclude each other: one follows from the other")
-        if given.pop("free"):
-            from hhsim.scene.script import Script
-            from hhsim.solver.free_object import require_free
-
-            require_free(solver)
-            name = "" if motion is None else motion.name
-            if getattr(motion, "object_motion", None) is not None:
-                raise click.UsageError(f"'{name}' holds how its object moves, so it cannot be free{way_out}")
-            if isinstance(motion, Script) and motion.has("carry"):
-                raise click.UsageError(f"'{name}' says how its object moves, so it cannot be free: lift is for that")
-        elif given:
-            name = next(iter(given)).replace("_", "-")
-            raise click.UsageError(f"--{name} is for a free object: add --free")
-
     def words(self) -> "FreeWords | None":
-        """Return what was said, SI; None without --free."""
+        """Return what was said, SI; None without --free. Raises UsageError for options that contradict each other."""
         from hhsim.scene.described_scene import FreeWords
 
         given = self.given()
         if not given.pop("free"):
+            if given:
+                raise click.UsageError(f"--{next(iter(given)).replace('_', '-')} is for a free object: add --free")
             return None
+        if "mass" in given and "density" in given:
+            raise click.UsageError("--mass and --density exclude each other: one follows from the other")
         for name in {"torsion", "table"} & set(given):
             given[name] = given[name] if given[name] in (UNDER, NONE) else 1e-3 * float(given[name])
         return FreeWords(**given)
+
+    def check_motion(self, motion: "Motion | None") -> None:
+        """Raise UsageError, before the work, for a free object that the motion moves; None is a glove's motion."""
+        from hhsim.scene.script import Script
+
+        carried = isinstance(motion, Script) and motion.has("carry")
+        if self.free and motion and (carried or getattr(motion, "object_motion", None) is not None):
+            raise click.UsageError(f"'{motion.name}' says how its object moves, so it cannot be free")
 
 
 class Sampling(OptionGroup, heading="Motion"):
@@ -220,29 +201,14 @@ class Sampling(OptionGroup, heading="Motion"):
     )
 
 
-class MethodName(click.ParamType[str]):
-    """A name that `hhsim methods` lists, or `package.module:Class`."""
-
-    name = "method"
-
-    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
-        """Return hhsim's own methods by name for the help."""
-        return f"[{'|'.join(METHODS.names())}|NAME]"
-
-    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the name, or fail; a class is judged when it is imported."""
-        if value not in METHODS and ":" not in value:
-            from hhsim.solver.method_names import method_names
-
-            if value not in method_names():
-                self.fail(str(UnknownNameError("method", value, method_names())), param, ctx)
-        return value
-
-    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """Complete the names."""
+def read_method(value: str) -> str:
+    """Read a name that `hhsim methods` lists, or `package.module:Class`, which is judged when it is imported."""
+    if value not in METHODS and ":" not in value:
         from hhsim.solver.method_names import method_names
 
-        return [CompletionItem(name) for name in method_names() if name.startswith(incomplete)]
+        if value not in method_names():
+            raise click.BadParameter(str(UnknownNameError("method", value, method_names())))
+    return value
 
 
 def read_fingers(value: str) -> tuple[str, ...]:
@@ -261,8 +227,11 @@ TRUST = option("Import and run the code of a method that RESULT names as package
 class SolverChoice(OptionGroup, heading="Solver"):
     """Method, surface and limits of the solver."""
 
-    method: Annotated[str, MethodName()] = option(
-        f"{OWN_METHODS}; or a method from outside, such as package.module:Class (hhsim methods).", default="coupled"
+    method: Annotated[str, read_method] = option(
+        f"{OWN_METHODS}; or a method from outside, such as package.module:Class (hhsim methods).",
+        f"[{'|'.join(METHODS.names())}|NAME]",
+        default="coupled",
+        shell_complete=complete_method,
     )
     surface: Surface = option(
         "What the hand touches: the tree's leaf spheres, or the mesh (coupled and progressive).", default="spheres"

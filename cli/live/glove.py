@@ -11,29 +11,8 @@ from hhsim.live.gloves import GLOVES, POSES, USUAL_POSE_PORT, PoseConfig
 from hhsim.result.safety import AFTER_STALL
 from hhsim.solver.method import METHODS
 
+from ..arguments import options, scene_options
 from ..arguments.command import Number, OptionGroup, make_command, option
-from ..arguments.options import (
-    HAND_FILE,
-    HANDS,
-    RERUN,
-    SEED,
-    AnySeed,
-    OutPath,
-    Printing,
-    Rerun,
-    Side,
-    number_list,
-    one_or_five,
-)
-from ..arguments.scene_options import (
-    OBJECT,
-    OWN_METHODS,
-    FreeChoice,
-    MeshFile,
-    SolverChoice,
-    TreeChoice,
-    complete_trajectory,
-)
 from ..console import print_json, print_notes, progress
 from .glove_settings import GloveChoice, own_options
 from .session import run_session
@@ -48,20 +27,22 @@ if TYPE_CHECKING:
 USUAL_MOTION, USUAL_FREE_MOTION = "grasp", "lift"
 """Motions of a glove that plays one, beside a fixed object and a free one."""
 ABOUT_POSES = "; ".join(f"{name}: {pose.about}" for name, pose in POSES.items())
-Place = Annotated[tuple[float, ...], number_list("x [mm]", "y [mm]", "z [mm]", ranges=[(-100_000.0, 100_000.0)] * 3)]
-Turn = Annotated[tuple[float, ...], number_list("w", "x", "y", "z", ranges=[(-1000.0, 1000.0)] * 4)]
+Place = Annotated[
+    tuple[float, ...], options.number_list("x [mm]", "y [mm]", "z [mm]", ranges=[(-100_000.0, 100_000.0)] * 3)
+]
+Turn = Annotated[tuple[float, ...], options.number_list("w", "x", "y", "z", ranges=[(-1000.0, 1000.0)] * 4)]
 
 
 class HandChoice(OptionGroup, heading="Hand"):
     """Hand, its motion if nobody moves it, and the source of the palm's pose."""
 
-    side: Side | None = option("Which hand's glove. Default: right, or the recording's.", None, "--hand")
-    hand_file: Path | None = HAND_FILE
+    side: options.Side | None = option("Which hand's glove. Default: right, or the recording's.", None, "--hand")
+    hand_file: Path | None = options.HAND_FILE
     trajectory: str | None = option(
         "Motion of --device replay or sim, or of --pose replay: a name (hhsim trajectories), or a file as hhsim "
         "replay takes it. Default: grasp; with --free lift.",
         "TRAJECTORY",
-        shell_complete=complete_trajectory,
+        shell_complete=scene_options.complete_trajectory,
     )
     pose: Annotated[str, click.Choice(list(POSES))] | None = option(
         f"Where the palm is, which few gloves say. {ABOUT_POSES}. "
@@ -87,7 +68,7 @@ class HandChoice(OptionGroup, heading="Hand"):
         if self.side is not None:
             raise click.UsageError(f"--hand {self.side} is for one glove: two name their hands")
         found = []
-        for side in HANDS:
+        for side in options.HANDS:
             device, text = glove.device[side]
             own = own_options(device, text, {each.name for each in fields(self)} - {"side"})
             mine = {name: own.pop(name) for name in list(own) if name in vars(self)}
@@ -158,7 +139,7 @@ class HandChoice(OptionGroup, heading="Hand"):
 class Feedback(OptionGroup, heading="Forces"):
     """Commands to the fingers; `stale` in [ms]."""
 
-    stiffness: Annotated[tuple[float, ...], one_or_five] | None = option(
+    stiffness: Annotated[tuple[float, ...], options.one_or_five] | None = option(
         "How hard the glove stops a finger that touches, 0 (free) to 1; one number or five. Default: 0.3.", "K"
     )
     stale: Annotated[float, Number(1.0, 1000.0)] = option(
@@ -173,20 +154,20 @@ class Feedback(OptionGroup, heading="Forces"):
     dry_run: bool = option("Read the glove, and send nothing to it.")
 
 
-class SessionSolver(SolverChoice):
+class SessionSolver(scene_options.SolverChoice):
     """Solver of a session, whose loop is compiled with hhsim's own methods alone."""
 
-    method: Annotated[str, click.Choice(METHODS.names())] = option(f"{OWN_METHODS}.", default="coupled")
+    method: Annotated[str, click.Choice(METHODS.names())] = option(f"{scene_options.OWN_METHODS}.", default="coupled")
 
 
-class SessionSettings(Printing, heading="Session"):
+class SessionSettings(options.Printing, heading="Session"):
     """Rate [Hz], duration [s], display and recording of the session."""
 
     rate: Annotated[float, Number(10.0, 10_000.0)] = option("Ticks a second [Hz].", "HZ", default=1000.0)
     duration: Annotated[float, Number(0.001, 1e7)] | None = option(
         "End by itself after so long [s]. Default: when told to; with --device replay, at the end of the motion.", "S"
     )
-    record: OutPath | None = option(
+    record: options.OutPath | None = option(
         "Where the recording goes, some 2 MB a second, 3 of a free object. Default: a dated name in results/ "
         "under the current folder.",
         "FILE",
@@ -194,30 +175,30 @@ class SessionSettings(Printing, heading="Session"):
         "--out",
     )
     no_record: bool = option("Record nothing.")
-    rerun: Rerun | None = option(
+    rerun: options.Rerun | None = option(
         "Show the hand live in the rerun viewer: open one, write a file for one, or send to one that is open, at "
         "HOST:PORT.",
-        RERUN,
+        options.RERUN,
     )
     cpu: Annotated[int, click.IntRange(-1, 4095)] | None = option(
         "Processor that the loop stays on; -1: any. Default: the last one.", "N"
     )
     no_realtime: bool = option("Ask the system for no real-time scheduling, locked memory or own processor.")
-    seed: AnySeed = SEED
+    seed: options.AnySeed = options.SEED
 
 
 @make_command
 def command(
     *,
-    object_: str = OBJECT,
+    object_: str = scene_options.OBJECT,
     glove: GloveChoice,
     hand: HandChoice,
     feedback: Feedback,
     solver: SessionSolver,
-    tree: TreeChoice,
-    free: FreeChoice,
+    tree: scene_options.TreeChoice,
+    free: scene_options.FreeChoice,
     session: SessionSettings,
-    mesh_file: MeshFile,
+    mesh_file: scene_options.MeshFile,
 ) -> int:
     """Put a glove in the loop: its fingers move the hand, and are stopped where the shown hand is.
 
@@ -264,9 +245,9 @@ def command(
     motions = [motion for _, (_, _, motion) in worn]
     for (own, _), motion in zip(worn, motions):
         print_notes(import_remarks(motion, own.trajectory or ""))
-    options = SolverOptions(period=1.0 / session.rate, **solver.given())
+    solver_options = SolverOptions(period=1.0 / session.rate, **solver.given())
     for motion in motions:
-        free.require(options, motion)
+        free.check_motion(motion)
     models = [
         HandModel.default(device.hand) if own.hand_file is None else HandModel.from_toml(own.hand_file, device.hand)
         for own, (device, _, _) in worn
@@ -275,7 +256,7 @@ def command(
     loaded = load_words(words, surface=solver.surface, motions=[one for one in motions if one is not None])
     bodies, mesh = loaded.bodies, loaded.bodies.mesh
     if any(body.is_free for body in bodies.settings):
-        require_free(options)
+        require_free(solver_options)
     kinds = "-".join(device.kind for _, (device, _, _) in worn)
     record = None
     if not session.no_record:
@@ -312,7 +293,7 @@ def command(
     setup = LiveSetup(
         scene=given.scene,
         worn=tuple(gloves),
-        options=options,
+        options=solver_options,
         rate=session.rate,
         output=OutputLimits() if feedback.stiffness is None else OutputLimits(stiffness=feedback.stiffness),
         safety=SafetyLimits(stale=1e-3 * feedback.stale, after_stall=feedback.after_stall),

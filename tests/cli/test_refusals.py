@@ -42,7 +42,6 @@ FILES: dict[str, str | Callable[[Path], object]] = {
 LEFT, BOTH = "live glove --device left=sim", "live glove --device left=sim,right=sim"
 REFUSED = {
     "repllay": "unknown command 'repllay': did you mean replay?",
-    "list": "unknown command 'list': hhsim objects and hhsim trajectories list what there is",
     "info --jsn": "No such option '--jsn'. Did you mean '--json'? (see hhsim info --help)",
     "doctor --rate 9": "9.0 is not in the range 10<=x<=10000",
     "gate --markdown a.txt --write-baseline ./a.txt": "both name a.txt: name two files",
@@ -54,8 +53,7 @@ REFUSED = {
     "replay cube --out .": ". is a folder: name a file in it, such as run.h5",
     "replay cube --out notes.h5": "notes.h5 exists and is no result file, so it is not replaced",
     "replay cube motion.csv --tremor 0.1,0.2": "--tremor is for scripts; 'motion.csv' is a recording",
-    "replay cube --level 6": "'6', expected 1 to 5, or auto",
-    "replay cube --level auto": "--level auto needs --max-error, such as --max-error 0.3mm",
+    "replay cube --level 6": "'--level': 6 is not in the range 1<=x<=5",
     "replay cube --level 3 --max-error 1mm": "--max-error chooses the level itself: leave --level 3 out",
     "replay cube --hands both --repeat 2": "--repeat is of one hand",
     "replay cup grasp --place-object auto": "'grasp' finds its place at the object itself",
