@@ -83,8 +83,9 @@ command = LazyGroup(
     subcommand_metavar="[check NAME]",
     help="""List the methods, and test one from outside.
 
-    The list says what each promises. Any of the names goes into hhsim replay --method, and so does package.module:Class: a class of your own, in the
-    current folder or installed. A package declares its methods as entry points of the group "hhsim.methods".
+    The list says what each promises. Any of the names goes into hhsim replay --method, and so does
+    package.module:Class: a class of your own, in the current folder or installed. A package declares its methods as
+    entry points of the group "hhsim.methods".
 
     \b
     Examples:
