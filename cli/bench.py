@@ -10,7 +10,7 @@ import click
 from hhsim.system.counted import counted
 
 from .arguments import options
-from .arguments.command import Declared, LazyGroup, OptionGroup, argument, click_type, make_command, option
+from .arguments.command import MOST_COUNT, Declared, LazyGroup, OptionGroup, argument, click_type, make_command, option
 from .arguments.recording_options import PLACE_HELP, Place
 from .arguments.scene_options import Linearising, MeshSize, Sampling, complete_object
 from .console import print_notes, print_table, progress
@@ -104,6 +104,7 @@ def _parameter(field: "Field[Any]", hint: Any) -> click.Parameter:
     if not about["help"]:
         return SHARED[name]
     entry, is_list = _entry(hint)
+    entry = Annotated[int, click.IntRange(-MOST_COUNT, MOST_COUNT)] if entry is int else entry
     kind, metavar = click_type(entry), "NAME" if entry is str else "N"
     how: dict[str, Any] = {}
     if is_list:

@@ -204,7 +204,7 @@ def command(
     motion, bodies = loaded.motions[0], loaded.bodies
     free.check_motion(motion)
     remarks = import_remarks(motion, trajectory)
-    if any(body.is_free for body in bodies.settings):
+    if free.free or any(body.is_free for body in bodies.settings):
         require_free(solver_options)
     output_path = output.path(f"{bodies.name}-{motion.name}-{solver.word}")
     check_result_path(output_path)

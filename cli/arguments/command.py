@@ -117,10 +117,9 @@ class OptionGroup:
             yield declared.parameter(field.name, hints[field.name], cls.heading)
 
     @classmethod
-    def taken(cls, values: dict[str, Any]) -> Any:
-        """Take the values of these options out of those of a command, and return the record of them."""
-        record: Any = cls
-        return record(**{field.name: values.pop(field.name) for field in fields(record)})
+    def of_values(cls, values: dict[str, Any]) -> "OptionGroup":
+        """Return the record of the values of these options."""
+        return cls(**values)
 
     def given(self) -> dict[str, Any]:
         """Return the fields that are not None: those of the command line, and those with a default."""
@@ -173,18 +172,19 @@ def make_command(function: Callable[..., Any], *more: click.Parameter) -> Comman
     Groups come as records of their class.
     """
     hints, params = get_type_hints(function, include_extras=True), list(more)
-    groups: dict[str, type[OptionGroup]] = {}
+    groups: dict[str, tuple[type[OptionGroup], list[str]]] = {}
     for name, each in inspect.signature(function).parameters.items():
         if isinstance(each.default, Declared):
             params.append(each.default.parameter(name, hints[name]))
         elif each.kind is not inspect.Parameter.VAR_KEYWORD:
-            groups[name] = hints[name]
-            params += groups[name].parameters()
+            own = list(hints[name].parameters())
+            groups[name] = hints[name], [each.name or "" for each in own]
+            params += own
 
     @wraps(function)
     def callback(**values: Any) -> Any:
-        for name, group in groups.items():
-            values[name] = group.taken(values)
+        for name, (group, names) in groups.items():
+            values[name] = group.of_values({each: values.pop(each) for each in names})
         return function(**values)
 
     return Command(None, callback=callback, params=params, help=function.__doc__)

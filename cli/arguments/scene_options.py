@@ -186,9 +186,13 @@ class FreeChoice(OptionGroup, heading="Free object"):
         """Raise UsageError, before the work, for a free object that the motion moves; None is a glove's motion."""
         from hhsim.scene.script import Script
 
-        carried = isinstance(motion, Script) and motion.has("carry")
-        if self.free and motion and (carried or getattr(motion, "object_motion", None) is not None):
-            raise click.UsageError(f"'{motion.name}' says how its object moves, so it cannot be free")
+        if not self.free or motion is None:
+            return
+        if isinstance(motion, Script) and motion.has("carry"):
+            raise click.UsageError(f"'{motion.name}' says how its object moves, so it cannot be free: lift is for that")
+        if getattr(motion, "object_motion", None) is not None:
+            way_out = "hhsim replay --object-pose fixed keeps it where it is at first"
+            raise click.UsageError(f"'{motion.name}' holds how its object moves, so it cannot be free: {way_out}")
 
 
 class Sampling(OptionGroup, heading="Motion"):

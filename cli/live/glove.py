@@ -255,7 +255,7 @@ def command(
     words = SceneWords(object=object_, trajectory=hand.trajectory or usual, free=free.words(), **mesh_file.words(tree))
     loaded = load_words(words, surface=solver.surface, motions=[one for one in motions if one is not None])
     bodies, mesh = loaded.bodies, loaded.bodies.mesh
-    if any(body.is_free for body in bodies.settings):
+    if free.free or any(body.is_free for body in bodies.settings):
         require_free(solver_options)
     kinds = "-".join(device.kind for _, (device, _, _) in worn)
     record = None

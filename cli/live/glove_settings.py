@@ -69,9 +69,9 @@ class GloveChoice(OptionGroup, heading="Glove"):
             yield made.parameter(name, Annotated[Any, _type(item, setting)], cls.heading)
 
     @classmethod
-    def taken(cls, values: dict[str, Any]) -> "GloveChoice":
-        """Take the glove and all settings."""
-        return cls(device=values.pop("device"), named={name: values.pop(name) for name in _by_name()})
+    def of_values(cls, values: dict[str, Any]) -> "GloveChoice":
+        """Return the record of the glove and all settings."""
+        return cls(device=values.pop("device"), named=values)
 
     @property
     def two(self) -> bool:
